@@ -1,0 +1,1 @@
+"""Floor 4, artefacts: files, plots and reports."""

@@ -1,0 +1,1 @@
+"""Motors, current loop and dead time."""

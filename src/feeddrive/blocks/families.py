@@ -1,0 +1,208 @@
+"""The families of blocks, and the few questions that each member answers.
+
+A member is final: it fills in what is abstract here and overrides nothing that has a body, except the empty hooks
+`prepare`, `start`, `retune` and `check`.  Its `step` is pure: state goes in and comes out.
+
+    prepare(T)   work that depends on parameters only, done once per run; returns a named tuple of numbers
+    start(...)   the state of a block that has been at rest for ever
+    step(...)    one sample
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from typing import Any, ClassVar, NamedTuple
+
+import numpy as np
+
+from feeddrive.blocks.signals import Motion, Noise, Reading, Setpoint
+from feeddrive.language.block import Block, Number
+from feeddrive.language.matrix import Matrix
+
+
+class Nothing(NamedTuple):
+    """The state of a block without memory, and what a block without preparation prepares."""
+
+
+class Mechanics(NamedTuple):
+    """M q'' + C q' + K q = Sᵀ f with the positions of the bodies x = S q, and which body is driven and which moved."""
+
+    mass: Matrix  # M (n, n), kg, positive definite
+    damping: Matrix  # C (n, n), N s/m
+    stiffness: Matrix  # K (n, n), N/m
+    shape: Matrix  # S (bodies, n)
+    motor: int = 0  # row of S on which the drive acts and the motor encoder sits
+    load: int = 0  # row of S whose position is the axis's, with the load encoder
+
+
+class Plant(Block, ABC):
+    """The linear mechanics of an axis, continuous in time; forces and positions are seen at the table (linear)."""
+
+    @abstractmethod
+    def mechanics(self) -> Mechanics:
+        """The matrices in plain arithmetic; a zero or one that stands in the text (0.0, 1.0) costs nothing later."""
+
+    def rigid_mass(self) -> Number:
+        """All that moves when the axis moves as one, kg."""
+        mechanics = self.mechanics()
+        total: Any = 0.0
+        for row in mechanics.mass:
+            for entry in row:
+                total = total + entry
+        return total
+
+
+class Friction(Block, ABC):
+    """Friction at one body, set-valued and implicit: the force over a substep fits the velocity at its end."""
+
+    @abstractmethod
+    def start(self) -> Any:
+        """The state at rest."""
+
+    @abstractmethod
+    def linear(self) -> Number:
+        """The part of the friction that is viscous, N s/m; the linear core holds it exactly, `contact` leaves it out."""
+
+    @abstractmethod
+    def contact(
+        self, step: Number, state: Any, velocity: Number, free_velocity: Number, mobility: Number
+    ) -> tuple[Any, Number, Any]:
+        """The one question of the implicit step: which force F, held over the substep, is consistent?
+
+        step           s, length of the substep
+        velocity       m/s at its start
+        free_velocity  m/s at its end if F were 0; with it, v = free_velocity + mobility · F
+        mobility       (m/s)/N, > 0
+        Returns the new state, F in N, and whether the body is stuck (its velocity is then exactly 0).
+        """
+
+    @abstractmethod
+    def steady(self, velocity: Number) -> Number:
+        """The force in N against a motion of constant velocity, with the linear part; for plots and feedforward."""
+
+
+class Force(Block, ABC):
+    """A force that depends on the motion, the drive force or time: cogging, ripple, backlash, gravity, a force map."""
+
+    @abstractmethod
+    def forces(self, plant: Plant, motion: Motion, drive: Number, time: Number) -> tuple[Number, Number]:
+        """Force in N on the driven and on the moved body, from the motion at the middle of the substep."""
+
+
+class Motor(Block, ABC):
+    """What makes the force: turns N at the table into the drive's own unit (A, V, N m)."""
+
+    unit: ClassVar[str] = ""
+
+    @abstractmethod
+    def force_per_unit(self) -> Number:
+        """N at the table per unit of the drive's command."""
+
+    @abstractmethod
+    def limits(self) -> tuple[Number | None, Number | None]:
+        """Peak and continuous (RMS) force in N at the table; None where it is not stated."""
+
+
+class Sensor(Block, ABC):
+    """An encoder with its faults: what the controller reads when the body is at `position`."""
+
+    @abstractmethod
+    def start(self, position: Number) -> Any:
+        """The state when the axis has been at rest at `position`."""
+
+    @abstractmethod
+    def step(self, state: Any, position: Number, velocity: Number, noise: Noise, T: Number) -> tuple[Any, Number]:
+        """The new state and the reading in m, from the true position (m) and velocity (m/s) at t = kT."""
+
+
+class Law(Block, ABC):
+    """A feedback law: one paper's controller, one file. A command is a force in N at the load."""
+
+    def prepare(self, T: Number) -> Any:
+        """What depends on parameters only (empty hook)."""
+        return Nothing()
+
+    @abstractmethod
+    def start(self, setpoint: Setpoint, reading: Reading) -> Any:
+        """The state that continues without a bump from the reading; pure and traced, since enable uses it."""
+
+    @abstractmethod
+    def step(self, prepared: Any, state: Any, setpoint: Setpoint, reading: Reading, T: Number) -> tuple[Any, Number]:
+        """One sample: the new state and the force in N."""
+
+    def retune(self, state: Any, old: Any, new: Any) -> Any:
+        """The state after a live change of parameters (empty hook)."""
+        return state
+
+
+class Filter(Block, ABC):
+    """A scalar filter in the forward path."""
+
+    @abstractmethod
+    def prepare(self, T: Number) -> Any:
+        """Its coefficients."""
+
+    @abstractmethod
+    def start(self, value: Number) -> Any:
+        """The state after a constant input `value`; `step` with it returns that input (unit gain at rest)."""
+
+    @abstractmethod
+    def step(self, prepared: Any, state: Any, value: Number) -> tuple[Any, Number]:
+        """One sample: the new state and the output."""
+
+
+class Feedforward(Block, ABC):
+    """A force computed from the setpoint alone; it bypasses the filters."""
+
+    @abstractmethod
+    def force(self, setpoint: Setpoint, T: Number) -> Number:
+        """Force in N to act over [kT, (k+1)T]."""
+
+
+class Prefilter(Block, ABC):
+    """Changes the setpoint before law and feedforward see it."""
+
+    @abstractmethod
+    def start(self, setpoint: Setpoint) -> Any:
+        """The state at a constant setpoint."""
+
+    @abstractmethod
+    def step(self, state: Any, setpoint: Setpoint, T: Number) -> tuple[Any, Setpoint]:
+        """One sample: the new state and the setpoint."""
+
+
+class Observer(Block, ABC):
+    """Estimates what is not measured, from the reading and `applied`; usable by any law."""
+
+    def prepare(self, T: Number) -> Any:
+        """What depends on parameters only (empty hook)."""
+        return Nothing()
+
+    @abstractmethod
+    def start(self, reading: Reading) -> Any:
+        """The state at rest at the reading."""
+
+    @abstractmethod
+    def step(self, prepared: Any, state: Any, reading: Reading, T: Number) -> tuple[Any, Any]:
+        """One sample: the new state and the estimate."""
+
+
+class Reference(Block, ABC):
+    """A motion in closed form or from a log; sampled, not traced, so it may use numpy."""
+
+    @property
+    @abstractmethod
+    def duration(self) -> float:
+        """s; after it the setpoint rests at the end."""
+
+    @abstractmethod
+    def at(self, t: np.ndarray) -> Setpoint:
+        """Setpoints at times t (s, shape (n,)), each field an array of shape (n,); before 0 and after the end at rest."""
+
+
+class Load(Block, ABC):
+    """A force on the moved body as a function of time alone; sampled, not traced."""
+
+    @abstractmethod
+    def at(self, t: np.ndarray) -> np.ndarray:
+        """Force in N at times t (s, shape (n,)); it is held over the sample."""

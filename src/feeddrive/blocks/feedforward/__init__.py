@@ -1,0 +1,1 @@
+"""Forces computed from the setpoint."""

@@ -1,0 +1,1 @@
+"""Forces that depend on motion and time."""

@@ -1,0 +1,41 @@
+"""Coulomb friction with true standstill."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from feeddrive.blocks.families import Friction, Nothing
+from feeddrive.language import ops
+from feeddrive.language.block import Number, parameter
+
+
+class Coulomb(Friction):
+    """Coulomb and viscous friction.
+
+        F ∈ -coulomb · Sgn(v) - viscous · v,      Sgn(0) = [-1, 1]
+
+    The force over a substep is the one that fits the velocity at its end (Moreau 1988, eq. of the implicit step):
+    F = clip(-v_free / mobility, ±coulomb); the body is stuck where the clip does not act.
+    """
+
+    coulomb: Number = parameter("N", "level of the friction force", least=0)
+    viscous: Number = parameter("N s/m", "viscous part", least=0, default=0)
+
+    def start(self) -> Nothing:
+        """No memory."""
+        return Nothing()
+
+    def linear(self) -> Number:
+        """The viscous part."""
+        return self.viscous
+
+    def contact(
+        self, step: Number, state: Any, velocity: Number, free_velocity: Number, mobility: Number
+    ) -> tuple[Any, Number, Any]:
+        """F = clip(-v_free / mobility, ±coulomb)."""
+        stopping = -free_velocity / mobility
+        return state, ops.clip(stopping, -self.coulomb, self.coulomb), ops.absolute(stopping) <= self.coulomb
+
+    def steady(self, velocity: Number) -> Number:
+        """coulomb · sign(v) + viscous · v."""
+        return self.coulomb * ops.sign(velocity) + self.viscous * velocity

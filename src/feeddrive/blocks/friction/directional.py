@@ -1,0 +1,52 @@
+"""Friction that differs between the two directions."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from feeddrive.blocks.families import Friction, Nothing
+from feeddrive.language import ops
+from feeddrive.language.block import Number, parameter
+
+
+class Directional(Friction):
+    """Coulomb and viscous friction with own values for each direction.
+
+        F ∈ -[coulomb_positive, coulomb_negative](v) · Sgn(v) - [viscous_positive, viscous_negative](v) · v
+
+    The mean of the two viscous values is part of the linear core and held exactly; the half difference acts at the
+    velocity in the middle of the substep.  Source: Janot, Gautier & Brunot 2019, section on direction-dependent friction.
+    """
+
+    coulomb_positive: Number = parameter("N", "level for v > 0", least=0)
+    coulomb_negative: Number = parameter("N", "level for v < 0", least=0)
+    viscous_positive: Number = parameter("N s/m", "viscous part for v > 0", least=0, default=0)
+    viscous_negative: Number = parameter("N s/m", "viscous part for v < 0", least=0, default=0)
+
+    def start(self) -> Nothing:
+        """No memory."""
+        return Nothing()
+
+    def linear(self) -> Number:
+        """The mean viscous part."""
+        return 0.5 * (self.viscous_positive + self.viscous_negative)
+
+    def contact(
+        self, step: Number, state: Any, velocity: Number, free_velocity: Number, mobility: Number
+    ) -> tuple[Any, Number, Any]:
+        """F = clip(-v_free / mobility, -upper, lower) with levels at the velocity in the middle of the substep."""
+        stopping = -free_velocity / mobility
+        guess = free_velocity + mobility * ops.clip(stopping, -self.coulomb_positive, self.coulomb_negative)
+        middle = 0.5 * (velocity + guess)
+        skew = 0.5 * (self.viscous_positive - self.viscous_negative) * middle
+        # |F| beyond the mean viscous part: for v > 0 skew has the sign of the difference, for v < 0 the opposite one
+        upper = ops.maximum(self.coulomb_positive + ops.where(middle > 0.0, skew, 0.0), 0.0)
+        lower = ops.maximum(self.coulomb_negative + ops.where(middle < 0.0, skew, 0.0), 0.0)
+        stuck = ops.both(stopping >= -upper, stopping <= lower)
+        return state, ops.clip(stopping, -upper, lower), stuck
+
+    def steady(self, velocity: Number) -> Number:
+        """The curve of the direction of v."""
+        forward = self.coulomb_positive + self.viscous_positive * velocity
+        backward = -self.coulomb_negative + self.viscous_negative * velocity
+        return ops.where(velocity > 0.0, forward, ops.where(velocity < 0.0, backward, 0.0))

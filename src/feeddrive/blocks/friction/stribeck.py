@@ -1,0 +1,58 @@
+"""Stribeck friction: a breakaway level that falls to the Coulomb level as the axis starts to move."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from feeddrive.blocks.families import Friction, Nothing
+from feeddrive.language import ops
+from feeddrive.language.block import Number, parameter
+from feeddrive.language.errors import ParameterError
+
+
+class Stribeck(Friction):
+    """Set-valued friction with a Stribeck curve.
+
+        F ∈ -level(v) · Sgn(v) - viscous · v,      level(v) = coulomb + (breakaway - coulomb) e^-(v / stribeck_velocity)²
+
+    The level is taken at the velocity in the middle of the substep, found by one step with the Coulomb level; the force
+    is then clip(-v_free / mobility, ±level).  Source of the curve: Armstrong-Hélouvry, Dupont & Canudas de Wit 1994.
+    """
+
+    coulomb: Number = parameter("N", "level at speed", least=0)
+    breakaway: Number = parameter("N", "level at standstill", least=0)
+    stribeck_velocity: Number = parameter("m/s", "velocity at which the extra level has fallen to 1/e", above=0)
+    viscous: Number = parameter("N s/m", "viscous part", least=0, default=0)
+
+    def check(self) -> None:
+        """The breakaway level is not below the Coulomb level."""
+        if isinstance(self.breakaway, float) and isinstance(self.coulomb, float) and self.breakaway < self.coulomb:
+            raise ParameterError(
+                f"stribeck.breakaway = {self.breakaway:g} N must be >= stribeck.coulomb = {self.coulomb:g} N"
+            )
+
+    def start(self) -> Nothing:
+        """No memory."""
+        return Nothing()
+
+    def linear(self) -> Number:
+        """The viscous part."""
+        return self.viscous
+
+    def level(self, velocity: Number) -> Number:
+        """The Stribeck curve in N."""
+        ratio = velocity / self.stribeck_velocity
+        return self.coulomb + (self.breakaway - self.coulomb) * ops.exp(-(ratio * ratio))
+
+    def contact(
+        self, step: Number, state: Any, velocity: Number, free_velocity: Number, mobility: Number
+    ) -> tuple[Any, Number, Any]:
+        """F = clip(-v_free / mobility, ±level(v_middle))."""
+        stopping = -free_velocity / mobility
+        guess = free_velocity + mobility * ops.clip(stopping, -self.coulomb, self.coulomb)
+        level = self.level(0.5 * (velocity + guess))
+        return state, ops.clip(stopping, -level, level), ops.absolute(stopping) <= level
+
+    def steady(self, velocity: Number) -> Number:
+        """level(v) · sign(v) + viscous · v."""
+        return self.level(velocity) * ops.sign(velocity) + self.viscous * velocity

@@ -1,0 +1,23 @@
+"""A rigid axis: everything that moves is one mass."""
+
+from __future__ import annotations
+
+from feeddrive.blocks.families import Mechanics, Plant
+from feeddrive.language.block import Number, parameter
+
+
+class Rigid(Plant):
+    """One mass on a guideway.
+
+        mass · x'' + viscous · x' = force
+
+    For a linear motor, or below about a third of the first mode of a screw drive.  Rotating parts count with
+    J (2π/lead)².  Source: Altintas & Okwudire 2009, eq. (1).
+    """
+
+    mass: Number = parameter("kg", "all that moves, seen at the table", above=0)
+    viscous: Number = parameter("N s/m", "viscous friction of the guideway", least=0, default=0)
+
+    def mechanics(self) -> Mechanics:
+        """M = mass, C = viscous, K = 0."""
+        return Mechanics(mass=((self.mass,),), damping=((self.viscous,),), stiffness=((0.0,),), shape=((1.0,),))

@@ -1,0 +1,1 @@
+"""What changes the setpoint before the law sees it."""

@@ -1,0 +1,1 @@
+"""Motions: closed forms and logs."""

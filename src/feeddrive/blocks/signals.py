@@ -1,0 +1,80 @@
+"""What travels between the parts of a loop in one sample."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from feeddrive.language import ops
+from feeddrive.language.block import Number
+
+
+class Setpoint(NamedTuple):
+    """Where the axis should be at t = kT, with exact derivatives (m, m/s, m/s², m/s³, m/s⁴)."""
+
+    position: Number
+    velocity: Number = 0.0
+    acceleration: Number = 0.0
+    jerk: Number = 0.0
+    snap: Number = 0.0
+
+    def backward_velocity(self, T: Number) -> Number:
+        """(x(k) - x(k-1)) / T in m/s, by Taylor to snap: exact while the snap is constant over the last sample.
+
+        A law that differences its reading needs the reference differenced in the same way.
+        """
+        return self.velocity - T * (
+            0.5 * self.acceleration - T * ((1.0 / 6.0) * self.jerk - T * ((1.0 / 24.0) * self.snap))
+        )
+
+    def shifted(self, time: Number) -> Setpoint:
+        """The setpoint `time` seconds later, by Taylor to snap. Feedforward that acts over [kT, (k+1)T] uses T/2."""
+        snap = self.snap
+        jerk = self.jerk + time * snap
+        acceleration = self.acceleration + time * (self.jerk + 0.5 * time * snap)
+        velocity = self.velocity + time * (
+            self.acceleration + 0.5 * time * (self.jerk + (1.0 / 3.0) * (time * snap))
+        )
+        position = self.position + time * (
+            self.velocity
+            + 0.5 * time * (self.acceleration + (1.0 / 3.0) * time * (self.jerk + 0.25 * (time * snap)))
+        )
+        return Setpoint(position, velocity, acceleration, jerk, snap)
+
+
+class Reading(NamedTuple):
+    """What a law knows of the axis at t = kT, before it computes.
+
+    With one encoder both positions are its reading.  `applied` is the force really commanded in the last sample, after
+    filters, limit and enable; `requested` is the same before the limit.  Anti-windup, observers, disturbance recovery
+    and bumpless enable use only these two.
+    """
+
+    position_motor: Number  # m
+    position_load: Number  # m
+    applied: Number = 0.0  # N
+    requested: Number = 0.0  # N
+
+
+class Motion(NamedTuple):
+    """Position and velocity of the driven and the moved end of an axis; the same for a rigid one (m, m/s)."""
+
+    position_motor: Number
+    position_load: Number
+    velocity_motor: Number
+    velocity_load: Number
+
+
+class Noise(NamedTuple):
+    """Where random numbers come from: they depend on seed, sample and channel only, so a lane equals a single run."""
+
+    seed: Number  # whole number
+    sample: Number  # k
+    channel: Number = 0.0
+
+    def normal(self) -> Number:
+        """A number with mean 0 and standard deviation 1."""
+        return ops.normal(self.seed, self.sample, self.channel)
+
+    def on(self, channel: float) -> Noise:
+        """The source of another channel."""
+        return Noise(self.seed, self.sample, channel)

@@ -1,0 +1,1 @@
+"""Floor 3, the engineer: analysis of loops and measurements."""

@@ -1,0 +1,204 @@
+"""A block: a frozen value with declared parameters and a pure step.
+
+Whoever writes a block declares each parameter once, in its field; the constructor check, the file reader, the docs, the
+report and the exported code read name, unit, meaning, bounds and default from there.
+
+    class Viscous(Friction):
+        \"\"\"Viscous friction.  force = -viscous · velocity\"\"\"
+        viscous: Number = parameter("N s/m", "viscous friction", least=0)
+
+A field is one of
+    parameter()  a leaf: a number that may vary from run to run, be tuned and be differentiated
+    choice()     shapes the graph: a count, a name, a flag; changing it means tracing anew
+    table()      a row of numbers read by `ops.gather`; its length shapes the graph
+    part()       a nested block, a tuple of blocks, or None
+A block is abstract or final: nobody overrides a method that has a body.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import re
+from dataclasses import MISSING, dataclass, field
+from typing import Any, ClassVar, TypeAlias, dataclass_transform
+
+import numpy as np
+
+from feeddrive.language.errors import ParameterError, StructureError
+from feeddrive.language.graph import Symbol
+
+# A number of a law: float in a single run, array over lanes in the oracle, Symbol in a trace.
+Number: TypeAlias = float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Declaration:
+    """What a field says about itself; `above`/`below` are open bounds, `least`/`most` closed ones."""
+
+    role: str
+    unit: str
+    meaning: str
+    above: float | None = None
+    least: float | None = None
+    below: float | None = None
+    most: float | None = None
+    options: tuple[Any, ...] = ()
+
+    def bounds(self) -> str:
+        """The bounds as text, such as `> 0 kg and <= 5 kg`; empty if there are none."""
+        signs = (("> ", self.above), (">= ", self.least), ("< ", self.below), ("<= ", self.most))
+        return " and ".join(f"{sign}{bound:g} {self.unit}".rstrip() for sign, bound in signs if bound is not None)
+
+    def admits(self, value: float) -> bool:
+        """True if a finite value keeps the bounds."""
+        return (
+            (self.above is None or value > self.above)
+            and (self.least is None or value >= self.least)
+            and (self.below is None or value < self.below)
+            and (self.most is None or value <= self.most)
+        )
+
+
+def parameter(
+    unit: str,
+    meaning: str,
+    *,
+    default: float | None | object = MISSING,
+    above: float | None = None,
+    least: float | None = None,
+    below: float | None = None,
+    most: float | None = None,
+) -> Any:
+    """Declare a leaf. A default of None makes it absent unless given; what is absent shapes the graph."""
+    declaration = Declaration(
+        role="parameter", unit=unit, meaning=meaning, above=above, least=least, below=below, most=most
+    )
+    return field(default=default, metadata={"declaration": declaration})  # type: ignore[call-overload]
+
+
+def choice(meaning: str, *, options: tuple[Any, ...] = (), default: Any = MISSING, least: int | None = None) -> Any:
+    """Declare a structural choice: one of `options`, or a whole number not under `least`."""
+    return field(
+        default=default,
+        metadata={"declaration": Declaration(role="choice", unit="", meaning=meaning, options=options, least=least)},
+    )
+
+
+def table(unit: str, meaning: str, *, default: Any = MISSING) -> Any:
+    """Declare a row of numbers, held as a float64 array of one dimension."""
+    return field(default=default, metadata={"declaration": Declaration(role="table", unit=unit, meaning=meaning)})
+
+
+def part(meaning: str, *, default: Any = MISSING) -> Any:
+    """Declare a nested block, a tuple of blocks, or None for a part that is not there."""
+    return field(default=default, metadata={"declaration": Declaration(role="part", unit="", meaning=meaning)})
+
+
+def snake_case(name: str) -> str:
+    """`CascadePPI` -> `cascade_ppi`: the name of a block in files and of the module it stands in."""
+    return re.sub(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", "_", name).lower()
+
+
+@dataclass_transform(
+    frozen_default=True, kw_only_default=True, eq_default=False, field_specifiers=(parameter, choice, table, part)
+)
+class Block:
+    """Base of all blocks. Subclasses become frozen, keyword-only dataclasses that check themselves."""
+
+    kind: ClassVar[str] = ""
+
+    def __init_subclass__(cls) -> None:
+        cls.kind = snake_case(cls.__name__)
+        dataclass(frozen=True, kw_only=True, eq=False, repr=False)(cls)
+        for spec in dataclasses.fields(cls):  # type: ignore[arg-type]
+            if "declaration" not in spec.metadata:
+                raise StructureError(f"{cls.__name__}.{spec.name} must be declared by parameter, choice, table or part")
+
+    def __post_init__(self) -> None:
+        for name, declaration in declarations(type(self)).items():
+            value = getattr(self, name)
+            object.__setattr__(self, name, checked(self.kind, name, declaration, value))
+        self.check()
+
+    def check(self) -> None:
+        """Raise ParameterError where parameters do not fit each other; a block overrides this empty one."""
+
+    def __repr__(self) -> str:
+        shown = ", ".join(f"{name}={getattr(self, name)!r}" for name in declarations(type(self)))
+        return f"{type(self).__name__}({shown})"
+
+
+def declarations(block: type[Block]) -> dict[str, Declaration]:
+    """The declarations of a block's fields by name, in the order in which they stand in the class."""
+    return {spec.name: spec.metadata["declaration"] for spec in dataclasses.fields(block)}  # type: ignore[arg-type]
+
+
+def may_be_absent(block: type[Block], name: str) -> bool:
+    """True if the field's default is None."""
+    return next(spec.default is None for spec in dataclasses.fields(block) if spec.name == name)  # type: ignore[arg-type]
+
+
+def checked(kind: str, name: str, declaration: Declaration, value: Any) -> Any:
+    """The value as a block keeps it. Raises ParameterError that names block, parameter, value, bound and unit."""
+    where = f"{kind}.{name}" if kind else name
+    match declaration.role:
+        case "parameter":
+            return None if value is None else _checked_number(where, declaration, value)
+        case "choice":
+            _check_choice(where, declaration, value)
+            return value
+        case "table":
+            return None if value is None else _checked_table(where, declaration, value)
+        case _:
+            parts = value if isinstance(value, tuple) else (value,)
+            for item in parts:
+                if item is not None and not isinstance(item, Block):
+                    raise ParameterError(f"{where} must be a block ({declaration.meaning}), not {item!r}")
+            return value
+
+
+def _checked_number(where: str, declaration: Declaration, value: Any) -> Any:
+    if isinstance(value, Symbol):
+        return value
+    if isinstance(value, np.ndarray):
+        if value.dtype.kind not in "fiu":
+            raise ParameterError(f"{where} ({declaration.meaning}) must be numbers, not {value.dtype}")
+        lanes = value.astype(np.float64)
+        for item in lanes.ravel():
+            _check_bounds(where, declaration, float(item))
+        return lanes
+    if isinstance(value, bool) or not isinstance(value, (int, float, np.number)):
+        raise ParameterError(f"{where} ({declaration.meaning}) must be a number, not {value!r}")
+    number = float(value)
+    _check_bounds(where, declaration, number)
+    return number
+
+
+def _check_bounds(where: str, declaration: Declaration, number: float) -> None:
+    shown = f"{where} = {number:g} {declaration.unit}".rstrip()
+    if not math.isfinite(number):
+        raise ParameterError(f"{shown} ({declaration.meaning}) must be a finite number")
+    if not declaration.admits(number):
+        raise ParameterError(f"{shown} ({declaration.meaning}) must be {declaration.bounds()}")
+
+
+def _check_choice(where: str, declaration: Declaration, value: Any) -> None:
+    if declaration.options and value not in declaration.options:
+        allowed = ", ".join(repr(option) for option in declaration.options)
+        raise ParameterError(f"{where} = {value!r} ({declaration.meaning}) must be one of {allowed}")
+    if declaration.least is not None:
+        if isinstance(value, bool) or not isinstance(value, int):
+            raise ParameterError(f"{where} = {value!r} ({declaration.meaning}) must be a whole number")
+        if value < declaration.least:
+            raise ParameterError(f"{where} = {value} ({declaration.meaning}) must be >= {declaration.least:g}")
+
+
+def _checked_table(where: str, declaration: Declaration, value: Any) -> np.ndarray:
+    row = np.array(value, dtype=np.float64)
+    if row.ndim != 1 or row.size < 2:
+        raise ParameterError(f"{where} ({declaration.meaning}) must be a row of at least two numbers")
+    if not np.all(np.isfinite(row)):
+        raise ParameterError(f"{where} ({declaration.meaning}) holds a number that is not finite")
+    row.flags.writeable = False
+    return row

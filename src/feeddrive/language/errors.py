@@ -1,0 +1,41 @@
+"""Every error a user can cause, as one sentence that says what, where, how much, and what to do."""
+
+from __future__ import annotations
+
+
+class FeeddriveError(Exception):
+    """Base of all errors that a user can cause; the command line prints it without a traceback."""
+
+
+class ParameterError(FeeddriveError):
+    """A parameter is missing, of the wrong type, not finite, or outside its declared bounds."""
+
+
+class StructureError(FeeddriveError):
+    """Blocks that do not fit each other, or a block that is not built as a block must be."""
+
+
+class FileError(FeeddriveError):
+    """A file that cannot be read, understood or written; the message starts with the file's name."""
+
+
+class LogError(FeeddriveError):
+    """A measured log that cannot be used: empty, truncated, with gaps, or on a non-uniform clock."""
+
+
+class DivergedError(FeeddriveError):
+    """A simulated loop left its bounds; the message names the sample at which it did."""
+
+
+class UnstableError(FeeddriveError):
+    """A closed loop that is not stable where a stable one is required."""
+
+
+class MissingExtraError(FeeddriveError):
+    """An optional dependency is needed and not installed; the message holds the install command."""
+
+    def __init__(self, package: str, extra: str, purpose: str) -> None:
+        super().__init__(
+            f"{purpose} needs the package '{package}', which is not installed: "
+            f"run  pip install 'feeddrive[{extra}]'"
+        )

@@ -1,0 +1,181 @@
+"""The graph of a step: what its plain arithmetic does, as a list of operations in the order of evaluation.
+
+A `Symbol` is the third kind of number that a law runs on, beside float and array.  It refuses everything that would
+make a law mean something else on symbols than on floats: `if`, `and`, `float()`, `math.*` and numpy functions raise.
+
+Nothing is ever rearranged or simplified, so the graph computes the same bits as the Python source.  Two things are
+done, and neither changes a bit: an operation on the same arguments is stored once, and an operation on constants is
+computed at once.
+
+Why not CasADi, which the prototypes used: its rewriting of arithmetic, its silent NaN from `math.sin(SX)`, the missing
+table read and the encoding of `where` all had to be worked around, and it weighs 277 MB; what is needed here is this page.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NoReturn, TypeAlias
+
+from feeddrive.language.errors import StructureError
+
+# Operations on numbers by name, and how many arguments they take.  "select" takes a truth value first;
+# "lt", "le", "eq", "and", "or" and "not" return one.  "table" and "input" are leaves.
+ARITY: dict[str, int] = {
+    "add": 2, "sub": 2, "mul": 2, "div": 2, "neg": 1, "abs": 1, "sqrt": 1, "floor": 1,
+    "lt": 2, "le": 2, "eq": 2, "and": 2, "or": 2, "not": 1, "select": 3,
+    "exp": 1, "expm1": 1, "log": 1, "sin": 1, "cos": 1, "tanh": 1, "atan": 1,
+    "power_of_two": 1, "exponent": 1, "quantise": 2, "uniform": 3, "gather": 2,
+}  # fmt: skip
+TRUTH = frozenset({"lt", "le", "eq", "and", "or", "not"})
+# Functions with an own implementation in `mathematics.py`; everything else maps to one machine operation or a few.
+ELEMENTARY = frozenset({"exp", "expm1", "log", "sin", "cos", "tanh", "atan"})
+
+Node: TypeAlias = tuple[Any, ...]
+
+
+class Graph:
+    """Operations in the order of evaluation; an entry is (name, argument, ...) with arguments as earlier indices.
+
+    Leaves are ("const", float), ("truth", bool), ("input", name) and ("table", name, length).
+    """
+
+    def __init__(self) -> None:
+        self.nodes: list[Node] = []
+        self._index: dict[Node, int] = {}
+
+    def _store(self, node: Node) -> int:
+        found = self._index.get(node)
+        if found is None:
+            found = len(self.nodes)
+            self.nodes.append(node)
+            self._index[node] = found
+        return found
+
+    def input(self, name: str) -> Symbol:
+        """A leaf that is given anew at each call, such as a state, a parameter or a setpoint."""
+        return Symbol(self, self._store(("input", name)))
+
+    def table(self, name: str, length: int) -> Symbol:
+        """A leaf that `gather` reads from."""
+        return Symbol(self, self._store(("table", name, length)))
+
+    def constant(self, value: float | bool) -> Symbol:
+        """A number that stands in the law's text."""
+        if isinstance(value, bool):
+            return Symbol(self, self._store(("truth", value)))
+        number = float(value)
+        if number != number:
+            raise StructureError("a law holds the constant NaN: it was computed outside `ops`")
+        # the text keeps -0.0 apart from 0.0, which compare as equal
+        return Symbol(self, self._store(("const", number.hex())))
+
+    def apply(self, name: str, *arguments: Any) -> Symbol:
+        """One operation on symbols and plain numbers."""
+        symbols = [self.symbol(argument) for argument in arguments]
+        return Symbol(self, self._store((name, *(symbol.index for symbol in symbols))))
+
+    def symbol(self, value: Any) -> Symbol:
+        """A plain number as a constant; a symbol of this graph as it is."""
+        if isinstance(value, Symbol):
+            if value.graph is not self:
+                raise StructureError("two traces were mixed: a symbol of another graph entered this one")
+            return value
+        if value is None:
+            raise StructureError("an absent part entered the arithmetic of a law")
+        return self.constant(value)
+
+    def name(self, index: int) -> str:
+        """The operation of a node."""
+        return self.nodes[index][0]
+
+
+class Symbol:
+    """A number that is not known yet. Supports + - * / and comparisons; everything else stands in `ops`."""
+
+    __slots__ = ("graph", "index")
+    __array_ufunc__ = None  # numpy must not take symbols apart
+
+    def __init__(self, graph: Graph, index: int) -> None:
+        self.graph = graph
+        self.index = index
+
+    def __repr__(self) -> str:
+        return f"Symbol({self.index}: {self.graph.nodes[self.index]})"
+
+    def __add__(self, other: Any) -> Symbol:
+        return self.graph.apply("add", self, other)
+
+    def __radd__(self, other: Any) -> Symbol:
+        return self.graph.apply("add", other, self)
+
+    def __sub__(self, other: Any) -> Symbol:
+        return self.graph.apply("sub", self, other)
+
+    def __rsub__(self, other: Any) -> Symbol:
+        return self.graph.apply("sub", other, self)
+
+    def __mul__(self, other: Any) -> Symbol:
+        return self.graph.apply("mul", self, other)
+
+    def __rmul__(self, other: Any) -> Symbol:
+        return self.graph.apply("mul", other, self)
+
+    def __truediv__(self, other: Any) -> Symbol:
+        return self.graph.apply("div", self, other)
+
+    def __rtruediv__(self, other: Any) -> Symbol:
+        return self.graph.apply("div", other, self)
+
+    def __neg__(self) -> Symbol:
+        return self.graph.apply("neg", self)
+
+    def __pos__(self) -> Symbol:
+        return self
+
+    def __lt__(self, other: Any) -> Symbol:
+        return self.graph.apply("lt", self, other)
+
+    def __le__(self, other: Any) -> Symbol:
+        return self.graph.apply("le", self, other)
+
+    def __gt__(self, other: Any) -> Symbol:
+        return self.graph.apply("lt", other, self)
+
+    def __ge__(self, other: Any) -> Symbol:
+        return self.graph.apply("le", other, self)
+
+    __hash__ = None  # type: ignore[assignment]
+
+    def __eq__(self, other: object) -> NoReturn:
+        raise TypeError("a law compares with `ops.equal(a, b)`, not with ==")
+
+    def __bool__(self) -> NoReturn:
+        raise TypeError("a law cannot branch on a signal: use `ops.where(condition, a, b)`")
+
+    def __float__(self) -> NoReturn:
+        raise TypeError("a law uses `ops`, not `math`, `numpy` or float(): the value is not known yet")
+
+    def __pow__(self, other: Any) -> NoReturn:
+        raise TypeError("a law writes x*x, or `ops.power(x, y)`, instead of x**y")
+
+    __rpow__ = __pow__
+    __int__ = __float__
+    __index__ = __float__
+
+
+def reachable(graph: Graph, outputs: Sequence[int]) -> list[int]:
+    """The indices that the outputs depend on, in the order of evaluation; all else is dead."""
+    needed: set[int] = set()
+    stack = list(outputs)
+    while stack:
+        index = stack.pop()
+        if index in needed:
+            continue
+        needed.add(index)
+        stack.extend(arguments(graph.nodes[index]))
+    return sorted(needed)
+
+
+def arguments(node: Node) -> tuple[int, ...]:
+    """The argument indices of an entry; none for a leaf."""
+    return () if node[0] in ("const", "truth", "input", "table") else node[1:]

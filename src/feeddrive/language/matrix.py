@@ -1,0 +1,124 @@
+"""Small matrices in plain arithmetic, as tuples of rows, so that floats, lanes and symbols agree to the last bit.
+
+For work in `prepare`, once per variant: not meant for more than about a dozen rows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, TypeAlias
+
+from feeddrive.language import ops
+
+Row: TypeAlias = tuple[Any, ...]
+Matrix: TypeAlias = tuple[Row, ...]
+
+ORDER = 16  # of the Taylor series; with a norm of at most 1/2 the first term left out is below 2⁻⁶⁵
+MOST_SQUARINGS = 10
+
+
+def zeros(rows: int, columns: int) -> list[list[Any]]:
+    """A matrix of zeros to be filled."""
+    return [[0.0] * columns for _ in range(rows)]
+
+
+def multiply(a: Sequence[Sequence[Any]], b: Sequence[Sequence[Any]]) -> Matrix:
+    """A·B, shapes (n, m) and (m, p)."""
+    columns = range(len(b[0]))
+    return tuple(tuple(dot(row, [b[k][j] for k in range(len(b))]) for j in columns) for row in a)
+
+
+def dot(a: Sequence[Any], b: Sequence[Any]) -> Any:
+    """Σ aᵢ bᵢ from left to right, leaving out terms in which a factor is the number 0.0 of the text."""
+    total: Any = None
+    for x, y in zip(a, b, strict=True):
+        if is_zero(x) or is_zero(y):
+            continue
+        total = x * y if total is None else total + x * y
+    return 0.0 if total is None else total
+
+
+def is_zero(x: Any) -> bool:
+    """True for a zero that stands in the text (a plain float), not for a number that happens to be zero."""
+    return type(x) is float and x == 0.0
+
+
+def add(a: Sequence[Sequence[Any]], b: Sequence[Sequence[Any]]) -> Matrix:
+    """A + B."""
+    return tuple(
+        tuple(y if is_zero(x) else x if is_zero(y) else x + y for x, y in zip(r, s, strict=True))
+        for r, s in zip(a, b, strict=True)
+    )
+
+
+def scale(factor: Any, a: Sequence[Sequence[Any]]) -> Matrix:
+    """factor · A."""
+    return tuple(tuple(0.0 if is_zero(x) else factor * x for x in row) for row in a)
+
+
+def solve(a: Sequence[Sequence[Any]], b: Sequence[Sequence[Any]]) -> Matrix:
+    """X with A·X = B by Gauss elimination without pivoting: for positive definite A (masses, bearing a diagonal)."""
+    n = len(a)
+    left, right = [list(row) for row in a], [list(row) for row in b]
+    for i in range(n):
+        for j in range(i + 1, n):
+            if is_zero(left[j][i]):
+                continue
+            ratio = left[j][i] / left[i][i]
+            left[j] = [0.0 if k <= i else _minus(left[j][k], ratio, left[i][k]) for k in range(n)]
+            right[j] = [_minus(right[j][k], ratio, right[i][k]) for k in range(len(right[j]))]
+    found: list[Row] = [()] * n
+    for i in reversed(range(n)):
+        row = right[i]
+        for k in range(i + 1, n):
+            row = [_minus(x, left[i][k], y) for x, y in zip(row, found[k], strict=True)]
+        found[i] = tuple(0.0 if is_zero(x) else x / left[i][i] for x in row)
+    return tuple(found)
+
+
+def _minus(x: Any, ratio: Any, y: Any) -> Any:
+    if is_zero(ratio) or is_zero(y):
+        return x
+    return -(ratio * y) if is_zero(x) else x - ratio * y
+
+
+def expm1(a: Sequence[Sequence[Any]]) -> Matrix:
+    """e^A - 1, by a Taylor series of fixed order on A/2ˢ and s squarings (1 + D)² - 1 = 2D + D².
+
+    s is the least with ‖A‖∞/2ˢ <= 1/2, for each lane on its own; 2⁹ is the largest norm.  Without the 1 the result keeps
+    the digits of a small A, so that an axis at rest does not creep by the rounding of ones.
+    """
+    norm = _norm(a)
+    squarings: Any = 0.0
+    for s in range(MOST_SQUARINGS):
+        squarings = ops.where(norm > 0.5 * 2.0**s, s + 1.0, squarings)
+    small = scale(1.0 / ops.power_of_two(squarings), a)
+    term = small
+    total = small
+    for order in range(2, ORDER + 1):
+        term = scale(1.0 / order, multiply(term, small))
+        total = add(total, term)
+    for s in range(_most(squarings)):
+        squared = add(scale(2.0, total), multiply(total, total))
+        total = tuple(
+            tuple(x if is_zero(x) and is_zero(y) else ops.where(squarings > s, x, y) for x, y in zip(r, q, strict=True))
+            for r, q in zip(squared, total, strict=True)
+        )
+    return total
+
+
+def _norm(a: Sequence[Sequence[Any]]) -> Any:
+    """Largest sum of absolute values in a row."""
+    largest: Any = 0.0
+    for row in a:
+        total: Any = 0.0
+        for x in row:
+            if not is_zero(x):
+                total = total + ops.absolute(x)
+        largest = ops.maximum(largest, total)
+    return largest
+
+
+def _most(squarings: Any) -> int:
+    """The largest number of squarings in any lane; all of them for a symbol, whose value is not known."""
+    return int(ops.most(squarings, MOST_SQUARINGS))

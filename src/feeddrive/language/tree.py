@@ -1,0 +1,170 @@
+"""Trees of named leaves: blocks with parts, named tuples of states, plain tuples.
+
+One walk gives every leaf a dotted name (`axis.plant.mass`, `control.law.integral`).  Files, logs, sweeps, gradients and
+exported code all use these names.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator, Mapping
+from difflib import get_close_matches
+from typing import Any, TypeVar
+
+import numpy as np
+
+from feeddrive.language import ops
+from feeddrive.language.block import Block, Declaration, checked, declarations
+from feeddrive.language.errors import ParameterError
+
+Tree = TypeVar("Tree")
+
+
+def _children(tree: Any) -> Iterator[tuple[str, Any]]:
+    """Names and values one level down, with parameters of a block as leaves and its choices left out."""
+    if isinstance(tree, Block):
+        for name, declaration in declarations(type(tree)).items():
+            if declaration.role in ("parameter", "part"):
+                yield name, getattr(tree, name)
+    elif isinstance(tree, tuple):
+        names = getattr(tree, "_fields", None) or map(str, range(len(tree)))
+        yield from zip(names, tree, strict=True)
+
+
+def leaves(tree: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
+    """Dotted name and value of every leaf, in a fixed order; None is no leaf."""
+    if isinstance(tree, (Block, tuple)):
+        for name, child in _children(tree):
+            yield from leaves(child, f"{prefix}.{name}" if prefix else name)
+    elif tree is not None:
+        yield prefix, tree
+
+
+def rebuild(tree: Tree, values: Iterator[Any]) -> Tree:
+    """The same tree with other leaves, taken in the order of `leaves`; constructors and checks are not run."""
+    if isinstance(tree, Block):
+        changed = {name: rebuild(child, values) for name, child in _children(tree)}
+        return _replaced(tree, changed)
+    if isinstance(tree, tuple):
+        children = [rebuild(child, values) for _, child in _children(tree)]
+        return type(tree)(*children) if hasattr(tree, "_fields") else tuple(children)  # type: ignore[return-value]
+    return tree if tree is None else next(values)
+
+
+def _replaced(block: Any, changed: Mapping[str, Any]) -> Any:
+    copy = object.__new__(type(block))
+    for spec in dataclasses.fields(block):
+        object.__setattr__(copy, spec.name, changed.get(spec.name, getattr(block, spec.name)))
+    return copy
+
+
+def select(condition: Any, a: Tree, b: Tree) -> Tree:
+    """Whole states at once: every leaf of `a` where the condition is true, else that of `b`."""
+    left, right = [value for _, value in leaves(a)], [value for _, value in leaves(b)]
+    chosen = (x if x is y else ops.where(condition, x, y) for x, y in zip(left, right, strict=True))
+    return rebuild(a, chosen)
+
+
+def declaration(block: Block, name: str) -> Declaration:
+    """The declaration of the leaf with a dotted name. Raises ParameterError for a name that is not there."""
+    owner, last = _owner(block, name)
+    return declarations(type(owner))[last]
+
+
+def _owner(block: Block, name: str) -> tuple[Block, str]:
+    names = [leaf for leaf, _ in leaves(block)]
+    if name not in names:
+        near = get_close_matches(name, names, 3)
+        hint = f"; did you mean {' or '.join(near)}?" if near else f"; there are: {', '.join(names[:12])}, ..."
+        raise ParameterError(f"there is no parameter '{name}'{hint}")
+    *path, last = name.split(".")
+    owner: Any = block
+    for step in path:
+        owner = owner[int(step)] if isinstance(owner, tuple) else getattr(owner, step)
+    return owner, last
+
+
+def get(block: Block, name: str) -> Any:
+    """The value of the leaf with a dotted name. Raises ParameterError for a name that is not there."""
+    owner, last = _owner(block, name)
+    return getattr(owner, last)
+
+
+def vary(block: Tree, changes: Mapping[str, Any]) -> Tree:
+    """The block with other values, numbers or arrays over lanes, at dotted names; bounds are checked.
+
+    Raises ParameterError for a name that is not there, a value out of bounds, or arrays of unequal length.
+    """
+    given: dict[str, Any] = {}
+    lengths: dict[str, int] = {}
+    for name, value in changes.items():
+        value = np.asarray(value, dtype=np.float64) if isinstance(value, (list, np.ndarray)) else value
+        given[name] = checked("", name, declaration(block, name), value)  # type: ignore[arg-type]
+        if isinstance(value, np.ndarray):
+            lengths[name] = value.size
+    if len(set(lengths.values())) > 1:
+        shown = ", ".join(f"{name}: {length}" for name, length in lengths.items())
+        raise ParameterError(f"arrays of variants must have one length, not {shown}")
+    varied = rebuild(block, (given.get(name, value) for name, value in leaves(block)))
+    for part in blocks(varied):
+        if not lengths:
+            part.check()
+    return varied
+
+
+def blocks(tree: Any) -> Iterator[Block]:
+    """Every block of a tree, outermost first."""
+    if isinstance(tree, Block):
+        yield tree
+    if isinstance(tree, (Block, tuple)):
+        for _, child in _children(tree):
+            yield from blocks(child)
+
+
+def tables(tree: Any, prefix: str = "") -> Iterator[tuple[str, np.ndarray]]:
+    """Dotted name and values of every table of a tree."""
+    if isinstance(tree, Block):
+        for name, declared in declarations(type(tree)).items():
+            if declared.role == "table" and getattr(tree, name) is not None:
+                yield f"{prefix}.{name}" if prefix else name, getattr(tree, name)
+    if isinstance(tree, (Block, tuple)):
+        for name, child in _children(tree):
+            yield from tables(child, f"{prefix}.{name}" if prefix else name)
+
+
+def with_tables(tree: Tree, replacements: Mapping[str, Any], prefix: str = "") -> Tree:
+    """The same tree with other tables at dotted names; checks are not run."""
+    if isinstance(tree, Block):
+        changed: dict[str, Any] = {}
+        for name, declared in declarations(type(tree)).items():
+            path = f"{prefix}.{name}" if prefix else name
+            if declared.role == "table" and path in replacements:
+                changed[name] = replacements[path]
+            elif declared.role == "part":
+                changed[name] = with_tables(getattr(tree, name), replacements, path)
+        return _replaced(tree, changed)
+    if isinstance(tree, tuple):
+        items = [with_tables(child, replacements, f"{prefix}.{name}" if prefix else name) for name, child in _children(tree)]
+        return type(tree)(*items) if hasattr(tree, "_fields") else tuple(items)  # type: ignore[return-value]
+    return tree
+
+
+def structure(tree: Any) -> Any:
+    """What shapes the graph of a tree, as a hashable key: types, choices, which leaves are there, table lengths."""
+    if isinstance(tree, Block):
+        shape: list[Any] = [type(tree)]
+        for name, declared in declarations(type(tree)).items():
+            value = getattr(tree, name)
+            match declared.role:
+                case "parameter":
+                    shape.append(value is None)
+                case "choice":
+                    shape.append(value)
+                case "table":
+                    shape.append(None if value is None else len(value))
+                case _:
+                    shape.append(structure(value))
+        return tuple(shape)
+    if isinstance(tree, tuple):
+        return (type(tree), *(structure(child) for _, child in _children(tree)))
+    return tree is None
