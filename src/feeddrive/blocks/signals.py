@@ -31,12 +31,9 @@ class Setpoint(NamedTuple):
         snap = self.snap
         jerk = self.jerk + time * snap
         acceleration = self.acceleration + time * (self.jerk + 0.5 * time * snap)
-        velocity = self.velocity + time * (
-            self.acceleration + 0.5 * time * (self.jerk + (1.0 / 3.0) * (time * snap))
-        )
+        velocity = self.velocity + time * (self.acceleration + 0.5 * time * (self.jerk + (1.0 / 3.0) * (time * snap)))
         position = self.position + time * (
-            self.velocity
-            + 0.5 * time * (self.acceleration + (1.0 / 3.0) * time * (self.jerk + 0.25 * (time * snap)))
+            self.velocity + 0.5 * time * (self.acceleration + (1.0 / 3.0) * time * (self.jerk + 0.25 * (time * snap)))
         )
         return Setpoint(position, velocity, acceleration, jerk, snap)
 

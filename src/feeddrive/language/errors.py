@@ -36,6 +36,5 @@ class MissingExtraError(FeeddriveError):
 
     def __init__(self, package: str, extra: str, purpose: str) -> None:
         super().__init__(
-            f"{purpose} needs the package '{package}', which is not installed: "
-            f"run  pip install 'feeddrive[{extra}]'"
+            f"{purpose} needs the package '{package}', which is not installed: run  pip install 'feeddrive[{extra}]'"
         )

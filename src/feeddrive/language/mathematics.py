@@ -22,7 +22,10 @@ from feeddrive.language import ops
 LN2_HIGH = float.fromhex("0x1.62e42fefa0000p-1")
 LN2_LOW = float.fromhex("0x1.cf79abc9e3b3ap-40")
 HALF_PI = tuple(
-    map(float.fromhex, ("0x1.921fb40000000p+0", "0x1.4442d00000000p-24", "0x1.8469880000000p-48", "0x1.8cc51701b839ap-72"))
+    map(
+        float.fromhex,
+        ("0x1.921fb40000000p+0", "0x1.4442d00000000p-24", "0x1.8469880000000p-48", "0x1.8cc51701b839ap-72"),
+    )
 )
 
 # Largest argument of exp that does not overflow, and the one below which the result is taken as 0 (2⁻¹⁰²¹).

@@ -144,7 +144,9 @@ def with_tables(tree: Tree, replacements: Mapping[str, Any], prefix: str = "") -
                 changed[name] = with_tables(getattr(tree, name), replacements, path)
         return _replaced(tree, changed)
     if isinstance(tree, tuple):
-        items = [with_tables(child, replacements, f"{prefix}.{name}" if prefix else name) for name, child in _children(tree)]
+        items = [
+            with_tables(child, replacements, f"{prefix}.{name}" if prefix else name) for name, child in _children(tree)
+        ]
         return type(tree)(*items) if hasattr(tree, "_fields") else tuple(items)  # type: ignore[return-value]
     return tree
 

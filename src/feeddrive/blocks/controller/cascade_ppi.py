@@ -27,7 +27,9 @@ class CascadePPI(Law):
 
     Kv: Number = parameter("1/s", "position gain", above=0)
     Kp: Number = parameter("N s/m", "velocity gain", above=0)
-    Tn: Number = parameter("s", "integral time of the velocity loop; absent for a P velocity loop", above=0, default=None)
+    Tn: Number = parameter(
+        "s", "integral time of the velocity loop; absent for a P velocity loop", above=0, default=None
+    )
     velocity_feedforward: Number = parameter("", "share of the set velocity that is fed forward", default=1.0, least=0)
     velocity_samples: int = choice("samples over which the velocity is differenced", default=1, least=1)
     velocity_encoder: str = choice("encoder of the velocity loop", options=("motor", "load"), default="motor")
