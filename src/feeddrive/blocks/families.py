@@ -25,14 +25,15 @@ class Nothing(NamedTuple):
 
 
 class Mechanics(NamedTuple):
-    """M q'' + C q' + K q = Sᵀ f with the positions of the bodies x = S q, and which body is driven and which moved."""
+    """M q'' + C q' + K q = Sᵀ f with the positions of the bodies x = S q, and what sits on which body."""
 
     mass: Matrix  # M (n, n), kg, positive definite
     damping: Matrix  # C (n, n), N s/m
     stiffness: Matrix  # K (n, n), N/m
     shape: Matrix  # S (bodies, n)
-    motor: int = 0  # row of S on which the drive acts and the motor encoder sits
-    load: int = 0  # row of S whose position is the axis's, with the load encoder
+    drive: int = 0  # row of S on which the drive acts
+    motor: int = 0  # row of S with the motor encoder, and with the friction of bearings and nut
+    load: int = 0  # row of S whose position is the axis's, with the load encoder and the friction of the guideway
 
 
 class Plant(Block, ABC):
@@ -61,7 +62,7 @@ class Friction(Block, ABC):
 
     @abstractmethod
     def linear(self) -> Number:
-        """The part of the friction that is viscous, N s/m; the linear core holds it exactly, `contact` leaves it out."""
+        """The viscous part, N s/m: the linear core holds it exactly and `contact` leaves it out."""
 
     @abstractmethod
     def contact(
@@ -143,8 +144,8 @@ class Filter(Block, ABC):
         """Its coefficients."""
 
     @abstractmethod
-    def start(self, value: Number) -> Any:
-        """The state after a constant input `value`; `step` with it returns that input (unit gain at rest)."""
+    def start(self, prepared: Any, value: Number) -> Any:
+        """The state after a constant input `value`."""
 
     @abstractmethod
     def step(self, prepared: Any, state: Any, value: Number) -> tuple[Any, Number]:
@@ -197,7 +198,7 @@ class Reference(Block, ABC):
 
     @abstractmethod
     def at(self, t: np.ndarray) -> Setpoint:
-        """Setpoints at times t (s, shape (n,)), each field an array of shape (n,); before 0 and after the end at rest."""
+        """Setpoints at times t (s, shape (n,)), each field of shape (n,); before 0 and after the end at rest."""
 
 
 class Load(Block, ABC):

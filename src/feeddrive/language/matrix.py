@@ -29,18 +29,24 @@ def multiply(a: Sequence[Sequence[Any]], b: Sequence[Sequence[Any]]) -> Matrix:
 
 
 def dot(a: Sequence[Any], b: Sequence[Any]) -> Any:
-    """Σ aᵢ bᵢ from left to right, leaving out terms in which a factor is the number 0.0 of the text."""
+    """Σ aᵢ bᵢ from left to right; factors 0.0 and 1.0 that stand in the text cost nothing."""
     total: Any = None
     for x, y in zip(a, b, strict=True):
         if is_zero(x) or is_zero(y):
             continue
-        total = x * y if total is None else total + x * y
+        term = y if is_one(x) else x if is_one(y) else x * y
+        total = term if total is None else total + term
     return 0.0 if total is None else total
 
 
 def is_zero(x: Any) -> bool:
     """True for a zero that stands in the text (a plain float), not for a number that happens to be zero."""
     return type(x) is float and x == 0.0
+
+
+def is_one(x: Any) -> bool:
+    """True for a one that stands in the text."""
+    return type(x) is float and x == 1.0
 
 
 def add(a: Sequence[Sequence[Any]], b: Sequence[Sequence[Any]]) -> Matrix:

@@ -37,7 +37,7 @@ def where(condition: Any, a: Any, b: Any) -> Any:
         return symbol
     if isinstance(condition, np.ndarray) or isinstance(a, np.ndarray) or isinstance(b, np.ndarray):
         return np.where(condition, a, b)
-    return a if condition else b
+    return np.float64(a) if condition else np.float64(b)
 
 
 def both(a: Any, b: Any) -> Any:

@@ -44,6 +44,5 @@ class TwoMass(Plant):
             damping=((self.viscous_motor + c, -c), (-c, self.viscous_load + c)),
             stiffness=((k, -k), (-k, k)),
             shape=((1.0, 0.0), (0.0, 1.0)),
-            motor=0,
             load=1,
         )

@@ -1,0 +1,25 @@
+"""A drive described by one constant: a linear motor, or a whole drive train measured as one."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+from feeddrive.blocks.families import Motor
+from feeddrive.language.block import Number, parameter
+
+
+class Direct(Motor):
+    """force = force_constant · command."""
+
+    unit: ClassVar[str] = "A or V"
+    force_constant: Number = parameter("N", "force at the table per unit of the drive's command (A or V)", above=0)
+    peak_force: Number = parameter("N", "largest force", above=0, default=None)
+    continuous_force: Number = parameter("N", "largest RMS force over a long time", above=0, default=None)
+
+    def force_per_unit(self) -> Number:
+        """The constant."""
+        return self.force_constant
+
+    def limits(self) -> tuple[Number | None, Number | None]:
+        """Peak and RMS force, N."""
+        return self.peak_force, self.continuous_force

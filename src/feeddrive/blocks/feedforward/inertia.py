@@ -1,0 +1,22 @@
+"""Acceleration and velocity feedforward of a rigid axis."""
+
+from __future__ import annotations
+
+from feeddrive.blocks.families import Feedforward
+from feeddrive.blocks.signals import Setpoint
+from feeddrive.language.block import Number, parameter
+
+
+class Inertia(Feedforward):
+    """The force that a rigid axis needs for the set motion, in the middle of the sample in which it acts.
+
+    force = mass · a_set(t + T/2) + viscous · v_set(t + T/2)
+    """
+
+    mass: Number = parameter("kg", "mass that is fed forward", least=0)
+    viscous: Number = parameter("N s/m", "viscous friction that is fed forward", least=0, default=0)
+
+    def force(self, setpoint: Setpoint, T: Number) -> Number:
+        """The equation above."""
+        middle = setpoint.shifted(0.5 * T)
+        return self.mass * middle.acceleration + self.viscous * middle.velocity

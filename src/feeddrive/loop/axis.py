@@ -1,0 +1,260 @@
+"""All that is physics of one axis: linear core, friction, other forces, dead time, encoders."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+from feeddrive.blocks.actuator.actuator import Actuator
+from feeddrive.blocks.families import Force, Friction, Mechanics, Nothing, Plant, Sensor
+from feeddrive.blocks.signals import Motion, Noise
+from feeddrive.language import matrix, ops
+from feeddrive.language.block import Block, Number, choice, part
+from feeddrive.language.errors import StructureError
+from feeddrive.loop.hold import Hold, Timing, hold
+
+# noise channels of the encoders; each has room for several kinds of noise
+CHANNEL_MOTOR, CHANNEL_LOAD = 0.0, 16.0
+
+
+class Axis(Block):
+    """One axis, from the commanded force to the encoder readings.
+
+    Over each substep h = T/substeps the linear core moves exactly for forces that are constant in it; forces that
+    depend on the motion are taken at the predicted middle, x + v h/2; friction is the force that fits the velocity
+    at the end of the substep.  The order in the substep is 2 without friction and 1 with it.
+    """
+
+    plant: Plant = part("the linear mechanics")
+    actuator: Actuator = part("dead time, current loop and motor", default=Actuator())
+    friction_motor: Friction | None = part("friction of bearings and nut, on the motor's body", default=None)
+    friction_load: Friction | None = part("friction of the guideway, on the load's body", default=None)
+    forces: tuple[Force, ...] = part("forces that depend on motion, drive force or time", default=())
+    encoder_motor: Sensor | None = part("encoder on the motor's body", default=None)
+    encoder_load: Sensor | None = part("encoder on the load's body", default=None)
+    substeps: int = choice("substeps of the exact hold in a sample", default=1, least=1)
+
+    class State(NamedTuple):
+        """Positions (m) and velocities (m/s) of the coordinates, drive force (N) if it lags, and what remembers."""
+
+        position: tuple[Number, ...]
+        velocity: tuple[Number, ...]
+        drive: tuple[Number, ...]
+        pending: tuple[Number, ...]  # commands still on their way, newest first, N
+        friction_motor: Any
+        friction_load: Any
+        encoder_motor: Any
+        encoder_load: Any
+
+    class Step(NamedTuple):
+        """What one sample of the axis leaves behind, for the record: forces in N over the last substep."""
+
+        friction_motor: Number
+        friction_load: Number
+        drive: Number
+
+    def check(self) -> None:
+        """A rigid plant has one body, which takes one friction."""
+        shape = self.plant.mechanics()
+        if shape.motor == shape.load and self.friction_motor is not None:
+            raise StructureError(
+                f"axis.friction_motor: the plant '{self.plant.kind}' has one body; give its friction as friction_load"
+            )
+
+    def timing(self, T: float) -> Timing:
+        """How many whole samples of dead time there are, and whether a part is left. All lanes must agree."""
+        samples = self.actuator.dead_time / T
+        near = ops.floor(samples + 0.5)
+        samples = ops.where(ops.absolute(samples - near) < 1e-9 * (1.0 + near), near, samples)
+        whole = ops.floor(samples)
+        least, most = -ops.most(-whole, 0.0), ops.most(whole, 0.0)
+        if least != most:
+            raise StructureError(
+                f"axis.actuator.dead_time: variants of one batch need the same number of whole samples, "
+                f"not {least:g} to {most:g} at a sample time of {T:g} s: run them as separate batches"
+            )
+        if most > 1000:
+            raise StructureError(
+                f"axis.actuator.dead_time is {most:g} samples of {T:g} s; the longest that is simulated is 1000 samples"
+            )
+        return Timing(int(most), ops.most(samples - whole, 0.0) > 0.0)
+
+    def mechanics(self) -> Mechanics:
+        """The plant with the viscous part of its friction."""
+        plain = self.plant.mechanics()
+        damping: Any = plain.damping
+        for friction, body in ((self.friction_motor, plain.motor), (self.friction_load, plain.load)):
+            if friction is not None:
+                row = plain.shape[body]
+                viscous = friction.linear()
+                damping = matrix.add(damping, matrix.multiply([[x] for x in matrix.scale(viscous, (row,))[0]], (row,)))
+        return plain._replace(damping=damping)
+
+    def prepare(self, T: Number, timing: Timing) -> Hold:
+        """The exact hold of the linear core."""
+        bandwidth = self.actuator.current_loop
+        lag = None if bandwidth is None else 2.0 * ops.pi * bandwidth
+        return hold(self.mechanics(), lag, self.actuator.dead_time, T, self.substeps, timing)
+
+    def start(self, position: Number, velocity: Number, timing: Timing) -> State:
+        """Moving as a rigid body with `velocity` (m/s), the load at `position` (m), springs relaxed, no force."""
+        mechanics = self.plant.mechanics()
+        along = rigid_motion(mechanics)
+        return self.State(
+            position=tuple(share * position for share in along),
+            velocity=tuple(share * velocity for share in along),
+            drive=() if self.actuator.current_loop is None else (position - position,),
+            pending=(position - position,) * timing.memory(),
+            friction_motor=Nothing() if self.friction_motor is None else self.friction_motor.start(),
+            friction_load=Nothing() if self.friction_load is None else self.friction_load.start(),
+            encoder_motor=Nothing() if self.encoder_motor is None else self.encoder_motor.start(position),
+            encoder_load=Nothing() if self.encoder_load is None else self.encoder_load.start(position),
+        )
+
+    def motion(self, state: State) -> Motion:
+        """True position and velocity of the motor's and the load's body."""
+        mechanics = self.plant.mechanics()
+        motor, load = mechanics.shape[mechanics.motor], mechanics.shape[mechanics.load]
+        return Motion(
+            position_motor=matrix.dot(motor, state.position),
+            position_load=matrix.dot(load, state.position),
+            velocity_motor=matrix.dot(motor, state.velocity),
+            velocity_load=matrix.dot(load, state.velocity),
+        )
+
+    def read(self, state: State, noise: Noise, T: Number) -> tuple[State, Number, Number]:
+        """The readings of the motor's and the load's encoder at kT; a single encoder gives both."""
+        motion = self.motion(state)
+        state_motor, motor = state.encoder_motor, motion.position_motor
+        state_load, load = state.encoder_load, motion.position_load
+        if self.encoder_motor is not None:
+            state_motor, motor = self.encoder_motor.step(
+                state_motor, motor, motion.velocity_motor, noise.on(CHANNEL_MOTOR), T
+            )
+        if self.encoder_load is not None:
+            state_load, load = self.encoder_load.step(state_load, load, motion.velocity_load, noise.on(CHANNEL_LOAD), T)
+        if self.encoder_motor is None and self.encoder_load is not None:
+            motor = load
+        if self.encoder_load is None and self.encoder_motor is not None:
+            load = motor
+        return state._replace(encoder_motor=state_motor, encoder_load=state_load), motor, load
+
+    def advance(
+        self, prepared: Hold, state: State, command: Number, load: Number | None, time: Number, T: Number
+    ) -> tuple[State, Step]:
+        """From kT to (k+1)T under a command in N and a load force in N that is held over the sample (None: none)."""
+        commands = (command, *state.pending)
+        partial = len(prepared.old) > 0
+        new = commands[-2] if partial else commands[-1]
+        old = commands[-1] if partial else None
+        h = T / self.substeps
+        done = self.Step(0.0, 0.0, new)
+        for substep in range(self.substeps):
+            drive = state.drive[0] if state.drive else new
+            push_motor, push_load = self._pushes(state, drive, load, time + substep * h, h)
+            before = (*state.position, *state.velocity, *state.drive)
+            free = []
+            for i, x in enumerate(before):
+                change = matrix.dot(prepared.change[i], before)
+                change = _plus(change, prepared.new[substep][i], new)
+                if old is not None:
+                    change = _plus(change, prepared.old[substep][i], old)
+                change = _plus(change, prepared.forces[0][i], push_motor)
+                change = _plus(change, prepared.forces[1][i], push_load)
+                free.append(x if matrix.is_zero(change) else x + change)
+            state, friction_motor, friction_load = self._settle(prepared, state, tuple(free), h)
+            done = self.Step(friction_motor, friction_load, drive)
+        return state._replace(pending=commands[: len(state.pending)]), done
+
+    def _pushes(self, state: State, drive: Number, load: Number | None, time: Number, h: Number) -> tuple[Any, Any]:
+        """Forces on the two bodies in the middle of a substep, apart from drive and friction; None where there is none."""
+        motor, total = None, load
+        if self.forces:
+            motion = self.motion(state)
+            half = 0.5 * h
+            middle = motion._replace(
+                position_motor=motion.position_motor + half * motion.velocity_motor,
+                position_load=motion.position_load + half * motion.velocity_load,
+            )
+            for force in self.forces:
+                on_motor, on_load = force.forces(self.plant, middle, drive, time + half)
+                motor = on_motor if motor is None else motor + on_motor
+                total = on_load if total is None else total + on_load
+        return motor, total
+
+    def _settle(
+        self, prepared: Hold, state: State, free: tuple[Number, ...], h: Number
+    ) -> tuple[State, Number, Number]:
+        """The end of a substep with the friction forces that fit its velocities, by fixed Gauss-Seidel sweeps."""
+        mechanics = self.plant.mechanics()
+        n = len(state.position)
+        motor, load = mechanics.shape[mechanics.motor], mechanics.shape[mechanics.load]
+        contacts = [
+            _Contact(friction, row, column, name)
+            for friction, row, column, name in (
+                (self.friction_motor, motor, prepared.forces[0], "friction_motor"),
+                (self.friction_load, load, prepared.forces[1], "friction_load"),
+            )
+            if friction is not None
+        ]
+        coupled = len(contacts) == 2
+        full = coupled and not matrix.is_zero(mechanics.mass[0][-1])
+        sweeps = 1 if not coupled else 6 if full else 2
+        forces: list[Any] = [None] * len(contacts)
+        stuck: list[Any] = [False] * len(contacts)
+        after: list[Any] = [getattr(state, contact.name) for contact in contacts]
+        for _ in range(sweeps):
+            for i, contact in enumerate(contacts):
+                end = matrix.dot(contact.row, free[n : 2 * n])
+                for j, other in enumerate(contacts):
+                    if j != i and forces[j] is not None:
+                        end = _plus(end, matrix.dot(contact.row, other.column[n : 2 * n]), forces[j])
+                after[i], forces[i], stuck[i] = contact.friction.contact(
+                    h,
+                    getattr(state, contact.name),
+                    matrix.dot(contact.row, state.velocity),
+                    end,
+                    matrix.dot(contact.row, contact.column[n : 2 * n]),
+                )
+        end_state = list(free)
+        for contact, force in zip(contacts, forces, strict=True):
+            end_state = [_plus(x, column, force) for x, column in zip(end_state, contact.column, strict=True)]
+        for contact, held in zip(contacts, stuck, strict=True):
+            for i, share in enumerate(contact.row):
+                # a body that is a coordinate of its own stands exactly still; a sum of modes does to rounding
+                if matrix.is_one(share) and sum(not matrix.is_zero(x) for x in contact.row) == 1:
+                    end_state[n + i] = ops.where(held, 0.0, end_state[n + i])
+        moved = state._replace(
+            position=tuple(end_state[:n]), velocity=tuple(end_state[n : 2 * n]), drive=tuple(end_state[2 * n :])
+        )
+        named = dict(zip((contact.name for contact in contacts), after, strict=True))
+        by_name = dict(zip((contact.name for contact in contacts), forces, strict=True))
+        return moved._replace(**named), by_name.get("friction_motor", 0.0), by_name.get("friction_load", 0.0)
+
+
+class _Contact(NamedTuple):
+    friction: Friction
+    row: matrix.Row  # of the shape matrix: the body's velocity
+    column: matrix.Row  # of the hold: what a force on the body does
+    name: str
+
+
+def _plus(x: Any, column: Any, force: Any) -> Any:
+    """x + column · force, leaving out what is not there."""
+    if force is None or matrix.is_zero(column) or matrix.is_zero(force):
+        return x
+    return column * force if matrix.is_zero(x) else x + column * force
+
+
+def rigid_motion(mechanics: Mechanics) -> tuple[Any, ...]:
+    """The coordinates when every body has moved by 1 with all springs relaxed: S q = 1 and K q = 0.
+
+    Coordinates that are positions of bodies are 1 each; in a modal model only the rigid mode moves.
+    """
+    n = len(mechanics.mass)
+    return tuple(1.0 if _is_free(mechanics, i, n) else 0.0 for i in range(n))
+
+
+def _is_free(mechanics: Mechanics, i: int, n: int) -> bool:
+    """Whether a coordinate takes part in the rigid motion: it has no spring of its own, to the ground."""
+    row = mechanics.stiffness[i]
+    return matrix.is_zero(row[i]) or any(not matrix.is_zero(row[j]) for j in range(n) if j != i)

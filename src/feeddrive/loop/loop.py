@@ -1,0 +1,142 @@
+"""One sample of one axis under its control: the only wiring there is."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+from feeddrive.blocks.signals import Noise, Setpoint
+from feeddrive.language.block import Block, Number, parameter, part
+from feeddrive.language.errors import StructureError
+from feeddrive.loop.axis import Axis
+from feeddrive.loop.control import Control
+from feeddrive.loop.hold import Hold, Timing
+
+
+class Signals(NamedTuple):
+    """What can be recorded; row k holds the values at t = kT, forces those commanded at kT or acting from it on."""
+
+    set_position: Number  # m
+    set_velocity: Number  # m/s
+    set_acceleration: Number  # m/s²
+    position_motor: Number  # m, true
+    position_load: Number  # m, true
+    velocity_motor: Number  # m/s, true
+    velocity_load: Number  # m/s, true
+    reading_motor: Number  # m, as the controller sees it
+    reading_load: Number  # m
+    following_error: Number  # m, setpoint - reading of the load
+    tracking_error: Number  # m, setpoint - true position of the load
+    force: Number  # N, commanded
+    requested: Number  # N, wanted before the limit
+    feedback: Number  # N, part of the law
+    feedforward: Number  # N
+    drive_force: Number  # N, acting in the last substep
+    friction_motor: Number  # N
+    friction_load: Number  # N
+    load_force: Number  # N
+    trip: Number  # 0, or the code of the guard
+
+
+UNITS = dict(
+    zip(
+        Signals._fields,
+        ["m", "m/s", "m/s2", "m", "m", "m/s", "m/s", "m", "m", "m", "m", *["N"] * 8, ""],
+        strict=True,
+    )
+)
+
+
+class Loop(Block):
+    """An axis, its control and the sample time.
+
+    At sample k the encoders read the plant at t = kT; `Control` computes; the force acts after the dead time; the plant
+    moves on to (k+1)T in `axis.substeps` of exact linear hold.
+    """
+
+    control: Control = part("all that runs on the controller")
+    axis: Axis = part("all that is physics")
+    sample_time: Number = parameter("s", "time from sample to sample", above=0)
+
+    class Prepared(NamedTuple):
+        """What control and axis prepared."""
+
+        control: Any
+        axis: Hold
+
+    class State(NamedTuple):
+        """Of control and axis."""
+
+        control: Any
+        axis: Any
+
+    def check(self) -> None:
+        """The dead time must be one that can be simulated."""
+        if isinstance(self.sample_time, float) and isinstance(self.axis.actuator.dead_time, float):
+            self.timing()
+
+    def timing(self) -> Timing:
+        """The structure that the dead time leaves."""
+        if not isinstance(self.sample_time, float):
+            raise StructureError("loop.sample_time is a constant of the design: it cannot vary within a batch")
+        return self.axis.timing(self.sample_time)
+
+    def prepare(self, timing: Timing) -> Prepared:
+        """All work that depends on parameters only."""
+        T = self.sample_time
+        return self.Prepared(self.control.prepare(T), self.axis.prepare(T, timing))
+
+    def start(
+        self, prepared: Prepared, timing: Timing, setpoint: Setpoint, position: Number, velocity: Number
+    ) -> State:
+        """The axis at `position` (m), moving with `velocity` (m/s), under a control that was just switched on.
+
+        The control reads the position one sample before, so that its first velocity is right.
+        """
+        axis = self.axis.start(position, velocity, timing)
+        before = position - velocity * self.sample_time
+        return self.State(self.control.start(prepared.control, setpoint, before, before), axis)
+
+    def step(
+        self,
+        prepared: Prepared,
+        state: State,
+        setpoint: Setpoint,
+        load: Number | None,
+        noise: Noise,
+        enable: Number,
+        time: Number,
+        cut: Number | None = None,
+    ) -> tuple[State, Signals]:
+        """One sample. `load` is a force in N on the table (None: none).
+
+        `cut` opens the loop at the actuator: the axis obeys it (N), and not what the control commands.
+        """
+        T = self.sample_time
+        axis, motor, load_reading = self.axis.read(state.axis, noise, T)
+        control, command = self.control.step(prepared.control, state.control, setpoint, motor, load_reading, enable, T)
+        motion = self.axis.motion(axis)
+        acting = command.applied if cut is None else cut
+        axis, done = self.axis.advance(prepared.axis, axis, acting, load, time, T)
+        signals = Signals(
+            set_position=setpoint.position,
+            set_velocity=setpoint.velocity,
+            set_acceleration=setpoint.acceleration,
+            position_motor=motion.position_motor,
+            position_load=motion.position_load,
+            velocity_motor=motion.velocity_motor,
+            velocity_load=motion.velocity_load,
+            reading_motor=motor,
+            reading_load=load_reading,
+            following_error=setpoint.position - load_reading,
+            tracking_error=setpoint.position - motion.position_load,
+            force=command.applied,
+            requested=command.requested,
+            feedback=command.feedback,
+            feedforward=command.feedforward,
+            drive_force=done.drive,
+            friction_motor=done.friction_motor,
+            friction_load=done.friction_load,
+            load_force=0.0 if load is None else load,
+            trip=command.trip,
+        )
+        return self.State(control, axis), signals
