@@ -1,0 +1,67 @@
+"""Every concrete block, found by walking the packages under `feeddrive.blocks`; nobody keeps a list.
+
+A block belongs to the family that `families.py` declares for it.  A concrete block without a family, such as the
+actuator, is its own family.
+"""
+
+from __future__ import annotations
+
+import importlib
+import inspect
+import pkgutil
+from collections.abc import Iterator, Mapping
+from difflib import get_close_matches
+from functools import cache
+from types import MappingProxyType
+from typing import TypeVar
+
+import feeddrive.blocks
+from feeddrive.language.block import Block
+from feeddrive.language.errors import ParameterError
+
+B = TypeVar("B", bound=Block)
+
+
+@cache
+def catalogue() -> Mapping[type[Block], Mapping[str, type[Block]]]:
+    """Family -> kind -> class, in the order of the folders; the first call imports every block."""
+    found: dict[type[Block], dict[str, type[Block]]] = {}
+    for module in modules():
+        for block in blocks_of(module):
+            found.setdefault(family_of(block), {})[block.kind] = block
+    return MappingProxyType({family: MappingProxyType(members) for family, members in found.items()})
+
+
+def modules() -> Iterator[str]:
+    """Dotted names of the modules that hold blocks: those one folder down."""
+    for module in pkgutil.walk_packages(feeddrive.blocks.__path__, "feeddrive.blocks."):
+        if not module.ispkg and module.name.count(".") > 2:
+            yield module.name
+
+
+def blocks_of(module: str) -> list[type[Block]]:
+    """The concrete blocks that stand in a module; what it only imports does not count."""
+    members = vars(importlib.import_module(module)).values()
+    return [
+        member
+        for member in members
+        if isinstance(member, type)
+        and issubclass(member, Block)
+        and member.__module__ == module
+        and not inspect.isabstract(member)
+    ]
+
+
+def family_of(block: type[Block]) -> type[Block]:
+    """The abstract class directly under Block that the block answers for, or the block itself."""
+    return next(base for base in reversed(block.__mro__) if issubclass(base, Block) and base is not Block)
+
+
+def find(family: type[B], kind: str) -> type[B]:
+    """The block of a family with a name such as `two_mass`. Raises ParameterError, with names that are near."""
+    members = catalogue().get(family, {})
+    if kind in members:
+        return members[kind]  # type: ignore[return-value]
+    near = get_close_matches(kind, members, 3)
+    hint = f"did you mean {' or '.join(near)}?" if near else f"there are: {', '.join(members) or 'none'}"
+    raise ParameterError(f"there is no {family.kind.replace('_', ' ')} of kind '{kind}'; {hint}")
