@@ -1,0 +1,1 @@
+"""Files people touch: TOML in and out, measured logs, runs, result directories."""

@@ -1,0 +1,213 @@
+"""Files are written whole or not at all, and read whole or not at all.
+
+A file is written under a temporary name beside its place, flushed to the disk and renamed; a directory of results is
+built under a temporary name and renamed at its end.  Whatever goes wrong on the way, Ctrl-C included, leaves nothing
+behind and the old one untouched.  (A killed process or a power cut may leave the hidden temporary one behind, but
+never half a result under the name of a whole one.)
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import json
+import os
+import secrets
+import shutil
+import stat
+from collections.abc import Generator
+from pathlib import Path
+
+import feeddrive
+from feeddrive.language.errors import FileError
+
+MARKER = ".feeddrive"  # in a directory of results: says who wrote it, and which files
+
+_WHAT_TO_DO = {
+    errno.ENOSPC: "free some space or choose another disk",
+    errno.EDQUOT: "free some space or choose another disk",
+    errno.EACCES: "change its permissions or choose another place",
+    errno.EPERM: "change its permissions or choose another place",
+    errno.EROFS: "choose a place that can be written",
+    errno.ENAMETOOLONG: "choose a shorter name",
+    errno.ENOENT: "check the name",
+    errno.EEXIST: "a part of its path is a file; choose another name",
+    errno.ENOTDIR: "a part of its path is a file; check the name",
+}
+
+
+def refusal(path: str | Path, what: str, error: OSError) -> FileError:
+    """The FileError for an error of the operating system: file, reason, and what to do."""
+    reason = (error.strerror or str(error) or type(error).__name__).lower()
+    advice = _WHAT_TO_DO.get(error.errno or 0)
+    return FileError(f"{path}: cannot be {what}: {reason}" + (f"; {advice}" if advice else ""))
+
+
+def _check_name(path: str | Path) -> None:
+    try:
+        named = b"\0" not in os.fsencode(path)
+    except UnicodeEncodeError:
+        named = False
+    if not named:
+        raise FileError(f"{str(path)!r}: is not a file name")
+
+
+def read_whole(path: str | Path, most: int) -> bytes:
+    """The bytes of a regular file of at most `most` bytes.
+
+    Raises FileError for a file that is missing, a directory, a device or pipe (which might never end), too large, or
+    unreadable.
+    """
+    _check_name(path)
+    try:
+        status = os.stat(path)
+        if stat.S_ISDIR(status.st_mode):
+            raise FileError(f"{path}: is a directory; give the name of a file in it")
+        if not stat.S_ISREG(status.st_mode):
+            raise FileError(f"{path}: is a device or pipe, not a file; copy it to a file first")
+        if status.st_size > most:
+            raise FileError(
+                f"{path}: has {status.st_size / 1e6:,.1f} MB, more than the {most / 1e6:,.1f} MB that are read; "
+                "is it the right file?"
+            )
+        with open(path, "rb") as file:
+            return file.read(most)
+    except OSError as error:
+        raise refusal(path, "read", error) from None
+
+
+@contextlib.contextmanager
+def written_whole(path: str | Path) -> Generator[Path]:
+    """The name of an empty temporary file beside `path`, for others to fill; renamed to `path` at the end of the block.
+
+    On any exception the temporary file is removed and an older `path` stays as it was; an OSError becomes a FileError.
+    A symbolic link is followed, and the permissions of an older file are kept.
+    """
+    _check_name(path)
+    target = Path(os.path.realpath(path))
+    temporary = _beside(target, "part")
+    try:
+        if target.is_dir():
+            raise FileError(f"{path}: cannot be written: is a directory; give the name of a file in it")
+        os.close(os.open(temporary, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666))
+        if target.exists():
+            temporary.chmod(target.stat().st_mode & 0o777)
+        yield temporary
+        _flush(temporary)
+        temporary.replace(target)
+        _flush(target.parent)
+    except OSError as error:
+        raise refusal(path, "written", error) from None
+    finally:
+        with contextlib.suppress(OSError):
+            temporary.unlink(missing_ok=True)
+
+
+def write_whole(path: str | Path, content: bytes | str) -> None:
+    """Write a file, whole or not at all. Raises FileError that names the file and the reason."""
+    with written_whole(path) as temporary:
+        temporary.write_bytes(content.encode("utf-8") if isinstance(content, str) else content)
+
+
+def _beside(target: Path, suffix: str) -> Path:
+    """A hidden name in the same directory that nobody else uses; short, so that a long name still fits."""
+    return target.parent / f".{target.name[:60]}.{secrets.token_hex(6)}.{suffix}"
+
+
+def _flush(path: Path) -> None:
+    """Ask the system to put a file or a directory on the disk; for a directory not every file system can."""
+    handle = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    except OSError:
+        if not path.is_dir():
+            raise
+    finally:
+        os.close(handle)
+
+
+@contextlib.contextmanager
+def new_directory(path: str | Path) -> Generator[Path]:
+    """A directory to write results into; it appears under its name `path` at the end of the block, or not at all.
+
+    An older `path` is replaced only if it is empty, or if feeddrive wrote it and nobody else put a file into it.
+    Raises FileError, before the work starts, if it cannot be replaced or written.
+    """
+    _check_name(path)
+    target = Path(os.path.abspath(path))
+    temporary = _beside(target, "part")
+    missing = [folder for folder in target.parents if not folder.exists()]
+    finished = False
+    try:
+        _check_replaceable(path, target)
+        target.parent.mkdir(parents=True, exist_ok=True)
+        temporary.mkdir()
+        yield temporary
+        _sign(temporary)
+        _check_replaceable(path, target)
+        _exchange(temporary, target)
+        finished = True
+    except OSError as error:
+        raise refusal(_seen(error.filename, temporary, target) or path, "written", error) from None
+    finally:
+        if not finished:
+            shutil.rmtree(temporary, ignore_errors=True)
+            for folder in missing:
+                with contextlib.suppress(OSError):
+                    folder.rmdir()
+
+
+def _seen(name: object, temporary: Path, target: Path) -> Path | None:
+    """The file of an error under the name that it would have had."""
+    if not isinstance(name, str | Path):
+        return None
+    file = Path(name)
+    return target / file.relative_to(temporary) if file.is_relative_to(temporary) else file
+
+
+def _files(directory: Path) -> list[str]:
+    return sorted(
+        str((Path(folder) / name).relative_to(directory))
+        for folder, _, names in os.walk(directory)
+        for name in names
+        if name != MARKER
+    )
+
+
+def _sign(directory: Path) -> None:
+    statement = {"written_by": f"feeddrive {feeddrive.__version__}", "files": _files(directory)}
+    write_whole(directory / MARKER, json.dumps(statement, indent=1) + "\n")
+
+
+def _check_replaceable(path: str | Path, target: Path) -> None:
+    if target.is_symlink():
+        raise FileError(f"{path}: is a symbolic link; give the directory itself")
+    if not target.exists():
+        return
+    if not target.is_dir():
+        raise FileError(f"{path}: is a file, not a directory; choose another name")
+    try:
+        written = set(json.loads((target / MARKER).read_text(encoding="utf-8"))["files"])
+    except (OSError, ValueError, KeyError, TypeError):
+        if not any(target.iterdir()):
+            return
+        raise FileError(f"{path}: exists and was not written by feeddrive; choose another name or remove it") from None
+    strangers = [name for name in _files(target) if name not in written]
+    if strangers:
+        raise FileError(
+            f"{path}: holds '{strangers[0]}', which feeddrive did not write; choose another name or move that file away"
+        )
+
+
+def _exchange(new: Path, target: Path) -> None:
+    """Put `new` in the place of `target`; the old one is moved aside first and comes back if that fails."""
+    old = _beside(target, "old")
+    try:
+        if target.exists():
+            target.rename(old)
+        new.rename(target)
+    except BaseException:
+        if old.exists() and not target.exists():
+            old.rename(target)
+        raise
+    shutil.rmtree(old, ignore_errors=True)
