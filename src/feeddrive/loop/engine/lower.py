@@ -1,0 +1,49 @@
+"""Lowering: every composed operation becomes plain arithmetic, by the same lines that Python runs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from feeddrive.language import mathematics, ops
+from feeddrive.language.graph import ELEMENTARY, Graph, Symbol, arguments, reachable
+
+# How numbers are computed, a choice of the run:
+#   exact  own elementary functions, every operation rounded by itself: the same bits everywhere (default)
+#   libm   the elementary functions of the system's library
+#   fma    own functions, and a·b + c may be rounded once: other last bits on other machines
+ARITHMETIC = ("exact", "libm", "fma")
+
+
+def lower(graph: Graph, roots: Sequence[int], arithmetic: str) -> tuple[Graph, dict[int, int]]:
+    """The graph below the roots in the operations that printers know, and where each old node went."""
+    lowered = Graph()
+    place: dict[int, Symbol] = {}
+    for index in reachable(graph, roots):
+        node = graph.nodes[index]
+        match node[0]:
+            case "const":
+                place[index] = lowered.constant(float.fromhex(node[1]))
+            case "truth":
+                place[index] = lowered.constant(node[1])
+            case "input":
+                place[index] = lowered.input(node[1])
+            case "table":
+                place[index] = lowered.table(node[1], node[2])
+            case name:
+                place[index] = _composed(lowered, name, [place[i] for i in arguments(node)], arithmetic)
+    return lowered, {old: symbol.index for old, symbol in place.items()}
+
+
+def _composed(graph: Graph, name: str, values: list[Symbol], arithmetic: str) -> Any:
+    if name in ELEMENTARY and arithmetic != "libm":
+        return getattr(mathematics, name)(*values)
+    if name == "quantise":
+        x, step = values
+        return step * ops.floor(x / step + 0.5)
+    if name == "gather":
+        row, place = values
+        length = graph.nodes[row.index][2]
+        held = ops.clip(place, 0.0, float(length - 1))
+        return graph.apply("gather", row, ops.where(ops.equal(held, held), held, 0.0))
+    return graph.apply(name, *values)

@@ -1,0 +1,152 @@
+"""Machine code for a plan, kept in memory and on disk."""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import hashlib
+import os
+import stat
+import sys
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+from threading import Lock
+from typing import Any
+
+import numpy as np
+
+from feeddrive.loop.engine import llvm
+from feeddrive.loop.engine.plan import Plan
+
+_SIGNATURE = ctypes.CFUNCTYPE(None, ctypes.c_int64, ctypes.c_int64, *[ctypes.c_void_p] * 5)
+_made: dict[str, Any] = {}
+_lock = Lock()
+
+
+class Native:
+    """A compiled plan. Keeps the machine code alive as long as it lives."""
+
+    def __init__(self, plan: Plan, source: str) -> None:
+        self.plan = plan
+        self._engine, address = _machine_code(source)
+        self._call = _SIGNATURE(address)
+
+    def run(
+        self,
+        count: int,
+        first: int,
+        constants: np.ndarray,
+        inputs: np.ndarray,
+        states: np.ndarray,
+        outputs: np.ndarray | None,
+        tables: Sequence[np.ndarray],
+    ) -> None:
+        """`count` samples from sample `first` on; `states` goes in and comes out, `outputs` is filled.
+
+        constants (n, lanes), inputs (count, n), states (n, lanes), outputs (count, n, lanes): float64, C order.
+        """
+        rows = (ctypes.c_void_p * max(1, len(tables)))(*[row.ctypes.data for row in tables])
+        self._call(
+            count,
+            first,
+            constants.ctypes.data,
+            inputs.ctypes.data,
+            states.ctypes.data,
+            0 if outputs is None else outputs.ctypes.data,
+            ctypes.addressof(rows),
+        )
+
+
+def native(plan: Plan) -> Native:
+    """The machine code of a plan."""
+    return Native(plan, llvm.text(plan, "feeddrive_run", _target()[0]))
+
+
+def _target() -> tuple[str, str, str]:
+    """Triple, processor and its features."""
+    if "target" not in _made:
+        import llvmlite.binding as binding
+
+        binding.initialize_native_target()
+        binding.initialize_native_asmprinter()
+        triple = binding.get_process_triple()
+        _made["target"] = (triple, binding.get_host_cpu_name(), binding.get_host_cpu_features().flatten())
+    return _made["target"]
+
+
+def _machine_code(source: str) -> tuple[Any, int]:
+    """The engine that holds the code, and the address of the function."""
+    import llvmlite
+    import llvmlite.binding as binding
+
+    triple, processor, features = _target()
+    key = hashlib.sha256("\n".join([llvmlite.__version__, processor, features, source]).encode()).hexdigest()
+    with _lock:
+        if key in _made:
+            return _made[key]
+        machine = binding.Target.from_triple(triple).create_target_machine(
+            cpu=processor, features=features, opt=2, jit=True
+        )
+        module = binding.parse_assembly(source if _stored(key) is None else _stub(source))
+        engine = binding.create_mcjit_compiler(module, machine)
+        engine.set_object_cache(lambda _, code: _store(key, code), lambda _: _stored(key))
+        engine.finalize_object()
+        _made[key] = (engine, engine.get_function_address("feeddrive_run"))
+        return _made[key]
+
+
+def _stub(source: str) -> str:
+    """The module without its body: enough when the code comes from the disk."""
+    triple = source.split("\n", 1)[0]
+    arguments = "i64, i64, ptr, ptr, ptr, ptr, ptr"
+    return f"{triple}\ndefine void @feeddrive_run({arguments}) {{\n  ret void\n}}\n"
+
+
+def cache_directory() -> Path | None:
+    """Where machine code is kept: FEEDDRIVE_CACHE, else the user's cache folder; None if it is not safely the user's.
+
+    Machine code read from there is run, so a folder that others could write to is not used.
+    """
+    named = os.environ.get("FEEDDRIVE_CACHE")
+    if named == "":
+        return None
+    if named:
+        place = Path(named)
+    elif sys.platform == "win32":
+        place = Path(os.environ.get("LOCALAPPDATA", Path.home())) / "feeddrive" / "cache"
+    else:
+        place = Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache")) / "feeddrive"
+    try:
+        place.mkdir(parents=True, exist_ok=True, mode=0o700)
+        status = place.stat()
+    except (OSError, RuntimeError):
+        return None
+    if sys.platform != "win32" and (status.st_uid != os.getuid() or status.st_mode & (stat.S_IWGRP | stat.S_IWOTH)):
+        return None
+    return place
+
+
+def _stored(key: str) -> bytes | None:
+    """Machine code from the disk, if it is whole."""
+    place = cache_directory()
+    if place is None:
+        return None
+    try:
+        kept = (place / f"{key}.o").read_bytes()
+    except OSError:
+        return None
+    digest, code = kept[:32], kept[32:]
+    return code if hashlib.sha256(code).digest() == digest else None
+
+
+def _store(key: str, code: bytes) -> None:
+    """Machine code to the disk, whole or not at all; a disk that refuses is no error."""
+    place = cache_directory()
+    if place is None:
+        return
+    with contextlib.suppress(OSError):
+        handle, name = tempfile.mkstemp(dir=place)
+        with os.fdopen(handle, "wb") as file:
+            file.write(hashlib.sha256(code).digest() + code)
+        os.replace(name, place / f"{key}.o")

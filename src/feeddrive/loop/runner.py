@@ -1,0 +1,149 @@
+"""A program with its numbers, ready to run: one variant, or many in lanes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from feeddrive.blocks.families import Load, Reference
+from feeddrive.blocks.signals import Setpoint
+from feeddrive.language import tree
+from feeddrive.loop.engine.native import Native, native
+from feeddrive.loop.engine.plan import plan
+from feeddrive.loop.hold import Timing
+from feeddrive.loop.loop import Loop
+from feeddrive.loop.statistics import begin, gathering
+from feeddrive.loop.trace import SETPOINT, Program, concrete, numbers, trace
+
+_programs: dict[Any, Program] = {}
+_natives: dict[Any, Native] = {}
+
+
+def program_of(loop: Loop, timing: Timing, *, load: bool, enable: bool, cut: bool = False) -> Program:
+    """The program of a loop, traced once for all loops of the same structure."""
+    key = (tree.structure(loop), timing, load, enable, cut)
+    if key not in _programs:
+        _programs[key] = trace(loop, timing, load=load, enable=enable, cut=cut)
+    return _programs[key]
+
+
+class Prepared:
+    """A loop with all numbers that a run needs: structure, prepared numbers, first state. Leaves may be arrays."""
+
+    def __init__(
+        self, loop: Loop, setpoint: Setpoint, start: tuple[Any, Any] | None = None, seed: Any = 0, bound: float = 1.0
+    ) -> None:
+        self.loop = loop
+        self.timing = loop.timing()
+        plain = concrete(loop)
+        position, velocity = (setpoint.position, setpoint.velocity) if start is None else start
+        with np.errstate(all="ignore"):
+            made = plain.prepare(self.timing)
+            begun = plain.start(made, self.timing, setpoint, _typed(position), _typed(velocity))
+        self.numbers: dict[str, Any] = dict(tree.leaves(plain))
+        self.numbers.update(numbers(made, "prepared"))
+        self.numbers["seed"] = _typed(seed)
+        self.numbers["bound"] = np.float64(bound)
+        self.first: dict[str, Any] = dict(tree.leaves(begun))
+        self.tables = dict(tree.tables(loop))
+
+    def varying(self) -> frozenset[str]:
+        """Names of numbers and states that are arrays over lanes."""
+        both = {**self.numbers, **self.first}
+        return frozenset(name for name, value in both.items() if isinstance(value, np.ndarray))
+
+    def lanes(self) -> int:
+        """How many variants there are; 1 for a single run."""
+        both = {**self.numbers, **self.first}
+        return max((value.size for value in both.values() if isinstance(value, np.ndarray)), default=1)
+
+    def native(
+        self,
+        program: Program,
+        *,
+        record: Sequence[str],
+        gather: Sequence[str] = (),
+        bounded: str | None = None,
+        lanes: int = 1,
+        arithmetic: str = "exact",
+    ) -> Native:
+        """Machine code that records some signals and gathers statistics of others."""
+        key = (id(program), tuple(record), tuple(gather), bounded, lanes, self.varying(), arithmetic)
+        if key not in _natives:
+            chosen = gathering(program, gather, bounded).keeping(record)
+            _natives[key] = native(plan(chosen, lanes=lanes, varying=self.varying(), arithmetic=arithmetic))
+        return _natives[key]
+
+    def constants(self, made: Native, lanes: slice | None = None) -> np.ndarray:
+        """Constants in the order of the machine code, shape (n, lanes)."""
+        return _matrix([name for name, _ in made.plan.constants], self.numbers, made.plan.lanes, lanes)
+
+    def states(self, made: Native, lanes: slice | None = None) -> np.ndarray:
+        """First states in the order of the machine code, shape (n, lanes)."""
+        first = {s.name: self.first.get(s.name, None) for s in made.plan.states}
+        first = {name: begin(name) if value is None else value for name, value in first.items()}
+        return _matrix(list(first), first, made.plan.lanes, lanes)
+
+    def rows(self, made: Native) -> list[np.ndarray]:
+        """Tables in the order of the machine code."""
+        return [self.tables[name] for name, _ in made.plan.tables]
+
+
+def _typed(value: Any) -> Any:
+    return np.asarray(value, dtype=np.float64) if isinstance(value, (list, np.ndarray)) else np.float64(value)
+
+
+def _matrix(names: Sequence[str], values: Mapping[str, Any], lanes: int, chosen: slice | None) -> np.ndarray:
+    """Numbers by name as rows; the lanes that a group has too many repeat its last variant."""
+    out = np.empty((len(names), lanes))
+    for row, name in zip(out, names, strict=True):
+        value = values[name]
+        if isinstance(value, np.ndarray):
+            part = value[chosen] if chosen is not None else value
+            row[: part.size] = part
+            row[part.size :] = part[-1]
+        else:
+            row[:] = value
+    return out
+
+
+class Work:
+    """What a loop is given to do, sampled: setpoints, load force, enable. Any stretch of it can be asked for."""
+
+    def __init__(
+        self, loop: Loop, reference: Reference, load: Load | None = None, enable: np.ndarray | None = None
+    ) -> None:
+        self.T = float(loop.sample_time)
+        self.reference, self.load, self.enable = reference, load, enable
+
+    def first(self) -> Setpoint:
+        """The setpoint at t = 0, as numbers."""
+        return Setpoint(*(np.float64(row[0]) for row in self.reference.at(np.zeros(1))))
+
+    def inputs(self, made: Native, first: int, count: int) -> np.ndarray:
+        """Samples first .. first + count - 1 in the order of the machine code, shape (count, n)."""
+        t = (first + np.arange(count)) * self.T
+        out = np.zeros((count, len(made.plan.inputs)))
+        setpoint: Setpoint | None = None
+        for column, (name, _) in enumerate(made.plan.inputs):
+            if name in SETPOINT:
+                setpoint = self.reference.at(t) if setpoint is None else setpoint
+                out[:, column] = setpoint[SETPOINT.index(name)]
+            elif name == "load_force" and self.load is not None:
+                out[:, column] = self.load.at(t)
+            elif name == "enable" and self.enable is not None:
+                row = self.enable[first : first + count]
+                out[: row.size, column] = row
+                out[row.size :, column] = self.enable[-1]
+        return out
+
+
+@lru_cache(maxsize=1)
+def cores() -> int:
+    """How many processors this process may use."""
+    import os
+
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

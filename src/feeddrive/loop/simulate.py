@@ -1,0 +1,308 @@
+"""Simulation: a single run, a batch of variants, or a stream in constant memory, with the same numbers in all three."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from feeddrive.blocks.families import Load, Reference
+from feeddrive.language.errors import DivergedError, ParameterError
+from feeddrive.language.table import Table, shown
+from feeddrive.loop.engine.lower import ARITHMETIC
+from feeddrive.loop.loop import UNITS, Loop, Signals
+from feeddrive.loop.runner import Prepared, Work, cores, program_of
+from feeddrive.loop.statistics import LEFT, gathered
+
+GATHERED = ("following_error", "tracking_error", "force", "velocity_load")
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """A simulated run: signals over time. `run["force"]` is an array of shape (n,), in the unit `run.units["force"]`.
+
+    Row k is the sample at `time[k]` = kT; see `loop.Signals` for what each signal is.
+    """
+
+    name: str
+    time: np.ndarray
+    signals: Mapping[str, np.ndarray]
+    sample_time: float
+    first: int = 0
+
+    def __getitem__(self, signal: str) -> np.ndarray:
+        if signal not in self.signals:
+            raise ParameterError(f"the run has no signal '{signal}'; it has {', '.join(self.signals)}")
+        return self.signals[signal]
+
+    @property
+    def units(self) -> dict[str, str]:
+        """SI unit of every signal."""
+        return {name: UNITS[name] for name in self.signals}
+
+    def table(self) -> Table:
+        """RMS and peak of every signal that is an error, a force or a velocity."""
+        rows = []
+        for name in ("following_error", "tracking_error", "force", "friction_load", "velocity_load"):
+            if name in self.signals:
+                unit, factor = shown(UNITS[name])
+                values = factor * self.signals[name]
+                rows.append(
+                    [name.replace("_", " "), unit, f"{_rms(values):.4g}", f"{np.max(np.abs(values), initial=0.0):.4g}"]
+                )
+        title = f"{self.name}: {self.time.size} samples, {self.time.size * self.sample_time:.4g} s"
+        return Table(title, ["signal", "unit", "RMS", "peak"], rows)
+
+    def __repr__(self) -> str:
+        return str(self.table())
+
+    def _repr_html_(self) -> str:
+        return self.table()._repr_html_()
+
+    def plot(self) -> Any:
+        """Following error, force and velocity over time, as a matplotlib figure."""
+        from feeddrive.artefacts import plot
+
+        return plot.run(self)
+
+    def to_pandas(self) -> Any:
+        """A DataFrame with one column a signal, over time in s."""
+        from feeddrive.artefacts.plot import frames
+
+        return frames.frame(self.time, self.signals, "time")
+
+
+def _rms(values: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(values * values))) if values.size else 0.0
+
+
+def samples(duration: float, T: float) -> int:
+    """Samples from 0 to `duration`, both ends counted; a last sample that misses the end by rounding is counted."""
+    return int(np.floor(duration / T * (1.0 + 1e-12) + 1e-9)) + 1
+
+
+def simulate(
+    loop: Loop,
+    reference: Reference,
+    *,
+    load: Load | None = None,
+    enable: np.ndarray | None = None,
+    duration: float | None = None,
+    start: tuple[float, float] | None = None,
+    seed: int = 0,
+    record: Sequence[str] = Signals._fields,
+    arithmetic: str = "exact",
+    bound: float | None = None,
+    name: str = "run",
+) -> Run:
+    """One run of a loop along a reference.
+
+    load        force on the table, N
+    enable      1 or 0 for each sample, shape (n,), for a loop with a guard; the last value holds on
+    duration    s; default: that of the reference
+    start       position (m) and velocity (m/s) of the axis at t = 0; default: those of the setpoint
+    seed        of the noise, a whole number
+    record      names of signals; default: all
+    arithmetic  "exact" (default: the same bits everywhere), "libm" or "fma"
+    bound       m; default: the larger of 1 m and 100 times the travel
+
+    Raises DivergedError with the sample at which |tracking error| left `bound` or became NaN, and ParameterError for a
+    signal or an arithmetic that is not known.
+    """
+    record = _known(record, arithmetic)
+    work = Work(loop, reference, load, enable)
+    count = _count(loop, reference, duration)
+    limit = _bound(reference, bound)
+    prepared = Prepared(loop, work.first(), start, seed, limit)
+    if prepared.lanes() > 1:
+        raise ParameterError("the loop holds arrays of variants: run it with simulate_batch")
+    program = program_of(loop, prepared.timing, load=load is not None, enable=enable is not None)
+    made = prepared.native(program, record=record, bounded="tracking_error", arithmetic=arithmetic)
+    outputs = np.empty((count, len(record)))
+    states = prepared.states(made)
+    made.run(count, 0, prepared.constants(made), work.inputs(made, 0, count), states, outputs, prepared.rows(made))
+    _check_inside(states[-1, 0], limit, work.T)
+    columns = np.ascontiguousarray(outputs.T)
+    return Run(name, np.arange(count) * work.T, dict(zip(record, columns, strict=True)), work.T)
+
+
+def _known(record: Sequence[str], arithmetic: str) -> list[str]:
+    if arithmetic not in ARITHMETIC:
+        raise ParameterError(f"arithmetic = {arithmetic!r} must be one of {', '.join(ARITHMETIC)}")
+    for signal in record:
+        if signal not in Signals._fields:
+            raise ParameterError(f"there is no signal '{signal}'; there are {', '.join(Signals._fields)}")
+    return list(record)
+
+
+def _count(loop: Loop, reference: Reference, duration: float | None) -> int:
+    span = reference.duration if duration is None else duration
+    if not 0.0 <= span < float("inf"):
+        raise ParameterError(f"duration = {span:g} s must be a finite time, >= 0 s")
+    return samples(span, float(loop.sample_time))
+
+
+def _bound(reference: Reference, bound: float | None) -> float:
+    if bound is not None:
+        return bound
+    some = reference.at(np.linspace(0.0, reference.duration, 257)).position if _closed(reference) else np.zeros(1)
+    return max(1.0, 100.0 * float(np.ptp(some)))
+
+
+def _closed(reference: Reference) -> bool:
+    """Whether a reference may be asked at any time, and not only on the grid of a log."""
+    return not hasattr(reference, "sample_time")
+
+
+def _check_inside(left: float, bound: float, T: float) -> None:
+    if left >= 0.0:
+        raise DivergedError(
+            f"the loop left its bounds at sample {int(left)} (t = {left * T:.6g} s): |tracking error| > {bound:g} m. "
+            f"It is unstable or was started far from its setpoint: check its margins, gains and sample time"
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Batch:
+    """RMS, peak, least and most of signals for every variant, each an array of shape (variants,).
+
+    `left` is the sample at which a variant left its bounds, -1 where it never did.
+    """
+
+    rms: Mapping[str, np.ndarray]
+    peak: Mapping[str, np.ndarray]
+    least: Mapping[str, np.ndarray]
+    most: Mapping[str, np.ndarray]
+    left: np.ndarray
+    samples: int
+    sample_time: float
+
+    def table(self) -> Table:
+        """Best, median and worst variant by signal."""
+        rows = []
+        for signal, values in self.rms.items():
+            unit, factor = shown(UNITS[signal])
+            low, middle, high = np.quantile(factor * values, [0.0, 0.5, 1.0])
+            best = int(np.argmin(values))
+            rows.append([signal.replace("_", " "), unit, f"{low:.4g}", str(best), f"{middle:.4g}", f"{high:.4g}"])
+        title = f"{self.left.size} variants of {self.samples} samples; {int(np.sum(self.left >= 0))} left their bounds"
+        return Table(title, ["RMS of", "unit", "least", "variant", "median", "most"], rows)
+
+    def __repr__(self) -> str:
+        return str(self.table())
+
+    def _repr_html_(self) -> str:
+        return self.table()._repr_html_()
+
+    def plot(self) -> Any:
+        """Distribution of the RMS of each signal, as a matplotlib figure."""
+        from feeddrive.artefacts import plot
+
+        return plot.batch(self)
+
+    def to_pandas(self) -> Any:
+        """A DataFrame with one row a variant."""
+        from feeddrive.artefacts.plot import frames
+
+        columns = {f"rms_{name}": values for name, values in self.rms.items()}
+        columns |= {f"peak_{name}": values for name, values in self.peak.items()}
+        return frames.frame(np.arange(self.left.size), {**columns, "left": self.left}, "variant")
+
+
+def simulate_batch(
+    loop: Loop,
+    reference: Reference,
+    *,
+    load: Load | None = None,
+    enable: np.ndarray | None = None,
+    duration: float | None = None,
+    start: tuple[Any, Any] | None = None,
+    seed: Any = 0,
+    gather: Sequence[str] = GATHERED,
+    arithmetic: str = "exact",
+    bound: float | None = None,
+    lanes: int = 8,
+    threads: int | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> Batch:
+    """All variants of a loop whose parameters are arrays (`tree.vary`), along the same reference.
+
+    Arguments as `simulate`; seed and start may be arrays over the variants too.  `lanes` variants share a vector (8 or
+    16), `threads` run at once (default: all cores); neither changes a bit of the result.  `progress(done, all)` is called
+    after each chunk of variants.
+    """
+    gather = _known(gather, arithmetic)
+    work = Work(loop, reference, load, enable)
+    count = _count(loop, reference, duration)
+    prepared = Prepared(loop, work.first(), start, seed, _bound(reference, bound))
+    variants = prepared.lanes()
+    program = program_of(loop, prepared.timing, load=load is not None, enable=enable is not None)
+    made = prepared.native(
+        program, record=(), gather=gather, bounded="tracking_error", lanes=lanes, arithmetic=arithmetic
+    )
+    inputs = work.inputs(made, 0, count)
+    rows = prepared.rows(made)
+    ends = np.empty((len(made.plan.states), variants))
+
+    def group(first: int) -> int:
+        part = slice(first, min(first + lanes, variants))
+        states = prepared.states(made, part)
+        made.run(count, 0, prepared.constants(made, part), inputs, states, None, rows)
+        ends[:, part] = states[:, : part.stop - part.start]
+        return part.stop - part.start
+
+    done = 0
+    with ThreadPoolExecutor(threads or cores()) as pool:
+        for size in pool.map(group, range(0, variants, lanes)):
+            done += size
+            if progress is not None:
+                progress(done, variants)
+    named = {state.name: ends[i] for i, state in enumerate(made.plan.states)}
+    return Batch(
+        rms={s: np.sqrt(named[gathered(s, "squares")] / count) for s in gather},
+        peak={s: named[gathered(s, "peak")] for s in gather},
+        least={s: named[gathered(s, "least")] for s in gather},
+        most={s: named[gathered(s, "most")] for s in gather},
+        left=named[LEFT].astype(np.int64),
+        samples=count,
+        sample_time=work.T,
+    )
+
+
+def stream(
+    loop: Loop,
+    reference: Reference,
+    *,
+    load: Load | None = None,
+    enable: np.ndarray | None = None,
+    duration: float | None = None,
+    start: tuple[float, float] | None = None,
+    seed: int = 0,
+    record: Sequence[str] = Signals._fields,
+    arithmetic: str = "exact",
+    bound: float | None = None,
+    chunk: int = 20_000,
+    name: str = "stream",
+) -> Iterator[Run]:
+    """The run of `simulate`, handed out in chunks of samples: constant memory for any length.
+
+    Arguments and errors as `simulate`.  The arrays of a chunk belong to whoever takes it.
+    """
+    record = _known(record, arithmetic)
+    work = Work(loop, reference, load, enable)
+    count = _count(loop, reference, duration)
+    limit = _bound(reference, bound)
+    prepared = Prepared(loop, work.first(), start, seed, limit)
+    program = program_of(loop, prepared.timing, load=load is not None, enable=enable is not None)
+    made = prepared.native(program, record=record, bounded="tracking_error", arithmetic=arithmetic)
+    states, constants, rows = prepared.states(made), prepared.constants(made), prepared.rows(made)
+    for first in range(0, count, chunk):
+        size = min(chunk, count - first)
+        outputs = np.empty((size, len(record)))
+        made.run(size, first, constants, work.inputs(made, first, size), states, outputs, rows)
+        _check_inside(states[-1, 0], limit, work.T)
+        columns = dict(zip(record, np.ascontiguousarray(outputs.T), strict=True))
+        yield Run(name, (first + np.arange(size)) * work.T, columns, work.T, first)

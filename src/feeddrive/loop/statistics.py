@@ -1,0 +1,56 @@
+"""Numbers that are gathered while a program runs, so that long runs and large batches need no record."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from feeddrive.language import ops
+from feeddrive.language.graph import Symbol
+from feeddrive.loop.trace import Carried, Program
+
+LEFT = "statistics.left"
+
+
+def gathered(signal: str, what: str) -> str:
+    """Name of the state that gathers `squares` (sum of squares), `peak`, `least` or `most` of a signal."""
+    return f"statistics.{signal}.{what}"
+
+
+def gathering(program: Program, signals: Sequence[str], bounded: str | None = None) -> Program:
+    """The program that also gathers sum of squares, peak, least and most of signals.
+
+    `bounded` names a signal whose first sample outside ±`bound` (a constant of the program) is kept in `LEFT`; -1 until
+    then. NaN is outside.
+    """
+    graph = program.graph
+    states, constants, sample = list(program.states), dict(program.constants), program.sample
+
+    def carry(name: str, after: object) -> None:
+        states.append(Carried(name, graph.input(f"state.{name}").index, graph.symbol(after).index))
+
+    for signal in signals:
+        value = Symbol(graph, program.outputs[signal])
+        size = ops.absolute(value)
+        before = {what: graph.input(f"state.{gathered(signal, what)}") for what in START}
+        carry(gathered(signal, "squares"), before["squares"] + value * value)
+        carry(gathered(signal, "peak"), ops.maximum(before["peak"], size))
+        carry(gathered(signal, "least"), ops.minimum(before["least"], value))
+        carry(gathered(signal, "most"), ops.maximum(before["most"], value))
+    if bounded is not None:
+        bound = graph.input("bound")
+        constants["bound"] = bound.index
+        count = graph.input("sample")
+        sample = count.index
+        left = graph.input(f"state.{LEFT}")
+        inside = ops.absolute(Symbol(graph, program.outputs[bounded])) <= bound
+        carry(LEFT, ops.where(ops.either(inside, left >= 0.0), left, count))
+    return replace(program, states=tuple(states), constants=constants, sample=sample)
+
+
+START = {"squares": 0.0, "peak": 0.0, "least": float("inf"), "most": float("-inf")}
+
+
+def begin(name: str) -> float:
+    """The value with which a gathering state starts."""
+    return -1.0 if name == LEFT else START[name.rsplit(".", 1)[1]]

@@ -1,0 +1,169 @@
+"""From a loop to a program: the graph of one sample, with names for everything that goes in and comes out."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from feeddrive.blocks.signals import Noise, Setpoint
+from feeddrive.language import mathematics, ops, tree
+from feeddrive.language.graph import Graph, Symbol, arguments, reachable
+from feeddrive.loop.hold import Timing
+from feeddrive.loop.loop import Loop, Signals
+
+SETPOINT = tuple(f"set_{name}" for name in Setpoint._fields)
+
+
+class Carried(NamedTuple):
+    """A number that goes from sample to sample: its name, the node that reads it and the node of its next value."""
+
+    name: str
+    before: int
+    after: int
+
+
+@dataclass(frozen=True, eq=False)
+class Program:
+    """One sample as a graph, between named numbers; what the engine runs, linearises and differentiates.
+
+    constants  name -> node: parameters (`control.law.Kv`), prepared numbers (`prepared.axis.change.0.1`), `seed`
+    inputs     name -> node: given anew at each sample: `set_position` ... `set_snap`, `load_force`, `enable`, `cut`
+    states     what is carried from sample to sample
+    outputs    name -> node: the signals
+    sample     node of the index k of the sample, or None
+    tables     name -> node
+    """
+
+    graph: Graph
+    constants: dict[str, int]
+    inputs: dict[str, int]
+    states: tuple[Carried, ...]
+    outputs: dict[str, int]
+    sample: int | None
+    tables: dict[str, int]
+
+    def keeping(self, outputs: Sequence[str]) -> Program:
+        """The program with these outputs only, and without what nobody needs then."""
+        kept = {name: self.outputs[name] for name in outputs}
+        needed = set(reachable(self.graph, [*kept.values(), *(state.after for state in self.states)]))
+        return replace(
+            self,
+            outputs=kept,
+            constants={name: node for name, node in self.constants.items() if node in needed},
+            inputs={name: node for name, node in self.inputs.items() if node in needed},
+            tables={name: node for name, node in self.tables.items() if node in needed},
+            sample=self.sample if self.sample in needed else None,
+        )
+
+
+def concrete(loop: Loop) -> Loop:
+    """The loop with numpy numbers as leaves, so that division by zero and overflow follow IEEE 754 as in native code."""
+    return tree.rebuild(loop, (v if isinstance(v, np.ndarray) else np.float64(v) for _, v in tree.leaves(loop)))
+
+
+def numbers(values: Any, prefix: str) -> Iterator[tuple[str, Any]]:
+    """Names and values of what was prepared; numbers that stand in the text stay part of the program."""
+    for name, value in tree.leaves(values, prefix):
+        if type(value) is not float:
+            yield name, value
+
+
+def trace(loop: Loop, timing: Timing, *, load: bool, enable: bool, cut: bool = False) -> Program:
+    """The program of a loop.
+
+    `load`, `enable` and `cut` say whether there is a load force, an enable signal, and an input that opens the loop at
+    the actuator; what is not there costs nothing.  Raises StructureError if a law leaves the language of `ops`.
+    """
+    graph = Graph()
+    plain = concrete(loop)
+    with np.errstate(all="ignore"):
+        made = plain.prepare(timing)
+        begun = plain.start(made, timing, Setpoint(np.float64(0.0)), np.float64(0.0), np.float64(0.0))
+    constants: dict[str, int] = {}
+    inputs: dict[str, int] = {}
+
+    def constant(name: str) -> Symbol:
+        symbol = graph.input(name)
+        constants[name] = symbol.index
+        return symbol
+
+    def given(name: str) -> Symbol:
+        symbol = graph.input(name)
+        inputs[name] = symbol.index
+        return symbol
+
+    rows = {name: graph.table(name, len(row)) for name, row in tree.tables(loop)}
+    symbolic = tree.with_tables(tree.rebuild(loop, (constant(name) for name, _ in tree.leaves(loop))), rows)
+    prepared = tree.rebuild(
+        made,
+        (v if type(v) is float else constant(name) for name, v in tree.leaves(made, "prepared")),
+    )
+    names = [name for name, _ in tree.leaves(begun)]
+    before = tree.rebuild(begun, (graph.input(f"state.{name}") for name in names))
+    sample = graph.input("sample")
+    after, signals = symbolic.step(
+        prepared,
+        before,
+        Setpoint(*(given(name) for name in SETPOINT)),
+        given("load_force") if load else None,
+        Noise(constant("seed"), sample),
+        given("enable") if enable else 1.0,
+        sample * symbolic.sample_time,
+        given("cut") if cut else None,
+    )
+    carried = tuple(
+        Carried(name, graph.input(f"state.{name}").index, graph.symbol(value).index)
+        for name, (_, value) in zip(names, tree.leaves(after), strict=True)
+    )
+    return Program(
+        graph=graph,
+        constants=constants,
+        inputs=inputs,
+        states=carried,
+        outputs={name: graph.symbol(value).index for name, value in zip(Signals._fields, signals, strict=True)},
+        sample=sample.index,
+        tables={name: row.index for name, row in rows.items()},
+    )
+
+
+_PLAIN: dict[str, Any] = {
+    "add": lambda a, b: a + b,
+    "sub": lambda a, b: a - b,
+    "mul": lambda a, b: a * b,
+    "div": lambda a, b: a / b,
+    "neg": lambda a: -a,
+    "lt": lambda a, b: a < b,
+    "le": lambda a, b: a <= b,
+    "abs": ops.absolute,
+    "and": ops.both,
+    "or": ops.either,
+    "not": ops.no,
+    "eq": ops.equal,
+    "select": ops.where,
+}
+
+
+def apply(name: str, *values: Any) -> Any:
+    """One operation of a graph on floats, arrays or symbols."""
+    function = _PLAIN.get(name) or getattr(ops, name, None) or getattr(mathematics, name)
+    return function(*values)
+
+
+def evaluate(graph: Graph, outputs: Sequence[int], leaves: Mapping[str, Any]) -> list[Any]:
+    """The values of nodes for given inputs and tables by name, by plain Python: the oracle of the native code."""
+    found: dict[int, Any] = {}
+    for index in reachable(graph, outputs):
+        node = graph.nodes[index]
+        match node[0]:
+            case "const":
+                found[index] = np.float64(float.fromhex(node[1]))
+            case "truth":
+                found[index] = node[1]
+            case "input" | "table":
+                found[index] = leaves[node[1]]
+            case name:
+                found[index] = apply(name, *(found[i] for i in arguments(node)))
+    return [found[index] for index in outputs]
