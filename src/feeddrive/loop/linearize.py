@@ -1,0 +1,245 @@
+"""Linearisation: the exact linear model of a loop at an operating point, from the same lines that simulate it."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from feeddrive.blocks.signals import Setpoint
+from feeddrive.language.errors import MissingExtraError, ParameterError
+from feeddrive.language.graph import Graph, arguments, reachable
+from feeddrive.language.table import Table
+from feeddrive.loop.differentiate import push
+from feeddrive.loop.frequency_response import FRF
+from feeddrive.loop.loop import UNITS, Loop, Signals
+from feeddrive.loop.runner import Prepared, program_of
+from feeddrive.loop.trace import SETPOINT, apply
+
+INPUT_UNITS = {
+    **dict(zip(SETPOINT, ["m", "m/s", "m/s2", "m/s3", "m/s4"], strict=True)),
+    "load_force": "N",
+    "cut": "N",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class StateSpace:
+    """x(k+1) = A x + B u,  y = C x + D u  of small deviations, at a sample time in s.
+
+    Only states that an input reaches and an output sees are kept.  Poles are those of A.
+    """
+
+    A: np.ndarray
+    B: np.ndarray
+    C: np.ndarray
+    D: np.ndarray
+    sample_time: float
+    states: tuple[str, ...]
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+
+    def poles(self) -> np.ndarray:
+        """Eigenvalues of A, the largest first."""
+        found = np.linalg.eigvals(self.A)
+        return found[np.argsort(-np.abs(found))]
+
+    def is_stable(self) -> bool:
+        """Whether all poles lie inside the unit circle."""
+        return bool(np.all(np.abs(self.poles()) < 1.0))
+
+    def response(self, frequency: np.ndarray, output: str | None = None, input: str | None = None) -> FRF:  # noqa: A002
+        """C (z - A)⁻¹ B + D at z = e^(j2πfT), from one input to one output (default: the first), f in Hz up to Nyquist.
+
+        By solving for each frequency: neither polynomials nor eigenvectors, which are wrong for double poles.
+        """
+        row = 0 if output is None else _place(self.outputs, output, "output")
+        column = 0 if input is None else _place(self.inputs, input, "input")
+        frequency = np.asarray(frequency, dtype=float)
+        if frequency.size and frequency.max() > 0.5 / self.sample_time * (1 + 1e-9):
+            raise ParameterError(
+                f"frequency {frequency.max():g} Hz is beyond Nyquist, {0.5 / self.sample_time:g} Hz: "
+                f"a sampled loop has no response there"
+            )
+        z = np.exp(2j * np.pi * frequency * self.sample_time)
+        n = self.A.shape[0]
+        matrix = z[:, None, None] * np.eye(n) - self.A
+        right = np.broadcast_to(self.B[:, column : column + 1].astype(complex), (z.size, n, 1))
+        solved = np.linalg.solve(matrix, right)[:, :, 0] if n else np.zeros((z.size, 0))
+        values = solved @ self.C[row] + self.D[row, column]
+        names = self.inputs[column], self.outputs[row]
+        unit = f"{UNITS[names[1]]}/{INPUT_UNITS[names[0]]}"
+        return FRF(frequency, values, names[0], names[1], unit, self.sample_time)
+
+    def to_control(self) -> Any:
+        """The same as a python-control StateSpace, with names. Raises MissingExtraError without python-control."""
+        try:
+            import control
+        except ImportError as error:
+            raise MissingExtraError("control", "control", "handing a model to python-control") from error
+        return control.ss(
+            self.A, self.B, self.C, self.D, self.sample_time,
+            inputs=list(self.inputs), outputs=list(self.outputs), states=[s.replace(".", "_") for s in self.states],
+        )  # fmt: skip
+
+    def table(self) -> Table:
+        """The poles as frequency and damping."""
+        rows = []
+        for pole in self.poles():
+            s = np.log(pole) / self.sample_time if pole != 0.0 else complex(-np.inf)
+            size = abs(s)
+            ratio = -s.real / size if 0.0 < size < np.inf else 1.0
+            rows.append(
+                [f"{pole.real:.6f}{pole.imag:+.6f}j", f"{abs(pole):.6f}", f"{size / (2 * np.pi):.4g}", f"{ratio:.3f}"]
+            )
+        title = f"{len(self.states)} states, inputs {', '.join(self.inputs)}, outputs {', '.join(self.outputs)}"
+        return Table(title, ["pole z", "|z|", "Hz", "damping"], rows)
+
+    def __repr__(self) -> str:
+        return str(self.table())
+
+    def _repr_html_(self) -> str:
+        return self.table()._repr_html_()
+
+    def plot(self) -> Any:
+        """Pole map as a matplotlib figure."""
+        from feeddrive.artefacts import plot
+
+        return plot.poles(self)
+
+    def to_pandas(self) -> Any:
+        """The poles as a DataFrame."""
+        from feeddrive.artefacts.plot import frames
+
+        poles = self.poles()
+        return frames.frame(np.arange(poles.size), {"real": poles.real, "imaginary": poles.imag}, "pole")
+
+
+def _place(names: Sequence[str], name: str, what: str) -> int:
+    if name not in names:
+        raise ParameterError(f"there is no {what} '{name}'; there are {', '.join(names)}")
+    return list(names).index(name)
+
+
+def linearize(
+    loop: Loop,
+    inputs: Sequence[str],
+    outputs: Sequence[str],
+    *,
+    velocity: float = 0.05,
+    position: float = 0.0,
+    settle: int = 0,
+) -> StateSpace:
+    """The linear model of a loop from any inputs to any signals, exact: the Jacobian of the step that is simulated.
+
+    inputs    of `set_position` ... `set_snap`, `load_force`, and `cut`: the loop is then open at the actuator, the axis
+              obeys `cut` and not the control, and `force` is what the control answers
+    outputs   names of `Signals`
+    velocity  m/s at which the axis moves: friction is then its slope there.  0: the axis sticks
+    position  m, for forces that depend on it
+    settle    samples that the loop runs along constant velocity first, for friction with memory
+
+    The quantisers count as straight lines, the guard is left out: inside its bounds it does nothing.
+    Raises ParameterError for a name that is not known.
+    """
+    loop = dataclasses.replace(loop, control=dataclasses.replace(loop.control, guard=None))
+    for name in inputs:
+        _place(list(INPUT_UNITS), name, "input")
+    for name in outputs:
+        _place(Signals._fields, name, "signal")
+    setpoint = Setpoint(*(np.float64(v) for v in (position, velocity, 0.0, 0.0, 0.0)))
+    prepared = Prepared(loop, setpoint, (position, velocity))
+    program = program_of(loop, prepared.timing, load=True, enable=False, cut="cut" in inputs)
+    first = dict(prepared.first)
+    if settle:
+        first.update(_settled(loop, prepared, setpoint, settle))
+    leaves = {
+        **prepared.numbers,
+        **{f"state.{name}": value for name, value in first.items()},
+        **dict(zip(SETPOINT, setpoint, strict=True)),
+        **prepared.tables,
+        "load_force": np.float64(0.0),
+        "cut": np.float64(0.0),
+        "sample": np.float64(settle),
+    }
+    ends = [state.after for state in program.states] + [program.outputs[name] for name in outputs]
+    values = _values(program.graph, ends, leaves)
+    n, m = len(program.states), len(inputs)
+    seeds = {state.before: np.eye(n + m)[i] for i, state in enumerate(program.states)}
+    seeds |= {program.inputs[name]: np.eye(n + m)[n + i] for i, name in enumerate(inputs) if name in program.inputs}
+    rows = push(program.graph, ends, values, {node: seed for node, seed in seeds.items() if node in values})
+    jacobian = np.array([np.zeros(n + m) if row is None else np.broadcast_to(row, n + m) for row in rows])
+    names = [state.name for state in program.states]
+    return _trimmed(jacobian, n, names, tuple(inputs), tuple(outputs), float(loop.sample_time))
+
+
+def _values(graph: Graph, outputs: Sequence[int], leaves: dict[str, Any]) -> dict[int, Any]:
+    """The value of every node below the outputs."""
+    found: dict[int, Any] = {}
+    with np.errstate(all="ignore"):
+        for index in reachable(graph, outputs):
+            node = graph.nodes[index]
+            match node[0]:
+                case "const":
+                    found[index] = np.float64(float.fromhex(node[1]))
+                case "truth":
+                    found[index] = node[1]
+                case "input" | "table":
+                    found[index] = leaves[node[1]]
+                case name:
+                    found[index] = apply(name, *(found[i] for i in arguments(node)))
+    return found
+
+
+def _settled(loop: Loop, prepared: Prepared, setpoint: Setpoint, count: int) -> dict[str, Any]:
+    """The states after `count` samples along constant velocity."""
+    program = program_of(loop, prepared.timing, load=False, enable=False)
+    made = prepared.native(program, record=())
+    rows = np.zeros((count, len(made.plan.inputs)))
+    k = np.arange(count) - count
+    for column, (name, _) in enumerate(made.plan.inputs):
+        if name == "set_position":
+            rows[:, column] = setpoint.position + k * loop.sample_time * setpoint.velocity
+        elif name == "set_velocity":
+            rows[:, column] = setpoint.velocity
+    begun = Prepared(loop, setpoint._replace(position=setpoint.position - count * loop.sample_time * setpoint.velocity))
+    states = begun.states(made)
+    made.run(count, 0, begun.constants(made), rows, states, None, begun.rows(made))
+    return {state.name: states[i, 0] for i, state in enumerate(made.plan.states)}
+
+
+def _trimmed(
+    jacobian: np.ndarray, n: int, names: Sequence[str], inputs: tuple[str, ...], outputs: tuple[str, ...], T: float
+) -> StateSpace:
+    """Without states that no input reaches or no output sees."""
+    A, B, C, D = jacobian[:n, :n], jacobian[:n, n:], jacobian[n:, :n], jacobian[n:, n:]
+    links = A != 0.0
+    reached, seen = np.any(B != 0.0, axis=1), np.any(C != 0.0, axis=0)
+    for _ in range(n):
+        reached = reached | np.any(links[:, reached], axis=1)
+        seen = seen | np.any(links[seen, :], axis=0)
+    keep = np.flatnonzero(reached & seen)
+    return StateSpace(A[np.ix_(keep, keep)], B[keep], C[:, keep], D, T, tuple(names[i] for i in keep), inputs, outputs)
+
+
+def loop_gain(loop: Loop, frequency: np.ndarray, *, velocity: float = 0.05) -> FRF:
+    """L = -force/cut: the loop opened at the actuator, with all delays, sampled. |1 + L| = 0 is the edge of stability."""
+    return -linearize(loop, ["cut"], ["force"], velocity=velocity).response(frequency)
+
+
+def tracking(loop: Loop, frequency: np.ndarray, *, velocity: float = 0.05) -> FRF:
+    """Table position over set position, with the set velocity ... snap as exact derivatives: Σ Hₙ (j2πf)ⁿ."""
+    model = linearize(loop, SETPOINT, ["position_load"], velocity=velocity)
+    s = 2j * np.pi * np.asarray(frequency, dtype=float)
+    total = model.response(frequency)
+    for order, name in enumerate(SETPOINT[1:], start=1):
+        total = total + s**order * model.response(frequency, input=name).response
+    return total
+
+
+def compliance(loop: Loop, frequency: np.ndarray, *, velocity: float = 0.05) -> FRF:
+    """Table position over force on the table, closed loop, m/N: the inverse of the dynamic stiffness."""
+    return linearize(loop, ["load_force"], ["position_load"], velocity=velocity).response(frequency)
