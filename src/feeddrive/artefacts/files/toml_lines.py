@@ -71,9 +71,13 @@ class Section:
         """The name of a key as people write it: `axis.x.plant.mass`."""
         return ".".join(map(str, self.key if name is None else (*self.key, name)))
 
+    def where(self, name: str | int | None = None) -> str:
+        """`machine.toml:12` for this section or a key in it."""
+        return self.file.where(self.key if name is None else (*self.key, name))
+
     def error(self, message: str, name: str | int | None = None) -> ParameterError:
         """The ParameterError `file:line: message` for this section or a key in it."""
-        return ParameterError(f"{self.file.where(self.key if name is None else (*self.key, name))}: {message}")
+        return ParameterError(f"{self.where(name)}: {message}")
 
     def section(self, name: str) -> Section:
         """The table of that name. Raises ParameterError if it is missing or not a table."""
