@@ -91,4 +91,7 @@ def factor(given: str, declared: str) -> float:
     declared_size, declared_dimension = measure(declared)
     if dimension != declared_dimension:
         raise ParameterError(f"unit '{given}' does not measure the same thing as '{declared or 'a plain number'}'")
-    return size / declared_size
+    ratio = size / declared_size
+    # kHz to Hz is 1000, not the 999.9999999999999 of its way over rad/s
+    decimal = float(f"{ratio:.12g}")
+    return decimal if abs(decimal - ratio) <= 4 * math.ulp(ratio) else ratio
