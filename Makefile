@@ -1,0 +1,59 @@
+# Two commands matter: `make demo` shows what feeddrive does, `make test` proves it.
+# They need Python >= 3.11, pip and a network; no compiler.  Without make, README.md has them as plain command lines.
+
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+
+.DEFAULT_GOAL := help
+.PHONY: help demo test slow bench docs format clean
+
+help:
+	@echo "make demo    install into $(VENV), run the bundled job, name the report to open"
+	@echo "make test    install into $(VENV), then ruff, pyright and the tests without the slow proofs"
+	@echo "make slow    the slow proofs"
+	@echo "make bench   the benchmarks; they print their tables"
+	@echo "make docs    build the documentation into site/"
+	@echo "make format  let ruff format and mend the sources"
+	@echo "make clean   remove $(VENV), site and caches"
+
+demo: $(VENV)/installed
+	$(BIN)/feeddrive demo
+
+test: $(VENV)/installed-dev
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/pyright --pythonpath $(BIN)/python
+	$(BIN)/python -m pytest -n 2 -m "not slow"
+
+slow: $(VENV)/installed-dev
+	$(BIN)/python -m pytest -n 2 -m slow
+
+bench: $(VENV)/installed-dev
+	$(BIN)/python -m benchmarks
+
+docs: $(VENV)/installed-docs
+	$(BIN)/mkdocs build --strict
+
+format: $(VENV)/installed-dev
+	$(BIN)/ruff format .
+	$(BIN)/ruff check --fix .
+
+clean:
+	rm -rf $(VENV) site .pytest_cache .ruff_cache .hypothesis
+
+$(BIN)/python:
+	@$(PYTHON) -c 'import sys; v = sys.version_info; v >= (3, 11) or sys.exit("feeddrive needs Python >= 3.11; $(PYTHON) is %d.%d. Name another one: make demo PYTHON=python3.12" % v[:2])'
+	$(PYTHON) -m venv $(VENV)
+
+$(VENV)/installed: pyproject.toml | $(BIN)/python
+	$(BIN)/python -m pip install --quiet --editable .
+	@touch $@
+
+$(VENV)/installed-dev: pyproject.toml | $(BIN)/python
+	$(BIN)/python -m pip install --quiet --editable ".[dev]"
+	@touch $@ $(VENV)/installed
+
+$(VENV)/installed-docs: pyproject.toml | $(BIN)/python
+	$(BIN)/python -m pip install --quiet --editable ".[docs]"
+	@touch $@ $(VENV)/installed
