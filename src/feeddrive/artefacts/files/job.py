@@ -1,0 +1,209 @@
+"""A job file: a machine, the work it is given, and the laws to compare on it.
+
+    title = "softer or stiffer"
+    machine = "my_mill.toml"           # beside the job, or the name of a bundled one
+    axis = "x"                         # needed if the machine has several
+    seed = 0                           # of the noise
+    rule = "equal gains"               # by what the laws are comparable; printed in the report
+    [reference]                        # the work: any reference block ...
+    kind = "snap_limited_move"
+    [log]                              # ... or a measured log, whose reference is replayed
+    file = "run.csv"
+    [load]                             # a force on the table
+    kind = "step_force"
+    [[law]]                            # rows of the comparison; today's control is always the first
+    name = "twice the gain"
+    set = { "control.law.Kv" = 80 }    # changes by dotted name, in SI; or a whole [law.control]
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from feeddrive.artefacts.files.blocks_from_toml import read_block
+from feeddrive.artefacts.files.machine import Machine, found, read_machine
+from feeddrive.artefacts.files.toml_lines import Section, TomlFile, read_toml
+from feeddrive.blocks.families import Load, Reference
+from feeddrive.language import tree
+from feeddrive.language.errors import FeeddriveError, FileError
+from feeddrive.loop.control import Control
+from feeddrive.loop.loop import Loop
+
+_KEYS = ("title", "machine", "axis", "seed", "rule", "duration", "reference", "load", "law", "log")
+# what a log can hold for a job, and the unit of it; `command` is in the drive's own unit
+ROLES = {
+    "time": "s",
+    "setpoint_position": "m",
+    "position_motor": "m",
+    "position_load": "m",
+    "force": "N",
+    "command": "",
+    "load_force": "N",
+}
+_REPLACED = "the log gives the reference"
+
+
+@dataclass(frozen=True)
+class LogRequest:
+    """Which log to read, and which of its columns is what."""
+
+    path: Path
+    channels: Mapping[str, str]
+    optional: Mapping[str, str]
+    skip_samples: int
+
+
+@dataclass(frozen=True)
+class Job:
+    """What a job file says."""
+
+    title: str
+    rule: str
+    machine: Machine
+    axis: str | None
+    seed: int
+    duration: float | None
+    reference: Reference | None
+    load: Load | None
+    log: LogRequest | None
+    loops: Mapping[str, Loop]
+    file: TomlFile
+
+
+def read_job(path: str | Path, log: str | Path | None = None) -> Job:
+    """The job in a file, or the bundled one of that name; `log` takes the place of the log's file.
+
+    Raises FileError, ParameterError or StructureError with file, line, key and what to do.
+    """
+    place = found(path, "jobs")
+    file = read_toml(place)
+    root = file.root()
+    root.refuse_unknown(_KEYS)
+    machine = _machine(root, place)
+    axis = _optional_text(root, "axis")
+    try:
+        today = machine.loop(axis)
+    except FeeddriveError as error:
+        raise root.error(f"axis: {error}", "axis") from None
+    reference = root.optional("reference")
+    request = _log(root, place, log)
+    if (reference is None) == (request is None):
+        raise root.error("a job needs either a section [reference] or a section [log]" + (f": {_REPLACED}" if request else ""))
+    load = root.optional("load")
+    return Job(
+        title=_optional_text(root, "title") or place.stem,
+        rule=_optional_text(root, "rule") or "",
+        machine=machine,
+        axis=axis,
+        seed=_whole(root, "seed", 0),
+        duration=_duration(root),
+        reference=None if reference is None else read_block(Reference, reference),  # type: ignore[type-abstract]
+        load=None if load is None else read_block(Load, load),  # type: ignore[type-abstract]
+        log=request,
+        loops={"today": today, **_laws(root, today)},
+        file=file,
+    )
+
+
+def _machine(root: Section, place: Path) -> Machine:
+    name = _optional_text(root, "machine")
+    if name is None:
+        raise root.error('machine is missing: machine = "file.toml", or the name of a bundled machine')
+    beside = place.parent / name
+    try:
+        return read_machine(beside if beside.exists() else name)
+    except FileError as error:
+        raise type(error)(f"{root.where('machine')}: machine: {error}") from None
+
+
+def _laws(root: Section, today: Loop) -> dict[str, Loop]:
+    """The loops of the rows after today's."""
+    found: dict[str, Loop] = {}
+    for section in root.listed("law"):
+        section.refuse_unknown(("name", "control", "set"))
+        name = _optional_text(section, "name")
+        if not name or name in found or name == "today":
+            raise section.error(f"{section.dotted('name')} must be a text that no other row has, and not 'today'", "name")
+        control, changes = section.optional("control"), section.optional("set")
+        if (control is None) == (changes is None):
+            raise section.error(f"row '{name}' needs either a section [law.control] or set = {{ ... }}")
+        if control is not None:
+            found[name] = dataclasses.replace(today, control=read_block(Control, control))
+        else:
+            found[name] = _varied(section, changes, today)
+    return found
+
+
+def _varied(section: Section, changes: Any, today: Loop) -> Loop:
+    values = dict(_flat(changes.values))
+    for name in values:
+        if not name.startswith("control."):
+            raise changes.error(f"'{name}' is not part of the control: a row changes names under control.*", name)
+    try:
+        return tree.vary(today, values)
+    except FeeddriveError as error:
+        raise changes.error(f"{section.dotted('set')}: {error}") from None
+
+
+def _flat(values: Mapping[str, Any], prefix: str = "") -> Any:
+    """Dotted names, whether they were written in quotes or as nested tables."""
+    for key, value in values.items():
+        name = f"{prefix}{key}"
+        if isinstance(value, dict):
+            yield from _flat(value, f"{name}.")
+        else:
+            yield name, value
+
+
+def _log(root: Section, place: Path, given: str | Path | None) -> LogRequest | None:
+    section = root.optional("log")
+    if section is None:
+        if given is not None:
+            raise root.error("a log was given, but the job has no section [log] that says what its columns are")
+        return None
+    section.refuse_unknown(("file", "channels", "optional", "skip_samples"))
+    name = _optional_text(section, "file")
+    if given is None and name is None:
+        raise section.error('log.file is missing: file = "run.csv", or give the log on the command line')
+    path = Path(given) if given is not None else place.parent / str(name)
+    return LogRequest(
+        path, _channels(section, "channels"), _channels(section, "optional"), _whole(section, "skip_samples", 0)
+    )
+
+
+def _channels(section: Section, name: str) -> dict[str, str]:
+    channels = section.optional(name)
+    if channels is None:
+        return {}
+    channels.refuse_unknown(ROLES)
+    for role, column in channels.values.items():
+        if not isinstance(column, str):
+            raise channels.error(f"{channels.dotted(role)} must be the name of a column in quotes", role)
+    return dict(channels.values)
+
+
+def _optional_text(section: Section, name: str) -> str | None:
+    value = section.values.get(name)
+    if value is not None and not isinstance(value, str):
+        raise section.error(f'{section.dotted(name)} must be a text in quotes ("...")', name)
+    return value
+
+
+def _whole(section: Section, name: str, default: int) -> int:
+    value = section.values.get(name, default)
+    if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value < 2**53:
+        raise section.error(f"{section.dotted(name)} must be a whole number, 0 <= {name} < 2^53", name)
+    return value
+
+
+def _duration(root: Section) -> float | None:
+    value = root.values.get("duration")
+    if value is None:
+        return None
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0.0 < float(value) < 1e6:
+        raise root.error("duration must be a time in s, > 0 s and < 1e6 s", "duration")
+    return float(value)

@@ -1,0 +1,27 @@
+"""The command line: `feeddrive`.
+
+Every error a user can cause ends in one line on the error stream and an exit code that is not 0:
+2 for what was given (a file, a key, a value), 1 for what came out (a loop that diverges), 130 for Ctrl-C.
+"""
+
+from __future__ import annotations
+
+import sys
+
+from feeddrive.language.errors import DivergedError, FeeddriveError, UnstableError
+
+
+def main() -> None:
+    """Run the command line and exit."""
+    from feeddrive.doors.cli.commands import app
+
+    try:
+        app()
+    except FeeddriveError as error:
+        sys.stderr.write(f"feeddrive: error: {error}\n")
+        sys.exit(1 if isinstance(error, (DivergedError, UnstableError)) else 2)
+    except KeyboardInterrupt:
+        sys.stderr.write("feeddrive: stopped; nothing was written\n")
+        sys.exit(130)
+    except BrokenPipeError:
+        sys.exit(141)

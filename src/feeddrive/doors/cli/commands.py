@@ -1,0 +1,58 @@
+"""The commands, each a thin door to one function downstairs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+app = typer.Typer(
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    help="Feed drives of machine tools: from a machine file or a measured log to a servo loop that is proven.",
+)
+
+Out = Annotated[
+    Path | None,
+    typer.Option("--out", "-o", help="Directory to write; one that feeddrive wrote before is replaced.", show_default=False),
+]
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        from feeddrive import __version__
+
+        typer.echo(f"feeddrive {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def options(
+    version: Annotated[bool, typer.Option("--version", callback=_version, is_eager=True, help="Show the version.")] = False,
+) -> None:
+    """Options that stand before a command."""
+
+
+@app.command()
+def run(
+    job: Annotated[str, typer.Argument(help="A job file (TOML), or the name of a bundled job.")],
+    log: Annotated[
+        Path | None,
+        typer.Option("--log", help="A measured log (MAT, CSV, Parquet) in place of the one that the job names."),
+    ] = None,
+    out: Out = None,
+) -> None:
+    """Run the laws of a job over the same work and write a report, a summary and the signals."""
+    from feeddrive.doors.cli.working import perform
+
+    perform(job, log, out or Path("results") / Path(job).stem)
+
+
+@app.command()
+def demo(out: Out = None) -> None:
+    """Run the bundled example: a real ball-screw axis under today's control and under three better ones."""
+    from feeddrive.doors.cli.working import perform
+
+    perform("emps", None, out or Path("results") / "demo")

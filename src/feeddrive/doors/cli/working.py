@@ -1,0 +1,46 @@
+"""What a command shows while it works and when it is done."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.table import Table as Shown
+
+from feeddrive.artefacts.files.job import read_job
+from feeddrive.artefacts.study.comparison import compare
+from feeddrive.artefacts.study.results import write_results
+from feeddrive.language.table import Table
+
+
+def perform(job: str, log: Path | None, out: Path) -> None:
+    """Read a job, run it, write its results, and show a short table and the path of the report."""
+    console = Console(highlight=False)
+    asked = read_job(job, log)
+    bar = Progress(
+        TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn(), console=console, transient=True
+    )
+    with bar:
+        task = bar.add_task(asked.title, total=len(asked.loops) + 2)
+
+        def step(text: str) -> None:
+            bar.update(task, description=text, advance=1)
+
+        comparison = compare(asked, step)
+        step("report")
+        report = write_results(comparison, out)
+    console.print(_shown(comparison.table()))
+    for remark in comparison.remarks:
+        console.print(f"- {remark}", markup=False)
+    console.print(f"Report: {report}", markup=False, soft_wrap=True)
+
+
+def _shown(table: Table) -> Shown:
+    """A table for the terminal."""
+    drawn = Shown(title=table.title, title_justify="left")
+    for i, head in enumerate(table.heads):
+        drawn.add_column(head, justify="left" if i == 0 else "right")
+    for row in table.rows:
+        drawn.add_row(*row)
+    return drawn
