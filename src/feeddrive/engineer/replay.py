@@ -11,15 +11,15 @@ import numpy as np
 from feeddrive.blocks.load.recorded_force import RecordedForce
 from feeddrive.blocks.reference.recorded import Recorded
 from feeddrive.language.errors import LogError
-from feeddrive.language.table import Table, shown
+from feeddrive.language.table import Result, Table, shown
 from feeddrive.loop.loop import UNITS, Loop
 from feeddrive.loop.simulate import Run, simulate
 
 FITTED = 50  # samples from which position and velocity at the start are estimated
 
 
-@dataclass(frozen=True, eq=False)
-class Replay:
+@dataclass(frozen=True, eq=False, repr=False)
+class Replay(Result):
     """A predicted run and the measured signals of the same names, over the same samples.
 
     `skipped` samples at the start do not count in the errors: there the state of the real loop is not known.
@@ -56,12 +56,6 @@ class Replay:
             )
         title = f"predicted against measured, after {self.skipped} samples"
         return Table(title, ["signal", "unit", "measured RMS", "residual RMS", "residual peak"], rows)
-
-    def __repr__(self) -> str:
-        return str(self.table())
-
-    def _repr_html_(self) -> str:
-        return self.table()._repr_html_()
 
     def plot(self) -> Any:
         """Measured and predicted over each other, as a matplotlib figure."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from html import escape
@@ -27,10 +28,28 @@ class Table:
 
         return "\n".join([self.title, line(self.heads), line(["-" * width for width in widths]), *map(line, self.rows)])
 
-    def _repr_html_(self) -> str:
+    def html(self) -> str:
+        """The table as HTML."""
         heads = "".join(f"<th>{escape(head)}</th>" for head in self.heads)
         rows = "".join("<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in row) + "</tr>" for row in self.rows)
         return f"<table><caption>{escape(self.title)}</caption><tr>{heads}</tr>{rows}</table>"
+
+    def _repr_html_(self) -> str:
+        return self.html()
+
+
+class Result(ABC):
+    """Base of results: they show themselves as their table, in a terminal and in a notebook."""
+
+    @abstractmethod
+    def table(self) -> Table:
+        """The short table."""
+
+    def __repr__(self) -> str:
+        return str(self.table())
+
+    def _repr_html_(self) -> str:
+        return self.table().html()
 
 
 # what people of this field want to read, by SI unit: shown unit and factor

@@ -9,7 +9,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Iterator, Mapping
 from difflib import get_close_matches
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 import numpy as np
 
@@ -48,7 +48,7 @@ def rebuild(tree: Tree, values: Iterator[Any]) -> Tree:
     if isinstance(tree, tuple):
         children = [rebuild(child, values) for _, child in _children(tree)]
         return type(tree)(*children) if hasattr(tree, "_fields") else tuple(children)  # type: ignore[return-value]
-    return tree if tree is None else next(values)
+    return next(values) if tree is not None else cast(Tree, None)
 
 
 def _replaced(block: Any, changed: Mapping[str, Any]) -> Any:

@@ -24,7 +24,7 @@ class Control(Block):
     prefilter: Prefilter | None = part("changes the setpoint first", default=None)
     filters: tuple[Filter, ...] = part("filter pack on the feedback force", default=())
     feedforward: tuple[Feedforward, ...] = part("forces added behind the filters", default=())
-    force_limit: Number = parameter("N", "largest commanded force; absent for no limit", above=0, default=None)
+    force_limit: Number | None = parameter("N", "largest commanded force; absent for no limit", above=0, default=None)
     guard: Guard | None = part("enable, trips and readings that are none", default=None)
 
     class Prepared(NamedTuple):

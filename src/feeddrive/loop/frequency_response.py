@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 
 from feeddrive.language.errors import ParameterError
-from feeddrive.language.table import Table
+from feeddrive.language.table import Result, Table
 
 
-@dataclass(frozen=True, eq=False)
-class FRF:
+@dataclass(frozen=True, eq=False, repr=False)
+class FRF(Result):
     """response(f) from `input` to `output` at `frequency` in Hz, both of shape (n,); `unit` is output over input in SI.
 
     `coherence`, shape (n,), comes with a measured one.  Arithmetic with numbers and other FRFs on the same frequencies
@@ -92,12 +92,6 @@ class FRF:
         title = f"{self.output} / {self.input} in {self.unit or '1'}, {self.frequency.size} lines"
         return Table(title, ["Hz", "magnitude", "dB", "deg"], rows)
 
-    def __repr__(self) -> str:
-        return str(self.table())
-
-    def _repr_html_(self) -> str:
-        return self.table()._repr_html_()
-
     def plot(self) -> Any:
         """Bode plot as a matplotlib figure."""
         from feeddrive.artefacts import plot
@@ -108,5 +102,5 @@ class FRF:
         """A DataFrame with real and imaginary part over frequency in Hz."""
         from feeddrive.artefacts.plot import frames
 
-        columns = {"real": self.response.real, "imaginary": self.response.imag}
+        columns = {"real": np.real(self.response), "imaginary": np.imag(self.response)}
         return frames.frame(self.frequency, columns, "frequency")

@@ -4,23 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
 from feeddrive.blocks.families import Load, Reference
 from feeddrive.blocks.signals import Setpoint
 from feeddrive.language import tree
+from feeddrive.language.block import Number
 from feeddrive.language.graph import Graph, Symbol
-from feeddrive.language.table import Table
+from feeddrive.language.table import Result, Table
 from feeddrive.loop.differentiate import push
 from feeddrive.loop.engine.native import Native, native
 from feeddrive.loop.engine.plan import plan
-from feeddrive.loop.linearize import _values
 from feeddrive.loop.loop import Loop, Signals
-from feeddrive.loop.runner import Prepared, Work, _matrix, program_of
-from feeddrive.loop.simulate import _count, _known
-from feeddrive.loop.trace import Carried, Program
+from feeddrive.loop.runner import Prepared, Work, by_lane, program_of
+from feeddrive.loop.simulate import known, sample_count
+from feeddrive.loop.trace import SETPOINT, Carried, Program, node_values
 
 LANES = 8  # tangents that share a vector
 COST = "gradient.cost"
@@ -31,8 +31,8 @@ def squared_error(signals: Signals) -> Any:
     return signals.tracking_error * signals.tracking_error
 
 
-@dataclass(frozen=True, eq=False)
-class Gradient:
+@dataclass(frozen=True, eq=False, repr=False)
+class Gradient(Result):
     """The mean of an objective over a run, and its derivatives by parameter name."""
 
     cost: float
@@ -46,12 +46,6 @@ class Gradient:
             share = slope * self.values[name] / self.cost if self.cost else float("nan")
             rows.append([name, f"{self.values[name]:.6g}", f"{slope:.6g}", f"{share:+.4f} %"])
         return Table(f"cost {self.cost:.6g}", ["parameter", "value", "d cost / d value", "cost for +1 %"], rows)
-
-    def __repr__(self) -> str:
-        return str(self.table())
-
-    def _repr_html_(self) -> str:
-        return self.table()._repr_html_()
 
     def plot(self) -> Any:
         """Relative sensitivities as bars, as a matplotlib figure."""
@@ -86,14 +80,14 @@ def gradient(
 
     Forward: eight tangents share a vector beside the run itself.  `objective` is plain arithmetic on one sample's
     `Signals`.  Quantisers count as straight lines; friction is differentiated in the state in which it is, stuck or
-    sliding, so that the instants of sticking are held: for tuning use `Regularised` friction, and verify on the real one.
+    sliding, so that the instants of sticking are held: tune with `Regularised` friction, and verify on the real one.
     Raises ParameterError for a name that is not known.
     """
-    _known((), arithmetic)
+    known((), arithmetic)
     for name in parameters:
         tree.declaration(loop, name)
     work = Work(loop, reference, load)
-    count = _count(loop, reference, duration)
+    count = sample_count(loop, reference, duration)
     prepared = Prepared(loop, work.first(), start, seed)
     program = program_of(loop, prepared.timing, load=load is not None, enable=False)
     seeds, first = _seeds(loop, prepared, work.first(), start, tuple(parameters))
@@ -108,9 +102,9 @@ def gradient(
         part = slice(begin, min(begin + LANES, len(parameters)))
         numbers = {**prepared.numbers, **{f"d.{name}": row for name, row in seeds.items()}}
         states = {**prepared.first, COST: 0.0, **{f"d.{name}": row for name, row in first.items()}}
-        constants = _matrix([name for name, _ in made.plan.constants], numbers, LANES, part)
+        constants = by_lane([name for name, _ in made.plan.constants], numbers, LANES, part)
         carried = {state.name: states.get(state.name, 0.0) for state in made.plan.states}
-        memory = _matrix(list(carried), carried, LANES, part)
+        memory = by_lane(list(carried), carried, LANES, part)
         made.run(count, 0, constants, inputs, memory, None, prepared.rows(made))
         places = {state.name: i for i, state in enumerate(made.plan.states)}
         cost = float(memory[places[COST], 0]) / count
@@ -125,7 +119,7 @@ def _augmented(
 ) -> Program:
     """The program with the summed cost and the tangents of everything that depends on the parameters."""
     graph = program.graph
-    signals = Signals(*(Symbol(graph, node) for node in program.outputs.values()))
+    signals = Signals(*(cast(Number, Symbol(graph, node)) for node in program.outputs.values()))
     summed = graph.input(f"state.{COST}") + objective(signals)
     states = [*program.states, Carried(COST, graph.input(f"state.{COST}").index, summed.index)]
     tangents = {name: graph.input(f"d.{name}").index for name in seeded}
@@ -168,14 +162,14 @@ def _seeds(
         **prepared.numbers,
         "start.position": np.float64(position),
         "start.velocity": np.float64(velocity),
-        **{f"start.{name}": value for name, value in setpoint._asdict().items()},
+        **{f"start.{name}": value for name, value in zip(SETPOINT, setpoint, strict=True)},
     }
     eye = np.eye(len(parameters))
     inputs = {name: graph.input(name).index for name in parameters}
     dependent = _dependent(graph, set(inputs.values()))
     ends = {name: node for name, node in {**constants, **states}.items() if node in dependent}
-    values = _values(graph, list(ends.values()), leaves)
-    seeds = {node: eye[i] for i, (name, node) in enumerate(inputs.items()) if node in values}
+    values = node_values(graph, list(ends.values()), leaves)
+    seeds = {node: eye[i] for i, node in enumerate(inputs.values()) if node in values}
     with np.errstate(all="ignore"):
         pushed = dict(zip(ends, push(graph, list(ends.values()), values, seeds), strict=True))
     found = {name: eye[i] for i, name in enumerate(parameters)}
@@ -204,8 +198,10 @@ def _traced_prepare(loop: Loop, prepared: Prepared) -> tuple[Graph, dict[str, in
     rows = {name: graph.table(name, len(row)) for name, row in tree.tables(loop)}
     symbolic = tree.with_tables(tree.rebuild(loop, (graph.input(name) for name, _ in tree.leaves(loop))), rows)
     made = symbolic.prepare(timing)
-    setpoint = Setpoint(*(graph.input(f"start.{name}") for name in Setpoint._fields))
-    begun = symbolic.start(made, timing, setpoint, graph.input("start.position"), graph.input("start.velocity"))
+    position, velocity, *rest = (
+        cast(Number, graph.input(f"start.{name}")) for name in ("position", "velocity", *SETPOINT)
+    )
+    begun = symbolic.start(made, timing, Setpoint(*rest), position, velocity)
     constants = {name: graph.symbol(v).index for name, v in tree.leaves(made, "prepared") if isinstance(v, Symbol)}
     states = {name: graph.symbol(v).index for name, v in tree.leaves(begun)}
     return graph, constants, states

@@ -14,17 +14,20 @@ TRIP_NONE, TRIP_READING, TRIP_FOLLOWING_ERROR, TRIP_VELOCITY, TRIP_TRAVEL = 0.0,
 class Guard(Block):
     """Cuts the force in the very sample in which a bound is broken, and keeps it cut until the loop was disabled.
 
-    A trip is latched; taking `enable` away clears it, giving it again resets the law, its filters and observers to where
-    the axis is.  A reading that is NaN or beyond `reading_limit` is replaced by the last good one before any law sees it.
+    A trip is latched; taking `enable` away clears it, giving it again resets the law, its filters and observers to
+    where the axis is.  A reading that is NaN or beyond `reading_limit` is replaced by the last good one before a law
+    sees it.
     When two encoders are read, the motor's is aligned to the load's at enable, so that their offset cannot act.
     """
 
-    following_error_limit: Number = parameter(
+    following_error_limit: Number | None = parameter(
         "m", "largest |setpoint - reading|; absent for none", above=0, default=None
     )
-    velocity_limit: Number = parameter("m/s", "largest speed of the reading; absent for none", above=0, default=None)
-    travel_least: Number = parameter("m", "lower end of the travel; absent for none", default=None)
-    travel_most: Number = parameter("m", "upper end of the travel; absent for none", default=None)
+    velocity_limit: Number | None = parameter(
+        "m/s", "largest speed of the reading; absent for none", above=0, default=None
+    )
+    travel_least: Number | None = parameter("m", "lower end of the travel; absent for none", default=None)
+    travel_most: Number | None = parameter("m", "upper end of the travel; absent for none", default=None)
     reading_limit: Number = parameter("m", "a reading beyond it is taken as broken", above=0, default=1000.0)
 
     class State(NamedTuple):

@@ -11,13 +11,12 @@ import numpy as np
 
 from feeddrive.blocks.signals import Setpoint
 from feeddrive.language.errors import MissingExtraError, ParameterError
-from feeddrive.language.graph import Graph, arguments, reachable
-from feeddrive.language.table import Table
+from feeddrive.language.table import Result, Table
 from feeddrive.loop.differentiate import push
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.loop import UNITS, Loop, Signals
 from feeddrive.loop.runner import Prepared, program_of
-from feeddrive.loop.trace import SETPOINT, apply
+from feeddrive.loop.trace import SETPOINT, node_values
 
 INPUT_UNITS = {
     **dict(zip(SETPOINT, ["m", "m/s", "m/s2", "m/s3", "m/s4"], strict=True)),
@@ -26,8 +25,8 @@ INPUT_UNITS = {
 }
 
 
-@dataclass(frozen=True, eq=False)
-class StateSpace:
+@dataclass(frozen=True, eq=False, repr=False)
+class StateSpace(Result):
     """x(k+1) = A x + B u,  y = C x + D u  of small deviations, at a sample time in s.
 
     Only states that an input reaches and an output sees are kept.  Poles are those of A.
@@ -98,12 +97,6 @@ class StateSpace:
         title = f"{len(self.states)} states, inputs {', '.join(self.inputs)}, outputs {', '.join(self.outputs)}"
         return Table(title, ["pole z", "|z|", "Hz", "damping"], rows)
 
-    def __repr__(self) -> str:
-        return str(self.table())
-
-    def _repr_html_(self) -> str:
-        return self.table()._repr_html_()
-
     def plot(self) -> Any:
         """Pole map as a matplotlib figure."""
         from feeddrive.artefacts import plot
@@ -115,7 +108,7 @@ class StateSpace:
         from feeddrive.artefacts.plot import frames
 
         poles = self.poles()
-        return frames.frame(np.arange(poles.size), {"real": poles.real, "imaginary": poles.imag}, "pole")
+        return frames.frame(np.arange(poles.size), {"real": np.real(poles), "imaginary": np.imag(poles)}, "pole")
 
 
 def _place(names: Sequence[str], name: str, what: str) -> int:
@@ -166,7 +159,7 @@ def linearize(
         "sample": np.float64(settle),
     }
     ends = [state.after for state in program.states] + [program.outputs[name] for name in outputs]
-    values = _values(program.graph, ends, leaves)
+    values = node_values(program.graph, ends, leaves)
     n, m = len(program.states), len(inputs)
     seeds = {state.before: np.eye(n + m)[i] for i, state in enumerate(program.states)}
     seeds |= {program.inputs[name]: np.eye(n + m)[n + i] for i, name in enumerate(inputs) if name in program.inputs}
@@ -174,24 +167,6 @@ def linearize(
     jacobian = np.array([np.zeros(n + m) if row is None else np.broadcast_to(row, n + m) for row in rows])
     names = [state.name for state in program.states]
     return _trimmed(jacobian, n, names, tuple(inputs), tuple(outputs), float(loop.sample_time))
-
-
-def _values(graph: Graph, outputs: Sequence[int], leaves: dict[str, Any]) -> dict[int, Any]:
-    """The value of every node below the outputs."""
-    found: dict[int, Any] = {}
-    with np.errstate(all="ignore"):
-        for index in reachable(graph, outputs):
-            node = graph.nodes[index]
-            match node[0]:
-                case "const":
-                    found[index] = np.float64(float.fromhex(node[1]))
-                case "truth":
-                    found[index] = node[1]
-                case "input" | "table":
-                    found[index] = leaves[node[1]]
-                case name:
-                    found[index] = apply(name, *(found[i] for i in arguments(node)))
-    return found
 
 
 def _settled(loop: Loop, prepared: Prepared, setpoint: Setpoint, count: int) -> dict[str, Any]:
@@ -221,12 +196,12 @@ def _trimmed(
     for _ in range(n):
         reached = reached | np.any(links[:, reached], axis=1)
         seen = seen | np.any(links[seen, :], axis=0)
-    keep = np.flatnonzero(reached & seen)
+    keep = [int(i) for i in np.flatnonzero(reached & seen)]
     return StateSpace(A[np.ix_(keep, keep)], B[keep], C[:, keep], D, T, tuple(names[i] for i in keep), inputs, outputs)
 
 
 def loop_gain(loop: Loop, frequency: np.ndarray, *, velocity: float = 0.05) -> FRF:
-    """L = -force/cut: the loop opened at the actuator, with all delays, sampled. |1 + L| = 0 is the edge of stability."""
+    """L = -force/cut: the loop opened at the actuator, with all delays, sampled. 1 + L = 0 is the edge of stability."""
     return -linearize(loop, ["cut"], ["force"], velocity=velocity).response(frequency)
 
 

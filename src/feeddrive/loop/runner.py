@@ -79,13 +79,13 @@ class Prepared:
 
     def constants(self, made: Native, lanes: slice | None = None) -> np.ndarray:
         """Constants in the order of the machine code, shape (n, lanes)."""
-        return _matrix([name for name, _ in made.plan.constants], self.numbers, made.plan.lanes, lanes)
+        return by_lane([name for name, _ in made.plan.constants], self.numbers, made.plan.lanes, lanes)
 
     def states(self, made: Native, lanes: slice | None = None) -> np.ndarray:
         """First states in the order of the machine code, shape (n, lanes)."""
         first = {s.name: self.first.get(s.name, None) for s in made.plan.states}
         first = {name: begin(name) if value is None else value for name, value in first.items()}
-        return _matrix(list(first), first, made.plan.lanes, lanes)
+        return by_lane(list(first), first, made.plan.lanes, lanes)
 
     def rows(self, made: Native) -> list[np.ndarray]:
         """Tables in the order of the machine code."""
@@ -96,7 +96,7 @@ def _typed(value: Any) -> Any:
     return np.asarray(value, dtype=np.float64) if isinstance(value, (list, np.ndarray)) else np.float64(value)
 
 
-def _matrix(names: Sequence[str], values: Mapping[str, Any], lanes: int, chosen: slice | None) -> np.ndarray:
+def by_lane(names: Sequence[str], values: Mapping[str, Any], lanes: int, chosen: slice | None) -> np.ndarray:
     """Numbers by name as rows; the lanes that a group has too many repeat its last variant."""
     out = np.empty((len(names), lanes))
     for row, name in zip(out, names, strict=True):
@@ -121,17 +121,19 @@ class Work:
 
     def first(self) -> Setpoint:
         """The setpoint at t = 0, as numbers."""
-        return Setpoint(*(np.float64(row[0]) for row in self.reference.at(np.zeros(1))))
+        rows: tuple[Any, ...] = tuple(self.reference.at(np.zeros(1)))
+        return Setpoint(*(np.float64(row[0]) for row in rows))
 
     def inputs(self, made: Native, first: int, count: int) -> np.ndarray:
         """Samples first .. first + count - 1 in the order of the machine code, shape (count, n)."""
         t = (first + np.arange(count)) * self.T
         out = np.zeros((count, len(made.plan.inputs)))
-        setpoint: Setpoint | None = None
+        rows: tuple[Any, ...] = ()
         for column, (name, _) in enumerate(made.plan.inputs):
             if name in SETPOINT:
-                setpoint = self.reference.at(t) if setpoint is None else setpoint
-                out[:, column] = setpoint[SETPOINT.index(name)]
+                if not rows:
+                    rows = tuple(self.reference.at(t))
+                out[:, column] = rows[SETPOINT.index(name)]
             elif name == "load_force" and self.load is not None:
                 out[:, column] = self.load.at(t)
             elif name == "enable" and self.enable is not None:

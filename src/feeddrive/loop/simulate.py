@@ -11,7 +11,7 @@ import numpy as np
 
 from feeddrive.blocks.families import Load, Reference
 from feeddrive.language.errors import DivergedError, ParameterError
-from feeddrive.language.table import Table, shown
+from feeddrive.language.table import Result, Table, shown
 from feeddrive.loop.engine.lower import ARITHMETIC
 from feeddrive.loop.loop import UNITS, Loop, Signals
 from feeddrive.loop.runner import Prepared, Work, cores, program_of
@@ -20,8 +20,8 @@ from feeddrive.loop.statistics import LEFT, gathered
 GATHERED = ("following_error", "tracking_error", "force", "velocity_load")
 
 
-@dataclass(frozen=True, eq=False)
-class Run:
+@dataclass(frozen=True, eq=False, repr=False)
+class Run(Result):
     """A simulated run: signals over time. `run["force"]` is an array of shape (n,), in the unit `run.units["force"]`.
 
     Row k is the sample at `time[k]` = kT; see `loop.Signals` for what each signal is.
@@ -55,12 +55,6 @@ class Run:
                 )
         title = f"{self.name}: {self.time.size} samples, {self.time.size * self.sample_time:.4g} s"
         return Table(title, ["signal", "unit", "RMS", "peak"], rows)
-
-    def __repr__(self) -> str:
-        return str(self.table())
-
-    def _repr_html_(self) -> str:
-        return self.table()._repr_html_()
 
     def plot(self) -> Any:
         """Following error, force and velocity over time, as a matplotlib figure."""
@@ -112,9 +106,9 @@ def simulate(
     Raises DivergedError with the sample at which |tracking error| left `bound` or became NaN, and ParameterError for a
     signal or an arithmetic that is not known.
     """
-    record = _known(record, arithmetic)
+    record = known(record, arithmetic)
     work = Work(loop, reference, load, enable)
-    count = _count(loop, reference, duration)
+    count = sample_count(loop, reference, duration)
     limit = _bound(reference, bound)
     prepared = Prepared(loop, work.first(), start, seed, limit)
     if prepared.lanes() > 1:
@@ -129,7 +123,8 @@ def simulate(
     return Run(name, np.arange(count) * work.T, dict(zip(record, columns, strict=True)), work.T)
 
 
-def _known(record: Sequence[str], arithmetic: str) -> list[str]:
+def known(record: Sequence[str], arithmetic: str) -> list[str]:
+    """The names of signals as a list. Raises ParameterError for a signal or an arithmetic that is not known."""
     if arithmetic not in ARITHMETIC:
         raise ParameterError(f"arithmetic = {arithmetic!r} must be one of {', '.join(ARITHMETIC)}")
     for signal in record:
@@ -138,7 +133,8 @@ def _known(record: Sequence[str], arithmetic: str) -> list[str]:
     return list(record)
 
 
-def _count(loop: Loop, reference: Reference, duration: float | None) -> int:
+def sample_count(loop: Loop, reference: Reference, duration: float | None) -> int:
+    """How many samples a run has. Raises ParameterError for a duration that is no finite time."""
     span = reference.duration if duration is None else duration
     if not 0.0 <= span < float("inf"):
         raise ParameterError(f"duration = {span:g} s must be a finite time, >= 0 s")
@@ -165,8 +161,8 @@ def _check_inside(left: float, bound: float, T: float) -> None:
         )
 
 
-@dataclass(frozen=True, eq=False)
-class Batch:
+@dataclass(frozen=True, eq=False, repr=False)
+class Batch(Result):
     """RMS, peak, least and most of signals for every variant, each an array of shape (variants,).
 
     `left` is the sample at which a variant left its bounds, -1 where it never did.
@@ -190,12 +186,6 @@ class Batch:
             rows.append([signal.replace("_", " "), unit, f"{low:.4g}", str(best), f"{middle:.4g}", f"{high:.4g}"])
         title = f"{self.left.size} variants of {self.samples} samples; {int(np.sum(self.left >= 0))} left their bounds"
         return Table(title, ["RMS of", "unit", "least", "variant", "median", "most"], rows)
-
-    def __repr__(self) -> str:
-        return str(self.table())
-
-    def _repr_html_(self) -> str:
-        return self.table()._repr_html_()
 
     def plot(self) -> Any:
         """Distribution of the RMS of each signal, as a matplotlib figure."""
@@ -231,12 +221,12 @@ def simulate_batch(
     """All variants of a loop whose parameters are arrays (`tree.vary`), along the same reference.
 
     Arguments as `simulate`; seed and start may be arrays over the variants too.  `lanes` variants share a vector (8 or
-    16), `threads` run at once (default: all cores); neither changes a bit of the result.  `progress(done, all)` is called
-    after each chunk of variants.
+    16), `threads` run at once (default: all cores); neither changes a bit of the result.  `progress(done, all)` is
+    called after each group of variants.
     """
-    gather = _known(gather, arithmetic)
+    gather = known(gather, arithmetic)
     work = Work(loop, reference, load, enable)
-    count = _count(loop, reference, duration)
+    count = sample_count(loop, reference, duration)
     prepared = Prepared(loop, work.first(), start, seed, _bound(reference, bound))
     variants = prepared.lanes()
     program = program_of(loop, prepared.timing, load=load is not None, enable=enable is not None)
@@ -291,9 +281,9 @@ def stream(
 
     Arguments and errors as `simulate`.  The arrays of a chunk belong to whoever takes it.
     """
-    record = _known(record, arithmetic)
+    record = known(record, arithmetic)
     work = Work(loop, reference, load, enable)
-    count = _count(loop, reference, duration)
+    count = sample_count(loop, reference, duration)
     limit = _bound(reference, bound)
     prepared = Prepared(loop, work.first(), start, seed, limit)
     program = program_of(loop, prepared.timing, load=load is not None, enable=enable is not None)

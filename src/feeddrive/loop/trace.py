@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 
 from feeddrive.blocks.signals import Noise, Setpoint
 from feeddrive.language import mathematics, ops, tree
-from feeddrive.language.graph import Graph, Symbol, arguments, reachable
+from feeddrive.language.block import Number
+from feeddrive.language.graph import Graph, arguments, reachable
 from feeddrive.loop.hold import Timing
 from feeddrive.loop.loop import Loop, Signals
 
@@ -60,7 +61,7 @@ class Program:
 
 
 def concrete(loop: Loop) -> Loop:
-    """The loop with numpy numbers as leaves, so that division by zero and overflow follow IEEE 754 as in native code."""
+    """The loop with numpy numbers as leaves: division by zero and overflow follow IEEE 754, as in native code."""
     return tree.rebuild(loop, (v if isinstance(v, np.ndarray) else np.float64(v) for _, v in tree.leaves(loop)))
 
 
@@ -85,15 +86,16 @@ def trace(loop: Loop, timing: Timing, *, load: bool, enable: bool, cut: bool = F
     constants: dict[str, int] = {}
     inputs: dict[str, int] = {}
 
-    def constant(name: str) -> Symbol:
+    # symbols pass for numbers from here on: the third kind that a law runs on
+    def constant(name: str) -> Number:
         symbol = graph.input(name)
         constants[name] = symbol.index
-        return symbol
+        return cast(Number, symbol)
 
-    def given(name: str) -> Symbol:
+    def given(name: str) -> Number:
         symbol = graph.input(name)
         inputs[name] = symbol.index
-        return symbol
+        return cast(Number, symbol)
 
     rows = {name: graph.table(name, len(row)) for name, row in tree.tables(loop)}
     symbolic = tree.with_tables(tree.rebuild(loop, (constant(name) for name, _ in tree.leaves(loop))), rows)
@@ -109,9 +111,9 @@ def trace(loop: Loop, timing: Timing, *, load: bool, enable: bool, cut: bool = F
         before,
         Setpoint(*(given(name) for name in SETPOINT)),
         given("load_force") if load else None,
-        Noise(constant("seed"), sample),
+        Noise(constant("seed"), cast(Number, sample)),
         given("enable") if enable else 1.0,
-        sample * symbolic.sample_time,
+        cast(Number, sample * symbolic.sample_time),
         given("cut") if cut else None,
     )
     carried = tuple(
@@ -152,18 +154,25 @@ def apply(name: str, *values: Any) -> Any:
     return function(*values)
 
 
-def evaluate(graph: Graph, outputs: Sequence[int], leaves: Mapping[str, Any]) -> list[Any]:
-    """The values of nodes for given inputs and tables by name, by plain Python: the oracle of the native code."""
+def node_values(graph: Graph, outputs: Sequence[int], leaves: Mapping[str, Any]) -> dict[int, Any]:
+    """The value of every node below the outputs, for inputs and tables by name, in plain Python."""
     found: dict[int, Any] = {}
-    for index in reachable(graph, outputs):
-        node = graph.nodes[index]
-        match node[0]:
-            case "const":
-                found[index] = np.float64(float.fromhex(node[1]))
-            case "truth":
-                found[index] = node[1]
-            case "input" | "table":
-                found[index] = leaves[node[1]]
-            case name:
-                found[index] = apply(name, *(found[i] for i in arguments(node)))
+    with np.errstate(all="ignore"):
+        for index in reachable(graph, outputs):
+            node = graph.nodes[index]
+            match node[0]:
+                case "const":
+                    found[index] = np.float64(float.fromhex(node[1]))
+                case "truth":
+                    found[index] = node[1]
+                case "input" | "table":
+                    found[index] = leaves[node[1]]
+                case name:
+                    found[index] = apply(name, *(found[i] for i in arguments(node)))
+    return found
+
+
+def evaluate(graph: Graph, outputs: Sequence[int], leaves: Mapping[str, Any]) -> list[Any]:
+    """The values of some nodes: the oracle of the native code."""
+    found = node_values(graph, outputs, leaves)
     return [found[index] for index in outputs]

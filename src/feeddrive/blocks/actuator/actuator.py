@@ -16,7 +16,7 @@ class Actuator(Block):
     """
 
     dead_time: Number = parameter("s", "from the sampling instant to the force that answers it", least=0, default=0)
-    current_loop: Number = parameter(
+    current_loop: Number | None = parameter(
         "Hz", "bandwidth of the current loop; absent for an ideal one", above=0, default=None
     )
     motor: Motor | None = part("what makes the force", default=None)
