@@ -64,7 +64,7 @@ def parameter(
     unit: str,
     meaning: str,
     *,
-    default: float | None | object = MISSING,
+    default: float | object | None = MISSING,
     above: float | None = None,
     least: float | None = None,
     below: float | None = None,

@@ -7,8 +7,8 @@ Nothing is ever rearranged or simplified, so the graph computes the same bits as
 done, and neither changes a bit: an operation on the same arguments is stored once, and an operation on constants is
 computed at once.
 
-Why not CasADi, which the prototypes used: its rewriting of arithmetic, its silent NaN from `math.sin(SX)`, the missing
-table read and the encoding of `where` all had to be worked around, and it weighs 277 MB; what is needed here is this page.
+Why not CasADi: its rewriting of arithmetic, its silent NaN from `math.sin(SX)`, the missing table read and the encoding
+of `where` all have to be worked around, and it weighs 277 MB; what is needed here is this page.
 """
 
 from __future__ import annotations

@@ -91,8 +91,8 @@ def _minus(x: Any, ratio: Any, y: Any) -> Any:
 def expm1(a: Sequence[Sequence[Any]]) -> Matrix:
     """e^A - 1, by a Taylor series of fixed order on A/2ˢ and s squarings (1 + D)² - 1 = 2D + D².
 
-    s is the least with ‖A‖∞/2ˢ <= 1/2, for each lane on its own; 2⁹ is the largest norm.  Without the 1 the result keeps
-    the digits of a small A, so that an axis at rest does not creep by the rounding of ones.
+    s is the least with ‖A‖∞/2ˢ <= 1/2, for each lane on its own; 2⁹ is the largest norm.  Without the 1 the result
+    keeps the digits of a small A, so that an axis at rest does not creep by the rounding of ones.
     """
     norm = _norm(a)
     squarings: Any = 0.0

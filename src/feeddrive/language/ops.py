@@ -15,8 +15,8 @@ from feeddrive.language.graph import Symbol
 
 __all__ = [
     "absolute", "atan", "atan2", "both", "clip", "cos", "either", "equal", "exp", "expm1", "exponent", "floor",
-    "gather", "interpolate", "log", "maximum", "minimum", "most", "no", "normal", "pi", "power", "power_of_two", "quantise",
-    "sign", "sin", "sqrt", "tan", "tanh", "uniform", "where",
+    "gather", "interpolate", "log", "maximum", "minimum", "most", "no", "normal", "pi", "power", "power_of_two",
+    "quantise", "sign", "sin", "sqrt", "tan", "tanh", "uniform", "where",
 ]  # fmt: skip
 
 pi = 3.141592653589793
