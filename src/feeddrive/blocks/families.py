@@ -1,7 +1,7 @@
 """The families of blocks, and the few questions that each member answers.
 
 A member is final: it fills in what is abstract here and overrides nothing that has a body, except the empty hooks
-`prepare`, `start`, `retune` and `check`.  Its `step` is pure: state goes in and comes out.
+`prepare`, `start`, `retune`, `check` and `fits`.  Its `step` is pure: state goes in and comes out.
 
     prepare(T)   work that depends on parameters only, done once per run; returns a named tuple of numbers
     start(...)   the state of a block that has been at rest for ever
@@ -16,8 +16,9 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from feeddrive.blocks.signals import Motion, Noise, Reading, Setpoint
+from feeddrive.language import matrix
 from feeddrive.language.block import Block, Number
-from feeddrive.language.matrix import Matrix
+from feeddrive.language.matrix import Matrix, Row
 
 
 class Nothing(NamedTuple):
@@ -34,6 +35,11 @@ class Mechanics(NamedTuple):
     drive: int = 0  # row of S on which the drive acts
     motor: int = 0  # row of S with the motor encoder, and with the friction of bearings and nut
     load: int = 0  # row of S whose position is the axis's, with the load encoder and the friction of the guideway
+    rigid: Row = ()  # q when the whole axis has moved by 1 m, springs relaxed; empty if each q is a body's position
+
+    def rigid_motion(self) -> Row:
+        """The coordinates of a rigid motion by 1 m: S q = 1 and K q = 0."""
+        return self.rigid or (1.0,) * len(self.mass)
 
 
 class Plant(Block, ABC):
@@ -46,11 +52,8 @@ class Plant(Block, ABC):
     def rigid_mass(self) -> Number:
         """All that moves when the axis moves as one, kg."""
         mechanics = self.mechanics()
-        total: Any = 0.0
-        for row in mechanics.mass:
-            for entry in row:
-                total = total + entry
-        return total
+        along = mechanics.rigid_motion()
+        return matrix.dot([matrix.dot(row, along) for row in mechanics.mass], along)
 
 
 class Friction(Block, ABC):
@@ -87,7 +90,10 @@ class Force(Block, ABC):
 
     @abstractmethod
     def forces(self, plant: Plant, motion: Motion, drive: Number, time: Number) -> tuple[Number, Number]:
-        """Force in N on the driven and on the moved body, from the motion at the middle of the substep."""
+        """Force in N on the motor's and on the load's body, from the motion in the middle of the substep."""
+
+    def fits(self, plant: Plant, beside: tuple[Force, ...]) -> None:
+        """Raise StructureError if the force has no meaning on this plant or beside the other forces (empty hook)."""
 
 
 class Motor(Block, ABC):
@@ -103,6 +109,10 @@ class Motor(Block, ABC):
     def limits(self) -> tuple[Number | None, Number | None]:
         """Peak and continuous (RMS) force in N at the table; None where it is not stated."""
 
+    @abstractmethod
+    def velocity_limit(self) -> Number | None:
+        """Largest speed in m/s at the table; None where it is not stated."""
+
 
 class Sensor(Block, ABC):
     """An encoder with its faults: what the controller reads when the body is at `position`."""
@@ -110,6 +120,10 @@ class Sensor(Block, ABC):
     @abstractmethod
     def start(self, position: Number) -> Any:
         """The state when the axis has been at rest at `position`."""
+
+    @abstractmethod
+    def still(self, position: Number) -> Number:
+        """The reading in m when the body stands at `position`, without noise."""
 
     @abstractmethod
     def step(self, state: Any, position: Number, velocity: Number, noise: Noise, T: Number) -> tuple[Any, Number]:
@@ -138,6 +152,9 @@ class Law(Block, ABC):
 
 class Filter(Block, ABC):
     """A scalar filter in the forward path."""
+
+    def fits(self, sample_time: float) -> None:
+        """Raise ParameterError if the filter cannot run at this sample time (empty hook)."""
 
     @abstractmethod
     def prepare(self, T: Number) -> Any:

@@ -53,12 +53,14 @@ class Axis(Block):
         drive: Number
 
     def check(self) -> None:
-        """A rigid plant has one body, which takes one friction."""
+        """A rigid plant has one body, which takes one friction; forces may need a certain plant."""
         shape = self.plant.mechanics()
         if shape.motor == shape.load and self.friction_motor is not None:
             raise StructureError(
                 f"axis.friction_motor: the plant '{self.plant.kind}' has one body; give its friction as friction_load"
             )
+        for i, force in enumerate(self.forces):
+            force.fits(self.plant, self.forces[:i] + self.forces[i + 1 :])
 
     def timing(self, T: float) -> Timing:
         """How many whole samples of dead time there are, and whether a part is left. All lanes must agree."""
@@ -97,11 +99,10 @@ class Axis(Block):
 
     def start(self, position: Number, velocity: Number, timing: Timing) -> State:
         """Moving as a rigid body with `velocity` (m/s), the load at `position` (m), springs relaxed, no force."""
-        mechanics = self.plant.mechanics()
-        along = rigid_motion(mechanics)
+        along = self.plant.mechanics().rigid_motion()
         return self.State(
-            position=tuple(share * position for share in along),
-            velocity=tuple(share * velocity for share in along),
+            position=tuple(_part(share, position) for share in along),
+            velocity=tuple(_part(share, velocity) for share in along),
             drive=() if self.actuator.current_loop is None else (position - position,),
             pending=(position - position,) * timing.memory(),
             friction_motor=Nothing() if self.friction_motor is None else self.friction_motor.start(),
@@ -132,11 +133,21 @@ class Axis(Block):
             )
         if self.encoder_load is not None:
             state_load, load = self.encoder_load.step(state_load, load, motion.velocity_load, noise.on(CHANNEL_LOAD), T)
+        return state._replace(encoder_motor=state_motor, encoder_load=state_load), *self._readings(motor, load)
+
+    def still(self, position: Number) -> tuple[Number, Number]:
+        """The readings of the motor's and the load's encoder when all stands at `position`, without noise."""
+        motor = position if self.encoder_motor is None else self.encoder_motor.still(position)
+        load = position if self.encoder_load is None else self.encoder_load.still(position)
+        return self._readings(motor, load)
+
+    def _readings(self, motor: Number, load: Number) -> tuple[Number, Number]:
+        """A single encoder gives both readings."""
         if self.encoder_motor is None and self.encoder_load is not None:
-            motor = load
+            return load, load
         if self.encoder_load is None and self.encoder_motor is not None:
-            load = motor
-        return state._replace(encoder_motor=state_motor, encoder_load=state_load), motor, load
+            return motor, motor
+        return motor, load
 
     def advance(
         self, prepared: Hold, state: State, command: Number, load: Number | None, time: Number, T: Number
@@ -149,7 +160,7 @@ class Axis(Block):
         h = T / self.substeps
         done = self.Step(0.0, 0.0, new)
         for substep in range(self.substeps):
-            drive = state.drive[0] if state.drive else new
+            drive = _mean_drive(prepared, state, substep, new, old)
             push_motor, push_load = self._pushes(state, drive, load, time + substep * h, h)
             before = (*state.position, *state.velocity, *state.drive)
             free = []
@@ -166,7 +177,7 @@ class Axis(Block):
         return state._replace(pending=commands[: len(state.pending)]), done
 
     def _pushes(self, state: State, drive: Number, load: Number | None, time: Number, h: Number) -> tuple[Any, Any]:
-        """Forces on the two bodies in the middle of a substep, apart from drive and friction; None where there is none."""
+        """Forces on the two bodies in the middle of a substep, without drive and friction; None where there is none."""
         motor, total = None, load
         if self.forces:
             motion = self.motion(state)
@@ -177,8 +188,7 @@ class Axis(Block):
             )
             for force in self.forces:
                 on_motor, on_load = force.forces(self.plant, middle, drive, time + half)
-                motor = on_motor if motor is None else motor + on_motor
-                total = on_load if total is None else total + on_load
+                motor, total = _sum(motor, on_motor), _sum(total, on_load)
         return motor, total
 
     def _settle(
@@ -196,9 +206,7 @@ class Axis(Block):
             )
             if friction is not None
         ]
-        coupled = len(contacts) == 2
-        full = coupled and not matrix.is_zero(mechanics.mass[0][-1])
-        sweeps = 1 if not coupled else 6 if full else 2
+        sweeps = 1 if len(contacts) < 2 else 6 if _share_mass(mechanics) else 2
         forces: list[Any] = [None] * len(contacts)
         stuck: list[Any] = [False] * len(contacts)
         after: list[Any] = [getattr(state, contact.name) for contact in contacts]
@@ -219,10 +227,8 @@ class Axis(Block):
         for contact, force in zip(contacts, forces, strict=True):
             end_state = [_plus(x, column, force) for x, column in zip(end_state, contact.column, strict=True)]
         for contact, held in zip(contacts, stuck, strict=True):
-            for i, share in enumerate(contact.row):
-                # a body that is a coordinate of its own stands exactly still; a sum of modes does to rounding
-                if matrix.is_one(share) and sum(not matrix.is_zero(x) for x in contact.row) == 1:
-                    end_state[n + i] = ops.where(held, 0.0, end_state[n + i])
+            if held is not False:
+                _stop(contact.row, held, end_state, n)
         moved = state._replace(
             position=tuple(end_state[:n]), velocity=tuple(end_state[n : 2 * n]), drive=tuple(end_state[2 * n :])
         )
@@ -245,16 +251,45 @@ def _plus(x: Any, column: Any, force: Any) -> Any:
     return column * force if matrix.is_zero(x) else x + column * force
 
 
-def rigid_motion(mechanics: Mechanics) -> tuple[Any, ...]:
-    """The coordinates when every body has moved by 1 with all springs relaxed: S q = 1 and K q = 0.
+def _part(share: Any, x: Any) -> Any:
+    """share · x, with a zero of the type of x."""
+    return x - x if matrix.is_zero(share) else x if matrix.is_one(share) else share * x
 
-    Coordinates that are positions of bodies are 1 each; in a modal model only the rigid mode moves.
-    """
+
+def _sum(a: Any, b: Any) -> Any:
+    """a + b, leaving out what is not there."""
+    if a is None or matrix.is_zero(a):
+        return b
+    return a if matrix.is_zero(b) else a + b
+
+
+def _mean_drive(prepared: Hold, state: Axis.State, substep: int, new: Number, old: Number | None) -> Number:
+    """The drive force in N in the mean over a substep, while a command takes over from the one before."""
+    if state.drive:
+        change = prepared.change[-1][-1] * state.drive[0] + prepared.new[substep][-1] * new
+        if old is not None:
+            change = change + prepared.old[substep][-1] * old
+        return state.drive[0] + 0.5 * change
+    return new if old is None else old + prepared.share[substep] * (new - old)
+
+
+def _share_mass(mechanics: Mechanics) -> bool:
+    """Whether a force on the motor's body moves the load's at once: by a full mass matrix, or in a modal model."""
     n = len(mechanics.mass)
-    return tuple(1.0 if _is_free(mechanics, i, n) else 0.0 for i in range(n))
+    full = any(not matrix.is_zero(mechanics.mass[i][j]) for i in range(n) for j in range(n) if i != j)
+    motor, load = mechanics.shape[mechanics.motor], mechanics.shape[mechanics.load]
+    return full or any(not matrix.is_zero(a) and not matrix.is_zero(b) for a, b in zip(motor, load, strict=True))
 
 
-def _is_free(mechanics: Mechanics, i: int, n: int) -> bool:
-    """Whether a coordinate takes part in the rigid motion: it has no spring of its own, to the ground."""
-    row = mechanics.stiffness[i]
-    return matrix.is_zero(row[i]) or any(not matrix.is_zero(row[j]) for j in range(n) if j != i)
+def _stop(row: matrix.Row, held: Any, state: list[Any], n: int) -> None:
+    """A body that is held stands exactly still: its last coordinate with the share 1 cancels all others.
+
+    It must be the last for the sum of `motion` to be exactly 0.  Where two bodies share that coordinate, as in a modal
+    model, the second is exact and the first stands still to rounding.
+    """
+    own = max((i for i, share in enumerate(row) if matrix.is_one(share)), default=None)
+    if own is None:
+        return
+    others = matrix.dot(row[:own] + row[own + 1 :], state[n : n + own] + state[n + own + 1 : 2 * n])
+    still = 0.0 if matrix.is_zero(others) else -others
+    state[n + own] = ops.where(held, still, state[n + own])

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 from feeddrive.blocks.families import Mechanics
 from feeddrive.language import matrix, ops
 from feeddrive.language.block import Number
-from feeddrive.language.matrix import Matrix
+from feeddrive.language.matrix import Matrix, Row
 
 
 class Timing(NamedTuple):
@@ -25,7 +25,8 @@ class Hold(NamedTuple):
     """x(t + h) = x + (Φ - 1) x + Γ u of the state x = (positions q, velocities q', drive force if it lags).
 
     `change` is Φ - 1, (n, n).  `new` and `old` are the columns of the drive's command in each substep: after and before
-    the instant at which the dead time hands over from one command to the next; `old` is empty without a partial sample.
+    the instant at which the dead time hands over from one command to the next; `share` is the part of each substep that
+    lies after it.  `old` and `share` are empty without a partial sample.
     `forces` are the columns of a force on the motor's and on the load's body.
     """
 
@@ -33,13 +34,15 @@ class Hold(NamedTuple):
     new: Matrix
     old: Matrix
     forces: Matrix
+    share: Row = ()
 
 
 def hold(mechanics: Mechanics, lag: Number | None, dead_time: Number, T: Number, substeps: int, timing: Timing) -> Hold:
     """The hold of M q'' + C q' + K q = Sᵀ f over h = T/substeps, from matrix exponentials in plain arithmetic.
 
-    With velocities in units of a position per substep the matrix has entries of the size of (ωh)² and h/τ, so the series
-    needs few squarings.  `lag` is the bandwidth of the current loop in rad/s, None without one; `dead_time` in s.
+    With velocities in units of a position per substep the matrix has entries of the size of (ωh)² and h/τ, so the
+    series needs few squarings.  `lag` is the bandwidth of the current loop in rad/s, None without one; `dead_time` is
+    in s.
     """
     h = T / substeps
     full = _columns(mechanics, lag, h, h)
@@ -64,7 +67,8 @@ def hold(mechanics: Mechanics, lag: Number | None, dead_time: Number, T: Number,
         mixed = handover > float(substep)
         news.append(tuple(_pick(passed, mixed, 0.0, a, b) for a, b in zip(late, new, strict=True)))
         olds.append(tuple(_pick(passed, mixed, b, a, 0.0) for a, b in zip(early, new, strict=True)))
-    return Hold(change, tuple(news), tuple(olds), forces)
+    share = tuple(ops.clip(substep + 1.0 - handover, 0.0, 1.0) for substep in range(substeps))
+    return Hold(change, tuple(news), tuple(olds), forces, share)
 
 
 def _pick(passed: Any, mixed: Any, old: Any, both: Any, new: Any) -> Any:

@@ -70,9 +70,11 @@ class Loop(Block):
         axis: Any
 
     def check(self) -> None:
-        """The dead time must be one that can be simulated."""
+        """The dead time must be one that can be simulated, and filters must lie below half the sample rate."""
         if isinstance(self.sample_time, float) and isinstance(self.axis.actuator.dead_time, float):
             self.timing()
+            for filter_ in self.control.filters:
+                filter_.fits(self.sample_time)
 
     def timing(self) -> Timing:
         """The structure that the dead time leaves."""
@@ -90,11 +92,11 @@ class Loop(Block):
     ) -> State:
         """The axis at `position` (m), moving with `velocity` (m/s), under a control that was just switched on.
 
-        The control reads the position one sample before, so that its first velocity is right.
+        The control has read the position one sample before, so that its first velocity is right.
         """
         axis = self.axis.start(position, velocity, timing)
-        before = position - velocity * self.sample_time
-        return self.State(self.control.start(prepared.control, setpoint, before, before), axis)
+        motor, load = self.axis.still(position - velocity * self.sample_time)
+        return self.State(self.control.start(prepared.control, setpoint, motor, load), axis)
 
     def step(
         self,

@@ -13,8 +13,9 @@ class Direct(Motor):
 
     unit: ClassVar[str] = "A or V"
     force_constant: Number = parameter("N", "force at the table per unit of the drive's command (A or V)", above=0)
-    peak_force: Number = parameter("N", "largest force", above=0, default=None)
-    continuous_force: Number = parameter("N", "largest RMS force over a long time", above=0, default=None)
+    peak_force: Number | None = parameter("N", "largest force", above=0, default=None)
+    continuous_force: Number | None = parameter("N", "largest RMS force over a long time", above=0, default=None)
+    peak_velocity: Number | None = parameter("m/s", "largest speed", above=0, default=None)
 
     def force_per_unit(self) -> Number:
         """The constant."""
@@ -23,3 +24,7 @@ class Direct(Motor):
     def limits(self) -> tuple[Number | None, Number | None]:
         """Peak and RMS force, N."""
         return self.peak_force, self.continuous_force
+
+    def velocity_limit(self) -> Number | None:
+        """The largest speed, m/s."""
+        return self.peak_velocity

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from feeddrive.blocks.families import Law
 from feeddrive.blocks.signals import Reading, Setpoint
+from feeddrive.language import ops
 from feeddrive.language.block import Number, choice, parameter
 
 
@@ -19,6 +20,10 @@ class CascadePPI(Law):
     The integral follows back-calculation: what the limit cut off in the last sample is taken out of it, one step
     later, through `applied` and `requested`, which equals the in-step form.
     With two encoders position is closed on the load and velocity on the motor.
+    With `position_every` = n the position loop runs every n-th sample, and the velocity command goes in n equal steps
+    from the last one to the new one, which it reaches in the sample before the next:
+
+        command(k + i) = last + (i + 1)/n · (new - last),   i = 0 .. n-1,   new = Kv (x_set - x_load) + feedforward at k
 
     When to use: always first; it is the baseline of every comparison.  When not: if the first mode of the axis lies
     within three times the wanted crossover, a law that damps it does better.
@@ -27,22 +32,34 @@ class CascadePPI(Law):
 
     Kv: Number = parameter("1/s", "position gain", above=0)
     Kp: Number = parameter("N s/m", "velocity gain", above=0)
-    Tn: Number = parameter(
+    Tn: Number | None = parameter(
         "s", "integral time of the velocity loop; absent for a P velocity loop", above=0, default=None
     )
     velocity_feedforward: Number = parameter("", "share of the set velocity that is fed forward", default=1.0, least=0)
     velocity_samples: int = choice("samples over which the velocity is differenced", default=1, least=1)
     velocity_encoder: str = choice("encoder of the velocity loop", options=("motor", "load"), default="motor")
+    position_every: int = choice("the position loop runs every so many samples", default=1, least=1)
+
+    class Interpolator(NamedTuple):
+        """Samples since the position loop ran, and the velocity commands before and after that (m/s)."""
+
+        passed: Number
+        last: Number
+        new: Number
 
     class State(NamedTuple):
-        """Past positions, newest first (m), and the integral (N)."""
+        """Past positions, newest first (m), the integral (N), and an interpolator if the position loop is slower."""
 
         positions: tuple[Number, ...]
         integral: Number
+        interpolator: tuple[Any, ...] = ()
 
     def start(self, setpoint: Setpoint, reading: Reading) -> State:
-        """At rest at the reading, with the integral holding the force that acts."""
-        return self.State((self._position(reading),) * self.velocity_samples, reading.applied)
+        """At rest at the reading, with the integral holding the force that acts; the position loop runs at once."""
+        position = self._position(reading)
+        zero = position - position
+        interpolator = () if self.position_every == 1 else (self.Interpolator(zero, zero, zero),)
+        return self.State((position,) * self.velocity_samples, reading.applied, interpolator)
 
     def _position(self, reading: Reading) -> Number:
         return reading.position_motor if self.velocity_encoder == "motor" else reading.position_load
@@ -55,10 +72,22 @@ class CascadePPI(Law):
         velocity = (position - state.positions[-1]) / (self.velocity_samples * T)
         wanted = self.Kv * (setpoint.position - reading.position_load)
         wanted = wanted + self.velocity_feedforward * setpoint.backward_velocity(T)
+        interpolator = state.interpolator
+        if interpolator:
+            interpolator, wanted = self._interpolated(interpolator[0], wanted)
         e = wanted - velocity
         positions = (position, *state.positions[:-1])
         if self.Tn is None:
-            return self.State(positions, state.integral), self.Kp * e
+            return self.State(positions, state.integral, interpolator), self.Kp * e
         integral = state.integral + (reading.applied - reading.requested)
         integral = integral + (self.Kp * T / self.Tn) * e
-        return self.State(positions, integral), self.Kp * e + integral
+        return self.State(positions, integral, interpolator), self.Kp * e + integral
+
+    def _interpolated(self, held: Interpolator, wanted: Number) -> tuple[tuple[Interpolator, ...], Number]:
+        """The velocity command of this sample, from the last and the new one of the position loop."""
+        runs = held.passed <= 0.0
+        last, new = ops.where(runs, held.new, held.last), ops.where(runs, wanted, held.new)
+        passed = held.passed + 1.0
+        command = last + (passed / float(self.position_every)) * (new - last)
+        after = ops.where(passed >= float(self.position_every), 0.0, passed)
+        return (self.Interpolator(after, last, new),), command

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any
 
 from feeddrive.blocks.families import Filter
-from feeddrive.language import ops
+from feeddrive.blocks.filter.biquad import Delayed, Section, advance, check_below_nyquist, section, settled, tustin
 from feeddrive.language.block import Number, parameter
 
 
@@ -22,43 +22,19 @@ class Notch(Filter):
     damping_zero: Number = parameter("", "damping ratio of the numerator: the depth", least=0, default=0.05)
     damping_pole: Number = parameter("", "damping ratio of the denominator: the width", above=0, default=0.5)
 
-    class Prepared(NamedTuple):
-        """H(z) = (b0 + b1 z⁻¹ + b2 z⁻²) / (1 + b1 z⁻¹ + a2 z⁻²): numerator and denominator share b1."""
+    def fits(self, sample_time: float) -> None:
+        """The centre lies below half the sample rate."""
+        check_below_nyquist("notch.frequency", self.frequency, sample_time)
 
-        b0: Number
-        b1: Number
-        b2: Number
-        a2: Number
+    def prepare(self, T: Number) -> Section:
+        """The section's coefficients."""
+        zeros = tustin(self.frequency, self.damping_zero, T)
+        return section(zeros, tustin(self.frequency, self.damping_pole, T), 1.0)
 
-    class State(NamedTuple):
-        """The two delayed sums."""
-
-        first: Number
-        second: Number
-
-    def prepare(self, T: Number) -> Prepared:
-        """With w = tan(ωT/2) and D = 1 + 2 ζd w + w².
-
-        b0, b2 = (1 ± 2 ζn w + w²)/D,   b1 = 2 (w² - 1)/D,   a2 = (1 - 2 ζd w + w²)/D
-        """
-        w = ops.tan(ops.pi * self.frequency * T)
-        base = 1.0 + w * w
-        wide, narrow = 2.0 * self.damping_pole * w, 2.0 * self.damping_zero * w
-        scale = 1.0 / (base + wide)
-        return self.Prepared(
-            b0=(base + narrow) * scale,
-            b1=2.0 * (w * w - 1.0) * scale,
-            b2=(base - narrow) * scale,
-            a2=(base - wide) * scale,
-        )
-
-    def start(self, prepared: Any, value: Number) -> State:
+    def start(self, prepared: Any, value: Number) -> Delayed:
         """At rest with output = input = value."""
-        second = (prepared.b2 - prepared.a2) * value
-        return self.State(second, second)
+        return settled(prepared, value)
 
-    def step(self, prepared: Any, state: Any, value: Number) -> tuple[State, Number]:
+    def step(self, prepared: Any, state: Any, value: Number) -> tuple[Delayed, Number]:
         """One sample."""
-        output = prepared.b0 * value + state.first
-        first = prepared.b1 * (value - output) + state.second
-        return self.State(first, prepared.b2 * value - prepared.a2 * output), output
+        return advance(prepared, state, value)

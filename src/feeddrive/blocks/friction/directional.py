@@ -15,7 +15,8 @@ class Directional(Friction):
         F ∈ -[coulomb_positive, coulomb_negative](v) · Sgn(v) - [viscous_positive, viscous_negative](v) · v
 
     The mean of the two viscous values is part of the linear core and held exactly; the half difference acts at the
-    velocity in the middle of the substep.  Source: Janot, Gautier & Brunot 2019, section on direction-dependent friction.
+    velocity in the middle of the substep.
+    Source: Janot, Gautier & Brunot 2019, section on direction-dependent friction.
     """
 
     coulomb_positive: Number = parameter("N", "level for v > 0", least=0)

@@ -5,15 +5,16 @@ from __future__ import annotations
 from typing import Any
 
 from feeddrive.blocks.families import Friction, Nothing
+from feeddrive.blocks.friction.curve import check_levels, stribeck_level
 from feeddrive.language import ops
 from feeddrive.language.block import Number, parameter
-from feeddrive.language.errors import ParameterError
 
 
 class Stribeck(Friction):
     """Set-valued friction with a Stribeck curve.
 
-        F ∈ -level(v) · Sgn(v) - viscous · v,      level(v) = coulomb + (breakaway - coulomb) e^-(v / stribeck_velocity)²
+        F ∈ -level(v) · Sgn(v) - viscous · v
+        level(v) = coulomb + (breakaway - coulomb) e^-(v / stribeck_velocity)²
 
     The level is taken at the velocity in the middle of the substep, found by one step with the Coulomb level; the force
     is then clip(-v_free / mobility, ±level).  Source of the curve: Armstrong-Hélouvry, Dupont & Canudas de Wit 1994.
@@ -26,10 +27,7 @@ class Stribeck(Friction):
 
     def check(self) -> None:
         """The breakaway level is not below the Coulomb level."""
-        if isinstance(self.breakaway, float) and isinstance(self.coulomb, float) and self.breakaway < self.coulomb:
-            raise ParameterError(
-                f"stribeck.breakaway = {self.breakaway:g} N must be >= stribeck.coulomb = {self.coulomb:g} N"
-            )
+        check_levels(self.kind, "coulomb", self.coulomb, "breakaway", self.breakaway)
 
     def start(self) -> Nothing:
         """No memory."""
@@ -41,8 +39,7 @@ class Stribeck(Friction):
 
     def level(self, velocity: Number) -> Number:
         """The Stribeck curve in N."""
-        ratio = velocity / self.stribeck_velocity
-        return self.coulomb + (self.breakaway - self.coulomb) * ops.exp(-(ratio * ratio))
+        return stribeck_level(velocity, self.coulomb, self.breakaway, self.stribeck_velocity)
 
     def contact(
         self, step: Number, state: Any, velocity: Number, free_velocity: Number, mobility: Number

@@ -24,7 +24,7 @@ class TwoMass(Plant):
     damping: Number = parameter("N s/m", "damping between screw and table", least=0, default=0)
     viscous_motor: Number = parameter("N s/m", "viscous friction of the screw", least=0, default=0)
     viscous_load: Number = parameter("N s/m", "viscous friction of the guideway", least=0, default=0)
-    coupling_mass: Number = parameter("kg", "off-diagonal term of the mass matrix", default=None)
+    coupling_mass: Number | None = parameter("kg", "off-diagonal term of the mass matrix", default=None)
 
     def check(self) -> None:
         """The mass matrix must be positive definite."""

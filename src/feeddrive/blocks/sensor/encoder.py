@@ -2,34 +2,93 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 from feeddrive.blocks.families import Nothing, Sensor
+from feeddrive.blocks.plant.lead_error import LeadError
+from feeddrive.blocks.sensor.eccentricity import Eccentricity
+from feeddrive.blocks.sensor.interpolation import Interpolation
 from feeddrive.blocks.signals import Noise
 from feeddrive.language import ops
-from feeddrive.language.block import Number, parameter
+from feeddrive.language.block import Number, parameter, part
+from feeddrive.language.errors import ParameterError
 
 
 class Encoder(Sensor):
-    """Position to the nearest count, after noise.
+    """Position to the nearest count, after the faults that are given, in this order.
 
-        reading = resolution · round((x + noise · n(k)) / resolution),      n(k) ~ N(0, 1), white, from the run's seed
+        jitter          x + v · jitter · T · n₁(k)                 the sample is taken a little early or late
+        lead error      x - e(x)                                   a rotary encoder on a rigid axis sees the screw
+        eccentricity    x + its error at x
+        interpolation   x + its error at x
+        noise           x + noise · n₀(k),      n ~ N(0, 1), white, from the run's seed, jitter and noise independent
+        resolution      resolution · round(x / resolution)
+        count rate      the counter follows at most largest_rate · T counts a sample; counts that it misses stay lost
+        offset          x + offset
 
-    A parameter that is left out costs nothing.
+    A fault that is left out costs nothing.
     """
 
-    resolution: Number = parameter("m", "length of one count; absent for a continuous reading", above=0, default=None)
-    noise: Number = parameter("m", "standard deviation of the reading", least=0, default=None)
+    resolution: Number | None = parameter(
+        "m", "length of one count; absent for a continuous reading", above=0, default=None
+    )
+    noise: Number | None = parameter("m", "standard deviation of the reading", least=0, default=None)
+    jitter: Number | None = parameter(
+        "", "standard deviation of the sampling instant, share of T", least=0, default=None
+    )
+    largest_rate: Number | None = parameter(
+        "1/s", "counts per second that the counter can follow", above=0, default=None
+    )
+    offset: Number | None = parameter("m", "reading at x = 0", default=None)
+    lead_error: LeadError | None = part("lead error of the screw that carries the encoder", default=None)
+    eccentricity: Eccentricity | None = part("eccentricity of a rotary encoder", default=None)
+    interpolation: Interpolation | None = part("interpolation error of a sine encoder", default=None)
 
-    def start(self, position: Number) -> Nothing:
-        """No memory."""
-        return Nothing()
+    class Counter(NamedTuple):
+        """The count that the last sample should have shown, and all that was lost so far, in m."""
+
+        wanted: Number
+        lost: Number
+
+    def check(self) -> None:
+        """A rate of counts needs counts."""
+        if self.largest_rate is not None and self.resolution is None:
+            raise ParameterError("encoder.largest_rate is given without encoder.resolution: a rate needs counts")
+
+    def start(self, position: Number) -> Any:
+        """Nothing lost."""
+        return Nothing() if self.largest_rate is None else self.Counter(self._counted(position), position - position)
+
+    def still(self, position: Number) -> Number:
+        """All faults that need neither time nor chance."""
+        return self._shifted(self._counted(position))
 
     def step(self, state: Any, position: Number, velocity: Number, noise: Noise, T: Number) -> tuple[Any, Number]:
-        """The equation above."""
+        """All faults."""
+        seen = position
+        if self.jitter is not None:
+            seen = seen + velocity * (self.jitter * T * noise.on(noise.channel + 1.0).normal())
+        reading = self._counted(seen, noise)
+        if self.largest_rate is not None and self.resolution is not None:
+            wanted = reading
+            most = self.largest_rate * self.resolution * T
+            change = wanted - state.wanted
+            lost = state.lost + (ops.clip(change, -most, most) - change)
+            state, reading = self.Counter(wanted, lost), wanted + lost
+        return state, self._shifted(reading)
+
+    def _counted(self, position: Number, noise: Noise | None = None) -> Number:
+        """The reading before the counter, without noise unless its source is given."""
         reading = position
-        if self.noise is not None:
+        if self.lead_error is not None:
+            reading = reading - self.lead_error.at(position)
+        if self.eccentricity is not None:
+            reading = reading + self.eccentricity.at(position)
+        if self.interpolation is not None:
+            reading = self.interpolation.apply(reading)
+        if self.noise is not None and noise is not None:
             reading = reading + self.noise * noise.normal()
-        if self.resolution is not None:
-            reading = ops.quantise(reading, self.resolution)
-        return state, reading
+        return reading if self.resolution is None else ops.quantise(reading, self.resolution)
+
+    def _shifted(self, reading: Number) -> Number:
+        return reading if self.offset is None else reading + self.offset

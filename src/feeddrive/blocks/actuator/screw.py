@@ -1,0 +1,44 @@
+"""A rotary motor on a screw, from its data sheet."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+from feeddrive.blocks.families import Motor
+from feeddrive.blocks.plant.transmission import radians_per_metre
+from feeddrive.language import ops
+from feeddrive.language.block import Number, parameter
+
+
+class Screw(Motor):
+    """Current to torque to force at the table.
+
+        force = torque_constant · gear · (2π / lead) · current
+        speed = rated_speed · lead / gear
+
+    The drive's own unit is A.  Losses of gear and screw are friction, and stand in the friction blocks.
+    """
+
+    unit: ClassVar[str] = "A"
+    torque_constant: Number = parameter("N m/A", "torque per current (both peak, or both RMS)", above=0)
+    lead: Number = parameter("m", "table motion in one turn of the screw", above=0)
+    gear: Number = parameter("", "turns of the motor in one turn of the screw", above=0, default=1)
+    peak_current: Number | None = parameter("A", "largest current", above=0, default=None)
+    continuous_current: Number | None = parameter("A", "largest RMS current over a long time", above=0, default=None)
+    rated_speed: Number | None = parameter("rpm", "largest speed of the motor", above=0, default=None)
+
+    def force_per_unit(self) -> Number:
+        """N at the table per A."""
+        return self.torque_constant * self.gear * radians_per_metre(self.lead)
+
+    def limits(self) -> tuple[Number | None, Number | None]:
+        """Peak and RMS force, N."""
+        peak, continuous = self.peak_current, self.continuous_current
+        constant = self.force_per_unit()
+        return None if peak is None else constant * peak, None if continuous is None else constant * continuous
+
+    def velocity_limit(self) -> Number | None:
+        """Speed of the table at the motor's rated speed, m/s."""
+        if self.rated_speed is None:
+            return None
+        return self.rated_speed * (ops.pi / 30.0) / (self.gear * radians_per_metre(self.lead))

@@ -1,0 +1,81 @@
+"""One second-order section: Tustin with prewarping, and its step in direct form II transposed."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from feeddrive.language import ops
+from feeddrive.language.block import Number
+from feeddrive.language.errors import ParameterError
+
+
+class Section(NamedTuple):
+    """H(z) = (b0 + b1 z⁻¹ + b2 z⁻²) / (1 + a1 z⁻¹ + a2 z⁻²)."""
+
+    b0: Number
+    b1: Number
+    b2: Number
+    a1: Number
+    a2: Number
+
+
+class Delayed(NamedTuple):
+    """The two delayed sums of a section."""
+
+    first: Number
+    second: Number
+
+
+class Polynomial(NamedTuple):
+    """1 + 2 damping s/ω + (s/ω)² times 1 + 2 z⁻¹ + z⁻², after s -> (2/T)(z - 1)/(z + 1): three coefficients of z⁻¹."""
+
+    c0: Number
+    c1: Number
+    c2: Number
+
+
+def prewarped(frequency: Number, T: Number) -> Number:
+    """w = tan(π frequency T), so that s/ω -> (1/w)(z - 1)/(z + 1) is exact at s = jω, z = e^jωT."""
+    return ops.tan(ops.pi * frequency * T)
+
+
+def tustin(frequency: Number, damping: Number, T: Number) -> Polynomial:
+    """The polynomial with natural frequency in Hz, prewarped at that frequency, times w²."""
+    w = prewarped(frequency, T)
+    base = 1.0 + w * w
+    slope = 2.0 * damping * w
+    return Polynomial(base + slope, 2.0 * (w * w - 1.0), base - slope)
+
+
+def section(numerator: Polynomial, denominator: Polynomial, gain: Number) -> Section:
+    """gain · numerator / denominator."""
+    scale = 1.0 / denominator.c0
+    up = gain * scale
+    return Section(
+        b0=numerator.c0 * up,
+        b1=numerator.c1 * up,
+        b2=numerator.c2 * up,
+        a1=denominator.c1 * scale,
+        a2=denominator.c2 * scale,
+    )
+
+
+def settled(made: Section, value: Number) -> Delayed:
+    """The state after a constant input of a section with H(1) = 1."""
+    return Delayed((1.0 - made.b0) * value, (made.b2 - made.a2) * value)
+
+
+def advance(made: Section, state: Delayed, value: Number) -> tuple[Delayed, Number]:
+    """One sample: the new state and the output."""
+    output = made.b0 * value + state.first
+    first = made.b1 * value - made.a1 * output + state.second
+    return Delayed(first, made.b2 * value - made.a2 * output), output
+
+
+def check_below_nyquist(where: str, frequency: Number, sample_time: float) -> None:
+    """Raise ParameterError if a frequency cannot be realised at this sample time."""
+    if isinstance(frequency, float) and frequency >= 0.5 / sample_time:
+        raise ParameterError(
+            f"{where} = {frequency:g} Hz must be below half the sample rate, {0.5 / sample_time:g} Hz: "
+            f"lower it, or leave the filter out"
+        )

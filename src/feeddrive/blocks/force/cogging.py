@@ -1,0 +1,33 @@
+"""Cogging of a motor."""
+
+from __future__ import annotations
+
+from feeddrive.blocks.families import Force, Plant
+from feeddrive.blocks.force.harmonic import Harmonic, total
+from feeddrive.blocks.signals import Motion
+from feeddrive.language.block import Number, parameter, part
+from feeddrive.language.errors import StructureError
+
+
+class Cogging(Force):
+    """A force that pulls the motor towards its magnets, also without current.
+
+        F = force · Σ shareᵢ sin(2π orderᵢ x_motor / period + phaseᵢ)
+
+    For a linear motor `period` is the pole pair, for a rotary one the lead divided by the pole pairs and the gear.
+    Source: the Fourier form in use for permanent-magnet linear motors, Otten, de Vries, van Amerongen, Rankers &
+    Gaal 1997.
+    """
+
+    force: Number = parameter("N", "the force of which the harmonics are shares", least=0)
+    period: Number = parameter("m", "table motion after which the force repeats", above=0)
+    harmonics: tuple[Harmonic, ...] = part("harmonics of the period", default=(Harmonic(order=1, share=1.0),))
+
+    def check(self) -> None:
+        """There is at least one harmonic."""
+        if not self.harmonics:
+            raise StructureError("cogging.harmonics is empty: give at least one harmonic, or leave the block out")
+
+    def forces(self, plant: Plant, motion: Motion, drive: Number, time: Number) -> tuple[Number, Number]:
+        """The equation above, on the motor's body."""
+        return self.force * total(self.harmonics, motion.position_motor, self.period), 0.0

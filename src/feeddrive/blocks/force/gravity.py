@@ -1,0 +1,20 @@
+"""A constant force on the load: weight of a vertical axis, or the offset of an identified model."""
+
+from __future__ import annotations
+
+from feeddrive.blocks.families import Force, Plant
+from feeddrive.blocks.signals import Motion
+from feeddrive.language.block import Number, parameter
+
+
+class Gravity(Force):
+    """F = force, on the load's body; negative if it pulls towards smaller positions.
+
+    For a vertical axis it is -mass · 9.81 m/s², less what a counterweight takes.
+    """
+
+    force: Number = parameter("N", "constant force, positive towards larger positions")
+
+    def forces(self, plant: Plant, motion: Motion, drive: Number, time: Number) -> tuple[Number, Number]:
+        """The constant."""
+        return 0.0, self.force

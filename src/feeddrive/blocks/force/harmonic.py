@@ -1,0 +1,28 @@
+"""One harmonic of a force that repeats along the travel."""
+
+from __future__ import annotations
+
+from feeddrive.language import ops
+from feeddrive.language.block import Block, Number, choice, parameter
+
+
+class Harmonic(Block):
+    """share · sin(2π order x / period + phase), a part of the force that the block around it states."""
+
+    order: int = choice("how often it repeats in one period", least=1)
+    share: Number = parameter("", "amplitude as a share of the force")
+    phase: Number = parameter("rad", "phase at x = 0", default=0)
+
+    def at(self, angle: Number) -> Number:
+        """Its value where the fundamental has the angle 2π x / period."""
+        turned = angle if self.order == 1 else float(self.order) * angle
+        return self.share * ops.sin(turned + self.phase)
+
+
+def total(harmonics: tuple[Harmonic, ...], position: Number, period: Number) -> Number:
+    """The sum of all harmonics at a position; there is at least one."""
+    angle = 2.0 * ops.pi * position / period
+    value = harmonics[0].at(angle)
+    for harmonic in harmonics[1:]:
+        value = value + harmonic.at(angle)
+    return value

@@ -1,0 +1,31 @@
+"""Ripple of a motor's force."""
+
+from __future__ import annotations
+
+from feeddrive.blocks.families import Force, Plant
+from feeddrive.blocks.force.harmonic import Harmonic, total
+from feeddrive.blocks.signals import Motion
+from feeddrive.language.block import Number, parameter, part
+from feeddrive.language.errors import StructureError
+
+
+class Ripple(Force):
+    """The force constant depends on the position: a part of the drive force comes and goes along the travel.
+
+        F = drive · Σ shareᵢ sin(2π orderᵢ x_motor / period + phaseᵢ)
+
+    `drive` is the acting drive force, in the mean over the substep.
+    Source: Otten, de Vries, van Amerongen, Rankers & Gaal 1997 (force ripple beside cogging).
+    """
+
+    period: Number = parameter("m", "table motion after which the ripple repeats", above=0)
+    harmonics: tuple[Harmonic, ...] = part("harmonics of the period; their shares are of the drive force")
+
+    def check(self) -> None:
+        """There is at least one harmonic."""
+        if not self.harmonics:
+            raise StructureError("ripple.harmonics is empty: give at least one harmonic, or leave the block out")
+
+    def forces(self, plant: Plant, motion: Motion, drive: Number, time: Number) -> tuple[Number, Number]:
+        """The equation above, on the motor's body."""
+        return drive * total(self.harmonics, motion.position_motor, self.period), 0.0

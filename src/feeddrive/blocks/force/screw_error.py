@@ -1,0 +1,32 @@
+"""The lead error of a screw in a drive with an axial spring."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from feeddrive.blocks.families import Force, Plant
+from feeddrive.blocks.force.spring import check_spring
+from feeddrive.blocks.plant.lead_error import LeadError
+from feeddrive.blocks.signals import Motion
+from feeddrive.language.block import part
+
+
+class ScrewError(Force):
+    """The lead error deflects the spring between screw and table.
+
+        spring force = stiffness (x_motor + e(x_motor) - x_load),  so  F_motor = -stiffness e,   F_load = +stiffness e
+
+    Left out: the slope e' in the screw's torque and the damper's share, both smaller by the size of e', about 1e-4.
+    With backlash, state the lead error there and not beside it.  On a rigid axis it belongs to the rotary encoder.
+    """
+
+    lead_error: LeadError = part("the error along the travel")
+
+    def fits(self, plant: Plant, beside: tuple[Force, ...]) -> None:
+        """The plant has a spring."""
+        check_spring(self.kind, plant)
+
+    def forces(self, plant: Any, motion: Motion, drive: Any, time: Any) -> tuple[Any, Any]:
+        """The equations above."""
+        push = plant.stiffness * self.lead_error.at(motion.position_motor)
+        return -push, push

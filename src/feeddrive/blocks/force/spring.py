@@ -1,0 +1,15 @@
+"""Which plants have a spring between the motor's and the load's body that a force block can change."""
+
+from __future__ import annotations
+
+from feeddrive.blocks.families import Plant
+from feeddrive.language.errors import StructureError
+
+
+def check_spring(kind: str, plant: Plant) -> None:
+    """Raise StructureError if the plant has no `stiffness` between two bodies."""
+    if getattr(plant, "stiffness", None) is None:
+        raise StructureError(
+            f"axis.forces: '{kind}' acts on the spring between motor and load, and the plant '{plant.kind}' has none; "
+            f"take a plant with a stiffness, such as two_mass or three_mass_chain"
+        )

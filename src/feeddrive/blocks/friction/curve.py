@@ -1,0 +1,28 @@
+"""The Stribeck curve, shared by all laws that have one."""
+
+from __future__ import annotations
+
+from feeddrive.language import ops
+from feeddrive.language.block import Number
+from feeddrive.language.errors import ParameterError
+
+
+def stribeck_level(velocity: Number, coulomb: Number, breakaway: Number, stribeck_velocity: Number) -> Number:
+    """coulomb + (breakaway - coulomb) e^-(v / stribeck_velocity)² in N. Armstrong-Hélouvry et al. 1994."""
+    ratio = velocity / stribeck_velocity
+    return coulomb + (breakaway - coulomb) * ops.exp(-(ratio * ratio))
+
+
+def check_levels(kind: str, coulomb_name: str, coulomb: Number, breakaway_name: str, breakaway: Number | None) -> None:
+    """Raise ParameterError if the breakaway level is below the Coulomb level."""
+    if isinstance(breakaway, float) and isinstance(coulomb, float) and breakaway < coulomb:
+        raise ParameterError(
+            f"{kind}.{breakaway_name} = {breakaway:g} N must be >= {kind}.{coulomb_name} = {coulomb:g} N"
+        )
+
+
+def check_pair(kind: str, first: str, one: Number | None, second: str, other: Number | None) -> None:
+    """Raise ParameterError if one of two parameters is given without the other."""
+    if (one is None) != (other is None):
+        given, missing = (first, second) if other is None else (second, first)
+        raise ParameterError(f"{kind}.{given} is given without {kind}.{missing}: give both or neither")

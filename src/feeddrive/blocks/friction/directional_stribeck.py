@@ -1,0 +1,70 @@
+"""Stribeck friction that differs between the two directions."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from feeddrive.blocks.families import Friction, Nothing
+from feeddrive.blocks.friction.curve import check_levels, stribeck_level
+from feeddrive.language import ops
+from feeddrive.language.block import Number, parameter
+
+
+class DirectionalStribeck(Friction):
+    """Set-valued friction with an own Stribeck curve for each direction.
+
+        F ∈ -level(v) · Sgn(v) - viscous · v
+        level(v) = coulomb± + (breakaway± - coulomb±) e^-(v / stribeck_velocity)²,      + for v > 0, - for v < 0
+        at rest F lies between -breakaway_positive and +breakaway_negative
+
+    Both levels are taken at the velocity in the middle of the substep, found by one step with the Coulomb levels.
+    Source of the curve: Armstrong-Hélouvry, Dupont & Canudas de Wit 1994.
+    """
+
+    coulomb_positive: Number = parameter("N", "level at speed for v > 0", least=0)
+    coulomb_negative: Number = parameter("N", "level at speed for v < 0", least=0)
+    breakaway_positive: Number = parameter("N", "level at standstill towards v > 0", least=0)
+    breakaway_negative: Number = parameter("N", "level at standstill towards v < 0", least=0)
+    stribeck_velocity: Number = parameter("m/s", "velocity at which the extra level has fallen to 1/e", above=0)
+    viscous: Number = parameter("N s/m", "viscous part", least=0, default=0)
+
+    def check(self) -> None:
+        """The breakaway levels are not below the Coulomb levels."""
+        check_levels(
+            self.kind, "coulomb_positive", self.coulomb_positive, "breakaway_positive", self.breakaway_positive
+        )
+        check_levels(
+            self.kind, "coulomb_negative", self.coulomb_negative, "breakaway_negative", self.breakaway_negative
+        )
+
+    def start(self) -> Nothing:
+        """No memory."""
+        return Nothing()
+
+    def linear(self) -> Number:
+        """The viscous part."""
+        return self.viscous
+
+    def levels(self, velocity: Number) -> tuple[Number, Number]:
+        """The two curves in N at |v|: for motion towards v > 0 and towards v < 0."""
+        v = self.stribeck_velocity
+        return (
+            stribeck_level(velocity, self.coulomb_positive, self.breakaway_positive, v),
+            stribeck_level(velocity, self.coulomb_negative, self.breakaway_negative, v),
+        )
+
+    def contact(
+        self, step: Number, state: Any, velocity: Number, free_velocity: Number, mobility: Number
+    ) -> tuple[Any, Number, Any]:
+        """F = clip(-v_free / mobility, -positive level, negative level)."""
+        stopping = -free_velocity / mobility
+        guess = free_velocity + mobility * ops.clip(stopping, -self.coulomb_positive, self.coulomb_negative)
+        positive, negative = self.levels(0.5 * (velocity + guess))
+        stuck = ops.both(stopping >= -positive, stopping <= negative)
+        return state, ops.clip(stopping, -positive, negative), stuck
+
+    def steady(self, velocity: Number) -> Number:
+        """level(v) · sign(v) + viscous · v."""
+        positive, negative = self.levels(velocity)
+        dry = ops.where(velocity > 0.0, positive, ops.where(velocity < 0.0, -negative, 0.0))
+        return dry + self.viscous * velocity

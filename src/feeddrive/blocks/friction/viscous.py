@@ -1,0 +1,36 @@
+"""Viscous friction alone."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from feeddrive.blocks.families import Friction, Nothing
+from feeddrive.language.block import Number, parameter
+
+
+class Viscous(Friction):
+    """F = -viscous · v, held exactly by the linear core.
+
+    For an air guideway, and for linear studies.  When not to use it: where the axis reverses or stands still; without a
+    dry part it has no reversal error and never sticks.
+    """
+
+    viscous: Number = parameter("N s/m", "viscous friction", least=0)
+
+    def start(self) -> Nothing:
+        """No memory."""
+        return Nothing()
+
+    def linear(self) -> Number:
+        """All of it."""
+        return self.viscous
+
+    def contact(
+        self, step: Number, state: Any, velocity: Number, free_velocity: Number, mobility: Number
+    ) -> tuple[Any, Number, Any]:
+        """No force beyond the linear core, never stuck."""
+        return state, 0.0, False
+
+    def steady(self, velocity: Number) -> Number:
+        """viscous · v."""
+        return self.viscous * velocity

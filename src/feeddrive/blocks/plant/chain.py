@@ -1,0 +1,35 @@
+"""Masses in a row with springs between neighbours: the matrices of every plant of that kind."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from feeddrive.blocks.families import Mechanics
+from feeddrive.language import matrix
+from feeddrive.language.block import Number
+
+
+def chain(
+    masses: Sequence[Number],
+    springs: Sequence[tuple[Number, Number]],
+    viscous: Sequence[Number],
+    motor: int,
+) -> Mechanics:
+    """n masses (kg) in a row; spring i holds (stiffness N/m, damping N s/m) and joins masses i and i+1.
+
+    `viscous` is the friction of each mass against the ground, N s/m.  The drive acts on the first mass, the encoder
+    `motor` sits on that mass, the load is the last.
+    """
+    n = len(masses)
+    mass, damping, stiffness, shape = (matrix.zeros(n, n) for _ in range(4))
+    for i in range(n):
+        mass[i][i] = masses[i]
+        damping[i][i] = viscous[i]
+        shape[i][i] = 1.0
+    for i, (k, c) in enumerate(springs):
+        for table, value in ((stiffness, k), (damping, c)):
+            table[i][i] = value if matrix.is_zero(table[i][i]) else table[i][i] + value
+            table[i + 1][i + 1] = value if matrix.is_zero(table[i + 1][i + 1]) else table[i + 1][i + 1] + value
+            table[i][i + 1] = table[i + 1][i] = -value
+    M, C, K, S = (tuple(tuple(row) for row in table) for table in (mass, damping, stiffness, shape))
+    return Mechanics(mass=M, damping=C, stiffness=K, shape=S, motor=motor, load=n - 1)

@@ -1,0 +1,21 @@
+"""The error of a screw along its travel."""
+
+from __future__ import annotations
+
+from feeddrive.language import ops
+from feeddrive.language.block import Block, Number, parameter, table
+
+
+class LeadError(Block):
+    """How much farther the nut is than the screw's angle says: x_nut = x_screw + e(x_screw).
+
+    e is interpolated linearly between entries at start, start + spacing, ... and held beyond the ends of the row.
+    """
+
+    row: Number = table("m", "errors along the travel")
+    start: Number = parameter("m", "position of the first entry")
+    spacing: Number = parameter("m", "distance between entries", above=0)
+
+    def at(self, position: Number) -> Number:
+        """e in m."""
+        return ops.interpolate(self.row, (position - self.start) / self.spacing)

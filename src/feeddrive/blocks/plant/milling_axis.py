@@ -1,0 +1,31 @@
+"""An axis of a small milling machine as papers on its control write it: carriage on a screw, torque at the input."""
+
+from __future__ import annotations
+
+from feeddrive.blocks.families import Mechanics, Plant
+from feeddrive.blocks.plant.transmission import radians_per_metre, reflected
+from feeddrive.language.block import Number, parameter
+
+
+class MillingAxis(Plant):
+    """A carriage on a screw, rigid; a = lead / 2π.
+
+        (carriage_mass + inertia / a²) q'' + (c_b + c_t / a²) q' = torque / a + other forces
+
+    The force of the loop is torque / a, in N at the carriage.  Dry friction (μ sign q'), gravity and cutting forces are
+    blocks of their own.  `ScrewRigid` is the same axis from the motor's data sheet, with a gear.
+    Source: the milling machine in the papers on GPI control by Beltrán-Carbajal and co-workers, rotary equation over a.
+    """
+
+    inertia: Number = parameter("kg m2", "all that turns with the screw", above=0)
+    lead: Number = parameter("m", "carriage motion in one turn of the screw", above=0)
+    carriage_mass: Number = parameter("kg", "all that moves with the carriage", above=0)
+    c_b: Number = parameter("N s/m", "viscous friction of the carriage", least=0, default=0)
+    c_t: Number = parameter("N m s/rad", "viscous friction of the screw's bearings", least=0, default=0)
+
+    def mechanics(self) -> Mechanics:
+        """M = carriage_mass + inertia / a², C = c_b + c_t / a², K = 0."""
+        ratio = radians_per_metre(self.lead)
+        mass = self.carriage_mass + reflected(self.inertia, ratio)
+        viscous = self.c_b + reflected(self.c_t, ratio)
+        return Mechanics(mass=((mass,),), damping=((viscous,),), stiffness=((0.0,),), shape=((1.0,),))

@@ -1,0 +1,31 @@
+"""One structural mode."""
+
+from __future__ import annotations
+
+from feeddrive.language import ops
+from feeddrive.language.block import Block, Number, parameter
+
+
+class Mode(Block):
+    """One mode η of a structure, scaled by its modal mass, and how much of it each end of the axis feels.
+
+        mass (η'' + 2 damping_ratio ω η' + ω² η) = motor f_motor + load f_load,      ω = 2π frequency
+        it adds motor · η to the position of the motor's body and load · η to that of the load's
+
+    A mode that only the motor's force excites and only the load shows has motor = 1 and load = ±1.
+    """
+
+    frequency: Number = parameter("Hz", "undamped natural frequency", above=0)
+    damping_ratio: Number = parameter("", "damping ratio", least=0, default=0.02)
+    mass: Number = parameter("kg", "modal mass", above=0)
+    motor: Number = parameter("", "mode shape at the motor's body", default=1)
+    load: Number = parameter("", "mode shape at the load's body", default=1)
+
+    def stiffness(self) -> Number:
+        """mass ω² in N/m."""
+        omega = 2.0 * ops.pi * self.frequency
+        return self.mass * omega * omega
+
+    def damping(self) -> Number:
+        """2 damping_ratio mass ω in N s/m."""
+        return 4.0 * ops.pi * self.frequency * self.damping_ratio * self.mass

@@ -1,0 +1,16 @@
+"""From the motor's shaft to the table: what a screw and a gear make of angle, torque and inertia."""
+
+from __future__ import annotations
+
+from feeddrive.language import ops
+from feeddrive.language.block import Number
+
+
+def radians_per_metre(lead: Number) -> Number:
+    """Angle of the screw per table motion, 2π / lead, in rad/m."""
+    return 2.0 * ops.pi / lead
+
+
+def reflected(inertia: Number, ratio: Number) -> Number:
+    """A rotary quantity seen at the table: J ratio² in kg for kg m², or in N s/m for N m s/rad; ratio in rad/m."""
+    return inertia * ratio * ratio

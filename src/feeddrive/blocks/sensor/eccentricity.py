@@ -1,0 +1,22 @@
+"""A graduated disc that is not centred on its shaft."""
+
+from __future__ import annotations
+
+from feeddrive.language import ops
+from feeddrive.language.block import Block, Number, parameter
+
+
+class Eccentricity(Block):
+    """error = amplitude · sin(2π x / period + phase).
+
+    A disc whose centre lies e off its shaft, with its graduation at radius R, errs by e/R rad: an amplitude of
+    e/R · period / 2π.
+    """
+
+    amplitude: Number = parameter("m", "largest error, seen at the table", least=0)
+    period: Number = parameter("m", "table motion in one turn of the encoder", above=0)
+    phase: Number = parameter("rad", "phase at x = 0", default=0)
+
+    def at(self, position: Number) -> Number:
+        """The error in m."""
+        return self.amplitude * ops.sin(2.0 * ops.pi * position / self.period + self.phase)
