@@ -38,7 +38,7 @@ class Standing(Reference):
 
 
 def ball_screw(**changes: object) -> Loop:
-    """The design plant of Gordon & Erkorkmaz 2013 under P-PI, 20 kHz, 1.4 samples of dead time, a 1.5 kHz current loop."""
+    """The design plant of Gordon & Erkorkmaz 2013 under P-PI, 20 kHz, 70 us of dead time, a 1.5 kHz current loop."""
     return Loop(
         sample_time=T,
         control=Control(law=CascadePPI(Kv=60, Kp=4e4, Tn=0.01), filters=(Notch(frequency=460),)),
@@ -73,7 +73,7 @@ def test_compliance_equals_a_sine_injected_into_the_simulated_loop(frequency: fl
 
     loop = ball_screw()
     run = simulate(loop, Standing(), load=Sine(), duration=1.0, record=["position_load"])
-    last = run.time.size - 1 - int(round(0.4 / T))
+    last = run.time.size - 1 - round(0.4 / T)
     wave = np.exp(-2j * np.pi * frequency * run.time[last:-1])
     # 0.4 s hold whole periods of each frequency; the force is sin = Im e^jωt, so its phasor is -j
     measured = 2 * np.mean(run["position_load"][last:-1] * wave) * 1j
