@@ -1,0 +1,132 @@
+"""Trees of named leaves: one walk names them, takes them out and puts them back."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from feeddrive.blocks.actuator.actuator import Actuator
+from feeddrive.blocks.controller.cascade_ppi import CascadePPI
+from feeddrive.blocks.filter.notch import Notch
+from feeddrive.blocks.friction.coulomb import Coulomb
+from feeddrive.blocks.plant.two_mass import TwoMass
+from feeddrive.language import tree
+from feeddrive.language.errors import ParameterError
+from feeddrive.loop.axis import Axis
+from feeddrive.loop.control import Control
+from feeddrive.loop.loop import Loop
+
+
+def loop(**plant: float) -> Loop:
+    return Loop(
+        control=Control(
+            law=CascadePPI(Kv=40.0, Kp=20e3, Tn=0.02),
+            filters=(Notch(frequency=160.0), Notch(frequency=300.0)),
+            force_limit=2000.0,
+        ),
+        axis=Axis(
+            plant=TwoMass(**{"mass_motor": 100.0, "mass_load": 50.0, "stiffness": 1e8, **plant}),
+            friction_load=Coulomb(coulomb=50.0),
+            actuator=Actuator(dead_time=1e-4),
+        ),
+        sample_time=1e-4,
+    )
+
+
+def test_names_are_dotted_and_absent_parameters_have_none():
+    names = [name for name, _ in tree.leaves(loop())]
+    assert "control.law.Kv" in names
+    assert "control.filters.1.frequency" in names
+    assert "axis.plant.coupling_mass" not in names
+    assert len(set(names)) == len(names)
+    assert "axis.plant.coupling_mass" in [name for name, _ in tree.leaves(loop(coupling_mass=1.0))]
+
+
+def test_leaves_taken_out_and_put_back_are_the_same_tree():
+    made = loop()
+    again = tree.rebuild(made, (value for _, value in tree.leaves(made)))
+    assert dict(tree.leaves(again)) == dict(tree.leaves(made))
+    assert tree.structure(again) == tree.structure(made)
+    assert repr(again) == repr(made)
+
+
+class Inner(NamedTuple):
+    a: float
+    b: tuple[float, ...]
+
+
+class Outer(NamedTuple):
+    first: Inner
+    nothing: None
+    c: float
+
+
+numbers = st.floats(-1e3, 1e3)
+states = st.builds(Outer, st.builds(Inner, numbers, st.tuples(numbers, numbers)), st.none(), numbers)
+
+
+@given(states, states, st.booleans())
+def test_select_swaps_whole_states(a: Outer, b: Outer, condition: bool):
+    assert tree.select(np.bool_(condition), a, b) == (a if condition else b)
+
+
+@given(states)
+def test_named_tuples_keep_their_type_and_names(state: Outer):
+    assert [name for name, _ in tree.leaves(state)] == ["first.a", "first.b.0", "first.b.1", "c"]
+    doubled = tree.rebuild(state, (2 * value for _, value in tree.leaves(state)))
+    assert isinstance(doubled.first, Inner)
+    assert doubled.first.b == (2 * state.first.b[0], 2 * state.first.b[1])
+
+
+def test_get_and_vary_agree():
+    varied = tree.vary(loop(), {"control.law.Kv": 55.0, "control.filters.0.frequency": 170.0})
+    assert tree.get(varied, "control.law.Kv") == 55.0
+    assert tree.get(varied, "control.filters.0.frequency") == 170.0
+    assert tree.get(varied, "control.filters.1.frequency") == 300.0
+
+
+def test_vary_takes_lists_as_lanes():
+    varied = tree.vary(loop(), {"axis.plant.mass_load": [40.0, 50.0, 60.0]})
+    assert np.array_equal(tree.get(varied, "axis.plant.mass_load"), [40.0, 50.0, 60.0])
+    assert tree.structure(varied) == tree.structure(loop())
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"control.law.kv": 1.0}, "did you mean control.law.Kv"),
+        ({"axis.plant.mass": 1.0}, "there is no parameter 'axis.plant.mass'"),
+        ({"axis.plant.coupling_mass": 1.0}, "there is no parameter"),
+        ({"control.law.Kv": -1.0}, r"control\.law\.Kv = -1 1/s \(position gain\) must be > 0 1/s"),
+        ({"control.law.Kv": float("nan")}, "must be a finite number"),
+        ({"control.law.Kv": [1.0, -2.0]}, "must be > 0"),
+        ({"control.law.Kv": [1.0, 2.0], "control.law.Kp": [1.0, 2.0, 3.0]}, "one length"),
+        ({"axis.plant.mass_load": "heavy"}, "must be a number"),
+        ({"axis.plant.mass_load": True}, "must be a number"),
+    ],
+)
+def test_errors_name_parameter_value_bound_and_unit(changes: dict[str, object], words: str):
+    with pytest.raises(ParameterError, match=words):
+        tree.vary(loop(), changes)
+
+
+def test_vary_runs_the_check_of_the_block():
+    with pytest.raises(ParameterError, match="not positive definite"):
+        tree.vary(loop(coupling_mass=1.0), {"axis.plant.coupling_mass": 90.0})
+
+
+def test_structure_knows_choices_types_and_what_is_absent_but_no_values():
+    base = tree.structure(loop())
+    assert base == tree.structure(tree.vary(loop(), {"control.law.Kv": 1.0}))
+    assert base != tree.structure(loop(coupling_mass=1.0))
+    hash(base)
+
+
+def test_blocks_are_walked_outermost_first():
+    kinds = [block.kind for block in tree.blocks(loop())]
+    assert kinds[0] == "loop"
+    assert kinds.index("control") < kinds.index("cascade_ppi") < kinds.index("axis")
