@@ -1,0 +1,213 @@
+"""The house: floors import only downward, files stay small, step laws keep to `ops`, the door opens quickly."""
+
+from __future__ import annotations
+
+import ast
+import re
+import statistics
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+
+import feeddrive
+from feeddrive.blocks import catalogue
+from feeddrive.language.block import Block, snake_case
+
+SOURCE = Path(feeddrive.__file__).parent
+FILES = sorted(SOURCE.rglob("*.py"))
+FLOORS = ["language", "blocks", "loop", "engineer", "artefacts", "doors"]
+# Blocks that are part of a step, and so are traced; those of reference/ and load/ are sampled and may use numpy.
+TRACED = [
+    "actuator",
+    "controller",
+    "feedforward",
+    "filter",
+    "force",
+    "friction",
+    "observer",
+    "plant",
+    "prefilter",
+    "sensor",
+]
+SAMPLED = ["load", "reference"]
+
+
+class Import(NamedTuple):
+    """One imported module, with where it stands: the names of the functions around it, outermost first."""
+
+    module: str
+    line: int
+    inside: tuple[str, ...]
+    typing_only: bool
+
+
+def imports(path: Path) -> Iterator[Import]:
+    yield from _imports(ast.parse(path.read_text(encoding="utf-8")), (), False)
+
+
+def _imports(node: ast.AST, inside: tuple[str, ...], typing_only: bool) -> Iterator[Import]:
+    for child in ast.iter_child_nodes(node):
+        if isinstance(child, ast.Import):
+            for name in child.names:
+                yield Import(name.name, child.lineno, inside, typing_only)
+        elif isinstance(child, ast.ImportFrom):
+            assert child.level == 0, f"line {child.lineno}: imports are written in full"
+            for name in child.names:
+                yield Import(f"{child.module}.{name.name}", child.lineno, inside, typing_only)
+        else:
+            deeper = inside
+            if isinstance(child, ast.FunctionDef):
+                deeper = (*inside, child.name)
+            guarded = isinstance(child, ast.If) and "TYPE_CHECKING" in ast.unparse(child.test)
+            yield from _imports(child, deeper, typing_only or guarded)
+
+
+def floor_of(parts: tuple[str, ...]) -> int | None:
+    return FLOORS.index(parts[0]) if parts and parts[0] in FLOORS else None
+
+
+def shown(path: Path) -> str:
+    return str(path.relative_to(SOURCE))
+
+
+def test_the_floors_are_the_folders():
+    folders = {path.name for path in SOURCE.iterdir() if path.is_dir() and path.name != "__pycache__"}
+    assert folders == set(FLOORS)
+
+
+@pytest.mark.parametrize("path", FILES, ids=shown)
+def test_no_arrow_runs_up(path: Path):
+    """The one exception: `plot` and `to_pandas` of a result fetch what draws and frames it when they are called."""
+    own = floor_of(path.relative_to(SOURCE).parts)
+    if own is None:
+        return  # the package itself, which shows all floors
+    for found in imports(path):
+        if not found.module.startswith("feeddrive"):
+            continue
+        other = floor_of(tuple(found.module.split(".")[1:]))
+        if other is None:
+            # the whole house by its front door would lead up: only the version lies there for all
+            assert found.module in ("feeddrive", "feeddrive.__version__"), f"line {found.line}: {found.module}"
+        if other is None or other <= own:
+            continue
+        drawing = found.module.startswith("feeddrive.artefacts.plot") and found.inside[-1:] in (
+            ("plot",),
+            ("to_pandas",),
+        )
+        assert drawing, f"line {found.line}: {FLOORS[own]} imports {found.module}, which is a floor above"
+
+
+def test_files_are_short():
+    lengths = {shown(path): len(path.read_text(encoding="utf-8").splitlines()) for path in FILES}
+    long = {name: length for name, length in lengths.items() if length > 400}
+    assert not long, long
+    written = [length for length in lengths.values() if length > 5]  # not the one-line packages
+    assert statistics.median(written) <= 150, statistics.median(written)
+
+
+def test_modules_have_the_names_of_what_they_are():
+    vague = re.compile(r"(^|_)(util|utils|helper|helpers|manager|managers|data|process|misc|common)($|_)")
+    assert not [shown(path) for path in FILES if vague.search(path.stem)]
+
+
+def block_files(families: list[str]) -> list[Path]:
+    return [
+        path for path in FILES if path.relative_to(SOURCE).parts[:1] == ("blocks",) and path.parent.name in families
+    ]
+
+
+def test_every_family_is_traced_or_sampled():
+    folders = {path.name for path in (SOURCE / "blocks").iterdir() if path.is_dir() and path.name != "__pycache__"}
+    assert folders == {*TRACED, *SAMPLED}
+
+
+@pytest.mark.parametrize("path", block_files(TRACED), ids=shown)
+def test_a_step_law_is_written_in_ops(path: Path):
+    """`math` and `numpy` compute on numbers only; what is traced must run on symbols too."""
+    for found in imports(path):
+        top = found.module.split(".")[0]
+        assert top not in ("math", "cmath", "numpy", "scipy"), f"line {found.line}: {found.module}"
+    for line in powers(ast.parse(path.read_text(encoding="utf-8"))):
+        raise AssertionError(f"line {line}: x*x or ops.power instead of **")
+
+
+def powers(node: ast.AST) -> Iterator[int]:
+    """Lines with ** in what is traced; `check` and `fits` look at numbers before any trace."""
+    for child in ast.iter_child_nodes(node):
+        if isinstance(child, ast.FunctionDef) and child.name in ("check", "fits"):
+            continue
+        if isinstance(child, ast.BinOp) and isinstance(child.op, ast.Pow):
+            yield child.lineno
+        yield from powers(child)
+
+
+@pytest.mark.parametrize("path", block_files([*TRACED, *SAMPLED]), ids=shown)
+def test_one_concrete_block_a_file_named_as_the_file(path: Path):
+    if path.stem == "__init__":
+        return
+    module = ".".join(("feeddrive", *path.relative_to(SOURCE).with_suffix("").parts))
+    found = catalogue.blocks_of(module)
+    assert [snake_case(block.__name__) for block in found] in ([path.stem], []), found
+
+
+def concrete_blocks() -> list[type[Block]]:
+    return [block for members in catalogue.catalogue().values() for block in members.values()]
+
+
+@pytest.mark.parametrize("block", concrete_blocks(), ids=lambda block: block.__name__)
+def test_a_concrete_block_is_final(block: type[Block]):
+    for other in concrete_blocks():
+        assert other is block or not issubclass(other, block), f"{other.__name__} inherits from {block.__name__}"
+
+
+@pytest.mark.parametrize("block", concrete_blocks(), ids=lambda block: block.__name__)
+def test_a_block_says_what_it_is(block: type[Block]):
+    from feeddrive.language.block import declarations
+
+    assert block.__doc__, block.__name__
+    for name, declared in declarations(block).items():
+        assert declared.meaning, f"{block.__name__}.{name}"
+
+
+HEAVY = ["scipy", "matplotlib", "pandas", "pyarrow", "llvmlite", "rich", "typer", "control", "numpy"]
+
+
+def loaded_by(code: str) -> set[str]:
+    """The heavy packages that a fresh interpreter has loaded after some code."""
+    asked = f"import sys\n{code}\nprint(*[name for name in {HEAVY!r} if name in sys.modules])"
+    done = subprocess.run([sys.executable, "-c", asked], capture_output=True, text=True, check=True, timeout=120)
+    return set(done.stdout.split())
+
+
+def test_import_feeddrive_loads_nothing_heavy():
+    assert loaded_by("import feeddrive") == set()
+
+
+def test_a_loop_is_described_with_numpy_alone():
+    code = "import feeddrive; feeddrive.Loop; feeddrive.TwoMass; feeddrive.CascadePPI; feeddrive.Stribeck"
+    assert loaded_by(code) == {"numpy"}
+
+
+def test_static_names_are_the_ones_that_are_loaded():
+    """What type checkers see under TYPE_CHECKING is what `feeddrive.name` gives at run time."""
+    for found in imports(SOURCE / "__init__.py"):
+        if found.typing_only and found.module.startswith("feeddrive."):
+            module, _, name = found.module.rpartition(".")
+            __import__(module)
+            assert getattr(feeddrive, name) is getattr(sys.modules[module], name), name
+
+
+def test_dir_names_every_block_and_each_can_be_had():
+    names = dir(feeddrive)
+    for block in concrete_blocks():
+        assert block.__name__ in names
+        assert getattr(feeddrive, block.__name__) is block
+
+
+def test_a_name_that_is_not_there_is_an_attribute_error():
+    with pytest.raises(AttributeError, match="no name 'NoSuchBlock'"):
+        feeddrive.NoSuchBlock  # noqa: B018
