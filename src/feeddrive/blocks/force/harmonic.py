@@ -7,7 +7,7 @@ from feeddrive.language.block import Block, Number, choice, parameter
 
 
 class Harmonic(Block):
-    """share · sin(2π order x / period + phase), a part of the force that the block around it states."""
+    """harmonic = share · sin(2π order x / period + phase), times a force that the block around it states."""
 
     order: int = choice("how often it repeats in one period", least=1)
     share: Number = parameter("", "amplitude as a share of the force")

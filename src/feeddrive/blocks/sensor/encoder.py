@@ -17,14 +17,17 @@ from feeddrive.language.errors import ParameterError
 class Encoder(Sensor):
     """Position to the nearest count, after the faults that are given, in this order.
 
-        jitter          x + v · jitter · T · n₁(k)                 the sample is taken a little early or late
-        lead error      x - e(x)                                   a rotary encoder on a rigid axis sees the screw
-        eccentricity    x + its error at x
-        interpolation   x + its error at x
-        noise           x + noise · n₀(k),      n ~ N(0, 1), white, from the run's seed, jitter and noise independent
-        resolution      resolution · round(x / resolution)
-        count rate      the counter follows at most largest_rate · T counts a sample; counts that it misses stay lost
-        offset          x + offset
+        jitter          r = x + v · jitter · T · n₁(k)         the sample is taken a little early or late
+        lead error      r = r - e(r)                           a rotary encoder on a rigid axis sees the screw
+        eccentricity    r = r + error(r)
+        interpolation   r = r + error(r)
+        noise           r = r + noise · n₀(k)
+        resolution      r = resolution · round(r / resolution)
+        count rate      r follows by at most largest_rate · T counts a sample; counts that it misses stay lost
+        offset          r = r + offset
+
+    n₀ and n₁ are white, independent, N(0, 1), and come from the run's seed.  Lead error and eccentricity are those at
+    the position where the sample was taken.
 
     A fault that is left out costs nothing.
     """

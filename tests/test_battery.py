@@ -1,0 +1,323 @@
+"""The battery: every block that is found in the packages passes every row that applies to it.
+
+Whoever adds a block writes no test for this.  A row is a method of `TestBlock`; it gets the class of a block, and the
+rows on numbers get an `Exercise`, which is everything that a block of its family is asked, as one pure function.
+That files of a step import neither `math` nor `numpy` and that a block is final stands in test_architecture.py.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple, get_type_hints
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from feeddrive.blocks import families
+from feeddrive.blocks.catalogue import catalogue
+from feeddrive.blocks.plant.two_mass import TwoMass
+from feeddrive.blocks.signals import Motion, Noise, Reading, Setpoint
+from feeddrive.language import tree
+from feeddrive.language.block import Block, declarations
+from feeddrive.language.graph import Graph
+from feeddrive.language.units import measure
+from feeddrive.loop.axis import Axis
+from feeddrive.loop.trace import concrete, evaluate
+from strategies import blocks_of, part_types, variants_of
+
+STEPS = 3
+
+
+class Inputs(NamedTuple):
+    """Numbers that a block may be given; each family takes those it needs."""
+
+    T: float
+    position: float
+    position_motor: float
+    velocity: float
+    velocity_motor: float
+    acceleration: float
+    jerk: float
+    snap: float
+    force: float
+    mobility: float
+    time: float
+    seed: float
+    sample: float
+
+    def setpoint(self) -> Setpoint:
+        return Setpoint(self.position, self.velocity, self.acceleration, self.jerk, self.snap)
+
+    def motion(self) -> Motion:
+        return Motion(self.position_motor, self.position, self.velocity_motor, self.velocity)
+
+
+def _inputs() -> st.SearchStrategy[Inputs]:
+    def about(size: float) -> st.SearchStrategy[float]:
+        return st.floats(-size, size)
+
+    return st.builds(
+        Inputs,
+        T=st.sampled_from([5e-5, 1e-4, 2e-4]),  # all filters of the strategies lie below half of 5 kHz
+        position=about(1.0),
+        position_motor=about(1.0),
+        velocity=about(2.0),
+        velocity_motor=about(2.0),
+        acceleration=about(20.0),
+        jerk=about(1e3),
+        snap=about(1e5),
+        force=about(2e3),
+        mobility=st.floats(1e-8, 1e-3),
+        time=st.floats(0.0, 3600.0),
+        seed=st.integers(0, 2**32).map(float),
+        sample=st.integers(0, 2**40).map(float),
+    )
+
+
+class Answers(NamedTuple):
+    """What a block answered: its state at the start and after some steps, if it has one, and all outputs."""
+
+    start: Any
+    after: Any
+    outputs: Any
+
+
+def _plant(block: Any, x: Inputs) -> Answers:
+    made = block.mechanics()
+    matrices = (made.mass, made.damping, made.stiffness, made.shape, made.rigid_motion())
+    return Answers((), (), (*matrices, block.rigid_mass()))
+
+
+def _friction(block: Any, x: Inputs) -> Answers:
+    start = state = block.start()
+    outputs: list[Any] = [block.linear(), block.steady(x.velocity)]
+    free = x.velocity_motor
+    for _ in range(STEPS):
+        state, force, stuck = block.contact(x.T, state, x.velocity, free, x.mobility)
+        outputs += [force, stuck]
+        free = free + x.mobility * force
+    return Answers(start, state, tuple(outputs))
+
+
+def _force(block: Any, x: Inputs) -> Answers:
+    plant = TwoMass(mass_motor=130.0, mass_load=33.0, stiffness=1.8e7)
+    return Answers((), (), block.forces(plant, x.motion(), x.force, x.time))
+
+
+def _motor(block: Any, x: Inputs) -> Answers:
+    return Answers((), (), (block.force_per_unit(), block.limits(), block.velocity_limit()))
+
+
+def _sensor(block: Any, x: Inputs) -> Answers:
+    start = state = block.start(x.position)
+    outputs: list[Any] = [block.still(x.position)]
+    position = x.position
+    for step in range(STEPS):
+        state, reading = block.step(state, position, x.velocity, Noise(x.seed, x.sample + float(step), 16.0), x.T)
+        outputs.append(reading)
+        position = position + x.T * x.velocity
+    return Answers(start, state, tuple(outputs))
+
+
+def _reading(x: Inputs, step: int) -> Reading:
+    passed = float(step) * x.T
+    motor, load = x.position_motor + passed * x.velocity_motor, x.position + passed * x.velocity
+    return Reading(motor, load, x.force, 1.5 * x.force)
+
+
+def _law(block: Any, x: Inputs) -> Answers:
+    prepared = block.prepare(x.T)
+    start = state = block.start(x.setpoint(), _reading(x, 0))
+    outputs = []
+    for step in range(STEPS):
+        setpoint = x.setpoint().shifted(float(step) * x.T)
+        state, force = block.step(prepared, state, setpoint, _reading(x, step), x.T)
+        outputs.append(force)
+    return Answers(start, block.retune(state, prepared, prepared), tuple(outputs))
+
+
+def _filter(block: Any, x: Inputs) -> Answers:
+    prepared = block.prepare(x.T)
+    start = state = block.start(prepared, x.force)
+    outputs = []
+    for value in (x.force, x.position, x.velocity):
+        state, output = block.step(prepared, state, value)
+        outputs.append(output)
+    return Answers(start, state, (prepared, tuple(outputs)))
+
+
+def _feedforward(block: Any, x: Inputs) -> Answers:
+    return Answers((), (), (block.force(x.setpoint(), x.T),))
+
+
+def _prefilter(block: Any, x: Inputs) -> Answers:
+    start = state = block.start(x.setpoint())
+    outputs = []
+    for step in range(STEPS):
+        state, setpoint = block.step(state, x.setpoint().shifted(float(step) * x.T), x.T)
+        outputs.append(setpoint)
+    return Answers(start, state, tuple(outputs))
+
+
+def _observer(block: Any, x: Inputs) -> Answers:
+    prepared = block.prepare(x.T)
+    start = state = block.start(_reading(x, 0))
+    outputs = []
+    for step in range(STEPS):
+        state, estimate = block.step(prepared, state, _reading(x, step), x.T)
+        outputs.append(estimate)
+    return Answers(start, state, tuple(outputs))
+
+
+# What is part of a step, and what a block of each family is asked.
+TRACED: dict[type[Block], Callable[[Any, Inputs], Answers]] = {
+    families.Plant: _plant,
+    families.Friction: _friction,
+    families.Force: _force,
+    families.Motor: _motor,
+    families.Sensor: _sensor,
+    families.Law: _law,
+    families.Filter: _filter,
+    families.Feedforward: _feedforward,
+    families.Prefilter: _prefilter,
+    families.Observer: _observer,
+}
+SAMPLED: tuple[type[Block], ...] = (families.Reference, families.Load)
+
+ALL = [block for members in catalogue().values() for block in members.values()]
+ASKED = [(block, ask) for family, ask in TRACED.items() for block in catalogue().get(family, {}).values()]
+
+
+class Exercise(NamedTuple):
+    """A block, what it is asked, and with which numbers."""
+
+    block: Any
+    ask: Callable[[Any, Inputs], Answers]
+    x: Inputs
+
+    def run(self) -> Answers:
+        """On the numbers as they are: floats or arrays over lanes."""
+        with np.errstate(all="ignore"):
+            return self.ask(self.block, self.x)
+
+    def trace(self) -> tuple[Graph, list[int], dict[str, Any]]:
+        """The graph of all answers, their nodes, and the numbers of its leaves by name."""
+        graph = Graph()
+        rows = dict(tree.tables(self.block))
+        block = tree.rebuild(self.block, (graph.input(name) for name, _ in tree.leaves(self.block)))
+        block = tree.with_tables(block, {name: graph.table(name, len(row)) for name, row in rows.items()})
+        x = Inputs(*(graph.input(f"x.{name}") for name in Inputs._fields))
+        nodes = [graph.symbol(value).index for value in _flat(self.ask(block, x))]
+        inputs = {f"x.{name}": value for name, value in zip(Inputs._fields, self.x, strict=True)}
+        return graph, nodes, {**dict(tree.leaves(self.block)), **rows, **inputs}
+
+
+def _flat(answers: Answers) -> list[Any]:
+    return [value for _, value in tree.leaves(answers)]
+
+
+def _bits(values: Sequence[Any]) -> list[bytes]:
+    """The bits of numbers; every NaN is the same."""
+    numbers = np.array([float(value) for value in values])
+    return [b"nan" if number != number else number.tobytes() for number in numbers]
+
+
+def _exercise(data: st.DataObject, block: type[Block], ask: Callable[[Any, Inputs], Answers]) -> Exercise:
+    made = concrete(data.draw(blocks_of(block)))
+    return Exercise(made, ask, Inputs(*map(np.float64, data.draw(_inputs()))))
+
+
+every_block = pytest.mark.parametrize("block", ALL, ids=lambda block: block.__name__)
+asked = pytest.mark.parametrize(("block", "ask"), ASKED, ids=lambda value: getattr(value, "__name__", ""))
+drawn = settings(max_examples=6, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+
+
+class TestBlock:
+    """One row a method; a row applies to all blocks or to those that are part of a step."""
+
+    @asked
+    @drawn
+    @given(data=st.data())
+    def test_symbols_compute_the_same_bits_as_floats(
+        self, block: type[Block], ask: Callable[[Any, Inputs], Answers], data: st.DataObject
+    ) -> None:
+        exercise = _exercise(data, block, ask)
+        graph, nodes, leaves = exercise.trace()
+        assert _bits(evaluate(graph, nodes, leaves)) == _bits(_flat(exercise.run()))
+
+    @asked
+    @drawn
+    @given(data=st.data())
+    def test_lanes_compute_the_same_bits_as_floats(
+        self, block: type[Block], ask: Callable[[Any, Inputs], Answers], data: st.DataObject
+    ) -> None:
+        first = _exercise(data, block, ask)
+        others = [
+            Exercise(concrete(data.draw(variants_of(first.block))), ask, Inputs(*map(np.float64, data.draw(_inputs()))))
+            for _ in range(2)
+        ]
+        lanes = [first, *others]
+        together = Exercise(
+            tree.rebuild(first.block, map(np.array, zip(*(_values(lane.block) for lane in lanes), strict=True))),
+            ask,
+            Inputs(*map(np.array, zip(*(lane.x for lane in lanes), strict=True))),
+        )
+        found = [np.broadcast_to(value, len(lanes)) for value in _flat(together.run())]
+        for i, lane in enumerate(lanes):
+            assert _bits([value[i] for value in found]) == _bits(_flat(lane.run()))
+
+    @asked
+    @drawn
+    @given(data=st.data())
+    def test_start_is_a_state_as_a_step_returns_it(
+        self, block: type[Block], ask: Callable[[Any, Inputs], Answers], data: st.DataObject
+    ) -> None:
+        answers = _exercise(data, block, ask).run()
+        assert tree.structure(answers.start) == tree.structure(answers.after)
+
+    @asked
+    @drawn
+    @given(data=st.data())
+    def test_answers_are_finite(
+        self, block: type[Block], ask: Callable[[Any, Inputs], Answers], data: st.DataObject
+    ) -> None:
+        assert np.all(np.isfinite([float(value) for value in _flat(_exercise(data, block, ask).run())]))
+
+    @every_block
+    @drawn
+    @given(data=st.data())
+    def test_any_values_within_the_declared_bounds_make_a_block(self, block: type[Block], data: st.DataObject) -> None:
+        made = data.draw(blocks_of(block))
+        assert tree.structure(concrete(made)) == tree.structure(made)
+
+    @every_block
+    def test_every_field_says_what_it_is(self, block: type[Block]) -> None:
+        for name, declared in declarations(block).items():
+            assert declared.meaning, f"{block.__name__}.{name} has no meaning"
+            measure(declared.unit)
+
+    @every_block
+    def test_docstring_states_the_equation(self, block: type[Block]) -> None:
+        text = block.__dict__.get("__doc__") or ""
+        assert any(sign in text for sign in "=∈"), f"{block.__name__} does not say what it computes"
+
+    @every_block
+    def test_the_family_is_known_to_the_battery(self, block: type[Block]) -> None:
+        known = [family for family in (*TRACED, *SAMPLED) if issubclass(block, family)]
+        assert known or _is_part(block), f"{block.__name__} is of no family and part of no block"
+
+
+def _values(block: Block) -> list[Any]:
+    return [value for _, value in tree.leaves(block)]
+
+
+def _is_part(block: type[Block]) -> bool:
+    """Whether another block, or the axis, declares a part of this type."""
+    hints = (get_type_hints(owner)[name] for owner in (*ALL, Axis) for name in _part_names(owner))
+    return any(block in part_types(hint) for hint in hints)
+
+
+def _part_names(owner: type[Block]) -> list[str]:
+    return [name for name, declared in declarations(owner).items() if declared.role == "part"]
