@@ -316,7 +316,7 @@ def test_the_text_explains_itself() -> None:
     assert lines[0] == "[axis.x.plant]"
     assert lines[1] == 'kind = "two_mass"                  # ' + (TwoMass.__doc__ or "").split("\n")[0]
     assert lines[2] == "mass_motor = 1.0                   # kg: motor, coupling and screw, seen at the table (> 0 kg)"
-    assert "# coupling_mass =                  # kg: off-diagonal term of the mass matrix; absent" in lines
+    assert "# coupling_mass =                  # kg: off-diagonal term of the mass matrix" in lines
 
 
 def test_variants_have_no_text() -> None:

@@ -41,7 +41,7 @@ def _lines(block: Block, key: str, header: str, *, named: bool) -> Iterator[str]
                 yield f"# {name}: none ({declared.meaning})"
             below += _part(value, f"{key}.{name}" if key else name, hint)
         elif value is None:
-            yield _line(f"# {name} =", f"{_meaning(declared)}; absent")
+            yield _line(f"# {name} =", _meaning(declared))
         else:
             yield _line(f"{name} = {_value(name, declared, value)}", _meaning(declared))
     yield from below

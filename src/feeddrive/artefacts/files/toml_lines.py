@@ -120,12 +120,14 @@ class Section:
 
 
 def nearest(name: str, allowed: Iterable[str]) -> str:
-    """`; did you mean a or b?`, or `; there are: ...` if nothing is near."""
+    """`; did you mean a or b?`, or `; there are: ...` (at most 20) if nothing is near."""
     known = list(allowed)
     near = get_close_matches(name, known, 3)
     if near:
         return f"; did you mean {' or '.join(near)}?"
-    return f"; there are: {', '.join(known)}" if known else "; nothing is expected here"
+    if not known:
+        return "; nothing is expected here"
+    return f"; there are: {', '.join(known[:20])}{', ...' if len(known) > 20 else ''}"
 
 
 def shown(value: Value) -> str:

@@ -1,0 +1,80 @@
+"""What every reader of measured logs hands over: named columns of numbers, and what it could not use."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any, TypeAlias
+
+import numpy as np
+
+from feeddrive.language import units
+from feeddrive.language.errors import LogError, ParameterError
+
+MOST_BYTES = 2_000_000_000  # of a log file; a reader may allow less
+MOST_NUMBERS = 400_000_000  # of all columns that are read: 3.2 GB in memory
+
+_TIME = re.compile(r"(t|time|zeit|timestamp|time[_ ]?stamp)(_(s|ms|us|ns|min))?", re.IGNORECASE)
+
+# units that makers write in other ways than `language.units` does
+_SPELLINGS = {
+    "%": "percent", "°": "deg", "Nm": "N m", "mNm": "mN m", "sec": "s", "msec": "ms", "usec": "us", "U/min": "rpm",
+    "r/min": "rpm", "grad": "deg", "Newton": "N", "-": "",
+}  # fmt: skip
+
+
+def _row(row: int) -> str:
+    return f"row {row + 1}"
+
+
+@dataclass(frozen=True, eq=False)
+class Columns:
+    """Columns of a file by name, float64 of shape (n,); not all need to have the same length.
+
+    `left_out` says of other columns why they are not there; `place` says where a row stands in the file.
+    """
+
+    format: str
+    values: Mapping[str, np.ndarray]
+    units: Mapping[str, str] = field(default_factory=dict[str, str])
+    constants: Mapping[str, float] = field(default_factory=dict[str, float])
+    left_out: Mapping[str, str] = field(default_factory=dict[str, str])
+    metadata: Mapping[str, Any] = field(default_factory=dict[str, Any])
+    place: Callable[[int], str] = _row
+
+
+# The name of the file, its bytes, and the names of the columns that are wanted (None: all) besides those of time.
+Reader: TypeAlias = Callable[[str, bytes, frozenset[str] | None], Columns]
+
+
+def is_time(name: str) -> bool:
+    """True for the name that a column of time usually has: `t`, `time`, `time_ms`, `timestamp`."""
+    return _TIME.fullmatch(name.strip()) is not None
+
+
+def is_wanted(name: str, wanted: frozenset[str] | None) -> bool:
+    """True for a column that is wanted or that is time."""
+    return wanted is None or name in wanted or is_time(name)
+
+
+def unit_of(text: str) -> str | None:
+    """A unit as makers write it (`µm`, `mm/s²`, `%`, `[ms]`) as `language.units` writes it; None if it is not known."""
+    plain = text.strip().strip("[]()").strip()
+    plain = plain.replace("µ", "u").replace("μ", "u").replace("²", "2").replace("³", "3").replace("^", "")
+    plain = plain.replace("·", " ").replace("*", " ")
+    plain = _SPELLINGS.get(plain, plain)
+    try:
+        units.measure(plain)
+    except ParameterError:
+        return None
+    return plain
+
+
+def check_size(name: str, columns: int, rows: int) -> None:
+    """Raise LogError if that many numbers are more than are read."""
+    if columns * rows > MOST_NUMBERS:
+        raise LogError(
+            f"{name}: holds {columns} columns of {rows:,} rows, more than the {MOST_NUMBERS:,} numbers that are read; "
+            "map only the columns that are needed, or cut the log"
+        )

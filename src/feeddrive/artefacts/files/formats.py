@@ -1,0 +1,85 @@
+"""Which reader a log needs, by what the file holds; its ending is only used to say what was expected."""
+
+from __future__ import annotations
+
+import re
+import zlib
+
+from feeddrive.artefacts.files.columns import MOST_BYTES, Columns
+from feeddrive.artefacts.files.readers.csv_log import read_csv
+from feeddrive.artefacts.files.readers.mat import read_mat
+from feeddrive.artefacts.files.readers.mat73 import read_mat73
+from feeddrive.artefacts.files.readers.parquet import read_parquet
+from feeddrive.language.errors import LogError
+
+_HDF5 = b"\x89HDF\r\n\x1a\n"
+_READABLE = "MATLAB (.mat), CSV, Parquet, also packed by gzip"
+
+# how files of other kinds begin, what they are, and how their content gets here
+_OTHERS = (
+    (b"MDF     ", "an MDF4 measurement file", "export it as CSV or MATLAB"),
+    (b"UnFinMF ", "an unfinished MDF4 measurement file", "export it as CSV or MATLAB"),
+    (b"TDSm", "a TDMS file", "export it as CSV or MATLAB"),
+    (b"\x93NUMPY", "a numpy file", "save it as CSV or Parquet, with names"),
+    (b"\x80\x04\x95", "a Python pickle, which could execute code", "save it as CSV or Parquet"),
+    (b"\xd0\xcf\x11\xe0", "an old Office file (.xls)", "export the sheet as CSV"),
+    (b"PK\x03\x04", "a ZIP archive or an Office file (.xlsx)", "unpack it, or export the sheet as CSV"),
+    (b"%PDF", "a PDF", "give the log itself"),
+    (b"\x89PNG", "a PNG picture", "give the log itself"),
+    (b"\xff\xd8\xff", "a JPEG picture", "give the log itself"),
+    (b"\x7fELF", "a program", "give the log itself"),
+    (b"MZ", "a Windows program", "give the log itself"),
+    (b"SQLite format 3", "an SQLite database", "export the table as CSV"),
+    (b"BZh", "packed by bzip2", "unpack it first"),
+    (b"\xfd7zXZ", "packed by xz", "unpack it first"),
+    (b"7z\xbc\xaf", "a 7z archive", "unpack it first"),
+    (b"(\xb5/\xfd", "packed by zstd", "unpack it first"),
+    (b"<", "an XML or HTML file", "export the log as CSV"),
+    (b"{", "a JSON file", "export the log as CSV"),
+    (b"    -1\n", "a universal file (UFF)", "export the log as CSV"),
+    (b"    -1\r\n", "a universal file (UFF)", "export the log as CSV"),
+)
+
+
+def read_columns(name: str, content: bytes, wanted: frozenset[str] | None) -> Columns:
+    """The columns of a log of any known format. Raises LogError for a damaged file and for a file of another kind."""
+    if content[:2] == b"\x1f\x8b":
+        content = _unpacked(name, content)
+    if not content:
+        raise LogError(f"{name}: is empty")
+    if content.startswith(b"MATLAB 5.0 MAT-file"):
+        return read_mat(name, content, wanted)
+    if content.startswith(_HDF5) or content[512:].startswith(_HDF5):
+        return read_mat73(name, content, wanted)
+    if content.startswith(b"PAR1"):
+        return read_parquet(name, content, wanted)
+    for start, what, advice in _OTHERS:
+        if content.startswith(start):
+            raise LogError(f"{name}: is {what}, not a log that can be read ({_READABLE}); {advice}")
+    if not content.startswith((b"\xff\xfe", b"\xfe\xff")) and re.search(rb"[\0-\x08\x0e-\x1f]", content[:65536]):
+        raise LogError(f"{name}: is a binary file of an unknown kind; readable are {_READABLE}{_expected(name)}")
+    return read_csv(name, content, wanted)
+
+
+def _expected(name: str) -> str:
+    ending = name.rpartition(".")[2].lower()
+    return f"; by its name it should be .{ending}: was it copied whole?" if ending in ("mat", "parquet", "csv") else ""
+
+
+def _unpacked(name: str, content: bytes) -> bytes:
+    """What gzip packed, as far as it is not longer than what is read at all."""
+    parts: list[bytes] = []
+    size = 0
+    try:
+        while content:
+            zip_ = zlib.decompressobj(wbits=31)
+            parts.append(zip_.decompress(content, MOST_BYTES - size + 1))
+            size += len(parts[-1])
+            if size > MOST_BYTES:
+                raise LogError(f"{name}: holds more than the {MOST_BYTES / 1e6:,.0f} MB that are read, once unpacked")
+            if not zip_.eof:
+                raise LogError(f"{name}: is packed by gzip and cut off; copy it again")
+            content = zip_.unused_data.lstrip(b"\0")
+    except zlib.error:
+        raise LogError(f"{name}: is packed by gzip and damaged; copy it again") from None
+    return b"".join(parts)

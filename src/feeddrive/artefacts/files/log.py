@@ -1,0 +1,181 @@
+"""Measured logs: from a file of any known format to channels in SI on one clock, or an error that says why not."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from feeddrive.artefacts.files.clock import checked_clock
+from feeddrive.artefacts.files.columns import MOST_BYTES, Columns, is_time
+from feeddrive.artefacts.files.formats import read_columns
+from feeddrive.artefacts.files.measured import Log, write_log
+from feeddrive.artefacts.files.roles import ROLES, Column, Named
+from feeddrive.artefacts.files.toml_lines import nearest
+from feeddrive.artefacts.files.whole import read_whole
+from feeddrive.language import units
+from feeddrive.language.errors import LogError, ParameterError
+
+__all__ = ["ROLES", "Column", "Log", "Named", "read_log", "write_log"]
+
+
+def read_log(
+    path: str | Path,
+    mapping: Mapping[str, Named] | None = None,
+    *,
+    optional: Mapping[str, Named] | None = None,
+    sample_time: float | None = None,
+    name: str | None = None,
+) -> Log:
+    """Read a measured log: MATLAB (5 to 7.3), CSV of any kind, Parquet; also packed by gzip.
+
+    mapping      role -> column, for the roles in `ROLES`; without it every column of numbers is a channel in its own
+                 unit; a column that is named like time need not be mapped
+    optional     the same for columns that may be missing
+    sample_time  s, for a file without a column of time, or whose stamps are rounded
+    name         of the log; default: that of the file
+
+    Raises FileError (no such file, ...) or LogError (of another kind, damaged, empty, NaN, gaps, a clock that is not
+    uniform, a column that is missing or in another unit), each with file, row and what to do.
+    """
+    where = str(path)
+    if sample_time is not None and not (np.isfinite(sample_time) and sample_time > 0.0):
+        raise ParameterError(f"{where}: sample_time = {sample_time:g} s must be > 0 s")
+    given = None if mapping is None else {role: _column(where, role, column) for role, column in mapping.items()}
+    extra = {role: _column(where, role, column) for role, column in (optional or {}).items()}
+    content = read_whole(path, MOST_BYTES)
+    wanted = None if given is None else frozenset(column.name for column in (*given.values(), *extra.values()))
+    columns = read_columns(where, content, wanted)
+    asked = {role: column for role, column in extra.items() if column.name in columns.values} | (given or {})
+    chosen = _chosen(columns, asked, everything=given is None)
+    values = {role: _values(where, columns, role, column, asked) for role, column in chosen.items()}
+    recorded = values.pop("time", None)
+    channels = {role: numbers for role, (numbers, _) in values.items()}
+    stored = columns.metadata.get("sample_time")
+    step = stored if sample_time is None and isinstance(stored, float) else sample_time
+    time = _stamps(where, columns, channels, step) if recorded is None else recorded[0]
+    left_out = dict(columns.left_out)
+    for role, numbers in list(channels.items()):
+        if numbers.size != time.size:
+            if role in asked:
+                raise LogError(
+                    f"{where}: column '{chosen[role].name}' has {numbers.size} rows, that of time {time.size}"
+                )
+            left_out[role] = f"{numbers.size} rows long, not {time.size}"
+            del channels[role]
+    clock = checked_clock(where, time, columns.place, step)
+    origin = columns.metadata.get("provenance")
+    return Log(
+        name=name or str(columns.metadata.get("name") or Path(path).name.split(".")[0]),
+        time=time,
+        channels=channels,
+        units={role: values[role][1] for role in channels},
+        sample_time=clock.sample_time,
+        jitter=clock.jitter,
+        constants=columns.constants,
+        left_out=left_out,
+        provenance={
+            "file": where,
+            "sha256": hashlib.sha256(content).hexdigest(),
+            "format": columns.format,
+            **({"origin": origin} if origin else {}),
+        },
+    )
+
+
+def _column(path: str, role: str, named: Named) -> Column:
+    """A Column from its short forms. Raises ParameterError for a role or a unit that is not known."""
+    if role not in ROLES:
+        raise ParameterError(f"{path}: a log has no role '{role}'{nearest(role, ROLES)}")
+    match named:
+        case Column():
+            column = named
+        case str():
+            column = Column(name=named)
+        case (name, str(unit)):
+            column = Column(name=name, unit=unit)
+        case (name, factor):
+            column = Column(name=name, factor=float(factor))
+    try:
+        return column.checked(role)
+    except ParameterError as error:
+        raise ParameterError(f"{path}: {error}") from None
+
+
+def _chosen(columns: Columns, asked: Mapping[str, Column], *, everything: bool) -> dict[str, Column]:
+    """The asked columns, time by its usual name if it is not asked for, and every other one under its own name."""
+    chosen = dict(asked)
+    time = next((name for name in columns.values if is_time(name)), None)
+    if "time" not in chosen and time is not None:
+        chosen = {"time": Column(name=time), **chosen}
+    if everything:
+        taken = {column.name for column in chosen.values()}
+        chosen |= {name: Column(name=name) for name in columns.values if name not in taken}
+    return chosen
+
+
+def _values(
+    path: str, columns: Columns, role: str, column: Column, asked: Mapping[str, Column]
+) -> tuple[np.ndarray, str]:
+    """The numbers of a column, all finite, and their unit: that of the role if it is one, else that of the file."""
+    numbers = columns.values.get(column.name)
+    if numbers is None:
+        if column.name in columns.left_out:
+            why = columns.left_out[column.name]
+            raise LogError(f"{path}: column '{column.name}' ({role}) is not numbers but {why}")
+        known = [*columns.values, *columns.constants]
+        raise LogError(f"{path}: there is no column '{column.name}' ({role}){nearest(column.name, known)}")
+    bad = np.flatnonzero(~np.isfinite(numbers))
+    if bad.size:
+        place = columns.place(int(bad[0]))
+        raise LogError(
+            f"{path}: column '{column.name}' is {numbers[bad[0]]} at {place} ({bad.size} such rows); "
+            "cut the log there, repair the row, or map only the columns that are needed"
+        )
+    unit = columns.units.get(column.name, "")
+    as_it_is = role != "time" and role not in asked
+    factor = 1.0 if as_it_is else _factor(path, role, column, unit)
+    held = numbers if factor == 1.0 else numbers * factor
+    held.flags.writeable = False
+    if as_it_is or (role == "command" and not column.unit):
+        return held, unit
+    return held, column.unit if role == "command" else ROLES[role]
+
+
+def _factor(path: str, role: str, column: Column, unit: str) -> float:
+    """From the column's unit to that of its role: as given, else as the file says, else by the end of its name."""
+    if column.factor is not None or role == "command":
+        return 1.0 if column.factor is None else column.factor
+    if column.unit:
+        return units.factor(column.unit, ROLES[role])
+    if unit:
+        try:
+            return units.factor(unit, ROLES[role])
+        except ParameterError:
+            raise LogError(
+                f"{path}: column '{column.name}' is in '{unit}', which is not a unit of {role} ({ROLES[role]}); "
+                f"give the factor from one to the other, as in  {role} = {{ column = '{column.name}', factor = 1.0 }}"
+            ) from None
+    for start in [k + 1 for k, letter in enumerate(column.name) if letter == "_"]:
+        try:
+            return units.factor(column.name[start:], ROLES[role])
+        except ParameterError:
+            continue
+    return 1.0
+
+
+def _stamps(path: str, columns: Columns, channels: Mapping[str, np.ndarray], sample_time: float | None) -> np.ndarray:
+    """The stamps of a uniform clock, for a file that has none."""
+    rows = max((numbers.size for numbers in channels.values()), default=0)
+    left = "".join(f"; '{name[:40]}' is {why}" for name, why in list(columns.left_out.items())[:5])
+    if rows == 0:
+        raise LogError(f"{path}: holds no column of numbers{left}")
+    if sample_time is None:
+        names = ", ".join(name[:40] for name in list(columns.values)[:12])
+        raise LogError(
+            f"{path}: has no column of time among {names}{left}; "
+            "name it, as in  time = { column = 'x', unit = 'ms' }, or give the sample time"
+        )
+    return sample_time * np.arange(rows, dtype=np.float64)

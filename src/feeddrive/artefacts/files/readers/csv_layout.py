@@ -1,0 +1,148 @@
+"""How a text of columns is laid out: separator, decimal mark, heads, units, and where the numbers begin.
+
+Found from the first lines, by the rule that most of them are rows of numbers; what stands above is heads and preamble.
+A text with one comma in each line and no other separator is read as two columns, not as a decimal comma.
+"""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections import Counter
+from dataclasses import dataclass
+
+from feeddrive.artefacts.files.columns import unit_of
+
+_SAMPLE = 400  # lines
+_LINE = 20_000  # characters of a line that are looked at
+_SEPARATORS = (";", "\t", ",", "")  # the last one is any run of spaces
+_NUMBER = {
+    ".": re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?|[+-]?(nan|inf|infinity)", re.IGNORECASE),
+    ",": re.compile(r"[+-]?(\d+(,\d+)?|,\d+)([eE][+-]?\d+)?|[+-]?(nan|inf|infinity)", re.IGNORECASE),
+}
+_COMMENT = re.compile(r"\s*(#|%|//)")
+_HEAD = re.compile(r"(.*?)\s*[\[(]([^\])]*)[\])]\s*")
+
+
+@dataclass(frozen=True)
+class Layout:
+    """`first` counts lines from 0; `numeric` says which columns hold numbers."""
+
+    separator: str
+    decimal: str
+    first: int
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    numeric: tuple[bool, ...]
+
+    def __str__(self) -> str:
+        separator = {"\t": "tab", "": "space"}.get(self.separator, self.separator)
+        return f"text, separator '{separator}', decimal '{self.decimal}'"
+
+    def is_number(self, cell: str) -> bool:
+        """True for a number in this layout."""
+        return _NUMBER[self.decimal].fullmatch(cell) is not None
+
+
+def split(line: str, separator: str) -> list[str]:
+    """The cells of a line, without quotes and spaces around them."""
+    if separator == "":
+        return line.split()
+    if '"' in line:
+        try:
+            return [cell.strip() for cell in next(csv.reader([line], delimiter=separator), [])]
+        except csv.Error:
+            pass
+    return [cell.strip() for cell in line.split(separator)]
+
+
+def is_skipped(line: str) -> bool:
+    """True for an empty line or a comment."""
+    return not line.strip() or _COMMENT.match(line) is not None
+
+
+def layout_of(text: str) -> Layout | None:
+    """The layout of a text, or None if it holds no rows of numbers."""
+    lines = [line[:_LINE] for line in text[: _SAMPLE * 2000].split("\n")[:_SAMPLE]]
+    rows = [(k, line) for k, line in enumerate(lines) if not is_skipped(line)]
+    best: tuple[tuple[float, int], str, str, tuple[bool, ...]] | None = None
+    for separator in _SEPARATORS:
+        for decimal in ".," if separator != "," else ".":
+            mask = _usual_mask([line for _, line in rows], separator, decimal)
+            if any(mask) and (best is None or (sum(mask) / len(mask), len(mask)) > best[0]):
+                best = (sum(mask) / len(mask), len(mask)), separator, decimal, mask
+    if best is None:
+        return None
+    _, separator, decimal, mask = best
+    decimal = "," if separator != "," and _has_decimal_comma(rows, separator, mask) else decimal
+    first = _first(rows, separator, decimal, mask)
+    names, units = _heads(lines[:first], separator, decimal, len(mask))
+    return Layout(separator, decimal, first, names, units, mask)
+
+
+def _mask(line: str, separator: str, decimal: str) -> tuple[bool, ...]:
+    return tuple(_NUMBER[decimal].fullmatch(cell) is not None for cell in split(line, separator))
+
+
+def _usual_mask(lines: list[str], separator: str, decimal: str) -> tuple[bool, ...]:
+    """Which cells are numbers in most of the lines of the second half; at least two lines, or the only one."""
+    half = lines[len(lines) // 2 :]
+    usual, count = Counter(_mask(line, separator, decimal) for line in half).most_common(1)[0] if half else ((), 0)
+    return usual if count >= min(2, len(half)) else ()
+
+
+def _has_decimal_comma(rows: list[tuple[int, str]], separator: str, mask: tuple[bool, ...]) -> bool:
+    """Whole numbers fit both marks; one number with a comma decides."""
+    fitting = [split(line, separator) for _, line in rows if _mask(line, separator, ",") == mask]
+    return any("," in cell for cells in fitting for cell, numeric in zip(cells, mask, strict=True) if numeric)
+
+
+def _first(rows: list[tuple[int, str]], separator: str, decimal: str, mask: tuple[bool, ...]) -> int:
+    """The line at which the numbers begin: the first of two usual ones, or an unusual one with numbers above it."""
+    fits = [_mask(line, separator, decimal) == mask for _, line in rows]
+    start = next((k for k, fit in enumerate(fits) if fit and (k + 1 == len(fits) or fits[k + 1])), fits.index(True, 0))
+    while start > 0:
+        above = _mask(rows[start - 1][1], separator, decimal)
+        if len(above) != len(mask) or not any(above):
+            break
+        start -= 1
+    return rows[start][0]
+
+
+def _heads(above: list[str], separator: str, decimal: str, count: int) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Names and units of the columns from the line or two lines just above the numbers."""
+    heads = [_cells(line, separator) for line in above if line.strip()][-2:]
+    heads = [cells if len(cells) == count and _is_head(cells, decimal) else [] for cells in heads]
+    names, units = (heads[-1] if heads else []), [""] * count
+    if len(heads) == 2 and heads[0] and names and all(unit_of(cell) is not None for cell in names):
+        names, units = heads[0], [unit_of(cell) or "" for cell in names]
+    found: list[str] = []
+    for k in range(count):
+        name, unit = _named(names[k] if names else "")
+        units[k] = unit or units[k]
+        if not name:
+            name = "time" if k == 0 and units[k] in ("s", "ms", "us", "ns") else f"column_{k + 1}"
+        while name in found:
+            name += "_again"
+        found.append(name)
+    return tuple(found), tuple(units)
+
+
+def _cells(line: str, separator: str) -> list[str]:
+    comment = _COMMENT.match(line)
+    return split(line[comment.end() :] if comment else line, separator)
+
+
+def _is_head(cells: list[str], decimal: str) -> bool:
+    return any(cells) and not any(_NUMBER[decimal].fullmatch(cell) for cell in cells)
+
+
+def _named(head: str) -> tuple[str, str]:
+    """`velocity [mm/s]` and `velocity (mm/s)` as name and unit."""
+    found = _HEAD.fullmatch(head)
+    if found is None:
+        return head, ""
+    unit = unit_of(found[2])
+    if unit is None and "[" in head and len(found[2]) <= 20:
+        unit = found[2].strip()
+    return (found[1], unit) if unit is not None else (head, "")

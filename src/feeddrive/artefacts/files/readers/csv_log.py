@@ -1,0 +1,129 @@
+"""Text with columns: CSV of any separator, decimal point or comma, with heads, units and a preamble, or without.
+
+Comment lines (#, %, //) and empty ones are passed over; columns of text are left out; everything else that is not a row
+of numbers is an error with its line.  Up to 500 MB; a larger log is better kept as Parquet.
+"""
+
+from __future__ import annotations
+
+import io
+import re
+from collections.abc import Iterator
+
+import numpy as np
+
+from feeddrive.artefacts.files.columns import Columns, check_size, is_wanted
+from feeddrive.artefacts.files.readers.csv_layout import Layout, is_skipped, layout_of, split
+from feeddrive.language.errors import LogError
+
+MOST_BYTES = 500_000_000
+_LONGEST = 1_000_000  # characters of a line
+
+
+def read_csv(name: str, content: bytes, wanted: frozenset[str] | None) -> Columns:
+    """The columns of a text. Raises LogError that names file and line."""
+    if len(content) > MOST_BYTES:
+        raise LogError(
+            f"{name}: has {len(content) / 1e6:,.0f} MB of text, more than the {MOST_BYTES / 1e6:,.0f} MB that are "
+            "read; convert it to Parquet or cut it"
+        )
+    text = _decoded(content)
+    layout = layout_of(text)
+    if layout is None:
+        start = next((line.strip() for line in text.split("\n", 50) if line.strip()), "")
+        shown = f"; it begins with '{start[:40]}'" if start else ""
+        raise LogError(f"{name}: holds no rows of numbers{shown}; a log is a table of numbers with one row a sample")
+    chosen = [k for k, column in enumerate(layout.names) if layout.numeric[k] and is_wanted(column, wanted)]
+    left_out = {column: "text" for column, numeric in zip(layout.names, layout.numeric, strict=True) if not numeric}
+    body = text.split("\n", layout.first)[-1]
+    numbers = _numbers(name, body, layout, chosen) if chosen else np.empty((0, 0))
+    check_size(name, len(chosen), len(numbers))
+
+    def place(row: int) -> str:
+        return f"line {_line_of(body, row) + layout.first + 1}"
+
+    values = {layout.names[k]: np.ascontiguousarray(numbers[:, i]) for i, k in enumerate(chosen)}
+    units = {layout.names[k]: layout.units[k] for k in chosen if layout.units[k]}
+    return Columns(str(layout), values, units, left_out=left_out, place=place)
+
+
+def _decoded(content: bytes) -> str:
+    if content.startswith((b"\xff\xfe", b"\xfe\xff")):
+        text = content.decode("utf-16", "replace")
+    else:
+        try:
+            text = content.decode("utf-8-sig")
+        except UnicodeDecodeError:
+            text = content.decode("cp1252", "replace")  # µ and ° of older Windows programs
+    return text.replace("\r\n", "\n").replace("\r", "\n") if "\r" in text else text
+
+
+def _rows(body: str) -> Iterator[tuple[int, str]]:
+    """Number, from 0, and text of the lines that are neither empty nor comments."""
+    for k, line in enumerate(io.StringIO(body)):
+        if not is_skipped(line):
+            yield k, line.rstrip("\n")
+
+
+def _line_of(body: str, row: int) -> int:
+    return next((k for count, (k, _) in enumerate(_rows(body)) if count == row), row)
+
+
+def _numbers(name: str, body: str, layout: Layout, chosen: list[int]) -> np.ndarray:
+    """The chosen columns as an array of shape (rows, columns): fast if the text is plain, else cell by cell."""
+    plain = body
+    if re.search(r"[#%/]|\n[ \t]+\n|\A\s*\n", body):
+        plain = "\n".join(line for _, line in _rows(body))
+    if '"' not in plain and len(max(plain[:_LONGEST].split("\n"), key=len)) < _LONGEST:
+        if layout.decimal == ",":
+            plain = plain.replace(",", ".")
+        try:
+            found = np.loadtxt(
+                io.StringIO(plain),
+                delimiter=layout.separator or None,
+                usecols=None if len(chosen) == len(layout.names) else chosen,
+                comments=None,
+                ndmin=2,
+            )
+        except (ValueError, OverflowError, MemoryError):
+            found = None
+        if found is not None and _is_complete(plain, layout, found):
+            return found
+    return _numbers_one_by_one(name, body, layout, chosen)
+
+
+def _is_complete(plain: str, layout: Layout, found: np.ndarray) -> bool:
+    """Whether every row had as many cells as the layout: `usecols` does not look at the rest of a row."""
+    if layout.separator == "":
+        return found.shape[1] == len(layout.names)
+    return plain.count(layout.separator) == len(found) * (len(layout.names) - 1)
+
+
+def _numbers_one_by_one(name: str, body: str, layout: Layout, chosen: list[int]) -> np.ndarray:
+    """The slow way: it knows the line of whatever is wrong, and takes quotes."""
+    count = len(layout.names)
+    rows: list[list[float]] = []
+    total = body.count("\n") + 1
+    for k, line in _rows(body):
+        where = f"{name}: line {k + layout.first + 1}"
+        if len(line) > _LONGEST:
+            raise LogError(f"{where} has more than {_LONGEST:,} characters; is it a log?")
+        cells = split(line, layout.separator)
+        if len(cells) != count:
+            raise LogError(f"{where} {_count_reason(line, len(cells), count, last=k >= total - 2)}")
+        row: list[float] = []
+        for i in chosen:
+            if not layout.is_number(cells[i]):
+                what = f"'{cells[i][:40]}' is not a number" if cells[i] else "is empty"
+                raise LogError(f"{where}, column '{layout.names[i]}': {what}; correct or remove that line")
+            row.append(float(cells[i].replace(",", ".") if layout.decimal == "," else cells[i]))
+        rows.append(row)
+    return np.array(rows, dtype=np.float64).reshape(len(rows), len(chosen))
+
+
+def _count_reason(line: str, found: int, expected: int, *, last: bool) -> str:
+    if "overrun" in line.lower():
+        return "says that samples were lost ('overrun'); cut the log there, or record it again with a longer period"
+    if last and found < expected:
+        return f"has {found} cells, the lines above {expected}: the file is cut off there; remove its last line"
+    return f"has {found} cells, the lines above {expected}: '{line.strip()[:40]}'; correct or remove that line"
