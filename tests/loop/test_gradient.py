@@ -85,7 +85,7 @@ def test_gradient_equals_central_differences(parameters: list[str]) -> None:
 
 
 def test_the_run_beside_its_tangents_is_the_run_itself() -> None:
-    """The quantiser is a straight line for the tangents only: the cost is that of the quantised run, to the last bits."""
+    """The quantiser is a straight line for the tangents only: the cost is that of the quantised run."""
     coarse = loop(encoder_load=Encoder(resolution=1e-6), encoder_motor=Encoder(resolution=1e-6))
     # the sum is taken in another order than numpy's mean: 5000 roundings
     assert gradient(coarse, Swing(), GAINS).cost == pytest.approx(cost(coarse), rel=1e-12)

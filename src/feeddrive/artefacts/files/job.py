@@ -1,19 +1,19 @@
 """A job file: a machine, the work it is given, and the laws to compare on it.
 
-    title = "softer or stiffer"
-    machine = "my_mill.toml"           # beside the job, or the name of a bundled one
-    axis = "x"                         # needed if the machine has several
-    seed = 0                           # of the noise
-    rule = "equal gains"               # by what the laws are comparable; printed in the report
-    [reference]                        # the work: any reference block ...
-    kind = "snap_limited_move"
-    [log]                              # ... or a measured log, whose reference is replayed
-    file = "run.csv"
-    [load]                             # a force on the table
-    kind = "step_force"
-    [[law]]                            # rows of the comparison; today's control is always the first
-    name = "twice the gain"
-    set = { "control.law.Kv" = 80 }    # changes by dotted name, in SI; or a whole [law.control]
+title = "softer or stiffer"
+machine = "my_mill.toml"           # beside the job, or the name of a bundled one
+axis = "x"                         # needed if the machine has several
+seed = 0                           # of the noise
+rule = "equal gains"               # by what the laws are comparable; printed in the report
+[reference]                        # the work: any reference block ...
+kind = "snap_limited_move"
+[log]                              # ... or a measured log, whose reference is replayed
+file = "run.csv"
+[load]                             # a force on the table
+kind = "step_force"
+[[law]]                            # rows of the comparison; today's control is always the first
+name = "twice the gain"
+set = { "control.law.Kv" = 80 }    # changes by dotted name, in SI; or a whole [law.control]
 """
 
 from __future__ import annotations
@@ -25,6 +25,7 @@ from pathlib import Path
 from typing import Any
 
 from feeddrive.artefacts.files.blocks_from_toml import read_block
+from feeddrive.artefacts.files.roles import ROLES, Column
 from feeddrive.artefacts.files.machine import Machine, found, read_machine
 from feeddrive.artefacts.files.toml_lines import Section, TomlFile, read_toml
 from feeddrive.blocks.families import Load, Reference
@@ -34,17 +35,6 @@ from feeddrive.loop.control import Control
 from feeddrive.loop.loop import Loop
 
 _KEYS = ("title", "machine", "axis", "seed", "rule", "duration", "reference", "load", "law", "log")
-# what a log can hold for a job, and the unit of it; `command` is in the drive's own unit
-ROLES = {
-    "time": "s",
-    "setpoint_position": "m",
-    "position_motor": "m",
-    "position_load": "m",
-    "force": "N",
-    "command": "",
-    "load_force": "N",
-}
-_REPLACED = "the log gives the reference"
 
 
 @dataclass(frozen=True)
@@ -52,8 +42,8 @@ class LogRequest:
     """Which log to read, and which of its columns is what."""
 
     path: Path
-    channels: Mapping[str, str]
-    optional: Mapping[str, str]
+    channels: Mapping[str, Column]
+    optional: Mapping[str, Column]
     skip_samples: int
 
 
@@ -92,7 +82,8 @@ def read_job(path: str | Path, log: str | Path | None = None) -> Job:
     reference = root.optional("reference")
     request = _log(root, place, log)
     if (reference is None) == (request is None):
-        raise root.error("a job needs either a section [reference] or a section [log]" + (f": {_REPLACED}" if request else ""))
+        given = ", not both: the log gives the reference" if request else ""
+        raise root.error(f"a job needs either a section [reference] or a section [log]{given}")
     load = root.optional("load")
     return Job(
         title=_optional_text(root, "title") or place.stem,
@@ -127,7 +118,9 @@ def _laws(root: Section, today: Loop) -> dict[str, Loop]:
         section.refuse_unknown(("name", "control", "set"))
         name = _optional_text(section, "name")
         if not name or name in found or name == "today":
-            raise section.error(f"{section.dotted('name')} must be a text that no other row has, and not 'today'", "name")
+            raise section.error(
+                f"{section.dotted('name')} must be a text that no other row has, and not 'today'", "name"
+            )
         control, changes = section.optional("control"), section.optional("set")
         if (control is None) == (changes is None):
             raise section.error(f"row '{name}' needs either a section [law.control] or set = {{ ... }}")
@@ -175,15 +168,27 @@ def _log(root: Section, place: Path, given: str | Path | None) -> LogRequest | N
     )
 
 
-def _channels(section: Section, name: str) -> dict[str, str]:
+def _channels(section: Section, name: str) -> dict[str, Column]:
     channels = section.optional(name)
     if channels is None:
         return {}
     channels.refuse_unknown(ROLES)
-    for role, column in channels.values.items():
-        if not isinstance(column, str):
-            raise channels.error(f"{channels.dotted(role)} must be the name of a column in quotes", role)
-    return dict(channels.values)
+    return {role: _column(channels, role, value) for role, value in channels.values.items()}
+
+
+def _column(channels: Section, role: str, value: Any) -> Column:
+    """A column's name, or { column = "x", unit = "mm" }, or { column = "x", factor = 1e-3 }."""
+    if isinstance(value, str):
+        return Column(name=value)
+    wanted = 'must be the name of a column, or { column = "name", unit = "mm" }, or { column = "name", factor = 0.001 }'
+    if not isinstance(value, dict) or not isinstance(value.get("column"), str):
+        raise channels.error(f"{channels.dotted(role)} {wanted}", role)
+    channels.section(role).refuse_unknown(("column", "unit", "factor"))
+    unit, factor = value.get("unit", ""), value.get("factor")
+    number = factor is None or (isinstance(factor, (int, float)) and not isinstance(factor, bool))
+    if not isinstance(unit, str) or not number:
+        raise channels.error(f"{channels.dotted(role)} {wanted}", role)
+    return Column(name=value["column"], unit=unit, factor=None if factor is None else float(factor))
 
 
 def _optional_text(section: Section, name: str) -> str | None:

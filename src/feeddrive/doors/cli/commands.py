@@ -16,7 +16,9 @@ app = typer.Typer(
 
 Out = Annotated[
     Path | None,
-    typer.Option("--out", "-o", help="Directory to write; one that feeddrive wrote before is replaced.", show_default=False),
+    typer.Option(
+        "--out", "-o", help="Directory to write; one that feeddrive wrote before is replaced.", show_default=False
+    ),
 ]
 
 
@@ -30,7 +32,9 @@ def _version(wanted: bool) -> None:
 
 @app.callback()
 def options(
-    version: Annotated[bool, typer.Option("--version", callback=_version, is_eager=True, help="Show the version.")] = False,
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Show the version.")
+    ] = False,
 ) -> None:
     """Options that stand before a command."""
 

@@ -18,9 +18,7 @@ def perform(job: str, log: Path | None, out: Path) -> None:
     """Read a job, run it, write its results, and show a short table and the path of the report."""
     console = Console(highlight=False)
     asked = read_job(job, log)
-    bar = Progress(
-        TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn(), console=console, transient=True
-    )
+    bar = Progress(TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn(), console=console, transient=True)
     with bar:
         task = bar.add_task(asked.title, total=len(asked.loops) + 2)
 

@@ -1,0 +1,1 @@
+"""Studies: jobs that are run, and what they write."""
