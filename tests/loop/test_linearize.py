@@ -137,6 +137,18 @@ def test_the_quantiser_counts_as_a_straight_line() -> None:
     assert np.array_equal(loop_gain(plain, f).response, loop_gain(coarse, f).response)
 
 
+def test_probes_close_the_algebra_of_the_loop() -> None:
+    """With S = 1/(1 + L): added force to command is -L S; noise of the load's reading acts like -setpoint."""
+    loop = ball_screw()
+    f = np.geomspace(1, 9000, 60)
+    L = loop_gain(loop, f).response
+    model = linearize(loop, ["added_force", "reading_load", "reading_motor", "set_position"], ["force"])
+    assert model.response(f, "force", "added_force").response == pytest.approx(-L / (1 + L), rel=1e-7)
+    # P-PI without velocity feedforward of the position setpoint: the load's reading enters only as Kv (x_set - x_load)
+    noise = model.response(f, "force", "reading_load").response
+    assert noise == pytest.approx(-model.response(f, "force", "set_position").response, rel=1e-7)
+
+
 def test_names_and_frequencies_that_are_not_there_are_refused() -> None:
     loop = ball_screw()
     with pytest.raises(ParameterError, match="there is no input 'load'"):

@@ -14,14 +14,14 @@ from feeddrive.language.errors import MissingExtraError, ParameterError
 from feeddrive.language.table import Result, Table
 from feeddrive.loop.differentiate import push
 from feeddrive.loop.frequency_response import FRF
-from feeddrive.loop.loop import UNITS, Loop, Signals
+from feeddrive.loop.loop import UNITS, Loop, Probe, Signals
 from feeddrive.loop.runner import Prepared, program_of
 from feeddrive.loop.trace import SETPOINT, node_values
 
 INPUT_UNITS = {
     **dict(zip(SETPOINT, ["m", "m/s", "m/s2", "m/s3", "m/s4"], strict=True)),
     "load_force": "N",
-    "cut": "N",
+    **dict(zip(Probe._fields, ["N", "N", "m", "m"], strict=True)),
 }
 
 
@@ -128,7 +128,8 @@ def linearize(
 ) -> StateSpace:
     """The linear model of a loop from any inputs to any signals, exact: the Jacobian of the step that is simulated.
 
-    inputs    of `set_position` ... `set_snap`, `load_force`, and `cut`: the loop is then open at the actuator, the axis
+    inputs    of `set_position` ... `set_snap`, `load_force`, and the probes: `added_force` behind the limit,
+              `reading_motor` and `reading_load` on top of the encoders, and `cut`: the loop is then open, the axis
               obeys `cut` and not the control, and `force` is what the control answers
     outputs   names of `Signals`
     velocity  m/s at which the axis moves: friction is then its slope there.  0: the axis sticks
@@ -145,7 +146,8 @@ def linearize(
         _place(Signals._fields, name, "signal")
     setpoint = Setpoint(*(np.float64(v) for v in (position, velocity, 0.0, 0.0, 0.0)))
     prepared = Prepared(loop, setpoint, (position, velocity))
-    program = program_of(loop, prepared.timing, load=True, enable=False, cut="cut" in inputs)
+    probes = tuple(name for name in Probe._fields if name in inputs)
+    program = program_of(loop, prepared.timing, load=True, enable=False, probes=probes)
     first = dict(prepared.first)
     if settle:
         first.update(_settled(loop, prepared, setpoint, settle))
@@ -155,7 +157,7 @@ def linearize(
         **dict(zip(SETPOINT, setpoint, strict=True)),
         **prepared.tables,
         "load_force": np.float64(0.0),
-        "cut": np.float64(0.0),
+        **dict.fromkeys(probes, np.float64(0.0)),
         "sample": np.float64(settle),
     }
     ends = [state.after for state in program.states] + [program.outputs[name] for name in outputs]

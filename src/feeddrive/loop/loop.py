@@ -37,6 +37,15 @@ class Signals(NamedTuple):
     trip: Number  # 0, or the code of the guard
 
 
+class Probe(NamedTuple):
+    """Where a loop can be opened or excited for analysis; what is absent costs nothing."""
+
+    cut: Number | None = None  # N, what the axis obeys in place of the control's command: the loop is open there
+    added_force: Number | None = None  # N, added to the command between control and axis
+    reading_motor: Number | None = None  # m, added to the reading of the motor's encoder
+    reading_load: Number | None = None  # m, added to the reading of the load's encoder
+
+
 UNITS = dict(
     zip(
         Signals._fields,
@@ -107,17 +116,21 @@ class Loop(Block):
         noise: Noise,
         enable: Number,
         time: Number,
-        cut: Number | None = None,
+        probe: Probe | None = None,
     ) -> tuple[State, Signals]:
-        """One sample. `load` is a force in N on the table (None: none).
-
-        `cut` opens the loop at the actuator: the axis obeys it (N), and not what the control commands.
-        """
+        """One sample. `load` is a force in N on the table (None: none); `probe` is for analysis only."""
         T = self.sample_time
+        probe = probe or Probe()
         axis, motor, load_reading = self.axis.read(state.axis, noise, T)
+        if probe.reading_motor is not None:
+            motor = motor + probe.reading_motor
+        if probe.reading_load is not None:
+            load_reading = load_reading + probe.reading_load
         control, command = self.control.step(prepared.control, state.control, setpoint, motor, load_reading, enable, T)
         motion = self.axis.motion(axis)
-        acting = command.applied if cut is None else cut
+        acting = command.applied if probe.cut is None else probe.cut
+        if probe.added_force is not None:
+            acting = acting + probe.added_force
         axis, done = self.axis.advance(prepared.axis, axis, acting, load, time, T)
         signals = Signals(
             set_position=setpoint.position,

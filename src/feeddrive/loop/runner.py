@@ -22,11 +22,11 @@ _programs: dict[Any, Program] = {}
 _natives: dict[Any, Native] = {}
 
 
-def program_of(loop: Loop, timing: Timing, *, load: bool, enable: bool, cut: bool = False) -> Program:
+def program_of(loop: Loop, timing: Timing, *, load: bool, enable: bool, probes: tuple[str, ...] = ()) -> Program:
     """The program of a loop, traced once for all loops of the same structure."""
-    key = (tree.structure(loop), timing, load, enable, cut)
+    key = (tree.structure(loop), timing, load, enable, probes)
     if key not in _programs:
-        _programs[key] = trace(loop, timing, load=load, enable=enable, cut=cut)
+        _programs[key] = trace(loop, timing, load=load, enable=enable, probes=probes)
     return _programs[key]
 
 

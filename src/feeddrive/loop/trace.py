@@ -13,7 +13,7 @@ from feeddrive.language import mathematics, ops, tree
 from feeddrive.language.block import Number
 from feeddrive.language.graph import Graph, arguments, reachable
 from feeddrive.loop.hold import Timing
-from feeddrive.loop.loop import Loop, Signals
+from feeddrive.loop.loop import Loop, Probe, Signals
 
 SETPOINT = tuple(f"set_{name}" for name in Setpoint._fields)
 
@@ -31,7 +31,7 @@ class Program:
     """One sample as a graph, between named numbers; what the engine runs, linearises and differentiates.
 
     constants  name -> node: parameters (`control.law.Kv`), prepared numbers (`prepared.axis.change.0.1`), `seed`
-    inputs     name -> node: given anew at each sample: `set_position` ... `set_snap`, `load_force`, `enable`, `cut`
+    inputs     name -> node: given anew at each sample: `set_position` ... `set_snap`, `load_force`, `enable`, probes
     states     what is carried from sample to sample
     outputs    name -> node: the signals
     sample     node of the index k of the sample, or None
@@ -72,11 +72,11 @@ def numbers(values: Any, prefix: str) -> Iterator[tuple[str, Any]]:
             yield name, value
 
 
-def trace(loop: Loop, timing: Timing, *, load: bool, enable: bool, cut: bool = False) -> Program:
+def trace(loop: Loop, timing: Timing, *, load: bool, enable: bool, probes: tuple[str, ...] = ()) -> Program:
     """The program of a loop.
 
-    `load`, `enable` and `cut` say whether there is a load force, an enable signal, and an input that opens the loop at
-    the actuator; what is not there costs nothing.  Raises StructureError if a law leaves the language of `ops`.
+    `load` and `enable` say whether there is a load force and an enable signal, `probes` which inputs of `Probe`; what
+    is not there costs nothing.  Raises StructureError if a law leaves the language of `ops`.
     """
     graph = Graph()
     plain = concrete(loop)
@@ -114,7 +114,7 @@ def trace(loop: Loop, timing: Timing, *, load: bool, enable: bool, cut: bool = F
         Noise(constant("seed"), cast(Number, sample)),
         given("enable") if enable else 1.0,
         cast(Number, sample * symbolic.sample_time),
-        given("cut") if cut else None,
+        Probe(**{name: given(name) for name in probes}),
     )
     carried = tuple(
         Carried(name, graph.input(f"state.{name}").index, graph.symbol(value).index)
