@@ -1,0 +1,135 @@
+"""A hook of mkdocs: pages that are made from what stands elsewhere, while the site is built.
+
+- one page a block, from its declarations: equations, and parameters with unit, meaning, bounds and default;
+- the page of the public functions and results, from their docstrings;
+- GLOSSARY, DESIGN, CONTRIBUTING and CHANGELOG of the root, so that they stand once.
+"""
+
+from __future__ import annotations
+
+import inspect
+import re
+from collections.abc import Iterator
+from dataclasses import MISSING, fields
+from pathlib import Path
+from typing import Any
+
+from mkdocs.structure.files import File
+
+import feeddrive
+from feeddrive.blocks.catalogue import catalogue
+from feeddrive.language.block import Block, Declaration, declarations
+
+ROOT = Path(__file__).parent.parent
+WHOLE = ("GLOSSARY.md", "DESIGN.md", "CONTRIBUTING.md", "CHANGELOG.md")
+LOOP = ("Loop", "Axis", "Control", "Guard")
+
+
+def on_config(config: Any) -> Any:
+    """One entry of the navigation for each family of blocks."""
+    families = [{"The loop": [f"blocks/{getattr(feeddrive, name).kind}.md" for name in LOOP]}]
+    families += [{title(family): [place(block) for block in members]} for family, members in families_of_blocks()]
+    config.nav.insert(3, {"Blocks": families})
+    return config
+
+
+def on_files(files: Any, config: Any) -> Any:
+    """Adds the pages."""
+    for name in WHOLE:
+        text = (ROOT / name).read_text(encoding="utf-8")
+        files.append(File.generated(config, name, content=re.sub(r"\]\(docs/", "](", text)))
+    for block in all_blocks():
+        files.append(File.generated(config, place(block), content=page(block)))
+    files.append(File.generated(config, "python.md", content=python()))
+    return files
+
+
+def on_page_markdown(markdown: str, **_: Any) -> str:
+    """Links from docs/ to the files at the root, which are pages beside it in the site."""
+    return re.sub(r"\]\(\.\./([A-Z]+\.md)", r"](\1", markdown)
+
+
+def families_of_blocks() -> Iterator[tuple[type[Block], list[type[Block]]]]:
+    """Families and their members; blocks that are their own family, such as parts of others, come last in one."""
+    lone = []
+    for family, members in catalogue().items():
+        if family in members.values():
+            lone += members.values()
+        else:
+            yield family, list(members.values())
+    if lone:
+        yield Block, lone
+
+
+def all_blocks() -> list[type[Block]]:
+    """Every block that has a page."""
+    return [getattr(feeddrive, name) for name in LOOP] + [b for _, members in families_of_blocks() for b in members]
+
+
+def title(family: type[Block]) -> str:
+    """The name of a family over its list."""
+    return "Parts" if family is Block else family.kind.replace("_", " ").capitalize()
+
+
+def place(block: type[Block]) -> str:
+    """Where a block's page stands."""
+    return f"blocks/{block.kind}.md"
+
+
+def docstring(thing: Any) -> str:
+    """A docstring as markdown: indented equations are code blocks there too."""
+    return inspect.cleandoc(thing.__doc__ or "")
+
+
+def page(block: type[Block]) -> str:
+    """One block."""
+    lines = [f"# {block.__name__}", "", f'`kind = "{block.kind}"`', "", docstring(block), ""]
+    declared = declarations(block)
+    if declared:
+        lines += ["| name | unit | meaning | bounds | default |", "|---|---|---|---|---|"]
+        lines += [row(block, name, each) for name, each in declared.items()]
+    source = f"{block.__module__.replace('.', '/')}.py"
+    return "\n".join([*lines, "", f"Source: `src/{source}`", ""])
+
+
+def row(block: type[Block], name: str, declared: Declaration) -> str:
+    """One field in the table."""
+    allowed = ", ".join(f"`{option}`" for option in declared.options) or declared.bounds()
+    role = "" if declared.role == "parameter" else f" ({declared.role})"
+    cells = (f"`{name}`{role}", declared.unit or "1" if declared.role in ("parameter", "table") else "",
+             declared.meaning, allowed, default(block, name))  # fmt: skip
+    return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
+
+
+def default(block: type[Block], name: str) -> str:
+    """A default in words."""
+    value = next(spec.default for spec in fields(block) if spec.name == name)  # type: ignore[arg-type]
+    if value is MISSING:
+        return "required"
+    if value is None or value == ():
+        return "absent"
+    return f"`{value.kind}`" if isinstance(value, Block) else f"`{value}`"
+
+
+def python() -> str:
+    """The public functions and results."""
+    lines = ["# Python", "", "Names of the package `feeddrive`; every [block](index.md) is one too.", ""]
+    places = feeddrive._PLACES
+    public = [name for name in sorted(places) if name not in LOOP]
+    for name in sorted(public, key=lambda name: (name[:1].isupper(), name)):
+        thing = getattr(feeddrive, name)
+        lines += [f"## {name}", "", f"`{signature(name, thing)}`", "", docstring(thing), ""]
+        if inspect.isclass(thing):
+            for member, method in vars(thing).items():
+                if not member.startswith("_") and getattr(method, "__doc__", None) and inspect.isfunction(method):
+                    summary = docstring(method).split("\n\n")[0].replace("\n", " ")
+                    lines.append(f"- `.{signature(member, method)}`: {summary}")
+            lines.append("")
+    return "\n".join(lines)
+
+
+def signature(name: str, thing: Any) -> str:
+    """Name and arguments without types."""
+    if inspect.isclass(thing):
+        return name
+    return f"{name}({', '.join(p for p in inspect.signature(thing).parameters if p != 'self')})"
