@@ -1,7 +1,7 @@
 """How a text of columns is laid out: separator, decimal mark, heads, units, and where the numbers begin.
 
 Found from the first lines, by the rule that most of them are rows of numbers; what stands above is heads and preamble.
-A text with one comma in each line and no other separator is read as two columns, not as a decimal comma.
+A text without heads, with one comma in each line and no other separator, is two columns and not a decimal comma.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from __future__ import annotations
 import csv
 import re
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from feeddrive.artefacts.files.columns import unit_of
 
@@ -65,19 +65,21 @@ def layout_of(text: str) -> Layout | None:
     """The layout of a text, or None if it holds no rows of numbers."""
     lines = [line[:_LINE] for line in text[: _SAMPLE * 2000].split("\n")[:_SAMPLE]]
     rows = [(k, line) for k, line in enumerate(lines) if not is_skipped(line)]
-    best: tuple[tuple[float, int], str, str, tuple[bool, ...]] | None = None
+    candidates: list[tuple[tuple[float, bool, int], Layout]] = []
     for separator in _SEPARATORS:
         for decimal in ".," if separator != "," else ".":
             mask = _usual_mask([line for _, line in rows], separator, decimal)
-            if any(mask) and (best is None or (sum(mask) / len(mask), len(mask)) > best[0]):
-                best = (sum(mask) / len(mask), len(mask)), separator, decimal, mask
-    if best is None:
+            if any(mask):
+                first = _first(rows, separator, decimal, mask)
+                heads = _heads(lines[:first], separator, decimal, len(mask))
+                layout = Layout(separator, decimal, first, *_names(heads, len(mask)), mask)
+                candidates.append(((sum(mask) / len(mask), bool(heads), len(mask)), layout))
+    if not candidates:
         return None
-    _, separator, decimal, mask = best
-    decimal = "," if separator != "," and _has_decimal_comma(rows, separator, mask) else decimal
-    first = _first(rows, separator, decimal, mask)
-    names, units = _heads(lines[:first], separator, decimal, len(mask))
-    return Layout(separator, decimal, first, names, units, mask)
+    best = max(candidates, key=lambda candidate: candidate[0])[1]
+    if best.separator != "," and _has_decimal_comma(rows, best.separator, best.numeric):
+        return replace(best, decimal=",")
+    return best
 
 
 def _mask(line: str, separator: str, decimal: str) -> tuple[bool, ...]:
@@ -109,16 +111,25 @@ def _first(rows: list[tuple[int, str]], separator: str, decimal: str, mask: tupl
     return rows[start][0]
 
 
-def _heads(above: list[str], separator: str, decimal: str, count: int) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Names and units of the columns from the line or two lines just above the numbers."""
-    heads = [_cells(line, separator) for line in above if line.strip()][-2:]
-    heads = [cells if len(cells) == count and _is_head(cells, decimal) else [] for cells in heads]
-    names, units = (heads[-1] if heads else []), [""] * count
-    if len(heads) == 2 and heads[0] and names and all(unit_of(cell) is not None for cell in names):
+def _heads(above: list[str], separator: str, decimal: str, count: int) -> list[list[str]]:
+    """The one or two lines of heads that stand just above the numbers, as cells; none if there are none."""
+    found: list[list[str]] = []
+    for line in [line for line in above if line.strip()][:-3:-1]:
+        cells = _cells(line, separator)
+        if len(cells) != count or not any(cells) or any(_NUMBER[decimal].fullmatch(cell) for cell in cells):
+            break
+        found.insert(0, cells)
+    return found
+
+
+def _names(heads: list[list[str]], count: int) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Names and units of the columns; the lower of two lines is one of units if all its cells are."""
+    names, units = heads[-1] if heads else [""] * count, [""] * count
+    if len(heads) == 2 and all(unit_of(cell) is not None for cell in names):
         names, units = heads[0], [unit_of(cell) or "" for cell in names]
     found: list[str] = []
     for k in range(count):
-        name, unit = _named(names[k] if names else "")
+        name, unit = _named(names[k])
         units[k] = unit or units[k]
         if not name:
             name = "time" if k == 0 and units[k] in ("s", "ms", "us", "ns") else f"column_{k + 1}"
@@ -131,10 +142,6 @@ def _heads(above: list[str], separator: str, decimal: str, count: int) -> tuple[
 def _cells(line: str, separator: str) -> list[str]:
     comment = _COMMENT.match(line)
     return split(line[comment.end() :] if comment else line, separator)
-
-
-def _is_head(cells: list[str], decimal: str) -> bool:
-    return any(cells) and not any(_NUMBER[decimal].fullmatch(cell) for cell in cells)
 
 
 def _named(head: str) -> tuple[str, str]:

@@ -17,7 +17,6 @@ from feeddrive.artefacts.files.readers.csv_layout import Layout, is_skipped, lay
 from feeddrive.language.errors import LogError
 
 MOST_BYTES = 500_000_000
-_LONGEST = 1_000_000  # characters of a line
 
 
 def read_csv(name: str, content: bytes, wanted: frozenset[str] | None) -> Columns:
@@ -74,7 +73,7 @@ def _numbers(name: str, body: str, layout: Layout, chosen: list[int]) -> np.ndar
     plain = body
     if re.search(r"[#%/]|\n[ \t]+\n|\A\s*\n", body):
         plain = "\n".join(line for _, line in _rows(body))
-    if '"' not in plain and len(max(plain[:_LONGEST].split("\n"), key=len)) < _LONGEST:
+    if '"' not in plain:
         if layout.decimal == ",":
             plain = plain.replace(",", ".")
         try:
@@ -106,8 +105,6 @@ def _numbers_one_by_one(name: str, body: str, layout: Layout, chosen: list[int])
     total = body.count("\n") + 1
     for k, line in _rows(body):
         where = f"{name}: line {k + layout.first + 1}"
-        if len(line) > _LONGEST:
-            raise LogError(f"{where} has more than {_LONGEST:,} characters; is it a log?")
         cells = split(line, layout.separator)
         if len(cells) != count:
             raise LogError(f"{where} {_count_reason(line, len(cells), count, last=k >= total - 2)}")

@@ -136,6 +136,8 @@ def _arrays(piece: _Bytes, prefix: str, depth: int) -> Iterator[tuple[str, np.nd
         raise _DamagedError
     if array_class == _STRUCTURE and shape == [1, 1] and depth < _DEEPEST:
         yield from _fields(piece, at, name, depth)
+    elif array_class in _NUMERIC and len(shape) > 2:
+        yield name, f"an array of {len(shape)} dimensions"
     elif array_class not in _NUMERIC or is_complex:
         yield name, "complex numbers" if is_complex else _OTHER.get(array_class, "a structure of several elements")
     else:
@@ -170,7 +172,7 @@ def _keep(
         if wanted is not None and variable in wanted:
             values[variable] = array.ravel().astype(np.float64)
         return
-    if array.ndim != 2 or array.size == 0:
+    if array.size == 0:
         return
     rows = array if min(array.shape) > 1 else array.reshape(-1, 1)
     for k in range(rows.shape[1] if rows.shape[1] <= 64 else 0):
