@@ -1,0 +1,34 @@
+"""Pictures of results, drawn with matplotlib's object API; every `.plot()` downstairs is one of these functions.
+
+Each returns a figure that shows itself in a notebook and writes itself with `savefig`.  Importing this package does not
+import matplotlib.
+"""
+
+from __future__ import annotations
+
+from feeddrive.artefacts.plot.complex_plane import nyquist, poles
+from feeddrive.artefacts.plot.distributions import batch, gradient
+from feeddrive.artefacts.plot.friction_curve import friction
+from feeddrive.artefacts.plot.open_loop import open_loop
+from feeddrive.artefacts.plot.over_frequency import bode, closed_loop, sensitivity, spectrum, stiffness
+from feeddrive.artefacts.plot.over_time import following_error, force, motion, run
+from feeddrive.artefacts.plot.prediction import replay
+
+__all__ = [
+    "batch",
+    "bode",
+    "closed_loop",
+    "following_error",
+    "force",
+    "friction",
+    "gradient",
+    "motion",
+    "nyquist",
+    "open_loop",
+    "poles",
+    "replay",
+    "run",
+    "sensitivity",
+    "spectrum",
+    "stiffness",
+]

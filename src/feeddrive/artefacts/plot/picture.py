@@ -1,0 +1,17 @@
+"""A matplotlib figure that shows itself in notebooks without pyplot. Import it only where a picture is drawn."""
+
+from __future__ import annotations
+
+from io import BytesIO
+
+from matplotlib.figure import Figure
+
+
+class Picture(Figure):
+    """A Figure with a picture of itself, at twice the resolution; `savefig` writes it to a file."""
+
+    def _repr_png_(self) -> tuple[bytes, dict[str, int]]:
+        file = BytesIO()
+        self.savefig(file, format="png", dpi=2 * self.dpi)
+        width, height = self.get_size_inches() * self.dpi
+        return file.getvalue(), {"width": round(width), "height": round(height)}

@@ -1,0 +1,1 @@
+"""Analysis of loops and signals: margins, sensitivity, stiffness, spectrum, stability, friction map."""
