@@ -47,8 +47,8 @@ def exponent(x: Any) -> Any:
     return k.astype(np.float64) if isinstance(x, np.ndarray) else np.float64(k)
 
 
-_MIX = (0xBF58476D1CE4E5B9, 0x94D049BB133111EB)
-_STRIDES = (0x9E3779B97F4A7C15, 0xD1B54A32D192ED03, 0x8CB92BA72F3D8DD7)
+MIX = (0xBF58476D1CE4E5B9, 0x94D049BB133111EB)
+STRIDES = (0x9E3779B97F4A7C15, 0xD1B54A32D192ED03, 0x8CB92BA72F3D8DD7)
 
 
 def uniform(seed: Any, sample: Any, channel: Any) -> Any:
@@ -59,11 +59,11 @@ def uniform(seed: Any, sample: Any, channel: Any) -> Any:
     lanes = any(isinstance(number, np.ndarray) for number in (seed, sample, channel))
     with np.errstate(over="ignore"):
         bits = np.uint64(0)
-        for number, stride in zip((seed, sample, channel), _STRIDES, strict=True):
+        for number, stride in zip((seed, sample, channel), STRIDES, strict=True):
             bits = bits + np.asarray(number).astype(np.uint64) + np.uint64(1)
             bits = bits * np.uint64(stride)
-            bits = (bits ^ (bits >> np.uint64(30))) * np.uint64(_MIX[0])
-            bits = (bits ^ (bits >> np.uint64(27))) * np.uint64(_MIX[1])
+            bits = (bits ^ (bits >> np.uint64(30))) * np.uint64(MIX[0])
+            bits = (bits ^ (bits >> np.uint64(27))) * np.uint64(MIX[1])
             bits = bits ^ (bits >> np.uint64(31))
     share = ((bits >> np.uint64(12)).astype(np.float64) + 0.5) * 2.0**-52
     return share if lanes else np.float64(share)

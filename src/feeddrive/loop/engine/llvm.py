@@ -14,6 +14,7 @@ from __future__ import annotations
 import struct
 
 from feeddrive.language.graph import ELEMENTARY, arguments
+from feeddrive.language.mathematics import MIX, STRIDES
 from feeddrive.loop.engine.plan import Plan
 
 _BINARY = {"add": "fadd", "sub": "fsub", "mul": "fmul", "div": "fdiv"}
@@ -22,8 +23,6 @@ _LOGIC = {"and": "and", "or": "or"}
 _INTRINSIC = {"abs": "fabs", "sqrt": "sqrt", "floor": "floor"}
 # x + 1.5·2⁵² holds the whole number x in its low bits
 _SHIFTER = 6755399441055744.0
-_SPLITMIX = (13787848793156543929, 10723151780598845931)
-_STRIDES = (11400714819323198485, 15111065706953306371, 10136389366006255063)
 
 
 def number(value: float) -> str:
@@ -178,12 +177,12 @@ class Printer:
         """The mix of `mathematics.uniform`."""
         whole, kind = self.type(vector, "i64"), self.type(vector)
         bits = self.whole(0, vector)
-        for value, stride in zip(values, _STRIDES, strict=True):
+        for value, stride in zip(values, STRIDES, strict=True):
             given = self.emit(f"fptoui {kind} {value} to {whole}")
             bits = self.emit(f"add {whole} {bits}, {given}")
             bits = self.emit(f"add {whole} {bits}, {self.whole(1, vector)}")
             bits = self.emit(f"mul {whole} {bits}, {self.whole(stride, vector)}")
-            for shift, factor in ((30, _SPLITMIX[0]), (27, _SPLITMIX[1])):
+            for shift, factor in ((30, MIX[0]), (27, MIX[1])):
                 down = self.emit(f"lshr {whole} {bits}, {self.whole(shift, vector)}")
                 mixed = self.emit(f"xor {whole} {bits}, {down}")
                 bits = self.emit(f"mul {whole} {mixed}, {self.whole(factor, vector)}")
