@@ -228,7 +228,7 @@ class Axis(Block):
             end_state = [_plus(x, column, force) for x, column in zip(end_state, contact.column, strict=True)]
         for contact, held in zip(contacts, stuck, strict=True):
             if held is not False:
-                _stop(contact.row, held, end_state, n)
+                _stop(contact.row, held, end_state, state, h)
         moved = state._replace(
             position=tuple(end_state[:n]), velocity=tuple(end_state[n : 2 * n]), drive=tuple(end_state[2 * n :])
         )
@@ -281,15 +281,22 @@ def _share_mass(mechanics: Mechanics) -> bool:
     return full or any(not matrix.is_zero(a) and not matrix.is_zero(b) for a, b in zip(motor, load, strict=True))
 
 
-def _stop(row: matrix.Row, held: Any, state: list[Any], n: int) -> None:
-    """A body that is held stands exactly still: its last coordinate with the share 1 cancels all others.
+def _stop(row: matrix.Row, held: Any, end: list[Any], start: Axis.State, h: Number) -> None:
+    """A body that is held at the end of a substep stands exactly still: its last coordinate with the share 1 cancels
+    all others, and must be the last for the sum of `motion` to be exactly 0.
 
-    It must be the last for the sum of `motion` to be exactly 0.  Where two bodies share that coordinate, as in a modal
-    model, the second is exact and the first stands still to rounding.
+    It ends where a constant deceleration to rest takes it, x + v h/2, and thus stays where it is if it stood before;
+    the friction force, a mean over the substep, would let it creep while a spring on it is wound up.  Where two bodies
+    share a coordinate, as in a modal model, the second is exact and the first stands still to rounding.
     """
     own = max((i for i, share in enumerate(row) if matrix.is_one(share)), default=None)
     if own is None:
         return
-    others = matrix.dot(row[:own] + row[own + 1 :], state[n : n + own] + state[n + own + 1 : 2 * n])
-    still = 0.0 if matrix.is_zero(others) else -others
-    state[n + own] = ops.where(held, still, state[n + own])
+    n = len(start.position)
+    others = [*row[:own], *row[own + 1 :]]
+    moving = matrix.dot(others, [*end[n : n + own], *end[n + own + 1 : 2 * n]])
+    end[n + own] = ops.where(held, 0.0 if matrix.is_zero(moving) else -moving, end[n + own])
+    if n > 1:
+        place = matrix.dot(row, start.position) + (0.5 * h) * matrix.dot(row, start.velocity)
+        aside = matrix.dot(others, [*end[:own], *end[own + 1 : n]])
+        end[own] = ops.where(held, place if matrix.is_zero(aside) else place - aside, end[own])

@@ -10,12 +10,12 @@ from feeddrive.language.errors import ParameterError
 
 
 class Section(NamedTuple):
-    """H(z) = (b0 + b1 z⁻¹ + b2 z⁻²) / (1 + a1 z⁻¹ + a2 z⁻²)."""
+    """H(z) = (b0 + b1 z⁻¹ + b2 z⁻²) / (1 + a1 z⁻¹ + a2 z⁻²); a1 is absent where it equals b1, as in a notch."""
 
     b0: Number
     b1: Number
     b2: Number
-    a1: Number
+    a1: Number | None
     a2: Number
 
 
@@ -60,6 +60,12 @@ def section(numerator: Polynomial, denominator: Polynomial, gain: Number) -> Sec
     )
 
 
+def notch_section(frequency: Number, damping_zero: Number, damping_pole: Number, T: Number) -> Section:
+    """Numerator and denominator at one frequency share their middle coefficient, which saves a product a sample."""
+    zeros, poles = tustin(frequency, damping_zero, T), tustin(frequency, damping_pole, T)
+    return section(zeros, poles, 1.0)._replace(a1=None)
+
+
 def settled(made: Section, value: Number) -> Delayed:
     """The state after a constant input of a section with H(1) = 1."""
     return Delayed((1.0 - made.b0) * value, (made.b2 - made.a2) * value)
@@ -68,7 +74,10 @@ def settled(made: Section, value: Number) -> Delayed:
 def advance(made: Section, state: Delayed, value: Number) -> tuple[Delayed, Number]:
     """One sample: the new state and the output."""
     output = made.b0 * value + state.first
-    first = made.b1 * value - made.a1 * output + state.second
+    if made.a1 is None:
+        first = made.b1 * (value - output) + state.second
+    else:
+        first = made.b1 * value - made.a1 * output + state.second
     return Delayed(first, made.b2 * value - made.a2 * output), output
 
 

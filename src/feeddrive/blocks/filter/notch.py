@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from feeddrive.blocks.families import Filter
-from feeddrive.blocks.filter.biquad import Delayed, Section, advance, check_below_nyquist, section, settled, tustin
+from feeddrive.blocks.filter.biquad import Delayed, Section, advance, check_below_nyquist, notch_section, settled
 from feeddrive.language.block import Number, parameter
 
 
@@ -28,8 +28,7 @@ class Notch(Filter):
 
     def prepare(self, T: Number) -> Section:
         """The section's coefficients."""
-        zeros = tustin(self.frequency, self.damping_zero, T)
-        return section(zeros, tustin(self.frequency, self.damping_pole, T), 1.0)
+        return notch_section(self.frequency, self.damping_zero, self.damping_pole, T)
 
     def start(self, prepared: Any, value: Number) -> Delayed:
         """At rest with output = input = value."""
