@@ -26,6 +26,7 @@ from feeddrive.language.errors import FeeddriveError, ParameterError, StructureE
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.control import Control
 from feeddrive.loop.loop import Loop
+from strategies import numbers
 
 ALL = [block for group in catalogue().values() for block in group.values()]
 TWO_MASS = 'kind = "two_mass"\nmass_motor = 100\nmass_load = 350.0\nstiffness = 1.8e8\n'
@@ -33,16 +34,6 @@ TWO_MASS = 'kind = "two_mass"\nmass_motor = 100\nmass_load = 350.0\nstiffness = 
 
 def read(family: type[Block], text: str) -> Any:
     return read_block(family, parse_toml(text, "m.toml").root())
-
-
-def numbers(declared: Declaration) -> st.SearchStrategy[float]:
-    """Numbers within the declared bounds."""
-    low = declared.least if declared.above is None else declared.above
-    high = declared.most if declared.below is None else declared.below
-    return st.floats(
-        low, high, allow_nan=False, allow_infinity=False, exclude_min=declared.above is not None,
-        exclude_max=declared.below is not None,
-    )  # fmt: skip
 
 
 def field_values(kind: type[Block], name: str, declared: Declaration, depth: int) -> st.SearchStrategy[Any]:
@@ -81,7 +72,7 @@ def blocks(draw: st.DrawFn, kind: type[Block], depth: int = 0) -> Any:
         for name, value in values.items()
     }
     for attempt in (values, ordered, needed):  # most refusals are about the order of numbers, which defaults keep
-        with np.errstate(all="ignore"), contextlib.suppress(FeeddriveError):
+        with np.errstate(all="ignore"), contextlib.suppress(FeeddriveError, ArithmeticError):
             return kind(**attempt)
     return assume(False)
 

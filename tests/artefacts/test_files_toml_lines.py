@@ -11,8 +11,9 @@ from typing import Any
 
 import pytest
 
+from feeddrive.artefacts.files.messages import plain, shown
 from feeddrive.artefacts.files.toml_keys import Key, lines_of_keys
-from feeddrive.artefacts.files.toml_lines import Section, TomlFile, parse_toml, read_toml, shown
+from feeddrive.artefacts.files.toml_lines import Section, TomlFile, parse_toml, read_toml
 from feeddrive.language.errors import FileError, ParameterError
 
 EVERYTHING = (
@@ -292,4 +293,5 @@ def test_sections_say_what_is_missing_or_of_another_type() -> None:
 def test_values_in_messages_stay_short() -> None:
     assert shown(10**4000) == "a whole number of more than 20 digits"
     assert shown(True) == "true"
+    assert plain("a\n\x1b[31mb μ²") == "a??[31mb μ²"
     assert len(shown("x" * 1000)) == 60

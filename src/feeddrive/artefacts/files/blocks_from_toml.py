@@ -20,7 +20,8 @@ from typing import Any, TypeVar
 import numpy as np
 
 from feeddrive.artefacts.files.fields import Hint, choice_value, defaults, hints, members
-from feeddrive.artefacts.files.toml_lines import Section, nearest, shown
+from feeddrive.artefacts.files.messages import nearest, shown
+from feeddrive.artefacts.files.toml_lines import Section
 from feeddrive.language import units
 from feeddrive.language.block import Block, Declaration, checked, declarations
 from feeddrive.language.errors import ParameterError, StructureError
@@ -73,6 +74,10 @@ def _block(
             return kind(**found)
     except (ParameterError, StructureError) as error:
         raise type(error)(f"{section.where()}: {_prefix(section)}{error}") from None
+    except ArithmeticError:
+        raise section.error(
+            f"{_prefix(section)}{kind.kind} has a value too small or too large to compute with"
+        ) from None
 
 
 def _prefix(section: Section) -> str:

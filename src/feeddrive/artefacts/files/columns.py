@@ -32,13 +32,15 @@ def _row(row: int) -> str:
 class Columns:
     """Columns of a file by name, float64 of shape (n,); not all need to have the same length.
 
-    `left_out` says of other columns why they are not there; `place` says where a row stands in the file.
+    `unread` names columns that were not wanted; `left_out` says of others why they are not there; `place` says where a
+    row stands in the file.
     """
 
     format: str
     values: Mapping[str, np.ndarray]
     units: Mapping[str, str] = field(default_factory=dict[str, str])
     constants: Mapping[str, float] = field(default_factory=dict[str, float])
+    unread: tuple[str, ...] = ()
     left_out: Mapping[str, str] = field(default_factory=dict[str, str])
     metadata: Mapping[str, Any] = field(default_factory=dict[str, Any])
     place: Callable[[int], str] = _row

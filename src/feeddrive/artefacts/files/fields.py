@@ -11,7 +11,8 @@ from dataclasses import dataclass
 from functools import cache
 from typing import Any, TypeAlias
 
-from feeddrive.artefacts.files.toml_lines import Section, shown
+from feeddrive.artefacts.files.messages import shown
+from feeddrive.artefacts.files.toml_lines import Section
 from feeddrive.blocks.catalogue import catalogue
 from feeddrive.language.block import Block, Declaration, declarations
 

@@ -12,8 +12,8 @@ from feeddrive.artefacts.files.clock import checked_clock
 from feeddrive.artefacts.files.columns import MOST_BYTES, Columns, is_time
 from feeddrive.artefacts.files.formats import read_columns
 from feeddrive.artefacts.files.measured import Log, write_log
+from feeddrive.artefacts.files.messages import nearest, plain
 from feeddrive.artefacts.files.roles import ROLES, Column, Named
-from feeddrive.artefacts.files.toml_lines import nearest
 from feeddrive.artefacts.files.whole import read_whole
 from feeddrive.language import units
 from feeddrive.language.errors import LogError, ParameterError
@@ -40,11 +40,24 @@ def read_log(
     Raises FileError (no such file, ...) or LogError (of another kind, damaged, empty, NaN, gaps, a clock that is not
     uniform, a column that is missing or in another unit), each with file, row and what to do.
     """
+    try:
+        return _read_log(path, mapping, optional or {}, sample_time, name)
+    except LogError as error:
+        raise LogError(plain(str(error))) from None
+
+
+def _read_log(
+    path: str | Path,
+    mapping: Mapping[str, Named] | None,
+    optional: Mapping[str, Named],
+    sample_time: float | None,
+    name: str | None,
+) -> Log:
     where = str(path)
     if sample_time is not None and not (np.isfinite(sample_time) and sample_time > 0.0):
         raise ParameterError(f"{where}: sample_time = {sample_time:g} s must be > 0 s")
     given = None if mapping is None else {role: _column(where, role, column) for role, column in mapping.items()}
-    extra = {role: _column(where, role, column) for role, column in (optional or {}).items()}
+    extra = {role: _column(where, role, column) for role, column in optional.items()}
     content = read_whole(path, MOST_BYTES)
     wanted = None if given is None else frozenset(column.name for column in (*given.values(), *extra.values()))
     columns = read_columns(where, content, wanted)
@@ -125,7 +138,7 @@ def _values(
         if column.name in columns.left_out:
             why = columns.left_out[column.name]
             raise LogError(f"{path}: column '{column.name}' ({role}) is not numbers but {why}")
-        known = [*columns.values, *columns.constants]
+        known = [*columns.values, *columns.unread, *columns.constants]
         raise LogError(f"{path}: there is no column '{column.name}' ({role}){nearest(column.name, known)}")
     bad = np.flatnonzero(~np.isfinite(numbers))
     if bad.size:

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from feeddrive.artefacts.files.messages import nearest
 from feeddrive.artefacts.files.readers.parquet import write_parquet
-from feeddrive.artefacts.files.toml_lines import nearest
 from feeddrive.language.errors import LogError, MissingExtraError, ParameterError
 from feeddrive.language.table import Table, shown
 

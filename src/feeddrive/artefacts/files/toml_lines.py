@@ -9,10 +9,10 @@ import re
 import tomllib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, TypeAlias
 
+from feeddrive.artefacts.files.messages import nearest, plain, shown
 from feeddrive.artefacts.files.toml_keys import Key, lines_of_keys
 from feeddrive.artefacts.files.whole import read_whole
 from feeddrive.language.errors import FileError, ParameterError
@@ -77,7 +77,7 @@ class Section:
 
     def error(self, message: str, name: str | int | None = None) -> ParameterError:
         """The ParameterError `file:line: message` for this section or a key in it."""
-        return ParameterError(f"{self.where(name)}: {message}")
+        return ParameterError(plain(f"{self.where(name)}: {message}"))
 
     def section(self, name: str) -> Section:
         """The table of that name. Raises ParameterError if it is missing or not a table."""
@@ -117,27 +117,6 @@ class Section:
         for name in self.values:
             if name not in allowed:
                 raise self.error(f"key '{self.dotted(name)}' is not known{nearest(name, allowed)}", name)
-
-
-def nearest(name: str, allowed: Iterable[str]) -> str:
-    """`; did you mean a or b?`, or `; there are: ...` (at most 20) if nothing is near."""
-    known = list(allowed)
-    near = get_close_matches(name, known, 3)
-    if near:
-        return f"; did you mean {' or '.join(near)}?"
-    if not known:
-        return "; nothing is expected here"
-    return f"; there are: {', '.join(known[:20])}{', ...' if len(known) > 20 else ''}"
-
-
-def shown(value: Value) -> str:
-    """A value as it may stand in a message: short, on one line."""
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, int) and abs(value) >= 10**20:
-        return "a whole number of more than 20 digits"
-    text = repr(value)
-    return text if len(text) <= 60 else text[:57] + "..."
 
 
 def read_toml(path: str | Path) -> TomlFile:
@@ -184,7 +163,8 @@ def _syntax_error(name: str, text: str, message: str) -> FileError:
     line = min(line or len(rows), len(rows))
     quoted = f" in  {_short(rows[line - 1])}" if rows and rows[line - 1].strip() else ""
     advice = next((f"; {advice}" for start, advice in _ADVICE.items() if reason.startswith(start)), "")
-    return FileError(f"{name}:{max(line, 1)}: is not valid TOML: {reason[:1].lower()}{reason[1:]}{quoted}{advice}")
+    stated = f"is not valid TOML: {reason[:1].lower()}{reason[1:]}{quoted}{advice}"
+    return FileError(plain(f"{name}:{max(line, 1)}: {stated}"))
 
 
 def _short(row: str) -> str:

@@ -43,7 +43,8 @@ def read_csv(name: str, content: bytes, wanted: frozenset[str] | None) -> Column
 
     values = {layout.names[k]: np.ascontiguousarray(numbers[:, i]) for i, k in enumerate(chosen)}
     units = {layout.names[k]: layout.units[k] for k in chosen if layout.units[k]}
-    return Columns(str(layout), values, units, left_out=left_out, place=place)
+    unread = tuple(column for column in layout.names if column not in values and column not in left_out)
+    return Columns(str(layout), values, units, unread=unread, left_out=left_out, place=place)
 
 
 def _decoded(content: bytes) -> str:

@@ -79,6 +79,7 @@ def read_mat(name: str, content: bytes, wanted: frozenset[str] | None) -> Column
     values: dict[str, np.ndarray] = {}
     constants: dict[str, float] = {}
     left_out: dict[str, str] = {}
+    unread: list[str] = []
     whole = _Bytes(memoryview(content), order)
     at = 128
     last = ""
@@ -93,13 +94,13 @@ def read_mat(name: str, content: bytes, wanted: frozenset[str] | None) -> Column
                 if isinstance(found, str):
                     left_out[variable] = found
                 else:
-                    _keep(variable, found, wanted, values, constants)
+                    unread += _keep(variable, found, wanted, values, constants)
     except (_DamagedError, zlib.error, OverflowError):
         after = f" after variable '{last}'" if last else ""
         raise LogError(f"{name}: is damaged or cut off{after}; copy it again") from None
     if sum(column.size for column in values.values()) > MOST_NUMBERS:
         raise LogError(f"{name}: holds more than the {MOST_NUMBERS:,} numbers that are read; map fewer columns")
-    return Columns("MATLAB 5", values, constants=constants, left_out=left_out)
+    return Columns("MATLAB 5", values, {}, constants, tuple(unread), left_out)
 
 
 def _unpacked(packed: _Bytes) -> _Bytes:
@@ -166,16 +167,21 @@ def _keep(
     wanted: frozenset[str] | None,
     values: dict[str, np.ndarray],
     constants: dict[str, float],
-) -> None:
+) -> list[str]:
+    """Keep a single number as a constant, and the columns of an array that are wanted; the names of the others."""
     if array.size == 1:
         constants[variable] = float(array.ravel()[0])
         if wanted is not None and variable in wanted:
             values[variable] = array.ravel().astype(np.float64)
-        return
+        return []
     if array.size == 0:
-        return
+        return []
     rows = array if min(array.shape) > 1 else array.reshape(-1, 1)
+    unread: list[str] = []
     for k in range(rows.shape[1] if rows.shape[1] <= 64 else 0):
         column = variable if rows.shape[1] == 1 else f"{variable}.{k + 1}"
         if is_wanted(column, wanted) or is_wanted(variable, wanted):
             values[column] = rows[:, k].astype(np.float64)
+        else:
+            unread.append(column)
+    return unread

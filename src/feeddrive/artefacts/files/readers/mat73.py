@@ -30,6 +30,7 @@ def read_mat73(name: str, content: bytes, wanted: frozenset[str] | None) -> Colu
     values: dict[str, np.ndarray] = {}
     constants: dict[str, float] = {}
     left_out: dict[str, str] = {}
+    unread: list[str] = []
     try:
         with h5py.File(io.BytesIO(content), "r") as file:
             for label, found in _datasets(h5py, file, "", 0):
@@ -40,11 +41,13 @@ def read_mat73(name: str, content: bytes, wanted: frozenset[str] | None) -> Colu
                 elif is_wanted(label, wanted):
                     check_size(name, len(values) + 1, found.size)
                     values[label] = np.asarray(found[()]).ravel().astype(np.float64)
+                else:
+                    unread.append(label)
     except LogError:
         raise
     except Exception:  # h5py hands every kind of error of its C library through
         raise LogError(f"{name}: is damaged or cut off; copy it again") from None
-    return Columns("MATLAB 7.3 (HDF5)", values, constants=constants, left_out=left_out)
+    return Columns("MATLAB 7.3 (HDF5)", values, {}, constants, tuple(unread), left_out)
 
 
 def _datasets(h5py: Any, group: Any, prefix: str, depth: int) -> Iterator[tuple[str, Any]]:

@@ -30,10 +30,12 @@ def read_parquet(name: str, content: bytes, wanted: frozenset[str] | None) -> Co
     values: dict[str, np.ndarray] = {}
     left_out: dict[str, str] = {}
     units: dict[str, str] = {}
+    unread: list[str] = []
     try:
         file = parquet.ParquetFile(arrow.BufferReader(content), page_checksum_verification=True)
         schema = file.schema_arrow
         metadata = _metadata(schema.metadata or {})
+        constants = {str(key): float(value) for key, value in dict(metadata.get("constants", {})).items()}
         units.update({key: str(unit) for key, unit in dict(metadata.get("units", {})).items()})
         chosen: list[str] = []
         for field in schema:
@@ -42,13 +44,16 @@ def read_parquet(name: str, content: bytes, wanted: frozenset[str] | None) -> Co
                 left_out[field.name] = f"of type {field.type}"
             elif is_wanted(field.name, wanted):
                 chosen.append(field.name)
+            else:
+                unread.append(field.name)
         check_size(name, len(chosen), file.metadata.num_rows)
         table = file.read(columns=chosen)
         for label in chosen:
             column = table.column(label)
             if arrow.types.is_timestamp(column.type):
-                seconds = _SECONDS[column.type.unit]
-                values[label] = (column.cast(arrow.int64()).to_numpy().astype(np.float64)) * seconds
+                ticks = column.cast(arrow.int64())
+                since = ticks.to_numpy() - (ticks[0].as_py() or 0) if len(ticks) else ticks.to_numpy()
+                values[label] = since.astype(np.float64) * _SECONDS[column.type.unit]  # from the first row on
                 units[label] = "s"
             else:
                 values[label] = column.to_numpy().astype(np.float64)
@@ -56,7 +61,7 @@ def read_parquet(name: str, content: bytes, wanted: frozenset[str] | None) -> Co
         raise
     except Exception:  # pyarrow hands every kind of error of its C++ library through
         raise LogError(f"{name}: is a damaged or cut off Parquet file; copy it again") from None
-    return Columns("Parquet", values, units, left_out=left_out, metadata=metadata)
+    return Columns("Parquet", values, units, constants, tuple(unread), left_out, metadata)
 
 
 def _metadata(stored: Mapping[bytes, bytes]) -> dict[str, Any]:
