@@ -25,8 +25,8 @@ from pathlib import Path
 from typing import Any
 
 from feeddrive.artefacts.files.blocks_from_toml import read_block
-from feeddrive.artefacts.files.roles import ROLES, Column
 from feeddrive.artefacts.files.machine import Machine, found, read_machine
+from feeddrive.artefacts.files.roles import ROLES, Column
 from feeddrive.artefacts.files.toml_lines import Section, TomlFile, read_toml
 from feeddrive.blocks.families import Load, Reference
 from feeddrive.language import tree
