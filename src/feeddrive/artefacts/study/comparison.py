@@ -12,31 +12,19 @@ import numpy as np
 from feeddrive.artefacts.files.job import Job
 from feeddrive.artefacts.files.log import read_log
 from feeddrive.artefacts.files.measured import Log
+from feeddrive.artefacts.report import Entry, Study
 from feeddrive.blocks.families import Reference
-from feeddrive.engineer.analysis.margins import Margins, margins
 from feeddrive.engineer.analysis.stability import require_stable
-from feeddrive.engineer.analysis.stiffness import Stiffness, stiffness
-from feeddrive.engineer.replay import Replay, replay
+from feeddrive.engineer.replay import replay
 from feeddrive.language import tree
+from feeddrive.language.block import Block, declarations
 from feeddrive.language.errors import LogError
 from feeddrive.language.table import Result, Table
-from feeddrive.loop.linearize import compliance, loop_gain
+from feeddrive.loop.linearize import compliance, loop_gain, tracking
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import Run, simulate
 
 LINES = 1500  # of the frequency responses, from 1 Hz to Nyquist
-
-
-@dataclass(frozen=True)
-class Row:
-    """One law of the comparison. `replay` is there when the work is a measured log."""
-
-    name: str
-    loop: Loop
-    run: Run
-    replay: Replay | None
-    margins: Margins
-    stiffness: Stiffness
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -47,48 +35,57 @@ class Comparison(Result):
     """
 
     job: Job
-    rows: tuple[Row, ...]
+    rows: tuple[Entry, ...]
     log: Log | None
     velocity: float
     remarks: tuple[str, ...]
     versions: Mapping[str, str]
 
     def table(self) -> Table:
-        """Errors, force, margins and stiffness by law."""
-        heads = [
-            "law",
-            "error RMS um",
-            "peak um",
-            "force RMS N",
-            "peak N",
-            "crossover Hz",
-            "PM deg",
-            "Ms",
-            "stiffness N/um",
-        ]
-        lines = []
+        """Following error, force, margins and least dynamic stiffness by law."""
+        heads = ["law", "RMS um", "peak um", "force N", "PM deg", "Ms", "N/um"]
+        lines: list[list[str]] = []
         for row in self.rows:
-            error, force = row.run["following_error"], row.run["force"]
-            found = row.margins
+            figures = numbers(row)
             lines.append(
                 [
                     row.name,
-                    f"{1e6 * _rms(error):.4g}",
-                    f"{1e6 * np.max(np.abs(error)):.4g}",
-                    f"{_rms(force):.4g}",
-                    f"{np.max(np.abs(force)):.4g}",
-                    _or_dash(found.crossover, ".1f"),
-                    _or_dash(found.phase_margin_deg, ".1f"),
-                    f"{found.sensitivity_peak:.2f}",
-                    f"{1e-6 * row.stiffness.minimum:.3g}",
+                    _scaled(figures["following_error_rms_m"], 1e6, ".4g"),
+                    _scaled(figures["following_error_peak_m"], 1e6, ".4g"),
+                    _scaled(figures["force_peak_N"], 1.0, ".4g"),
+                    _scaled(figures["phase_margin_deg"], 1.0, ".1f"),
+                    _scaled(figures["sensitivity_peak"], 1.0, ".2f"),
+                    _scaled(figures["stiffness_least_N_per_m"], 1e-6, ".3g"),
                 ]
             )
             if row.replay is not None:
-                off, part = row.replay.rms("position_load"), row.replay.residual("position_load")
-                lines.append(
-                    ["  predicted - measured", f"{1e6 * off:.4g}", f"{1e6 * np.max(np.abs(part)):.4g}", *["-"] * 6]
-                )
+                off = (figures["position_residual_rms_m"], figures["position_residual_peak_m"])
+                lines.append(["  predicted - measured", *(_scaled(value, 1e6, ".4g") for value in off), *["-"] * 4])
         return Table(self.job.title, heads, lines)
+
+    def study(self) -> Study:
+        """What the report is made from."""
+        job, loop = self.job, self.rows[0].loop
+        facts = {
+            "Machine": job.machine.name,
+            "Source of its numbers": job.machine.source or "not stated",
+            "Sample time": f"{1e3 * loop.sample_time:g} ms, {loop.axis.substeps} substep(s) of exact hold",
+            "Work": _work(job, self.log),
+            "Load": "none" if job.load is None else _sentence(job.load),
+            "Noise": f"seed {job.seed}",
+            "Linear model": f"sliding at {1e3 * self.velocity:.4g} mm/s",
+        }
+        if job.machine.remark:
+            facts["Remark"] = job.machine.remark
+        return Study(
+            title=job.title,
+            entries=self.rows,
+            facts=facts,
+            rule=job.rule,
+            job=job.file.text,
+            versions=self.versions,
+            notes=self.remarks,
+        )
 
     def plot(self) -> Any:
         """Following error and force of all laws, as a matplotlib figure."""
@@ -105,20 +102,20 @@ class Comparison(Result):
         return frames.frame(names, {key: np.array([each[key] for each in figures], float) for key in figures[0]}, "law")
 
 
-def numbers(row: Row) -> dict[str, float | None]:
+def numbers(row: Entry) -> dict[str, float | None]:
     """The figures of a row by name, in SI, for a file."""
-    error, force = row.run["following_error"], row.run["force"]
     found: dict[str, float | None] = {
-        "following_error_rms_m": _rms(error),
-        "following_error_peak_m": float(np.max(np.abs(error))),
-        "tracking_error_rms_m": _rms(row.run["tracking_error"]),
-        "force_rms_N": _rms(force),
-        "force_peak_N": float(np.max(np.abs(force))),
-        **row.margins.numbers(),
-        "sensitivity_peak": row.margins.sensitivity_peak,
-        "stiffness_least_N_per_m": row.stiffness.minimum,
-        "stiffness_least_frequency_Hz": row.stiffness.minimum_frequency,
+        "following_error_rms_m": row.rms("following_error"),
+        "following_error_peak_m": row.peak("following_error"),
+        "tracking_error_rms_m": row.rms("tracking_error"),
+        "force_rms_N": row.rms("force"),
+        "force_peak_N": row.peak("force"),
     }
+    if row.margins is not None:
+        found |= {**row.margins.numbers(), "sensitivity_peak": row.margins.sensitivity_peak}
+    if row.stiffness is not None:
+        found["stiffness_least_N_per_m"] = row.stiffness.minimum
+        found["stiffness_least_frequency_Hz"] = row.stiffness.minimum_frequency
     if row.replay is not None:
         found["position_residual_rms_m"] = row.replay.rms("position_load")
         found["position_residual_peak_m"] = float(np.max(np.abs(row.replay.residual("position_load"))))
@@ -127,12 +124,9 @@ def numbers(row: Row) -> dict[str, float | None]:
     return found
 
 
-def _rms(values: np.ndarray) -> float:
-    return float(np.sqrt(np.mean(values * values)))
-
-
-def _or_dash(value: float | None, form: str) -> str:
-    return "-" if value is None else format(value, form)
+def _scaled(value: float | None, factor: float, form: str) -> str:
+    """A figure as it is shown; a dash for what does not occur."""
+    return "-" if value is None else format(factor * value, form)
 
 
 def compare(job: Job, step: Callable[[str], None] | None = None) -> Comparison:
@@ -155,8 +149,18 @@ def compare(job: Job, step: Callable[[str], None] | None = None) -> Comparison:
         run = again.run if again is not None else _simulated(job, loop, name)
         nyquist = 0.5 / loop.sample_time
         frequency = np.geomspace(min(1.0, 0.01 * nyquist), nyquist, LINES)
-        found = margins(loop_gain(loop, frequency, velocity=velocity))
-        rows.append(Row(name, loop, run, again, found, stiffness(compliance(loop, frequency, velocity=velocity))))
+        rows.append(
+            Entry(
+                name=name,
+                description=gains(loop),
+                run=run,
+                loop=loop,
+                loop_gain=loop_gain(loop, frequency, velocity=velocity),
+                compliance=compliance(loop, frequency, velocity=velocity),
+                tracking=tracking(loop, frequency, velocity=velocity),
+                replay=again,
+            )
+        )
     return Comparison(job, tuple(rows), log, velocity, tuple(_remarks(job, rows, velocity)), versions())
 
 
@@ -215,7 +219,7 @@ def _velocity(reference: Reference | None, measured: Mapping[str, np.ndarray] | 
     return 0.5 * largest if largest > 0.0 else 0.01
 
 
-def _remarks(job: Job, rows: list[Row], velocity: float) -> list[str]:
+def _remarks(job: Job, rows: list[Entry], velocity: float) -> list[str]:
     """What a reader must know, and where a new law loses against today's."""
     remarks = [job.rule] if job.rule else []
     remarks.append(
@@ -247,6 +251,24 @@ def _above(a: float | None, b: float | None) -> bool:
 
 def _ratio(a: float | None, b: float | None) -> str:
     return f"x {a / b:.2f}" if a is not None and b else ""
+
+
+def _work(job: Job, log: Log | None) -> str:
+    if log is not None:
+        return f"the reference of {log.name}, {len(log)} samples, SHA-256 {log.provenance['sha256']}"
+    assert job.reference is not None
+    return _sentence(job.reference)
+
+
+def _sentence(block: Block) -> str:
+    """A block by its kind and the parameters that are there."""
+    declared = declarations(type(block))
+    given = [
+        f"{name.replace('_', ' ')} {value:g} {declared[name].unit}".rstrip()
+        for name, value in ((name, getattr(block, name)) for name in declared)
+        if isinstance(value, float)
+    ]
+    return f"{block.kind.replace('_', ' ')}: {', '.join(given)}"
 
 
 def versions() -> dict[str, str]:

@@ -1,10 +1,10 @@
-"""What a job leaves behind: one directory with the report, the figures, the signals, and all that is needed to repeat it.
+"""What a job leaves behind: one directory with report, figures, signals, and all that is needed to repeat it.
 
-    report.html          for people
-    summary.json         every figure in SI, by law; versions, seed, digest of the log
-    runs/LAW.parquet     all signals over time, with units; the same as runs/LAW.csv
-    measured.parquet     the measured channels, for a job with a log
-    job.toml             the job as it was given, and the machine as machine.toml
+report.html          for people
+summary.json         every figure in SI, by law; versions, seed, digest of the log
+runs/LAW.parquet     all signals over time, with units; the same as runs/LAW.csv
+measured.parquet     the measured channels, for a job with a log
+job.toml             the job as it was given, and the machine as machine.toml
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ from typing import Any
 from feeddrive.artefacts.files.log import write_log
 from feeddrive.artefacts.files.result import write_run_csv, write_run_parquet
 from feeddrive.artefacts.files.whole import new_directory
-from feeddrive.artefacts.report import build
-from feeddrive.artefacts.study.comparison import Comparison, Row, numbers
+from feeddrive.artefacts.report import Entry, build
+from feeddrive.artefacts.study.comparison import Comparison, numbers
 from feeddrive.language import tree
 
 
@@ -27,7 +27,7 @@ def write_results(comparison: Comparison, out: Path) -> Path:
 
     Raises FileError if `out` cannot be written, or is a directory that feeddrive did not write.
     """
-    page = build(comparison)
+    page = build(comparison.study())
     with new_directory(out) as folder:
         (folder / "report.html").write_text(page, encoding="utf-8")
         (folder / "summary.json").write_text(json.dumps(summary(comparison), indent=2) + "\n", encoding="utf-8")
@@ -65,11 +65,11 @@ def summary(comparison: Comparison) -> dict[str, Any]:
     return found
 
 
-def _control(row: Row) -> dict[str, float]:
+def _control(row: Entry) -> dict[str, float]:
     return {name: float(value) for name, value in tree.leaves(row.loop.control)}
 
 
-def file_names(rows: tuple[Row, ...]) -> list[str]:
+def file_names(rows: tuple[Entry, ...]) -> list[str]:
     """A file name for each law: its letters and digits, and a number where two would be the same."""
     names: list[str] = []
     for row in rows:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table as Shown
@@ -36,9 +37,9 @@ def perform(job: str, log: Path | None, out: Path) -> None:
 
 def _shown(table: Table) -> Shown:
     """A table for the terminal."""
-    drawn = Shown(title=table.title, title_justify="left")
+    drawn = Shown(title=table.title, title_justify="left", box=SIMPLE_HEAD, pad_edge=False)
     for i, head in enumerate(table.heads):
-        drawn.add_column(head, justify="left" if i == 0 else "right")
+        drawn.add_column(head, justify="left" if i == 0 else "right", no_wrap=True)
     for row in table.rows:
         drawn.add_row(*row)
     return drawn
