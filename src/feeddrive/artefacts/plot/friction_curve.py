@@ -90,6 +90,6 @@ def _met(ax: Any, loop: Loop, run: Run) -> None:
     cells = np.column_stack([np.rint(CELLS * x / (np.max(np.abs(x)) or 1.0)) for x in (velocity, force)])
     _, kept = np.unique(cells, axis=0, return_index=True)
     ax.plot(
-        1e3 * velocity[kept], force[kept], "o", markersize=4.5, color=style.color(5), alpha=0.5, markeredgewidth=0,
+        1e3 * velocity[kept], force[kept], "o", markersize=4.0, color=style.color(5), alpha=0.45, markeredgewidth=0,
         label="met in the run",
     )  # fmt: skip

@@ -37,7 +37,7 @@ def following_error(runs: Runs, window: Window | None = None, points: int = POIN
     """Following error of each run in its own row, whole or in a window of time."""
     chosen = style.named(runs)
     values = {name: 1e6 * run["following_error"] for name, run in chosen.items()}
-    notes = {name: f"RMS {_rms(v):.4g} µm   peak {_peak(v):.4g} µm" for name, v in values.items()}
+    notes = {name: f"RMS {_rms(v):.4g} µm, peak {_peak(v):.4g} µm" for name, v in values.items()}
     if window is not None:
         inside = {name: _inside(run, window) for name, run in chosen.items()}
         notes = {name: f"peak here {_peak(values[name][inside[name]]):.4g} µm" for name in chosen}
@@ -52,7 +52,7 @@ def force(runs: Runs, limits: Mapping[str, float] | None = None, points: int = P
     """Force of each run in its own row, with the limits in N by name as lines on both sides."""
     chosen = style.named(runs)
     values = {name: run["force"] for name, run in chosen.items()}
-    notes = {name: f"RMS {_rms(v):.4g} N   peak {_peak(v):.4g} N" for name, v in values.items()}
+    notes = {name: f"RMS {_rms(v):.4g} N, peak {_peak(v):.4g} N" for name, v in values.items()}
     figure, axes = _rows(chosen, values, notes, "force (N)", None, points, one_scale=True)
     largest = max(_peak(v) for v in values.values())
     outside: list[str] = []

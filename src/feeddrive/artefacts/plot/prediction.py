@@ -35,7 +35,7 @@ def replay(replay: Replay, points: int = POINTS) -> Any:
                 *envelope(time[replay.skipped :], off, points), **style.curve(1) | {"linestyle": "-", "linewidth": 0.9}
             )
             style.labels(ax, None, f"{words}\nresidual ({unit})")
-            style.note(ax, f"predicted - measured: RMS {_rms(off):.4g} {unit}   peak {np.max(np.abs(off)):.4g} {unit}")
+            style.note(ax, f"predicted - measured: RMS {_rms(off):.4g} {unit}, peak {np.max(np.abs(off)):.4g} {unit}")
             continue
         ax.plot(*envelope(time, factor * replay.measured[name], points), color=style.MUTED, linewidth=2.6, alpha=0.55,
                 label="measured")  # fmt: skip

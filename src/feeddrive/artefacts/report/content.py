@@ -1,0 +1,103 @@
+"""What a report is made from."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+
+from feeddrive.engineer.analysis.margins import Margins, margins
+from feeddrive.engineer.analysis.spectrum import Spectrum, spectrum
+from feeddrive.engineer.analysis.stability import Stability, stability
+from feeddrive.engineer.analysis.stiffness import Stiffness, stiffness
+from feeddrive.engineer.replay import Replay
+from feeddrive.loop.frequency_response import FRF
+from feeddrive.loop.loop import Loop
+from feeddrive.loop.simulate import Run
+
+
+@dataclass(frozen=True, eq=False)
+class Entry:
+    """One law of the comparison: its loop, its run, and what the frequency domain says about it.
+
+    The run has all signals recorded.  With a `replay` it is the prediction, and the samples that it skips do not count.
+    """
+
+    name: str
+    description: str
+    run: Run
+    loop: Loop
+    loop_gain: FRF | None = None
+    compliance: FRF | None = None
+    tracking: FRF | None = None
+    replay: Replay | None = None
+
+    def counted(self, signal: str) -> np.ndarray:
+        """The samples of a signal that count, in SI."""
+        return self.run[signal][0 if self.replay is None else self.replay.skipped :]
+
+    def rms(self, signal: str) -> float:
+        """RMS of the samples that count, SI."""
+        return float(np.sqrt(np.mean(self.counted(signal) ** 2)))
+
+    def peak(self, signal: str) -> float:
+        """Largest size of the samples that count, SI."""
+        return float(np.max(np.abs(self.counted(signal)), initial=0.0))
+
+    @cached_property
+    def margins(self) -> Margins | None:
+        """Of the loop gain."""
+        return None if self.loop_gain is None else margins(self.loop_gain)
+
+    @cached_property
+    def stiffness(self) -> Stiffness | None:
+        """The inverse of the compliance."""
+        return None if self.compliance is None else stiffness(self.compliance)
+
+    @cached_property
+    def spectrum(self) -> Spectrum:
+        """Of the following error that counts."""
+        return spectrum(self.counted("following_error"), self.run.sample_time, name="following_error", unit="m")
+
+    @cached_property
+    def stability(self) -> Stability:
+        """Of the loop in motion."""
+        return stability(self.loop)
+
+    @cached_property
+    def limits(self) -> dict[str, float]:
+        """Force limits in N by name: commanded, and the motor's peak and continuous one, as far as they are stated."""
+        found: dict[str, float] = {}
+        limit = self.loop.control.force_limit
+        motor = self.loop.axis.actuator.motor
+        peak, continuous = (None, None) if motor is None else motor.limits()
+        if peak is not None:
+            found["motor peak"] = float(peak)
+        if limit is not None and (peak is None or abs(limit - peak) > 1e-6 * peak):
+            found["commanded limit"] = float(limit)
+        if continuous is not None:
+            found["motor continuous (RMS)"] = float(continuous)
+        return found
+
+
+@dataclass(frozen=True, eq=False)
+class Study:
+    """Everything a report says. Texts are shown as they are, escaped.
+
+    entries   one for each law, the first is the one that the others are compared with
+    facts     what was run, by headline: machine, reference, load, noise, seed ...
+    rule      by what the laws are comparable, as a sentence
+    job       the exact text of the job
+    versions  of Python, feeddrive and what they stand on, by name
+    notes     honest remarks of whoever ran it
+    """
+
+    title: str
+    entries: Sequence[Entry]
+    facts: Mapping[str, str] = field(default_factory=dict[str, str])
+    rule: str = ""
+    job: str = ""
+    versions: Mapping[str, str] = field(default_factory=dict[str, str])
+    notes: Sequence[str] = ()
