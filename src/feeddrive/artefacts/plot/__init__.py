@@ -11,13 +11,14 @@ from feeddrive.artefacts.plot.distributions import batch, gradient
 from feeddrive.artefacts.plot.friction_curve import friction
 from feeddrive.artefacts.plot.open_loop import open_loop
 from feeddrive.artefacts.plot.over_frequency import bode, closed_loop, sensitivity, spectrum, stiffness
-from feeddrive.artefacts.plot.over_time import following_error, force, motion, run
+from feeddrive.artefacts.plot.over_time import comparison, following_error, force, motion, run
 from feeddrive.artefacts.plot.prediction import replay
 
 __all__ = [
     "batch",
     "bode",
     "closed_loop",
+    "comparison",
     "following_error",
     "force",
     "friction",

@@ -15,6 +15,8 @@ from feeddrive.loop.simulate import Run
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+    from feeddrive.artefacts.study.comparison import Comparison
+
 Runs = Run | Mapping[str, Run] | Sequence[Run]
 
 
@@ -74,6 +76,31 @@ def force(runs: Runs, limits: Mapping[str, float] | None = None, points: int = P
     style.figure_legend(figure, lines)
     if outside:
         style.note(axes[-1], "outside of the picture: " + ", ".join(outside), x=0.005, align="left", y=0.0)
+    return figure
+
+
+def comparison(comparison: Comparison) -> Any:
+    """Following error of each law in its own row, and the forces of all in the last."""
+    return _with_force({row.name: row.run for row in comparison.rows})
+
+
+def _with_force(chosen: Mapping[str, Run]) -> Any:
+    rows = len(chosen) + 1
+    figure, axes = style.picture(rows, height=0.9 + 1.45 * rows)
+    errors = [1e6 * run["following_error"] for run in chosen.values()]
+    for i, (name, run) in enumerate(chosen.items()):
+        line = style.curve(i) | {"linestyle": "-"}
+        _draw(axes[i], run.time, errors[i], line, name)
+        style.row_legend(axes[i])
+        style.note(axes[i], f"RMS {_rms(errors[i]):.4g} µm, peak {_peak(errors[i]):.4g} µm")
+        style.labels(axes[i], None, "error (µm)")
+        _draw(axes[-1], run.time, run["force"], line)
+    if alike(errors):
+        low, high = min(float(np.min(e)) for e in errors), max(float(np.max(e)) for e in errors)
+        for ax in axes[:-1]:
+            ax.set_ylim(*style.padded(low, high))
+    style.labels(axes[-1], "time (s)", "force (N)")
+    figure.align_ylabels(axes)
     return figure
 
 

@@ -10,7 +10,6 @@ import numpy as np
 
 from feeddrive.engineer.analysis.margins import Margins, margins
 from feeddrive.engineer.analysis.spectrum import Spectrum, spectrum
-from feeddrive.engineer.analysis.stability import Stability, stability
 from feeddrive.engineer.analysis.stiffness import Stiffness, stiffness
 from feeddrive.engineer.replay import Replay
 from feeddrive.loop.frequency_response import FRF
@@ -22,7 +21,8 @@ from feeddrive.loop.simulate import Run
 class Entry:
     """One law of the comparison: its loop, its run, and what the frequency domain says about it.
 
-    The run has all signals recorded.  With a `replay` it is the prediction, and the samples that it skips do not count.
+    The loop is stable: check it before (`require_stable`).  The run has all signals recorded.  With a `replay` it is
+    the prediction, and the samples that the replay skips do not count.
     """
 
     name: str
@@ -60,11 +60,6 @@ class Entry:
     def spectrum(self) -> Spectrum:
         """Of the following error that counts."""
         return spectrum(self.counted("following_error"), self.run.sample_time, name="following_error", unit="m")
-
-    @cached_property
-    def stability(self) -> Stability:
-        """Of the loop in motion."""
-        return stability(self.loop)
 
     @cached_property
     def limits(self) -> dict[str, float]:

@@ -91,9 +91,7 @@ def remarks(study: Study) -> list[str]:
     found: list[str] = []
     for entry in study.entries:
         name = _quoted(entry)
-        if not entry.stability.stable:
-            found.append(f"{name}: {entry.stability.sentence()}. Margins and stiffness of it mean nothing.")
-        elif entry.margins is not None and entry.margins.sensitivity_peak > MS_BOUND:
+        if entry.margins is not None and entry.margins.sensitivity_peak > MS_BOUND:
             found.append(
                 f"{name}: a sensitivity peak of {number(entry.margins.sensitivity_peak)} is above {MS_BOUND:g}; a "
                 f"small change of the axis makes this loop ring."
@@ -102,7 +100,7 @@ def remarks(study: Study) -> list[str]:
         tripped = np.flatnonzero(entry.run["trip"])
         if tripped.size:
             found.append(f"{name}: the guard tripped at {number(float(entry.run.time[tripped[0]]), 4)} s.")
-    return [*found, *study.notes]
+    return [*found, *(note for note in study.notes if note != study.rule)]
 
 
 def _of_force(entry: Entry, name: str) -> list[str]:
