@@ -109,7 +109,7 @@ def simulate(
     record = known(record, arithmetic)
     work = Work(loop, reference, load, enable)
     count = sample_count(loop, reference, duration)
-    limit = _bound(reference, bound)
+    limit = _bound(reference, bound, count, work.T)
     prepared = Prepared(loop, work.first(), start, seed, limit)
     if prepared.lanes() > 1:
         raise ParameterError("the loop holds arrays of variants: run it with simulate_batch")
@@ -141,16 +141,12 @@ def sample_count(loop: Loop, reference: Reference, duration: float | None) -> in
     return samples(span, float(loop.sample_time))
 
 
-def _bound(reference: Reference, bound: float | None) -> float:
+def _bound(reference: Reference, bound: float | None, count: int, T: float) -> float:
+    """The bound that was asked for; else the larger of 1 m and 100 times the travel, seen at up to 257 samples."""
     if bound is not None:
         return bound
-    some = reference.at(np.linspace(0.0, reference.duration, 257)).position if _closed(reference) else np.zeros(1)
-    return max(1.0, 100.0 * float(np.ptp(some)))
-
-
-def _closed(reference: Reference) -> bool:
-    """Whether a reference may be asked at any time, and not only on the grid of a log."""
-    return not hasattr(reference, "sample_time")
+    some = np.unique(np.linspace(0, count - 1, 257).astype(np.int64)) * T
+    return max(1.0, 100.0 * float(np.ptp(reference.at(some).position)))
 
 
 def _check_inside(left: float, bound: float, T: float) -> None:
@@ -227,7 +223,7 @@ def simulate_batch(
     gather = known(gather, arithmetic)
     work = Work(loop, reference, load, enable)
     count = sample_count(loop, reference, duration)
-    prepared = Prepared(loop, work.first(), start, seed, _bound(reference, bound))
+    prepared = Prepared(loop, work.first(), start, seed, _bound(reference, bound, count, work.T))
     variants = prepared.lanes()
     program = program_of(loop, prepared.timing, load=load is not None, enable=enable is not None)
     made = prepared.native(
@@ -284,7 +280,7 @@ def stream(
     record = known(record, arithmetic)
     work = Work(loop, reference, load, enable)
     count = sample_count(loop, reference, duration)
-    limit = _bound(reference, bound)
+    limit = _bound(reference, bound, count, work.T)
     prepared = Prepared(loop, work.first(), start, seed, limit)
     program = program_of(loop, prepared.timing, load=load is not None, enable=enable is not None)
     made = prepared.native(program, record=record, bounded="tracking_error", arithmetic=arithmetic)

@@ -30,8 +30,9 @@ def perform(job: str, log: Path | None, out: Path) -> None:
         step("report")
         report = write_results(comparison, out)
     console.print(_shown(comparison.table()))
-    for remark in comparison.remarks:
-        console.print(f"- {remark}", markup=False)
+    for remark in (asked.rule, *comparison.remarks):
+        if remark:
+            console.print(f"- {remark}", markup=False)
     console.print(f"Report: {report}", markup=False, soft_wrap=True)
 
 
