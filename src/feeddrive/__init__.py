@@ -13,30 +13,136 @@ __version__ = "0.1.0"
 # What is not a block: name -> module that holds it.
 _PLACES: dict[str, str] = {
     "Axis": "loop.axis",
+    "Batch": "loop.simulate",
+    "Comparison": "artefacts.study.comparison",
     "Control": "loop.control",
     "FRF": "loop.frequency_response",
     "FeeddriveError": "language.errors",
+    "FrictionMap": "engineer.analysis.friction_map",
     "Gradient": "loop.gradient",
     "Guard": "loop.guard",
+    "Job": "artefacts.files.job",
+    "Log": "artefacts.files.measured",
     "Loop": "loop.loop",
+    "Machine": "artefacts.files.machine",
+    "Margins": "engineer.analysis.margins",
+    "Replay": "engineer.replay",
     "Run": "loop.simulate",
     "Setpoint": "blocks.signals",
     "Signals": "loop.loop",
+    "Spectrum": "engineer.analysis.spectrum",
+    "Stability": "engineer.analysis.stability",
     "StateSpace": "loop.linearize",
+    "Stiffness": "engineer.analysis.stiffness",
+    "compare": "artefacts.study.comparison",
     "compliance": "loop.linearize",
+    "friction_map": "engineer.analysis.friction_map",
+    "get": "language.tree",
     "gradient": "loop.gradient",
+    "leaves": "language.tree",
     "linearize": "loop.linearize",
     "loop_gain": "loop.linearize",
+    "margins": "engineer.analysis.margins",
+    "read_job": "artefacts.files.job",
+    "read_log": "artefacts.files.log",
+    "read_machine": "artefacts.files.machine",
+    "replay": "engineer.replay",
+    "sensitivity": "engineer.analysis.sensitivity",
     "simulate": "loop.simulate",
     "simulate_batch": "loop.simulate",
+    "spectrum": "engineer.analysis.spectrum",
+    "stability": "engineer.analysis.stability",
+    "stiffness": "engineer.analysis.stiffness",
     "stream": "loop.simulate",
+    "to_toml": "artefacts.files.blocks_to_toml",
     "tracking": "loop.linearize",
     "vary": "language.tree",
+    "write_log": "artefacts.files.measured",
+    "write_results": "artefacts.study.results",
 }
 
+# What type checkers see; a block that is not listed is there all the same, as Any.
 if TYPE_CHECKING:
+    from feeddrive.artefacts.files.blocks_to_toml import to_toml as to_toml
+    from feeddrive.artefacts.files.job import Job as Job
+    from feeddrive.artefacts.files.job import read_job as read_job
+    from feeddrive.artefacts.files.log import read_log as read_log
+    from feeddrive.artefacts.files.machine import Machine as Machine
+    from feeddrive.artefacts.files.machine import read_machine as read_machine
+    from feeddrive.artefacts.files.measured import Log as Log
+    from feeddrive.artefacts.files.measured import write_log as write_log
+    from feeddrive.artefacts.study.comparison import Comparison as Comparison
+    from feeddrive.artefacts.study.comparison import compare as compare
+    from feeddrive.artefacts.study.results import write_results as write_results
+    from feeddrive.blocks.actuator.actuator import Actuator as Actuator
+    from feeddrive.blocks.actuator.direct import Direct as Direct
+    from feeddrive.blocks.actuator.screw import Screw as Screw
+    from feeddrive.blocks.controller.cascade_ppi import CascadePPI as CascadePPI
+    from feeddrive.blocks.feedforward.friction_feedforward import FrictionFeedforward as FrictionFeedforward
+    from feeddrive.blocks.feedforward.inertia import Inertia as Inertia
+    from feeddrive.blocks.filter.low_pass import LowPass as LowPass
+    from feeddrive.blocks.filter.low_pass2 import LowPass2 as LowPass2
+    from feeddrive.blocks.filter.notch import Notch as Notch
+    from feeddrive.blocks.filter.second_order import SecondOrder as SecondOrder
+    from feeddrive.blocks.force.backlash import Backlash as Backlash
+    from feeddrive.blocks.force.cogging import Cogging as Cogging
+    from feeddrive.blocks.force.force_map import ForceMap as ForceMap
+    from feeddrive.blocks.force.gravity import Gravity as Gravity
+    from feeddrive.blocks.force.harmonic import Harmonic as Harmonic
+    from feeddrive.blocks.force.ripple import Ripple as Ripple
+    from feeddrive.blocks.force.screw_error import ScrewError as ScrewError
+    from feeddrive.blocks.friction.coulomb import Coulomb as Coulomb
+    from feeddrive.blocks.friction.directional import Directional as Directional
+    from feeddrive.blocks.friction.directional_stribeck import DirectionalStribeck as DirectionalStribeck
+    from feeddrive.blocks.friction.lugre import Lugre as Lugre
+    from feeddrive.blocks.friction.regularised import Regularised as Regularised
+    from feeddrive.blocks.friction.stribeck import Stribeck as Stribeck
+    from feeddrive.blocks.friction.viscous import Viscous as Viscous
+    from feeddrive.blocks.load.force_sum import ForceSum as ForceSum
+    from feeddrive.blocks.load.recorded_force import RecordedForce as RecordedForce
+    from feeddrive.blocks.load.sine_force import SineForce as SineForce
+    from feeddrive.blocks.load.step_force import StepForce as StepForce
+    from feeddrive.blocks.plant.lead_error import LeadError as LeadError
+    from feeddrive.blocks.plant.milling_axis import MillingAxis as MillingAxis
+    from feeddrive.blocks.plant.modal import Modal as Modal
+    from feeddrive.blocks.plant.mode import Mode as Mode
+    from feeddrive.blocks.plant.rigid import Rigid as Rigid
+    from feeddrive.blocks.plant.screw_rigid import ScrewRigid as ScrewRigid
+    from feeddrive.blocks.plant.screw_two_mass import ScrewTwoMass as ScrewTwoMass
+    from feeddrive.blocks.plant.three_mass_chain import ThreeMassChain as ThreeMassChain
+    from feeddrive.blocks.plant.two_mass import TwoMass as TwoMass
+    from feeddrive.blocks.reference.bezier10 import Bezier10 as Bezier10
+    from feeddrive.blocks.reference.chirp import Chirp as Chirp
+    from feeddrive.blocks.reference.circle import Circle as Circle
+    from feeddrive.blocks.reference.jerk_limited_move import JerkLimitedMove as JerkLimitedMove
+    from feeddrive.blocks.reference.multisine import Multisine as Multisine
+    from feeddrive.blocks.reference.polynomial7 import Polynomial7 as Polynomial7
+    from feeddrive.blocks.reference.recorded import Recorded as Recorded
+    from feeddrive.blocks.reference.sequence import Sequence as Sequence
+    from feeddrive.blocks.reference.shaped import Shaped as Shaped
+    from feeddrive.blocks.reference.sine import Sine as Sine
+    from feeddrive.blocks.reference.snap_limited_move import SnapLimitedMove as SnapLimitedMove
+    from feeddrive.blocks.reference.trapezoidal_move import TrapezoidalMove as TrapezoidalMove
+    from feeddrive.blocks.sensor.eccentricity import Eccentricity as Eccentricity
+    from feeddrive.blocks.sensor.encoder import Encoder as Encoder
+    from feeddrive.blocks.sensor.interpolation import Interpolation as Interpolation
     from feeddrive.blocks.signals import Setpoint as Setpoint
+    from feeddrive.engineer.analysis.friction_map import FrictionMap as FrictionMap
+    from feeddrive.engineer.analysis.friction_map import friction_map as friction_map
+    from feeddrive.engineer.analysis.margins import Margins as Margins
+    from feeddrive.engineer.analysis.margins import margins as margins
+    from feeddrive.engineer.analysis.sensitivity import sensitivity as sensitivity
+    from feeddrive.engineer.analysis.spectrum import Spectrum as Spectrum
+    from feeddrive.engineer.analysis.spectrum import spectrum as spectrum
+    from feeddrive.engineer.analysis.stability import Stability as Stability
+    from feeddrive.engineer.analysis.stability import stability as stability
+    from feeddrive.engineer.analysis.stiffness import Stiffness as Stiffness
+    from feeddrive.engineer.analysis.stiffness import stiffness as stiffness
+    from feeddrive.engineer.replay import Replay as Replay
+    from feeddrive.engineer.replay import replay as replay
     from feeddrive.language.errors import FeeddriveError as FeeddriveError
+    from feeddrive.language.tree import get as get
+    from feeddrive.language.tree import leaves as leaves
     from feeddrive.language.tree import vary as vary
     from feeddrive.loop.axis import Axis as Axis
     from feeddrive.loop.control import Control as Control
@@ -51,6 +157,7 @@ if TYPE_CHECKING:
     from feeddrive.loop.linearize import tracking as tracking
     from feeddrive.loop.loop import Loop as Loop
     from feeddrive.loop.loop import Signals as Signals
+    from feeddrive.loop.simulate import Batch as Batch
     from feeddrive.loop.simulate import Run as Run
     from feeddrive.loop.simulate import simulate as simulate
     from feeddrive.loop.simulate import simulate_batch as simulate_batch

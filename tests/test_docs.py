@@ -1,0 +1,181 @@
+"""The written side: code in it runs, links in it lead somewhere, commands in it exist."""
+
+from __future__ import annotations
+
+import importlib.util
+import re
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import click
+import pytest
+from typer.main import get_command
+
+ROOT = Path(__file__).parent.parent
+PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md")])
+GENERATED = {"docs/python.md"}  # pages that exist only in the built site
+COMMANDS = ("console", "sh", "text", "powershell")
+
+
+def shown(path: Path) -> str:
+    return str(path.relative_to(ROOT))
+
+
+def blocks(path: Path, *languages: str) -> Iterator[str]:
+    """Fenced code of a page in some languages; indented code counts as commands."""
+    text = path.read_text(encoding="utf-8")
+    for language, code in re.findall(r"^```(\w*)[^\n]*\n(.*?)^```", text, re.DOTALL | re.MULTILINE):
+        if language in languages:
+            yield code
+    if "sh" in languages:
+        plain = re.sub(r"^```.*?^```", "", text, flags=re.DOTALL | re.MULTILINE)
+        yield "\n".join(re.findall(r"^ {4}(\S.*)$", plain, re.MULTILINE))
+
+
+def with_python() -> list[Path]:
+    return [page for page in PAGES if any(blocks(page, "python"))]
+
+
+@pytest.mark.parametrize("page", with_python(), ids=shown)
+def test_python_of_a_page_runs_from_top_to_bottom(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("MPLBACKEND", "Agg")
+    names = namespace(f"page_{page.stem}", monkeypatch)
+    for number, code in enumerate(blocks(page, "python"), start=1):
+        exec(compile(code, f"{shown(page)}, block {number}", "exec"), names)
+
+
+def namespace(name: str, monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
+    """That of a module, since a dataclass looks up the module in which it stands."""
+    module = ModuleType(name)
+    monkeypatch.setitem(sys.modules, name, module)
+    return vars(module)
+
+
+def test_the_law_that_contributing_adds_works(monkeypatch: pytest.MonkeyPatch):
+    """It closes a loop, runs natively, and its linear model has the poles of the equations in its docstring."""
+    import numpy as np
+
+    import feeddrive as fd
+
+    names = namespace("example", monkeypatch)
+    exec(next(blocks(ROOT / "CONTRIBUTING.md", "python")), names)
+    Kv, Kp, mass, T = 20.0, 2000.0, 100.0, 1e-3
+    law = names["SmithLaw"](Kv=Kv, Kp=Kp)
+    loop = fd.Loop(control=fd.Control(law=law), axis=fd.Axis(plant=fd.Rigid(mass=mass)), sample_time=T)
+    poles = fd.linearize(loop, ["set_position"], ["position_load"]).poles()
+    # x(k+1) = x + T v + T²/2m F, v(k+1) = v + T/m F, F = -Kp (Kv x + (x - x(k-1))/T): states x, v, x(k-1)
+    by_position, by_last = -Kp * (Kv + 1.0 / T), Kp / T
+    a = np.array(
+        [
+            [1.0 + T * T / (2 * mass) * by_position, T, T * T / (2 * mass) * by_last],
+            [T / mass * by_position, 1.0, T / mass * by_last],
+            [1.0, 0.0, 0.0],
+        ]
+    )
+    expected = np.linalg.eigvals(a)
+    assert np.max(np.abs(np.sort_complex(poles) - np.sort_complex(expected))) < 1e-9  # double poles would be worse
+
+
+def slug(heading: str) -> str:
+    """The anchor of a heading, as GitHub and mkdocs form it for plain words."""
+    words = re.sub(r"[^\w\- ]", "", re.sub(r"[`*]", "", heading).strip().lower())
+    return words.replace(" ", "-")
+
+
+@pytest.mark.parametrize("page", PAGES, ids=shown)
+def test_links_resolve(page: Path):
+    text = re.sub(r"^```.*?^```", "", page.read_text(encoding="utf-8"), flags=re.DOTALL | re.MULTILINE)
+    for target in re.findall(r"\]\(([^)\s]+)\)", text):
+        if re.match(r"[a-z]+:", target):
+            assert target.startswith("https://"), target
+            continue
+        name, _, anchor = target.partition("#")
+        place = (page.parent / name).resolve() if name else page
+        if place.relative_to(ROOT).as_posix() in GENERATED:
+            continue
+        assert place.exists(), f"{shown(page)} links to {target}"
+        if anchor:
+            headings = re.findall(r"^#+ (.+)$", place.read_text(encoding="utf-8"), re.MULTILINE)
+            assert anchor in map(slug, headings), f"{shown(page)} links to {target}"
+
+
+def command_lines() -> list[tuple[str, str]]:
+    """Page and command line of everything that calls feeddrive or make."""
+    found = []
+    for page in PAGES:
+        for code in blocks(page, *COMMANDS):
+            for line in re.split(r"[\n;]|&&", code):
+                words = line.strip().removeprefix("$ ")
+                words = re.sub(r"^\.venv[/\\](bin|Scripts)[/\\]", "", words)
+                if words.startswith(("feeddrive ", "make ")):
+                    found.append((shown(page), words.split("#")[0].strip()))
+    return found
+
+
+@pytest.mark.parametrize(("page", "line"), command_lines())
+def test_commands_and_their_options_exist(page: str, line: str):
+    program, *words = line.split()
+    if program == "make":
+        targets = re.findall(r"^([a-z]+):", (ROOT / "Makefile").read_text(), re.MULTILINE)
+        assert words[0] in targets, line
+        return
+    from feeddrive.doors.cli import app
+
+    command: click.Command = get_command(app)
+    for word in words:
+        if word.startswith("-"):
+            known = {option for parameter in command.params for option in (*parameter.opts, *parameter.secondary_opts)}
+            assert word.split("=")[0] in {*known, "--help"}, f"{line}: {word}"
+        elif isinstance(command, click.Group):
+            assert word in command.commands, f"{line}: {word}"
+            command = command.commands[word]
+
+
+def test_the_files_of_the_documentation_are_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    from feeddrive.artefacts.files.job import read_job
+    from feeddrive.artefacts.files.machine import read_machine
+
+    found = [code for code in blocks(ROOT / "docs/files.md", "toml") if "[axis.x]" in code or "[[law]]" in code]
+    assert len(found) == 2
+    (tmp_path / "my_mill.toml").write_text(found[0], encoding="utf-8")
+    (tmp_path / "job.toml").write_text(found[1], encoding="utf-8")
+    assert list(read_machine(tmp_path / "my_mill.toml").loops) == ["x"]
+    assert list(read_job(tmp_path / "job.toml").loops) == ["today", "half the gain"]
+
+
+def test_the_error_that_the_documentation_shows_is_the_one_that_comes(tmp_path: Path):
+    from feeddrive.artefacts.files.machine import read_machine
+    from feeddrive.language.errors import FeeddriveError
+
+    page = ROOT / "docs/files.md"
+    machine = next(code for code in blocks(page, "toml") if "[axis.x]" in code)
+    wrong = tmp_path / "my_mill.toml"
+    wrong.write_text(machine.replace("mass_load = 260.0", "mass_load = -260"), encoding="utf-8")
+    with pytest.raises(FeeddriveError) as caught:
+        read_machine(wrong)
+    said = str(caught.value).replace(f"{wrong}", "my_mill.toml").replace(f"{tmp_path}/", "")
+    assert said in page.read_text(encoding="utf-8")
+
+
+def test_the_timeline_is_what_its_script_draws():
+    spec = importlib.util.spec_from_file_location("draw_timeline", ROOT / "docs" / "draw_timeline.py")
+    assert spec is not None
+    assert spec.loader is not None
+    script = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(script)
+    assert script.TARGET.read_text(encoding="utf-8") == script.drawing()
+
+
+def test_the_site_builds_without_a_warning(tmp_path: Path):
+    """One page a block, from its declaration; a link that leads nowhere fails the build."""
+    asked = [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", str(tmp_path / "site")]
+    done = subprocess.run(asked, cwd=ROOT, capture_output=True, text=True, timeout=240, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+    page = (tmp_path / "site/blocks/cascade_ppi/index.html").read_text(encoding="utf-8")
+    assert "position gain" in page
+    assert "1/s" in page
