@@ -17,7 +17,7 @@ class DirectionalStribeck(Friction):
         level(v) = coulomb± + (breakaway± - coulomb±) e^-(v / stribeck_velocity)²,      + for v > 0, - for v < 0
         at rest F lies between -breakaway_positive and +breakaway_negative
 
-    Both levels are taken at the velocity in the middle of the substep, found by one step with the Coulomb levels.
+    Both levels are taken at the velocity in the middle of the substep, found by one step with the breakaway levels.
     Source of the curve: Armstrong-Hélouvry, Dupont & Canudas de Wit 1994.
     """
 
@@ -58,7 +58,7 @@ class DirectionalStribeck(Friction):
     ) -> tuple[Any, Number, Any]:
         """F = clip(-v_free / mobility, -positive level, negative level)."""
         stopping = -free_velocity / mobility
-        guess = free_velocity + mobility * ops.clip(stopping, -self.coulomb_positive, self.coulomb_negative)
+        guess = free_velocity + mobility * ops.clip(stopping, -self.breakaway_positive, self.breakaway_negative)
         positive, negative = self.levels(0.5 * (velocity + guess))
         stuck = ops.both(stopping >= -positive, stopping <= negative)
         return state, ops.clip(stopping, -positive, negative), stuck

@@ -71,9 +71,10 @@ class Regularised(Friction):
         self, step: Number, state: Any, velocity: Number, free_velocity: Number, mobility: Number
     ) -> tuple[Any, Number, Any]:
         """The force with the level at the velocity in the middle of the substep; never stuck."""
-        level = self._coulomb(free_velocity)
-        if self.breakaway is not None:
-            guess = free_velocity + mobility * self._force(level, free_velocity, mobility)
+        if self.breakaway is None:
+            level = self._coulomb(free_velocity)
+        else:
+            guess = free_velocity + mobility * self._force(self.breakaway, free_velocity, mobility)
             level = self._level(free_velocity, 0.5 * (velocity + guess))
         return state, self._force(level, free_velocity, mobility), False
 

@@ -16,8 +16,8 @@ class Stribeck(Friction):
         F ∈ -level(v) · Sgn(v) - viscous · v
         level(v) = coulomb + (breakaway - coulomb) e^-(v / stribeck_velocity)²
 
-    The level is taken at the velocity in the middle of the substep, found by one step with the Coulomb level; the force
-    is then clip(-v_free / mobility, ±level).  Source of the curve: Armstrong-Hélouvry, Dupont & Canudas de Wit 1994.
+    The level is taken at the velocity in the middle of the substep, found by one step with the breakaway level, so that
+    an axis at rest is held up to the very breakaway level; the force is then clip(-v_free / mobility, ±level).  Source of the curve: Armstrong-Hélouvry, Dupont & Canudas de Wit 1994.
     """
 
     coulomb: Number = parameter("N", "level at speed", least=0)
@@ -46,7 +46,7 @@ class Stribeck(Friction):
     ) -> tuple[Any, Number, Any]:
         """F = clip(-v_free / mobility, ±level(v_middle))."""
         stopping = -free_velocity / mobility
-        guess = free_velocity + mobility * ops.clip(stopping, -self.coulomb, self.coulomb)
+        guess = free_velocity + mobility * ops.clip(stopping, -self.breakaway, self.breakaway)
         level = self.level(0.5 * (velocity + guess))
         return state, ops.clip(stopping, -level, level), ops.absolute(stopping) <= level
 
