@@ -51,7 +51,7 @@ def part_hint(annotation: Any) -> Hint:
         inner = part_hint(typing.get_args(annotation)[0])
         return Hint(inner.classes, many=True)
     if _is_union(annotation):
-        inner = [part_hint(each) for each in typing.get_args(annotation) if each is not types.NoneType]
+        inner = [part_hint(each) for each in options_of_type(annotation)]
         return Hint(
             tuple(found for each in inner for found in each.classes),
             many=any(each.many for each in inner),
@@ -62,6 +62,13 @@ def part_hint(annotation: Any) -> Hint:
 
 def _is_union(annotation: Any) -> bool:
     return typing.get_origin(annotation) in (typing.Union, types.UnionType)
+
+
+def options_of_type(annotation: Choice) -> tuple[Choice, ...]:
+    """The types of a union but None, or the only type."""
+    if not _is_union(annotation):
+        return (annotation,)
+    return tuple(each for each in typing.get_args(annotation) if each is not types.NoneType)
 
 
 def members(hint: Hint) -> dict[str, type[Block]]:
@@ -108,7 +115,7 @@ def _as_text(option: Any) -> str:
 def _in_type(annotation: Choice, value: Any) -> Any:
     """The value if it is of the type, lists as tuples; None if it is not."""
     if _is_union(annotation):
-        tried = (_in_type(each, value) for each in typing.get_args(annotation) if each is not types.NoneType)
+        tried = (_in_type(each, value) for each in options_of_type(annotation))
         return next((found for found in tried if found is not None), None)
     if typing.get_origin(annotation) is tuple:
         return _tuple_in_type(typing.get_args(annotation), value)
@@ -133,7 +140,7 @@ _TYPES = {int: "a whole number", str: 'text in quotes ("...")', bool: "true or f
 def type_as_text(annotation: Choice) -> str:
     """A type as people say it: `a whole number`."""
     if _is_union(annotation):
-        return " or ".join(type_as_text(each) for each in typing.get_args(annotation) if each is not types.NoneType)
+        return " or ".join(map(type_as_text, options_of_type(annotation)))
     if typing.get_origin(annotation) is tuple:
         return f"a list, each entry {type_as_text(typing.get_args(annotation)[0])}"
     return _TYPES.get(annotation, str(annotation))
