@@ -23,7 +23,7 @@ def nyquist(loops: Margins | Mapping[str, Margins]) -> Any:
 
     chosen = style.named(loops)
     figure, (ax,) = style.picture(1, height=4.8)
-    figure.set_figwidth(5.4 if list(chosen) == [""] else style.WIDTH)
+    figure.set_figwidth(5.4 if len(chosen) == 1 else style.WIDTH)
     ax.set_aspect("equal")
     ax.set_xlim(*REACH[:2])
     ax.set_ylim(*REACH[2:])
@@ -33,7 +33,7 @@ def nyquist(loops: Margins | Mapping[str, Margins]) -> Any:
     for i, (name, margins) in enumerate(chosen.items()):
         L = margins.loop_gain
         said = f"Ms {margins.sensitivity_peak:.3g} at {margins.modulus_frequency:.4g} Hz"
-        label = style.caption(name, f"\n{said}" if name else said, 40)
+        label = style.caption(name, f"\n{said}" if len(chosen) > 1 else said, 40)
         x, y = _visible(L.response)
         ax.plot(x, y, label=label, **style.curve(i))
         ax.plot(x, -y, color=style.color(i), linewidth=0.6, alpha=0.6)
@@ -53,7 +53,7 @@ def nyquist(loops: Margins | Mapping[str, Margins]) -> Any:
                 fontsize=style.SMALL, color=style.MUTED)  # fmt: skip
     style.labels(ax, "real part of L", "imaginary part of L")
     handles, texts = ax.get_legend_handles_labels()
-    place = "outside upper left" if list(chosen) == [""] else "outside right upper"
+    place = "outside upper left" if len(chosen) == 1 else "outside right upper"
     figure.legend(handles, texts, loc=place, fontsize=style.SMALL, frameon=False, labelcolor=style.INK,
                   handlelength=2.6, labelspacing=1.0)  # fmt: skip
     return figure

@@ -109,13 +109,20 @@ def motion(runs: Runs, points: int = POINTS) -> Any:
     chosen = style.named(runs)
     figure, axes = style.picture(2, height=4.2)
     first = next(iter(chosen.values()))
+    lows: list[float] = []
+    highs: list[float] = []
     for i, (name, run) in enumerate(chosen.items()):
         velocity = run["velocity_load"]
         _draw(axes[0], run.time, 1e3 * velocity, style.curve(i), name or "actual", points)
-        _draw(axes[1], run.time, np.gradient(velocity, run.sample_time), style.curve(i), points=points)
+        acceleration = np.gradient(velocity, run.sample_time)
+        _draw(axes[1], run.time, acceleration, style.curve(i), points=points)
+        lows.append(float(np.min(acceleration)))
+        highs.append(float(np.max(acceleration)))
     wanted = set_velocity(first)
     _draw(axes[0], first.time, 1e3 * wanted, _set_line(), "set", points)
     _draw(axes[1], first.time, np.gradient(wanted, first.sample_time), _set_line(), points=points)
+    # a log that starts in motion has a jump in its first set velocity, which is no acceleration of the axis
+    axes[1].set_ylim(*style.padded(min(lows), max(highs)))
     style.labels(axes[0], None, "velocity (mm/s)")
     style.labels(axes[1], "time (s)", "acceleration (m/s²)")
     style.legend(figure, axes[0])

@@ -67,7 +67,7 @@ def _errors(study: Study, points: int) -> Iterator[Shown]:
     )
     window = worst_window(list(runs.values()))
     what = "the worst reversal" if window.reversal is not None else "the largest error"
-    reason = " Friction changes its sign here, which shows as a spike." if window.reversal is not None else ""
+    reason = " Friction changes its sign here." if window.reversal is not None else ""
     yield Shown(
         "zoom",
         f"Following error around {what}",

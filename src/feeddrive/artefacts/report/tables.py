@@ -46,7 +46,10 @@ def errors(study: Study) -> str:
         rows.append([entry.name, *cells, _against(entry, "force", "peak"), _against(entry, "force", "rms")])
     best = [_least(values) for _, values in columns] + [None, None]
     heads = ["law", *(head for head, _ in columns), "force peak N", "force RMS N"]
-    said = "Errors and force. Following error: setpoint - the controller's reading; tracking error: - true position."
+    said = (
+        "Errors and force. Following error: setpoint minus the controller's reading. "
+        "Tracking error: setpoint minus true position."
+    )
     return table(said, heads, rows, best if len(rows) > 1 else ())
 
 
@@ -127,7 +130,8 @@ def parameters(study: Study) -> str:
             row = rows.setdefault(name, (tree.declaration(entry.loop, name), [None] * count))
             row[1][i] = value
     body: list[list[str]] = []
-    for name, (declaration, values) in rows.items():
+    for name in sorted(rows, key=_place):
+        declaration, values = rows[name]
         unit, factor = declaration.unit, 1.0
         if unit == "m":
             unit, factor = shown("m")
@@ -139,6 +143,11 @@ def parameters(study: Study) -> str:
     heads = ["parameter", *(entry.name for entry in study.entries), "unit", "meaning"]
     note = "Parameters of the loop; * marks those in which the laws differ." if count > 1 else "Parameters of the loop."
     return table(note, heads, body)
+
+
+def _place(name: str) -> int:
+    """Control before axis, otherwise as in the loop."""
+    return 0 if name.startswith("control.") else 1
 
 
 def _trimmed(text: str) -> str:

@@ -26,11 +26,11 @@ def _prediction(replay: Replay) -> list[str]:
     peak = float(np.max(np.abs(replay.residual("position_load"))))
     said = [
         f"The model predicts the measured position to {number(1e6 * off)} µm RMS ({number(1e6 * peak)} µm at most), "
-        f"while the axis itself follows its setpoint with {number(1e6 * error)} µm RMS: the prediction is off by "
-        f"{percent(off / error if error else 0.0)} of what it explains."
+        f"while the axis itself follows its setpoint with {number(1e6 * error)} µm RMS: the residual is "
+        f"{percent(off / error if error else 0.0)} of the following error."
     ]
     if "force" in replay.measured:
-        said.append(f"The force is predicted to {percent(replay.share('force'))} of its RMS.")
+        said.append(f"The residual of the force is {percent(replay.share('force'))} of its RMS.")
     return said
 
 

@@ -53,8 +53,8 @@ def friction_map(
     window  s over which position is smoothed; a longer one blurs reversals, a shorter one lets encoder counts through
     bins    velocities in each direction
 
-    The force is averaged over the same window.  Samples in which the window holds a reversal are left out.  Gravity and
-    every other constant force stay in: they show as a shift of both directions.
+    The force is averaged over the same window.  Samples whose window holds a reversal or a change of acceleration are
+    left out.  Gravity and every other constant force stay in: they show as a shift of both directions.
     Raises ParameterError if the motion is shorter than three windows.
     """
     half = max(2, round(0.5 * window / sample_time))
@@ -69,6 +69,10 @@ def friction_map(
     mean_force = np.convolve(force, np.full(offsets.size, 1.0 / offsets.size), mode="valid")
     friction = mean_force - mass * acceleration
     away = np.abs(velocity) > np.abs(acceleration) * half * sample_time
+    # where the acceleration changes within the window no parabola fits
+    spread = np.full(acceleration.size, np.inf)
+    spread[half:-half] = np.abs(acceleration[2 * half :] - acceleration[: -2 * half])
+    away &= spread < 0.2 * float(np.max(np.abs(acceleration), initial=0.0))
     top = float(np.max(np.abs(velocity), initial=0.0))
     away &= np.abs(velocity) > 0.02 * top
     edges = np.linspace(-top, top, 2 * bins + 1)
