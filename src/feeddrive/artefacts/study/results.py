@@ -22,7 +22,7 @@ from feeddrive.artefacts.study.comparison import Comparison, numbers
 from feeddrive.language import tree
 
 
-def write_results(comparison: Comparison, out: Path) -> Path:
+def write_results(comparison: Comparison, out: str | Path) -> Path:
     """Write the directory whole or not at all, and return the path of the report.
 
     Raises FileError if `out` cannot be written, or is a directory that feeddrive did not write.
@@ -42,7 +42,7 @@ def write_results(comparison: Comparison, out: Path) -> Path:
             write_run_csv(runs / f"{name}.csv", run.time, run.signals, run.units)
         if comparison.log is not None:
             write_log(folder / "measured.parquet", comparison.log)
-    return out / "report.html"
+    return Path(out) / "report.html"
 
 
 def summary(comparison: Comparison) -> dict[str, Any]:
