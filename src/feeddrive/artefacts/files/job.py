@@ -29,8 +29,8 @@ from feeddrive.artefacts.files.machine import Machine, found, read_machine
 from feeddrive.artefacts.files.roles import ROLES, Column
 from feeddrive.artefacts.files.toml_lines import Section, TomlFile, read_toml
 from feeddrive.blocks.families import Load, Reference
-from feeddrive.language import tree
-from feeddrive.language.errors import FeeddriveError, FileError
+from feeddrive.language import tree, units
+from feeddrive.language.errors import FeeddriveError, FileError, ParameterError
 from feeddrive.loop.control import Control
 from feeddrive.loop.loop import Loop
 
@@ -45,6 +45,7 @@ class LogRequest:
     channels: Mapping[str, Column]
     optional: Mapping[str, Column]
     skip_samples: int
+    sample_time: float | None = None
 
 
 @dataclass(frozen=True)
@@ -158,14 +159,30 @@ def _log(root: Section, place: Path, given: str | Path | None) -> LogRequest | N
         if given is not None:
             raise root.error("a log was given, but the job has no section [log] that says what its columns are")
         return None
-    section.refuse_unknown(("file", "channels", "optional", "skip_samples"))
+    step = [key for key in section.values if key == "sample_time" or key.startswith("sample_time_")]
+    section.refuse_unknown(("file", "channels", "optional", "skip_samples", "sample_time", *step))
     name = _optional_text(section, "file")
     if given is None and name is None:
         raise section.error('log.file is missing: file = "run.csv", or give the log on the command line')
     path = Path(given) if given is not None else place.parent / str(name)
     return LogRequest(
-        path, _channels(section, "channels"), _channels(section, "optional"), _whole(section, "skip_samples", 0)
+        path,
+        _channels(section, "channels"),
+        _channels(section, "optional"),
+        _whole(section, "skip_samples", 0),
+        _step(section, step[0]) if step else None,
     )
+
+
+def _step(section: Section, key: str) -> float:
+    """The sample time of a log without a column of time, in s or in the unit that the key names."""
+    value = section.values[key]
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0.0 < value < 1e9:
+        raise section.error(f"{section.dotted(key)} must be a time > 0", key)
+    try:
+        return value * (1.0 if key == "sample_time" else units.factor(key.removeprefix("sample_time_"), "s"))
+    except ParameterError as error:
+        raise section.error(f"{section.dotted(key)}: {error}", key) from None
 
 
 def _channels(section: Section, name: str) -> dict[str, Column]:
@@ -188,7 +205,10 @@ def _column(channels: Section, role: str, value: Any) -> Column:
     number = factor is None or (isinstance(factor, (int, float)) and not isinstance(factor, bool))
     if not isinstance(unit, str) or not number:
         raise channels.error(f"{channels.dotted(role)} {wanted}", role)
-    return Column(name=value["column"], unit=unit, factor=None if factor is None else float(factor))
+    try:
+        return Column(name=value["column"], unit=unit, factor=None if factor is None else float(factor)).checked(role)
+    except (ParameterError, OverflowError) as error:
+        raise channels.error(f"{channels.dotted(role)}: {error}", role) from None
 
 
 def _optional_text(section: Section, name: str) -> str | None:

@@ -61,7 +61,8 @@ def _read_log(
     content = read_whole(path, MOST_BYTES)
     wanted = None if given is None else frozenset(column.name for column in (*given.values(), *extra.values()))
     columns = read_columns(where, content, wanted)
-    asked = {role: column for role, column in extra.items() if column.name in columns.values} | (given or {})
+    there = {*columns.values, *columns.left_out}
+    asked = {role: column for role, column in extra.items() if column.name in there} | (given or {})
     chosen = _chosen(columns, asked, everything=given is None)
     values = {role: _values(where, columns, role, column, asked) for role, column in chosen.items()}
     recorded = values.pop("time", None)

@@ -209,9 +209,11 @@ def job_schema() -> Schema:
         "properties": {
             "file": {**_TEXT, "description": "name of the log, beside the job"},
             "skip_samples": {**_WHOLE, "description": "samples at the start that do not count", "default": 0},
+            "sample_time": {"type": "number", "exclusiveMinimum": 0, "description": "of a log without time, s"},
             "channels": {**channels, "description": "which column is what"},
             "optional": {**channels, "description": "the same for columns that may be missing"},
         },
+        "patternProperties": {f"^sample_time{_SUFFIX}$": {"type": "number", "exclusiveMinimum": 0}},
         "additionalProperties": False,
     }
     law: Schema = {

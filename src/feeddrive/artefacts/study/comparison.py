@@ -173,12 +173,7 @@ def _log(job: Job) -> Log | None:
     """The job's log, with those optional channels that it really has."""
     if job.log is None:
         return None
-    asked = dict(job.log.channels)
-    if job.log.optional:
-        whole = read_log(job.log.path)
-        names = {*whole.channels, *whole.left_out}
-        asked |= {role: column for role, column in job.log.optional.items() if column.name in names}
-    return read_log(job.log.path, asked)
+    return read_log(job.log.path, job.log.channels, optional=job.log.optional, sample_time=job.log.sample_time)
 
 
 def _measured(job: Job, log: Log) -> dict[str, np.ndarray]:
