@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import os
 import re
 import subprocess
 import sys
@@ -11,7 +12,6 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-import click
 import pytest
 from typer.main import get_command
 
@@ -124,14 +124,14 @@ def test_commands_and_their_options_exist(page: str, line: str):
         targets = re.findall(r"^([a-z]+):", (ROOT / "Makefile").read_text(), re.MULTILINE)
         assert words[0] in targets, line
         return
-    from feeddrive.doors.cli import app
+    from feeddrive.doors.cli.commands import app
 
-    command: click.Command = get_command(app)
+    command: Any = get_command(app)
     for word in words:
         if word.startswith("-"):
             known = {option for parameter in command.params for option in (*parameter.opts, *parameter.secondary_opts)}
             assert word.split("=")[0] in {*known, "--help"}, f"{line}: {word}"
-        elif isinstance(command, click.Group):
+        elif getattr(command, "commands", None):
             assert word in command.commands, f"{line}: {word}"
             command = command.commands[word]
 
@@ -160,6 +160,37 @@ def test_the_error_that_the_documentation_shows_is_the_one_that_comes(tmp_path: 
         read_machine(wrong)
     said = str(caught.value).replace(f"{wrong}", "my_mill.toml").replace(f"{tmp_path}/", "")
     assert said in page.read_text(encoding="utf-8")
+
+
+def test_the_first_axis_prints_what_its_page_shows(tmp_path: Path):
+    """The tables of the tutorial, line by line; the log of EMPS is not needed."""
+    page = ROOT / "docs/first-axis.md"
+    machine, job = blocks(page, "toml")
+    (tmp_path / "my_axis.toml").write_text(machine, encoding="utf-8")
+    (tmp_path / "my_job.toml").write_text(job, encoding="utf-8")
+    demo, run, wrong = blocks(page, "console")
+    assert_prints(demo, tmp_path, 0)
+    assert_prints(run, tmp_path, 0)
+    assert "coulomb = 180 " in machine
+    (tmp_path / "my_axis.toml").write_text(machine.replace("coulomb = 180 ", "coulomb = -180 "), encoding="utf-8")
+    assert_prints(wrong, tmp_path, 2)
+
+
+def assert_prints(console: str, folder: Path, code: int) -> None:
+    """The first line is a command; every other line is among those that it prints, but for blanks."""
+    first, *lines = console.strip().splitlines()
+    asked = [
+        sys.executable,
+        "-c",
+        "from feeddrive.doors.cli import main; main()",
+        *first.removeprefix("$ ").split()[1:],
+    ]
+    wide = {**os.environ, "COLUMNS": "160", "NO_COLOR": "1"}
+    done = subprocess.run(asked, cwd=folder, env=wide, capture_output=True, text=True, timeout=120, check=False)
+    assert done.returncode == code, done.stderr
+    printed = [" ".join(line.split()) for line in (done.stdout + done.stderr).splitlines()]
+    for line in lines:
+        assert " ".join(line.split()) in printed, f"{line}\nis not in\n{done.stdout}{done.stderr}"
 
 
 def test_the_timeline_is_what_its_script_draws():
