@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from feeddrive.language import mathematics, ops
+from feeddrive.language import ops
 from feeddrive.language.graph import ELEMENTARY
 
 # The largest error in units in the last place, as docs/accuracy.md states it for each function.
@@ -162,13 +162,13 @@ def test_quantise_goes_to_the_nearest_count(x: float, step: float):
 def test_uniform_numbers_are_uniform_and_independent_of_the_shape():
     """Kolmogorov's distance for 2·10⁵ numbers: above 1.95/√n only once in a thousand seeds; the seed is fixed."""
     n = 200_000
-    numbers = np.sort(mathematics.uniform(np.float64(7), np.arange(n, dtype=float), np.float64(0)))
+    numbers = np.sort(ops.uniform(np.float64(7), np.arange(n, dtype=float), np.float64(0)))
     ranks = (np.arange(n) + 0.5) / n
     assert np.max(np.abs(numbers - ranks)) < 1.95 / math.sqrt(n)
     assert numbers[0] > 0.0
     assert numbers[-1] < 1.0
-    lone = [mathematics.uniform(np.float64(7), np.float64(k), np.float64(3)) for k in range(50)]
-    assert np.array_equal(lone, mathematics.uniform(np.float64(7), np.arange(50.0), np.full(50, 3.0)))
+    lone = [ops.uniform(np.float64(7), np.float64(k), np.float64(3)) for k in range(50)]
+    assert np.array_equal(lone, ops.uniform(np.float64(7), np.arange(50.0), np.full(50, 3.0)))
 
 
 def test_normal_numbers_have_mean_zero_variance_one_and_no_correlation():

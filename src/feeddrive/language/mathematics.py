@@ -13,9 +13,19 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-import numpy as np
-
-from feeddrive.language import ops
+from feeddrive.language.primitives import (
+    absolute,
+    clip,
+    either,
+    equal,
+    exponent,
+    floor,
+    maximum,
+    minimum,
+    power_of_two,
+    sqrt,
+    where,
+)
 
 # ln 2 and π/2 as sums of shorter and shorter numbers.  The high parts have so many zero bits at their ends that
 # k times them is exact for every k that can occur.
@@ -33,42 +43,6 @@ EXP_MOST = 709.782712893384
 EXP_LEAST = -1021.0 * math.log(2.0)
 
 
-def power_of_two(k: Any) -> Any:
-    """2ᵏ for a whole number k in -1022 .. 1023."""
-    if isinstance(k, np.ndarray):
-        return np.ldexp(1.0, np.where(k == k, k, 0.0).astype(np.int64)) + 0.0 * k
-    return np.float64(math.ldexp(1.0, int(k))) if k == k else np.float64(math.nan)
-
-
-def exponent(x: Any) -> Any:
-    """The whole number k with 2ᵏ <= |x| < 2ᵏ⁺¹, read from the bits of x; -1023 for 0."""
-    bits = np.asarray(x, dtype=np.float64).view(np.int64)
-    k = ((bits >> 52) & 0x7FF) - 1023
-    return k.astype(np.float64) if isinstance(x, np.ndarray) else np.float64(k)
-
-
-MIX = (0xBF58476D1CE4E5B9, 0x94D049BB133111EB)
-STRIDES = (0x9E3779B97F4A7C15, 0xD1B54A32D192ED03, 0x8CB92BA72F3D8DD7)
-
-
-def uniform(seed: Any, sample: Any, channel: Any) -> Any:
-    """(h + 1/2) / 2⁵² with h the upper 52 bits of a mix of the three whole numbers.
-
-    The mix is the finaliser of SplitMix64 (Steele, Lea, Flood 2014), run once over each of the three.
-    """
-    lanes = any(isinstance(number, np.ndarray) for number in (seed, sample, channel))
-    with np.errstate(over="ignore"):
-        bits = np.uint64(0)
-        for number, stride in zip((seed, sample, channel), STRIDES, strict=True):
-            bits = bits + np.asarray(number).astype(np.uint64) + np.uint64(1)
-            bits = bits * np.uint64(stride)
-            bits = (bits ^ (bits >> np.uint64(30))) * np.uint64(MIX[0])
-            bits = (bits ^ (bits >> np.uint64(27))) * np.uint64(MIX[1])
-            bits = bits ^ (bits >> np.uint64(31))
-    share = ((bits >> np.uint64(12)).astype(np.float64) + 0.5) * 2.0**-52
-    return share if lanes else np.float64(share)
-
-
 def series(x: Any, coefficients: Sequence[float]) -> Any:
     """Σ cᵢ xⁱ, summed in pairs: (c₀ + c₁x) + (c₂ + c₃x)x² + ..."""
     terms: list[Any] = list(coefficients)
@@ -84,34 +58,34 @@ _EXP = [1.0 / math.factorial(i) for i in range(2, 14)]
 
 def _reduced_exp(x: Any) -> tuple[Any, Any]:
     """k and p with eˣ = 2ᵏ (1 + p) and |p| <= √2 - 1."""
-    k = ops.floor(x * (1.0 / math.log(2.0)) + 0.5)
+    k = floor(x * (1.0 / math.log(2.0)) + 0.5)
     r = (x - k * LN2_HIGH) - k * LN2_LOW
     return k, r + (r * r) * series(r, _EXP)
 
 
 def exp(x: Any) -> Any:
     """eˣ = 2ᵏ (1 + p). Results below 2⁻¹⁰²¹ are 0."""
-    k, p = _reduced_exp(ops.clip(x, EXP_LEAST, EXP_MOST))
+    k, p = _reduced_exp(clip(x, EXP_LEAST, EXP_MOST))
     # in two factors, since 2¹⁰²⁴ is no double although e^709.78 is
-    half = ops.power_of_two(k - 1.0)
+    half = power_of_two(k - 1.0)
     result = 2.0 * (half + p * half)
-    return ops.where(x > EXP_MOST, math.inf, ops.where(x < EXP_LEAST, 0.0, result))
+    return where(x > EXP_MOST, math.inf, where(x < EXP_LEAST, 0.0, result))
 
 
 def expm1(x: Any) -> Any:
     """eˣ - 1 = 2ᵏ p + (2ᵏ - 1)."""
-    held = ops.clip(x, -40.0, EXP_MOST - 1.0)
+    held = clip(x, -40.0, EXP_MOST - 1.0)
     k, p = _reduced_exp(held)
-    scale = ops.power_of_two(k)
+    scale = power_of_two(k)
     result = scale * p + (scale - 1.0)
-    return ops.where(x > EXP_MOST - 1.0, math.inf, result)
+    return where(x > EXP_MOST - 1.0, math.inf, result)
 
 
 def tanh(x: Any) -> Any:
     """m / (m + 2) with m = e²ˣ - 1, for |x|; then the sign of x."""
-    m = expm1(2.0 * ops.minimum(ops.absolute(x), 20.0))
+    m = expm1(2.0 * minimum(absolute(x), 20.0))
     size = m / (m + 2.0)
-    return ops.where(x < 0.0, -size, size)
+    return where(x < 0.0, -size, size)
 
 
 _ATANH = [2.0 / (2 * i + 1) for i in range(1, 11)]
@@ -120,12 +94,12 @@ _ATANH = [2.0 / (2 * i + 1) for i in range(1, 11)]
 def log(x: Any) -> Any:
     """With x = 2ᵏ m, √½ <= m < √2 and f = (m - 1)/(m + 1):  ln x = k ln 2 + 2 (f + f³/3 + f⁵/5 + ...)."""
     small = x < 2.2250738585072014e-308  # below the normal numbers the exponent cannot be read: scale up
-    scaled = ops.where(small, x * 2.0**54, x)
-    k = ops.exponent(scaled)
-    m = scaled * ops.power_of_two(-k)
+    scaled = where(small, x * 2.0**54, x)
+    k = exponent(scaled)
+    m = scaled * power_of_two(-k)
     high = m > math.sqrt(2.0)
-    m = ops.where(high, 0.5 * m, m)
-    k = ops.where(high, k + 1.0, k) - ops.where(small, 54.0, 0.0)
+    m = where(high, 0.5 * m, m)
+    k = where(high, k + 1.0, k) - where(small, 54.0, 0.0)
     f = (m - 1.0) / (m + 1.0)
     square = f * f
     # 2f = (m - 1) - f (m - 1) keeps the bits of m - 1, which is exact
@@ -136,9 +110,9 @@ def log(x: Any) -> Any:
 
 def _log_ends(x: Any, result: Any) -> Any:
     """ln 0 = -inf, ln inf = inf, and NaN (as √-1) below 0 or for NaN."""
-    result = ops.where(x > 1.7976931348623157e308, math.inf, result)
-    result = ops.where(x <= 0.0, ops.where(x < 0.0, ops.sqrt(-1.0 - ops.absolute(x)), -math.inf), result)
-    return ops.where(ops.equal(x, x), result, x)
+    result = where(x > 1.7976931348623157e308, math.inf, result)
+    result = where(x <= 0.0, where(x < 0.0, sqrt(-1.0 - absolute(x)), -math.inf), result)
+    return where(equal(x, x), result, x)
 
 
 _SIN = [(-1.0) ** i / math.factorial(2 * i + 1) for i in range(1, 9)]
@@ -147,8 +121,8 @@ _COS = [(-1.0) ** i / math.factorial(2 * i) for i in range(2, 10)]
 
 def _reduced_angle(x: Any) -> tuple[Any, Any]:
     """k and r with x = k π/2 + r and |r| <= π/4, by the four parts of π/2 (Cody & Waite 1980)."""
-    held = ops.where(ops.absolute(x) <= 1e9, x, 0.0)
-    k = ops.floor(held * (2.0 / math.pi) + 0.5)
+    held = where(absolute(x) <= 1e9, x, 0.0)
+    k = floor(held * (2.0 / math.pi) + 0.5)
     r = held
     for piece in HALF_PI:
         r = r - k * piece
@@ -169,11 +143,11 @@ def _wave(x: Any, quarter: float) -> Any:
     """sin(x + quarter · π/2)."""
     k, r = _reduced_angle(x)
     turn = k + quarter
-    place = turn - 4.0 * ops.floor(0.25 * turn)  # 0, 1, 2 or 3
-    odd = ops.either(ops.equal(place, 1.0), ops.equal(place, 3.0))
-    size = ops.where(odd, _cosine_part(r), _sine_part(r))
-    value = ops.where(place >= 2.0, -size, size)
-    return ops.where(ops.absolute(x) <= 1e9, value, ops.sqrt(-1.0 - ops.absolute(x)))
+    place = turn - 4.0 * floor(0.25 * turn)  # 0, 1, 2 or 3
+    odd = either(equal(place, 1.0), equal(place, 3.0))
+    size = where(odd, _cosine_part(r), _sine_part(r))
+    value = where(place >= 2.0, -size, size)
+    return where(absolute(x) <= 1e9, value, sqrt(-1.0 - absolute(x)))
 
 
 def sin(x: Any) -> Any:
@@ -192,13 +166,13 @@ TAN_PI_8 = math.sqrt(2.0) - 1.0
 
 def atan(x: Any) -> Any:
     """By |x| -> 1/|x| above 1 and z = (y - 1)/(y + 1) above tan π/8:  z - z³/3 + z⁵/5 - ..."""
-    size = ops.absolute(x)
+    size = absolute(x)
     inverted = size > 1.0
-    y = ops.where(inverted, 1.0 / ops.maximum(size, 1e-300), size)
+    y = where(inverted, 1.0 / maximum(size, 1e-300), size)
     turned = y > TAN_PI_8
-    z = ops.where(turned, (y - 1.0) / (y + 1.0), y)
+    z = where(turned, (y - 1.0) / (y + 1.0), y)
     square = z * z
     angle = z + z * (square * series(square, _ATAN))
-    angle = ops.where(turned, angle + 0.25 * math.pi, angle)
-    angle = ops.where(inverted, 0.5 * math.pi - angle, angle)
-    return ops.where(x < 0.0, -angle, angle)
+    angle = where(turned, angle + 0.25 * math.pi, angle)
+    angle = where(inverted, 0.5 * math.pi - angle, angle)
+    return where(x < 0.0, -angle, angle)

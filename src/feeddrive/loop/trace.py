@@ -9,7 +9,7 @@ from typing import Any, NamedTuple, cast
 import numpy as np
 
 from feeddrive.blocks.signals import Noise, Setpoint
-from feeddrive.language import mathematics, ops, tree
+from feeddrive.language import ops, tree
 from feeddrive.language.block import Number
 from feeddrive.language.graph import Graph, arguments, reachable
 from feeddrive.loop.hold import Timing
@@ -150,7 +150,7 @@ _PLAIN: dict[str, Any] = {
 
 def apply(name: str, *values: Any) -> Any:
     """One operation of a graph on floats, arrays or symbols."""
-    function = _PLAIN.get(name) or getattr(ops, name, None) or getattr(mathematics, name)
+    function = _PLAIN.get(name) or getattr(ops, name)
     return function(*values)
 
 

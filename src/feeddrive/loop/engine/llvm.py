@@ -14,7 +14,7 @@ from __future__ import annotations
 import struct
 
 from feeddrive.language.graph import ELEMENTARY, arguments
-from feeddrive.language.mathematics import MIX, STRIDES
+from feeddrive.language.primitives import MIX, STRIDES
 from feeddrive.loop.engine.plan import Plan
 
 _BINARY = {"add": "fadd", "sub": "fsub", "mul": "fmul", "div": "fdiv"}
@@ -174,7 +174,7 @@ class Printer:
         return self.emit(f"fsub {self.type(vector)} {x}, {self.real(constant, vector)}")
 
     def uniform(self, values: list[str], vector: bool) -> str:
-        """The mix of `mathematics.uniform`."""
+        """The mix of `primitives.uniform`."""
         whole, kind = self.type(vector, "i64"), self.type(vector)
         bits = self.whole(0, vector)
         for value, stride in zip(values, STRIDES, strict=True):
