@@ -12,6 +12,7 @@ import re
 from collections.abc import Iterator
 from dataclasses import MISSING, fields
 from pathlib import Path
+from textwrap import indent
 from typing import Any
 
 from mkdocs.structure.files import File
@@ -77,8 +78,9 @@ def place(block: type[Block]) -> str:
 
 
 def docstring(thing: Any) -> str:
-    """A docstring as markdown: indented equations are code blocks there too."""
-    return inspect.cleandoc(thing.__doc__ or "")
+    """A docstring as markdown: indented equations are code there too; a list of aligned names becomes it."""
+    paragraphs = inspect.cleandoc(thing.__doc__ or "").split("\n\n")
+    return "\n\n".join(indent(each, "    ") if re.match(r"\w+ {2,}\S", each) else each for each in paragraphs)
 
 
 def page(block: type[Block]) -> str:
