@@ -1,0 +1,31 @@
+"""Several forces at once."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from feeddrive.blocks.families import Load
+from feeddrive.blocks.sampled import are_all
+from feeddrive.language.block import part
+from feeddrive.language.errors import StructureError
+
+
+class ForceSum(Load):
+    """The sum of loads, in N.
+
+    Raises StructureError for an empty one.
+    """
+
+    loads: tuple[Load, ...] = part("loads that act together")
+
+    def check(self) -> None:
+        """There is at least one load."""
+        if not are_all(self.loads, Load):
+            raise StructureError("force_sum.loads must be a tuple of at least one load, and of nothing else")
+
+    def at(self, t: np.ndarray) -> np.ndarray:
+        """Force in N at times t in s."""
+        total = self.loads[0].at(t)
+        for load in self.loads[1:]:
+            total = total + load.at(t)
+        return total

@@ -1,0 +1,31 @@
+"""A force that was recorded."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from feeddrive.blocks.families import Load
+from feeddrive.blocks.sampled import check_single, rows_at
+from feeddrive.language.block import Number, parameter, table
+
+
+class RecordedForce(Load):
+    """Row k of the table over [kT, (k+1)T), T = sample_time; 0 N before the first and after the last row.
+
+    A loop may run at another sample time: it takes the row that holds at each of its samples.  A time that misses a row
+    by rounding belongs to it.
+    """
+
+    force: np.ndarray = table("N", "force on the table, row by row")
+    sample_time: Number = parameter("s", "time from row to row", above=0)
+
+    def check(self) -> None:
+        """One sample time."""
+        check_single(self)
+
+    def at(self, t: np.ndarray) -> np.ndarray:
+        """Force in N at times t in s."""
+        place, _ = rows_at(np.asarray(t, dtype=np.float64), self.sample_time)
+        row = np.floor(place)
+        inside = (row >= 0.0) & (row < self.force.size)
+        return np.where(inside, self.force[np.where(inside, row, 0.0).astype(np.int64)], 0.0)

@@ -1,0 +1,39 @@
+"""A force that swings."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from feeddrive.blocks.families import Load
+from feeddrive.blocks.sampled import check_order, check_single, since
+from feeddrive.language.block import Number, parameter
+
+
+class SineForce(Load):
+    """amplitude · sin(2π frequency (t - start) + phase) for start <= t < end, 0 N otherwise.
+
+    The loop holds it over the sample, so what acts is a staircase half a sample late.  Start and end are those of
+    samples as in StepForce.
+    When not: for a force that depends on where the axis is; that is a ForceMap of the axis.
+    """
+
+    amplitude: Number = parameter("N", "amplitude of the force on the table", least=0)
+    frequency: Number = parameter("Hz", "frequency", above=0)
+    phase: Number = parameter("rad", "phase at the start", default=0)
+    start: Number = parameter("s", "when it begins", default=0)
+    end: Number | None = parameter("s", "when it ends; absent: never", default=None)
+
+    def check(self) -> None:
+        """The end comes after the start."""
+        check_single(self)
+        check_order(self.kind, self.start, self.end)
+
+    def at(self, t: np.ndarray) -> np.ndarray:
+        """Force in N at times t in s."""
+        times = np.asarray(t, dtype=np.float64)
+        acts = since(times, self.start)
+        if self.end is not None:
+            acts = acts & ~since(times, self.end)
+        turns = self.frequency * (times - self.start)
+        swing = self.amplitude * np.sin(2.0 * np.pi * (turns - np.floor(turns)) + self.phase)
+        return np.where(acts, swing, 0.0)

@@ -1,0 +1,35 @@
+"""A force that is switched on."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from feeddrive.blocks.families import Load
+from feeddrive.blocks.sampled import check_order, check_single, since
+from feeddrive.language.block import Number, parameter
+
+
+class StepForce(Load):
+    """`force` for start <= t < end, 0 N otherwise.
+
+    The loop holds a force over the sample, so it acts from the first sample with t >= start up to the first with
+    t >= end.  Rounding of kT does not shift that by a sample: a sample that lies less than 1e-12 s, or 1e-14 of
+    `start`, before `start` counts as at it.
+    """
+
+    force: Number = parameter("N", "force on the table, positive towards greater positions")
+    start: Number = parameter("s", "when it begins", default=0)
+    end: Number | None = parameter("s", "when it ends; absent: never", default=None)
+
+    def check(self) -> None:
+        """The end comes after the start."""
+        check_single(self)
+        check_order(self.kind, self.start, self.end)
+
+    def at(self, t: np.ndarray) -> np.ndarray:
+        """Force in N at times t in s."""
+        times = np.asarray(t, dtype=np.float64)
+        acts = since(times, self.start)
+        if self.end is not None:
+            acts = acts & ~since(times, self.end)
+        return np.where(acts, self.force, 0.0)

@@ -1,0 +1,64 @@
+"""How long the boxcars of a limited move are, and which limits give way if the distance is too short for them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from feeddrive.blocks.reference.profile import Profile
+from feeddrive.language.errors import StructureError
+
+_HUGE = 1e150  # its square is still a number
+_TINY = 1e-290  # numbers below are so near to 0 that they lose digits
+
+
+def limited_profile(kind: str, distance: float, limits: Sequence[float]) -> Profile:
+    """The shortest move of the boxcar family that covers a distance > 0 within `limits`, velocity first (SI).
+
+    With all limits reached the lengths are those of papers.md 0.1, for the snap-limited move j/s, a/j, v/a and
+    distance/v.  In general they are chosen from the shortest on, each as long as possible.  L₁ multiplies the highest
+    derivative into the next lower one, and so on; since ramps must not overlap, each length is at least the sum of the
+    shorter ones, so a chosen L₁ = x means at least (x, 2x, 4x) for the others:
+
+        L₁ = x:  s·x ≤ j,  s·x² ≤ a,  s·2x³ ≤ v,  s·8x⁴ ≤ distance
+        L₂ = x:  j'·x ≤ a,  j'·x(x + L₁) ≤ v,  j'·2x(x + L₁)² ≤ distance,             j' = s·L₁
+        L₃ = x:  a'·x ≤ v,  a'·x(x + L₁ + L₂) ≤ distance,                             a' = j'·L₂
+        L₄ = distance / v',                                                           v' = a'·L₃
+
+    The highest limit is thus always used in full, and a limit is lowered only if a lower derivative, or the distance,
+    has no room for it: first the velocity gives way (L₃), then the acceleration (L₂), then the jerk (L₁).  Since the
+    lengths' product is given and long ones are bounded below by short ones, making the short ones long makes the sum,
+    the time of the move, least.  The last length is distance / v' as computed, so the distance is exact.
+
+    Raises StructureError if the move would take for ever, if the numbers overflow, and, what must not happen, if the
+    finished profile misses a limit.
+    """
+    height, span = limits[-1], 0.0
+    goals = [*reversed(limits[:-1]), distance]
+    lengths: list[float] = []
+    while goals:
+        shares = [goal / max(height, _TINY) for goal in goals]
+        if height < _TINY or distance < _TINY or min(shares) < 1.0 / _HUGE:
+            raise StructureError(f"{kind}: distance and limits are too far apart to compute with: check their units")
+        longest = min(_longest(min(share, _HUGE), place, span) for place, share in enumerate(shares))
+        length = max(span, longest)  # where a lower goal was just met, rounding may leave `longest` under the sum
+        lengths.append(length)
+        height, span = height * length, span + length
+        goals = goals[1:]
+    profile = Profile(distance, tuple(lengths))
+    profile.check(kind, limits)
+    return profile
+
+
+def _longest(goal: float, place: int, span: float) -> float:
+    """The x for which x, x(x + span), 2x(x + span)² or 8x(x + span)³ (place 0 .. 3, the last with span = 0) is goal."""
+    if place == 0:
+        return goal
+    if place == 1:
+        return 2.0 * goal / (span + math.sqrt(span * span + 4.0 * goal))
+    if span == 0.0:
+        return math.cbrt(0.5 * goal) if place == 2 else math.sqrt(math.sqrt(0.125 * goal))
+    # y²(y - 1) = c with y = 1 + x/span; its one real root by the hyperbolic form of Cardano's formula, c >= 4 here
+    c = goal / (2.0 * span) / span / span
+    y = (1.0 + 2.0 * math.cosh(math.acosh(1.0 + 13.5 * c) / 3.0)) / 3.0
+    return (y - 1.0) * span

@@ -1,0 +1,76 @@
+"""A sine that sweeps through a band of frequencies."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from feeddrive.blocks.families import Reference
+from feeddrive.blocks.reference.derivatives import Derivatives, product, resting, sine_of, stretched
+from feeddrive.blocks.reference.smooth_step import window
+from feeddrive.blocks.sampled import check_duration, check_single
+from feeddrive.blocks.signals import Setpoint
+from feeddrive.language.block import Number, choice, parameter
+from feeddrive.language.errors import ParameterError
+
+
+class Chirp(Reference):
+    """x = center + amplitude · w(t) · sin(φ(t)), with φ' going from 2π first_frequency to 2π last_frequency.
+
+        linear       φ = 2π (f₁ t + (f₂ - f₁) t² / 2D)
+        logarithmic  φ = 2π f₁ (eᵍᵗ - 1) / g,   g = ln(f₂/f₁) / D,       D = sweep_time
+
+    w rises from 0 in the first and falls to 0 in the last `blend_time` by the seventh-degree polynomial; the motion
+    starts and ends at rest at the center.  The sweep may run up or down.
+    When not: to measure an axis with dry friction about standstill, where a multisine with bias velocity says more.
+    Raises ParameterError if both blends are longer than the sweep.
+    """
+
+    amplitude: Number = parameter("m", "largest distance from the center", least=0)
+    first_frequency: Number = parameter("Hz", "frequency at the start", above=0)
+    last_frequency: Number = parameter("Hz", "frequency at the end", above=0)
+    sweep_time: Number = parameter("s", "duration of the sweep, blends included", above=0)
+    sweep: str = choice("how the frequency changes in time", options=("linear", "logarithmic"), default="logarithmic")
+    center: Number = parameter("m", "position at start and end", default=0)
+    blend_time: Number | None = parameter(
+        "s", "how long the amplitude rises, and falls; 0 s for not at all, absent: a tenth of the sweep",
+        least=0, default=None,
+    )  # fmt: skip
+
+    def check(self) -> None:
+        """The blends fit into the sweep."""
+        check_single(self)
+        check_duration(self.kind, self.duration)
+        if 2.0 * self._blend() > self.sweep_time:
+            raise ParameterError(
+                f"chirp.blend_time = {self._blend():g} s must be <= {0.5 * self.sweep_time:g} s, half of the sweep"
+            )
+
+    def _blend(self) -> float:
+        return 0.1 * self.sweep_time if self.blend_time is None else self.blend_time
+
+    @property
+    def duration(self) -> float:
+        """As given, s."""
+        return self.sweep_time
+
+    def _angle(self, t: np.ndarray) -> Derivatives:
+        first, last = 2.0 * np.pi * self.first_frequency, 2.0 * np.pi * self.last_frequency
+        growth = np.log(last / first) / self.sweep_time
+        if self.sweep == "linear" or growth == 0.0:
+            slope = (last - first) / self.sweep_time
+            still = np.zeros_like(t)
+            return t * (first + 0.5 * slope * t), first + slope * t, np.full_like(t, slope), still, still
+        rate = first * np.exp(growth * t)
+        return first * np.expm1(growth * t) / growth, rate, growth * rate, growth**2 * rate, growth**3 * rate
+
+    def at(self, t: np.ndarray) -> Setpoint:
+        """The equation above."""
+        times = np.asarray(t, dtype=np.float64)
+        moved = self._moved(np.clip(times, 0.0, self.duration))
+        last = self.center if self._blend() > 0.0 else float(self._moved(np.array([self.duration]))[0][0])
+        return resting(times, self.duration, moved, self.center, last)
+
+    def _moved(self, t: np.ndarray) -> Derivatives:
+        steps = product(window(t, self.duration, self._blend()), sine_of(self._angle(t)))
+        moved = stretched(steps, self.amplitude, 1.0)
+        return self.center + moved[0], *moved[1:]

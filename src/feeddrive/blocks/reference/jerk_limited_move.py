@@ -1,0 +1,27 @@
+"""A move within limits of velocity, acceleration and jerk."""
+
+from __future__ import annotations
+
+from feeddrive.blocks.reference.limited_move import LimitedMove
+from feeddrive.language.block import Number, parameter
+
+
+class JerkLimitedMove(LimitedMove):
+    """A rectangle of velocity convolved with two boxcars: seven pieces of constant jerk.
+
+        velocity = rectangle(height v, length distance/v) * boxcar(v/a) * boxcar(a/j)
+
+    The jerk jumps, so the snap is a row of impulses; it is reported as 0.  A law that feeds snap forward should follow
+    a SnapLimitedMove.  If the distance is too short for a limit it is lowered, velocity first, then acceleration; this
+    is the shortest move within these limits.
+    Raises StructureError for a move that takes for ever.
+    Source: papers.md 0.1.
+    """
+
+    velocity: Number = parameter("m/s", "limit of the velocity", above=0)
+    acceleration: Number = parameter("m/s2", "limit of the acceleration", above=0)
+    jerk: Number = parameter("m/s3", "limit of the jerk", above=0)
+
+    def limits(self) -> tuple[float, ...]:
+        """As given."""
+        return self.velocity, self.acceleration, self.jerk

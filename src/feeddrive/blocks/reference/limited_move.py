@@ -1,0 +1,41 @@
+"""What the moves within limits have in common: a leg made of boxcars."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from functools import cached_property
+
+import numpy as np
+
+from feeddrive.blocks.reference.boxcars import limited_profile
+from feeddrive.blocks.reference.derivatives import Derivatives
+from feeddrive.blocks.reference.move import Move
+from feeddrive.blocks.reference.profile import Profile
+
+
+class LimitedMove(Move, ABC):
+    """A leg whose velocity is a rectangle convolved with one boxcar for each limit above the velocity's."""
+
+    @abstractmethod
+    def limits(self) -> tuple[float, ...]:
+        """Limits in SI: velocity, acceleration, ... down to the derivative that is piecewise constant."""
+
+    @cached_property
+    def profile(self) -> Profile | None:
+        """The leg in pieces, integrated against its limits; its `peaks` are the limits that are reached.
+
+        None for a distance of 0.
+        """
+        return limited_profile(self.kind, abs(self.distance), self.limits()) if self.distance else None
+
+    @property
+    def leg_time(self) -> float:
+        """Sum of the boxcars' lengths, s."""
+        return self.profile.duration if self.profile else 0.0
+
+    def leg(self, t: np.ndarray) -> Derivatives:
+        """The pieces."""
+        if self.profile is None:
+            rest = np.zeros_like(t)
+            return rest, rest, rest, rest, rest
+        return self.profile.at(t)

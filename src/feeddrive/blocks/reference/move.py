@@ -1,0 +1,77 @@
+"""What all moves have in common: from rest to rest, there and perhaps back, with dwells."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+
+import numpy as np
+
+from feeddrive.blocks.families import Reference
+from feeddrive.blocks.reference.derivatives import Derivatives
+from feeddrive.blocks.sampled import check_duration, check_single
+from feeddrive.blocks.signals import Setpoint
+from feeddrive.language.block import Number, choice, parameter
+
+
+class Move(Reference, ABC):
+    """A leg of a given distance between two dwells, and with `back` the same leg home and a third dwell.
+
+        before | there | after                        or
+        before | there | between | home | after
+
+    Every leg starts and ends at rest at the exact positions `start` and `start + distance`.
+    """
+
+    distance: Number = parameter("m", "signed travel; 0 m is a dwell", least=-1e6, most=1e6)
+    start: Number = parameter("m", "position at the start", default=0, least=-1e6, most=1e6)
+    back: bool = choice("whether the move returns to its start", options=(False, True), default=False)
+    dwell_before: Number = parameter("s", "standstill before the first leg", default=0, least=0)
+    dwell_between: Number | None = parameter(
+        "s", "standstill before the way back; absent: as long as dwell_after", default=None, least=0
+    )
+    dwell_after: Number = parameter("s", "standstill at the end", default=0, least=0)
+
+    @property
+    @abstractmethod
+    def leg_time(self) -> float:
+        """Time of one leg in s, proven against its limits."""
+
+    @abstractmethod
+    def leg(self, t: np.ndarray) -> Derivatives:
+        """Travel (m, from 0 to |distance|) and its derivatives at times t (s, shape (n,)) in 0 .. leg_time."""
+
+    def check(self) -> None:
+        """The leg keeps its limits and ends in a finite time."""
+        check_single(self)
+        check_duration(self.kind, self.duration)
+
+    @property
+    def duration(self) -> float:
+        """Dwells and legs together, s."""
+        begins = self._home_at() if self.back else self.dwell_before
+        return begins + self.leg_time + self.dwell_after
+
+    def at(self, t: np.ndarray) -> Setpoint:
+        """Setpoints at times t in s."""
+        times = np.asarray(t, dtype=np.float64)
+        out = [np.full(times.shape, self.start), *(np.zeros(times.shape) for _ in range(4))]
+        sign = float(np.sign(self.distance))
+        ways = [(self.dwell_before, sign, self.start, self.start + self.distance)]
+        if self.back:
+            ways.append((self._home_at(), -sign, self.start + self.distance, self.start))
+        for begins, sense, first, last in ways:
+            ends = begins + self.leg_time
+            moving = np.flatnonzero((times >= begins) & (times < ends))
+            if moving.size:
+                run = slice(moving[0], moving[-1] + 1)  # times that rise are one stretch, and quicker than an index
+                chosen = run if run.stop - run.start == moving.size else moving
+                travel = self.leg(np.clip(times[chosen] - begins, 0.0, self.leg_time))
+                for row, values, base in zip(out, travel, (first, 0.0, 0.0, 0.0, 0.0), strict=True):
+                    row[chosen] = base + sense * values
+            out[0][times >= ends] = last
+        return Setpoint(*out)  # type: ignore[arg-type]
+
+    def _home_at(self) -> float:
+        """When the way back starts, s."""
+        between = self.dwell_after if self.dwell_between is None else self.dwell_between
+        return self.dwell_before + self.leg_time + between

@@ -1,0 +1,156 @@
+"""A sum of sines that repeats: the excitation of frequency responses."""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+
+from feeddrive.blocks.families import Reference
+from feeddrive.blocks.reference.derivatives import Derivatives, product, resting
+from feeddrive.blocks.reference.smooth_step import window
+from feeddrive.blocks.sampled import check_duration, check_single
+from feeddrive.blocks.signals import Setpoint
+from feeddrive.language import ops
+from feeddrive.language.block import Number, choice, parameter
+from feeddrive.language.errors import ParameterError, StructureError
+
+_MOST_LINES = 20000
+_FINE = 32  # grid points per period of the highest line, on which the peak is taken
+
+
+class Multisine(Reference):
+    """x = center + w(t) · scale · Σ wₖ sin(2π k t / period + φₖ), over lines k / period inside a band.
+
+    `lines` of the multiples of 1/period between `lowest` and `highest` carry equal amplitude of position, velocity or
+    acceleration (`flat`): wₖ = 1, 1/k or 1/k².  Phases are those of Schroeder, φₖ = -2π Σᵢ (k - i) pᵢ over the lines
+    below with shares of power p, or random ones that depend on `seed` and on the line only.
+    The scale is such that |x - center| never exceeds `amplitude` and reaches at least 0.995 of it: the peak on a grid
+    of 32 points per shortest wave, over cos(π/32) (Ehlich & Zeller 1964).  All phases are shifted in time to where the
+    sum is 0, with the least speed, so that it starts and ends at the center.
+
+    w is 1, and velocity jumps at the ends, unless `blend_time` is given: then the periodic motion goes on for this time
+    before the first and after the last period, and w rises and falls there.  Whole periods stay untouched.
+    Source: Schroeder 1970; Pintelon & Schoukens 2012, chapter 5.
+    """
+
+    amplitude: Number = parameter("m", "largest distance from the center", least=0)
+    lowest: Number = parameter("Hz", "lower end of the band", above=0)
+    highest: Number = parameter("Hz", "upper end of the band", above=0)
+    period: Number = parameter("s", "time after which it repeats; its inverse is the frequency resolution", above=0)
+    periods: int = choice("number of whole periods", default=1, least=1)
+    lines: int = choice("how many lines are spread over the band; 0 for all", default=0, least=0)
+    spread: str = choice(
+        "where the lines lie if not all are taken", options=("linear", "logarithmic"), default="logarithmic"
+    )
+    flat: str = choice(
+        "the derivative in which all lines are equal",
+        options=("position", "velocity", "acceleration"),
+        default="position",
+    )
+    phases: str = choice("how phases are chosen", options=("schroeder", "random"), default="schroeder")
+    seed: int = choice("of random phases", default=0, least=0)
+    center: Number = parameter("m", "position at start and end", default=0)
+    blend_time: Number = parameter("s", "length of run-in and run-out; 0 s for none", default=0, least=0)
+
+    def check(self) -> None:
+        """There are lines in the band, and not too many of them."""
+        check_single(self)
+        check_duration(self.kind, self.duration)
+        if self.highest < self.lowest:
+            raise ParameterError(
+                f"multisine.highest = {self.highest:g} Hz must be >= multisine.lowest, {self.lowest:g} Hz"
+            )
+        if self.highest * self.period > _MOST_LINES:
+            raise StructureError(
+                f"multisine has lines up to number {self.highest * self.period:.3g} of 1/period, "
+                f"more than {_MOST_LINES}: shorten the period or the band"
+            )
+        if self._all_lines().size == 0:
+            raise StructureError(
+                f"multisine has no line: no multiple of 1/period = {1.0 / self.period:g} Hz lies in "
+                f"{self.lowest:g} .. {self.highest:g} Hz; make the period longer"
+            )
+
+    def _all_lines(self) -> np.ndarray:
+        low = np.ceil(self.lowest * self.period * (1.0 - 1e-12))
+        return np.arange(max(low, 1.0), np.floor(self.highest * self.period * (1.0 + 1e-12)) + 1.0)
+
+    @cached_property
+    def numbers(self) -> np.ndarray:
+        """Multiples k of 1/period that carry a line."""
+        every = self._all_lines()
+        if self.lines == 0 or self.lines >= every.size:
+            return every
+        if self.spread == "linear":
+            wanted = np.linspace(every[0], every[-1], self.lines)
+        else:
+            wanted = np.geomspace(every[0], every[-1], self.lines)
+        return np.unique(np.rint(wanted))
+
+    def frequencies(self) -> np.ndarray:
+        """Frequencies of the lines in Hz; on a logarithmic spread low ones may fall together and are then fewer."""
+        return self.numbers / self.period
+
+    @cached_property
+    def _waves(self) -> tuple[np.ndarray, np.ndarray]:
+        """Amplitudes in m and phases in rad of the lines."""
+        k = self.numbers
+        weights = k ** -float(("position", "velocity", "acceleration").index(self.flat))
+        phases = self._first_phases(weights)
+        count = int(2 ** np.ceil(np.log2(_FINE * k[-1])))
+        spectrum = np.zeros((2, count // 2 + 1), dtype=np.complex128)
+        places = k.astype(np.int64)
+        spectrum[0, places] = weights * np.exp(1j * (phases - 0.5 * np.pi))
+        spectrum[1] = spectrum[0] * 1j * np.arange(count // 2 + 1)
+        fine, slope = np.fft.irfft(spectrum, count) * (0.5 * count)
+        peak = float(np.max(np.abs(fine))) / np.cos(np.pi / _FINE)
+        crossing = np.flatnonzero((fine <= 0.0) != (np.roll(fine, -1) <= 0.0))
+        left = int(crossing[np.argmin(np.abs(slope[crossing]))])
+        shift = self._zero(weights, phases, left / count, (left + 1) / count)
+        return self.amplitude / peak * weights, np.remainder(phases + 2.0 * np.pi * k * shift, 2.0 * np.pi)
+
+    def _first_phases(self, weights: np.ndarray) -> np.ndarray:
+        if self.phases == "random":
+            return 2.0 * np.pi * ops.uniform(float(self.seed), self.numbers, 0.0)
+        shares = weights**2 / np.sum(weights**2)
+        below = np.concatenate([[0.0], np.cumsum(shares)[:-1]])
+        moments = np.concatenate([[0.0], np.cumsum(shares * self.numbers)[:-1]])
+        return -2.0 * np.pi * (self.numbers * below - moments)
+
+    def _zero(self, weights: np.ndarray, phases: np.ndarray, low: float, high: float) -> float:
+        """Where in a period the sum is 0, by halving an interval over which it changes sign."""
+
+        def value(share: float) -> float:
+            return float(np.sum(weights * np.sin(2.0 * np.pi * self.numbers * share + phases)))
+
+        sign = value(low) <= 0.0
+        for _ in range(60):
+            middle = 0.5 * (low + high)
+            low, high = (middle, high) if (value(middle) <= 0.0) == sign else (low, middle)
+        return 0.5 * (low + high)
+
+    @property
+    def duration(self) -> float:
+        """All periods, run-in and run-out, s."""
+        return self.periods * self.period + 2.0 * self.blend_time
+
+    def at(self, t: np.ndarray) -> Setpoint:
+        """The equation above."""
+        times = np.asarray(t, dtype=np.float64)
+        inside = np.clip(times, 0.0, self.duration)
+        moved = self._sum((inside - self.blend_time) / self.period)
+        if self.blend_time > 0.0:
+            moved = product(window(inside, self.duration, self.blend_time), moved)
+        return resting(times, self.duration, (self.center + moved[0], *moved[1:]), self.center, self.center)
+
+    def _sum(self, place: np.ndarray) -> Derivatives:
+        """The sum and its derivatives at times in periods."""
+        share = place - np.floor(place)
+        sums = np.zeros((5, *share.shape))
+        for k, height, phase in zip(self.numbers, *self._waves, strict=True):
+            angle = 2.0 * np.pi * k * share + phase
+            rate = 2.0 * np.pi * k / self.period
+            sine, cosine = height * np.sin(angle), height * np.cos(angle)
+            sums += np.stack([sine, rate * cosine, -(rate**2) * sine, -(rate**3) * cosine, rate**4 * sine])
+        return sums[0], sums[1], sums[2], sums[3], sums[4]

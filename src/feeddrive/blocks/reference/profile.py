@@ -1,0 +1,141 @@
+"""A rest-to-rest motion in pieces of constant snap, jerk or acceleration: boxcars convolved, in closed form."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+
+import numpy as np
+
+from feeddrive.blocks.reference.derivatives import Derivatives
+from feeddrive.blocks.sampled import check_duration
+from feeddrive.language.errors import StructureError
+
+_NAMES = ("position", "velocity", "acceleration", "jerk", "snap")
+_ROUNDING = 1e-9  # of a limit or of a distance; what pieces of unequal length round is far below it
+_TINY = 1e-300  # where numbers are too small to round relatively
+
+
+@dataclass(frozen=True, eq=False)
+class Profile:
+    """A distance covered by a velocity that is a rectangle convolved with boxcars, shortest boxcar first.
+
+    `lengths` = (L₁, .., Lₙ) in s, the last being that of the rectangle; the velocity is a rectangle of length Lₙ and
+    area `distance`, convolved with boxcars of unit area and lengths L₁ .. Lₙ₋₁.  Its highest derivative is piecewise
+    constant, ± distance / (L₁ ⋯ Lₙ).  Each length is at least the sum of the shorter ones, so that ramps never overlap.
+
+    `starts` (s), `spans` (s) and `states` (5, pieces; position .. snap at the start of a piece) are built from the
+    recursion of the moves M₀ = constant, Mₖ(t) = ∫ Mₖ₋₁(t) - Mₖ₋₁(t - Lₖ) dt: a rise, a constant, and the rise taken
+    back.  What is a constant, a zero or a mirror image there is set so and not summed up, so nothing drifts.
+    """
+
+    distance: float
+    lengths: tuple[float, ...]
+
+    @property
+    def duration(self) -> float:
+        """The sum of all lengths, s."""
+        return math.fsum(self.lengths)
+
+    @cached_property
+    def peaks(self) -> tuple[float, ...]:
+        """Largest velocity, acceleration, ... in SI, down to the derivative that is piecewise constant."""
+        found, height = [], self.distance
+        for length in reversed(self.lengths):
+            height = height / length
+            found.append(height)
+        return tuple(found)
+
+    @cached_property
+    def _pieces(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        starts, spans, states = np.zeros(0), np.zeros(0), np.zeros((1, 0))
+        height, span = self.peaks[-1], 0.0
+        heights = (*reversed(self.peaks[:-1]), self.distance)
+        for length, top in zip(self.lengths, heights, strict=True):
+            integral = np.zeros(starts.size + 1)
+            for i in range(starts.size):
+                integral[i + 1] = integral[i] + _advance(states[:, i], spans[i])
+            integral[-1] = 0.5 * height * span  # a rise is point-symmetric
+            rise = np.vstack([integral[:-1], states])
+            hold = np.zeros((states.shape[0] + 1, 1))
+            hold[0], hold[1] = integral[-1], height
+            back = np.vstack([top - integral[:0:-1], height - states[:1], -states[1:]])
+            starts = np.concatenate([starts, [span], length + starts])
+            spans = np.concatenate([spans, [length - span], spans])
+            states = np.hstack([rise, hold, back])
+            height, span = top, span + length
+        return starts, spans, np.vstack([states, np.zeros((5 - states.shape[0], states.shape[1]))])
+
+    @property
+    def starts(self) -> np.ndarray:
+        """Times at which pieces start, s."""
+        return self._pieces[0]
+
+    @property
+    def spans(self) -> np.ndarray:
+        """Lengths of the pieces, s."""
+        return self._pieces[1]
+
+    @property
+    def states(self) -> np.ndarray:
+        """Position, velocity, acceleration, jerk and snap at the start of each piece, shape (5, pieces)."""
+        return self._pieces[2]
+
+    def at(self, t: np.ndarray) -> Derivatives:
+        """Position and derivatives at times t in 0 .. duration, each integrated from the start of its piece."""
+        starts, spans, states = self._pieces
+        order = None if t.size < 2 or bool(np.all(t[1:] >= t[:-1])) else np.argsort(t, kind="stable")
+        rising = t if order is None else t[order]
+        bounds = [*np.searchsorted(rising, starts).tolist(), t.size]  # piece by piece: no gathered coefficients
+        out = np.empty((5, t.size))
+        for piece, (low, high) in enumerate(pairwise(bounds)):
+            if low < high:
+                span = np.clip(rising[low:high] - starts[piece], 0.0, spans[piece])
+                for row, values in zip(out, _moved(states[:, piece], span), strict=True):
+                    row[low:high] = values
+        if order is not None:
+            out[:, order] = out.copy()
+        return out[0], out[1], out[2], out[3], out[4]
+
+    def check(self, kind: str, limits: Sequence[float]) -> None:
+        """Integrate piece by piece and raise StructureError where a limit (velocity first), or the end, is missed.
+
+        In a piece every derivative is monotone, so its ends hold its extremes.
+        """
+        check_duration(kind, self.duration)
+        _, spans, states = self._pieces
+        ends = np.stack(_moved(states, spans))
+        after = np.zeros((5, spans.size))
+        after[:, :-1], after[0, -1] = states[:, 1:], self.distance
+        order = len(self.lengths)
+        scales = (self.distance, *self.peaks)
+        for name, end, start, scale in zip(_NAMES[:order], ends, after, scales, strict=False):
+            if np.any(np.abs(end - start) > _ROUNDING * scale + _TINY):
+                raise StructureError(f"{kind}: the {name} of the move is not continuous; please report its parameters")
+        for name, limit, start, end in zip(_NAMES[1:], limits, states[1:], ends[1:], strict=False):
+            most = float(max(np.max(np.abs(start)), np.max(np.abs(end))))
+            if not most <= limit * (1.0 + _ROUNDING):
+                raise StructureError(f"{kind}: its {name} reaches {most:g}, over the limit of {limit:g} (SI)")
+
+
+def _advance(state: np.ndarray, span: float) -> float:
+    """∫ of a polynomial over a span; `state` holds its value and derivatives at the start."""
+    total = 0.0
+    for order in range(state.size - 1, -1, -1):
+        total = span / (order + 1) * (state[order] + total)
+    return total
+
+
+def _moved(state: np.ndarray, span: np.ndarray) -> Derivatives:
+    """Taylor to snap from states (5, n) over spans (n,)."""
+    x, v, a, j, s = state
+    return (
+        x + span * (v + span / 2.0 * (a + span / 3.0 * (j + span / 4.0 * s))),
+        v + span * (a + span / 2.0 * (j + span / 3.0 * s)),
+        a + span * (j + span / 2.0 * s),
+        j + span * s,
+        s,
+    )

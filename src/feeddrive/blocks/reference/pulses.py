@@ -1,0 +1,34 @@
+"""The pulses of input shapers: what a command is convolved with, so that it does not excite one mode."""
+
+from __future__ import annotations
+
+import math
+
+SHAPERS = ("zv", "zvd", "ei")
+
+
+def pulses(shaper: str, frequency: float, damping: float, tolerance: float) -> tuple[list[float], list[float]]:
+    """Amplitudes Aᵢ, with sum 1, and times tᵢ (s) of the pulses against a mode.
+
+        shaper     "zv" (no vibration), "zvd" (nor its slope over frequency), "ei" (`tolerance` at the frequency
+                   itself and, for an undamped mode, none at two frequencies beside it)
+        frequency  Hz, of the mode without damping
+        damping    ratio ζ of the mode, 0 <= ζ < 1
+        tolerance  vibration that "ei" leaves, as a share of that of the unshaped motion
+
+    tᵢ = i · Tᵈ/2 with the period Tᵈ = 1 / (frequency √(1 - ζ²)), and Aᵢ = aᵢKⁱ / Σ aᵢKⁱ with K = e^(-πζ/√(1 - ζ²)), the
+    decay over half a period:
+
+        zv   a = 1, 1        zvd   a = 1, 2, 1        ei   a = 1 + V, 2 - 2V, 1 + V        V = tolerance
+
+    With damping the EI pulses are scaled in the same way as the others, instead of by the usual numerical fit: at its
+    last pulse 4VK² / Σ aᵢKⁱ <= V is left of what the unshaped motion leaves at its own end.
+    Source: Singer & Seering 1990 (ZV, ZVD); Singhose, Seering & Singer 1994 (EI).
+    """
+    root = math.sqrt(1.0 - damping * damping)
+    decay = math.exp(-math.pi * damping / root)
+    shares = {"zv": (1.0, 1.0), "zvd": (1.0, 2.0, 1.0), "ei": (1.0 + tolerance, 2.0 - 2.0 * tolerance, 1.0 + tolerance)}
+    scaled = [share * decay**i for i, share in enumerate(shares[shaper])]
+    total = math.fsum(scaled)
+    half = 0.5 / (frequency * root)
+    return [pulse / total for pulse in scaled], [i * half for i in range(len(scaled))]

@@ -1,0 +1,66 @@
+"""References one after another."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from itertools import accumulate
+
+import numpy as np
+
+from feeddrive.blocks.families import Reference
+from feeddrive.blocks.sampled import are_all, check_duration
+from feeddrive.blocks.signals import Setpoint
+from feeddrive.language.block import part
+from feeddrive.language.errors import StructureError
+
+
+class Sequence(Reference):
+    """Each reference begins when the one before it ends, and where that one ends.
+
+    The first keeps its positions; each further one is moved as a whole so that it starts at the end of the last.  At
+    the instant of the change the next one holds.  Nothing is blended: what rests at its ends joins smoothly.
+    Raises StructureError for an empty sequence.
+    """
+
+    references: tuple[Reference, ...] = part("references in their order")
+
+    def check(self) -> None:
+        """There is at least one reference."""
+        if not are_all(self.references, Reference):
+            raise StructureError("sequence.references must be a tuple of at least one reference, and of nothing else")
+        check_duration(self.kind, self.duration)
+
+    @cached_property
+    def _starts(self) -> np.ndarray:
+        """When each begins, and the end of the last, s."""
+        return np.array(list(accumulate((each.duration for each in self.references), initial=0.0)))
+
+    @cached_property
+    def _offsets(self) -> np.ndarray:
+        """By how much each is moved, m."""
+        offsets = [0.0]
+        for before, after in zip(self.references, self.references[1:], strict=False):
+            end = np.asarray(before.at(np.array([np.nextafter(before.duration, np.inf)])).position)[0]
+            start = np.asarray(after.at(np.zeros(1)).position)[0]
+            offsets.append(offsets[-1] + float(end - start))
+        return np.array(offsets)
+
+    @property
+    def duration(self) -> float:
+        """Of all, s."""
+        return float(self._starts[-1])
+
+    def at(self, t: np.ndarray) -> Setpoint:
+        """The one that holds at each time t in s."""
+        times = np.asarray(t, dtype=np.float64)
+        running = np.clip(np.searchsorted(self._starts[:-1], times, side="right") - 1, 0, len(self.references) - 1)
+        out = np.empty((5, *times.shape))
+        for place, reference in enumerate(self.references):
+            mine = running == place
+            if np.any(mine):
+                local = times[mine] - self._starts[place]
+                ended = np.where(times[mine] >= self._starts[place + 1], reference.duration, -np.inf)
+                rows = np.stack(reference.at(np.maximum(local, ended)))  # type: ignore[arg-type]
+                rows[0] += self._offsets[place]
+                out[:, mine] = rows
+        return Setpoint(*out)  # type: ignore[arg-type]

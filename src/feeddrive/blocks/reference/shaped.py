@@ -1,0 +1,59 @@
+"""A reference seen through an input shaper."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from feeddrive.blocks.families import Reference
+from feeddrive.blocks.reference.pulses import SHAPERS, pulses
+from feeddrive.blocks.sampled import are_all, check_duration, check_single
+from feeddrive.blocks.signals import Setpoint
+from feeddrive.language.block import Number, choice, parameter, part
+from feeddrive.language.errors import StructureError
+
+
+class Shaped(Reference):
+    """Σ Aᵢ r(t - tᵢ): the reference r convolved with pulses of sum 1, exact in all derivatives at any time.
+
+    A mode of the given frequency and damping that the shaped motion excites does not ring after its end ("zv"), hardly
+    so if its frequency is a little off ("zvd", half a period longer), or only by `tolerance` over a wider band ("ei").
+    The motion keeps the limits of r, ends where r ends, and takes one or two half periods of the mode longer.
+    When not: on axes that draw a path together, unless all of them carry the same shaper.
+    Raises StructureError for a Recorded reference, unless that interpolates: pulses rarely fall on its rows.
+    Pulses and sources: `pulses.py`.
+    """
+
+    reference: Reference = part("the reference to shape")
+    shaper: str = choice("the pulses", options=SHAPERS, default="zv")
+    frequency: Number = parameter("Hz", "frequency of the mode without damping", above=0)
+    damping: Number = parameter("", "damping ratio of the mode", default=0, least=0, below=1)
+    tolerance: Number = parameter("", "share of the vibration that EI leaves", default=0.05, least=0, below=1)
+
+    def check(self) -> None:
+        """There is a reference, and it ends in a finite time."""
+        check_single(self)
+        if not are_all((self.reference,), Reference):
+            raise StructureError(f"shaped.reference must be a reference, not {self.reference!r}")
+        check_duration(self.kind, self.duration)
+
+    def pulses(self) -> tuple[list[float], list[float]]:
+        """Amplitudes, with sum 1, and times in s."""
+        return pulses(self.shaper, self.frequency, self.damping, self.tolerance)
+
+    @property
+    def duration(self) -> float:
+        """Of the reference, and to the last pulse, s."""
+        return self.reference.duration + self.pulses()[1][-1]
+
+    def at(self, t: np.ndarray) -> Setpoint:
+        """The equation above, written from the last pulse so that it rests exactly where the reference rests."""
+        times = np.asarray(t, dtype=np.float64)
+        heights, delays = self.pulses()
+        # rounding must not let the end come before `duration` is over
+        ended = np.where(times >= self.duration, self.reference.duration, -np.inf)
+        last = self.reference.at(np.maximum(times - delays[-1], ended))
+        total = list(last)
+        for height, delay in zip(heights[:-1], delays[:-1], strict=True):
+            seen = self.reference.at(times - delay)
+            total = [so_far + height * (value - end) for so_far, value, end in zip(total, seen, last, strict=True)]
+        return Setpoint(*total)

@@ -1,0 +1,56 @@
+"""A sine motion."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from feeddrive.blocks.families import Reference
+from feeddrive.blocks.reference.derivatives import product, resting, sine_of, stretched
+from feeddrive.blocks.reference.smooth_step import window
+from feeddrive.blocks.sampled import check_duration, check_single
+from feeddrive.blocks.signals import Setpoint
+from feeddrive.language.block import Number, choice, parameter
+from feeddrive.language.errors import ParameterError
+
+
+class Sine(Reference):
+    """x = center + amplitude · w(t) · sin(2π frequency t) over whole cycles.
+
+    w is 1 without a blend: position and acceleration are then continuous at both ends, velocity and jerk jump.
+    With `blend_time` w rises in the first and falls in the last `blend_time` by the seventh-degree polynomial, and all
+    derivatives up to the jerk are continuous.
+    Raises ParameterError if both blends are longer than the cycles.
+    """
+
+    amplitude: Number = parameter("m", "largest distance from the center", least=0)
+    frequency: Number = parameter("Hz", "cycles per second", above=0)
+    cycles: int = choice("number of whole cycles, blends included", default=1, least=1)
+    center: Number = parameter("m", "position at start, end and between the half waves", default=0)
+    blend_time: Number = parameter(
+        "s", "how long the amplitude rises, and falls; 0 s for not at all", default=0, least=0
+    )
+
+    def check(self) -> None:
+        """The blends fit into the cycles."""
+        check_single(self)
+        check_duration(self.kind, self.duration)
+        if 2.0 * self.blend_time > self.duration:
+            raise ParameterError(
+                f"sine.blend_time = {self.blend_time:g} s must be <= {0.5 * self.duration:g} s, half of all cycles"
+            )
+
+    @property
+    def duration(self) -> float:
+        """Of all cycles, s."""
+        return self.cycles / self.frequency
+
+    def at(self, t: np.ndarray) -> Setpoint:
+        """The equation above."""
+        times = np.asarray(t, dtype=np.float64)
+        inside = np.clip(times, 0.0, self.duration)
+        turns = self.frequency * inside
+        rate = np.full_like(turns, 2.0 * np.pi * self.frequency)
+        still = np.zeros_like(turns)
+        wave = sine_of((2.0 * np.pi * (turns - np.floor(turns)), rate, still, still, still))
+        moved = stretched(product(window(inside, self.duration, self.blend_time), wave), self.amplitude, 1.0)
+        return resting(times, self.duration, (self.center + moved[0], *moved[1:]), self.center, self.center)

@@ -1,0 +1,24 @@
+"""A move within limits of velocity and acceleration."""
+
+from __future__ import annotations
+
+from feeddrive.blocks.reference.limited_move import LimitedMove
+from feeddrive.language.block import Number, parameter
+
+
+class TrapezoidalMove(LimitedMove):
+    """A trapezoid of velocity, or a triangle if the distance is too short: what LinuxCNC's planner commands today.
+
+        velocity = rectangle(height v, length distance/v) * boxcar(v/a)
+
+    The acceleration jumps, so jerk and snap are impulses; they are reported as 0.  It shows what a jerk-free planner
+    costs; to move a real axis with a flexible structure, take a SnapLimitedMove.
+    Raises StructureError for a move that takes for ever.
+    """
+
+    velocity: Number = parameter("m/s", "limit of the velocity", above=0)
+    acceleration: Number = parameter("m/s2", "limit of the acceleration", above=0)
+
+    def limits(self) -> tuple[float, ...]:
+        """As given."""
+        return self.velocity, self.acceleration

@@ -1,0 +1,57 @@
+"""What references and loads share: both are sampled, not traced, and each is one motion or force, not many variants."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from feeddrive.language.block import Block, declarations
+from feeddrive.language.errors import ParameterError, StructureError
+
+LONGEST = 1e7  # s, nearly four months; beyond it a time says more about a wrong unit than about the motion
+_ROUNDING = 1e-6  # share of a row spacing by which kT may miss a row; a run would need 1e9 samples to round that far
+
+
+def check_single(block: Block) -> None:
+    """Raise StructureError if a parameter holds variants: a batch varies loops, all of them over the same work."""
+    for name, declared in declarations(type(block)).items():
+        value = getattr(block, name)
+        if declared.role == "parameter" and value is not None and not isinstance(value, float):
+            raise StructureError(
+                f"{block.kind}.{name} ({declared.meaning}) holds variants; references and loads take one number each"
+            )
+
+
+def are_all(parts: object, family: type[Block]) -> bool:
+    """True for a tuple of at least one block, all of a family: what a part may hold is not checked elsewhere."""
+    return isinstance(parts, tuple) and bool(parts) and all(isinstance(each, family) for each in parts)
+
+
+def check_duration(kind: str, duration: float) -> None:
+    """Raise StructureError for a motion that would never end."""
+    if not 0.0 <= duration <= LONGEST:
+        raise StructureError(
+            f"{kind} would take {duration:.3g} s, more than {LONGEST:g} s: check the units of its parameters"
+        )
+
+
+def check_order(kind: str, start: float, end: float | None) -> None:
+    """Raise ParameterError for an end that does not come after the start."""
+    if end is not None and not end > start:
+        raise ParameterError(f"{kind}.end = {end:g} s must be > {kind}.start = {start:g} s; leave it out to never end")
+
+
+def since(t: np.ndarray, start: float) -> np.ndarray:
+    """True from the first sample at or after `start` on, also where kT has been rounded to just before it.
+
+    The slack is 1e-12 s and 1e-14 of `start`: far under any sample time, far over what a product kT is off, and enough
+    for a `start` that was written down with 15 digits.
+    """
+    return t >= start - (1e-12 + 1e-14 * abs(start))
+
+
+def rows_at(t: np.ndarray, sample_time: float) -> tuple[np.ndarray, np.ndarray]:
+    """Times in rows of a table, with those that miss a row by rounding put on it; and which of them lie on a row."""
+    place = t / sample_time
+    near = np.rint(place)
+    on_row = np.abs(place - near) <= _ROUNDING
+    return np.where(on_row, near, place), on_row
