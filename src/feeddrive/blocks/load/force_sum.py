@@ -11,7 +11,7 @@ from feeddrive.language.errors import StructureError
 
 
 class ForceSum(Load):
-    """The sum of loads, in N.
+    """F(t) = Σ Fᵢ(t) over the loads, in N.
 
     Raises StructureError for an empty one.
     """

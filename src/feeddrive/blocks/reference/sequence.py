@@ -17,6 +17,8 @@ from feeddrive.language.errors import StructureError
 class Sequence(Reference):
     """Each reference begins when the one before it ends, and where that one ends.
 
+        x(t) = rᵢ(t - tᵢ) - rᵢ(0) + x(tᵢ)   for tᵢ <= t < tᵢ₊₁,   tᵢ₊₁ = tᵢ + duration of rᵢ,   t₀ = 0,   x(0) = r₀(0)
+
     The first keeps its positions; each further one is moved as a whole so that it starts at the end of the last.  At
     the instant of the change the next one holds.  Nothing is blended: what rests at its ends joins smoothly.
     Raises StructureError for an empty sequence.

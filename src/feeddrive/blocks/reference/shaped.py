@@ -13,7 +13,7 @@ from feeddrive.language.errors import StructureError
 
 
 class Shaped(Reference):
-    """Σ Aᵢ r(t - tᵢ): the reference r convolved with pulses of sum 1, exact in all derivatives at any time.
+    """x(t) = Σ Aᵢ r(t - tᵢ): the reference r convolved with pulses of sum 1, exact in all derivatives at any time.
 
     A mode of the given frequency and damping that the shaped motion excites does not ring after its end ("zv"), hardly
     so if its frequency is a little off ("zvd", half a period longer), or only by `tolerance` over a wider band ("ei").
