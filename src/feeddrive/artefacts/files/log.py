@@ -44,6 +44,8 @@ def read_log(
         return _read_log(path, mapping, optional or {}, sample_time, name)
     except LogError as error:
         raise LogError(plain(str(error))) from None
+    except MemoryError:
+        raise LogError(f"{path}: does not fit into the memory; map only the columns that are needed") from None
 
 
 def _read_log(

@@ -93,9 +93,10 @@ def written_whole(path: str | Path) -> Generator[Path]:
         if target.exists():
             temporary.chmod(target.stat().st_mode & 0o777)
         yield temporary
-        _flush(temporary)
+        _flush(temporary, os.O_RDWR)
         temporary.replace(target)
-        _flush(target.parent)
+        with contextlib.suppress(OSError):  # not every system can flush a directory
+            _flush(target.parent, os.O_RDONLY)
     except OSError as error:
         raise refusal(path, "written", error) from None
     finally:
@@ -114,14 +115,11 @@ def _beside(target: Path, suffix: str) -> Path:
     return target.parent / f".{target.name[:60]}.{secrets.token_hex(6)}.{suffix}"
 
 
-def _flush(path: Path) -> None:
-    """Ask the system to put a file or a directory on the disk; for a directory not every file system can."""
-    handle = os.open(path, os.O_RDONLY)
+def _flush(path: Path, how: int) -> None:
+    """Ask the system to put a file or a directory on the disk."""
+    handle = os.open(path, how)
     try:
         os.fsync(handle)
-    except OSError:
-        if not path.is_dir():
-            raise
     finally:
         os.close(handle)
 
