@@ -11,12 +11,12 @@ import numpy as np
 
 from feeddrive.artefacts.files.messages import nearest
 from feeddrive.artefacts.files.readers.parquet import write_parquet
-from feeddrive.language.errors import LogError, MissingExtraError, ParameterError
-from feeddrive.language.table import Table, shown
+from feeddrive.language.errors import LogError, ParameterError
+from feeddrive.language.table import Result, Table, shown
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Log:
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Log(Result):
     """Channels over time, all finite, on one clock. `log["position_load"]` is an array of shape (n,) in `units`.
 
     `time` holds the stamps as they were recorded, s; `sample_time` their common step, s, and `jitter` the largest
@@ -68,19 +68,17 @@ class Log:
         title = f"{self.name}: {self.time.size} rows, {self.duration:.4g} s at {rate}, jitter {100 * self.jitter:.2g} %"
         return Table(title, ["channel", "unit", "least", "most", "RMS"], rows)
 
-    def __repr__(self) -> str:
-        return str(self.table())
+    def plot(self) -> Any:
+        """Every channel over time, as a matplotlib figure."""
+        from feeddrive.artefacts import plot
 
-    def _repr_html_(self) -> str:
-        return self.table().html()
+        return plot.log(self)
 
     def to_pandas(self) -> Any:
-        """A DataFrame with one column a channel, over time in s. Needs pandas."""
-        try:
-            import pandas
-        except ImportError:
-            raise MissingExtraError("pandas", "pandas", "a DataFrame") from None
-        return pandas.DataFrame(dict(self.channels), index=pandas.Index(self.time, name="time"))
+        """A DataFrame with one column a channel, over time in s."""
+        from feeddrive.artefacts.plot import frames
+
+        return frames.frame(self.time, self.channels, "time")
 
 
 def _held(name: str, channel: str, values: Any) -> np.ndarray:

@@ -6,6 +6,7 @@ import matplotlib.
 
 from __future__ import annotations
 
+from feeddrive.artefacts.plot.channels import log
 from feeddrive.artefacts.plot.complex_plane import nyquist, poles
 from feeddrive.artefacts.plot.distributions import batch, gradient
 from feeddrive.artefacts.plot.friction_curve import friction
@@ -23,6 +24,7 @@ __all__ = [
     "force",
     "friction",
     "gradient",
+    "log",
     "motion",
     "nyquist",
     "open_loop",
