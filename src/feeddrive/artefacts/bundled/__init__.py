@@ -1,0 +1,1 @@
+"""Machines and jobs that come with feeddrive, as TOML files."""
