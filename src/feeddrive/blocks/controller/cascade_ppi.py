@@ -27,7 +27,7 @@ class CascadePPI(Law):
 
     When to use: always first; it is the baseline of every comparison.  When not: if the first mode of the axis lies
     within three times the wanted crossover, a law that damps it does better.
-    Source: Altintas & Okwudire 2009, section 2 (the cascade), sign and timing as in papers.md 0.2 and 1.4.
+    Source: Altintas & Okwudire 2009, section 2 (the cascade); the set velocity is differenced as the measured one is.
     """
 
     Kv: Number = parameter("1/s", "position gain", above=0)

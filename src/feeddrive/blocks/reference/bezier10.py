@@ -16,7 +16,8 @@ class Bezier10(Move):
     All derivatives up to the snap are continuous; it is not symmetric in time: four derivatives are 0 at the start,
     five at the end.  The velocity peaks at 2.6018 · distance / travel_time at τ = 4/9.
     When not: while cutting, unless the chip load follows the instantaneous feed.
-    Source: papers.md 3.5 (the family of reference of paper 3).
+    Source: the Bezier family of the references of Beltrán-Carbajal et al. 2013; its coefficients follow from the
+    derivatives that vanish at the ends.
     """
 
     travel_time: Number = parameter("s", "time of one way", above=0)

@@ -15,7 +15,7 @@ _TINY = 1e-290  # numbers below are so near to 0 that they lose digits
 def limited_profile(kind: str, distance: float, limits: Sequence[float]) -> Profile:
     """The shortest move of the boxcar family that covers a distance > 0 within `limits`, velocity first (SI).
 
-    With all limits reached the lengths are those of papers.md 0.1, for the snap-limited move j/s, a/j, v/a and
+    With all limits reached the lengths are the usual ones, for the snap-limited move j/s, a/j, v/a and
     distance/v.  In general they are chosen from the shortest on, each as long as possible.  L₁ multiplies the highest
     derivative into the next lower one, and so on; since ramps must not overlap, each length is at least the sum of the
     shorter ones, so a chosen L₁ = x means at least (x, 2x, 4x) for the others:

@@ -15,7 +15,7 @@ class JerkLimitedMove(LimitedMove):
     a SnapLimitedMove.  If the distance is too short for a limit it is lowered, velocity first, then acceleration; this
     is the shortest move within these limits.
     Raises StructureError for a move that takes for ever.
-    Source: papers.md 0.1.
+    Source: Lambrechts, Boerlage & Steinbuch 2005, with one boxcar less.
     """
 
     velocity: Number = parameter("m/s", "limit of the velocity", above=0)

@@ -16,7 +16,7 @@ class SnapLimitedMove(LimitedMove):
     this family, which is not the shortest at all: without any limit but the snap it takes 7 % longer than that.
     Without a limit of snap: JerkLimitedMove.
     Raises StructureError for a move that takes for ever.
-    Source: Lambrechts, Boerlage & Steinbuch 2005 (fourth-order profiles); convolution as in papers.md 0.1.
+    Source: Lambrechts, Boerlage & Steinbuch 2005 (fourth-order profiles).
     """
 
     velocity: Number = parameter("m/s", "limit of the velocity", above=0)
