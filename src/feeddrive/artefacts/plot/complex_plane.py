@@ -14,6 +14,7 @@ from feeddrive.loop.linearize import StateSpace
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+FINER = 4  # points drawn for each line of a modelled curve
 REACH = (-2.6, 1.4, -2.0, 2.0)  # of the Nyquist plot: what decides stability lies near -1
 
 
@@ -34,7 +35,7 @@ def nyquist(loops: Margins | Mapping[str, Margins]) -> Any:
         L = margins.loop_gain
         said = f"Ms {margins.sensitivity_peak:.3g} at {margins.modulus_frequency:.4g} Hz"
         label = style.caption(name, f"\n{said}" if len(chosen) > 1 else said, 40)
-        x, y = _visible(L.response)
+        x, y = _visible(_rounded(L.response) if L.coherence is None else L.response)
         ax.plot(x, y, label=label, **style.curve(i))
         ax.plot(x, -y, color=style.color(i), linewidth=0.6, alpha=0.6)
         radius = margins.modulus_margin
@@ -57,6 +58,17 @@ def nyquist(loops: Margins | Mapping[str, Margins]) -> Any:
     figure.legend(handles, texts, loc=place, fontsize=style.SMALL, frameon=False, labelcolor=style.INK,
                   handlelength=2.6, labelspacing=1.0)  # fmt: skip
     return figure
+
+
+def _rounded(response: np.ndarray) -> np.ndarray:
+    """A modelled curve with points between its lines, on cubics through them, so that a resonance is round."""
+    if response.size < 3:
+        return response
+    slope = np.gradient(response)
+    t = np.arange(FINER)[:, None] / FINER
+    a, b, da, db = response[:-1], response[1:], slope[:-1], slope[1:]
+    between = a + t * (da + t * (3.0 * (b - a) - 2.0 * da - db + t * (2.0 * (a - b) + da + db)))
+    return np.append(between.T.ravel(), response[-1])
 
 
 def _visible(response: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

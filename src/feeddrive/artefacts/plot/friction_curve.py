@@ -81,15 +81,18 @@ def _different(loops: Mapping[str, Loop]) -> dict[str, Friction]:
 
 
 def _met(ax: Any, loop: Loop, run: Run) -> None:
-    """What the run met on the guideway: the force of a row belongs to the velocity at the end of its sample."""
-    block = loop.axis.friction_load
-    if block is None or run.time.size < 3:
-        return
-    velocity = run["velocity_load"][1:]
-    force = -run["friction_load"][:-1] + float(block.linear()) * velocity
-    cells = np.column_stack([np.rint(CELLS * x / (np.max(np.abs(x)) or 1.0)) for x in (velocity, force)])
-    _, kept = np.unique(cells, axis=0, return_index=True)
-    ax.plot(
-        1e3 * velocity[kept], force[kept], "o", markersize=4.0, color=style.color(5), alpha=0.45, markeredgewidth=0,
-        label="met in the run",
-    )  # fmt: skip
+    """What the run met: the force of a row belongs to the velocity at the end of its sample."""
+    label: str | None = "met in the run"
+    for place in ("load", "motor"):
+        block = getattr(loop.axis, f"friction_{place}")
+        if block is None or run.time.size < 3:
+            continue
+        velocity = run[f"velocity_{place}"][1:]
+        force = -run[f"friction_{place}"][:-1] + float(block.linear()) * velocity
+        cells = np.column_stack([np.rint(CELLS * x / (np.max(np.abs(x)) or 1.0)) for x in (velocity, force)])
+        _, kept = np.unique(cells, axis=0, return_index=True)
+        ax.plot(
+            1e3 * velocity[kept], force[kept], "o", markersize=4.0, color=style.color(5), alpha=0.45,
+            markeredgewidth=0, label=label,
+        )  # fmt: skip
+        label = None

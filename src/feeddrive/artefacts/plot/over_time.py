@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 
     from feeddrive.artefacts.study.comparison import Comparison
 
+_LIMITS = ((0, (5, 2)), (0, (1.5, 1.5)), (0, (5, 1.5, 1, 1.5)))  # dashes of the force limits
+
 Runs = Run | Mapping[str, Run] | Sequence[Run]
 
 
@@ -63,11 +65,7 @@ def force(runs: Runs, limits: Mapping[str, float] | None = None, points: int = P
         if limit > 4.0 * largest:
             outside.append(f"{name} ±{limit:.4g} N")
             continue
-        look: dict[str, Any] = {
-            "color": style.ALERT,
-            "linewidth": 1.0,
-            "linestyle": ((0, (5, 2)), (0, (1.5, 1.5)))[i % 2],
-        }
+        look: dict[str, Any] = {"color": style.ALERT, "linewidth": 1.0, "linestyle": _LIMITS[i % len(_LIMITS)]}
         for ax in axes:
             drawn = [ax.axhline(side, **look) for side in (-limit, limit)]
             low, high = ax.get_ylim()

@@ -112,7 +112,7 @@ def _forces(study: Study, points: int) -> Iterator[Shown]:
     yield Shown(
         "friction",
         "Friction",
-        f"Force against the motion over velocity, as the model has it, and as met in the run of “{first.name}”.{said}",
+        f"Force against the motion over velocity, as the model has it, and as met in the run of '{first.name}'.{said}",
         "Friction force over velocity in both directions.",
         lambda: plot.friction(chosen, first.run, measured),
     )

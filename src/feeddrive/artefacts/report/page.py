@@ -12,9 +12,10 @@ from feeddrive.artefacts.report.svg import svg
 from feeddrive.language.errors import ParameterError
 
 # nothing may be loaded, run or sent: a report is read on machines that belong to somebody else
-_POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:; base-uri 'none'; form-action 'none'"
+_POLICY = "default-src 'none'; style-src 'unsafe-inline'; base-uri 'none'; form-action 'none'"
 
-LINES = "\n\t"
+# control characters, which no page may hold, apart from the ends of lines and tabs
+_CONTROL = dict.fromkeys([*range(9), *range(11, 32), *range(127, 160)])
 
 
 def build(study: Study) -> str:
@@ -33,23 +34,24 @@ def build(study: Study) -> str:
         _repeat(study),
     ]
     sheet = files("feeddrive.artefacts.report").joinpath("page.css").read_text(encoding="utf-8")
-    title = escape(_clean(study.title))
-    return (
+    title = escape(study.title)
+    page = (
         f'<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
         f'<meta http-equiv="Content-Security-Policy" content="{_POLICY}">\n'
         f'<meta name="viewport" content="width=device-width, initial-scale=1">\n'
         f'<meta name="color-scheme" content="light dark">\n<title>{title}</title>\n<style>\n{sheet}</style>\n</head>\n'
         f"<body>\n<main>\n{''.join(parts)}</main>\n</body>\n</html>\n"
     )
+    return page.translate(_CONTROL)
 
 
 def _header(study: Study, drawn: list[Shown]) -> str:
-    lead = "".join(f"<p>{escape(_clean(sentence))}</p>" for sentence in words.result(study))
+    lead = "".join(f"<p>{escape(sentence)}</p>" for sentence in words.result(study))
     links = [("result", "Result"), ("facts", "What was run"), *((f"figure-{s.key}", s.title) for s in drawn)]
     links.append(("repeat", "How to repeat it"))
     listed = "".join(f'<li><a href="#{key}">{escape(title)}</a></li>' for key, title in links)
     return (
-        f'<header>\n<p class="kind">feeddrive report</p>\n<h1>{escape(_clean(study.title))}</h1>\n'
+        f'<header>\n<p class="kind">feeddrive report</p>\n<h1>{escape(study.title)}</h1>\n'
         f'<div class="lead">{lead}</div>\n<nav aria-label="contents"><ul>{listed}</ul></nav>\n</header>\n'
     )
 
@@ -58,24 +60,24 @@ def _result(study: Study) -> str:
     replay = next((entry.replay for entry in study.entries if entry.replay is not None), None)
     shown = [tables.prediction(replay)] if replay is not None else []
     shown += [tables.errors(study), f"<p>{escape(tables.limits(study))}</p>", tables.frequency(study)]
-    said = "".join(f"<li>{escape(_clean(remark))}</li>" for remark in words.remarks(study))
+    said = "".join(f"<li>{escape(remark)}</li>" for remark in words.remarks(study))
     remarks = f'<div class="remarks"><h3>Remarks</h3><ul>{said}</ul></div>' if said else ""
     return f'<section id="result">\n<h2>Result</h2>\n{"".join(shown)}{remarks}\n</section>\n'
 
 
 def _facts(study: Study) -> str:
-    pairs = [*study.facts.items(), *((f"Law “{entry.name}”", entry.description) for entry in study.entries)]
+    pairs = [*study.facts.items(), *((f"Law '{entry.name}'", entry.description) for entry in study.entries)]
     if study.rule:
         pairs.append(("Rule of comparison", study.rule))
-    listed = "".join(f"<dt>{escape(_clean(k))}</dt><dd>{escape(_clean(v, keep=LINES))}</dd>" for k, v in pairs)
+    listed = "".join(f"<dt>{escape(k)}</dt><dd>{escape(v)}</dd>" for k, v in pairs)
     return f'<section id="facts">\n<h2>What was run</h2>\n<dl>{listed}</dl>\n</section>\n'
 
 
 def _pictures(drawn: list[Shown]) -> str:
     made = [
         f'<figure id="figure-{shown.key}">\n<h3>{escape(shown.title)}</h3>\n'
-        f"{svg(shown.draw(), shown.key, _clean(shown.alt))}\n"
-        f"<figcaption>{escape(_clean(shown.caption))}</figcaption>\n</figure>\n"
+        f"{svg(shown.draw(), shown.key, shown.alt)}\n"
+        f"<figcaption>{escape(shown.caption)}</figcaption>\n</figure>\n"
         for shown in drawn
     ]
     return f'<section id="pictures">\n<h2>Pictures</h2>\n{"".join(made)}</section>\n'
@@ -84,14 +86,9 @@ def _pictures(drawn: list[Shown]) -> str:
 def _repeat(study: Study) -> str:
     parts = ["<p>The same job, with the same versions and seed, gives the same numbers to the last bit.</p>"]
     if study.job:
-        parts.append(f"<h3>Job</h3><pre>{escape(_clean(study.job, keep=LINES))}</pre>")
+        parts.append(f"<h3>Job</h3><pre>{escape(study.job)}</pre>")
     if study.versions:
         rows = [[name, version] for name, version in study.versions.items()]
         parts.append(tables.table("Versions.", ["of", "version"], rows))
     parts.append(f"<details><summary>All parameters</summary>{tables.parameters(study)}</details>")
     return f'<section id="repeat">\n<h2>How to repeat it</h2>\n{"".join(parts)}\n</section>\n'
-
-
-def _clean(text: str, keep: str = "") -> str:
-    """Without control characters, which no page may hold."""
-    return "".join(c for c in text if c.isprintable() or c in keep)

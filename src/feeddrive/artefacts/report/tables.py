@@ -18,7 +18,8 @@ Cells = Sequence[str]
 
 def table(caption: str, heads: Cells, rows: Sequence[Cells], best: Sequence[int | None] = ()) -> str:
     """Rows under heads; the first column names the row. `best` marks one row for each further column."""
-    top = "".join(f'<th scope="col">{escape(head)}</th>' for head in heads)
+    # a word joiner keeps a unit such as N/µm on one line
+    top = "".join(f'<th scope="col">{escape(head).replace("/", "/&#8288;")}</th>' for head in heads)
     body: list[str] = []
     for i, row in enumerate(rows):
         cells = "".join(
@@ -100,7 +101,7 @@ def frequency(study: Study) -> str:
         row.append("–" if k is None or not k.frequency[0] <= 1.0 <= k.frequency[-1] else number(1e-6 * k.at(1.0)))
         rows.append(row)
     heads = [
-        "law", "crossover Hz", "phase margin °", "gain may rise dB", "gain may fall dB",
+        "law", "crossover Hz", "phase margin deg", "gain may rise dB", "gain may fall dB",
         "delay margin ms (samples)" if _sampled(study) else "delay margin ms", "Ms (at Hz)",
         "least stiffness N/µm (at Hz)", "stiffness at 1 Hz N/µm",
     ]  # fmt: skip

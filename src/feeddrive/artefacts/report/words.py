@@ -89,13 +89,18 @@ def _judged(entry: Entry) -> str:
 def remarks(study: Study) -> list[str]:
     """What a reader must not overlook, then the notes of whoever ran the study."""
     found: list[str] = []
+    ringing = [
+        f"{_quoted(entry)} ({number(entry.margins.sensitivity_peak)})"
+        for entry in study.entries
+        if entry.margins is not None and entry.margins.sensitivity_peak > MS_BOUND
+    ]
+    if ringing:
+        found.append(
+            f"The sensitivity peak is above {MS_BOUND:g}: {', '.join(ringing)}. A small change of the axis makes such "
+            f"a loop ring."
+        )
     for entry in study.entries:
         name = _quoted(entry)
-        if entry.margins is not None and entry.margins.sensitivity_peak > MS_BOUND:
-            found.append(
-                f"{name}: a sensitivity peak of {number(entry.margins.sensitivity_peak)} is above {MS_BOUND:g}; a "
-                f"small change of the axis makes this loop ring."
-            )
         found += _of_force(entry, name)
         tripped = np.flatnonzero(entry.run["trip"])
         if tripped.size:
@@ -131,7 +136,7 @@ def _errors(entry: Entry) -> str:
 
 
 def _quoted(entry: Entry) -> str:
-    return f"“{entry.name}”"
+    return f"'{entry.name}'"
 
 
 def _rms(values: np.ndarray) -> float:
