@@ -210,3 +210,20 @@ def test_the_site_builds_without_a_warning(tmp_path: Path):
     page = (tmp_path / "site/blocks/cascade_ppi/index.html").read_text(encoding="utf-8")
     assert "position gain" in page
     assert "1/s" in page
+
+
+OUTSIDE = re.compile(r"\b(papers|peers|targets|style)\.md\b|/work/|https?://\d")
+
+
+def written() -> list[Path]:
+    """Everything that people read or run, but this file."""
+    folders = ("src", "tests", "docs", "benchmarks", "examples", ".ci")
+    found = [path for folder in folders for path in (ROOT / folder).rglob("*")]
+    kinds = {".py", ".md", ".toml", ".c", ".cpp", ".css", ".yml", ""}
+    return [*PAGES, *(path for path in found if path.is_file() and path.suffix in kinds and path != Path(__file__))]
+
+
+def test_nothing_refers_to_what_a_reader_does_not_have():
+    for path in written():
+        for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), start=1):
+            assert not OUTSIDE.search(line), f"{shown(path)}:{number}: {line.strip()}"
