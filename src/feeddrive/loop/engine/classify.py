@@ -9,7 +9,7 @@ from feeddrive.language.graph import TRUTH, Graph, arguments
 
 
 class Kinds(NamedTuple):
-    """For every node of a graph, in order: does it change from sample to sample, from lane to lane, is it a truth value?"""
+    """For every node, in order: does it change from sample to sample, from lane to lane, is it a truth value?"""
 
     moving: list[bool]
     varying: list[bool]
