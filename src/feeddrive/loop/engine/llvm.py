@@ -274,9 +274,8 @@ def text(plan: Plan, name: str, target: str) -> str:
     for state in carried:
         kind = printer.type(printer.varies(state.before))
         ends[state.name] = printer.value(state.after, printer.varies(state.before))
-        phis.append(
-            f"  {printer.names[state.before]} = phi {kind} [ {begin[state.name]}, %entry ], [ {ends[state.name]}, %loop ]"
-        )
+        before, first, last = printer.names[state.before], begin[state.name], ends[state.name]
+        phis.append(f"  {before} = phi {kind} [ {first}, %entry ], [ {last}, %loop ]")
     body, printer.lines = printer.lines, []
     printer.spread = outer
 
@@ -298,7 +297,8 @@ def text(plan: Plan, name: str, target: str) -> str:
             *declare,
             *(f"declare double @{f}(double)" for f in sorted({graph.nodes[i][0] for i in plan.order} & ELEMENTARY)),
             *_intrinsics(plan),
-            f"define void @{name}(i64 %count, i64 %first, ptr noalias readonly %constants, ptr noalias readonly %inputs, "
+            f"define void @{name}(i64 %count, i64 %first, "
+            "ptr noalias readonly %constants, ptr noalias readonly %inputs, "
             "ptr noalias %states, ptr noalias %outputs, ptr noalias readonly %tables) #0 {",
             "entry:",
             *on,
