@@ -49,8 +49,8 @@ def directional(rng: np.random.Generator, body: int) -> tuple[Friction, Dry]:
     up, down = rng.uniform(20.0, 100.0, 2)
     more, less = rng.uniform(0.0, 800.0, 2)
     made = Directional(coulomb_positive=up, coulomb_negative=down, viscous_positive=more, viscous_negative=less)
-    skew = 0.5 * (more - less)
-    return made, Dry(body, curve(up, up, 1.0, skew), curve(down, down, 1.0, -skew))
+    linear = min(more, less)  # what the linear core holds
+    return made, Dry(body, curve(up, up, 1.0, more - linear), curve(down, down, 1.0, less - linear))
 
 
 def directional_stribeck(rng: np.random.Generator, body: int) -> tuple[Friction, Dry]:

@@ -14,8 +14,8 @@ class Directional(Friction):
 
         F ∈ -[coulomb_positive, coulomb_negative](v) · Sgn(v) - [viscous_positive, viscous_negative](v) · v
 
-    The mean of the two viscous values is part of the linear core and held exactly; the half difference acts at the
-    velocity in the middle of the substep.
+    The smaller of the two viscous values is part of the linear core and held exactly; what the other one is larger acts
+    at the velocity in the middle of the substep.
     Source: Janot, Gautier & Brunot 2019, section on direction-dependent friction.
     """
 
@@ -29,8 +29,8 @@ class Directional(Friction):
         return Nothing()
 
     def linear(self) -> Number:
-        """The mean viscous part."""
-        return 0.5 * (self.viscous_positive + self.viscous_negative)
+        """The smaller viscous part."""
+        return ops.minimum(self.viscous_positive, self.viscous_negative)
 
     def contact(
         self, step: Number, state: Any, velocity: Number, free_velocity: Number, mobility: Number
@@ -39,10 +39,9 @@ class Directional(Friction):
         stopping = -free_velocity / mobility
         guess = free_velocity + mobility * ops.clip(stopping, -self.coulomb_positive, self.coulomb_negative)
         middle = 0.5 * (velocity + guess)
-        skew = 0.5 * (self.viscous_positive - self.viscous_negative) * middle
-        # |F| beyond the mean viscous part: for v > 0 skew has the sign of the difference, for v < 0 the opposite one
-        upper = ops.maximum(self.coulomb_positive + ops.where(middle > 0.0, skew, 0.0), 0.0)
-        lower = ops.maximum(self.coulomb_negative + ops.where(middle < 0.0, skew, 0.0), 0.0)
+        linear = self.linear()
+        upper = self.coulomb_positive + (self.viscous_positive - linear) * ops.maximum(middle, 0.0)
+        lower = self.coulomb_negative + (self.viscous_negative - linear) * ops.maximum(-middle, 0.0)
         stuck = ops.both(stopping >= -upper, stopping <= lower)
         return state, ops.clip(stopping, -upper, lower), stuck
 

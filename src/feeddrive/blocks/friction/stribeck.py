@@ -17,7 +17,8 @@ class Stribeck(Friction):
         level(v) = coulomb + (breakaway - coulomb) e^-(v / stribeck_velocity)²
 
     The level is taken at the velocity in the middle of the substep, found by one step with the breakaway level, so that
-    an axis at rest is held up to the very breakaway level; the force is then clip(-v_free / mobility, ±level).  Source of the curve: Armstrong-Hélouvry, Dupont & Canudas de Wit 1994.
+    an axis at rest is held up to the very breakaway level; the force is then clip(-v_free / mobility, ±level).
+    Source of the curve: Armstrong-Hélouvry, Dupont & Canudas de Wit 1994.
     """
 
     coulomb: Number = parameter("N", "level at speed", least=0)
