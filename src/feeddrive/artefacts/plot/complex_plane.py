@@ -24,7 +24,7 @@ def nyquist(loops: Margins | Mapping[str, Margins]) -> Any:
 
     chosen = style.named(loops)
     figure, (ax,) = style.picture(1, height=4.8)
-    figure.set_figwidth(5.4 if len(chosen) == 1 else style.WIDTH)
+    figure.set_size_inches(5.4 if len(chosen) == 1 else style.WIDTH, max(4.8, 0.45 * len(chosen)))
     ax.set_aspect("equal")
     ax.set_xlim(*REACH[:2])
     ax.set_ylim(*REACH[2:])

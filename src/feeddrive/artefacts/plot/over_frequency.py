@@ -146,10 +146,11 @@ def spectrum(spectra: Spectrum | Mapping[str, Spectrum]) -> Any:
         axes[1].plot(frequency, factor * cumulative, **line)
         tops.append(factor * float(np.max(amplitude)))
         bottoms.append(factor * float(np.quantile(amplitude, 0.02)))
-    axes[0].set_yscale("log")
-    style.plain_decades(axes[0].yaxis, crowded=True)
-    top = max(tops) or 1.0
-    axes[0].set_ylim(max(0.5 * min(bottoms), 1e-7 * top), 2.0 * top)
+    top = max(tops)
+    if top > 0.0:  # a signal that is zero has no place on a logarithmic scale
+        axes[0].set_yscale("log")
+        style.plain_decades(axes[0].yaxis, crowded=True)
+        axes[0].set_ylim(max(0.5 * min(bottoms), 1e-7 * top), 2.0 * top)
     whole = [factor * found.rms for found in chosen.values()]
     if min(whole) > 0.0 and max(whole) > style.WIDE * min(whole):
         axes[1].set_yscale("log")

@@ -118,6 +118,8 @@ def figure_legend(figure: Picture, lines: Mapping[str, Any], columns: int = 4) -
     """Some curves by name in a row above the figure."""
     if not lines:
         return
+    rows = -(-len(lines) // columns)
+    figure.set_figheight(figure.get_figheight() + 0.17 * (rows - 1))
     drawn = figure.legend(
         list(lines.values()), list(lines), loc="outside upper left", ncols=min(columns, len(lines)), fontsize=SMALL,
         frameon=False, handlelength=2.6, columnspacing=1.6, borderaxespad=0.2, labelcolor=INK,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from feeddrive.artefacts import plot
@@ -15,6 +15,8 @@ from feeddrive.artefacts.report.numbers import number
 from feeddrive.engineer.analysis.friction_map import FrictionMap, friction_map
 from feeddrive.engineer.analysis.reversal import worst_window
 
+SHORT = 16  # samples: a shorter run has no picture over time
+MOST = 8  # laws that the pictures show; the tables have all
 CURVES = 4  # more curves than these share the points that as many would have: the page stays small
 
 
@@ -29,12 +31,20 @@ class Shown:
     draw: Callable[[], Any]
 
 
+def chosen(study: Study) -> Study:
+    """The study with the laws that the pictures show: the first, and those that follow best, in their order."""
+    others = sorted(study.entries[1:], key=lambda entry: entry.rms("following_error"))[: MOST - 1]
+    return replace(study, entries=[entry for i, entry in enumerate(study.entries) if i == 0 or entry in others])
+
+
 def figures(study: Study) -> Iterator[Shown]:
     """In the order in which a reader needs them."""
+    study = chosen(study)
     points = min(POINTS, max(200, POINTS * CURVES // len(study.entries)))
     yield from _measured(study, points)
-    yield from _errors(study, points)
-    yield from _forces(study, points)
+    if all(entry.counted("following_error").size >= SHORT for entry in study.entries):
+        yield from _errors(study, points)
+        yield from _forces(study, points)
     yield from _open_loop(study)
     yield from _closed_loop(study)
 

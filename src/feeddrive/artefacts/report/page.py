@@ -7,7 +7,7 @@ from importlib.resources import files
 
 from feeddrive.artefacts.report import tables, words
 from feeddrive.artefacts.report.content import Study
-from feeddrive.artefacts.report.figures import Shown, figures
+from feeddrive.artefacts.report.figures import Shown, chosen, figures
 from feeddrive.artefacts.report.svg import svg
 from feeddrive.language.errors import ParameterError
 
@@ -30,7 +30,7 @@ def build(study: Study) -> str:
         _header(study, drawn),
         _result(study),
         _facts(study),
-        _pictures(drawn),
+        _pictures(study, drawn),
         _repeat(study),
     ]
     sheet = files("feeddrive.artefacts.report").joinpath("page.css").read_text(encoding="utf-8")
@@ -73,14 +73,18 @@ def _facts(study: Study) -> str:
     return f'<section id="facts">\n<h2>What was run</h2>\n<dl>{listed}</dl>\n</section>\n'
 
 
-def _pictures(drawn: list[Shown]) -> str:
+def _pictures(study: Study, drawn: list[Shown]) -> str:
+    all_laws, shown_laws = len(study.entries), len(chosen(study).entries)
+    note = ""
+    if shown_laws < all_laws:
+        note = f"<p>The pictures show {shown_laws} of {all_laws} laws: the first, and those that follow best.</p>"
     made = [
         f'<figure id="figure-{shown.key}">\n<h3>{escape(shown.title)}</h3>\n'
         f"{svg(shown.draw(), shown.key, shown.alt)}\n"
         f"<figcaption>{escape(shown.caption)}</figcaption>\n</figure>\n"
         for shown in drawn
     ]
-    return f'<section id="pictures">\n<h2>Pictures</h2>\n{"".join(made)}</section>\n'
+    return f'<section id="pictures">\n<h2>Pictures</h2>\n{note}{"".join(made)}</section>\n'
 
 
 def _repeat(study: Study) -> str:
