@@ -83,9 +83,13 @@ class Prepared:
 
     def states(self, made: Native, lanes: slice | None = None) -> np.ndarray:
         """First states in the order of the machine code, shape (n, lanes)."""
-        first = {s.name: self.first.get(s.name, None) for s in made.plan.states}
-        first = {name: begin(name) if value is None else value for name, value in first.items()}
+        first = self.first_states(made)
         return by_lane(list(first), first, made.plan.lanes, lanes)
+
+    def first_states(self, made: Native) -> dict[str, Any]:
+        """First states by name, in the order of the machine code."""
+        first = {s.name: self.first.get(s.name, None) for s in made.plan.states}
+        return {name: begin(name) if value is None else value for name, value in first.items()}
 
     def rows(self, made: Native) -> list[np.ndarray]:
         """Tables in the order of the machine code."""

@@ -13,10 +13,13 @@ from feeddrive.blocks.families import Load, Reference
 from feeddrive.language.errors import DivergedError, ParameterError
 from feeddrive.language.table import Result, Table, shown
 from feeddrive.loop.engine.lower import ARITHMETIC
+from feeddrive.loop.engine.native import Native
+from feeddrive.loop.groups import grouped
 from feeddrive.loop.loop import UNITS, Loop, Signals
 from feeddrive.loop.runner import Prepared, Work, cores, program_of
 from feeddrive.loop.statistics import LEFT, gathered
 
+CHUNK = 20_000  # samples that are in memory at once
 GATHERED = ("following_error", "tracking_error", "force", "velocity_load")
 
 
@@ -210,46 +213,41 @@ def simulate_batch(
     gather: Sequence[str] = GATHERED,
     arithmetic: str = "exact",
     bound: float | None = None,
-    lanes: int = 8,
+    lanes: int | None = None,
     threads: int | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Batch:
     """All variants of a loop whose parameters are arrays (`tree.vary`), along the same reference.
 
-    Arguments as `simulate`; seed and start may be arrays over the variants too.  `lanes` variants share a vector (8 or
-    16), `threads` run at once (default: all cores); neither changes a bit of the result.  `progress(done, all)` is
-    called after each group of variants.
+    Arguments as `simulate`; seed and start may be arrays over the variants too.  `lanes` variants share a vector
+    (default: what is fastest here), `threads` run at once (default: all cores); neither changes a bit of the result.
+    `progress(done, all)` is called after each group of variants.
     """
     gather = known(gather, arithmetic)
     work = Work(loop, reference, load, enable)
     count = sample_count(loop, reference, duration)
     prepared = Prepared(loop, work.first(), start, seed, _bound(reference, bound, count, work.T))
-    variants = prepared.lanes()
     program = program_of(loop, prepared.timing, load=load is not None, enable=enable is not None)
-    made = prepared.native(
-        program, record=(), gather=gather, bounded="tracking_error", lanes=lanes, arithmetic=arithmetic
-    )
-    inputs = work.inputs(made, 0, count)
-    rows = prepared.rows(made)
-    ends = np.empty((len(made.plan.states), variants))
 
-    def group(first: int) -> int:
-        part = slice(first, min(first + lanes, variants))
-        states = prepared.states(made, part)
-        made.run(count, 0, prepared.constants(made, part), inputs, states, None, rows)
-        ends[:, part] = states[:, : part.stop - part.start]
-        return part.stop - part.start
+    def native(width: int) -> Native:
+        return prepared.native(
+            program, record=(), gather=gather, bounded="tracking_error", lanes=width, arithmetic=arithmetic
+        )
 
+    groups = grouped(prepared, native, lanes, count, lambda made: work.inputs(made, 0, min(count, CHUNK)))
+    stretches = range(0, count, CHUNK)
     done = 0
     with ThreadPoolExecutor(threads or cores()) as pool:
-        for size in pool.map(group, range(0, variants, lanes)):
-            done += size
-            if progress is not None:
-                progress(done, variants)
-    named = {state.name: ends[i] for i, state in enumerate(made.plan.states)}
+        for first in stretches:
+            inputs = work.inputs(groups.made, first, min(CHUNK, count - first))
+            for size in groups.advance(pool, first, inputs):
+                done += size
+                if progress is not None:
+                    progress(done // len(stretches), groups.variants)
+    named = groups.ends()
     return Batch(
         rms={s: np.sqrt(named[gathered(s, "squares")] / count) for s in gather},
-        peak={s: named[gathered(s, "peak")] for s in gather},
+        peak={s: np.fmax(0.0, np.fmax(named[gathered(s, "most")], -named[gathered(s, "least")])) for s in gather},
         least={s: named[gathered(s, "least")] for s in gather},
         most={s: named[gathered(s, "most")] for s in gather},
         left=named[LEFT].astype(np.int64),
@@ -270,7 +268,7 @@ def stream(
     record: Sequence[str] = Signals._fields,
     arithmetic: str = "exact",
     bound: float | None = None,
-    chunk: int = 20_000,
+    chunk: int = CHUNK,
     name: str = "stream",
 ) -> Iterator[Run]:
     """The run of `simulate`, handed out in chunks of samples: constant memory for any length.

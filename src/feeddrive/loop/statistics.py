@@ -13,12 +13,12 @@ LEFT = "statistics.left"
 
 
 def gathered(signal: str, what: str) -> str:
-    """Name of the state that gathers `squares` (sum of squares), `peak`, `least` or `most` of a signal."""
+    """Name of the state that gathers `squares` (sum of squares), `least` or `most` of a signal."""
     return f"statistics.{signal}.{what}"
 
 
 def gathering(program: Program, signals: Sequence[str], bounded: str | None = None) -> Program:
-    """The program that also gathers sum of squares, peak, least and most of signals.
+    """The program that also gathers sum of squares, least and most of signals; the peak is the larger of ±both.
 
     `bounded` names a signal whose first sample outside ±`bound` (a constant of the program) is kept in `LEFT`; -1 until
     then. NaN is outside.
@@ -31,10 +31,8 @@ def gathering(program: Program, signals: Sequence[str], bounded: str | None = No
 
     for signal in signals:
         value = Symbol(graph, program.outputs[signal])
-        size = ops.absolute(value)
         before = {what: graph.input(f"state.{gathered(signal, what)}") for what in START}
         carry(gathered(signal, "squares"), before["squares"] + value * value)
-        carry(gathered(signal, "peak"), ops.maximum(before["peak"], size))
         carry(gathered(signal, "least"), ops.minimum(before["least"], value))
         carry(gathered(signal, "most"), ops.maximum(before["most"], value))
     if bounded is not None:
@@ -48,7 +46,7 @@ def gathering(program: Program, signals: Sequence[str], bounded: str | None = No
     return replace(program, states=tuple(states), constants=constants, sample=sample)
 
 
-START = {"squares": 0.0, "peak": 0.0, "least": float("inf"), "most": float("-inf")}
+START = {"squares": 0.0, "least": float("inf"), "most": float("-inf")}
 
 
 def begin(name: str) -> float:

@@ -2,7 +2,10 @@
 
 lower.py      elementary functions and other composed operations become plain arithmetic
 classify.py   what is constant over a run, and what differs between lanes
-llvm.py       the graph as LLVM text; lanes are vectors
-c.py          the same graph as C text
+plan.py       the lowered graph with the order of everything in memory
+sides.py      what only one side of a choice needs
+llvm.py       operations as LLVM text; lanes are vectors
+time_loop.py  the loop around them, as an LLVM module
+c.py          the same loop as C text
 native.py     machine code, in memory and on disk
 """

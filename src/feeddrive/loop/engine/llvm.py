@@ -1,21 +1,18 @@
-"""A plan as LLVM text: the whole time loop, scalar or with one variant per lane of a vector.
+"""Operations as LLVM text, scalar or with one variant per lane of a vector; `time_loop.py` puts them together.
 
-What does not change from sample to sample is computed before the loop.  What is the same in all lanes stays scalar and
-is spread when a vector needs it.  No pass reorders anything: LLVM only selects instructions and registers.
-
-    void name(i64 count, i64 first, double *constants, double *inputs, double *states, double *outputs, double **tables)
-
-Memory: constants and states [number][lane], inputs [sample][number] (the same for all lanes), outputs
-[sample][number][lane].
+What is the same in all lanes stays scalar and is spread when a vector needs it.  No pass reorders anything: LLVM only
+selects instructions and registers.
 """
 
 from __future__ import annotations
 
 import struct
+from collections.abc import Callable
 
 from feeddrive.language.graph import ELEMENTARY, arguments
 from feeddrive.language.primitives import MIX, STRIDES
 from feeddrive.loop.engine.plan import Plan
+from feeddrive.loop.engine.sides import Side, one_sided
 
 _BINARY = {"add": "fadd", "sub": "fsub", "mul": "fmul", "div": "fdiv"}
 _COMPARE = {"lt": "olt", "le": "ole", "eq": "oeq"}
@@ -31,11 +28,14 @@ def number(value: float) -> str:
 
 
 class Printer:
-    """Writes the lines of one function."""
+    """Writes the lines of one function, block after block."""
 
     def __init__(self, plan: Plan) -> None:
         self.plan = plan
+        self.sides = one_sided(plan) if plan.lanes == 1 else {}
+        self.aside = {index for inner in self.sides.values() for index in inner}
         self.lines: list[str] = []
+        self.block = "entry"  # the label under which lines are written
         self.names: dict[int, str] = {}  # node -> value, scalar or vector as its kind says
         self.spread: dict[str, str] = {}  # scalar value -> vector value, within the part being written
         self.count = 0
@@ -92,6 +92,20 @@ class Printer:
         at = self.emit(f"getelementptr double, ptr {base}, i64 {place * self.plan.lanes}")
         return self.emit(f"load {self.type(vector)}, ptr {at}, align 8")
 
+    def taken(self) -> list[str]:
+        """The lines written so far, which are then forgotten."""
+        lines, self.lines = self.lines, []
+        return lines
+
+    def begin(self, label: str) -> None:
+        """A new block."""
+        self.block = label
+        self.lines.append(f"{label}:")
+
+    def store(self, held: str, at: str) -> None:
+        """A number to memory that is laid out by lanes."""
+        self.lines.append(f"  store {self.type(self.plan.lanes > 1)} {held}, ptr {at}, align 8")
+
     def node(self, index: int) -> None:
         """One operation."""
         node = self.plan.graph.nodes[index]
@@ -140,11 +154,27 @@ class Printer:
 
     def select(self, index: int, inner: tuple[int, ...], vector: bool) -> str:
         """A choice between two values, by one truth for all lanes or one for each."""
+        if Side(index, 1) in self.sides or Side(index, 2) in self.sides:
+            return self.branch(index, inner)
         kind = self.type(vector, "i1" if self.plan.kinds.truth[index] else "double")
         each = vector and self.varies(inner[0])
         condition = f"{self.type(each, 'i1')} {self.names[inner[0]]}"
         a, b = self.value(inner[1], vector), self.value(inner[2], vector)
         return self.emit(f"select {condition}, {kind} {a}, {kind} {b}")
+
+    def branch(self, index: int, inner: tuple[int, ...]) -> str:
+        """A choice of which only the side that is chosen is computed."""
+        labels = {side: f"side{index}.{side}" for side in (1, 2)}
+        self.lines.append(f"  br i1 {self.names[inner[0]]}, label %{labels[1]}, label %{labels[2]}")
+        ends: list[str] = []
+        for side in (1, 2):
+            self.begin(labels[side])
+            for one in self.sides.get(Side(index, side), ()):
+                self.node(one)
+            ends.append(f"[ {self.names[inner[side]]}, %{self.block} ]")
+            self.lines.append(f"  br label %after{index}")
+        self.begin(f"after{index}")
+        return self.emit(f"phi {'i1' if self.plan.kinds.truth[index] else 'double'} {', '.join(ends)}")
 
     def power_of_two(self, k: str, vector: bool) -> str:
         """2ᵏ by writing k + 1023 where a double keeps its exponent."""
@@ -182,7 +212,7 @@ class Printer:
             bits = self.emit(f"add {whole} {bits}, {given}")
             bits = self.emit(f"add {whole} {bits}, {self.whole(1, vector)}")
             bits = self.emit(f"mul {whole} {bits}, {self.whole(stride, vector)}")
-            for shift, factor in ((30, MIX[0]), (27, MIX[1])):
+            for shift, factor in zip((30, 27), MIX, strict=True):
                 down = self.emit(f"lshr {whole} {bits}, {self.whole(shift, vector)}")
                 mixed = self.emit(f"xor {whole} {bits}, {down}")
                 bits = self.emit(f"mul {whole} {mixed}, {self.whole(factor, vector)}")
@@ -208,153 +238,26 @@ class Printer:
 
         return self.by_lane(read, self.names[place]) if vector else read(self.names[place])
 
-    def by_lane(self, function: object, x: str) -> str:
+    def by_lane(self, function: Callable[[str], str], x: str) -> str:
         """A scalar operation for each lane."""
         lanes = self.plan.lanes
         kind = self.type(True)
         total = "poison"
         for lane in range(lanes):
             one = self.emit(f"extractelement {kind} {x}, i32 {lane}")
-            total = self.emit(f"insertelement {kind} {total}, double {function(one)}, i32 {lane}")  # type: ignore[operator]
+            total = self.emit(f"insertelement {kind} {total}, double {function(one)}, i32 {lane}")
         return total
 
 
-def text(plan: Plan, name: str, target: str) -> str:
-    """The module of a plan. `target` is a triple; on x86 and aarch64 numbers below the normal ones become 0."""
-    printer = Printer(plan)
-    graph, kinds = plan.graph, plan.kinds
-    still = [state for state in plan.states if state.before == state.after]
-    carried = [state for state in plan.states if state.before != state.after]
-    needed = set(plan.order)
-    places = {state.name: i for i, state in enumerate(plan.states)}
-    for i, (_, node) in enumerate(plan.tables):
-        at = printer.emit(f"getelementptr ptr, ptr %tables, i64 {i}")
-        printer.names[node] = printer.emit(f"load ptr, ptr {at}, align 8")
-    for i, (_, node) in enumerate(plan.constants):
-        if node in needed:
-            printer.names[node] = printer.load("%constants", i, printer.varies(node))
-    for state in still:
-        printer.names[state.before] = printer.load("%states", places[state.name], printer.varies(state.before))
-    for index in plan.order:
-        if not kinds.moving[index]:
-            printer.node(index)
-    for index in plan.order:  # spread before the loop what the loop needs in every lane
-        for i in arguments(graph.nodes[index]):
-            wanted = kinds.moving[index] and not kinds.moving[i] and printer.varies(index) and not printer.varies(i)
-            if wanted and graph.nodes[i][0] != "table":
-                printer.value(i, True)
-    begin = {state.name: printer.load("%states", places[state.name], printer.varies(state.before)) for state in carried}
-    entry, printer.lines = printer.lines, []
-    outer = dict(printer.spread)
-
-    phis = []
-    for state in carried:
-        printer.names[state.before] = printer.fresh()
-    if plan.sample is not None and plan.sample in needed:
-        count = printer.emit("add i64 %first, %k")
-        printer.names[plan.sample] = printer.emit(f"sitofp i64 {count} to double")
-    row = printer.emit(f"mul i64 %k, {len(plan.inputs)}")
-    for i, (_, node) in enumerate(plan.inputs):
-        if node in needed:
-            at = printer.emit(f"add i64 {row}, {i}")
-            place = printer.emit(f"getelementptr double, ptr %inputs, i64 {at}")
-            printer.names[node] = printer.emit(f"load double, ptr {place}, align 8")
-    for index in plan.order:
-        if kinds.moving[index]:
-            printer.node(index)
-    if plan.outputs:
-        row = printer.emit(f"mul i64 %k, {len(plan.outputs) * plan.lanes}")
-        for i, (_, node) in enumerate(plan.outputs):
-            vector = plan.lanes > 1
-            at = printer.emit(f"add i64 {row}, {i * plan.lanes}")
-            place = printer.emit(f"getelementptr double, ptr %outputs, i64 {at}")
-            held = printer.value(node, vector)
-            printer.lines.append(f"  store {printer.type(vector)} {held}, ptr {place}, align 8")
-    ends = {}
-    for state in carried:
-        kind = printer.type(printer.varies(state.before))
-        ends[state.name] = printer.value(state.after, printer.varies(state.before))
-        before, first, last = printer.names[state.before], begin[state.name], ends[state.name]
-        phis.append(f"  {before} = phi {kind} [ {first}, %entry ], [ {last}, %loop ]")
-    body, printer.lines = printer.lines, []
-    printer.spread = outer
-
-    for state in carried:
-        vector = printer.varies(state.before)
-        kind = printer.type(vector)
-        last = printer.emit(f"phi {kind} [ {begin[state.name]}, %entry ], [ {ends[state.name]}, %loop ]")
-        ends[state.name] = last
-    for state in carried:
-        vector = printer.varies(state.before)
-        held = ends[state.name]
-        at = printer.emit(f"getelementptr double, ptr %states, i64 {places[state.name] * plan.lanes}")
-        printer.lines.append(f"  store {printer.type(vector)} {held}, ptr {at}, align 8")
-    done = printer.lines
-    declare, on, off = _flush(target)
-    return "\n".join(
-        [
-            f'target triple = "{target}"',
-            *declare,
-            *(f"declare double @{f}(double)" for f in sorted({graph.nodes[i][0] for i in plan.order} & ELEMENTARY)),
-            *_intrinsics(plan),
-            f"define void @{name}(i64 %count, i64 %first, "
-            "ptr noalias readonly %constants, ptr noalias readonly %inputs, "
-            "ptr noalias %states, ptr noalias %outputs, ptr noalias readonly %tables) #0 {",
-            "entry:",
-            *on,
-            *entry,
-            "  %any = icmp sgt i64 %count, 0",
-            "  br i1 %any, label %loop, label %done",
-            "loop:",
-            "  %k = phi i64 [ 0, %entry ], [ %k.next, %loop ]",
-            *phis,
-            *body,
-            "  %k.next = add i64 %k, 1",
-            "  %more = icmp slt i64 %k.next, %count",
-            "  br i1 %more, label %loop, label %done",
-            "done:",
-            *done,
-            *off,
-            "  ret void",
-            "}",
-            'attributes #0 = { nounwind "min-legal-vector-width"="512" "prefer-vector-width"="512" }',
-            "",
-        ]
-    )
-
-
-def _intrinsics(plan: Plan) -> list[str]:
-    used = sorted({plan.graph.nodes[i][0] for i in plan.order} & set(_INTRINSIC))
+def intrinsics(plan: Plan) -> list[str]:
+    """Declarations of everything that the operations of a plan call."""
+    used = {plan.graph.nodes[i][0] for i in plan.order}
     kinds = [("f64", "double")]
     if plan.lanes > 1:
         kinds.append((f"v{plan.lanes}f64", f"<{plan.lanes} x double>"))
-    return [f"declare {kind} @llvm.{_INTRINSIC[name]}.{suffix}({kind})" for name in used for suffix, kind in kinds]
-
-
-def _flush(target: str) -> tuple[list[str], list[str], list[str]]:
-    """Declarations, and the lines that set and restore the mode in which numbers below the normal ones are 0."""
-    if target.startswith("x86_64"):
-        return (
-            ["declare void @llvm.x86.sse.stmxcsr(ptr)", "declare void @llvm.x86.sse.ldmxcsr(ptr)"],
-            [
-                "  %mode.old = alloca i32, align 4",
-                "  %mode.new = alloca i32, align 4",
-                "  call void @llvm.x86.sse.stmxcsr(ptr %mode.old)",
-                "  %mode = load i32, ptr %mode.old, align 4",
-                "  %mode.set = or i32 %mode, 32832",
-                "  store i32 %mode.set, ptr %mode.new, align 4",
-                "  call void @llvm.x86.sse.ldmxcsr(ptr %mode.new)",
-            ],
-            ["  call void @llvm.x86.sse.ldmxcsr(ptr %mode.old)"],
-        )
-    if target.startswith(("aarch64", "arm64")):
-        return (
-            ["declare i64 @llvm.aarch64.get.fpcr()", "declare void @llvm.aarch64.set.fpcr(i64)"],
-            [
-                "  %mode = call i64 @llvm.aarch64.get.fpcr()",
-                "  %mode.set = or i64 %mode, 16777216",
-                "  call void @llvm.aarch64.set.fpcr(i64 %mode.set)",
-            ],
-            ["  call void @llvm.aarch64.set.fpcr(i64 %mode)"],
-        )
-    return [], [], []
+    built_in = [
+        f"declare {kind} @llvm.{_INTRINSIC[name]}.{suffix}({kind})"
+        for name in sorted(used & set(_INTRINSIC))
+        for suffix, kind in kinds
+    ]
+    return built_in + [f"declare double @{name}(double)" for name in sorted(used & ELEMENTARY)]

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from feeddrive.loop.engine import llvm
+from feeddrive.loop.engine import time_loop
 from feeddrive.loop.engine.plan import Plan
 
 _SIGNATURE = ctypes.CFUNCTYPE(None, ctypes.c_int64, ctypes.c_int64, *[ctypes.c_void_p] * 5)
@@ -60,7 +60,7 @@ class Native:
 
 def native(plan: Plan) -> Native:
     """The machine code of a plan."""
-    return Native(plan, llvm.text(plan, "feeddrive_run", _target()[0]))
+    return Native(plan, time_loop.text(plan, "feeddrive_run", _target()[0]))
 
 
 def _target() -> tuple[str, str, str]:

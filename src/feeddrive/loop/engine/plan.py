@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection
 from dataclasses import dataclass
 
-from feeddrive.language.graph import Graph, reachable
+from feeddrive.language.graph import Graph, arguments, reachable
 from feeddrive.loop.engine.classify import Kinds, classify
 from feeddrive.loop.engine.lower import lower
 from feeddrive.loop.trace import Carried, Program
@@ -22,7 +22,7 @@ class Plan:
     outputs: tuple[tuple[str, int], ...]
     tables: tuple[tuple[str, int], ...]
     sample: int | None
-    order: tuple[int, ...]  # the nodes to compute
+    order: tuple[int, ...]  # the nodes to compute, each after its arguments
     kinds: Kinds
     lanes: int
     arithmetic: str
@@ -55,8 +55,29 @@ def plan(program: Program, *, lanes: int = 1, varying: Collection[str] = (), ari
         outputs=tuple((name, place[node]) for name, node in program.outputs.items()),
         tables=tuple((name, place[node]) for name, node in program.tables.items()),
         sample=sample,
-        order=tuple(needed),
+        order=tuple(needed) if lanes > 1 else _longest_first(graph, needed, [s.after for s in moved]),
         kinds=kinds,
         lanes=lanes,
         arithmetic=arithmetic,
     )
+
+
+def _longest_first(graph: Graph, needed: list[int], ends: list[int]) -> tuple[int, ...]:
+    """The order in which the next states with the longest chains of operations come first, with all that they need.
+
+    A single run waits for such a chain from sample to sample: a processor that meets it early fills the waiting with
+    the rest.  With lanes there is enough to fill it, and the order of the trace keeps fewer numbers alive.
+    """
+    depth: dict[int, int] = {}
+    for index in needed:
+        depth[index] = 1 + max((depth[i] for i in arguments(graph.nodes[index])), default=0)
+    order: dict[int, None] = {}
+    for end in (*sorted(ends, key=lambda index: -depth[index]), *needed):
+        waiting = [end]
+        while waiting:
+            missing = [i for i in arguments(graph.nodes[waiting[-1]]) if i not in order]
+            if missing:
+                waiting.append(missing[0])
+            else:
+                order[waiting.pop()] = None
+    return tuple(order)
