@@ -166,8 +166,8 @@ def test_backlash_is_the_dead_zone_of_the_spring(with_error: bool) -> None:
         axis = Axis(plant=plant, forces=(Backlash(gap=gap, lead_error=error),), substeps=substeps)
         found = move(axis, T, commands)
         errors.append(float(np.max(np.abs(found.position[:, 1] - true[:, 1]))))
-    # At a substep of a fifteenth of the mode's period, an eighth of the gap in 1 mm of travel.  The edge of the gap is a
-    # kink that falls anywhere in a substep: order 2 in the mean, and at least order 1 over a factor of 16.
+    # At a substep of a fifteenth of the mode's period, an eighth of the gap in 1 mm of travel.  The edge of the gap is
+    # a kink that falls anywhere in a substep: order 2 in the mean, and at least order 1 over a factor of 16.
     assert errors[0] < gap / 8
     assert errors[-1] < errors[0] / 16
 

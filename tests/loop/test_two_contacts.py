@@ -20,7 +20,7 @@ T = 1e-3
 
 
 def exact(free: np.ndarray, mobility: np.ndarray, levels: np.ndarray) -> np.ndarray:
-    """Friction forces with v = free + mobility · F, each at rest within ±level or sliding at it, from all nine cases."""
+    """Friction forces with v = free + mobility · F, each at rest within ±level or sliding at it: nine cases."""
     best, least = np.zeros(2), np.inf
     for modes in product((-1, 0, 1), repeat=2):
         stuck = [i for i in range(2) if modes[i] == 0]
