@@ -219,6 +219,10 @@ def test_the_report_of_a_measured_log() -> None:
     # the published replay of this axis with this friction stands at 1.23 um (RMS after the first 49 samples)
     assert 1e6 * again.rms("position_load") == pytest.approx(1.23, abs=0.05)
     assert f"{number(1e6 * again.rms('position_load'))} µm RMS" in found
+    # table and picture count the same samples
+    one = replayed().entries[0]
+    assert number(1e6 * one.rms("following_error")) in found
+    assert f"RMS {1e6 * one.rms('following_error'):.4g} µm, peak {1e6 * one.peak('following_error'):.4g} µm" in found
 
 
 def test_the_table_holds_the_figures_of_the_run() -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -37,6 +37,13 @@ class Entry:
     def counted(self, signal: str) -> np.ndarray:
         """The samples of a signal that count, in SI."""
         return self.run[signal][0 if self.replay is None else self.replay.skipped :]
+
+    @cached_property
+    def shown(self) -> Run:
+        """The run without the samples that do not count: what the pictures show."""
+        skip = 0 if self.replay is None else self.replay.skipped
+        signals = {name: values[skip:] for name, values in self.run.signals.items()}
+        return replace(self.run, time=self.run.time[skip:], signals=signals, first=self.run.first + skip)
 
     def rms(self, signal: str) -> float:
         """RMS of the samples that count, SI."""

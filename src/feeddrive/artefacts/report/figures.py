@@ -65,7 +65,7 @@ def _measured(study: Study, points: int) -> Iterator[Shown]:
 
 
 def _errors(study: Study, points: int) -> Iterator[Shown]:
-    runs = {entry.name: entry.run for entry in study.entries}
+    runs = {entry.name: entry.shown for entry in study.entries}
     own = "" if alike(run["following_error"] for run in runs.values()) else " Each row has its own scale."
     listed = "; ".join(f"{e.name} {number(1e6 * e.rms('following_error'))} µm RMS" for e in study.entries)
     yield Shown(
@@ -97,7 +97,7 @@ def _errors(study: Study, points: int) -> Iterator[Shown]:
 
 
 def _forces(study: Study, points: int) -> Iterator[Shown]:
-    runs = {entry.name: entry.run for entry in study.entries}
+    runs = {entry.name: entry.shown for entry in study.entries}
     first = study.entries[0]
     bounds = {k: v for entry in study.entries for k, v in entry.limits.items()}
     yield Shown(
@@ -124,7 +124,7 @@ def _forces(study: Study, points: int) -> Iterator[Shown]:
         "Friction",
         f"Force against the motion over velocity, as the model has it, and as met in the run of '{first.name}'.{said}",
         "Friction force over velocity in both directions.",
-        lambda: plot.friction(chosen, first.run, measured),
+        lambda: plot.friction(chosen, first.shown, measured),
     )
 
 
