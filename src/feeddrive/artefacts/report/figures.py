@@ -114,8 +114,8 @@ def _forces(study: Study, points: int) -> Iterator[Shown]:
         "Velocity and acceleration of the table over time.",
         lambda: plot.motion(runs, points),
     )
-    chosen = {entry.name: entry.loop for entry in study.entries}
-    if not any(has_friction(loop) for loop in chosen.values()):
+    loops = {entry.name: entry.loop for entry in study.entries}
+    if not any(has_friction(loop) for loop in loops.values()):
         return
     measured = _measured_friction(first)
     said = " Points with bars: the log, with the inertia taken out." if measured is not None else ""
@@ -124,7 +124,7 @@ def _forces(study: Study, points: int) -> Iterator[Shown]:
         "Friction",
         f"Force against the motion over velocity, as the model has it, and as met in the run of '{first.name}'.{said}",
         "Friction force over velocity in both directions.",
-        lambda: plot.friction(chosen, first.shown, measured),
+        lambda: plot.friction(loops, first.shown, measured),
     )
 
 
