@@ -39,8 +39,8 @@ def functions(count: int) -> None:
     turns = random.integers(1, 600_000_000, quarter) * (math.pi / 2)
     wave = np.concatenate([random.uniform(-10, 10, half), random.uniform(-1e9, 1e9, quarter), turns])
     arguments = {
-        "exp": random.uniform(-700, 709.7, count),
-        "expm1": np.concatenate([random.uniform(-40, 708.7, half), random.uniform(-1, 1, half)]),
+        "exp": random.uniform(-700, 709.4, count),
+        "expm1": np.concatenate([random.uniform(-40, 709.4, half), random.uniform(-1, 1, half)]),
         "log": np.concatenate([np.abs(decades(-307, 308, half)), random.uniform(0.5, 2, half)]),
         "sin": wave,
         "cos": wave,

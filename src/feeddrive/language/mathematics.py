@@ -38,8 +38,8 @@ HALF_PI = tuple(
     )
 )
 
-# Largest argument of exp that does not overflow, and the one below which the result is taken as 0 (2⁻¹⁰²¹).
-EXP_MOST = 709.782712893384
+# Beyond these arguments eˣ is taken as infinite (2¹⁰²³·⁵) and as 0 (2⁻¹⁰²¹).
+EXP_MOST = 1023.5 * math.log(2.0) - 1e-9
 EXP_LEAST = -1021.0 * math.log(2.0)
 
 
@@ -53,32 +53,38 @@ def series(x: Any, coefficients: Sequence[float]) -> Any:
     return terms[0]
 
 
-_EXP = [1.0 / math.factorial(i) for i in range(2, 14)]
+_EXP = [1.0 / math.factorial(i) for i in range(14)]
 
 
 def _reduced_exp(x: Any) -> tuple[Any, Any]:
     """k and p with eˣ = 2ᵏ (1 + p) and |p| <= √2 - 1."""
     k = floor(x * (1.0 / math.log(2.0)) + 0.5)
     r = (x - k * LN2_HIGH) - k * LN2_LOW
-    return k, r + (r * r) * series(r, _EXP)
+    # Σ rⁱ/i! from 1 to 13: three parts that are summed at the same time, since friction waits for this function, and r
+    # last, since it is by far the largest
+    c, r2 = _EXP, r * r
+    r4 = r2 * r2
+    low = c[2] + c[3] * r
+    middle = (c[4] + c[5] * r) + r2 * (c[6] + c[7] * r)
+    high = ((c[8] + c[9] * r) + r2 * (c[10] + c[11] * r)) + r4 * (c[12] + c[13] * r)
+    return k, r + ((r2 * low + r4 * middle) + (r4 * r4) * high)
 
 
 def exp(x: Any) -> Any:
-    """eˣ = 2ᵏ (1 + p). Results below 2⁻¹⁰²¹ are 0."""
-    k, p = _reduced_exp(clip(x, EXP_LEAST, EXP_MOST))
-    # in two factors, since 2¹⁰²⁴ is no double although e^709.78 is
-    half = power_of_two(k - 1.0)
-    result = 2.0 * (half + p * half)
+    """eˣ = 2ᵏ (1 + p). Results below 2⁻¹⁰²¹ are 0, above 2¹⁰²³·⁵ infinite."""
+    k, p = _reduced_exp(x)
+    scale = power_of_two(k)  # means nothing beyond the bounds, where it is not selected
+    result = scale + p * scale
     return where(x > EXP_MOST, math.inf, where(x < EXP_LEAST, 0.0, result))
 
 
 def expm1(x: Any) -> Any:
     """eˣ - 1 = 2ᵏ p + (2ᵏ - 1)."""
-    held = clip(x, -40.0, EXP_MOST - 1.0)
+    held = clip(x, -40.0, EXP_MOST)
     k, p = _reduced_exp(held)
     scale = power_of_two(k)
     result = scale * p + (scale - 1.0)
-    return where(x > EXP_MOST - 1.0, math.inf, result)
+    return where(x > EXP_MOST, math.inf, result)
 
 
 def tanh(x: Any) -> Any:

@@ -94,13 +94,14 @@ def sign(x: Any) -> Any:
 
 
 def power_of_two(k: Any) -> Any:
-    """2ᵏ for a whole number k in -1022 .. 1023, exact."""
+    """2ᵏ for a whole number k in -1022 .. 1023, exact; what it is outside differs between machines."""
     symbol = on_symbols("power_of_two", k)
     if symbol is not None:
         return symbol
     if isinstance(k, np.ndarray):
-        return np.ldexp(1.0, np.where(k == k, k, 0.0).astype(np.int64)) + 0.0 * k
-    return np.float64(math.ldexp(1.0, int(k))) if k == k else np.float64(math.nan)
+        inside = (k >= -1022.0) & (k <= 1023.0)
+        return np.where(inside, np.ldexp(1.0, np.where(inside, k, 0.0).astype(np.int64)), math.nan)
+    return np.float64(math.ldexp(1.0, int(k))) if -1022.0 <= k <= 1023.0 else np.float64(math.nan)
 
 
 def exponent(x: Any) -> Any:
