@@ -2,12 +2,14 @@
 
 - one page a block, from its declarations: equations, and parameters with unit, meaning, bounds and default;
 - the page of the public functions and results, from their docstrings;
+- the JSON Schemas of machine and job files;
 - GLOSSARY, DESIGN, CONTRIBUTING and CHANGELOG of the root, so that they stand once.
 """
 
 from __future__ import annotations
 
 import inspect
+import json
 import re
 from collections.abc import Iterator
 from dataclasses import MISSING, fields
@@ -18,6 +20,7 @@ from typing import Any
 from mkdocs.structure.files import File
 
 import feeddrive
+from feeddrive.artefacts.files.schema import job_schema, machine_schema
 from feeddrive.blocks.catalogue import catalogue
 from feeddrive.language.block import Block, Declaration, declarations
 
@@ -42,6 +45,8 @@ def on_files(files: Any, config: Any) -> Any:
     for block in all_blocks():
         files.append(File.generated(config, place(block), content=page(block)))
     files.append(File.generated(config, "python.md", content=python()))
+    for name, schema in (("machine", machine_schema()), ("job", job_schema())):
+        files.append(File.generated(config, f"schema/{name}.json", content=json.dumps(schema, indent=1)))
     return files
 
 
