@@ -46,7 +46,7 @@ def on_files(files: Any, config: Any) -> Any:
         files.append(File.generated(config, place(block), content=page(block)))
     files.append(File.generated(config, "python.md", content=python()))
     for name, schema in (("machine", machine_schema()), ("job", job_schema())):
-        files.append(File.generated(config, f"schema/{name}.json", content=json.dumps(schema, indent=1)))
+        files.append(File.generated(config, f"schema/{name}.schema.json", content=json.dumps(schema, indent=1)))
     return files
 
 
