@@ -109,7 +109,7 @@ static inline void sample(const Parameters *p, State *s, Statistics *g, long k, 
         }
         const V mobility = p->load[3];
         const V stopping = -free[3] / mobility;
-        const V guess = free[3] + mobility * clip(stopping, -p->coulomb, p->coulomb);
+        const V guess = free[3] + mobility * clip(stopping, -p->breakaway, p->breakaway);
         const V ratio = 0.5 * (s->v2 + guess) / p->stribeck_velocity;
         const V level = p->coulomb + (p->breakaway - p->coulomb) * exponential(-(ratio * ratio));
         const V friction = clip(stopping, -level, level);

@@ -78,7 +78,7 @@ void run(long count, const Parameters *restrict p, const double (*restrict setpo
                 free[i] = x[i] + (p->change[i][0] * x[0] + p->change[i][1] * x[1] + p->change[i][2] * x[2] +
                                   p->change[i][3] * x[3] + p->drive[i] * s.pending);
             const double stopping = -free[3] / mobility;
-            const double guess = free[3] + mobility * clip(stopping, -p->coulomb, p->coulomb);
+            const double guess = free[3] + mobility * clip(stopping, -p->breakaway, p->breakaway);
             const double ratio = 0.5 * (s.v2 + guess) / p->stribeck_velocity;
             const double level = p->coulomb + extra * exp(-(ratio * ratio));
             friction = clip(stopping, -level, level);
