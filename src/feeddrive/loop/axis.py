@@ -10,6 +10,7 @@ from feeddrive.blocks.signals import Motion, Noise
 from feeddrive.language import matrix, ops
 from feeddrive.language.block import Block, Number, choice, part
 from feeddrive.language.errors import StructureError
+from feeddrive.loop.contacts import Contact, plus, settle, share_mass
 from feeddrive.loop.hold import Hold, Timing, hold
 
 # noise channels of the encoders; each has room for several kinds of noise
@@ -166,11 +167,11 @@ class Axis(Block):
             free = []
             for i, x in enumerate(before):
                 change = matrix.dot(prepared.change[i], before)
-                change = _plus(change, prepared.new[substep][i], new)
+                change = plus(change, prepared.new[substep][i], new)
                 if old is not None:
-                    change = _plus(change, prepared.old[substep][i], old)
-                change = _plus(change, prepared.forces[0][i], push_motor)
-                change = _plus(change, prepared.forces[1][i], push_load)
+                    change = plus(change, prepared.old[substep][i], old)
+                change = plus(change, prepared.forces[0][i], push_motor)
+                change = plus(change, prepared.forces[1][i], push_load)
                 free.append(x if matrix.is_zero(change) else x + change)
             state, friction_motor, friction_load = self._settle(prepared, state, tuple(free), h)
             done = self.Step(friction_motor, friction_load, drive)
@@ -194,61 +195,25 @@ class Axis(Block):
     def _settle(
         self, prepared: Hold, state: State, free: tuple[Number, ...], h: Number
     ) -> tuple[State, Number, Number]:
-        """The end of a substep with the friction forces that fit its velocities, by fixed Gauss-Seidel sweeps."""
+        """The end of a substep with the friction forces that fit its velocities."""
         mechanics = self.plant.mechanics()
-        n = len(state.position)
         motor, load = mechanics.shape[mechanics.motor], mechanics.shape[mechanics.load]
-        contacts = [
-            _Contact(friction, row, column, name)
-            for friction, row, column, name in (
-                (self.friction_motor, motor, prepared.forces[0], "friction_motor"),
-                (self.friction_load, load, prepared.forces[1], "friction_load"),
-            )
-            if friction is not None
-        ]
-        sweeps = 1 if len(contacts) < 2 else 6 if _share_mass(mechanics) else 2
-        forces: list[Any] = [None] * len(contacts)
-        stuck: list[Any] = [False] * len(contacts)
-        after: list[Any] = [getattr(state, contact.name) for contact in contacts]
-        for _ in range(sweeps):
-            for i, contact in enumerate(contacts):
-                end = matrix.dot(contact.row, free[n : 2 * n])
-                for j, other in enumerate(contacts):
-                    if j != i and forces[j] is not None:
-                        end = _plus(end, matrix.dot(contact.row, other.column[n : 2 * n]), forces[j])
-                after[i], forces[i], stuck[i] = contact.friction.contact(
-                    h,
-                    getattr(state, contact.name),
-                    matrix.dot(contact.row, state.velocity),
-                    end,
-                    matrix.dot(contact.row, contact.column[n : 2 * n]),
-                )
-        end_state = list(free)
-        for contact, force in zip(contacts, forces, strict=True):
-            end_state = [_plus(x, column, force) for x, column in zip(end_state, contact.column, strict=True)]
-        for contact, held in zip(contacts, stuck, strict=True):
-            if held is not False:
-                _stop(contact.row, held, end_state, state, h)
-        moved = state._replace(
-            position=tuple(end_state[:n]), velocity=tuple(end_state[n : 2 * n]), drive=tuple(end_state[2 * n :])
-        )
-        named = dict(zip((contact.name for contact in contacts), after, strict=True))
-        by_name = dict(zip((contact.name for contact in contacts), forces, strict=True))
-        return moved._replace(**named), by_name.get("friction_motor", 0.0), by_name.get("friction_load", 0.0)
-
-
-class _Contact(NamedTuple):
-    friction: Friction
-    row: matrix.Row  # of the shape matrix: the body's velocity
-    column: matrix.Row  # of the hold: what a force on the body does
-    name: str
-
-
-def _plus(x: Any, column: Any, force: Any) -> Any:
-    """x + column · force, leaving out what is not there."""
-    if force is None or matrix.is_zero(column) or matrix.is_zero(force):
-        return x
-    return column * force if matrix.is_zero(x) else x + column * force
+        contacts: list[Contact] = []
+        if self.friction_motor is not None:
+            contacts.append(Contact(self.friction_motor, state.friction_motor, motor, prepared.forces[0]))
+        if self.friction_load is not None:
+            contacts.append(Contact(self.friction_load, state.friction_load, load, prepared.forces[1]))
+        # a force on one body moves the other at once, or only over the springs between them
+        sweeps = 1 if len(contacts) < 2 else 6 if share_mass(mechanics) else 2
+        end, answers = settle(contacts, state.position, state.velocity, free, h, sweeps)
+        n = len(state.position)
+        moved = state._replace(position=tuple(end[:n]), velocity=tuple(end[n : 2 * n]), drive=tuple(end[2 * n :]))
+        on_motor, on_load = 0.0, 0.0
+        if self.friction_motor is not None:
+            moved, on_motor = moved._replace(friction_motor=answers[0].state), answers[0].force
+        if self.friction_load is not None:
+            moved, on_load = moved._replace(friction_load=answers[-1].state), answers[-1].force
+        return moved, on_motor, on_load
 
 
 def _part(share: Any, x: Any) -> Any:
@@ -271,32 +236,3 @@ def _mean_drive(prepared: Hold, state: Axis.State, substep: int, new: Number, ol
             change = change + prepared.old[substep][-1] * old
         return state.drive[0] + 0.5 * change
     return new if old is None else old + prepared.share[substep] * (new - old)
-
-
-def _share_mass(mechanics: Mechanics) -> bool:
-    """Whether a force on the motor's body moves the load's at once: by a full mass matrix, or in a modal model."""
-    n = len(mechanics.mass)
-    full = any(not matrix.is_zero(mechanics.mass[i][j]) for i in range(n) for j in range(n) if i != j)
-    motor, load = mechanics.shape[mechanics.motor], mechanics.shape[mechanics.load]
-    return full or any(not matrix.is_zero(a) and not matrix.is_zero(b) for a, b in zip(motor, load, strict=True))
-
-
-def _stop(row: matrix.Row, held: Any, end: list[Any], start: Axis.State, h: Number) -> None:
-    """A body that is held at the end of a substep stands exactly still: its last coordinate with the share 1 cancels
-    all others, and must be the last for the sum of `motion` to be exactly 0.
-
-    It ends where a constant deceleration to rest takes it, x + v h/2, and thus stays where it is if it stood before;
-    the friction force, a mean over the substep, would let it creep while a spring on it is wound up.  Where two bodies
-    share a coordinate, as in a modal model, the second is exact and the first stands still to rounding.
-    """
-    own = max((i for i, share in enumerate(row) if matrix.is_one(share)), default=None)
-    if own is None:
-        return
-    n = len(start.position)
-    others = [*row[:own], *row[own + 1 :]]
-    moving = matrix.dot(others, [*end[n : n + own], *end[n + own + 1 : 2 * n]])
-    end[n + own] = ops.where(held, 0.0 if matrix.is_zero(moving) else -moving, end[n + own])
-    if n > 1:
-        place = matrix.dot(row, start.position) + (0.5 * h) * matrix.dot(row, start.velocity)
-        aside = matrix.dot(others, [*end[:own], *end[own + 1 : n]])
-        end[own] = ops.where(held, place if matrix.is_zero(aside) else place - aside, end[own])
