@@ -10,7 +10,6 @@ import io
 import random
 import re
 import resource
-import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -106,6 +105,7 @@ def outcome(read: Callable[[], Any]) -> Any:
         return str(error)
 
 
+@pytest.mark.timeout(120)
 @pytest.mark.parametrize("name", SOURCES)
 def test_damaged_logs(tmp_path: Path, name: str) -> None:
     content = SOURCES[name](tmp_path)
@@ -116,10 +116,8 @@ def test_damaged_logs(tmp_path: Path, name: str) -> None:
     refused = 0
     for _ in range(1000):
         path.write_bytes(damaged(content, draw))
-        start = time.perf_counter()
         mapping = {"position_load": "x"} if draw.random() < 0.3 else None
         found = outcome(lambda: read_log(path, mapping))  # noqa: B023
-        assert time.perf_counter() - start < 2.0
         if isinstance(found, str):
             refused += 1
             assert found.startswith(f"{path}: ")
