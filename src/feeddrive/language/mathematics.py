@@ -99,10 +99,10 @@ _ATANH = [2.0 / (2 * i + 1) for i in range(1, 11)]
 
 def log(x: Any) -> Any:
     """With x = 2ᵏ m, √½ <= m < √2 and f = (m - 1)/(m + 1):  ln x = k ln 2 + 2 (f + f³/3 + f⁵/5 + ...)."""
-    small = x < 2.2250738585072014e-308  # below the normal numbers the exponent cannot be read: scale up
+    small = x < 1e-300  # near the end of the normal numbers the exponent cannot be read: scale up
     scaled = where(small, x * 2.0**54, x)
     k = exponent(scaled)
-    m = scaled * power_of_two(-k)
+    m = (0.5 * scaled) * power_of_two(1.0 - k)  # in two factors, since 2⁻¹⁰²³ is no normal number
     high = m > math.sqrt(2.0)
     m = where(high, 0.5 * m, m)
     k = where(high, k + 1.0, k) - where(small, 54.0, 0.0)
