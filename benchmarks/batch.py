@@ -22,7 +22,7 @@ import rounds
 import workload
 from single import PARAMETERS, STATES
 
-from feeddrive.loop.runner import Prepared, Work, program_of
+from feeddrive.loop.runner import Prepared, Work
 from feeddrive.loop.simulate import GATHERED, simulate_batch
 
 SOURCE = (Path(__file__).parent / "batch.cpp").read_text()
@@ -84,7 +84,7 @@ class Engine:
 
     def __init__(self, prepared: Prepared, setpoints: np.ndarray, lanes: int, arithmetic: str) -> None:
         self.lanes, self.prepared, self.setpoints = lanes, prepared, setpoints
-        program = program_of(prepared.loop, prepared.timing, load=False, enable=False)
+        program = prepared.program(load=False, enable=False)
         self.made = prepared.native(
             program, record=(), gather=GATHERED, bounded="tracking_error", lanes=lanes, arithmetic=arithmetic
         )
@@ -132,7 +132,7 @@ def compare(substeps: int, count: int, whole: int) -> None:
     loop, reference = workload.variants(VARIANTS, substeps), workload.reference()
     work = Work(loop, reference)
     prepared = Prepared(loop, work.first(), None, 0, BOUND)
-    program = program_of(loop, prepared.timing, load=False, enable=False)
+    program = prepared.program(load=False, enable=False)
     probe = prepared.native(program, record=(), gather=GATHERED, bounded="tracking_error", lanes=8)
     setpoints = work.inputs(probe, 0, workload.SAMPLES)
     vectors = sum(probe.plan.kinds.varying[node] for _, node in probe.plan.constants)

@@ -16,7 +16,7 @@ import numpy as np
 import rounds
 import workload
 
-from feeddrive.loop.runner import Prepared, Work, program_of
+from feeddrive.loop.runner import Prepared, Work
 from feeddrive.loop.simulate import simulate
 
 SOURCE = (Path(__file__).parent / "single.c").read_text()
@@ -60,7 +60,7 @@ def by_hand(
 
 def engine(prepared: Prepared, setpoints: np.ndarray, record: np.ndarray, arithmetic: str) -> Callable[[], object]:
     """The native time loop as a call without arguments."""
-    program = program_of(prepared.loop, prepared.timing, load=False, enable=False)
+    program = prepared.program(load=False, enable=False)
     made = prepared.native(program, record=workload.RECORD, arithmetic=arithmetic)
     constants, first, rows = prepared.constants(made), prepared.states(made), prepared.rows(made)
     states = first.copy()
@@ -77,7 +77,7 @@ def compare(substeps: int, count: int) -> None:
     loop, reference = workload.loop(substeps), workload.reference()
     work = Work(loop, reference)
     prepared = Prepared(loop, work.first())
-    program = program_of(loop, prepared.timing, load=False, enable=False)
+    program = prepared.program(load=False, enable=False)
     setpoints = work.inputs(prepared.native(program, record=workload.RECORD), 0, workload.SAMPLES)
     records: dict[str, np.ndarray] = {}
     calls: dict[str, Callable[[], object]] = {}

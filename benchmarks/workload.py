@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from feeddrive.blocks.actuator.actuator import Actuator
 from feeddrive.blocks.controller.cascade_ppi import CascadePPI
-from feeddrive.blocks.families import Reference
 from feeddrive.blocks.feedforward.inertia import Inertia
 from feeddrive.blocks.filter.notch import Notch
 from feeddrive.blocks.friction.stribeck import Stribeck
 from feeddrive.blocks.plant.two_mass import TwoMass
+from feeddrive.blocks.reference.snap_limited_move import SnapLimitedMove
 from feeddrive.blocks.sensor.encoder import Encoder
-from feeddrive.blocks.signals import Setpoint
 from feeddrive.language import tree
-from feeddrive.language.block import Number, parameter
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.control import Control
 from feeddrive.loop.loop import Loop
@@ -36,36 +36,14 @@ VARIED = (
 )  # fmt: skip
 
 
-class Shuttle(Reference):
-    """Out and back along polynomials of 7th degree (jerk is continuous, snap bounded), with rests in between.
+def reference() -> SnapLimitedMove:
+    """40 mm there and back at up to 0.1 m/s and 1 m/s², with three dwells, in 40,000 samples.
 
-    x(s) = length (35 s⁴ - 84 s⁵ + 70 s⁶ - 20 s⁷),   s = t / travel_time
+    The axis sticks in the dwells, slips in between, and the force limit cuts the tops of the acceleration.
     """
-
-    length: Number = parameter("m", "distance", above=0)
-    travel_time: Number = parameter("s", "time of one way", above=0)
-    rest: Number = parameter("s", "rest before, between and after", least=0)
-
-    @property
-    def duration(self) -> float:
-        """Two ways and three rests."""
-        return 2.0 * self.travel_time + 3.0 * self.rest
-
-    def at(self, t: np.ndarray) -> Setpoint:
-        """Position and four derivatives."""
-        out = np.clip((t - self.rest) / self.travel_time, 0.0, 1.0)
-        back = np.clip((t - 2.0 * self.rest - self.travel_time) / self.travel_time, 0.0, 1.0)
-        curve = np.polynomial.Polynomial([0.0, 0.0, 0.0, 0.0, 35.0, -84.0, 70.0, -20.0])
-        fields = []
-        for order in range(5):
-            derived = curve.deriv(order) if order else curve
-            fields.append(self.length * (derived(out) - derived(back)) / self.travel_time**order)
-        return Setpoint(*fields)
-
-
-def reference() -> Shuttle:
-    """40 mm out and back at up to 145 mm/s and 1.8 m/s², in 40,000 samples."""
-    return Shuttle(length=0.04, travel_time=0.6, rest=((SAMPLES - 1) * SAMPLE_TIME - 1.2) / 3.0)
+    limits: dict[str, Any] = {"distance": 0.04, "velocity": 0.1, "acceleration": 1.0, "jerk": 50.0, "snap": 5e3}
+    dwell = ((SAMPLES - 1) * SAMPLE_TIME - 2.0 * SnapLimitedMove(**limits).leg_time) / 3.0
+    return SnapLimitedMove(**limits, back=True, dwell_before=dwell, dwell_after=dwell)
 
 
 def loop(substeps: int = 1) -> Loop:

@@ -14,7 +14,7 @@ from feeddrive.loop.engine import c
 from feeddrive.loop.engine.native import native
 from feeddrive.loop.engine.plan import Plan, plan
 from feeddrive.loop.loop import Signals
-from feeddrive.loop.runner import Prepared, Work, program_of
+from feeddrive.loop.runner import Prepared, Work
 
 COUNT = 20_000
 
@@ -32,7 +32,7 @@ def test_c_has_the_bits_of_the_native_code(name: str, arithmetic: str, tmp_path:
     loop, load = LOOPS[name]
     work = Work(loop, REFERENCE, load, given(loop, COUNT))
     prepared = Prepared(loop, work.first(), None, 4)
-    program = program_of(loop, prepared.timing, load=load is not None, enable=work.enable is not None)
+    program = prepared.program(load=load is not None, enable=work.enable is not None)
     made = prepared.native(program, record=Signals._fields, bounded="tracking_error", arithmetic=arithmetic)
     library = loops.compiled(c.text(made.plan, "feeddrive_run"), tmp_path)
     constants, inputs, rows = prepared.constants(made), work.inputs(made, 0, COUNT), prepared.rows(made)
@@ -69,7 +69,7 @@ def test_every_operation_in_c(tmp_path: Path):
 def common_plan(arithmetic: str = "exact") -> Plan:
     loop = loops.common()
     prepared = Prepared(loop, Work(loop, REFERENCE).first())
-    return plan(program_of(loop, prepared.timing, load=False, enable=False).keeping(["force"]), arithmetic=arithmetic)
+    return plan(prepared.program(load=False, enable=False).keeping(["force"]), arithmetic=arithmetic)
 
 
 def test_the_text_can_be_read():

@@ -20,7 +20,7 @@ from feeddrive.loop.engine import sides
 from feeddrive.loop.engine.native import native
 from feeddrive.loop.engine.plan import plan
 from feeddrive.loop.loop import Loop, Signals
-from feeddrive.loop.runner import Prepared, Work, program_of
+from feeddrive.loop.runner import Prepared, Work
 from feeddrive.loop.simulate import simulate, simulate_batch, stream
 from feeddrive.loop.trace import Carried, Program, concrete, evaluate
 
@@ -207,7 +207,7 @@ def test_a_lane_has_the_bits_of_a_single_run(name: str, lanes: int):
     seeds = np.arange(11.0, 11.0 + lanes)
     work = Work(variants, REFERENCE, load, given(loop, count))
     prepared = Prepared(variants, work.first(), None, seeds)
-    program = program_of(variants, prepared.timing, load=load is not None, enable=work.enable is not None)
+    program = prepared.program(load=load is not None, enable=work.enable is not None)
     made = prepared.native(program, record=Signals._fields, lanes=lanes)
     outputs = np.empty((count, len(Signals._fields), lanes))
     made.run(
@@ -344,7 +344,7 @@ def test_python_runs_on_while_native_code_runs():
     loop = loops.common()
     work = Work(loop, REFERENCE)
     prepared = Prepared(loop, work.first())
-    made = prepared.native(program_of(loop, prepared.timing, load=False, enable=False), record=())
+    made = prepared.native(prepared.program(load=False, enable=False), record=())
     count = 4_000_000
     inputs = np.zeros((count, len(made.plan.inputs)))
     constants, states = prepared.constants(made), prepared.states(made)
@@ -371,7 +371,7 @@ def test_what_stays_the_same_costs_nothing_in_the_loop():
 
     loop = loops.common()
     prepared = Prepared(loop, Work(loop, REFERENCE).first())
-    made = plan(program_of(loop, prepared.timing, load=False, enable=False).keeping(["force"]))
+    made = plan(prepared.program(load=False, enable=False).keeping(["force"]))
     inner = time_loop.text(made, "run", "x86_64-unknown-linux-gnu").split("\nloop:")[1].split("\ndone:")[0]
     assert (
         inner.count(" fdiv ") == 5

@@ -24,17 +24,25 @@ def zeros(rows: int, columns: int) -> list[list[Any]]:
 
 def multiply(a: Sequence[Sequence[Any]], b: Sequence[Sequence[Any]]) -> Matrix:
     """A·B, shapes (n, m) and (m, p)."""
-    columns = range(len(b[0]))
-    return tuple(tuple(dot(row, [b[k][j] for k in range(len(b))]) for j in columns) for row in a)
+    columns = list(zip(*b, strict=True))
+    return tuple(tuple(dot(row, column) for column in columns) for row in a)
 
 
 def dot(a: Sequence[Any], b: Sequence[Any]) -> Any:
     """Σ aᵢ bᵢ from left to right; factors 0.0 and 1.0 that stand in the text cost nothing."""
     total: Any = None
     for x, y in zip(a, b, strict=True):
-        if is_zero(x) or is_zero(y):
-            continue
-        term = y if is_one(x) else x if is_one(y) else x * y
+        # `is_zero` and `is_one` in place: nearly all work of `prepare` is done here
+        if type(x) is float:
+            if x == 0.0 or (type(y) is float and y == 0.0):
+                continue
+            term = y if x == 1.0 else x if type(y) is float and y == 1.0 else x * y
+        elif type(y) is float:
+            if y == 0.0:
+                continue
+            term = x if y == 1.0 else x * y
+        else:
+            term = x * y
         total = term if total is None else total + term
     return 0.0 if total is None else total
 

@@ -18,7 +18,7 @@ from feeddrive.loop.differentiate import push
 from feeddrive.loop.engine.native import Native, native
 from feeddrive.loop.engine.plan import plan
 from feeddrive.loop.loop import Loop, Signals
-from feeddrive.loop.runner import Prepared, Work, by_lane, program_of
+from feeddrive.loop.runner import Prepared, Work, by_lane
 from feeddrive.loop.simulate import known, sample_count
 from feeddrive.loop.trace import SETPOINT, Carried, Program, node_values
 
@@ -89,7 +89,7 @@ def gradient(
     work = Work(loop, reference, load)
     count = sample_count(loop, reference, duration)
     prepared = Prepared(loop, work.first(), start, seed)
-    program = program_of(loop, prepared.timing, load=load is not None, enable=False)
+    program = prepared.program(load=load is not None, enable=False)
     seeds, first = _seeds(loop, prepared, work.first(), start, tuple(parameters))
     key = (id(program), objective, frozenset(seeds), frozenset(first), arithmetic)
     if key not in _gradients:

@@ -70,8 +70,8 @@ def grouped(
     long enough to earn it, once for each structure.
     """
     variants = prepared.lanes()
-    if lanes is not None:
-        return Groups(prepared, native(lanes), variants)
+    if lanes is not None or variants == 1:
+        return Groups(prepared, native(lanes or 1), variants)
     work = variants * samples
     fitting = [width for width in WIDTHS if width < 2 * variants] or [WIDTHS[0]]
     if work < WIDE:

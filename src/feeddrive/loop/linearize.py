@@ -15,7 +15,7 @@ from feeddrive.language.table import Result, Table
 from feeddrive.loop.differentiate import push
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.loop import UNITS, Loop, Probe, Signals
-from feeddrive.loop.runner import Prepared, program_of
+from feeddrive.loop.runner import Prepared
 from feeddrive.loop.trace import SETPOINT, node_values
 
 INPUT_UNITS = {
@@ -147,7 +147,7 @@ def linearize(
     setpoint = Setpoint(*(np.float64(v) for v in (position, velocity, 0.0, 0.0, 0.0)))
     prepared = Prepared(loop, setpoint, (position, velocity))
     probes = tuple(name for name in Probe._fields if name in inputs)
-    program = program_of(loop, prepared.timing, load=True, enable=False, probes=probes)
+    program = prepared.program(load=True, enable=False, probes=probes)
     first = dict(prepared.first)
     if settle:
         first.update(_settled(loop, prepared, setpoint, settle))
@@ -173,7 +173,7 @@ def linearize(
 
 def _settled(loop: Loop, prepared: Prepared, setpoint: Setpoint, count: int) -> dict[str, Any]:
     """The states after `count` samples along constant velocity."""
-    program = program_of(loop, prepared.timing, load=False, enable=False)
+    program = prepared.program(load=False, enable=False)
     made = prepared.native(program, record=())
     rows = np.zeros((count, len(made.plan.inputs)))
     k = np.arange(count) - count

@@ -13,21 +13,12 @@ from feeddrive.blocks.signals import Setpoint
 from feeddrive.language import tree
 from feeddrive.loop.engine.native import Native, native
 from feeddrive.loop.engine.plan import plan
-from feeddrive.loop.hold import Timing
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.statistics import begin, gathering
 from feeddrive.loop.trace import SETPOINT, Program, concrete, numbers, trace
 
 _programs: dict[Any, Program] = {}
 _natives: dict[Any, Native] = {}
-
-
-def program_of(loop: Loop, timing: Timing, *, load: bool, enable: bool, probes: tuple[str, ...] = ()) -> Program:
-    """The program of a loop, traced once for all loops of the same structure."""
-    key = (tree.structure(loop), timing, load, enable, probes)
-    if key not in _programs:
-        _programs[key] = trace(loop, timing, load=load, enable=enable, probes=probes)
-    return _programs[key]
 
 
 class Prepared:
@@ -43,12 +34,20 @@ class Prepared:
         with np.errstate(all="ignore"):
             made = plain.prepare(self.timing)
             begun = plain.start(made, self.timing, setpoint, _typed(position), _typed(velocity))
+        self._made, self._begun = made, begun
         self.numbers: dict[str, Any] = dict(tree.leaves(plain))
         self.numbers.update(numbers(made, "prepared"))
         self.numbers["seed"] = _typed(seed)
         self.numbers["bound"] = np.float64(bound)
         self.first: dict[str, Any] = dict(tree.leaves(begun))
         self.tables = dict(tree.tables(loop))
+
+    def program(self, *, load: bool, enable: bool, probes: tuple[str, ...] = ()) -> Program:
+        """The program of the loop, traced once for all loops of the same structure."""
+        key = (tree.structure(self.loop), self.timing, load, enable, probes)
+        if key not in _programs:
+            _programs[key] = trace(self.loop, self._made, self._begun, load=load, enable=enable, probes=probes)
+        return _programs[key]
 
     def varying(self) -> frozenset[str]:
         """Names of numbers and states that are arrays over lanes."""
@@ -122,29 +121,59 @@ class Work:
     ) -> None:
         self.T = float(loop.sample_time)
         self.reference, self.load, self.enable = reference, load, enable
+        self._first, self._held = 0, np.empty((0, 0))
 
     def first(self) -> Setpoint:
         """The setpoint at t = 0, as numbers."""
-        rows: tuple[Any, ...] = tuple(self.reference.at(np.zeros(1)))
-        return Setpoint(*(np.float64(row[0]) for row in rows))
+        return Setpoint(*self.sampled(0, 1)[: len(SETPOINT), 0])
+
+    def positions(self, count: int, most: int) -> np.ndarray:
+        """Set positions in m at up to `most` samples, spread over the first `count`."""
+        chosen = np.unique(np.linspace(0, count - 1, most).astype(np.int64))
+        if self._first == 0 and self._held.shape[1] >= count:
+            return self._held[0, chosen]
+        return np.asarray(self.reference.at(chosen * self.T).position)
+
+    def sampled(self, first: int, count: int) -> np.ndarray:
+        """Setpoint and load force (0 N without a load) of some samples as rows; the last stretch is kept."""
+        begin = first - self._first
+        if begin < 0 or begin + count > self._held.shape[1]:
+            t = (first + np.arange(count)) * self.T
+            rows: list[Any] = [*self.reference.at(t), 0.0 if self.load is None else self.load.at(t)]
+            self._held = np.empty((len(rows), count))
+            for held, row in zip(self._held, rows, strict=True):
+                held[:] = row
+            self._first, begin = first, 0
+        return self._held[:, begin : begin + count]
 
     def inputs(self, made: Native, first: int, count: int) -> np.ndarray:
         """Samples first .. first + count - 1 in the order of the machine code, shape (count, n)."""
-        t = (first + np.arange(count)) * self.T
-        out = np.zeros((count, len(made.plan.inputs)))
-        rows: tuple[Any, ...] = ()
+        rows = dict(zip((*SETPOINT, "load_force"), self.sampled(first, count), strict=True))
+        out = np.empty((count, len(made.plan.inputs)))
         for column, (name, _) in enumerate(made.plan.inputs):
-            if name in SETPOINT:
-                if not rows:
-                    rows = tuple(self.reference.at(t))
-                out[:, column] = rows[SETPOINT.index(name)]
-            elif name == "load_force" and self.load is not None:
-                out[:, column] = self.load.at(t)
-            elif name == "enable" and self.enable is not None:
-                row = self.enable[first : first + count]
-                out[: row.size, column] = row
-                out[row.size :, column] = self.enable[-1]
+            out[:, column] = self._enabled(first, count) if name == "enable" else rows.get(name, 0.0)
         return out
+
+    def _enabled(self, first: int, count: int) -> np.ndarray:
+        """The last value holds on."""
+        assert self.enable is not None
+        return self.enable[np.minimum(first + np.arange(count), len(self.enable) - 1)]
+
+
+PIECE = 4096  # samples whose inputs and outputs stay in a processor's cache
+
+
+def recorded(prepared: Prepared, made: Native, work: Work, states: np.ndarray, first: int, count: int) -> np.ndarray:
+    """Some samples of a single run from `states` on, which move on; the recorded signals as rows."""
+    constants, rows = prepared.constants(made), prepared.rows(made)
+    work.sampled(first, count)
+    found = np.empty((len(made.plan.outputs), count))
+    outputs = np.empty((min(PIECE, count), len(found)))
+    for start in range(0, count, PIECE):
+        size = min(PIECE, count - start)
+        made.run(size, first + start, constants, work.inputs(made, first + start, size), states, outputs, rows)
+        found[:, start : start + size] = outputs[:size].T
+    return found
 
 
 @lru_cache(maxsize=1)

@@ -16,7 +16,7 @@ from feeddrive.loop.engine.lower import ARITHMETIC
 from feeddrive.loop.engine.native import Native
 from feeddrive.loop.groups import grouped
 from feeddrive.loop.loop import UNITS, Loop, Signals
-from feeddrive.loop.runner import Prepared, Work, cores, program_of
+from feeddrive.loop.runner import Prepared, Work, cores, recorded
 from feeddrive.loop.statistics import LEFT, gathered
 
 CHUNK = 20_000  # samples that are in memory at once
@@ -112,18 +112,17 @@ def simulate(
     record = known(record, arithmetic)
     work = Work(loop, reference, load, enable)
     count = sample_count(loop, reference, duration)
-    limit = _bound(reference, bound, count, work.T)
+    work.sampled(0, count)
+    limit = _bound(work, bound, count)
     prepared = Prepared(loop, work.first(), start, seed, limit)
     if prepared.lanes() > 1:
         raise ParameterError("the loop holds arrays of variants: run it with simulate_batch")
-    program = program_of(loop, prepared.timing, load=load is not None, enable=enable is not None)
+    program = prepared.program(load=load is not None, enable=enable is not None)
     made = prepared.native(program, record=record, bounded="tracking_error", arithmetic=arithmetic)
-    outputs = np.empty((count, len(record)))
     states = prepared.states(made)
-    made.run(count, 0, prepared.constants(made), work.inputs(made, 0, count), states, outputs, prepared.rows(made))
+    rows = recorded(prepared, made, work, states, 0, count)
     _check_inside(states[-1, 0], limit, work.T)
-    columns = np.ascontiguousarray(outputs.T)
-    return Run(name, np.arange(count) * work.T, dict(zip(record, columns, strict=True)), work.T)
+    return Run(name, np.arange(count) * work.T, dict(zip(record, rows, strict=True)), work.T)
 
 
 def known(record: Sequence[str], arithmetic: str) -> list[str]:
@@ -144,12 +143,11 @@ def sample_count(loop: Loop, reference: Reference, duration: float | None) -> in
     return samples(span, float(loop.sample_time))
 
 
-def _bound(reference: Reference, bound: float | None, count: int, T: float) -> float:
+def _bound(work: Work, bound: float | None, count: int) -> float:
     """The bound that was asked for; else the larger of 1 m and 100 times the travel, seen at up to 257 samples."""
     if bound is not None:
         return bound
-    some = np.unique(np.linspace(0, count - 1, 257).astype(np.int64)) * T
-    return max(1.0, 100.0 * float(np.ptp(reference.at(some).position)))
+    return max(1.0, 100.0 * float(np.ptp(work.positions(count, 257))))
 
 
 def _check_inside(left: float, bound: float, T: float) -> None:
@@ -226,8 +224,8 @@ def simulate_batch(
     gather = known(gather, arithmetic)
     work = Work(loop, reference, load, enable)
     count = sample_count(loop, reference, duration)
-    prepared = Prepared(loop, work.first(), start, seed, _bound(reference, bound, count, work.T))
-    program = program_of(loop, prepared.timing, load=load is not None, enable=enable is not None)
+    prepared = Prepared(loop, work.first(), start, seed, _bound(work, bound, count))
+    program = prepared.program(load=load is not None, enable=enable is not None)
 
     def native(width: int) -> Native:
         return prepared.native(
@@ -278,15 +276,13 @@ def stream(
     record = known(record, arithmetic)
     work = Work(loop, reference, load, enable)
     count = sample_count(loop, reference, duration)
-    limit = _bound(reference, bound, count, work.T)
+    limit = _bound(work, bound, count)
     prepared = Prepared(loop, work.first(), start, seed, limit)
-    program = program_of(loop, prepared.timing, load=load is not None, enable=enable is not None)
+    program = prepared.program(load=load is not None, enable=enable is not None)
     made = prepared.native(program, record=record, bounded="tracking_error", arithmetic=arithmetic)
-    states, constants, rows = prepared.states(made), prepared.constants(made), prepared.rows(made)
+    states = prepared.states(made)
     for first in range(0, count, chunk):
         size = min(chunk, count - first)
-        outputs = np.empty((size, len(record)))
-        made.run(size, first, constants, work.inputs(made, first, size), states, outputs, rows)
+        rows = recorded(prepared, made, work, states, first, size)
         _check_inside(states[-1, 0], limit, work.T)
-        columns = dict(zip(record, np.ascontiguousarray(outputs.T), strict=True))
-        yield Run(name, (first + np.arange(size)) * work.T, columns, work.T, first)
+        yield Run(name, (first + np.arange(size)) * work.T, dict(zip(record, rows, strict=True)), work.T, first)

@@ -12,7 +12,6 @@ from feeddrive.blocks.signals import Noise, Setpoint
 from feeddrive.language import ops, tree
 from feeddrive.language.block import Number
 from feeddrive.language.graph import Graph, arguments, reachable
-from feeddrive.loop.hold import Timing
 from feeddrive.loop.loop import Loop, Probe, Signals
 
 SETPOINT = tuple(f"set_{name}" for name in Setpoint._fields)
@@ -72,17 +71,14 @@ def numbers(values: Any, prefix: str) -> Iterator[tuple[str, Any]]:
             yield name, value
 
 
-def trace(loop: Loop, timing: Timing, *, load: bool, enable: bool, probes: tuple[str, ...] = ()) -> Program:
+def trace(loop: Loop, made: Any, begun: Any, *, load: bool, enable: bool, probes: tuple[str, ...] = ()) -> Program:
     """The program of a loop.
 
+    `made` and `begun` are what the loop prepares and its first state, for their structure: the numbers do not matter.
     `load` and `enable` say whether there is a load force and an enable signal, `probes` which inputs of `Probe`; what
     is not there costs nothing.  Raises StructureError if a law leaves the language of `ops`.
     """
     graph = Graph()
-    plain = concrete(loop)
-    with np.errstate(all="ignore"):
-        made = plain.prepare(timing)
-        begun = plain.start(made, timing, Setpoint(np.float64(0.0)), np.float64(0.0), np.float64(0.0))
     constants: dict[str, int] = {}
     inputs: dict[str, int] = {}
 

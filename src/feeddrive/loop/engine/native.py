@@ -60,10 +60,10 @@ class Native:
 
 def native(plan: Plan) -> Native:
     """The machine code of a plan."""
-    return Native(plan, time_loop.text(plan, "feeddrive_run", _target()[0]))
+    return Native(plan, time_loop.text(plan, "feeddrive_run", target()[0]))
 
 
-def _target() -> tuple[str, str, str]:
+def target() -> tuple[str, str, str]:
     """Triple, processor and its features."""
     if "target" not in _made:
         import llvmlite.binding as binding
@@ -80,7 +80,7 @@ def _machine_code(source: str) -> tuple[Any, int]:
     import llvmlite
     import llvmlite.binding as binding
 
-    triple, processor, features = _target()
+    triple, processor, features = target()
     key = hashlib.sha256("\n".join([llvmlite.__version__, processor, features, source]).encode()).hexdigest()
     with _lock:
         if key in _made:
