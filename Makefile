@@ -12,7 +12,7 @@ help:
 	@echo "make demo    install into $(VENV), run the bundled job, name the report to open"
 	@echo "make test    install into $(VENV), then ruff, pyright and the tests without the slow proofs"
 	@echo "make slow    the slow proofs"
-	@echo "make bench   the benchmarks; they print their tables"
+	@echo "make bench   all benchmarks; they print their tables (needs gcc, takes long)"
 	@echo "make docs    build the documentation into site/"
 	@echo "make format  let ruff format and mend the sources"
 	@echo "make clean   remove $(VENV), site and caches"
@@ -30,7 +30,8 @@ slow: $(VENV)/installed-dev
 	$(BIN)/python -m pytest -n 2 -m slow
 
 bench: $(VENV)/installed-dev
-	$(BIN)/python -m benchmarks
+	@for each in $$(grep -l '__name__ == "__main__"' benchmarks/*.py); do \
+	    echo "== $$each"; $(BIN)/python $$each || exit 1; done
 
 docs: $(VENV)/installed-docs
 	$(BIN)/mkdocs build --strict
