@@ -117,6 +117,8 @@ def main() -> None:
     parser.add_argument("--substeps", type=int, nargs="*", default=[1, 4])
     given = parser.parse_args()
     print(rounds.machine())
+    if not compiler.compilers():
+        raise SystemExit("this benchmark needs a C compiler: gcc, clang, or pip install ziglang")
     for name, command in compiler.compilers().items():
         print(f"{name}: {compiler.version(command)}")
     print()

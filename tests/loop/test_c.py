@@ -141,3 +141,28 @@ def test_states_that_take_over_others_take_their_last_value(tmp_path: Path):
             run(library, 10, none, inputs, held, outputs, rows=[])
         assert np.array_equal(outputs[:, 0], [0, 0, 0, *range(7)])
         assert np.array_equal(held[:, 0], [9, 8, 7, 1, 2])
+
+
+@pytest.mark.parametrize("substeps", [1, 4])
+def test_the_loop_by_hand_of_the_speed_benchmark_is_the_same_loop(
+    substeps: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    """What the engine is timed against computes the same bits, or the comparison would mean nothing."""
+    folder = Path(__file__).parents[2] / "benchmarks"
+    monkeypatch.syspath_prepend(str(folder))
+    import single
+    import workload
+
+    library = loops.compiled((folder / "single.c").read_text(), tmp_path, f"-DSUBSTEPS={substeps}")
+    work = Work(workload.loop(substeps), workload.reference())
+    prepared = Prepared(workload.loop(substeps), work.first())
+    program = prepared.program(load=False, enable=False)
+    made = prepared.native(program, record=workload.RECORD, arithmetic="libm")
+    inputs, expected = work.inputs(made, 0, COUNT), np.empty((COUNT, len(workload.RECORD)))
+    made.run(COUNT, 0, prepared.constants(made), inputs, prepared.states(made), expected, [])
+    parameters = np.array([float(prepared.numbers[name]) for name in single.PARAMETERS])
+    state, record = np.array([float(prepared.first[name]) for name in single.STATES]), np.empty_like(expected)
+    library.run.restype, library.run.argtypes = None, [ctypes.c_long, *[ctypes.c_void_p] * 4]
+    library.run(COUNT, *(array.ctypes.data for array in (parameters, inputs, state, record)))
+    assert np.array_equal(record, expected)
+    assert np.any(record[:, workload.RECORD.index("velocity_load")] == 0.0)

@@ -5,6 +5,7 @@ For work in `prepare`, once per variant: not meant for more than about a dozen r
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any, TypeAlias
 
@@ -107,17 +108,29 @@ def expm1(a: Sequence[Sequence[Any]]) -> Matrix:
     for s in range(MOST_SQUARINGS):
         squarings = ops.where(norm > 0.5 * 2.0**s, s + 1.0, squarings)
     small = scale(1.0 / ops.power_of_two(squarings), a)
-    term = small
-    total = small
-    for order in range(2, ORDER + 1):
-        term = scale(1.0 / order, multiply(term, small))
-        total = add(total, term)
+    total = _series(small)
     for s in range(_most(squarings)):
         squared = add(scale(2.0, total), multiply(total, total))
         total = tuple(
             tuple(x if is_zero(x) and is_zero(y) else ops.where(squarings > s, x, y) for x, y in zip(r, q, strict=True))
             for r, q in zip(squared, total, strict=True)
         )
+    return total
+
+
+def _series(a: Matrix) -> Matrix:
+    """Σ Aⁱ/i! for i = 1 .. ORDER in groups of four: three products for the powers, one for each further group."""
+    second = multiply(a, a)
+    fourth = multiply(second, second)
+    powers = (a, second, multiply(second, a), fourth)
+    total: Matrix | None = None
+    for group in reversed(range(0, ORDER, 4)):
+        above = None if total is None else multiply(fourth, total)
+        for i in reversed(range(4)):  # small terms first
+            term = scale(1.0 / math.factorial(group + i + 1), powers[i])
+            above = term if above is None else add(above, term)
+        total = above
+    assert total is not None
     return total
 
 

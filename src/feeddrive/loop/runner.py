@@ -121,30 +121,29 @@ class Work:
     ) -> None:
         self.T = float(loop.sample_time)
         self.reference, self.load, self.enable = reference, load, enable
-        self._first, self._held = 0, np.empty((0, 0))
+        self._first, self._count = 0, 0
+        self._rows: list[Any] = []
 
     def first(self) -> Setpoint:
         """The setpoint at t = 0, as numbers."""
-        return Setpoint(*self.sampled(0, 1)[: len(SETPOINT), 0])
+        return Setpoint(*(np.float64(row[0]) for row in self.sampled(0, 1)[: len(SETPOINT)]))
 
     def positions(self, count: int, most: int) -> np.ndarray:
         """Set positions in m at up to `most` samples, spread over the first `count`."""
         chosen = np.unique(np.linspace(0, count - 1, most).astype(np.int64))
-        if self._first == 0 and self._held.shape[1] >= count:
-            return self._held[0, chosen]
+        if self._first == 0 and self._count >= count:
+            return self._rows[0][chosen]
         return np.asarray(self.reference.at(chosen * self.T).position)
 
-    def sampled(self, first: int, count: int) -> np.ndarray:
+    def sampled(self, first: int, count: int) -> list[Any]:
         """Setpoint and load force (0 N without a load) of some samples as rows; the last stretch is kept."""
-        begin = first - self._first
-        if begin < 0 or begin + count > self._held.shape[1]:
+        start = first - self._first
+        if start < 0 or start + count > self._count:
             t = (first + np.arange(count)) * self.T
-            rows: list[Any] = [*self.reference.at(t), 0.0 if self.load is None else self.load.at(t)]
-            self._held = np.empty((len(rows), count))
-            for held, row in zip(self._held, rows, strict=True):
-                held[:] = row
-            self._first, begin = first, 0
-        return self._held[:, begin : begin + count]
+            rows = [*self.reference.at(t), 0.0 if self.load is None else self.load.at(t)]
+            self._rows = [np.broadcast_to(row, count) for row in rows]
+            self._first, self._count, start = first, count, 0
+        return [row[start : start + count] for row in self._rows]
 
     def inputs(self, made: Native, first: int, count: int) -> np.ndarray:
         """Samples first .. first + count - 1 in the order of the machine code, shape (count, n)."""
