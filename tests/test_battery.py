@@ -7,24 +7,31 @@ That files of a step import neither `math` nor `numpy` and that a block is final
 
 from __future__ import annotations
 
+import ctypes
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple, get_type_hints
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 
 from feeddrive.blocks import families
 from feeddrive.blocks.catalogue import catalogue
 from feeddrive.blocks.plant.two_mass import TwoMass
 from feeddrive.blocks.signals import Motion, Noise, Reading, Setpoint
-from feeddrive.language import tree
+from feeddrive.language import ops, tree
 from feeddrive.language.block import Block, declarations
-from feeddrive.language.graph import Graph
+from feeddrive.language.graph import Graph, Symbol, reachable
 from feeddrive.language.units import measure
 from feeddrive.loop.axis import Axis
-from feeddrive.loop.trace import concrete, evaluate
+from feeddrive.loop.differentiate import push
+from feeddrive.loop.engine import c
+from feeddrive.loop.engine.classify import classify
+from feeddrive.loop.engine.native import native
+from feeddrive.loop.engine.plan import Plan, plan
+from feeddrive.loop.trace import Program, concrete, evaluate, node_values
+from loop.engine_loops import compiled
 from strategies import blocks_of, part_types, variants_of
 
 STEPS = 3
@@ -55,8 +62,9 @@ class Inputs(NamedTuple):
 
 
 def _inputs() -> st.SearchStrategy[Inputs]:
+    # numbers so small that a product leaves the normal ones are 0 in native code: none of them is a motion or a force
     def about(size: float) -> st.SearchStrategy[float]:
-        return st.floats(-size, size)
+        return st.floats(-size, size).map(lambda value: value if abs(value) > 1e-12 else 0.0)
 
     return st.builds(
         Inputs,
@@ -213,6 +221,35 @@ class Exercise(NamedTuple):
         inputs = {f"x.{name}": value for name, value in zip(Inputs._fields, self.x, strict=True)}
         return graph, nodes, {**dict(tree.leaves(self.block)), **rows, **inputs}
 
+    def program(self) -> tuple[Program, dict[str, Any], dict[str, np.ndarray]]:
+        """The answers as a program whose numbers are all constants, and the numbers and tables by name."""
+        graph, nodes, leaves = self.trace()
+        tables = {name: value for name, value in leaves.items() if isinstance(value, np.ndarray)}
+        numbers = {name: value for name, value in leaves.items() if name not in tables}
+        truth = classify(graph, [], [], []).truth
+        outputs = [ops.where(Symbol(graph, node), 1.0, 0.0).index if truth[node] else node for node in nodes]
+        program = Program(
+            graph=graph,
+            constants={name: graph.input(name).index for name in numbers},
+            inputs={},
+            states=(),
+            outputs={f"y{i}": node for i, node in enumerate(outputs)},
+            sample=None,
+            tables={name: graph.table(name, len(row)).index for name, row in tables.items()},
+        )
+        return program.keeping(list(program.outputs)), numbers, tables
+
+    def native(self, lanes: int) -> tuple[Plan, np.ndarray, list[np.ndarray], np.ndarray]:
+        """Its plan, constants and tables, and what the machine code makes of them: (outputs, lanes)."""
+        program, numbers, tables = self.program()
+        made = plan(program, lanes=lanes, varying=list(numbers) if lanes > 1 else ())
+        constants = np.repeat([[numbers[name]] for name, _ in made.constants], lanes, axis=1).astype(float)
+        constants = np.ascontiguousarray(constants.reshape(len(made.constants), lanes))
+        rows = [tables[name] for name, _ in made.tables]
+        outputs = np.empty((1, len(made.outputs), lanes))
+        native(made).run(1, 0, constants, np.empty((1, 0)), np.empty((0, lanes)), outputs, rows)
+        return made, constants, rows, outputs[0]
+
 
 def _flat(answers: Answers) -> list[Any]:
     return [value for _, value in tree.leaves(answers)]
@@ -229,8 +266,26 @@ def _exercise(data: st.DataObject, block: type[Block], ask: Callable[[Any, Input
     return Exercise(made, ask, Inputs(*map(np.float64, data.draw(_inputs()))))
 
 
+def _slopes(graph: Graph, nodes: list[int], leaves: dict[str, Any], name: str) -> list[float]:
+    """The tangents of nodes for a unit change of one leaf."""
+    with np.errstate(all="ignore"):
+        pushed = push(graph, nodes, node_values(graph, nodes, leaves), {graph.input(name).index: np.float64(1.0)})
+    return [0.0 if slope is None else float(slope) for slope in pushed]
+
+
+def _without_denormal(values: Sequence[Any]) -> list[float]:
+    """Numbers with those below the normal ones as 0 of their sign, as native code has them."""
+    numbers = np.array([float(value) for value in values])
+    return list(np.where(np.abs(numbers) < 2.3e-308, np.copysign(0.0, numbers), numbers))
+
+
 every_block = pytest.mark.parametrize("block", ALL, ids=lambda block: block.__name__)
 asked = pytest.mark.parametrize(("block", "ask"), ASKED, ids=lambda value: getattr(value, "__name__", ""))
+# compiling takes long: the simplest example and one more, and no search for a smaller one
+compiled_once = settings(
+    max_examples=2, deadline=None, suppress_health_check=list(HealthCheck), phases=[Phase.explicit, Phase.generate]
+)
+few = settings(compiled_once, max_examples=4)
 drawn = settings(max_examples=6, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 
 
@@ -267,6 +322,79 @@ class TestBlock:
         found = [np.broadcast_to(value, len(lanes)) for value in _flat(together.run())]
         for i, lane in enumerate(lanes):
             assert _bits([value[i] for value in found]) == _bits(_flat(lane.run()))
+
+    @asked
+    @compiled_once
+    @given(data=st.data())
+    def test_native_code_computes_the_same_bits_as_floats(
+        self, block: type[Block], ask: Callable[[Any, Inputs], Answers], data: st.DataObject
+    ) -> None:
+        exercise = _exercise(data, block, ask)
+        expected = _bits(_without_denormal(_flat(exercise.run())))
+        for lanes in (1, 8):
+            *_, found = exercise.native(lanes)
+            for lane in range(lanes):
+                assert _bits(found[:, lane]) == expected, f"{lanes} lanes"
+
+    @asked
+    @compiled_once
+    @given(data=st.data())
+    def test_c_computes_the_same_bits_as_native_code(
+        self,
+        block: type[Block],
+        ask: Callable[[Any, Inputs], Answers],
+        data: st.DataObject,
+        tmp_path_factory: pytest.TempPathFactory,
+    ) -> None:
+        made, constants, rows, found = _exercise(data, block, ask).native(1)
+        folder = tmp_path_factory.mktemp("c")
+        library = compiled(c.text(made, "feeddrive_run"), folder, "-Wno-unused-parameter")
+        outputs = np.empty_like(found)
+        tables = (ctypes.c_void_p * max(1, len(rows)))(*[row.ctypes.data for row in rows])
+        arrays = (constants, np.empty((1, 0)), np.empty((0, 1)), outputs)
+        function = library.feeddrive_run
+        function.restype, function.argtypes = None, [ctypes.c_int64, ctypes.c_int64, *[ctypes.c_void_p] * 5]
+        function(1, 0, *(array.ctypes.data for array in arrays), ctypes.addressof(tables))
+        assert _bits(outputs[:, 0]) == _bits(found[:, 0])
+
+    @asked
+    @few
+    @given(data=st.data())
+    def test_slopes_are_those_of_differences(
+        self, block: type[Block], ask: Callable[[Any, Inputs], Answers], data: st.DataObject
+    ) -> None:
+        """Tangents of the graph against central differences, wherever the two one-sided ones agree."""
+        exercise = _exercise(data, block, ask)
+        graph, nodes, leaves = exercise.trace()
+        if any(graph.name(index) == "quantise" for index in reachable(graph, nodes)):
+            return  # counts as a straight line, which differences cannot show; see test_linearize.py
+        moved = [name for name, value in leaves.items() if not isinstance(value, np.ndarray)]
+        moved = [name for name in moved if name not in ("x.seed", "x.sample", "x.time")]
+        truth = classify(graph, [], [], []).truth
+        values = node_values(graph, nodes, leaves)
+        base = np.array([float(values[node]) for node in nodes])
+        sizes = np.abs([float(value) for value in values.values() if not isinstance(value, np.ndarray)])
+        largest = np.max(sizes[np.isfinite(sizes)], initial=1e-9)
+        for name in moved:
+            value = float(leaves[name])
+            h = 1e-6 * max(abs(value), 1e-2 if name.startswith("x.") and name != "x.mobility" else 1e-6)
+            above, below, far_above, far_below = (
+                np.array([float(v) for v in evaluate(graph, nodes, {**leaves, name: np.float64(value + step)})])
+                for step in (h, -h, 2.0 * h, -2.0 * h)
+            )
+            slopes, beside = (
+                _slopes(graph, nodes, {**leaves, name: np.float64(value + step)}, name) for step in (0.0, h)
+            )
+            for i, node in enumerate(nodes):
+                slope = slopes[i]
+                right, left = (above[i] - base[i]) / h, (base[i] - below[i]) / h
+                blur = 16 * 2.3e-16 * largest / h  # rounding of the largest number inside, over the step
+                found, wide = 0.5 * (right + left), (far_above[i] - far_below[i]) / (4.0 * h)
+                bent = max(abs(right - left), abs(found - wide))
+                jumps = abs(slope - beside[i]) > 1e-3 * abs(slope)
+                if truth[node] or jumps or bent > 1e-4 * max(abs(right), abs(left)) + blur:
+                    continue  # a kink, a jump, or too curved for this step
+                assert abs(found - slope) <= 1e-3 * abs(slope) + 10 * blur, f"output {i} by {name}"
 
     @asked
     @drawn
