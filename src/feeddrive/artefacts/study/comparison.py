@@ -16,10 +16,10 @@ from feeddrive.artefacts.report import Entry, Study
 from feeddrive.blocks.families import Reference
 from feeddrive.engineer.analysis.stability import require_stable
 from feeddrive.engineer.replay import replay
-from feeddrive.language import tree
 from feeddrive.language.block import Block, declarations
 from feeddrive.language.errors import LogError
 from feeddrive.language.table import Result, Table
+from feeddrive.loop.control import Control
 from feeddrive.loop.linearize import compliance, loop_gain, tracking
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import Run, samples, simulate
@@ -152,7 +152,7 @@ def compare(job: Job, step: Callable[[str], None] | None = None) -> Comparison:
         rows.append(
             Entry(
                 name=name,
-                description=gains(loop),
+                description=described(loop.control),
                 run=run,
                 loop=loop,
                 loop_gain=loop_gain(loop, frequency, velocity=velocity),
@@ -257,7 +257,7 @@ def _sentence(block: Block) -> str:
     """A block by its kind and the parameters that are there."""
     declared = declarations(type(block))
     given = [
-        f"{name.replace('_', ' ')} {value:g} {declared[name].unit}".rstrip()
+        f"{name.replace('_', ' ')} {value:.6g} {declared[name].unit}".rstrip()
         for name, value in ((name, getattr(block, name)) for name in declared)
         if isinstance(value, float)
     ]
@@ -280,6 +280,13 @@ def versions() -> dict[str, str]:
     }
 
 
-def gains(loop: Loop) -> str:
-    """The control of a loop in one line of names and values."""
-    return ", ".join(f"{name} = {value:.6g}" for name, value in tree.leaves(loop.control))
+def described(control: Control) -> str:
+    """What a control consists of, part by part, with the parameters that are there."""
+    parts = [_sentence(control.law)]
+    parts += [f"filter {_sentence(block)}" for block in control.filters]
+    parts += [f"feedforward {_sentence(block)}" for block in control.feedforward]
+    if control.prefilter is not None:
+        parts.append(f"prefilter {_sentence(control.prefilter)}")
+    if control.force_limit is not None:
+        parts.append(f"limit {control.force_limit:.4g} N")
+    return "; ".join(parts)

@@ -38,7 +38,7 @@ def perform(job: str, log: Path | None, out: Path) -> None:
 
 def _shown(table: Table) -> Shown:
     """A table for the terminal."""
-    drawn = Shown(title=table.title, title_justify="left", box=SIMPLE_HEAD, pad_edge=False)
+    drawn = Shown(title=table.title, title_justify="left", box=SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0))
     for i, head in enumerate(table.heads):
         drawn.add_column(head, justify="left" if i == 0 else "right", no_wrap=True)
     for row in table.rows:
