@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import control
 import numpy as np
 import pytest
@@ -135,6 +137,14 @@ def test_the_quantiser_counts_as_a_straight_line() -> None:
     )
     f = np.geomspace(1, 5000, 30)
     assert np.array_equal(loop_gain(plain, f).response, loop_gain(coarse, f).response)
+
+
+def test_the_force_limit_is_left_out() -> None:
+    """At the operating point a law without velocity feedforward asks -Kp v, which may lie beyond the limit."""
+    free = ball_screw()
+    held = dataclasses.replace(free, control=dataclasses.replace(free.control, force_limit=1.0))
+    f = np.geomspace(1, 5000, 30)
+    assert np.array_equal(loop_gain(free, f).response, loop_gain(held, f).response)
 
 
 def test_probes_close_the_algebra_of_the_loop() -> None:

@@ -136,10 +136,10 @@ def linearize(
     position  m, for forces that depend on it
     settle    samples that the loop runs along constant velocity first, for friction with memory
 
-    The quantisers count as straight lines, the guard is left out: inside its bounds it does nothing.
+    The quantisers count as straight lines; guard and force limit are left out: inside their bounds they do nothing.
     Raises ParameterError for a name that is not known.
     """
-    loop = dataclasses.replace(loop, control=dataclasses.replace(loop.control, guard=None))
+    loop = dataclasses.replace(loop, control=dataclasses.replace(loop.control, guard=None, force_limit=None))
     for name in inputs:
         _place(list(INPUT_UNITS), name, "input")
     for name in outputs:
