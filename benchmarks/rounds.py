@@ -30,6 +30,25 @@ def measure(
     return taken
 
 
+def measure_both(
+    candidates: Mapping[str, Callable[[], object]], rounds: int
+) -> tuple[dict[str, list[float]], dict[str, list[float]]]:
+    """Seconds by the wall clock, and CPU time of all threads: the second says more where others use the cores, too."""
+    for call in candidates.values():
+        call()
+    order = list(candidates)
+    wall: dict[str, list[float]] = {name: [] for name in order}
+    cpu: dict[str, list[float]] = {name: [] for name in order}
+    for _ in range(rounds):
+        random.shuffle(order)
+        for name in order:
+            begun = time.perf_counter(), time.process_time()
+            candidates[name]()
+            wall[name].append(time.perf_counter() - begun[0])
+            cpu[name].append(time.process_time() - begun[1])
+    return wall, cpu
+
+
 def ratio(taken: Mapping[str, list[float]], name: str, base: str) -> float:
     """Median of the ratios of two candidates within their rounds."""
     return statistics.median(a / b for a, b in zip(taken[name], taken[base], strict=True))
