@@ -12,15 +12,16 @@ from typing import TypeAlias
 # ("axis", "x", "forces", 0, "amplitude"): names of tables, and places in an array of tables
 Key: TypeAlias = tuple[str | int, ...]
 
-_BLANK = re.compile(r"(?:[ \t\r\n]++|#[^\n]*+)*+")
+# No possessive groups: those of Python 3.11 before 3.11.5 miss matches.
+_BLANK = re.compile(r"[ \t\r\n]*(?:#[^\n]*[ \t\r\n]*)*")
 _BARE = re.compile(r"[A-Za-z0-9_-]+")
 _SCALAR = re.compile(r"[^,\]}\n#]*")
 _NUMBERS = re.compile(r"[^\[\]{}\"'#]*")  # in an array: everything up to the next thing that may nest
 _STRINGS = (
-    re.compile(r'"""(?:[^"\\]|\\.|"(?!""))*+"{3,5}', re.DOTALL),
-    re.compile(r"'''(?:[^']|'(?!''))*+'{3,5}", re.DOTALL),
-    re.compile(r'"(?:[^"\\]|\\.)*+"'),
-    re.compile(r"'[^']*+'"),
+    re.compile(r'"""[^"\\]*(?:(?:\\.|"(?!""))[^"\\]*)*"{3,5}', re.DOTALL),
+    re.compile(r"'''[^']*(?:'(?!'')[^']*)*'{3,5}", re.DOTALL),
+    re.compile(r'"[^"\\]*(?:\\.[^"\\]*)*"'),
+    re.compile(r"'[^']*'"),
 )
 _ESCAPE = re.compile(r"\\(?:u([0-9A-Fa-f]{4})|U([0-9A-Fa-f]{8})|(.))")
 _SHORT = {"b": "\b", "t": "\t", "n": "\n", "f": "\f", "r": "\r"}
