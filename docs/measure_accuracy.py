@@ -22,7 +22,7 @@ import feeddrive as fd  # noqa: E402
 from axis_runs import Dry, EventDriven, matrices, move  # noqa: E402
 from feeddrive.language import ops  # noqa: E402
 from feeddrive.loop.hold import Timing, hold  # noqa: E402
-from feeddrive.loop.runner import Prepared, Work, program_of  # noqa: E402
+from feeddrive.loop.runner import Prepared, Work  # noqa: E402
 from feeddrive.loop.trace import SETPOINT, evaluate  # noqa: E402
 
 LOG = ROOT.parent / "shared" / "data" / "emps" / "DATA_EMPS.mat"
@@ -188,7 +188,7 @@ def bits() -> None:
     peak = [np.max(np.abs(fd.simulate(fd.vary(loop, {"control.law.Kv": v}), move_, seed=3)["force"])) for v in Kv]
     work = Work(loop, move_)
     prepared = Prepared(loop, work.first(), None, 3, 1.0)
-    program = program_of(loop, prepared.timing, load=False, enable=False).keeping(record)
+    program = prepared.program(load=False, enable=False).keeping(record)
     held = {f"state.{state.name}": prepared.first[state.name] for state in program.states}
     ends = [*program.outputs.values(), *(state.after for state in program.states)]
     setpoint = move_.at(run.time[:2000])
