@@ -109,20 +109,11 @@ def simulate(
     Raises DivergedError with the sample at which |tracking error| left `bound` or became NaN, and ParameterError for a
     signal or an arithmetic that is not known.
     """
-    record = known(record, arithmetic)
-    work = Work(loop, reference, load, enable)
-    count = sample_count(loop, reference, duration)
-    work.sampled(0, count)
-    limit = _bound(work, bound, count)
-    prepared = Prepared(loop, work.first(), start, seed, limit)
-    if prepared.lanes() > 1:
-        raise ParameterError("the loop holds arrays of variants: run it with simulate_batch")
-    program = prepared.program(load=load is not None, enable=enable is not None)
-    made = prepared.native(program, record=record, bounded="tracking_error", arithmetic=arithmetic)
-    states = prepared.states(made)
-    rows = recorded(prepared, made, work, states, 0, count)
-    _check_inside(states[-1, 0], limit, work.T)
-    return Run(name, np.arange(count) * work.T, dict(zip(record, rows, strict=True)), work.T)
+    whole = stream(
+        loop, reference, load=load, enable=enable, duration=duration, start=start, seed=seed, record=record,
+        arithmetic=arithmetic, bound=bound, chunk=None, name=name,
+    )  # fmt: skip
+    return next(whole)
 
 
 def known(record: Sequence[str], arithmetic: str) -> list[str]:
@@ -266,18 +257,24 @@ def stream(
     record: Sequence[str] = Signals._fields,
     arithmetic: str = "exact",
     bound: float | None = None,
-    chunk: int = CHUNK,
+    chunk: int | None = CHUNK,
     name: str = "stream",
 ) -> Iterator[Run]:
     """The run of `simulate`, handed out in chunks of samples: constant memory for any length.
 
-    Arguments and errors as `simulate`.  The arrays of a chunk belong to whoever takes it.
+    Arguments and errors as `simulate`; a chunk of None is the whole run.  The arrays of a chunk belong to whoever takes
+    it.
     """
     record = known(record, arithmetic)
     work = Work(loop, reference, load, enable)
     count = sample_count(loop, reference, duration)
+    if chunk is None:
+        chunk = count
+        work.sampled(0, count)
     limit = _bound(work, bound, count)
     prepared = Prepared(loop, work.first(), start, seed, limit)
+    if prepared.lanes() > 1:
+        raise ParameterError("the loop holds arrays of variants: run it with simulate_batch")
     program = prepared.program(load=load is not None, enable=enable is not None)
     made = prepared.native(program, record=record, bounded="tracking_error", arithmetic=arithmetic)
     states = prepared.states(made)
