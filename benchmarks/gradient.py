@@ -1,6 +1,6 @@
 """The gradient of a 40,000-sample tracking cost to 6 gains, as a multiple of a plain run of the same loop.
 
-The loop is smooth: no quantiser, friction regularised, so that central differences have a meaning to compare with.
+The smooth loop has no quantiser, no force limit and regularised friction, so that central differences have a meaning.
 Native time is what passes inside the machine code; call time is all of `gradient(...)` and `simulate(...)`.
 """
 
@@ -52,13 +52,13 @@ def counted() -> Iterator[None]:
 
 
 def smooth_loop() -> Loop:
-    """The loop of the speed bars without quantisers, and with friction that has a slope everywhere."""
+    """The loop of the speed bars without quantisers and force limit, and with friction that has a slope everywhere."""
     plain = loop()
     friction = Regularised(
         coulomb=250.0, breakaway=400.0, stribeck_velocity=0.002, transition_velocity=0.0002, viscous=700.0
     )
     axis = dataclasses.replace(plain.axis, encoder_motor=None, encoder_load=None, friction_load=friction)
-    return dataclasses.replace(plain, axis=axis)
+    return dataclasses.replace(plain, axis=axis, control=dataclasses.replace(plain.control, force_limit=None))
 
 
 def main() -> None:
