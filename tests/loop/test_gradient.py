@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -89,6 +91,25 @@ def test_the_run_beside_its_tangents_is_the_run_itself() -> None:
     coarse = loop(encoder_load=Encoder(resolution=1e-6), encoder_motor=Encoder(resolution=1e-6))
     # the sum is taken in another order than numpy's mean: 5000 roundings
     assert gradient(coarse, Swing(), GAINS).cost == pytest.approx(cost(coarse), rel=1e-12)
+
+
+@pytest.mark.parametrize(("samples", "substeps"), [(0.0, 1), (1.0, 1), (1.0, 4), (1.5, 4)])
+def test_the_slope_to_a_dead_time_of_whole_substeps_is_that_to_its_right(samples: float, substeps: int) -> None:
+    base = loop()
+    base = dataclasses.replace(base, axis=dataclasses.replace(base.axis, substeps=substeps))
+    name = "axis.actuator.dead_time"
+    here = tree.vary(base, {name: samples * T})
+    h = 1e-4 * T
+    slope = (
+        4 * cost(tree.vary(base, {name: samples * T + h})) - cost(tree.vary(base, {name: samples * T + 2 * h}))
+    ) / (2 * h) - 3 * cost(here) / (2 * h)
+    # one-sided differences of second order: h² of the third derivative, and rounding of the cost over h
+    assert gradient(here, Swing(), [name]).gradient[name] == pytest.approx(slope, rel=1e-3)
+
+
+def test_the_sample_time_has_no_gradient() -> None:
+    with pytest.raises(ParameterError, match="sample_time is a constant"):
+        gradient(loop(), Swing(), ["sample_time"])
 
 
 def test_an_objective_of_ones_own() -> None:

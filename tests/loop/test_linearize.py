@@ -139,6 +139,30 @@ def test_the_quantiser_counts_as_a_straight_line() -> None:
     assert np.array_equal(loop_gain(plain, f).response, loop_gain(coarse, f).response)
 
 
+@pytest.mark.parametrize(("every", "edge"), [(1, 516.0), (2, 372.0), (4, 250.0), (8, 157.0), (16, 93.0)])
+def test_a_slow_position_loop_is_judged_over_its_whole_period(every: int, edge: float) -> None:
+    """Edges of Kv found by simulation, to three digits, by somebody who had not read this code."""
+
+    def stable(Kv: float) -> bool:
+        loop = Loop(
+            sample_time=1e-3,
+            control=Control(law=CascadePPI(Kv=Kv, Kp=2e4, position_every=every)),
+            axis=Axis(plant=Rigid(mass=100), actuator=Actuator(dead_time=1e-3)),
+        )
+        return linearize(loop, ["set_position", "load_force"], ["position_load", "force"]).is_stable()
+
+    assert stable(0.98 * edge)
+    assert not stable(1.02 * edge)
+
+
+def test_a_slow_position_loop_has_no_loop_gain() -> None:
+    loop = ball_screw()
+    law = CascadePPI(Kv=60, Kp=4e4, Tn=0.01, position_every=4)
+    slow = dataclasses.replace(loop, control=dataclasses.replace(loop.control, law=law))
+    with pytest.raises(ParameterError, match="repeats itself only every 4 samples"):
+        loop_gain(slow, np.array([10.0]))
+
+
 def test_the_force_limit_is_left_out() -> None:
     """At the operating point a law without velocity feedforward asks -Kp v, which may lie beyond the limit."""
     free = ball_screw()

@@ -1,7 +1,7 @@
 """The families of blocks, and the few questions that each member answers.
 
 A member is final: it fills in what is abstract here and overrides nothing that has a body, except the empty hooks
-`prepare`, `start`, `retune`, `check` and `fits`.  Its `step` is pure: state goes in and comes out.
+`prepare`, `start`, `retune`, `period`, `check` and `fits`.  Its `step` is pure: state goes in and comes out.
 
     prepare(T)   work that depends on parameters only, done once per run; returns a named tuple of numbers
     start(...)   the state of a block that has been at rest for ever
@@ -148,6 +148,10 @@ class Law(Block, ABC):
     def retune(self, state: Any, old: Any, new: Any) -> Any:
         """The state after a live change of parameters (empty hook)."""
         return state
+
+    def period(self) -> int:
+        """After how many samples the law repeats itself; more than 1 for a law with a slow part (empty hook)."""
+        return 1
 
 
 class Filter(Block, ABC):

@@ -77,12 +77,17 @@ def parameter(
     return field(default=default, metadata={"declaration": declaration})  # type: ignore[call-overload]
 
 
-def choice(meaning: str, *, options: tuple[Any, ...] = (), default: Any = MISSING, least: int | None = None) -> Any:
-    """Declare a structural choice: one of `options`, or a whole number not under `least`."""
-    return field(
-        default=default,
-        metadata={"declaration": Declaration(role="choice", unit="", meaning=meaning, options=options, least=least)},
-    )
+def choice(
+    meaning: str,
+    *,
+    options: tuple[Any, ...] = (),
+    default: Any = MISSING,
+    least: int | None = None,
+    most: int | None = None,
+) -> Any:
+    """Declare a structural choice: one of `options`, or a whole number from `least` to `most`."""
+    declaration = Declaration(role="choice", unit="", meaning=meaning, options=options, least=least, most=most)
+    return field(default=default, metadata={"declaration": declaration})
 
 
 def table(unit: str, meaning: str, *, default: Any = MISSING) -> Any:
@@ -192,6 +197,8 @@ def _check_choice(where: str, declaration: Declaration, value: Any) -> None:
             raise ParameterError(f"{where} = {value!r} ({declaration.meaning}) must be a whole number")
         if value < declaration.least:
             raise ParameterError(f"{where} = {value} ({declaration.meaning}) must be >= {declaration.least:g}")
+    if declaration.most is not None and value > declaration.most:
+        raise ParameterError(f"{where} = {value} ({declaration.meaning}) must be <= {declaration.most:g}")
 
 
 def _checked_table(where: str, declaration: Declaration, value: Any) -> np.ndarray:

@@ -64,7 +64,10 @@ def absolute(x: Any) -> Any:
 def sqrt(x: Any) -> Any:
     """√x, correctly rounded; NaN for x < 0."""
     symbol = on_symbols("sqrt", x)
-    return symbol if symbol is not None else np.sqrt(x)
+    if symbol is not None:
+        return symbol
+    with np.errstate(invalid="ignore"):
+        return np.sqrt(x)
 
 
 def floor(x: Any) -> Any:

@@ -32,7 +32,7 @@ class Axis(Block):
     forces: tuple[Force, ...] = part("forces that depend on motion, drive force or time", default=())
     encoder_motor: Sensor | None = part("encoder on the motor's body", default=None)
     encoder_load: Sensor | None = part("encoder on the load's body", default=None)
-    substeps: int = choice("substeps of the exact hold in a sample", default=1, least=1)
+    substeps: int = choice("substeps of the exact hold in a sample", default=1, least=1, most=256)
 
     class State(NamedTuple):
         """Positions (m) and velocities (m/s) of the coordinates, drive force (N) if it lags, and what remembers."""

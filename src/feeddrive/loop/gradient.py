@@ -12,6 +12,7 @@ from feeddrive.blocks.families import Load, Reference
 from feeddrive.blocks.signals import Setpoint
 from feeddrive.language import tree
 from feeddrive.language.block import Number
+from feeddrive.language.errors import ParameterError
 from feeddrive.language.graph import Graph, Symbol
 from feeddrive.language.table import Result, Table
 from feeddrive.loop.differentiate import push
@@ -81,14 +82,22 @@ def gradient(
     Forward: eight tangents share a vector beside the run itself.  `objective` is plain arithmetic on one sample's
     `Signals`.  Quantisers count as straight lines; friction is differentiated in the state in which it is, stuck or
     sliding, so that the instants of sticking are held: tune with `Regularised` friction, and verify on the real one.
-    Raises ParameterError for a name that is not known.
+    The slope to a dead time of whole substeps is that to its right.
+    Raises ParameterError for a name that is not known, and for `sample_time`, which is a constant of the design.
     """
     known((), arithmetic)
+    if isinstance(parameters, str):
+        raise ParameterError(f"parameters must be a list of names: [{parameters!r}]")
     for name in parameters:
         tree.declaration(loop, name)
+        if name == "sample_time":
+            raise ParameterError(
+                "sample_time is a constant of the design: the reference is sampled with it, no gradient"
+            )
     work = Work(loop, reference, load)
     count = sample_count(loop, reference, duration)
-    prepared = Prepared(loop, work.first(), start, seed)
+    delayed = "axis.actuator.dead_time" in parameters
+    prepared = Prepared(loop, work.first(), start, seed, partial=delayed)
     program = prepared.program(load=load is not None, enable=False)
     seeds, first = _seeds(loop, prepared, work.first(), start, tuple(parameters))
     key = (id(program), objective, frozenset(seeds), frozenset(first), arithmetic)

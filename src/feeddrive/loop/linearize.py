@@ -136,8 +136,10 @@ def linearize(
     position  m, for forces that depend on it
     settle    samples that the loop runs along constant velocity first, for friction with memory
 
+    A law that repeats itself only after n samples gives the model from period to period: sample time nT, inputs held
+    over a period, outputs at its first sample.
     The quantisers count as straight lines; guard and force limit are left out: inside their bounds they do nothing.
-    Raises ParameterError for a name that is not known.
+    Raises ParameterError for a name that is not known, and for parameters with which the model overflows.
     """
     loop = dataclasses.replace(loop, control=dataclasses.replace(loop.control, guard=None, force_limit=None))
     for name in inputs:
@@ -151,24 +153,39 @@ def linearize(
     first = dict(prepared.first)
     if settle:
         first.update(_settled(loop, prepared, setpoint, settle))
-    leaves = {
-        **prepared.numbers,
-        **{f"state.{name}": value for name, value in first.items()},
-        **dict(zip(SETPOINT, setpoint, strict=True)),
-        **prepared.tables,
-        "load_force": np.float64(0.0),
-        **dict.fromkeys(probes, np.float64(0.0)),
-        "sample": np.float64(settle),
-    }
+    T = float(loop.sample_time)
     ends = [state.after for state in program.states] + [program.outputs[name] for name in outputs]
-    values = node_values(program.graph, ends, leaves)
-    n, m = len(program.states), len(inputs)
+    n, m, period = len(program.states), len(inputs), loop.control.law.period()
     seeds = {state.before: np.eye(n + m)[i] for i, state in enumerate(program.states)}
     seeds |= {program.inputs[name]: np.eye(n + m)[n + i] for i, name in enumerate(inputs) if name in program.inputs}
-    rows = push(program.graph, ends, values, {node: seed for node, seed in seeds.items() if node in values})
-    jacobian = np.array([np.zeros(n + m) if row is None else np.broadcast_to(row, n + m) for row in rows])
+    lifted = np.eye(n + m, n + m)[:n]
+    seen = np.zeros((len(outputs), n + m))
+    for k in range(period):
+        moved = setpoint._replace(position=np.float64(position + k * T * velocity))
+        leaves = {
+            **prepared.numbers,
+            **{f"state.{name}": value for name, value in first.items()},
+            **dict(zip(SETPOINT, moved, strict=True)),
+            **prepared.tables,
+            "load_force": np.float64(0.0),
+            **dict.fromkeys(probes, np.float64(0.0)),
+            "sample": np.float64(settle + k),
+        }
+        values = node_values(program.graph, ends, leaves)
+        with np.errstate(all="ignore"):
+            rows = push(program.graph, ends, values, {node: seed for node, seed in seeds.items() if node in values})
+        jacobian = np.array([np.zeros(n + m) if row is None else np.broadcast_to(row, n + m) for row in rows])
+        if not np.all(np.isfinite(jacobian)):
+            raise ParameterError(
+                "the linear model of the loop holds numbers that are not finite: a parameter of axis or control is so "
+                "large or so small that it overflows; check masses, stiffnesses, gains and the sample time"
+            )
+        if k == 0:
+            seen = jacobian[n:]
+        lifted = jacobian[:n, :n] @ lifted + np.hstack([np.zeros((n, n)), jacobian[:n, n:]])
+        first = {state.name: values[state.after] for state in program.states}
     names = [state.name for state in program.states]
-    return _trimmed(jacobian, n, names, tuple(inputs), tuple(outputs), float(loop.sample_time))
+    return _trimmed(np.vstack([lifted, seen]), n, names, tuple(inputs), tuple(outputs), period * T)
 
 
 def _settled(loop: Loop, prepared: Prepared, setpoint: Setpoint, count: int) -> dict[str, Any]:
@@ -203,7 +220,15 @@ def _trimmed(
 
 
 def loop_gain(loop: Loop, frequency: np.ndarray, *, velocity: float = 0.05) -> FRF:
-    """L = -force/cut: the loop opened at the actuator, with all delays, sampled. 1 + L = 0 is the edge of stability."""
+    """L = -force/cut: the loop opened at the actuator, with all delays, sampled. 1 + L = 0 is the edge of stability.
+
+    Raises ParameterError for a law that repeats itself only after several samples: it has no loop gain at the actuator.
+    """
+    if loop.control.law.period() > 1:
+        raise ParameterError(
+            f"the law '{loop.control.law.kind}' repeats itself only every {loop.control.law.period()} samples, so that "
+            f"its loop has no gain and no margins at the actuator: judge it by its poles, or run it every sample"
+        )
     return -linearize(loop, ["cut"], ["force"], velocity=velocity).response(frequency)
 
 

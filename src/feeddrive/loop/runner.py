@@ -25,10 +25,20 @@ class Prepared:
     """A loop with all numbers that a run needs: structure, prepared numbers, first state. Leaves may be arrays."""
 
     def __init__(
-        self, loop: Loop, setpoint: Setpoint, start: tuple[Any, Any] | None = None, seed: Any = 0, bound: float = 1.0
+        self,
+        loop: Loop,
+        setpoint: Setpoint,
+        start: tuple[Any, Any] | None = None,
+        seed: Any = 0,
+        bound: float = 1.0,
+        *,
+        partial: bool = False,
     ) -> None:
+        """`partial` keeps room for a part of a sample of dead time, for a slope to it, also where none is left."""
         self.loop = loop
         self.timing = loop.timing()
+        if partial:
+            self.timing = self.timing._replace(partial=True)
         plain = concrete(loop)
         position, velocity = (setpoint.position, setpoint.velocity) if start is None else start
         with np.errstate(all="ignore"):

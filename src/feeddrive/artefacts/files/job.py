@@ -126,15 +126,28 @@ def _laws(root: Section, today: Loop) -> dict[str, Loop]:
         if (control is None) == (changes is None):
             raise section.error(f"row '{name}' needs either a section [law.control] or set = {{ ... }}")
         if control is not None:
-            found[name] = dataclasses.replace(today, control=read_block(Control, control))
+            found[name] = _replaced(control, today)
         else:
             found[name] = _varied(section, changes, today)
     return found
 
 
+def _replaced(section: Section, today: Loop) -> Loop:
+    """The loop under another control; what a row says nothing of, guard and limit, is that of today."""
+    control = read_block(Control, section)
+    guard = today.control.guard if control.guard is None else control.guard
+    limit = today.control.force_limit if control.force_limit is None else control.force_limit
+    try:
+        return dataclasses.replace(today, control=dataclasses.replace(control, guard=guard, force_limit=limit))
+    except FeeddriveError as error:
+        raise section.error(f"{section.dotted()}: {error}") from None
+
+
 def _varied(section: Section, changes: Any, today: Loop) -> Loop:
     values = dict(_flat(changes.values))
-    for name in values:
+    for name, value in values.items():
+        if isinstance(value, bool) or not isinstance(value, (int, float)):
+            raise changes.error(f"'{name}' must be a number in SI, not {value!r}: choices need a whole [law.control]")
         if not name.startswith("control."):
             raise changes.error(f"'{name}' is not part of the control: a row changes names under control.*", name)
     try:

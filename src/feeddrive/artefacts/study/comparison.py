@@ -14,10 +14,11 @@ from feeddrive.artefacts.files.log import read_log
 from feeddrive.artefacts.files.measured import Log
 from feeddrive.artefacts.report import Entry, Study
 from feeddrive.blocks.families import Reference
+from feeddrive.engineer.analysis.resolution import fastest_mode, substeps_needed
 from feeddrive.engineer.analysis.stability import require_stable
 from feeddrive.engineer.replay import replay
 from feeddrive.language.block import Block, declarations
-from feeddrive.language.errors import LogError
+from feeddrive.language.errors import FeeddriveError, LogError
 from feeddrive.language.table import Result, Table
 from feeddrive.loop.control import Control
 from feeddrive.loop.linearize import compliance, loop_gain, tracking
@@ -142,26 +143,35 @@ def compare(job: Job, step: Callable[[str], None] | None = None) -> Comparison:
     for name, loop in job.loops.items():
         if step is not None:
             step(name)
-        require_stable(loop, velocity=velocity, where=f"{job.file.name}: law '{name}'")
-        again = (
-            None if measured is None else replay(loop, measured, skip=job.log.skip_samples if job.log else 0, name=name)
-        )
+        rows.append(_row(job, name, loop, measured, velocity))
+    return Comparison(job, tuple(rows), log, velocity, tuple(_remarks(rows)), versions())
+
+
+def _row(job: Job, name: str, loop: Loop, measured: Mapping[str, np.ndarray] | None, velocity: float) -> Entry:
+    """One law, judged and run; errors name the job and the law."""
+    where = f"{job.file.name}: law '{name}'"
+    require_stable(loop, velocity=velocity, where=where)
+    try:
+        again = None
+        if measured is not None:
+            again = replay(loop, measured, skip=job.log.skip_samples if job.log else 0, name=name)
         run = again.run if again is not None else _simulated(job, loop, name)
-        nyquist = 0.5 / loop.sample_time
+        # a law with a slow part is linear from period to period only: it has no loop gain, and responses up to there
+        period = loop.control.law.period()
+        nyquist = 0.5 / (loop.sample_time * period)
         frequency = np.geomspace(min(1.0, 0.01 * nyquist), nyquist, LINES)
-        rows.append(
-            Entry(
-                name=name,
-                description=described(loop.control),
-                run=run,
-                loop=loop,
-                loop_gain=loop_gain(loop, frequency, velocity=velocity),
-                compliance=compliance(loop, frequency, velocity=velocity),
-                tracking=tracking(loop, frequency, velocity=velocity),
-                replay=again,
-            )
+        return Entry(
+            name=name,
+            description=described(loop.control),
+            run=run,
+            loop=loop,
+            loop_gain=loop_gain(loop, frequency, velocity=velocity) if period == 1 else None,
+            compliance=compliance(loop, frequency, velocity=velocity),
+            tracking=tracking(loop, frequency, velocity=velocity) if period == 1 else None,
+            replay=again,
         )
-    return Comparison(job, tuple(rows), log, velocity, tuple(_losses(rows)), versions())
+    except FeeddriveError as error:
+        raise type(error)(f"{where}: {error}") from None
 
 
 def _simulated(job: Job, loop: Loop, name: str) -> Run:
@@ -215,9 +225,24 @@ def _velocity(reference: Reference | None, measured: Mapping[str, np.ndarray] | 
     return 0.5 * largest if largest > 0.0 else 0.01
 
 
-def _losses(rows: list[Entry]) -> list[str]:
-    """Where a new law loses against today's by more than 1 %, one sentence a law."""
+def _remarks(rows: list[Entry]) -> list[str]:
+    """What must be said: trips, limits, a step too long, and where a new law loses to today's by more than 1 %."""
     remarks: list[str] = []
+    needed, used = substeps_needed(rows[0].loop), rows[0].loop.axis.substeps
+    if used < needed:
+        remarks.append(
+            f"The fastest mode of the axis, {fastest_mode(rows[0].loop):.4g} Hz, is too fast for friction in "
+            f"{used} substep(s) a sample: set substeps = {needed}."
+        )
+    for row in rows:
+        tripped = np.flatnonzero(row.run["trip"] > 0.0)
+        if tripped.size:
+            remarks.append(f"'{row.name}': the guard tripped at {row.run.time[tripped[0]]:.4g} s, no force after it.")
+        held = float(np.mean(row.run["force"] != row.run["requested"]))
+        if held > 0.0:
+            remarks.append(f"'{row.name}': the force was at its limit for {100.0 * held:.3g} % of the samples.")
+        if row.loop_gain is None:
+            remarks.append(f"'{row.name}' repeats itself every {row.loop.control.law.period()} samples: no margins.")
     today = numbers(rows[0])
     for row in rows[1:]:
         now = numbers(row)

@@ -4,7 +4,7 @@ report.html          for people
 summary.json         every figure in SI, by law; versions, seed, digest of the log
 runs/LAW.parquet     all signals over time, with units; the same as runs/LAW.csv
 measured.parquet     the measured channels, for a job with a log
-job.toml             the job as it was given, and the machine as machine.toml
+job.toml             the job as it was given, with the machine beside it:  feeddrive run job.toml
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ def write_results(comparison: Comparison, out: str | Path) -> Path:
     with new_directory(out) as folder:
         (folder / "report.html").write_text(page, encoding="utf-8")
         (folder / "summary.json").write_text(json.dumps(summary(comparison), indent=2) + "\n", encoding="utf-8")
-        (folder / "job.toml").write_text(comparison.job.file.text, encoding="utf-8")
+        (folder / "job.toml").write_text(repeatable(comparison), encoding="utf-8")
         (folder / "machine.toml").write_text(comparison.job.machine.file.text, encoding="utf-8")
         runs = folder / "runs"
         runs.mkdir()
@@ -43,6 +43,16 @@ def write_results(comparison: Comparison, out: str | Path) -> Path:
         if comparison.log is not None:
             write_log(folder / "measured.parquet", comparison.log)
     return Path(out) / "report.html"
+
+
+def repeatable(comparison: Comparison) -> str:
+    """The job as it was given, but for its machine, which is the copy beside it, and its log, by its whole path."""
+    job = comparison.job
+    text = re.sub(r"(?m)^machine\s*=.*$", lambda _: 'machine = "machine.toml"', job.file.text, count=1)
+    if job.log is None:
+        return text
+    path = json.dumps(str(job.log.path.resolve()))
+    return re.sub(r"(?m)^file\s*=.*$", lambda _: f"file = {path}", text, count=1)
 
 
 def summary(comparison: Comparison) -> dict[str, Any]:

@@ -36,9 +36,9 @@ class CascadePPI(Law):
         "s", "integral time of the velocity loop; absent for a P velocity loop", above=0, default=None
     )
     velocity_feedforward: Number = parameter("", "share of the set velocity that is fed forward", default=1.0, least=0)
-    velocity_samples: int = choice("samples over which the velocity is differenced", default=1, least=1)
+    velocity_samples: int = choice("samples over which the velocity is differenced", default=1, least=1, most=1000)
     velocity_encoder: str = choice("encoder of the velocity loop", options=("motor", "load"), default="motor")
-    position_every: int = choice("the position loop runs every so many samples", default=1, least=1)
+    position_every: int = choice("the position loop runs every so many samples", default=1, least=1, most=1000)
 
     class Interpolator(NamedTuple):
         """Samples since the position loop ran, and the velocity commands before and after that (m/s)."""
@@ -53,6 +53,10 @@ class CascadePPI(Law):
         positions: tuple[Number, ...]
         integral: Number
         interpolator: tuple[Any, ...] = ()
+
+    def period(self) -> int:
+        """`position_every` samples."""
+        return self.position_every
 
     def start(self, setpoint: Setpoint, reading: Reading) -> State:
         """At rest at the reading, with the integral holding the force that acts; the position loop runs at once."""

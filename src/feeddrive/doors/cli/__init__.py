@@ -13,15 +13,21 @@ from feeddrive.language.errors import DivergedError, FeeddriveError, UnstableErr
 
 def main() -> None:
     """Run the command line and exit."""
-    from feeddrive.doors.cli.commands import app
-
     try:
+        from feeddrive.doors.cli.commands import app
+
         app()
     except FeeddriveError as error:
         sys.stderr.write(f"feeddrive: error: {error}\n")
         sys.exit(1 if isinstance(error, (DivergedError, UnstableError)) else 2)
+    except MemoryError:
+        sys.stderr.write("feeddrive: error: more memory is needed than there is: shorten the work, or sample slower\n")
+        sys.exit(1)
     except KeyboardInterrupt:
         sys.stderr.write("feeddrive: stopped; nothing was written\n")
         sys.exit(130)
     except BrokenPipeError:
         sys.exit(141)
+    except OSError as error:
+        sys.stderr.write(f"feeddrive: error: the output cannot be written: {error.strerror}\n")
+        sys.exit(1)

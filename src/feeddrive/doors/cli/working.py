@@ -6,6 +6,7 @@ from pathlib import Path
 
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
+from rich.markup import escape
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table as Shown
 
@@ -21,10 +22,10 @@ def perform(job: str, log: Path | None, out: Path) -> None:
     asked = read_job(job, log)
     bar = Progress(TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn(), console=console, transient=True)
     with bar:
-        task = bar.add_task(asked.title, total=len(asked.loops) + 2)
+        task = bar.add_task(escape(asked.title), total=len(asked.loops) + 2)
 
         def step(text: str) -> None:
-            bar.update(task, description=text, advance=1)
+            bar.update(task, description=escape(text), advance=1)
 
         comparison = compare(asked, step)
         step("report")
@@ -38,9 +39,11 @@ def perform(job: str, log: Path | None, out: Path) -> None:
 
 def _shown(table: Table) -> Shown:
     """A table for the terminal."""
-    drawn = Shown(title=table.title, title_justify="left", box=SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0))
+    drawn = Shown(
+        title=escape(table.title), title_justify="left", box=SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0)
+    )
     for i, head in enumerate(table.heads):
         drawn.add_column(head, justify="left" if i == 0 else "right", no_wrap=True)
     for row in table.rows:
-        drawn.add_row(*row)
+        drawn.add_row(*map(escape, row))
     return drawn
