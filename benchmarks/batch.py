@@ -201,11 +201,8 @@ def main() -> None:
     for name, command in compiler.compilers().items():
         print(f"{name}: {compiler.version(command)}")
     print()
-    try:
-        for substeps in given.substeps:
-            compare(substeps, given.rounds, given.whole)
-    finally:
-        compiler.remove()
+    for substeps in given.substeps:
+        compare(substeps, given.rounds, given.whole)
 
 
 if __name__ == "__main__":

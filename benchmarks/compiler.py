@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import atexit
 import ctypes
+import functools
 import hashlib
 import shutil
 import subprocess
@@ -10,7 +12,13 @@ import sys
 import tempfile
 from pathlib import Path
 
-FOLDER = Path(tempfile.mkdtemp(prefix="feeddrive-benchmark-"))
+
+@functools.cache
+def folder() -> Path:
+    """A folder for libraries, taken away when the process ends."""
+    made = Path(tempfile.mkdtemp(prefix="feeddrive-benchmark-"))
+    atexit.register(shutil.rmtree, made, ignore_errors=True)
+    return made
 
 
 def compilers() -> dict[str, list[str]]:
@@ -34,7 +42,7 @@ def version(command: list[str]) -> str:
 def library(source: str, command: list[str], flags: list[str]) -> ctypes.CDLL:
     """C text as a loaded library. Every text gets a name of its own: a loaded one must not change."""
     name = hashlib.sha256(repr((source, command, flags)).encode()).hexdigest()[:16]
-    text, made = FOLDER / f"{name}.c", FOLDER / f"{name}.so"
+    text, made = folder() / f"{name}.c", folder() / f"{name}.so"
     if not made.exists():
         text.write_text(source)
         line = [*command, "-shared", "-fPIC", "-fno-math-errno", *flags, "-o", str(made), str(text), "-lm"]
@@ -42,8 +50,3 @@ def library(source: str, command: list[str], flags: list[str]) -> ctypes.CDLL:
         if done.returncode:
             raise RuntimeError(f"{' '.join(line)}\n{done.stderr[:2000]}")
     return ctypes.CDLL(str(made))
-
-
-def remove() -> None:
-    """Takes the folder with the libraries away."""
-    shutil.rmtree(FOLDER, ignore_errors=True)

@@ -122,11 +122,8 @@ def main() -> None:
     for name, command in compiler.compilers().items():
         print(f"{name}: {compiler.version(command)}")
     print()
-    try:
-        for substeps in given.substeps:
-            compare(substeps, given.rounds)
-    finally:
-        compiler.remove()
+    for substeps in given.substeps:
+        compare(substeps, given.rounds)
 
 
 if __name__ == "__main__":
