@@ -101,11 +101,7 @@ def test_the_demo_writes_all_it_promises_and_ends_with_the_report(run) -> None:
 
 def test_the_written_job_repeats_the_run_to_the_last_bit(run) -> None:
     assert run("run", "emps", "--out", "a")[0] == 0
-    Path("a/job.toml").replace("again.toml")
-    Path("a/machine.toml").replace("machine.toml")
-    text = Path("again.toml").read_text(encoding="utf-8").replace('machine = "emps"', 'machine = "machine.toml"')
-    Path("again.toml").write_text(text, encoding="utf-8")
-    assert run("run", "again.toml", "--out", "b")[0] == 0
+    assert run("run", "a/job.toml", "--out", "b")[0] == 0
     for law in Path("a/runs").glob("*.parquet"):
         assert law.read_bytes() == (Path("b/runs") / law.name).read_bytes()
 
@@ -118,6 +114,8 @@ def test_a_measured_log_is_put_beside_its_prediction(run) -> None:
     assert today["position_residual_rms_m"] < 1.3e-6
     assert "predicted - measured" in out
     assert read_log("d/measured.parquet")["position_load"].size == 24841
+    assert run("run", "d/job.toml", "--out", "again")[0] == 0
+    assert Path("again/runs/today.parquet").read_bytes() == Path("d/runs/today.parquet").read_bytes()
 
 
 @pytest.mark.parametrize(
@@ -242,6 +240,36 @@ def test_a_full_disk_is_named(run, monkeypatch) -> None:
 
     monkeypatch.setattr(results, "write_run_csv", full)
     assert "no space left" in refused(run, "run", "j.toml", "--out", "d")
+
+
+def test_a_row_that_says_nothing_of_the_guard_keeps_it(run) -> None:
+    guard = "[axis.x.control.guard]\nfollowing_error_limit = 1e-9\n"
+    machine = MACHINE.replace("[axis.x.control.law]", guard + "[axis.x.control.law]")
+    law = '[[law]]\nname = "b"\n[law.control.law]\nkind = "cascade_ppi"\nKv = 50\nKp = 1.0e4\n'
+    given(machine, JOB + law)
+    code, out, errors = run("run", "j.toml", "--out", "d")
+    assert code == 0, errors
+    assert "'today': the guard tripped" in out
+    assert "'b': the guard tripped" in out
+    assert np.max(np.abs(read_log("d/runs/b.parquet")["force"])) <= 2000.0
+
+
+@pytest.mark.parametrize(("old", "new"), [("mass = 100", "mass = 1e-300"), ("Kp = 1.0e4", "Kp = 1e300")])
+def test_absurd_numbers_end_in_one_line(run, old, new) -> None:
+    given(MACHINE.replace(old, new))
+    code, _, errors = run("run", "j.toml")
+    assert code in (1, 2)
+    assert errors.startswith("feeddrive: error: ")
+    assert errors.count("\n") == 1
+    assert "law 'today'" in errors
+
+
+def test_names_with_brackets_are_shown_as_they_are(run) -> None:
+    given(job='title = "what [/red] x"\n' + JOB + '[[law]]\nname = "x [/b]"\nset = { "control.law.Kv" = 41 }\n')
+    code, out, errors = run("run", "j.toml", "--out", "d")
+    assert code == 0, errors
+    assert "what [/red] x" in out
+    assert "x [/b]" in out
 
 
 def test_help_names_every_command(run) -> None:
