@@ -264,6 +264,18 @@ def test_absurd_numbers_end_in_one_line(run, old, new) -> None:
     assert "law 'today'" in errors
 
 
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("current_loop_kHz = 1e6", "current_loop = 1e\\+09 Hz is over within a substep of 0.001 s: leave it out"),
+        ("dead_time = 1e-3\n[axis.x.friction_load]\nkind = 'viscous'\nviscous = 1e12", "fastest motion dies out in"),
+    ],
+)
+def test_an_axis_far_too_fast_for_its_substeps_is_refused(run, text, message) -> None:
+    given(MACHINE + "[axis.x.actuator]\n" + text + "\n")
+    assert re.search(message, refused(run, "run", "j.toml"))
+
+
 def test_names_with_brackets_are_shown_as_they_are(run) -> None:
     given(job='title = "what [/red] x"\n' + JOB + '[[law]]\nname = "x [/b]"\nset = { "control.law.Kv" = 41 }\n')
     code, out, errors = run("run", "j.toml", "--out", "d")

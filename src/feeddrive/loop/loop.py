@@ -9,6 +9,7 @@ from feeddrive.language.block import Block, Number, parameter, part
 from feeddrive.language.errors import StructureError
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.control import Control
+from feeddrive.loop.fastest import check_fastest
 from feeddrive.loop.hold import Hold, Timing
 
 
@@ -79,9 +80,10 @@ class Loop(Block):
         axis: Any
 
     def check(self) -> None:
-        """The dead time must be one that can be simulated, and filters must lie below half the sample rate."""
+        """Dead time and fastest motion must be such as can be simulated, and filters lie below half the sample rate."""
         if isinstance(self.sample_time, float) and isinstance(self.axis.actuator.dead_time, float):
             self.timing()
+            check_fastest(self.axis, self.sample_time)
             for filter_ in self.control.filters:
                 filter_.fits(self.sample_time)
 
