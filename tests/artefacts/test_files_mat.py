@@ -123,7 +123,7 @@ def test_the_measured_axis_by_its_roles(emps: Path) -> None:
 def test_a_file_with_objects_gives_its_numbers(shared: Path) -> None:
     bench = shared / "tokyo_motor_bench" / "MultisineTypeA.mat"
     if not bench.exists():
-        pytest.skip(f"the measured bench is not there: {bench}")
+        pytest.skip(f"NOT TESTED on a file with objects: {bench} is not there")
     with pytest.raises(LogError, match=r"a sample time of 400 s is not one of a servo loop.*unit = 'ms'"):
         read_log(bench)
     log = read_log(bench, {"time": ("time", "us"), "command": ("iq_refx", "A")})

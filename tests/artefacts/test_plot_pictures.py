@@ -39,8 +39,6 @@ from feeddrive.loop.linearize import compliance, linearize, loop_gain, tracking
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import Run, simulate, simulate_batch
 
-matplotlib = pytest.importorskip("matplotlib")
-
 T = 5e-4
 F = np.geomspace(1.0, 1000.0, 400)
 
@@ -178,7 +176,6 @@ def test_names_are_shown_as_they_are_written() -> None:
 
 
 def test_a_frame_has_a_named_index_and_pandas_is_asked_for_only_then(monkeypatch: pytest.MonkeyPatch) -> None:
-    pytest.importorskip("pandas")
     table = margins(loop_gain(loop(), F)).to_pandas()
     assert table.index.name == "frequency"
     assert set(table["kind"]) == {"gain crossover", "phase crossover"}

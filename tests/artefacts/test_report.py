@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import scipy.io
 
 from feeddrive.artefacts.plot import style
 from feeddrive.artefacts.report import Entry, Study, build
@@ -33,8 +34,6 @@ from feeddrive.loop.control import Control
 from feeddrive.loop.linearize import compliance, loop_gain, tracking
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import simulate
-
-pytest.importorskip("matplotlib")
 
 LOG = Path(__file__).parents[2].parent / "shared" / "data" / "emps" / "DATA_EMPS.mat"
 GTAU = 35.15065188248547  # N at the carriage per V, published
@@ -105,12 +104,11 @@ def page() -> str:
 
 @cache
 def replayed() -> Study:
-    scipy_io = pytest.importorskip("scipy.io")
     if not LOG.exists():
         pytest.skip(
             f"THE MEASURED LOG IS MISSING: {LOG.name} is not at ../shared/data/emps; the report of it is not tested"
         )
-    log = {key: value.ravel() for key, value in scipy_io.loadmat(LOG).items() if isinstance(value, np.ndarray)}
+    log = {key: value.ravel() for key, value in scipy.io.loadmat(LOG).items() if isinstance(value, np.ndarray)}
     measured = {"set_position": log["qg"], "position_load": log["qm"], "force": GTAU * log["vir"]}
     made = loop(False)
     again = replay(made, measured, skip=49)
