@@ -23,6 +23,7 @@ FLOORS = ["language", "blocks", "loop", "engineer", "artefacts", "doors"]
 # Blocks that are part of a step, and so are traced; those of reference/ and load/ are sampled and may use numpy.
 TRACED = [
     "actuator",
+    "compensation",
     "controller",
     "feedforward",
     "filter",

@@ -137,13 +137,24 @@ def _reading(x: Inputs, step: int) -> Reading:
 
 def _law(block: Any, x: Inputs) -> Answers:
     prepared = block.prepare(x.T)
-    start = state = block.start(x.setpoint(), _reading(x, 0))
+    start = state = block.start(prepared, x.setpoint(), _reading(x, 0))
     outputs = []
     for step in range(STEPS):
         setpoint = x.setpoint().shifted(float(step) * x.T)
         state, force = block.step(prepared, state, setpoint, _reading(x, step), x.T)
         outputs.append(force)
     return Answers(start, block.retune(state, prepared, prepared), tuple(outputs))
+
+
+def _compensation(block: Any, x: Inputs) -> Answers:
+    prepared = block.prepare(x.T)
+    start = state = block.start(prepared, x.setpoint(), _reading(x, 0))
+    outputs = []
+    for step in range(STEPS):
+        setpoint = x.setpoint().shifted(float(step) * x.T)
+        state, *found = block.step(prepared, state, setpoint, _reading(x, step), x.T)
+        outputs.append(tuple(found))
+    return Answers(start, state, tuple(outputs))
 
 
 def _filter(block: Any, x: Inputs) -> Answers:
@@ -171,7 +182,7 @@ def _prefilter(block: Any, x: Inputs) -> Answers:
 
 def _observer(block: Any, x: Inputs) -> Answers:
     prepared = block.prepare(x.T)
-    start = state = block.start(_reading(x, 0))
+    start = state = block.start(prepared, _reading(x, 0))
     outputs = []
     for step in range(STEPS):
         state, estimate = block.step(prepared, state, _reading(x, step), x.T)
@@ -187,6 +198,7 @@ TRACED: dict[type[Block], Callable[[Any, Inputs], Answers]] = {
     families.Motor: _motor,
     families.Sensor: _sensor,
     families.Law: _law,
+    families.Compensation: _compensation,
     families.Filter: _filter,
     families.Feedforward: _feedforward,
     families.Prefilter: _prefilter,

@@ -1,7 +1,7 @@
 """The families of blocks, and the few questions that each member answers.
 
 A member is final: it fills in what is abstract here and overrides nothing that has a body, except the empty hooks
-`prepare`, `start`, `retune`, `period`, `check` and `fits`.  Its `step` is pure: state goes in and comes out.
+`prepare`, `retune`, `period`, `check` and `fits`.  Its `step` is pure: state goes in and comes out.
 
     prepare(T)   work that depends on parameters only, done once per run; returns a named tuple of numbers
     start(...)   the state of a block that has been at rest for ever
@@ -15,7 +15,7 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from feeddrive.blocks.signals import Motion, Noise, Reading, Setpoint
+from feeddrive.blocks.signals import Estimate, Motion, Noise, Reading, Setpoint
 from feeddrive.language import matrix
 from feeddrive.language.block import Block, Number
 from feeddrive.language.matrix import Matrix, Row
@@ -131,14 +131,25 @@ class Sensor(Block, ABC):
 
 
 class Law(Block, ABC):
-    """A feedback law: one paper's controller, one file. A command is a force in N at the load."""
+    """A feedback law: one paper's controller, one file. A command is a force in N at the load.
+
+    feeds    what the law itself feeds forward of the set motion (`FEEDS`), so that no block beside it does so again
+    rejects  whether the law itself subtracts the estimate of an observer
+    encoders 2 if the law needs the motor's and the load's position as two measurements
+    knobs    its parameters that tune it, positive, in the order in which a person turns them
+    """
+
+    feeds: ClassVar[tuple[str, ...]] = ()
+    rejects: ClassVar[bool] = False
+    encoders: ClassVar[int] = 1
+    knobs: ClassVar[tuple[str, ...]] = ()
 
     def prepare(self, T: Number) -> Any:
         """What depends on parameters only (empty hook)."""
         return Nothing()
 
     @abstractmethod
-    def start(self, setpoint: Setpoint, reading: Reading) -> Any:
+    def start(self, prepared: Any, setpoint: Setpoint, reading: Reading) -> Any:
         """The state that continues without a bump from the reading; pure and traced, since enable uses it."""
 
     @abstractmethod
@@ -152,6 +163,9 @@ class Law(Block, ABC):
     def period(self) -> int:
         """After how many samples the law repeats itself; more than 1 for a law with a slow part (empty hook)."""
         return 1
+
+    def fits(self, sample_time: float) -> None:
+        """Raise ParameterError if the law cannot run at this sample time (empty hook)."""
 
 
 class Filter(Block, ABC):
@@ -173,8 +187,16 @@ class Filter(Block, ABC):
         """One sample: the new state and the output."""
 
 
+FEEDS = ("acceleration", "velocity", "friction")  # what of the set motion can be fed forward
+
+
 class Feedforward(Block, ABC):
-    """A force computed from the setpoint alone; it bypasses the filters."""
+    """A force computed from the setpoint alone; it bypasses the filters.
+
+    `feeds` names what of the set motion the block feeds forward (`FEEDS`), so that nothing is fed twice.
+    """
+
+    feeds: ClassVar[tuple[str, ...]] = ()
 
     @abstractmethod
     def force(self, setpoint: Setpoint, T: Number) -> Number:
@@ -194,19 +216,46 @@ class Prefilter(Block, ABC):
 
 
 class Observer(Block, ABC):
-    """Estimates what is not measured, from the reading and `applied`; usable by any law."""
+    """Estimates what is not measured, from the reading and `applied`; part of a law or of a compensation."""
 
     def prepare(self, T: Number) -> Any:
         """What depends on parameters only (empty hook)."""
         return Nothing()
 
     @abstractmethod
-    def start(self, reading: Reading) -> Any:
+    def start(self, prepared: Any, reading: Reading) -> Any:
+        """The state at rest at the reading, with `reading.applied` acting: the disturbance balances it."""
+
+    @abstractmethod
+    def step(self, prepared: Any, state: Any, reading: Reading, T: Number) -> tuple[Any, Estimate]:
+        """One sample: the new state and the estimate at kT."""
+
+    def fits(self, sample_time: float) -> None:
+        """Raise ParameterError if the observer cannot run at this sample time (empty hook)."""
+
+
+class Compensation(Block, ABC):
+    """What goes beside any law: it moves the setpoint, or adds a force, by what it learns from the reading.
+
+    Disturbance rejection adds a force; compensation of structural modes moves the setpoint.
+    """
+
+    def prepare(self, T: Number) -> Any:
+        """What depends on parameters only (empty hook)."""
+        return Nothing()
+
+    @abstractmethod
+    def start(self, prepared: Any, setpoint: Setpoint, reading: Reading) -> Any:
         """The state at rest at the reading."""
 
     @abstractmethod
-    def step(self, prepared: Any, state: Any, reading: Reading, T: Number) -> tuple[Any, Any]:
-        """One sample: the new state and the estimate."""
+    def step(
+        self, prepared: Any, state: Any, setpoint: Setpoint, reading: Reading, T: Number
+    ) -> tuple[Any, Setpoint, Number]:
+        """One sample: the new state, the setpoint for law and feedforward, and a force in N behind the filters."""
+
+    def fits(self, law: Law, sample_time: float) -> None:
+        """Raise StructureError, with the reason, if it makes no sense with this law or sample time (empty hook)."""
 
 
 class Reference(Block, ABC):

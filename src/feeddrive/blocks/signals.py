@@ -52,6 +52,18 @@ class Reading(NamedTuple):
     requested: Number = 0.0  # N
 
 
+class Estimate(NamedTuple):
+    """What an observer believes of the axis at t = kT.
+
+    `disturbance` is the force that acts on the axis beside the drive's: friction, cutting, gravity, model errors; it
+    pushes towards larger positions where it is positive, so a controller takes it out by subtracting it.
+    """
+
+    position: Number  # m
+    velocity: Number  # m/s
+    disturbance: Number  # N
+
+
 class Motion(NamedTuple):
     """Position and velocity of the driven and the moved end of an axis; the same for a rigid one (m, m/s)."""
 

@@ -142,6 +142,12 @@ class Axis(Block):
         load = position if self.encoder_load is None else self.encoder_load.still(position)
         return self._readings(motor, load)
 
+    def encoders(self) -> int:
+        """How many positions the controller reads: 1 if there is one body or one encoder."""
+        shape = self.plant.mechanics()
+        alone = (self.encoder_motor is None) != (self.encoder_load is None)
+        return 1 if alone or shape.motor == shape.load else 2
+
     def _readings(self, motor: Number, load: Number) -> tuple[Number, Number]:
         """A single encoder gives both readings."""
         if self.encoder_motor is None and self.encoder_load is not None:

@@ -1,42 +1,47 @@
-"""All that runs on the real controller: prefilter, law, filter pack, feedforward, limit and guard."""
+"""All that runs on the real controller: prefilter, compensation, law, filter pack, feedforward, limit and guard."""
 
 from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from feeddrive.blocks.families import Feedforward, Filter, Law, Nothing, Prefilter
+from feeddrive.blocks.families import FEEDS, Compensation, Feedforward, Filter, Law, Nothing, Prefilter
 from feeddrive.blocks.signals import Reading, Setpoint
 from feeddrive.language import ops, tree
 from feeddrive.language.block import Block, Number, parameter, part
+from feeddrive.language.errors import StructureError
 from feeddrive.loop.guard import Guard
 
 
 class Control(Block):
     """One sample of the controller; its parts are in the order of the signal.
 
-        setpoint -> prefilter -> law -> filters -> + feedforward -> limit -> force
+        setpoint -> prefilter -> compensation -> law -> filters -> + feedforward + compensation -> limit -> force
 
-    Feedforward bypasses the filters.  The force really commanded and the force wanted come back to the law with the
-    next reading, as `applied` and `requested`.
+    Compensation moves the setpoint or adds a force; feedforward and compensation bypass the filters.  The force really
+    commanded and the force wanted come back to law and compensation with the next reading, as `applied` and
+    `requested`.
     """
 
     law: Law = part("the feedback law")
     prefilter: Prefilter | None = part("changes the setpoint first", default=None)
+    compensation: tuple[Compensation, ...] = part("what acts on estimates: rejection, structural modes", default=())
     filters: tuple[Filter, ...] = part("filter pack on the feedback force", default=())
     feedforward: tuple[Feedforward, ...] = part("forces added behind the filters", default=())
     force_limit: Number | None = parameter("N", "largest commanded force; absent for no limit", above=0, default=None)
     guard: Guard | None = part("enable, trips and readings that are none", default=None)
 
     class Prepared(NamedTuple):
-        """What law and filters prepared."""
+        """What the parts prepared."""
 
         law: Any
+        compensation: tuple[Any, ...]
         filters: tuple[Any, ...]
 
     class Memory(NamedTuple):
         """What a reset brings back to where the axis is."""
 
         prefilter: Any
+        compensation: tuple[Any, ...]
         law: Any
         filters: tuple[Any, ...]
 
@@ -49,17 +54,42 @@ class Control(Block):
         guard: Any
 
     class Command(NamedTuple):
-        """Forces in N: commanded, wanted before the limit, its feedback and feedforward parts; and the trip code."""
+        """Forces in N: commanded, wanted before the limit, and its three parts; and the trip code."""
 
         applied: Number
         requested: Number
         feedback: Number
         feedforward: Number
+        compensation: Number
         trip: Number
+
+    def check(self) -> None:
+        """Nothing of the set motion may be fed forward twice."""
+        fed = dict.fromkeys(self.law.feeds, self.law.kind)
+        for i, block in enumerate(self.feedforward):
+            for name in (each for each in FEEDS if each in block.feeds):
+                if name in fed:
+                    raise StructureError(
+                        f"control.feedforward.{i}: {block.kind} feeds the {name} forward, which {fed[name]} does "
+                        f"already: the force would act twice; leave one of them out"
+                    )
+                fed[name] = block.kind
+
+    def fits(self, sample_time: float) -> None:
+        """Raise ParameterError or StructureError for a part that cannot run at the sample time, or with the law."""
+        self.law.fits(sample_time)
+        for block in self.compensation:
+            block.fits(self.law, sample_time)
+        for filter_ in self.filters:
+            filter_.fits(sample_time)
 
     def prepare(self, T: Number) -> Prepared:
         """Of every part."""
-        return self.Prepared(self.law.prepare(T), tuple(part.prepare(T) for part in self.filters))
+        return self.Prepared(
+            self.law.prepare(T),
+            tuple(part.prepare(T) for part in self.compensation),
+            tuple(part.prepare(T) for part in self.filters),
+        )
 
     def start(self, prepared: Prepared, setpoint: Setpoint, motor: Number, load: Number) -> State:
         """At rest where the axis is, without force."""
@@ -68,10 +98,13 @@ class Control(Block):
         return self.State(self._memory(prepared, setpoint, Reading(motor, load, zero, zero)), zero, zero, guard)
 
     def _memory(self, prepared: Prepared, setpoint: Setpoint, reading: Reading) -> Memory:
+        compensation = zip(self.compensation, prepared.compensation, strict=True)
+        filters = zip(self.filters, prepared.filters, strict=True)
         return self.Memory(
             Nothing() if self.prefilter is None else self.prefilter.start(setpoint),
-            self.law.start(setpoint, reading),
-            tuple(part.start(made, reading.applied) for part, made in zip(self.filters, prepared.filters, strict=True)),
+            tuple(part.start(made, setpoint, reading) for part, made in compensation),
+            self.law.start(prepared.law, setpoint, reading),
+            tuple(part.start(made, reading.applied) for part, made in filters),
         )
 
     def step(
@@ -108,6 +141,14 @@ class Control(Block):
         prefilter = memory.prefilter
         if self.prefilter is not None:
             prefilter, setpoint = self.prefilter.step(prefilter, setpoint, T)
+        compensation: list[Any] = []
+        added: Any = 0.0
+        for i, (block, made, held) in enumerate(
+            zip(self.compensation, prepared.compensation, memory.compensation, strict=True)
+        ):
+            held, setpoint, force = block.step(made, held, setpoint, reading, T)
+            compensation.append(held)
+            added = force if i == 0 else added + force
         law, feedback = self.law.step(prepared.law, memory.law, setpoint, reading, T)
         filters: list[Any] = []
         for filter_, made, held in zip(self.filters, prepared.filters, memory.filters, strict=True):
@@ -117,8 +158,9 @@ class Control(Block):
         for i, block in enumerate(self.feedforward):
             forward = block.force(setpoint, T) if i == 0 else forward + block.force(setpoint, T)
         requested = feedback + forward if self.feedforward else feedback
+        requested = requested + added if self.compensation else requested
         applied = requested
         if self.force_limit is not None:
             applied = ops.clip(requested, -self.force_limit, self.force_limit)
-        command = self.Command(applied, requested, feedback, forward, 0.0)
-        return self.Memory(prefilter, law, tuple(filters)), command
+        command = self.Command(applied, requested, feedback, forward, added, 0.0)
+        return self.Memory(prefilter, tuple(compensation), law, tuple(filters)), command

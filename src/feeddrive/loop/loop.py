@@ -31,6 +31,7 @@ class Signals(NamedTuple):
     requested: Number  # N, wanted before the limit
     feedback: Number  # N, part of the law
     feedforward: Number  # N
+    compensation: Number  # N, subtracted disturbance and the like
     drive_force: Number  # N, acting in the last substep
     friction_motor: Number  # N
     friction_load: Number  # N
@@ -50,7 +51,7 @@ class Probe(NamedTuple):
 UNITS = dict(
     zip(
         Signals._fields,
-        ["m", "m/s", "m/s2", "m", "m", "m/s", "m/s", "m", "m", "m", "m", *["N"] * 8, ""],
+        ["m", "m/s", "m/s2", "m", "m", "m/s", "m/s", "m", "m", "m", "m", *["N"] * 9, ""],
         strict=True,
     )
 )
@@ -80,12 +81,16 @@ class Loop(Block):
         axis: Any
 
     def check(self) -> None:
-        """Dead time and fastest motion must be such as can be simulated, and filters lie below half the sample rate."""
+        """Dead time and fastest motion can be simulated; the parts of the control fit sample time, axis and law."""
+        if self.control.law.encoders > self.axis.encoders():
+            raise StructureError(
+                f"control.law: {self.control.law.kind} needs the position of the motor and that of the load, but the "
+                f"axis gives one for both: give it two encoders, or take a law with one, such as cascade_ppi"
+            )
         if isinstance(self.sample_time, float) and isinstance(self.axis.actuator.dead_time, float):
             self.timing()
             check_fastest(self.axis, self.sample_time)
-            for filter_ in self.control.filters:
-                filter_.fits(self.sample_time)
+            self.control.fits(self.sample_time)
 
     def timing(self) -> Timing:
         """The structure that the dead time leaves."""
@@ -150,6 +155,7 @@ class Loop(Block):
             requested=command.requested,
             feedback=command.feedback,
             feedforward=command.feedforward,
+            compensation=command.compensation,
             drive_force=done.drive,
             friction_motor=done.friction_motor,
             friction_load=done.friction_load,

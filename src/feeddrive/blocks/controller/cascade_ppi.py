@@ -30,6 +30,8 @@ class CascadePPI(Law):
     Source: Altintas & Okwudire 2009, section 2 (the cascade); the set velocity is differenced as the measured one is.
     """
 
+    knobs = ("Kv", "Kp", "Tn")
+
     Kv: Number = parameter("1/s", "position gain", above=0)
     Kp: Number = parameter("N s/m", "velocity gain", above=0)
     Tn: Number | None = parameter(
@@ -58,7 +60,7 @@ class CascadePPI(Law):
         """`position_every` samples."""
         return self.position_every
 
-    def start(self, setpoint: Setpoint, reading: Reading) -> State:
+    def start(self, prepared: object, setpoint: Setpoint, reading: Reading) -> State:
         """At rest at the reading, with the integral holding the force that acts; the position loop runs at once."""
         position = self._position(reading)
         zero = position - position

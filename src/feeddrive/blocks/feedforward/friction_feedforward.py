@@ -21,6 +21,8 @@ class FrictionFeedforward(Feedforward):
     makes the reversal error worse than none.  Source: Erkorkmaz & Altintas 2001, part III (friction pre-compensation).
     """
 
+    feeds = ("friction",)
+
     coulomb_positive: Number = parameter("N", "level at speed for v > 0", least=0)
     coulomb_negative: Number = parameter("N", "level at speed for v < 0", least=0)
     breakaway: Number | None = parameter(

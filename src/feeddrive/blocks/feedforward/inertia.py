@@ -13,6 +13,8 @@ class Inertia(Feedforward):
     force = mass · a_set(t + T/2) + viscous · v_set(t + T/2)
     """
 
+    feeds = ("acceleration", "velocity")
+
     mass: Number = parameter("kg", "mass that is fed forward", least=0)
     viscous: Number = parameter("N s/m", "viscous friction that is fed forward", least=0, default=0)
 

@@ -1,0 +1,1 @@
+"""What goes beside any law: disturbance rejection, structural modes."""
