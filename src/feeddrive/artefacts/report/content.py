@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -15,6 +16,17 @@ from feeddrive.engineer.replay import Replay
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import Run
+
+
+@dataclass(frozen=True)
+class Shown:
+    """A picture that is drawn when asked for: a key of letters, a headline, how to read it, what is seen."""
+
+    key: str
+    title: str
+    caption: str
+    alt: str
+    draw: Callable[[], Any]
 
 
 @dataclass(frozen=True, eq=False)

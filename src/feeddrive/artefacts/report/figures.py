@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
-from typing import Any
+from collections.abc import Iterator
+from dataclasses import replace
 
 from feeddrive.artefacts import plot
 from feeddrive.artefacts.plot.envelope import POINTS
 from feeddrive.artefacts.plot.friction_curve import has_friction
 from feeddrive.artefacts.plot.over_time import alike
-from feeddrive.artefacts.report.content import Entry, Study
+from feeddrive.artefacts.report.content import Entry, Shown, Study
 from feeddrive.artefacts.report.numbers import number
 from feeddrive.engineer.analysis.friction_map import FrictionMap, friction_map
 from feeddrive.engineer.analysis.reversal import worst_window
@@ -18,17 +17,6 @@ from feeddrive.engineer.analysis.reversal import worst_window
 SHORT = 16  # samples: a shorter run has no picture over time
 MOST = 8  # laws that the pictures show; the tables have all
 CURVES = 4  # more curves than these share the points that as many would have: the page stays small
-
-
-@dataclass(frozen=True)
-class Shown:
-    """A picture that is drawn when asked for: a key of letters, a headline, how to read it, what is seen."""
-
-    key: str
-    title: str
-    caption: str
-    alt: str
-    draw: Callable[[], Any]
 
 
 def chosen(study: Study) -> Study:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from html import escape
 from importlib.resources import files
 
 from feeddrive.artefacts.report import tables, words
-from feeddrive.artefacts.report.content import Study
-from feeddrive.artefacts.report.figures import Shown, chosen, figures
+from feeddrive.artefacts.report.content import Shown, Study
+from feeddrive.artefacts.report.figures import chosen, figures
 from feeddrive.artefacts.report.svg import svg
 from feeddrive.language.errors import ParameterError
 
@@ -33,27 +34,51 @@ def build(study: Study) -> str:
         _pictures(study, drawn),
         _repeat(study),
     ]
+    return page(study.title, parts)
+
+
+def page(title: str, parts: Sequence[str]) -> str:
+    """Sections as one page with the looks of a report: no scripts, no other files."""
     sheet = files("feeddrive.artefacts.report").joinpath("page.css").read_text(encoding="utf-8")
-    title = escape(study.title)
-    page = (
+    whole = (
         f'<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
         f'<meta http-equiv="Content-Security-Policy" content="{_POLICY}">\n'
         f'<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-        f'<meta name="color-scheme" content="light dark">\n<title>{title}</title>\n<style>\n{sheet}</style>\n</head>\n'
-        f"<body>\n<main>\n{''.join(parts)}</main>\n</body>\n</html>\n"
+        f'<meta name="color-scheme" content="light dark">\n<title>{escape(title)}</title>\n<style>\n{sheet}</style>\n'
+        f"</head>\n<body>\n<main>\n{''.join(parts)}</main>\n</body>\n</html>\n"
     )
-    return page.translate(_CONTROL)
+    return whole.translate(_CONTROL)
+
+
+def header(kind: str, title: str, lead: Sequence[str], links: Sequence[tuple[str, str]]) -> str:
+    """Headline, the result in sentences, and links to what follows: (identifier, text)."""
+    said = "".join(f"<p>{escape(sentence)}</p>" for sentence in lead)
+    listed = "".join(f'<li><a href="#{key}">{escape(text)}</a></li>' for key, text in links)
+    return (
+        f'<header>\n<p class="kind">{escape(kind)}</p>\n<h1>{escape(title)}</h1>\n'
+        f'<div class="lead">{said}</div>\n<nav aria-label="contents"><ul>{listed}</ul></nav>\n</header>\n'
+    )
+
+
+def definitions(pairs: Iterable[tuple[str, str]]) -> str:
+    """A list of headlines and texts."""
+    listed = "".join(f"<dt>{escape(k)}</dt><dd>{escape(v)}</dd>" for k, v in pairs)
+    return f"<dl>{listed}</dl>"
+
+
+def picture(shown: Shown) -> str:
+    """A picture with its headline and how to read it."""
+    return (
+        f'<figure id="figure-{shown.key}">\n<h3>{escape(shown.title)}</h3>\n'
+        f"{svg(shown.draw(), shown.key, shown.alt)}\n"
+        f"<figcaption>{escape(shown.caption)}</figcaption>\n</figure>\n"
+    )
 
 
 def _header(study: Study, drawn: list[Shown]) -> str:
-    lead = "".join(f"<p>{escape(sentence)}</p>" for sentence in words.result(study))
     links = [("result", "Result"), ("facts", "What was run"), *((f"figure-{s.key}", s.title) for s in drawn)]
     links.append(("repeat", "How to repeat it"))
-    listed = "".join(f'<li><a href="#{key}">{escape(title)}</a></li>' for key, title in links)
-    return (
-        f'<header>\n<p class="kind">feeddrive report</p>\n<h1>{escape(study.title)}</h1>\n'
-        f'<div class="lead">{lead}</div>\n<nav aria-label="contents"><ul>{listed}</ul></nav>\n</header>\n'
-    )
+    return header("feeddrive report", study.title, words.result(study), links)
 
 
 def _result(study: Study) -> str:
@@ -69,8 +94,7 @@ def _facts(study: Study) -> str:
     pairs = [*study.facts.items(), *((f"Law '{entry.name}'", entry.description) for entry in study.entries)]
     if study.rule:
         pairs.append(("Rule of comparison", study.rule))
-    listed = "".join(f"<dt>{escape(k)}</dt><dd>{escape(v)}</dd>" for k, v in pairs)
-    return f'<section id="facts">\n<h2>What was run</h2>\n<dl>{listed}</dl>\n</section>\n'
+    return f'<section id="facts">\n<h2>What was run</h2>\n{definitions(pairs)}\n</section>\n'
 
 
 def _pictures(study: Study, drawn: list[Shown]) -> str:
@@ -78,12 +102,7 @@ def _pictures(study: Study, drawn: list[Shown]) -> str:
     note = ""
     if shown_laws < all_laws:
         note = f"<p>The pictures show {shown_laws} of {all_laws} laws: the first, and those that follow best.</p>"
-    made = [
-        f'<figure id="figure-{shown.key}">\n<h3>{escape(shown.title)}</h3>\n'
-        f"{svg(shown.draw(), shown.key, shown.alt)}\n"
-        f"<figcaption>{escape(shown.caption)}</figcaption>\n</figure>\n"
-        for shown in drawn
-    ]
+    made = [picture(shown) for shown in drawn]
     return f'<section id="pictures">\n<h2>Pictures</h2>\n{note}{"".join(made)}</section>\n'
 
 

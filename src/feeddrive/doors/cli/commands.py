@@ -60,3 +60,14 @@ def demo(out: Out = None) -> None:
     from feeddrive.doors.cli.working import perform
 
     perform("emps", None, out or Path("results") / "demo")
+
+
+@app.command()
+def reproduce(
+    paper: Annotated[str, typer.Argument(help="altintas2009, gordon2013, beltran2013, wu2017, or all.")],
+    out: Out = None,
+) -> None:
+    """Run a paper's experiments and write what it claims, by which rule, and what came out; 1 if a claim fails."""
+    from feeddrive.doors.cli.reproduce import perform
+
+    perform(paper, out)

@@ -39,20 +39,19 @@ def _perform(job: str, log: Path | None, out: Path) -> None:
         comparison = compare(asked, step)
         step("report")
         report = write_results(comparison, out)
-    console.print(_shown(comparison.table()))
+    console.print(drawn(comparison.table()))
     for remark in (asked.rule, *comparison.remarks):
         if remark:
             console.print(f"- {remark}", markup=False)
     console.print(f"Report: {report}", markup=False, soft_wrap=True)
 
 
-def _shown(table: Table) -> Shown:
-    """A table for the terminal."""
-    drawn = Shown(
-        title=escape(table.title), title_justify="left", box=SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0)
-    )
+def drawn(table: Table, wrapped: int | None = None) -> Shown:
+    """A table for the terminal; the column `wrapped` may break its lines."""
+    made = Shown(title=escape(table.title), title_justify="left", box=SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0))
     for i, head in enumerate(table.heads):
-        drawn.add_column(head, justify="left" if i == 0 else "right", no_wrap=True)
+        left = i == 0 or i == wrapped
+        made.add_column(head, justify="left" if left else "right", no_wrap=i != wrapped)
     for row in table.rows:
-        drawn.add_row(*map(escape, row))
-    return drawn
+        made.add_row(*map(escape, row))
+    return made
