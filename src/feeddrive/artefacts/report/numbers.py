@@ -9,6 +9,8 @@ def number(value: float | None, digits: int = 3) -> str:
     """So many significant digits without an exponent where that is readable; a dash for what is absent."""
     if value is None:
         return "–"
+    if math.isnan(value):
+        return "not a number"
     if math.isinf(value):
         return "∞" if value > 0.0 else "-∞"
     if value == 0.0:
