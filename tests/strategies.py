@@ -29,6 +29,7 @@ _USUAL: dict[str, tuple[float, float]] = {
     "s": (1e-4, 1.0),
     "rad": (1e-3, 7.0),
     "rpm": (100.0, 6e3),
+    "J/m3": (1e8, 1e10),
     "": (1e-2, 2.0),
 }
 _TRIES = 20

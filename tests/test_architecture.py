@@ -25,6 +25,7 @@ TRACED = [
     "actuator",
     "compensation",
     "controller",
+    "cutting",
     "feedforward",
     "filter",
     "force",

@@ -190,6 +190,11 @@ def _observer(block: Any, x: Inputs) -> Answers:
     return Answers(start, state, tuple(outputs))
 
 
+def _cutter(block: Any, x: Inputs) -> Answers:
+    angle = 20.0 * x.position  # some turns to either side
+    return Answers((), (), (block.forces(angle, x.mobility), block.torque(angle, x.mobility)))
+
+
 # What is part of a step, and what a block of each family is asked.
 TRACED: dict[type[Block], Callable[[Any, Inputs], Answers]] = {
     families.Plant: _plant,
@@ -203,6 +208,7 @@ TRACED: dict[type[Block], Callable[[Any, Inputs], Answers]] = {
     families.Feedforward: _feedforward,
     families.Prefilter: _prefilter,
     families.Observer: _observer,
+    families.Cutter: _cutter,
 }
 SAMPLED: tuple[type[Block], ...] = (families.Reference, families.Load)
 

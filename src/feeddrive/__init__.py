@@ -78,6 +78,7 @@ if TYPE_CHECKING:
     from feeddrive.blocks.actuator.direct import Direct as Direct
     from feeddrive.blocks.actuator.screw import Screw as Screw
     from feeddrive.blocks.controller.cascade_ppi import CascadePPI as CascadePPI
+    from feeddrive.blocks.cutting.helical_cutter import HelicalCutter as HelicalCutter
     from feeddrive.blocks.feedforward.friction_feedforward import FrictionFeedforward as FrictionFeedforward
     from feeddrive.blocks.feedforward.inertia import Inertia as Inertia
     from feeddrive.blocks.filter.low_pass import LowPass as LowPass
@@ -99,6 +100,7 @@ if TYPE_CHECKING:
     from feeddrive.blocks.friction.stribeck import Stribeck as Stribeck
     from feeddrive.blocks.friction.viscous import Viscous as Viscous
     from feeddrive.blocks.load.force_sum import ForceSum as ForceSum
+    from feeddrive.blocks.load.milling_force import MillingForce as MillingForce
     from feeddrive.blocks.load.recorded_force import RecordedForce as RecordedForce
     from feeddrive.blocks.load.sine_force import SineForce as SineForce
     from feeddrive.blocks.load.step_force import StepForce as StepForce

@@ -17,7 +17,7 @@ import numpy as np
 
 from feeddrive.blocks.signals import Estimate, Motion, Noise, Reading, Setpoint
 from feeddrive.language import matrix
-from feeddrive.language.block import Block, Number
+from feeddrive.language.block import Block, Number, choice
 from feeddrive.language.matrix import Matrix, Row
 
 
@@ -256,6 +256,24 @@ class Compensation(Block, ABC):
 
     def fits(self, law: Law, sample_time: float) -> None:
         """Raise StructureError, with the reason, if it makes no sense with this law or sample time (empty hook)."""
+
+
+class Cutter(Block, ABC):
+    """A milling tool: the force of the workpiece on it. Traced, so that a load or a simulation may use it."""
+
+    teeth: int = choice("cutting edges, equally spaced", least=1, most=100)
+
+    @abstractmethod
+    def forces(self, angle: Number, chip_load: Number) -> tuple[Number, Number, Number]:
+        """Force in N on the tool along the feed, along the normal (spindle axis x feed) and along the spindle axis.
+
+        `angle` of the spindle in rad: the tip of the first tooth has turned by it since the chip began in a slot.
+        `chip_load` is the feed of a tooth in m.
+        """
+
+    @abstractmethod
+    def torque(self, angle: Number, chip_load: Number) -> Number:
+        """What the spindle must give at the same angle and chip load, N m."""
 
 
 class Reference(Block, ABC):

@@ -1,0 +1,1 @@
+"""Milling tools: the cutting force from the angle of the spindle."""

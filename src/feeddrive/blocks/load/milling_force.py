@@ -1,0 +1,83 @@
+"""The cutting force of a milling tool on one axis."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from feeddrive.blocks.families import Cutter, Load, Reference
+from feeddrive.blocks.sampled import check_order, check_single, since
+from feeddrive.language.block import Number, choice, parameter, part
+from feeddrive.language.errors import StructureError
+
+
+class MillingForce(Load):
+    """F(t) = component along one machine axis of the force on a tool that turns at spindle_speed and is fed in a plane.
+
+        angle     = start_angle + 2π (spindle_speed / 60) t
+        F_x, F_y  = F_feed t + F_normal n,   t = (cos direction, sin direction, 0),  n = z x t
+        F_z       = -F_axial:  a right-handed helix is drawn out of its holder, away from the spindle
+
+    F_feed, F_normal, F_axial come from the cutter.  Its chip load is `chip_load`, along a constant `direction`; or with
+    two `references`, the motions of x and y, it follows the instantaneous feed v along the path:
+
+        chip_load = v / (teeth · spindle_speed / 60),   direction = that of the velocity;   no feed, no chip, no force
+
+    It acts for start <= t < end; the spindle turns all the time.  The force of the instant is held over the sample.
+    A tool that is fed the other way round, with the table, feels the same force with the sign turned.
+    When to use: an axis that must hold its path while cutting; each axis of a machine takes its own component.
+    When not: for chatter, which needs the vibration in the chip.
+    Source: Beltrán-Carbajal et al. 2013, eqs. (4)-(8); F_c of its axis equations is the negative of this.
+    Raises StructureError without exactly one of chip_load and references.
+    """
+
+    cutter: Cutter = part("the tool")
+    spindle_speed: Number = parameter("rpm", "turns of the spindle", above=0)
+    component: str = choice("machine axis on which the force is wanted", options=("x", "y", "z"), default="x")
+    chip_load: Number | None = parameter(
+        "m", "feed of a tooth; absent: it follows the references", least=0, default=None
+    )
+    direction: Number = parameter("rad", "of the feed, from x towards y; with references theirs", default=0)
+    references: tuple[Reference, ...] = part("motions of x and y, whose feed makes the chip", default=())
+    start_angle: Number = parameter("rad", "angle of the spindle at t = 0", default=0)
+    start: Number = parameter("s", "when the cut begins", default=0)
+    end: Number | None = parameter("s", "when it ends; absent: never", default=None)
+
+    def check(self) -> None:
+        """One chip load; the end comes after the start."""
+        check_single(self)
+        check_single(self.cutter)
+        check_order(self.kind, self.start, self.end)
+        if (self.chip_load is None) == (not self.references):
+            raise StructureError(
+                "milling_force takes its chip from either chip_load (m per tooth) or references (the motions of x and "
+                "y): give one of them and not both"
+            )
+        if self.references and len(self.references) != 2:
+            raise StructureError(
+                f"milling_force.references must be two, the motions of x and y, not {len(self.references)}; "
+                f"an axis that stands is a move by 0 m"
+            )
+
+    def at(self, t: np.ndarray) -> np.ndarray:
+        """Force in N at times t in s."""
+        times = np.asarray(t, dtype=np.float64)
+        turns = (self.spindle_speed / 60.0) * times
+        angle: Any = self.start_angle + 2.0 * np.pi * (turns - np.floor(turns))
+        chip_load, along_x, along_y = self._feed(times)
+        feed, normal, axial = self.cutter.forces(angle, chip_load)
+        acts = since(times, self.start)
+        if self.end is not None:
+            acts = acts & ~since(times, self.end)
+        components = {"x": feed * along_x - normal * along_y, "y": feed * along_y + normal * along_x, "z": -axial}
+        return np.where(acts, components[self.component], 0.0)
+
+    def _feed(self, t: np.ndarray) -> tuple[Any, Any, Any]:
+        """Chip load in m and the direction of the feed."""
+        if self.chip_load is not None:
+            return self.chip_load, float(np.cos(self.direction)), float(np.sin(self.direction))
+        x, y = (np.asarray(reference.at(t).velocity) for reference in self.references)
+        feed = np.hypot(x, y)
+        moving = np.where(feed > 0.0, feed, 1.0)
+        return feed / (self.cutter.teeth * self.spindle_speed / 60.0), x / moving, y / moving
