@@ -33,7 +33,7 @@ def on_config(config: Any) -> Any:
     """One entry of the navigation for each family of blocks."""
     families = [{"The loop": [f"blocks/{getattr(feeddrive, name).kind}.md" for name in LOOP]}]
     families += [{title(family): [place(block) for block in members]} for family, members in families_of_blocks()]
-    config.nav.insert(3, {"Blocks": families})
+    config.nav.insert(4, {"Blocks": families})
     return config
 
 
@@ -52,7 +52,7 @@ def on_files(files: Any, config: Any) -> Any:
 
 def on_page_markdown(markdown: str, **_: Any) -> str:
     """Links from docs/ to the files at the root, which are pages beside it in the site."""
-    return re.sub(r"\]\(\.\./([A-Z]+\.md)", r"](\1", markdown)
+    return re.sub(r"\]\(\.\./((?:\.\./)*[A-Z]+\.md)", r"](\1", markdown)
 
 
 def families_of_blocks() -> Iterator[tuple[type[Block], list[type[Block]]]]:

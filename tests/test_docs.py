@@ -16,7 +16,7 @@ import pytest
 from typer.main import get_command
 
 ROOT = Path(__file__).parent.parent
-PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md")])
+PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")])
 GENERATED = {"docs/python.md"}  # pages that exist only in the built site
 COMMANDS = ("console", "sh", "text", "powershell")
 

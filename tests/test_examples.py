@@ -42,3 +42,16 @@ def test_set_valued_friction_holds_and_the_regularised_creeps(capsys: pytest.Cap
     creep = re.search(r"regularised .* fastest +([0-9.]+) um/s", text)
     assert creep is not None
     assert float(creep[1]) == pytest.approx(194.6, rel=0.001)
+
+
+def test_a_faster_cascade_is_stiffer_and_less_robust(capsys: pytest.CaptureFixture[str]) -> None:
+    text = said("cascade_by_margins.py", capsys)
+    peaks, stiff = (
+        [float(x) for x in re.findall(pattern, text)] for pattern in (r"Ms ([0-9.]+)", r"softest ([0-9.]+)")
+    )
+    assert peaks == sorted(peaks)
+    # force over displacement scales with mass times frequency squared where the loop is a scaled copy; dead time is not
+    for below, above in zip(stiff, stiff[1:], strict=False):
+        assert above / below == pytest.approx(4.0, rel=0.1)
+    alone, forward = ([float(x) for x in re.findall(pattern, text)] for pattern in (r"alone +(\S+)", r"forward +(\S+)"))
+    assert all(f < a / 10.0 for a, f in zip(alone, forward, strict=True))
