@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import runpy
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -51,7 +52,6 @@ def test_a_faster_cascade_is_stiffer_and_less_robust(capsys: pytest.CaptureFixtu
     )
     assert peaks == sorted(peaks)
     # force over displacement scales with mass times frequency squared where the loop is a scaled copy; dead time is not
-    for below, above in zip(stiff, stiff[1:], strict=False):
+    for below, above in pairwise(stiff):
         assert above / below == pytest.approx(4.0, rel=0.1)
-    alone, forward = ([float(x) for x in re.findall(pattern, text)] for pattern in (r"alone +(\S+)", r"forward +(\S+)"))
     assert all(f < a / 10.0 for a, f in zip(alone, forward, strict=True))
