@@ -47,8 +47,8 @@ def test_set_valued_friction_holds_and_the_regularised_creeps(capsys: pytest.Cap
 
 def test_a_faster_cascade_is_stiffer_and_less_robust(capsys: pytest.CaptureFixture[str]) -> None:
     text = said("cascade_by_margins.py", capsys)
-    peaks, stiff = (
-        [float(x) for x in re.findall(pattern, text)] for pattern in (r"Ms ([0-9.]+)", r"softest ([0-9.]+)")
+    peaks, stiff, alone, forward = (
+        [float(x) for x in re.findall(rf"{word} +([0-9.]+)", text)] for word in ("Ms", "softest", "alone", "forward")
     )
     assert peaks == sorted(peaks)
     # force over displacement scales with mass times frequency squared where the loop is a scaled copy; dead time is not
