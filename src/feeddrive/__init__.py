@@ -79,6 +79,7 @@ if TYPE_CHECKING:
     from feeddrive.blocks.actuator.screw import Screw as Screw
     from feeddrive.blocks.controller.cascade_ppi import CascadePPI as CascadePPI
     from feeddrive.blocks.cutting.helical_cutter import HelicalCutter as HelicalCutter
+    from feeddrive.blocks.feedforward.disturbance_compensator import DisturbanceCompensator as DisturbanceCompensator
     from feeddrive.blocks.feedforward.friction_feedforward import FrictionFeedforward as FrictionFeedforward
     from feeddrive.blocks.feedforward.inertia import Inertia as Inertia
     from feeddrive.blocks.filter.low_pass import LowPass as LowPass

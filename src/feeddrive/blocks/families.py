@@ -1,7 +1,7 @@
 """The families of blocks, and the few questions that each member answers.
 
 A member is final: it fills in what is abstract here and overrides nothing that has a body, except the empty hooks
-`prepare`, `retune`, `period`, `check` and `fits`.  Its `step` is pure: state goes in and comes out.
+`prepare`, `retune`, `period`, `check`, `fed` and `fits`.  Its `step` is pure: state goes in and comes out.
 
     prepare(T)   work that depends on parameters only, done once per run; returns a named tuple of numbers
     start(...)   the state of a block that has been at rest for ever
@@ -197,6 +197,10 @@ class Feedforward(Block, ABC):
     """
 
     feeds: ClassVar[tuple[str, ...]] = ()
+
+    def fed(self) -> tuple[str, ...]:
+        """What this one feeds, if parameters that are absent make it less than `feeds` (empty hook)."""
+        return self.feeds
 
     @abstractmethod
     def force(self, setpoint: Setpoint, T: Number) -> Number:

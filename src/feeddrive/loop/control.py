@@ -67,7 +67,7 @@ class Control(Block):
         """Nothing of the set motion may be fed forward twice."""
         fed = dict.fromkeys(self.law.feeds, self.law.kind)
         for i, block in enumerate(self.feedforward):
-            for name in (each for each in FEEDS if each in block.feeds):
+            for name in (each for each in FEEDS if each in block.fed()):
                 if name in fed:
                     raise StructureError(
                         f"control.feedforward.{i}: {block.kind} feeds the {name} forward, which {fed[name]} does "

@@ -1,0 +1,107 @@
+"""Feedforward of motion and friction, linear in its parameters: what iterative tuning learns from trial to trial."""
+
+from __future__ import annotations
+
+from feeddrive.blocks.families import Feedforward
+from feeddrive.blocks.friction.curve import check_pair
+from feeddrive.blocks.signals import Setpoint
+from feeddrive.language import ops
+from feeddrive.language.block import Number, parameter
+
+
+class DisturbanceCompensator(Feedforward):
+    """The force that a set motion needs, as a sum of regressors of the set motion in the middle of the sample.
+
+        force = φᵀ θ,   all of the setpoint at t + T/2, since the force acts over [kT, (k+1)T]
+        θ = [mass, viscous, coulomb_positive, coulomb_negative, stribeck, jerk_feedforward, snap_feedforward]
+        φ = [a, v, 1(v > 0), -1(v < 0), sgn(v) e^-(v / stribeck_velocity)², j, s]
+
+    `coulomb_negative` is positive where friction holds back the motion towards smaller positions.  Within the dead band
+    the axis rests and the three columns of friction are 0.  A parameter that is left out is no column: what the block
+    feeds forward, and what `iterate` may tune, is what is given, 0 included.
+    In the drive's unit the parameters are those over its force constant: a = mass / k in A s²/m, b = viscous / k.
+
+    When to use: with `iterate`, beside any law that does not feed the same things.  When not: with friction that
+    drifts from part to part, or on an axis that creeps and sticks, where the set velocity is not that of the axis.
+    Source: Wu, Han, Xiong & Ding 2017, eq. (1) to (7) and the regressors of the disturbance compensator.
+    """
+
+    feeds = ("acceleration", "velocity", "friction")
+
+    mass: Number | None = parameter("kg", "mass that is fed forward; absent for none", least=0, default=None)
+    viscous: Number | None = parameter(
+        "N s/m", "viscous friction that is fed forward; absent for none", least=0, default=None
+    )
+    coulomb_positive: Number | None = parameter("N", "level at speed for v > 0; absent for none", least=0, default=None)
+    coulomb_negative: Number | None = parameter("N", "level at speed for v < 0; absent for none", least=0, default=None)
+    stribeck: Number | None = parameter(
+        "N", "how much the level at standstill exceeds that at speed; absent for no Stribeck curve", default=None
+    )
+    stribeck_velocity: Number | None = parameter(
+        "m/s", "velocity at which the extra level has fallen to 1/e", above=0, default=None
+    )
+    jerk_feedforward: Number | None = parameter("N s3/m", "force per set jerk; absent for none", default=None)
+    snap_feedforward: Number | None = parameter("N s4/m", "force per set snap; absent for none", default=None)
+    dead_band: Number = parameter("m/s", "speed below which the axis is taken to rest", least=0, default=1e-9)
+
+    def check(self) -> None:
+        """The Stribeck column has its velocity."""
+        check_pair(self.kind, "stribeck", self.stribeck, "stribeck_velocity", self.stribeck_velocity)
+
+    def fed(self) -> tuple[str, ...]:
+        """What the given parameters feed forward."""
+        friction = (self.coulomb_positive, self.coulomb_negative, self.stribeck)
+        given = (
+            any(each is not None for each in (self.mass, self.jerk_feedforward, self.snap_feedforward)),
+            self.viscous is not None,
+            any(each is not None for each in friction),
+        )
+        return tuple(name for name, is_there in zip(self.feeds, given, strict=True) if is_there)
+
+    def parameters(self) -> dict[str, Number]:
+        """θ by name: the parameters that are given, in the order of the columns."""
+        named = {
+            "mass": self.mass,
+            "viscous": self.viscous,
+            "coulomb_positive": self.coulomb_positive,
+            "coulomb_negative": self.coulomb_negative,
+            "stribeck": self.stribeck,
+            "jerk_feedforward": self.jerk_feedforward,
+            "snap_feedforward": self.snap_feedforward,
+        }
+        return {name: value for name, value in named.items() if value is not None}
+
+    def regressors(self, setpoint: Setpoint, T: Number) -> dict[str, Number]:
+        """φ by name, for the parameters that are given; the numbers may be floats, symbols or arrays over time."""
+        middle = setpoint.shifted(0.5 * T)
+        v = middle.velocity
+        forward, backward = v > self.dead_band, v < -self.dead_band
+        found: dict[str, Number] = {}
+        if self.mass is not None:
+            found["mass"] = middle.acceleration
+        if self.viscous is not None:
+            found["viscous"] = v
+        if self.coulomb_positive is not None:
+            found["coulomb_positive"] = ops.where(forward, 1.0, 0.0)
+        if self.coulomb_negative is not None:
+            found["coulomb_negative"] = ops.where(backward, -1.0, 0.0)
+        if self.stribeck is not None and self.stribeck_velocity is not None:
+            ratio = v / self.stribeck_velocity
+            extra = ops.exp(-(ratio * ratio))
+            found["stribeck"] = ops.where(forward, extra, ops.where(backward, -extra, 0.0))
+        if self.jerk_feedforward is not None:
+            found["jerk_feedforward"] = middle.jerk
+        if self.snap_feedforward is not None:
+            found["snap_feedforward"] = middle.snap
+        return found
+
+    def force(self, setpoint: Setpoint, T: Number) -> Number:
+        """φᵀ θ."""
+        columns, parameters = self.regressors(setpoint, T), self.parameters()
+        terms = [columns[name] * value for name, value in parameters.items()]
+        if not terms:
+            return setpoint.velocity - setpoint.velocity
+        total = terms[0]
+        for term in terms[1:]:
+            total = total + term
+        return total
