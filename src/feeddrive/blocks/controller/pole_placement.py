@@ -1,0 +1,194 @@
+"""Pole placement on screw and table: active damping of the axial mode from two encoders."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+from feeddrive.blocks.families import Law, Nothing, Plant
+from feeddrive.blocks.filter.biquad import check_below_nyquist
+from feeddrive.blocks.plant.two_bodies import (
+    Gains,
+    check_controllable,
+    lag,
+    place,
+    polynomial,
+    relaxed_lead,
+    series,
+    two_bodies,
+)
+from feeddrive.blocks.signals import Reading, Setpoint
+from feeddrive.language import ops
+from feeddrive.language.block import Number, choice, parameter, part
+from feeddrive.language.errors import ParameterError
+
+AXIAL_SHARE = 0.975  # of the axial mode's own frequency: to move a mode wastes force, to damp it does not
+
+
+class PolePlacement(Law):
+    """State feedback of screw and table, with all five poles of the closed loop chosen.
+
+        force = K1 (x1r - x1) + K2 (x2r - x2) + K3 (v1r - v1) + K4 (v2r - v2) + Ki Σ T (x2r - x2)
+        v1 = (x1(k) - x1(k-1)) / T,  v2 likewise;  x2r, v2r are the setpoint, x1r = x2r + lead, v1r = v2r + lead'
+        poles:  -ωc,   s² + 2 rigid_damping ωr s + ωr²,   s² + 2 axial_damping ωa s + ωa²
+
+    The gains follow from `model` by one linear solve, for a diagonal and for a full mass matrix; a pair with a damping
+    of 1 or more is two real poles, and poles may coincide.  What is absent follows the rule: ωr = ωc, and ωa at 0.975
+    of the model's axial mode.  Choose ωc first, as high as the sensitivity peak allows, then damp the axial mode by
+    about five times its own damping; more does not help, since torsional modes and delay then answer.
+
+    `commands` is how the screw's set position follows from that of the table (`lead` in blocks/plant/two_bodies.py):
+    the series; the exact discrete lag of c/k, by first-order hold; or, rigid, none, which needs no model of the spring
+    and gives away most of the accuracy.
+
+    A force that was cut off by the limit freezes the integral in that sample, one sample later.
+    When to use: ball screws and belts whose first mode lies within three times the wanted crossover, with an encoder on
+    the motor and one on the table.  When not: with one encoder, or if the axial mode moves by more than a fifth along
+    the travel.  Source: Gordon & Erkorkmaz 2013, eq. (1) to (2) and section 2; the integral by backward Euler.
+    """
+
+    encoders = 2
+    knobs = ("bandwidth", "rigid_damping", "axial_damping")
+
+    model: Plant = part("screw, table and the spring between them, as the law believes them to be")
+    bandwidth: Number = parameter("Hz", "real pole, and the rigid pair if it has no frequency of its own", above=0)
+    rigid_frequency: Number | None = parameter(
+        "Hz", "frequency of the rigid pair; absent: the bandwidth", above=0, default=None
+    )
+    rigid_damping: Number = parameter("", "damping ratio of the rigid pair", above=0, default=0.45)
+    axial_frequency: Number | None = parameter(
+        "Hz", "frequency of the axial pair; absent: 0.975 of the model's mode", above=0, default=None
+    )
+    axial_damping: Number = parameter("", "damping ratio of the axial pair", above=0, default=0.1)
+    commands: str = choice(
+        "how the set position of the screw follows from that of the table",
+        options=("series", "exact", "rigid"),
+        default="series",
+    )
+
+    class Prepared(NamedTuple):
+        """The gains, and the exact lag's share of its last value, of the last input and of the new one."""
+
+        gains: Gains
+        kept: Number = 0.0
+        last: Number = 0.0
+        new: Number = 0.0
+
+    class Lead(NamedTuple):
+        """Of the exact lag: the relaxed leads of the last sample, and the leads (m, m/s)."""
+
+        relaxed: tuple[Number, Number]
+        lead: tuple[Number, Number]
+
+    class State(NamedTuple):
+        """Last readings (m), their difference at the start (m), Σ T e and its last term (m s), the exact lag."""
+
+        position_motor: Number
+        position_load: Number
+        offset: Number
+        integral: Number
+        added: Number
+        lead: Any
+
+    def check(self) -> None:
+        """The model has two bodies and lets its poles be moved; the exact lag is stable."""
+        bodies = two_bodies(self.kind, self.model)
+        check_controllable(self.kind, bodies)
+        m12 = bodies.m12
+        if self.commands == "exact" and isinstance(m12, float) and m12 != 0.0:
+            c, k = -bodies.c12, bodies.k
+            if m12 > 0.0:
+                pole = (c + ops.sqrt(c * c + 4.0 * m12 * k)) / (2.0 * m12)
+                why = f"is unstable, as for every value > 0 kg: its pole is at +{pole:.6g} 1/s"
+            else:
+                ringing = ops.sqrt(-k / m12)
+                ratio = -0.5 * c / (m12 * ringing)
+                why = f"rings at {ringing / (2.0 * ops.pi):.4g} Hz with a damping ratio of {ratio:.3g}"
+            raise ParameterError(
+                f"{self.kind}.commands = 'exact': with model.coupling_mass = {m12:g} kg the exact filter of the screw's"
+                f" set position {why}; the nearest admissible coupling_mass is 0 kg, {abs(m12):g} kg away: leave it "
+                f"out, or take commands = 'series'"
+            )
+
+    def fits(self, sample_time: float) -> None:
+        """All poles lie below half the sample rate."""
+        for name, frequency, damping in (
+            ("bandwidth", self.bandwidth, 1.0),
+            ("rigid_frequency", self._rigid(), self.rigid_damping),
+            ("axial_frequency", self._axial(), self.axial_damping),
+        ):
+            fastest = frequency * (damping + ops.sqrt(ops.maximum(damping * damping - 1.0, 0.0)))
+            check_below_nyquist(f"{self.kind}.{name}", ops.maximum(frequency, fastest), sample_time)
+
+    def _rigid(self) -> Number:
+        return self.bandwidth if self.rigid_frequency is None else self.rigid_frequency
+
+    def _axial(self) -> Number:
+        if self.axial_frequency is not None:
+            return self.axial_frequency
+        return AXIAL_SHARE * two_bodies(self.kind, self.model).mode / (2.0 * ops.pi)
+
+    def polynomial(self) -> list[Any]:
+        """The desired characteristic polynomial, coefficients from s⁰ to s⁵."""
+        turn = 2.0 * ops.pi
+        return polynomial(
+            turn * self.bandwidth,
+            (turn * self._rigid(), self.rigid_damping),
+            (turn * self._axial(), self.axial_damping),
+        )
+
+    def gains(self) -> Gains:
+        """The five gains."""
+        return place(two_bodies(self.kind, self.model), self.polynomial())
+
+    def prepare(self, T: Number) -> Prepared:
+        """The gains; for the exact lag of c/k the first-order hold e^(-T k/c)."""
+        if self.commands != "exact":
+            return self.Prepared(self.gains())
+        samples = ops.maximum(lag(two_bodies(self.kind, self.model)) / T, 1e-3)  # faster is the same to 1e-300
+        kept = ops.exp(-1.0 / samples)
+        mean = samples * (1.0 - kept)
+        return self.Prepared(self.gains(), kept, mean - kept, 1.0 - mean)
+
+    def start(self, prepared: Prepared, setpoint: Setpoint, reading: Reading) -> State:
+        """At rest at the reading, encoders aligned, with the integral holding the force that acts."""
+        zero = reading.position_load - reading.position_load
+        lead: Any = Nothing()
+        if self.commands == "exact":
+            lead = self.Lead((zero, zero), (zero, zero))
+        offset = reading.position_motor - reading.position_load
+        held = reading.applied / prepared.gains.Ki
+        return self.State(reading.position_motor, reading.position_load, offset, held, zero, lead)
+
+    def step(
+        self, prepared: Prepared, state: State, setpoint: Setpoint, reading: Reading, T: Number
+    ) -> tuple[State, Number]:
+        """The equations above."""
+        K1, K2, K3, K4, Ki = prepared.gains
+        v1 = (reading.position_motor - state.position_motor) / T
+        v2 = (reading.position_load - state.position_load) / T
+        e = setpoint.position - reading.position_load
+        e1 = setpoint.position - (reading.position_motor - state.offset)
+        ev1, ev2 = setpoint.velocity - v1, setpoint.velocity - v2
+        lead = state.lead
+        if self.commands == "exact":
+            lead = self._followed(prepared, lead, setpoint)
+            e1, ev1 = e1 + lead.lead[0], ev1 + lead.lead[1]
+        elif self.commands == "series":
+            ahead = series(two_bodies(self.kind, self.model), setpoint)
+            e1, ev1 = e1 + ahead.position, ev1 + ahead.velocity
+        free = ops.equal(reading.applied, reading.requested)
+        added = T * e
+        integral = ops.where(free, state.integral, state.integral - state.added) + added
+        force = K1 * e1 + K2 * e + K3 * ev1 + K4 * ev2 + Ki * integral
+        after = self.State(reading.position_motor, reading.position_load, state.offset, integral, added, lead)
+        return after, force
+
+    def _followed(self, prepared: Prepared, state: Lead, setpoint: Setpoint) -> Lead:
+        """One sample of (c s + k) lead = k relaxed, for the lead and its derivative, inputs straight in between."""
+        made = relaxed_lead(two_bodies(self.kind, self.model), setpoint)
+        now = (made.position, made.velocity)
+        position, velocity = (
+            prepared.kept * held + prepared.last * before + prepared.new * new
+            for held, before, new in zip(state.lead, state.relaxed, now, strict=True)
+        )
+        return self.Lead(now, (position, velocity))

@@ -1,0 +1,44 @@
+"""The force that screw and table need for the set motion, with the spring between them."""
+
+from __future__ import annotations
+
+from feeddrive.blocks.families import Feedforward, Plant
+from feeddrive.blocks.plant.two_bodies import series, two_bodies
+from feeddrive.blocks.signals import Setpoint
+from feeddrive.language.block import Number, choice, part
+
+
+class InverseDynamics(Feedforward):
+    """Inverse dynamics of two masses and a spring, in the middle of the sample in which the force acts.
+
+        force = (m11 + m12) a1 + (c11 + c12) v1 + (m22 + m12) a2 + (c22 + c12) v2
+        v2, a2 = v_set, a_set at t + T/2;   v1 = v2 + lead', a1 = a2 + lead'' of the screw (blocks/plant/two_bodies.py)
+
+    which for a diagonal mass matrix is m1 a1 + b1 v1 + m2 a2 + b2 v2, that is
+    (m1 + m2) a + (b1 + b2) v + (m1 b2 + m2 b1) j/k + m1 m2 snap/k + ...   With `order` = "rigid" the spring is left
+    out: a1 = a2, v1 = v2.
+
+    When to use: with references that state jerk and snap, under any law with an encoder on the table.  It pays only
+    together with set positions of the screw that belong to it, as in `PolePlacement`.
+    Source: Gordon & Erkorkmaz 2013, section 2 (inverse dynamics); Lambrechts, Boerlage & Steinbuch 2005.
+    """
+
+    feeds = ("acceleration", "velocity")
+
+    model: Plant = part("screw, table and the spring between them")
+    order: str = choice("with the spring, or as one rigid mass", options=("full", "rigid"), default="full")
+
+    def check(self) -> None:
+        """The model has two bodies."""
+        two_bodies(self.kind, self.model)
+
+    def force(self, setpoint: Setpoint, T: Number) -> Number:
+        """The equations above."""
+        m11, m12, m22, c11, c12, c22, _ = bodies = two_bodies(self.kind, self.model)
+        middle = setpoint.shifted(0.5 * T)
+        a1, v1 = middle.acceleration, middle.velocity
+        if self.order == "full":
+            lead = series(bodies, middle)
+            a1, v1 = a1 + lead.acceleration, v1 + lead.velocity
+        screw = (m11 + m12) * a1 + (c11 + c12) * v1
+        return screw + (m22 + m12) * middle.acceleration + (c22 + c12) * middle.velocity

@@ -1,0 +1,202 @@
+"""What a model of screw and table says of itself: its mode, how the screw must lead the table, which poles it can get.
+
+All equations are those of Gordon & Erkorkmaz 2013, eq. (2):
+
+    [m11 m12] [x1'']   [c11 c12] [x1']     [ 1 -1] [x1]   [u]
+    [m12 m22] [x2''] + [c12 c22] [x2'] + k [-1  1] [x2] = [0]
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+from feeddrive.blocks.families import Plant
+from feeddrive.blocks.signals import Setpoint
+from feeddrive.language import matrix, ops
+from feeddrive.language.block import Number
+from feeddrive.language.errors import ParameterError, StructureError
+
+LEAST_CONTROL = 1e-6  # of 1, which is a table that only its screw moves: below it the gains lose all their digits
+
+
+class TwoBodies(NamedTuple):
+    """The matrices of the equation above; 0.0 that stands in the text is a term that is not there."""
+
+    m11: Number
+    m12: Number
+    m22: Number
+    c11: Number
+    c12: Number
+    c22: Number
+    k: Number
+
+    @property
+    def led(self) -> Number:
+        """m22 + m12 in kg: what the spring accelerates when both bodies accelerate alike."""
+        return self.m22 if matrix.is_zero(self.m12) else self.m22 + self.m12
+
+    @property
+    def dragged(self) -> Number:
+        """c22 + c12 in N s/m: what drags at the spring when both bodies move alike, b2 of the guideway."""
+        return self.c22 + self.c12
+
+    @property
+    def determinant(self) -> Number:
+        """m11 m22 - m12² in kg²."""
+        plain = self.m11 * self.m22
+        return plain if matrix.is_zero(self.m12) else plain - self.m12 * self.m12
+
+    @property
+    def mode(self) -> Number:
+        """The axial mode without damping, rad/s: ω² = k (m11 + 2 m12 + m22) / (m11 m22 - m12²)."""
+        total = self.m11 + self.m22
+        total = total if matrix.is_zero(self.m12) else total + 2.0 * self.m12
+        return ops.sqrt(self.k * total / self.determinant)
+
+
+def two_bodies(where: str, plant: Plant) -> TwoBodies:
+    """The matrices of a plant. Raises StructureError, with what to take, for one that is not of this form."""
+    made = plant.mechanics()
+    places = (made.drive, made.motor, made.load)
+    if made.shape != ((1.0, 0.0), (0.0, 1.0)) or places != (0, 0, 1):
+        raise StructureError(
+            f"{where}: the model '{plant.kind}' is not a driven body, a load and one spring between them; "
+            f"take two_mass or screw_two_mass with the mode that is to be damped"
+        )
+    return TwoBodies(
+        m11=made.mass[0][0],
+        m12=made.mass[0][1],
+        m22=made.mass[1][1],
+        c11=made.damping[0][0],
+        c12=made.damping[0][1],
+        c22=made.damping[1][1],
+        k=made.stiffness[0][0],
+    )
+
+
+def check_controllable(where: str, bodies: TwoBodies) -> None:
+    """Raise ParameterError if a force on the screw cannot move all poles, or only by gains that are all rounding.
+
+    With q = dragged/led a motion e^-qt of both bodies alike leaves the spring relaxed; it cannot be moved if it also
+    balances the forces on the table: control = |led² - (c q + m12 q²) led²/k| / m22² = 0,  c = -c12.
+    """
+    if not all(isinstance(value, float) for value in bodies):
+        return
+    led, dragged, k = bodies.led, bodies.dragged, bodies.k
+    found = abs(led * led + (bodies.c12 * led - bodies.m12 * dragged) * dragged / k) / (bodies.m22 * bodies.m22)
+    if found >= LEAST_CONTROL:
+        return
+    if abs(led) < 0.5 * bodies.m22:
+        near = -bodies.m22 * (1.0 - LEAST_CONTROL**0.5 * (1.0 if led >= 0.0 else -1.0))
+        remedy = f"coupling_mass = {bodies.m12:g} kg cancels mass_load; the nearest admissible value is {near:.6g} kg"
+    else:
+        near = -k * bodies.m22 / bodies.c12 * (1.0 - 2.0 * LEAST_CONTROL)
+        remedy = f"the damping of the guideway is {dragged:g} N s/m; the nearest admissible value is {near:.6g} N s/m"
+    raise ParameterError(
+        f"{where}: the poles cannot be placed: a force on the screw does not reach one motion of the table (control "
+        f"{found:.3g} of 1, the least is {LEAST_CONTROL:g}): {remedy}"
+    )
+
+
+class Gains(NamedTuple):
+    """u = K1 (x1r - x1) + K2 (x2r - x2) + K3 (v1r - v1) + K4 (v2r - v2) + Ki ∫ (x2r - x2) dt."""
+
+    K1: Number  # N/m
+    K2: Number  # N/m
+    K3: Number  # N s/m
+    K4: Number  # N s/m
+    Ki: Number  # N/(m s)
+
+
+def polynomial(real: Number, *pairs: tuple[Number, Number]) -> list[Any]:
+    """Coefficients of (s + real) Π (s² + 2 ζ ω s + ω²), from that of s⁰ on; pairs are (ω, ζ)."""
+    found: list[Any] = [real, 1.0]
+    for frequency, damping in pairs:
+        quadratic = (frequency * frequency, 2.0 * damping * frequency, 1.0)
+        product: list[Any] = [0.0] * (len(found) + 2)
+        for i, a in enumerate(found):
+            for j, b in enumerate(quadratic):
+                term = b if matrix.is_one(a) else a if matrix.is_one(b) else a * b
+                product[i + j] = term if matrix.is_zero(product[i + j]) else product[i + j] + term
+        found = product
+    return found
+
+
+def place(bodies: TwoBodies, desired: list[Any]) -> Gains:
+    """The gains that give the closed loop the polynomial `desired` = [a0, a1, a2, a3, a4, 1], by one linear solve.
+
+    Equation (2) closed by the gains has the characteristic polynomial
+
+        s Δ + s (K1 + K3 s) P22 - (s K2 + s² K4 + Ki) P12 = (m11 m22 - m12²) · desired,   Pij = mij s² + cij s ± k
+
+    With the sums S1 = K1 + K2 and S3 = K3 + K4 it reads, since P22 + P12 = led s² + dragged s holds no spring,
+
+        s² (K1 + K3 s)(led s + dragged) + (Ki + S1 s + S3 s²)(k - c12 s - m12 s²) = (m11 m22 - m12²) · desired - s Δ
+
+    whose coefficients, from s⁰ to s⁴ for (Ki, S1, S3, K1, K3), need no pivoting: the equations are nearly triangular
+    whatever the units, and elimination without pivoting does not depend on a scale of rows and columns.  Repeated poles
+    are as good as any others.
+    """
+    m11, m12, m22, c11, c12, c22, k = bodies
+    led, dragged = bodies.led, bodies.dragged
+    # s Δ = s (P11 P22 - P12²), from s² on; s¹ is free of terms, since the whole axis moves freely
+    free = (
+        0.0,
+        0.0,
+        k * (c11 + c22 + 2.0 * c12),
+        c11 * c22 - c12 * c12 + k * (m11 + m22 + 2.0 * m12),
+        m11 * c22 + m22 * c11 - 2.0 * (m12 * c12),
+    )
+    right = [
+        (bodies.determinant * a if matrix.is_zero(b) else bodies.determinant * a - b,)
+        for a, b in zip(desired[:5], free, strict=True)
+    ]
+    off, slope = (0.0 if matrix.is_zero(m12) else -m12), -c12
+    left = (
+        (k, 0.0, 0.0, 0.0, 0.0),
+        (slope, k, 0.0, 0.0, 0.0),
+        (off, slope, k, dragged, 0.0),
+        (0.0, off, slope, led, dragged),
+        (0.0, 0.0, off, 0.0, led),
+    )
+    (Ki,), (S1,), (S3,), (K1,), (K3,) = matrix.solve(left, right)
+    return Gains(K1, S1 - K1, K3, S3 - K3, Ki)
+
+
+class ScrewCommand(NamedTuple):
+    """How far the screw must be ahead of the table for a motion of the table, and the derivatives of that lead."""
+
+    position: Number  # m
+    velocity: Number  # m/s
+    acceleration: Number  # m/s²
+
+
+def relaxed_lead(bodies: TwoBodies, setpoint: Setpoint) -> ScrewCommand:
+    """The lead that a spring without damping needs, in m, m/s and m/s²: (led a + dragged v) / k and its derivatives."""
+    per_acceleration, per_velocity = bodies.led / bodies.k, bodies.dragged / bodies.k
+    return ScrewCommand(
+        per_acceleration * setpoint.acceleration + per_velocity * setpoint.velocity,
+        per_acceleration * setpoint.jerk + per_velocity * setpoint.acceleration,
+        per_acceleration * setpoint.snap + per_velocity * setpoint.jerk,
+    )
+
+
+def lag(bodies: TwoBodies) -> Number:
+    """Time constant in s with which the screw's lead follows the relaxed one: c/k, c = -c12."""
+    return -bodies.c12 / bodies.k
+
+
+def series(bodies: TwoBodies, setpoint: Setpoint) -> ScrewCommand:
+    """The lead of the screw by the series in c/k, cut off behind its first term: no state, and stable for any m12.
+
+    The second line of equation (2), solved for x1 - x2 = lead:
+
+        (k - c12 s - m12 s²) lead = (led s² + dragged s) x2
+        lead  = relaxed  - (c/k) relaxed',    lead' = relaxed' - (c/k) relaxed'',    lead'' = relaxed''
+    """
+    relaxed, late = relaxed_lead(bodies, setpoint), lag(bodies)
+    return ScrewCommand(
+        relaxed.position - late * relaxed.velocity,
+        relaxed.velocity - late * relaxed.acceleration,
+        relaxed.acceleration,
+    )

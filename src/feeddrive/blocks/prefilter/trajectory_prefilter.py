@@ -1,0 +1,46 @@
+"""A prefilter of the set motion that cancels what a loop leaves of its tracking error."""
+
+from __future__ import annotations
+
+from feeddrive.blocks.families import Nothing, Prefilter
+from feeddrive.blocks.signals import Setpoint
+from feeddrive.language.block import Number, parameter
+
+
+class TrajectoryPrefilter(Prefilter):
+    """Adds parts of the set motion's own derivatives to it, on each derivative alike, cut off above the snap.
+
+        x_out = x + θ1 v + θ2 a + θ3 j + θ4 s
+        v_out = v + θ1 a + θ2 j + θ3 s
+        a_out = a + θ1 j + θ2 s
+        j_out = j + θ1 s
+        s_out = s
+
+    Nothing is differenced: the steps of a snap-limited motion would become impulses.
+    A loop that leaves e = θ(s) x of a set motion x, θ(s) = θ1 s + θ2 s² + θ3 s³ + θ4 s⁴, leaves θ(s)² x behind this
+    block: `fit_prefilter` finds θ from one run.
+    When to use: behind feedforward, on moves whose errors are alike each time.  When not: on a loop without
+    feedforward, where θ is not small; for references that state no derivatives.
+    Source: Gordon & Erkorkmaz 2013, section 2 (trajectory prefilter).
+    """
+
+    theta1: Number = parameter("s", "part of the velocity", default=0)
+    theta2: Number = parameter("s2", "part of the acceleration", default=0)
+    theta3: Number = parameter("s3", "part of the jerk", default=0)
+    theta4: Number = parameter("s4", "part of the snap", default=0)
+
+    def start(self, setpoint: Setpoint) -> Nothing:
+        """No memory."""
+        return Nothing()
+
+    def step(self, state: Nothing, setpoint: Setpoint, T: Number) -> tuple[Nothing, Setpoint]:
+        """The equations above."""
+        x, v, a, j, s = setpoint
+        t1, t2, t3, t4 = self.theta1, self.theta2, self.theta3, self.theta4
+        return state, Setpoint(
+            x + (t1 * v + t2 * a + t3 * j + t4 * s),
+            v + (t1 * a + t2 * j + t3 * s),
+            a + (t1 * j + t2 * s),
+            j + t1 * s,
+            s,
+        )
