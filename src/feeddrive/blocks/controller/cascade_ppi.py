@@ -14,7 +14,7 @@ class CascadePPI(Law):
     """P position loop around a PI velocity loop, with velocity feedforward.
 
         e     = Kv (x_set - x_load) + velocity_feedforward · v_set - v
-        force = Kp (e + (1/Tn) Σ T e)
+        force = Kp (e + (1/Tn) Σ T e) (+ viscous · v)
         v     = (x(k) - x(k-n)) / nT  of the velocity encoder,  v_set = (x_set(k) - x_set(k-1)) / T
 
     The integral follows back-calculation: what the limit cut off in the last sample is taken out of it, one step
@@ -24,6 +24,9 @@ class CascadePPI(Law):
     from the last one to the new one, which it reaches in the sample before the next:
 
         command(k + i) = last + (i + 1)/n · (new - last),   i = 0 .. n-1,   new = Kv (x_set - x_load) + feedforward at k
+
+    With `viscous` the law gives back what the guideway takes, by the measured velocity; the paper's closed form (7)
+    is exact only then.  An `Inertia` beside it feeds the acceleration forward and leaves its own `viscous` at 0.
 
     When to use: always first; it is the baseline of every comparison.  When not: if the first mode of the axis lies
     within three times the wanted crossover, a law that damps it does better.
@@ -38,6 +41,9 @@ class CascadePPI(Law):
         "s", "integral time of the velocity loop; absent for a P velocity loop", above=0, default=None
     )
     velocity_feedforward: Number = parameter("", "share of the set velocity that is fed forward", default=1.0, least=0)
+    viscous: Number | None = parameter(
+        "N s/m", "viscous friction that is compensated by the measured velocity; absent for none", least=0, default=None
+    )
     velocity_samples: int = choice("samples over which the velocity is differenced", default=1, least=1, most=1000)
     velocity_encoder: str = choice("encoder of the velocity loop", options=("motor", "load"), default="motor")
     position_every: int = choice("the position loop runs every so many samples", default=1, least=1, most=1000)
@@ -83,11 +89,12 @@ class CascadePPI(Law):
             interpolator, wanted = self._interpolated(interpolator[0], wanted)
         e = wanted - velocity
         positions = (position, *state.positions[:-1])
+        force = self.Kp * e if self.viscous is None else self.Kp * e + self.viscous * velocity
         if self.Tn is None:
-            return self.State(positions, state.integral, interpolator), self.Kp * e
+            return self.State(positions, state.integral, interpolator), force
         integral = state.integral + (reading.applied - reading.requested)
         integral = integral + (self.Kp * T / self.Tn) * e
-        return self.State(positions, integral, interpolator), self.Kp * e + integral
+        return self.State(positions, integral, interpolator), force + integral
 
     def _interpolated(self, held: Interpolator, wanted: Number) -> tuple[tuple[Interpolator, ...], Number]:
         """The velocity command of this sample, from the last and the new one of the position loop."""

@@ -1,0 +1,135 @@
+"""Discrete-time adaptive sliding-mode control with a disturbance estimate."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from feeddrive.blocks.controller.polynomial_stability import is_stable, largest_share, product
+from feeddrive.blocks.families import Law
+from feeddrive.blocks.signals import Reading, Setpoint
+from feeddrive.language.block import Number, choice, parameter
+from feeddrive.language.errors import ParameterError
+
+
+class DADSC(Law):
+    """Discrete-time adaptive sliding-mode control of a rigid axis, with an estimate F̂d of the disturbance.
+
+        m x'' + b x' = F_m + F_d                                                                  (1)
+        e_v(k) = e_v(k-1) + (T/m) [m x_r''(k) + b x'(k) - F_m(k) - F_d(k)]       (2), as corrected
+        s(k)   = λ e_x(k) + e_v(k),   e_x = x_r - x,   e_v = x_r' - x'                            (3)
+        F_m(k) = m x_r''(k) + m K s(k) - F̂d(k) + b x'(k) + m λ e_v(k)                            (4)
+        F̂d(k)  = F̂d(k-1) - g1 s(k) + g2 s(k-1)                                                   (5)
+
+    From (2) and (4) follows Q s(k) = s(k-1) + (T/m) (F̂d(k) - F_d(k)) with Q = 1 + K T.  The paper leaves g1 and g2
+    free; here the third design frequency sets them,
+
+        g1 = m Q ω_d,   g2 = adaptation_ratio · g1/Q
+
+    and with a ratio of 1 the estimate no longer depends on s: F_d - F̂d falls by 1/(1 + ω_d T) from sample to sample.
+    The poles of the ideal loop, the denominator of the corrected (8), are then 1/(1 + λT), 1/(1 + KT), 1/(1 + ω_d T):
+    real for all positive frequencies.  It is a PID in other words: k_d = m (λ + K + ω_d), k_i = m λ K ω_d.
+
+    What a real loop adds: x' is the backward difference, and x_r' is differenced likewise; x_r'' is taken in the middle
+    of the sample over which the force acts; what the limit cut off in the last sample goes into F̂d (back-calculation
+    through `applied` and `requested`).  With two encoders x is the load's and x' the motor's.
+
+    When to use: linear motors and stiff drives under cutting forces, tuned by three frequencies; with all of them equal
+    to p, p <= 0.19/((d + 1) T) keeps Ms <= 2 at d samples of dead time.  When not: with a mode of the axis inside three
+    times the crossover, and not in hope of more stiffness than a P-PI of equal margins has: both are PIDs.
+    Source: Altintas & Okwudire 2009, eq. (1)-(8); in (2) the mass in front of x_r'' is missing, in (8) z² - 1 reads
+    z² - z.
+    """
+
+    feeds = ("acceleration", "velocity")
+    knobs = ("tracking_rate", "reaching_rate", "adaptation_rate")
+
+    mass: Number = parameter("kg", "m: all that moves", above=0)
+    viscous: Number = parameter("N s/m", "b: viscous friction of the guideway", least=0, default=0)
+    tracking_rate: Number = parameter("1/s", "λ: rate at which the position error falls on the sliding line", above=0)
+    reaching_rate: Number = parameter("1/s", "K: rate at which the sliding line is reached", above=0)
+    adaptation_rate: Number = parameter("1/s", "ω_d: rate at which the estimate follows the disturbance", above=0)
+    adaptation_ratio: Number = parameter("", "g2 Q / g1; other than 1 couples the estimate to s", least=0, default=1)
+    velocity_encoder: str = choice("encoder of the velocity", options=("motor", "load"), default="motor")
+
+    class Prepared(NamedTuple):
+        """g1 and g2 of (5), N s/m."""
+
+        g1: Number
+        g2: Number
+
+    class State(NamedTuple):
+        """Last position of the velocity's encoder (m), s(k-1) (m/s) and F̂d (N)."""
+
+        position: Number
+        sliding: Number
+        estimate: Number
+
+    def prepare(self, T: Number) -> Prepared:
+        """g1 = m Q ω_d, g2 = adaptation_ratio · g1/Q."""
+        g2 = self.mass * self.adaptation_rate
+        return self.Prepared(g2 * (1.0 + self.reaching_rate * T), self.adaptation_ratio * g2)
+
+    def start(self, prepared: Prepared, setpoint: Setpoint, reading: Reading) -> State:
+        """At rest at the reading on s = 0, with the disturbance that balances the force that acts."""
+        position = self._position(reading)
+        return self.State(position, position - position, -reading.applied)
+
+    def _position(self, reading: Reading) -> Number:
+        return reading.position_motor if self.velocity_encoder == "motor" else reading.position_load
+
+    def step(
+        self, prepared: Prepared, state: State, setpoint: Setpoint, reading: Reading, T: Number
+    ) -> tuple[State, Number]:
+        """Equations (3) to (5)."""
+        m, b = self.mass, self.viscous
+        position = self._position(reading)
+        v = (position - state.position) / T
+        e_x = setpoint.position - reading.position_load
+        e_v = setpoint.backward_velocity(T) - v
+        s = self.tracking_rate * e_x + e_v
+        held = state.estimate + (reading.requested - reading.applied)
+        estimate = held - prepared.g1 * s + prepared.g2 * state.sliding
+        acceleration = setpoint.shifted(0.5 * T).acceleration
+        force = m * (acceleration + self.reaching_rate * s + self.tracking_rate * e_v) - estimate + b * v
+        return self.State(position, s, estimate), force
+
+    def fits(self, sample_time: float) -> None:
+        """The sampled loop around m x'' = F, without any dead time, is stable at this sample time."""
+        rates = (self.tracking_rate, self.reaching_rate, self.adaptation_rate)
+        ratio, T = self.adaptation_ratio, sample_time
+        if not all(isinstance(number, float) for number in (*rates, ratio)) or _stable(rates, ratio, T):
+            return
+        if ratio > 1.0 and _stable(rates, 1.0, T):
+            most = 1.0 + (ratio - 1.0) * largest_share(lambda part: _stable(rates, 1.0 + part * (ratio - 1.0), T))
+            raise ParameterError(
+                f"dadsc.adaptation_ratio = {ratio:g} must be at most {most:.6g} at these rates: above that g2 takes out "
+                f"of the estimate what g1 brings in, and it drifts away; 1 is g2 = g1/Q"
+            )
+        held = min(ratio, 1.0)
+        share = largest_share(lambda part: _stable((part * rates[0], part * rates[1], part * rates[2]), held, T))
+        bounds = ", ".join(
+            f"{name} = {rate:g} 1/s (must be below {share * rate:.4g})"
+            for name, rate in zip(self.knobs, rates, strict=True)
+        )
+        raise ParameterError(
+            f"dadsc: {bounds}: {100.0 * (1.0 / share - 1.0):.3g} % too fast for the sample time {T:g} s, since the loop "
+            f"is unstable then even without dead time. Keep the ratios and stay below these bounds, or sample faster; "
+            f"with d samples of dead time 0.19/((d + 1) T) = {0.19 / T:.4g}/(d + 1) 1/s for each keeps Ms <= 2"
+        )
+
+
+def _stable(rates: tuple[Number, Number, Number], ratio: Number, T: float) -> bool:
+    """Whether the loop around m x'' = F, held over the sample, is stable with these rates λ, K, ω_d.
+
+    In q = z⁻¹ and D = 1 - q it closes as D³ + q (1 + q)/2 · [(k D + (1 + k) w - ratio w q)(l + D) + l D²] = 0 with
+    l = λT, k = KT, w = ω_d T; friction is left out: what the guideway takes the law gives back.
+    """
+    l, k, w = (rate * T for rate in rates)  # noqa: E741
+    difference = [1.0, -1.0]
+    second = product(difference, difference)
+    adapting = [k + (1.0 + k) * w, -k - ratio * w]
+    inner = product(adapting, [l + 1.0, -1.0])
+    inner = [a + l * c for a, c in zip(inner, second, strict=True)]
+    outer = product([0.0, 0.5, 0.5], inner)
+    closed = [*product(second, difference), 0.0]
+    return is_stable([a + c for a, c in zip(closed, outer, strict=True)])
