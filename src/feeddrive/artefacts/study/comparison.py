@@ -279,14 +279,21 @@ def _work(job: Job, log: Log | None) -> str:
 
 
 def _sentence(block: Block) -> str:
-    """A block by its kind and the parameters that are there."""
+    """A block by its kind, the parameters that are there, and its parts in brackets."""
     declared = declarations(type(block))
+    values = {name: getattr(block, name) for name in declared}
     given = [
         f"{name.replace('_', ' ')} {value:.6g} {declared[name].unit}".rstrip()
-        for name, value in ((name, getattr(block, name)) for name in declared)
+        for name, value in values.items()
         if isinstance(value, float)
     ]
-    return f"{block.kind.replace('_', ' ')}: {', '.join(given)}"
+    parts = [
+        f"({_sentence(part)})"
+        for value in values.values()
+        for part in (value if isinstance(value, tuple) else (value,))
+        if isinstance(part, Block)
+    ]
+    return f"{block.kind.replace('_', ' ')}: {', '.join([*given, *parts])}"
 
 
 def versions() -> dict[str, str]:
@@ -308,6 +315,7 @@ def versions() -> dict[str, str]:
 def described(control: Control) -> str:
     """What a control consists of, part by part, with the parameters that are there."""
     parts = [_sentence(control.law)]
+    parts += [f"compensation {_sentence(block)}" for block in control.compensation]
     parts += [f"filter {_sentence(block)}" for block in control.filters]
     parts += [f"feedforward {_sentence(block)}" for block in control.feedforward]
     if control.prefilter is not None:
