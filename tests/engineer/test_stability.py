@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 
@@ -65,3 +67,18 @@ def test_the_edge_found_by_poles_is_the_gain_margin_found_from_the_frequency_res
     # the margin is read off a grid of 2000 lines: 0.1 % on each side is more than its error
     assert stability(axis(0.999 * edge)).stable
     assert not stability(axis(1.001 * edge)).stable
+
+
+def test_the_nearest_stable_gains_are_stable_and_a_little_more_is_not() -> None:
+    """Discrete P-P loop on a free mass: stable up to a velocity gain that the message must find within 1 %."""
+    with pytest.raises(UnstableError, match=r"stable up to Kv = \S+ 1/s, Kp = \S+ N s/m") as caught:
+        require_stable(axis(Kp=3e5))
+    found = [float(value) for value in re.findall(r"K[vp] = (\S+) ", str(caught.value))]
+
+    def scaled(factor: float) -> bool:
+        law = CascadePPI(Kv=factor * found[0], Kp=factor * found[1])
+        loop = Loop(sample_time=T, control=Control(law=law), axis=Axis(plant=Rigid(mass=100.0)))
+        return stability(loop).stable
+
+    assert scaled(1.0)
+    assert not scaled(1.01)

@@ -7,7 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from feeddrive.language.errors import UnstableError
+from feeddrive.language import tree
+from feeddrive.language.block import declarations
+from feeddrive.language.errors import FeeddriveError, UnstableError
 from feeddrive.language.table import Result, Table
 from feeddrive.loop.linearize import StateSpace, linearize
 from feeddrive.loop.loop import Loop
@@ -92,23 +94,61 @@ def stability(system: StateSpace | Loop, *, velocity: float = 0.05) -> Stability
 
 
 def require_stable(system: StateSpace | Loop, *, velocity: float = 0.05, where: str = "") -> Stability:
-    """The same, or UnstableError with frequency, growth and what to do; `where` names the loop in the message."""
+    """The same, or UnstableError with frequency, growth, what to do, and the nearest stable gains of a loop.
+
+    `where` names the loop in the message.
+    """
     found = stability(system, velocity=velocity)
     if found.stable:
         return found
+    law = system.control.law if isinstance(system, Loop) else None
     nyquist = 0.5 / found.model.sample_time
+    knobs = "Kp and Kv, or lengthen Tn" if law is None or law.kind == "cascade_ppi" else " and ".join(law.knobs)
     if found.frequency == 0.0:
         remedy = "check the signs of the gains and that the position loop is closed"
     elif found.frequency > 0.45 * nyquist:
         remedy = (
-            f"this is close to Nyquist ({nyquist:g} Hz), so the velocity gain is too high for the mass and the sample "
-            f"time: lower Kp, or sample faster"
+            f"this is close to Nyquist ({nyquist:g} Hz), so the gain is too high for the mass and the sample "
+            f"time: lower {knobs.split(',')[0]}, or sample faster"
         )
     else:
         remedy = (
-            f"lower Kp and Kv or lengthen Tn, shorten dead time and filters; if the axis has a resonance there, put a "
+            f"lower {knobs}; shorten dead time and filters; if the axis has a resonance there, put a "
             f"notch at {found.frequency:.4g} Hz"
         )
+    nearest = _nearest_stable(system, velocity) if isinstance(system, Loop) else ""
     raise UnstableError(
-        f"{where + ': ' if where else ''}{found.sentence()} (|z| = {found.growth:.6f}, must be < 1): {remedy}"
+        f"{where + ': ' if where else ''}{found.sentence()} (|z| = {found.growth:.6f}, must be < 1): {remedy}{nearest}"
     )
+
+
+def _nearest_stable(loop: Loop, velocity: float) -> str:
+    """The gains of the law slowed down in one proportion until the loop is stable, as a clause; empty if none is."""
+    law = loop.control.law
+    declared = declarations(type(law))
+    # a time is slowed down by making it longer; a ratio such as a damping is no speed and stays
+    powers = {
+        name: -1.0 if declared[name].unit == "s" else 1.0
+        for name in law.knobs
+        if isinstance(getattr(law, name), float) and declared[name].unit
+    }
+
+    def slowed(factor: float) -> dict[str, float]:
+        return {name: getattr(law, name) * factor**power for name, power in powers.items()}
+
+    def holds(factor: float) -> bool:
+        changes = {f"control.law.{name}": value for name, value in slowed(factor).items()}
+        try:
+            return stability(tree.vary(loop, changes), velocity=velocity).stable
+        except FeeddriveError:
+            return False
+
+    halves = next((n for n in range(1, 11) if powers and holds(0.5**n)), None)
+    if halves is None:
+        return ""
+    low, high = 0.5**halves, 0.5 ** (halves - 1)
+    for _ in range(8):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if holds(middle) else (low, middle)
+    listed = ", ".join(f"{name} = {value:.4g} {declared[name].unit}" for name, value in slowed(low).items())
+    return f"; in the same proportion it is stable up to {listed}, which is {100.0 * low:.3g} % of the speed"
