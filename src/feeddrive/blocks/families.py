@@ -1,7 +1,7 @@
 """The families of blocks, and the few questions that each member answers.
 
 A member is final: it fills in what is abstract here and overrides nothing that has a body, except the empty hooks
-`prepare`, `retune`, `period`, `check`, `fed` and `fits`.  Its `step` is pure: state goes in and comes out.
+`prepare`, `retune`, `period`, `check`, `fed`, `lag` and `fits`.  Its `step` is pure: state goes in and comes out.
 
     prepare(T)   work that depends on parameters only, done once per run; returns a named tuple of numbers
     start(...)   the state of a block that has been at rest for ever
@@ -233,6 +233,10 @@ class Observer(Block, ABC):
     @abstractmethod
     def step(self, prepared: Any, state: Any, reading: Reading, T: Number) -> tuple[Any, Estimate]:
         """One sample: the new state and the estimate at kT."""
+
+    def lag(self, prepared: Any, T: Number) -> Number:
+        """s by which the estimate of a slow disturbance comes late; 0.0 where it is not known (empty hook)."""
+        return 0.0
 
     def fits(self, sample_time: float) -> None:
         """Raise ParameterError if the observer cannot run at this sample time (empty hook)."""

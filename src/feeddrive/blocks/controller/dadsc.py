@@ -102,8 +102,8 @@ class DADSC(Law):
         if ratio > 1.0 and _stable(rates, 1.0, T):
             most = 1.0 + (ratio - 1.0) * largest_share(lambda part: _stable(rates, 1.0 + part * (ratio - 1.0), T))
             raise ParameterError(
-                f"dadsc.adaptation_ratio = {ratio:g} must be at most {most:.6g} at these rates: above that g2 takes out "
-                f"of the estimate what g1 brings in, and it drifts away; 1 is g2 = g1/Q"
+                f"dadsc.adaptation_ratio = {ratio:g} must be at most {most:.6g} at these rates: above that g2 takes "
+                f"out of the estimate what g1 brings in, and it drifts away; 1 is g2 = g1/Q"
             )
         held = min(ratio, 1.0)
         share = largest_share(lambda part: _stable((part * rates[0], part * rates[1], part * rates[2]), held, T))
@@ -112,9 +112,9 @@ class DADSC(Law):
             for name, rate in zip(self.knobs, rates, strict=True)
         )
         raise ParameterError(
-            f"dadsc: {bounds}: {100.0 * (1.0 / share - 1.0):.3g} % too fast for the sample time {T:g} s, since the loop "
-            f"is unstable then even without dead time. Keep the ratios and stay below these bounds, or sample faster; "
-            f"with d samples of dead time 0.19/((d + 1) T) = {0.19 / T:.4g}/(d + 1) 1/s for each keeps Ms <= 2"
+            f"dadsc: {bounds}: {100.0 * (1.0 / share - 1.0):.3g} % too fast for the sample time {T:g} s, since the "
+            f"loop is then unstable without any dead time. Stay below these bounds, in the same ratios, or sample "
+            f"faster; with d samples of dead time 0.19/((d + 1) T) = {0.19 / T:.4g}/(d + 1) 1/s for each keeps Ms <= 2"
         )
 
 

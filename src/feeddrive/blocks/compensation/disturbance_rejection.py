@@ -1,0 +1,72 @@
+"""A recovered disturbance, subtracted from the force under any law."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+from feeddrive.blocks.families import Compensation, Law, Observer
+from feeddrive.blocks.signals import Reading, Setpoint
+from feeddrive.language import ops
+from feeddrive.language.block import Number, parameter, part
+from feeddrive.language.errors import StructureError
+
+
+class DisturbanceRejection(Compensation):
+    """Subtracts what an observer believes the disturbance to be, behind the filters of the law.
+
+        force = -share · F̂d(k),    share rises from 0 over blend_time after the start, along a straight line
+
+    The law then sees an axis of the observer's mass and what the observer is too slow for.  With a share of 1 there is
+    integral action in it, so that the stability of law and observer is one question: `require_stable` answers it.
+
+    When to use: under a P or P-PI law whose gains are bounded by something else than the force path.  When not: under a
+    law that subtracts an observer's estimate itself, and with a mode of the axis inside the observer's band.
+    Source: Altintas & Okwudire 2009, section 3 (recovery); Ohnishi 1987 (the disturbance observer as an inner loop).
+    """
+
+    observer: Observer = part("what estimates the disturbance")
+    share: Number = parameter("", "part of the estimate that is subtracted", least=0, most=1, default=1)
+    blend_time: Number | None = parameter(
+        "s", "time in which the share rises after the start; absent: at once", above=0, default=None
+    )
+
+    class Prepared(NamedTuple):
+        """What the observer prepared, and by how much the share rises in a sample."""
+
+        observer: Any
+        rise: tuple[Number, ...]
+
+    class State(NamedTuple):
+        """The observer's state, and the part of the share that has been reached."""
+
+        observer: Any
+        reached: tuple[Number, ...]
+
+    def fits(self, law: Law, sample_time: float) -> None:
+        """The law does not subtract a disturbance itself; the observer can run."""
+        if law.rejects:
+            raise StructureError(
+                f"control.compensation: disturbance_rejection under {law.kind}, which subtracts the disturbance of its "
+                f"own observer already: the force would act twice; leave the rejection out"
+            )
+        self.observer.fits(sample_time)
+
+    def prepare(self, T: Number) -> Prepared:
+        """That of the observer."""
+        return self.Prepared(self.observer.prepare(T), () if self.blend_time is None else (T / self.blend_time,))
+
+    def start(self, prepared: Prepared, setpoint: Setpoint, reading: Reading) -> State:
+        """At rest at the reading."""
+        zero = reading.applied - reading.applied
+        return self.State(self.observer.start(prepared.observer, reading), () if self.blend_time is None else (zero,))
+
+    def step(
+        self, prepared: Prepared, state: State, setpoint: Setpoint, reading: Reading, T: Number
+    ) -> tuple[State, Setpoint, Number]:
+        """The equation above; the setpoint is left as it is."""
+        observer, estimate = self.observer.step(prepared.observer, state.observer, reading, T)
+        force = -(self.share * estimate.disturbance)
+        if not state.reached:
+            return self.State(observer, ()), setpoint, force
+        reached = ops.minimum(state.reached[0] + prepared.rise[0], 1.0)
+        return self.State(observer, (reached,)), setpoint, state.reached[0] * force

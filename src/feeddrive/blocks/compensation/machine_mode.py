@@ -1,0 +1,46 @@
+"""One low mode of a machine, as it shows at the tool."""
+
+from __future__ import annotations
+
+from feeddrive.language import ops
+from feeddrive.language.block import Block, Number, choice, parameter
+from feeddrive.language.errors import ParameterError
+
+
+class MachineMode(Block):
+    """One mode of the machine beside the axis, for `ModeCompensation`.
+
+        mass (x'' + 2 damping_ratio ω x' + ω² x) = F,    ω = 2π frequency,    stiffness = mass ω²
+
+        place     F                        motion of the tool against the workpiece
+        tool      reaction of the cut -F_cut         axis - x: the spindle side gives way
+        base      reaction of the drive -F_m         axis + x: the scale moves with the machine base
+        fixture   F_cut - mass x_set''               axis + x: the workpiece swings on the table
+
+    Of stiffness and modal mass one is given: a compliance test at the tool yields the stiffness.
+    Source: Altintas & Okwudire 2009, end of section 3, says that modes are compensated and not where they sit; the
+    three places are this library's readings, of which the experiment uses `tool`.
+    """
+
+    frequency: Number = parameter("Hz", "undamped natural frequency", above=0)
+    damping_ratio: Number = parameter("", "damping ratio", least=0, default=0.02)
+    stiffness: Number | None = parameter("N/m", "modal stiffness; absent if the mass is given", above=0, default=None)
+    mass: Number | None = parameter("kg", "modal mass; absent if the stiffness is given", above=0, default=None)
+    place: str = choice("where the mode sits", options=("tool", "base", "fixture"), default="tool")
+
+    def check(self) -> None:
+        """Either stiffness or mass."""
+        if (self.stiffness is None) == (self.mass is None):
+            given = "both are" if self.mass is not None else "neither is"
+            raise ParameterError(f"machine_mode: {given} given of stiffness and mass; give one, the other follows")
+
+    def omega(self) -> Number:
+        """2π frequency in rad/s."""
+        return 2.0 * ops.pi * self.frequency
+
+    def modal_mass(self) -> Number:
+        """kg, as given or stiffness/ω²."""
+        if self.mass is not None:
+            return self.mass
+        assert self.stiffness is not None
+        return self.stiffness / (self.omega() * self.omega())

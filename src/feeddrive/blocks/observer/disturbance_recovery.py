@@ -1,0 +1,112 @@
+"""The disturbance from the inverse of a rigid axis."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+from feeddrive.blocks.families import Observer
+from feeddrive.blocks.filter.biquad import (
+    Delayed,
+    Polynomial,
+    Section,
+    advance,
+    check_below_nyquist,
+    prewarped,
+    section,
+    settled,
+    tustin,
+)
+from feeddrive.blocks.signals import Estimate, Reading
+from feeddrive.language import ops
+from feeddrive.language.block import Number, choice, parameter
+
+_BUTTERWORTH = 0.7071067811865476  # damping ratio of the second order
+
+
+class DisturbanceRecovery(Observer):
+    """Disturbance recovery: the force that is missing in the motion of a rigid axis, from reading and `applied` alone.
+
+        F̂d(k) = m (v(k) - v(k-1))/T + b v(k) - F_m(k-1),    v(k) = (x(k) - x(k-1))/T
+
+    Inverting (6), with F_m(k) - F_m(k-1) added since a real motor has applied the last sample's force, gives the same:
+    gains and references of the law are not needed.  F_m(k-1) is the `applied` force, or that of `delay_samples` before.
+
+        exact        as it stands
+        one_pole     F(k) = α F(k-1) + (1 - α) F̂d(k),   α = e^(-2π frequency T), in place of the law's Q/(Q + g1 T/m)
+        butterworth  second order, by Tustin with prewarping
+
+    It is a double difference: a resolution q becomes √6 m (q/√12)/T² of noise before the filter.  It comes late by
+    1.5 T and by the delay of its filter, about √2/(2π frequency) of the second order; `lag` says how much exactly.
+    When to use: under any law, to see a cutting force or to reject it.  When not: with a mode of the axis inside the
+    filter's band; and with a coarse encoder take `KalmanRecovery`.
+    Source: Altintas & Okwudire 2009, section 3, from eq. (6); the second-order filter is this library's choice.
+    """
+
+    mass: Number = parameter("kg", "m: all that moves", above=0)
+    viscous: Number = parameter("N s/m", "b: viscous friction that does not count as disturbance", least=0, default=0)
+    form: str = choice("filter", options=("exact", "one_pole", "butterworth"), default="butterworth")
+    frequency: Number = parameter("Hz", "corner frequency of the filter", above=0, default=500)
+    delay_samples: int = choice("samples of dead time until a command acts", default=0, least=0, most=64)
+
+    class Prepared(NamedTuple):
+        """α of the first order or the section of the second, each empty if it is not used."""
+
+        pole: tuple[Number, ...]
+        section: tuple[Section, ...]
+
+    class State(NamedTuple):
+        """Last position (m) and velocity (m/s), commands that have not acted yet (N, newest first), the filter."""
+
+        position: Number
+        velocity: Number
+        pending: tuple[Number, ...]
+        filter: tuple[Any, ...]
+
+    def fits(self, sample_time: float) -> None:
+        """The corner of the filter lies below half the sample rate."""
+        if self.form != "exact":
+            check_below_nyquist("disturbance_recovery.frequency", self.frequency, sample_time)
+
+    def prepare(self, T: Number) -> Prepared:
+        """The filter's coefficients."""
+        if self.form == "one_pole":
+            return self.Prepared((ops.exp(-2.0 * ops.pi * self.frequency * T),), ())
+        if self.form == "butterworth":
+            w = prewarped(self.frequency, T)
+            made = section(Polynomial(1.0, 2.0, 1.0), tustin(self.frequency, _BUTTERWORTH, T), w * w)
+            return self.Prepared((), (made,))
+        return self.Prepared((), ())
+
+    def start(self, prepared: Prepared, reading: Reading) -> State:
+        """At rest at the reading: the disturbance is what the force that acts must hold."""
+        position, held = reading.position_load, -reading.applied
+        kept: tuple[Any, ...] = (held,) if prepared.pole else ()
+        if prepared.section:
+            kept = (settled(prepared.section[0], held),)
+        return self.State(position, position - position, (reading.applied,) * self.delay_samples, kept)
+
+    def step(self, prepared: Prepared, state: State, reading: Reading, T: Number) -> tuple[State, Estimate]:
+        """The equations above."""
+        position = reading.position_load
+        commands = (reading.applied, *state.pending)
+        velocity = (position - state.position) / T
+        force = self.mass * ((velocity - state.velocity) / T) + self.viscous * velocity - commands[-1]
+        kept: tuple[Any, ...] = ()
+        if prepared.pole:
+            force = force + prepared.pole[0] * (state.filter[0] - force)
+            kept = (force,)
+        if prepared.section:
+            held: Delayed = state.filter[0]
+            delayed, force = advance(prepared.section[0], held, force)
+            kept = (delayed,)
+        after = self.State(position, velocity, commands[: self.delay_samples], kept)
+        return after, Estimate(position, velocity, force)
+
+    def lag(self, prepared: Prepared, T: Number) -> Number:
+        """1.5 T of the double difference, and of the filter α/(1 - α) T or the slope of its phase at 0 Hz."""
+        samples: Any = 1.5
+        if prepared.pole:
+            samples = samples + prepared.pole[0] / (1.0 - prepared.pole[0])
+        if prepared.section:
+            samples = samples + _BUTTERWORTH / prewarped(self.frequency, T)
+        return samples * T
