@@ -77,6 +77,9 @@ if TYPE_CHECKING:
     from feeddrive.blocks.actuator.actuator import Actuator as Actuator
     from feeddrive.blocks.actuator.direct import Direct as Direct
     from feeddrive.blocks.actuator.screw import Screw as Screw
+    from feeddrive.blocks.controller.active_disturbance_rejection import (
+        ActiveDisturbanceRejection as ActiveDisturbanceRejection,
+    )
     from feeddrive.blocks.controller.cascade_ppi import CascadePPI as CascadePPI
     from feeddrive.blocks.cutting.helical_cutter import HelicalCutter as HelicalCutter
     from feeddrive.blocks.feedforward.disturbance_compensator import DisturbanceCompensator as DisturbanceCompensator
@@ -105,6 +108,7 @@ if TYPE_CHECKING:
     from feeddrive.blocks.load.recorded_force import RecordedForce as RecordedForce
     from feeddrive.blocks.load.sine_force import SineForce as SineForce
     from feeddrive.blocks.load.step_force import StepForce as StepForce
+    from feeddrive.blocks.observer.gpi_observer import GpiObserver as GpiObserver
     from feeddrive.blocks.plant.lead_error import LeadError as LeadError
     from feeddrive.blocks.plant.milling_axis import MillingAxis as MillingAxis
     from feeddrive.blocks.plant.modal import Modal as Modal

@@ -9,6 +9,8 @@ import math
 from collections.abc import Sequence
 from typing import Any, TypeAlias
 
+import numpy as np
+
 from feeddrive.language import ops
 
 Row: TypeAlias = tuple[Any, ...]
@@ -149,3 +151,8 @@ def _norm(a: Sequence[Sequence[Any]]) -> Any:
 def _most(squarings: Any) -> int:
     """The largest number of squarings in any lane; all of them for a symbol, whose value is not known."""
     return int(ops.most(squarings, MOST_SQUARINGS))
+
+
+def growth(a: Sequence[Sequence[float]]) -> float:
+    """Largest |eigenvalue| of a matrix of floats, the rate at which its powers grow: for checks, not for steps."""
+    return float(np.max(np.abs(np.linalg.eigvals(np.array(a, dtype=np.float64)))))

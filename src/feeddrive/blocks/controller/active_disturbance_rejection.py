@@ -1,0 +1,119 @@
+"""Active disturbance rejection: a PD law on the axis's acceleration, less what an observer believes to push."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+from feeddrive.blocks.families import Law, Observer
+from feeddrive.blocks.signals import Reading, Setpoint
+from feeddrive.language import matrix, tree
+from feeddrive.language.block import Number, parameter, part
+from feeddrive.language.errors import ParameterError
+
+
+class ActiveDisturbanceRejection(Law):
+    """The axis is taken for a mass with a disturbance, q'' = u + ξ; u cancels the one and places two poles.
+
+        u     = a_set - α1 (v̂ - v_set) - α0 (x - x_set) - share · disturbance / mass
+        force = mass · u,        α1 = 2 zeta_c omega_c,  α0 = omega_c²
+
+    v̂ and the disturbance come from the observer, which sees the force after the limit, so that nothing winds up.  With
+    the right disturbance the error obeys e'' + α1 e' + α0 e = 0.  Without it (share = 0) a constant disturbance ξ, in
+    m/s², leaves the error ξ / omega_c²: 23 mm for a hanging axis at 12 rad/s.
+    The set acceleration acts over the whole sample and is taken at its middle.
+
+    When to use: a stiff axis with friction and cutting forces that nobody wants to model.  When not: with a structural
+    mode below some three times the observer's frequency; where disturbances lie near that frequency, which the
+    observer amplifies (see `GpiObserver`).
+    At the paper's gains the loop is stable for a true mass of 0.50 to 1.34 times `mass`: take it rather too large.  That
+    `omega_c` alone places the poles needs an observer some ten times faster.
+    Source: Beltrán-Carbajal et al. 2013, eqs. (9)-(11), torque over a = lead / 2π as a force.
+    Raises ParameterError for gains with which the loop on a rigid axis of this mass is not stable.
+    """
+
+    feeds = ("acceleration", "velocity")
+    rejects = True
+    knobs = ("omega_c", "zeta_c", "observer.omega_o")
+
+    mass: Number = parameter("kg", "all that moves, as the law believes; rather too large than too small", above=0)
+    omega_c: Number = parameter("rad/s", "own frequency of the tracking error", above=0)
+    zeta_c: Number = parameter("", "its damping ratio", above=0, default=0.7071)
+    share: Number = parameter("", "share of the estimated disturbance that is subtracted", least=0, default=1.0)
+    observer: Observer = part("gives velocity and disturbance")
+
+    class State(NamedTuple):
+        """Of the observer."""
+
+        observer: Any
+
+    def prepare(self, T: Number) -> Any:
+        """Of the observer."""
+        return self.observer.prepare(T)
+
+    def start(self, prepared: Any, setpoint: Setpoint, reading: Reading) -> State:
+        """The observer at rest at the reading, with a disturbance that balances the force that acts."""
+        return self.State(self.observer.start(prepared, reading))
+
+    def step(
+        self, prepared: Any, state: State, setpoint: Setpoint, reading: Reading, T: Number
+    ) -> tuple[State, Number]:
+        """The equations above."""
+        observer, estimate = self.observer.step(prepared, state.observer, reading, T)
+        acceleration = setpoint.shifted(0.5 * T).acceleration
+        slower = 2.0 * self.zeta_c * self.omega_c * (estimate.velocity - setpoint.velocity)
+        nearer = self.omega_c * self.omega_c * (reading.position_load - setpoint.position)
+        force = self.mass * (acceleration - slower - nearer) - self.share * estimate.disturbance
+        return self.State(observer), force
+
+    def fits(self, sample_time: float) -> None:
+        """The observer can run, and the loop on a rigid axis of this mass is stable."""
+        self.observer.fits(sample_time)
+        if not all(isinstance(value, float) for _, value in tree.leaves(self)):
+            return  # variants are checked as the single laws that they come from
+        growth = self._growth(sample_time, self.omega_c)
+        if growth < 1.0:
+            return
+        slowest = _largest(lambda T: self._growth(T, self.omega_c) < 1.0, sample_time)
+        largest = _largest(lambda omega_c: self._growth(sample_time, omega_c) < 1.0, self.omega_c)
+        remedies = [f"sample every {slowest:.4g} s or faster"] if slowest > 1e-3 * sample_time else []
+        remedies += [f"take omega_c <= {largest:.4g} rad/s"] if largest > 0.0 else []
+        raise ParameterError(
+            f"{self.kind} with omega_c = {self.omega_c:g} rad/s is not stable on a rigid axis of {self.mass:g} kg at a "
+            f"sample time of {sample_time:g} s: its motion grows by the factor {growth:.6f} a sample, which is "
+            f"{growth - 1.0:.3g} over the limit 1; {' or '.join(remedies) or 'take another observer'}"
+        )
+
+    def _growth(self, T: float, omega_c: float) -> float:
+        """Largest |z| of law, observer and a free mass: the matrix of one sample, column by column."""
+        law = dataclasses.replace(self, omega_c=omega_c)
+        prepared = law.prepare(T)
+        rest = Setpoint(0.0)
+        start = law.start(prepared, rest, Reading(0.0, 0.0))
+        first = [0.0, 0.0, 0.0, *(float(value) for _, value in tree.leaves(start))]
+
+        def after(x: list[float]) -> list[float]:
+            """Position, velocity, force and states one sample after they were x."""
+            position, velocity, applied = x[:3]
+            state = tree.rebuild(start, iter(x[3:]))
+            state, force = law.step(prepared, state, rest, Reading(position, position, applied, applied), T)
+            push = force / law.mass
+            moved = (position + T * velocity + 0.5 * T * T * push, velocity + T * push, force)
+            return [float(value) for value in (*moved, *(leaf for _, leaf in tree.leaves(state)))]
+
+        still = after(first)
+        rows = []
+        for i in range(len(first)):
+            moved = after([value + (1.0 if i == j else 0.0) for j, value in enumerate(first)])
+            rows.append([a - b for a, b in zip(moved, still, strict=True)])
+        return matrix.growth(rows)  # of the transpose, which has the same eigenvalues
+
+
+def _largest(admissible: Callable[[float], bool], refused: float) -> float:
+    """The largest value below a refused one that is admissible, as bisection finds it; 0 if none is."""
+    low, high = 0.0, refused
+    for _ in range(30):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if admissible(middle) else (low, middle)
+    return low
