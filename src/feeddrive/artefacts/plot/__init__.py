@@ -8,18 +8,20 @@ from __future__ import annotations
 
 from feeddrive.artefacts.plot.channels import log
 from feeddrive.artefacts.plot.complex_plane import nyquist, poles
-from feeddrive.artefacts.plot.distributions import batch, gradient
+from feeddrive.artefacts.plot.distributions import batch, effort, gradient
 from feeddrive.artefacts.plot.friction_curve import friction
 from feeddrive.artefacts.plot.open_loop import open_loop
 from feeddrive.artefacts.plot.over_frequency import bode, closed_loop, sensitivity, spectrum, stiffness
 from feeddrive.artefacts.plot.over_time import comparison, following_error, force, motion, run
 from feeddrive.artefacts.plot.prediction import replay
+from feeddrive.artefacts.plot.prefilter import prefilter_fit
 
 __all__ = [
     "batch",
     "bode",
     "closed_loop",
     "comparison",
+    "effort",
     "following_error",
     "force",
     "friction",
@@ -29,6 +31,7 @@ __all__ = [
     "nyquist",
     "open_loop",
     "poles",
+    "prefilter_fit",
     "replay",
     "run",
     "sensitivity",

@@ -1,4 +1,4 @@
-"""Pictures of many variants: distribution of a batch, bars of a gradient."""
+"""Pictures of many variants: distribution of a batch, bars of a gradient, bars of an effort."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from feeddrive.artefacts.plot import style
+from feeddrive.engineer.analysis.effort import Effort
 from feeddrive.language.table import shown
 from feeddrive.loop.gradient import Gradient
 from feeddrive.loop.loop import UNITS
@@ -65,4 +66,16 @@ def gradient(found: Gradient) -> Any:
     ax.grid(False, axis="y")
     ax.margins(x=0.18)
     style.labels(ax, "change of the cost for +1 % of the parameter (%)", "")
+    return figure
+
+
+def effort(found: Effort) -> Any:
+    """Operations of one sample by kind."""
+    names = sorted(found.operations, key=lambda name: found.operations[name])
+    figure, (ax,) = style.picture(1, height=1.0 + 0.3 * len(names))
+    bars = ax.barh(names, [found.operations[name] for name in names], color=style.color(0), height=0.65)
+    ax.bar_label(bars, padding=4, fontsize=style.SMALL, color=style.INK)
+    ax.grid(False, axis="y")
+    ax.margins(x=0.1)
+    style.labels(ax, f"operations a sample, {found.total} in all", "")
     return figure

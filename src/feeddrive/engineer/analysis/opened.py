@@ -1,0 +1,75 @@
+"""A loop opened at the actuator, and closed again: one linearisation serves margins, poles and every response."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from feeddrive.language.errors import ParameterError
+from feeddrive.loop.frequency_response import FRF
+from feeddrive.loop.linearize import StateSpace, linearize
+from feeddrive.loop.loop import Loop
+
+_LOWEST = 1e-5  # of Nyquist: where the lines of a loop gain begin
+_LINES = 40  # a decade
+_BESIDE = np.linspace(-3.0, 3.0, 13)  # half widths of a resonance at which lines are added
+
+
+@dataclass(frozen=True, eq=False)
+class Opened:
+    """The linear model of a loop from `cut` and further inputs to `force` and `position_load`, and its closed form.
+
+    open    the loop cut between control and actuator
+    closed  the same model with cut = force
+    """
+
+    open: StateSpace
+    closed: StateSpace
+
+    def lines(self, per_decade: int = _LINES) -> np.ndarray:
+        """Frequencies in Hz up to Nyquist, spread evenly over ln f and denser around each resonance."""
+        nyquist = 0.5 / self.open.sample_time
+        spread = np.geomspace(_LOWEST * nyquist, nyquist, round(-np.log10(_LOWEST) * per_decade))
+        poles = np.concatenate([self.open.poles(), self.closed.poles()])
+        poles = poles[(np.abs(poles) > 0.1) & (np.abs(poles.imag) > 0.0)]
+        s = np.log(poles) / self.open.sample_time
+        beside = np.abs(s.imag)[:, None] + np.abs(s.real)[:, None] * _BESIDE
+        near = beside.ravel() / (2.0 * np.pi)
+        return np.unique(np.concatenate([spread, near[(near > spread[0]) & (near < nyquist)]]))
+
+    def loop_gain(self, frequency: np.ndarray) -> FRF:
+        """L = -force/cut: 1 + L = 0 is the edge of stability."""
+        return -self.open.response(frequency, "force", "cut")
+
+
+def opened(loop: Loop, *, velocity: float = 0.05) -> Opened:
+    """The linear model of a loop that moves with `velocity` (m/s), opened at the actuator.
+
+    Its inputs are `cut`, `load_force` and both readings.
+    Raises ParameterError for a law that repeats itself only after several samples: it has no loop gain there.
+    """
+    if loop.control.law.period() > 1:
+        raise ParameterError(
+            f"the law '{loop.control.law.kind}' repeats itself only every {loop.control.law.period()} samples: its "
+            f"loop has no gain at the actuator, and no margins"
+        )
+    inputs = ("cut", "load_force", "reading_motor", "reading_load")
+    model = linearize(loop, inputs, ("force", "position_load"), velocity=velocity)
+    return Opened(model, close(model))
+
+
+def close(model: StateSpace) -> StateSpace:
+    """The model with its input `cut` fed by its output `force`; the other inputs and outputs stay.
+
+    x' = A x + b f + B u,  f = c x + d u  gives  x' = (A + b c) x + (B + b d) u: the command of a sample never depends
+    on the actuator's force in the same sample.
+    """
+    place, row = model.inputs.index("cut"), model.outputs.index("force")
+    kept = [i for i in range(len(model.inputs)) if i != place]
+    b, c, d = model.B[:, [place]], model.C[[row]], model.D[[row]][:, kept]
+    through = model.D[:, [place]]
+    return StateSpace(
+        model.A + b @ c, model.B[:, kept] + b @ d, model.C + through @ c, model.D[:, kept] + through @ d,
+        model.sample_time, model.states, tuple(model.inputs[i] for i in kept), model.outputs,
+    )  # fmt: skip

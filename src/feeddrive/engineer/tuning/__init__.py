@@ -1,0 +1,1 @@
+"""Gains: laws tuned under one rule, so that they can be compared."""

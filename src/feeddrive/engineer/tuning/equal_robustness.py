@@ -1,0 +1,168 @@
+"""Tuning under equal robustness: the least rope-snap error with bounded sensitivity peak and delay margin."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.optimize import minimize
+
+from feeddrive.engineer.tuning.proof import proven
+from feeddrive.engineer.tuning.robustness import Judge, Robustness
+from feeddrive.engineer.tuning.tuned import Tuned
+from feeddrive.language import tree
+from feeddrive.language.errors import ParameterError, UnstableError
+from feeddrive.loop.loop import Loop
+
+# how a gain scales when all frequencies of a loop rise by a factor: to its power, by the unit
+_POWERS = {"1/s": 1, "rad/s": 1, "Hz": 1, "N s/m": 1, "N/m": 2, "1/s2": 2, "N/(m s)": 3, "s": -1}
+_LADDER = np.log(2.0) * np.arange(3.0, -11.5, -0.5)  # factors 8 ... 1/2048
+_RANGE = math.log(100.0)  # how far a knob may move from where the search begins
+_ROOM = 3e-4  # of a bound: by so much the search stays inside, for what its lines miss
+_STEP = 1e-3  # of a logarithm, for slopes by differences
+_ENOUGH, _FINE = 1e-5, 1e-7  # of the cost's logarithm: less is no progress, at first and at last
+
+
+def knobs_of(loop: Loop) -> tuple[str, ...]:
+    """Dotted names of the law's knobs that are there. Raises ParameterError for a law that names none."""
+    law = loop.control.law
+    there = dict(tree.leaves(law))
+    names = tuple(f"control.law.{name}" for name in law.knobs if name in there)
+    if not names:
+        raise ParameterError(f"the law '{law.kind}' names no knobs: say which parameters are to be tuned (knobs=...)")
+    return names
+
+
+def tune(
+    loop: Loop,
+    *,
+    knobs: Sequence[str] | None = None,
+    sensitivity_peak: float = 2.0,
+    delay_margin_samples: float = 2.0,
+    velocity: float = 0.05,
+    starts: int = 2,
+    seed: int = 0,
+) -> Tuned:
+    """The loop with the knobs that give the least rope-snap error within equal robustness.
+
+        minimise  ISE^½ = [∫ |C|²/ω² dω/π]^½   over ln(knobs)
+        subject to  Ms <= sensitivity_peak,  delay margin >= delay_margin_samples,  all poles inside the circle
+
+    The loop is cut at the actuator.  All else stays: filters, feedforward, delays.
+
+    knobs     dotted names of positive parameters; default: those that the law names
+    velocity  m/s at which the axis slides
+    starts    from how many points the search begins; the best end is taken, and how far the ends differ is stated
+    seed      of the points after the first
+
+    The loop may be unstable as it is given: its frequencies are then lowered together until it is stable and robust.
+    Sequential quadratic programming, slopes by differences.  The result proves itself: see `Tuned.proof`.
+    Raises UnstableError if no robust loop is found, and ParameterError for knobs that are not there or not positive.
+    """
+    names = knobs_of(loop) if knobs is None else tuple(knobs)
+    for bound, value, least in (
+        ("sensitivity_peak", sensitivity_peak, 1.0),
+        ("delay_margin_samples", delay_margin_samples, 0.0),
+    ):
+        if not value > least or not math.isfinite(value):
+            raise ParameterError(f"{bound} = {value:g} must be a finite number > {least:g}")
+    begin = np.array([_logarithm(loop, name) for name in names])
+    judge = Judge(loop, names, velocity)
+    search = _Search(judge, sensitivity_peak, delay_margin_samples)
+    first = search.ladder(begin, np.array([_POWERS.get(tree.declaration(loop, n).unit, 0) for n in names], float))
+    random = np.random.default_rng(seed)
+    points = [first, *(first + random.uniform(-0.5, 0.5, len(names)) for _ in range(starts - 1))]
+    ends = [end for end in (search.descend(point, first) for point in points) if end is not None] or [first]
+    best = min(ends, key=lambda end: judge(end).rope_snap)
+    again = search.descend(best, first, _FINE)  # from there on, with fresh curvature
+    best = best if again is None else again
+    found = judge(best)
+    reached = [judge(end).rope_snap / found.rope_snap - 1.0 for end in ends]
+    active = [*search.active(found), *(n for n, d in zip(names, best - first, strict=True) if abs(d) > _RANGE - 1e-6)]
+    tuned = judge.at(best)
+    return Tuned(
+        loop=tuned,
+        knobs=judge.values(best),
+        started=judge.values(begin),
+        robustness=found,
+        sensitivity_bound=sensitivity_peak,
+        delay_bound=delay_margin_samples,
+        active=tuple(active),
+        evaluations=judge.count,
+        spread=max(reached),
+        proof=proven(tuned, found, search.admits, judge, best, velocity),
+    )
+
+
+def _logarithm(loop: Loop, name: str) -> float:
+    value = tree.get(loop, name)
+    if not isinstance(value, (int, float)) or not value > 0.0:
+        raise ParameterError(f"{name} = {value!r} is no knob: it must be a number > 0 where the search begins")
+    return math.log(value)
+
+
+class _Search:
+    """The minimisation, in logarithms of the knobs."""
+
+    def __init__(self, judge: Judge, peak: float, delay: float) -> None:
+        self.judge, self.peak, self.delay = judge, peak, delay
+
+    def slack(self, found: Robustness) -> np.ndarray:
+        """Logarithms of how far the bounds are kept; negative where they are not."""
+        if not found.stable:
+            return np.array([-5.0, -5.0])
+        return np.array(
+            [
+                math.log(self.peak / found.sensitivity_peak),
+                math.log(max(min(found.delay_margin_samples, 1e6), 1e-6) / self.delay),
+            ]
+        )
+
+    def admits(self, found: Robustness) -> bool:
+        """Stable and within both bounds."""
+        return found.stable and bool(np.all(self.slack(found) >= 0.0))
+
+    def keeps(self, found: Robustness) -> bool:
+        """The same with room for what the lines of the search miss."""
+        return found.stable and bool(np.all(self.slack(found) >= 0.9 * _ROOM))
+
+    def active(self, found: Robustness) -> list[str]:
+        """Names of the bounds that are reached."""
+        names = (f"Ms = {self.peak:g}", f"delay margin = {self.delay:g} samples")
+        return [name for name, slack in zip(names, self.slack(found), strict=True) if slack <= 5.0 * _ROOM]
+
+    def ladder(self, begin: np.ndarray, powers: np.ndarray) -> np.ndarray:
+        """The best admissible point when all frequencies rise or fall together."""
+        rungs = [begin + step * powers for step in _LADDER] if np.any(powers) else [begin]
+        good = [rung for rung in rungs if self.keeps(self.judge(rung))]
+        if not good:
+            stable = [found for found in map(self.judge, rungs) if found.stable]
+            nearest = min((f.sensitivity_peak for f in stable), default=math.inf)
+            raise UnstableError(
+                f"no setting of {', '.join(self.judge.names)} was found that is stable with Ms <= {self.peak:g} and a "
+                f"delay margin >= {self.delay:g} samples"
+                + (f"; the least Ms on the way was {nearest:.3g}" if stable else "; none on the way was stable")
+                + ": check masses, filters and dead time, or begin elsewhere"
+            )
+        return min(good, key=lambda rung: (self.judge(rung).rope_snap, float(np.sum(np.abs(rung - begin)))))
+
+    def descend(self, point: np.ndarray, middle: np.ndarray, enough: float = _ENOUGH) -> np.ndarray | None:
+        """An admissible end of the search from a point, or None."""
+        best: list[tuple[float, np.ndarray]] = []
+
+        def cost(x: np.ndarray) -> float:
+            found = self.judge(x)
+            if self.keeps(found) and (not best or found.rope_snap < best[0][0]):
+                best[:] = [(found.rope_snap, np.array(x))]
+            # far above any stable loop's, so that a step into the unstable is taken back
+            return math.log(found.rope_snap) if 0.0 < found.rope_snap < math.inf else 0.0
+
+        def slack(x: np.ndarray) -> np.ndarray:
+            return self.slack(self.judge(x)) - _ROOM
+
+        minimize(
+            cost, point, method="SLSQP", bounds=[(m - _RANGE, m + _RANGE) for m in middle],
+            constraints={"type": "ineq", "fun": slack}, options={"maxiter": 40, "ftol": enough, "eps": _STEP},
+        )  # fmt: skip
+        return best[0][1] if best else None
