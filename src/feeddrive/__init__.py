@@ -122,6 +122,7 @@ if TYPE_CHECKING:
     from feeddrive.blocks.reference.chirp import Chirp as Chirp
     from feeddrive.blocks.reference.circle import Circle as Circle
     from feeddrive.blocks.reference.jerk_limited_move import JerkLimitedMove as JerkLimitedMove
+    from feeddrive.blocks.reference.linear_move import LinearMove as LinearMove
     from feeddrive.blocks.reference.multisine import Multisine as Multisine
     from feeddrive.blocks.reference.polynomial7 import Polynomial7 as Polynomial7
     from feeddrive.blocks.reference.recorded import Recorded as Recorded

@@ -27,8 +27,8 @@ class ActiveDisturbanceRejection(Law):
     When to use: a stiff axis with friction and cutting forces that nobody wants to model.  When not: with a structural
     mode below some three times the observer's frequency; where disturbances lie near that frequency, which the
     observer amplifies (see `GpiObserver`).
-    At the paper's gains the loop is stable for a true mass of 0.50 to 1.34 times `mass`: take it rather too large.  That
-    `omega_c` alone places the poles needs an observer some ten times faster.
+    At the paper's gains the loop is stable for a true mass of 0.50 to 1.34 times `mass`: take it rather too large.
+    That `omega_c` alone places the poles needs an observer some ten times faster.
     Source: Beltrán-Carbajal et al. 2013, eqs. (9)-(11), torque over a = lead / 2π as a force.
     Raises ParameterError for gains with which the loop on a rigid axis of this mass is not stable.
     """

@@ -1,0 +1,32 @@
+"""A move at constant velocity, as a plain linear interpolator commands it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from feeddrive.blocks.reference.derivatives import Derivatives
+from feeddrive.blocks.reference.move import Move
+from feeddrive.language.block import Number, parameter
+
+
+class LinearMove(Move):
+    """x = distance · t / travel_time: the velocity jumps at both ends.
+
+    All higher derivatives are 0 in the leg, and the impulses at its ends are left out.
+    When to use: to show what a corner without a velocity profile costs; to cut with a constant chip load.
+    When not: to move an axis; take a JerkLimitedMove.
+    Source: Beltrán-Carbajal et al. 2013, eqs. (19)-(22), with the constant feed of its simulation.
+    """
+
+    travel_time: Number = parameter("s", "time of one way", above=0)
+
+    @property
+    def leg_time(self) -> float:
+        """As given, s."""
+        return self.travel_time
+
+    def leg(self, t: np.ndarray) -> Derivatives:
+        """The equation above."""
+        rest = np.zeros_like(t)
+        velocity = abs(self.distance) / self.travel_time
+        return velocity * t, np.full_like(t, velocity), rest, rest, rest
