@@ -16,6 +16,7 @@ _PLACES: dict[str, str] = {
     "Batch": "loop.simulate",
     "Comparison": "artefacts.study.comparison",
     "Control": "loop.control",
+    "DelayMap": "engineer.tuning.delay_map",
     "FRF": "loop.frequency_response",
     "FeeddriveError": "language.errors",
     "FrictionMap": "engineer.analysis.friction_map",
@@ -26,6 +27,7 @@ _PLACES: dict[str, str] = {
     "Loop": "loop.loop",
     "Machine": "artefacts.files.machine",
     "Margins": "engineer.analysis.margins",
+    "Observation": "engineer.observe",
     "Replay": "engineer.replay",
     "Run": "loop.simulate",
     "Setpoint": "blocks.signals",
@@ -36,6 +38,7 @@ _PLACES: dict[str, str] = {
     "Stiffness": "engineer.analysis.stiffness",
     "compare": "artefacts.study.comparison",
     "compliance": "loop.linearize",
+    "delay_map": "engineer.tuning.delay_map",
     "friction_map": "engineer.analysis.friction_map",
     "get": "language.tree",
     "gradient": "loop.gradient",
@@ -43,6 +46,7 @@ _PLACES: dict[str, str] = {
     "linearize": "loop.linearize",
     "loop_gain": "loop.linearize",
     "margins": "engineer.analysis.margins",
+    "observe": "engineer.observe",
     "read_job": "artefacts.files.job",
     "read_log": "artefacts.files.log",
     "read_machine": "artefacts.files.machine",
@@ -63,6 +67,8 @@ _PLACES: dict[str, str] = {
 
 # What type checkers see; a block that is not listed is there all the same, as Any.
 if TYPE_CHECKING:
+        ActiveDisturbanceRejection as ActiveDisturbanceRejection,
+    )
     from feeddrive.artefacts.files.blocks_to_toml import to_toml as to_toml
     from feeddrive.artefacts.files.job import Job as Job
     from feeddrive.artefacts.files.job import read_job as read_job
@@ -77,10 +83,12 @@ if TYPE_CHECKING:
     from feeddrive.blocks.actuator.actuator import Actuator as Actuator
     from feeddrive.blocks.actuator.direct import Direct as Direct
     from feeddrive.blocks.actuator.screw import Screw as Screw
+    from feeddrive.blocks.compensation.disturbance_rejection import DisturbanceRejection as DisturbanceRejection
+    from feeddrive.blocks.compensation.machine_mode import MachineMode as MachineMode
+    from feeddrive.blocks.compensation.mode_compensation import ModeCompensation as ModeCompensation
     from feeddrive.blocks.controller.active_disturbance_rejection import (
-        ActiveDisturbanceRejection as ActiveDisturbanceRejection,
-    )
     from feeddrive.blocks.controller.cascade_ppi import CascadePPI as CascadePPI
+    from feeddrive.blocks.controller.dadsc import DADSC as DADSC
     from feeddrive.blocks.cutting.helical_cutter import HelicalCutter as HelicalCutter
     from feeddrive.blocks.feedforward.disturbance_compensator import DisturbanceCompensator as DisturbanceCompensator
     from feeddrive.blocks.feedforward.friction_feedforward import FrictionFeedforward as FrictionFeedforward
@@ -108,7 +116,9 @@ if TYPE_CHECKING:
     from feeddrive.blocks.load.recorded_force import RecordedForce as RecordedForce
     from feeddrive.blocks.load.sine_force import SineForce as SineForce
     from feeddrive.blocks.load.step_force import StepForce as StepForce
+    from feeddrive.blocks.observer.disturbance_recovery import DisturbanceRecovery as DisturbanceRecovery
     from feeddrive.blocks.observer.gpi_observer import GpiObserver as GpiObserver
+    from feeddrive.blocks.observer.kalman_recovery import KalmanRecovery as KalmanRecovery
     from feeddrive.blocks.plant.lead_error import LeadError as LeadError
     from feeddrive.blocks.plant.milling_axis import MillingAxis as MillingAxis
     from feeddrive.blocks.plant.modal import Modal as Modal
@@ -146,8 +156,12 @@ if TYPE_CHECKING:
     from feeddrive.engineer.analysis.stability import stability as stability
     from feeddrive.engineer.analysis.stiffness import Stiffness as Stiffness
     from feeddrive.engineer.analysis.stiffness import stiffness as stiffness
+    from feeddrive.engineer.observe import Observation as Observation
+    from feeddrive.engineer.observe import observe as observe
     from feeddrive.engineer.replay import Replay as Replay
     from feeddrive.engineer.replay import replay as replay
+    from feeddrive.engineer.tuning.delay_map import DelayMap as DelayMap
+    from feeddrive.engineer.tuning.delay_map import delay_map as delay_map
     from feeddrive.language.errors import FeeddriveError as FeeddriveError
     from feeddrive.language.tree import get as get
     from feeddrive.language.tree import leaves as leaves

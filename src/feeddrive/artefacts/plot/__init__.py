@@ -9,6 +9,7 @@ from __future__ import annotations
 from feeddrive.artefacts.plot.channels import log
 from feeddrive.artefacts.plot.complex_plane import nyquist, poles
 from feeddrive.artefacts.plot.distributions import batch, effort, gradient
+from feeddrive.artefacts.plot.estimates import delay_map, disturbance
 from feeddrive.artefacts.plot.friction_curve import friction
 from feeddrive.artefacts.plot.open_loop import open_loop
 from feeddrive.artefacts.plot.over_frequency import bode, closed_loop, sensitivity, spectrum, stiffness
@@ -21,6 +22,8 @@ __all__ = [
     "bode",
     "closed_loop",
     "comparison",
+    "delay_map",
+    "disturbance",
     "effort",
     "following_error",
     "force",
