@@ -67,8 +67,6 @@ _PLACES: dict[str, str] = {
 
 # What type checkers see; a block that is not listed is there all the same, as Any.
 if TYPE_CHECKING:
-        ActiveDisturbanceRejection as ActiveDisturbanceRejection,
-    )
     from feeddrive.artefacts.files.blocks_to_toml import to_toml as to_toml
     from feeddrive.artefacts.files.job import Job as Job
     from feeddrive.artefacts.files.job import read_job as read_job
@@ -87,6 +85,8 @@ if TYPE_CHECKING:
     from feeddrive.blocks.compensation.machine_mode import MachineMode as MachineMode
     from feeddrive.blocks.compensation.mode_compensation import ModeCompensation as ModeCompensation
     from feeddrive.blocks.controller.active_disturbance_rejection import (
+        ActiveDisturbanceRejection as ActiveDisturbanceRejection,
+    )
     from feeddrive.blocks.controller.cascade_ppi import CascadePPI as CascadePPI
     from feeddrive.blocks.controller.dadsc import DADSC as DADSC
     from feeddrive.blocks.cutting.helical_cutter import HelicalCutter as HelicalCutter
