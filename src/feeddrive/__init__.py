@@ -27,7 +27,10 @@ _PLACES: dict[str, str] = {
     "Loop": "loop.loop",
     "Machine": "artefacts.files.machine",
     "Margins": "engineer.analysis.margins",
+    "MeasuredLoop": "engineer.analysis.measured_loop",
     "Observation": "engineer.observe",
+    "Placement": "engineer.tuning.placement",
+    "PrefilterFit": "engineer.tuning.trajectory_prefilter",
     "Replay": "engineer.replay",
     "Run": "loop.simulate",
     "Setpoint": "blocks.signals",
@@ -39,6 +42,8 @@ _PLACES: dict[str, str] = {
     "compare": "artefacts.study.comparison",
     "compliance": "loop.linearize",
     "delay_map": "engineer.tuning.delay_map",
+    "fit_prefilter": "engineer.tuning.trajectory_prefilter",
+    "fit_prefilter_to_log": "engineer.tuning.trajectory_prefilter",
     "friction_map": "engineer.analysis.friction_map",
     "get": "language.tree",
     "gradient": "loop.gradient",
@@ -46,7 +51,9 @@ _PLACES: dict[str, str] = {
     "linearize": "loop.linearize",
     "loop_gain": "loop.linearize",
     "margins": "engineer.analysis.margins",
+    "measured_loop": "engineer.analysis.measured_loop",
     "observe": "engineer.observe",
+    "placement": "engineer.tuning.placement",
     "read_job": "artefacts.files.job",
     "read_log": "artefacts.files.log",
     "read_machine": "artefacts.files.machine",
@@ -60,6 +67,7 @@ _PLACES: dict[str, str] = {
     "stream": "loop.simulate",
     "to_toml": "artefacts.files.blocks_to_toml",
     "tracking": "loop.linearize",
+    "tune_prefilter": "engineer.tuning.trajectory_prefilter",
     "vary": "language.tree",
     "write_log": "artefacts.files.measured",
     "write_results": "artefacts.study.results",
@@ -89,10 +97,12 @@ if TYPE_CHECKING:
     )
     from feeddrive.blocks.controller.cascade_ppi import CascadePPI as CascadePPI
     from feeddrive.blocks.controller.dadsc import DADSC as DADSC
+    from feeddrive.blocks.controller.pole_placement import PolePlacement as PolePlacement
     from feeddrive.blocks.cutting.helical_cutter import HelicalCutter as HelicalCutter
     from feeddrive.blocks.feedforward.disturbance_compensator import DisturbanceCompensator as DisturbanceCompensator
     from feeddrive.blocks.feedforward.friction_feedforward import FrictionFeedforward as FrictionFeedforward
     from feeddrive.blocks.feedforward.inertia import Inertia as Inertia
+    from feeddrive.blocks.feedforward.inverse_dynamics import InverseDynamics as InverseDynamics
     from feeddrive.blocks.filter.low_pass import LowPass as LowPass
     from feeddrive.blocks.filter.low_pass2 import LowPass2 as LowPass2
     from feeddrive.blocks.filter.notch import Notch as Notch
@@ -128,6 +138,7 @@ if TYPE_CHECKING:
     from feeddrive.blocks.plant.screw_two_mass import ScrewTwoMass as ScrewTwoMass
     from feeddrive.blocks.plant.three_mass_chain import ThreeMassChain as ThreeMassChain
     from feeddrive.blocks.plant.two_mass import TwoMass as TwoMass
+    from feeddrive.blocks.prefilter.trajectory_prefilter import TrajectoryPrefilter as TrajectoryPrefilter
     from feeddrive.blocks.reference.bezier10 import Bezier10 as Bezier10
     from feeddrive.blocks.reference.chirp import Chirp as Chirp
     from feeddrive.blocks.reference.circle import Circle as Circle
@@ -149,6 +160,8 @@ if TYPE_CHECKING:
     from feeddrive.engineer.analysis.friction_map import friction_map as friction_map
     from feeddrive.engineer.analysis.margins import Margins as Margins
     from feeddrive.engineer.analysis.margins import margins as margins
+    from feeddrive.engineer.analysis.measured_loop import MeasuredLoop as MeasuredLoop
+    from feeddrive.engineer.analysis.measured_loop import measured_loop as measured_loop
     from feeddrive.engineer.analysis.sensitivity import sensitivity as sensitivity
     from feeddrive.engineer.analysis.spectrum import Spectrum as Spectrum
     from feeddrive.engineer.analysis.spectrum import spectrum as spectrum
@@ -162,6 +175,12 @@ if TYPE_CHECKING:
     from feeddrive.engineer.replay import replay as replay
     from feeddrive.engineer.tuning.delay_map import DelayMap as DelayMap
     from feeddrive.engineer.tuning.delay_map import delay_map as delay_map
+    from feeddrive.engineer.tuning.placement import Placement as Placement
+    from feeddrive.engineer.tuning.placement import placement as placement
+    from feeddrive.engineer.tuning.trajectory_prefilter import PrefilterFit as PrefilterFit
+    from feeddrive.engineer.tuning.trajectory_prefilter import fit_prefilter as fit_prefilter
+    from feeddrive.engineer.tuning.trajectory_prefilter import fit_prefilter_to_log as fit_prefilter_to_log
+    from feeddrive.engineer.tuning.trajectory_prefilter import tune_prefilter as tune_prefilter
     from feeddrive.language.errors import FeeddriveError as FeeddriveError
     from feeddrive.language.tree import get as get
     from feeddrive.language.tree import leaves as leaves

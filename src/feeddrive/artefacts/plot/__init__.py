@@ -11,6 +11,7 @@ from feeddrive.artefacts.plot.complex_plane import nyquist, poles
 from feeddrive.artefacts.plot.distributions import batch, effort, gradient
 from feeddrive.artefacts.plot.estimates import delay_map, disturbance
 from feeddrive.artefacts.plot.friction_curve import friction
+from feeddrive.artefacts.plot.learning import iteration, trial, trials
 from feeddrive.artefacts.plot.open_loop import open_loop
 from feeddrive.artefacts.plot.over_frequency import bode, closed_loop, sensitivity, spectrum, stiffness
 from feeddrive.artefacts.plot.over_time import comparison, following_error, force, motion, run
@@ -29,6 +30,7 @@ __all__ = [
     "force",
     "friction",
     "gradient",
+    "iteration",
     "log",
     "motion",
     "nyquist",
@@ -40,4 +42,6 @@ __all__ = [
     "sensitivity",
     "spectrum",
     "stiffness",
+    "trial",
+    "trials",
 ]

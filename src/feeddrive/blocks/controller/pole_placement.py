@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 from feeddrive.blocks.families import Law, Nothing, Plant
-from feeddrive.blocks.filter.biquad import check_below_nyquist
 from feeddrive.blocks.plant.two_bodies import (
     Gains,
     check_controllable,
@@ -116,8 +115,14 @@ class PolePlacement(Law):
             ("rigid_frequency", self._rigid(), self.rigid_damping),
             ("axial_frequency", self._axial(), self.axial_damping),
         ):
-            fastest = frequency * (damping + ops.sqrt(ops.maximum(damping * damping - 1.0, 0.0)))
-            check_below_nyquist(f"{self.kind}.{name}", ops.maximum(frequency, fastest), sample_time)
+            spread = ops.maximum(damping, 1.0) + ops.sqrt(ops.maximum(damping * damping - 1.0, 0.0))
+            fastest, nyquist = frequency * spread, 0.5 / sample_time
+            if isinstance(fastest, float) and fastest >= nyquist:
+                raise ParameterError(
+                    f"{self.kind}.{name} = {frequency:g} Hz with a damping ratio of {damping:g} places a pole at "
+                    f"{fastest:g} Hz, {fastest / nyquist:.3g} times half the sample rate: it must be below {nyquist:g} "
+                    f"Hz, which {name} < {nyquist / spread:g} Hz gives; lower it, or sample faster"
+                )
 
     def _rigid(self) -> Number:
         return self.bandwidth if self.rigid_frequency is None else self.rigid_frequency

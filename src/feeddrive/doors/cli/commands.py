@@ -71,3 +71,40 @@ def reproduce(
     from feeddrive.doors.cli.reproduce import perform
 
     perform(paper, out)
+
+
+@app.command()
+def prefilter(
+    log: Annotated[Path, typer.Argument(help="A log of set position and position (MAT, CSV, Parquet).")],
+    regressors: Annotated[
+        str, typer.Option("--regressors", help="Which derivatives of the reference may be used.")
+    ] = "v,a,j,s",
+    controller: Annotated[
+        str | None,
+        typer.Option(
+            "--controller", help="The machine file of the loop: its clock, limit and prefilter.", show_default=False
+        ),
+    ] = None,
+    axis: Annotated[str | None, typer.Option("--axis", help="Its axis, if it has several.", show_default=False)] = None,
+    job: Annotated[
+        str | None,
+        typer.Option("--job", help="The job whose reference was run, for exact derivatives.", show_default=False),
+    ] = None,
+    set_position: Annotated[
+        str | None, typer.Option("--set-position", help="Column of the set position.", show_default=False)
+    ] = None,
+    position: Annotated[
+        str | None, typer.Option("--position", help="Column of the position of the table.", show_default=False)
+    ] = None,
+    force: Annotated[
+        str | None, typer.Option("--force", help="Column of the commanded force.", show_default=False)
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", help="File for the section (TOML).", show_default=False)
+    ] = None,
+) -> None:
+    """Fit the prefilter that cancels what a loop leaves of its tracking error, from one log."""
+    from feeddrive.doors.cli.prefilter import perform
+
+    columns = {"setpoint_position": set_position, "position_load": position, "force": force}
+    perform(log, regressors, controller, axis, job, columns, out)

@@ -1,0 +1,132 @@
+"""A loop of a measured axis and a control: what a tuning looks like before anybody has a model."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from feeddrive.blocks.plant.two_mass import TwoMass
+from feeddrive.engineer.analysis.margins import Margins, margins
+from feeddrive.engineer.analysis.sensitivity import sensitivity
+from feeddrive.engineer.analysis.stiffness import Stiffness, stiffness
+from feeddrive.language.errors import ParameterError
+from feeddrive.language.table import Result, Table
+from feeddrive.loop.axis import Axis
+from feeddrive.loop.control import Control
+from feeddrive.loop.frequency_response import FRF
+from feeddrive.loop.linearize import linearize
+from feeddrive.loop.loop import Loop
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class MeasuredLoop(Result):
+    """The loop gain of a control on a measured axis, and its compliance if that of the open axis was measured.
+
+    Whether the closed loop is stable cannot be read off its margins alone: it is if the axis is stable without control
+    but for its free motion, and L turns round -1 as a loop that is known to be stable does.
+    """
+
+    loop_gain: FRF
+    compliance: FRF | None
+
+    @property
+    def margins(self) -> Margins:
+        """Of the loop gain."""
+        return margins(self.loop_gain)
+
+    @property
+    def sensitivity(self) -> FRF:
+        """1/(1 + L)."""
+        return sensitivity(self.loop_gain)
+
+    @property
+    def stiffness(self) -> Stiffness:
+        """The inverse of the compliance. Raises ParameterError if the open axis's was not measured."""
+        if self.compliance is None:
+            raise ParameterError("the compliance of the open axis was not measured: give `disturbance` for a stiffness")
+        return stiffness(self.compliance)
+
+    def table(self) -> Table:
+        """The margins, and the least stiffness."""
+        found = self.margins.table()
+        rows = [list(row) for row in found.rows]
+        if self.compliance is not None:
+            least = self.stiffness
+            rows.append(["least stiffness", f"{least.minimum_frequency:.4g}", f"{1e-6 * least.minimum:.4g} N/um"])
+        return Table("control on a measured axis", found.heads, rows)
+
+    def plot(self) -> Any:
+        """Bode plot of the loop gain with all margins, as a matplotlib figure."""
+        return self.margins.plot()
+
+    def to_pandas(self) -> Any:
+        """A DataFrame with real and imaginary part of L over frequency in Hz."""
+        return self.loop_gain.to_pandas()
+
+
+def measured_loop(
+    control: Control,
+    sample_time: float,
+    load: FRF,
+    motor: FRF | None = None,
+    *,
+    disturbance: tuple[FRF, FRF | None] | None = None,
+    delay: float = 0.0,
+    velocity: float = 0.05,
+) -> MeasuredLoop:
+    """A control on an axis of which frequency responses were measured, all in m/N on the same frequencies.
+
+        u = C1 x1 + C2 x2,   L = -(C1 X1/u + C2 X2/u),   x2/d = X2/d + X2/u (C1 X1/d + C2 X2/d) / (1 + L)
+
+    load, motor   X2/u and X1/u, from the commanded force to the readings; with one encoder leave `motor` out
+    disturbance   X2/d and X1/d, from a force on the table to the readings (a hammer's), for the compliance
+    delay         s, of computation, if the responses were measured from the force that acts and not from its command
+    C1 and C2 are the linearised control itself, filters and compensation included, at `velocity` in m/s.
+
+    Raises ParameterError for frequencies that differ or lie beyond Nyquist, for two encoders that a law needs and one
+    that was measured, and for a law that repeats itself only after several samples.
+    Source: Gordon & Erkorkmaz 2013, section 2 (tuning on the measured frequency response).
+    """
+    law = control.law
+    if law.period() > 1:
+        raise ParameterError(
+            f"the law '{law.kind}' repeats itself only every {law.period()} samples: it has no response at the actuator"
+        )
+    if motor is None and law.encoders > 1:
+        raise ParameterError(f"the law '{law.kind}' needs two encoders: give the response of the motor's as `motor`")
+    frequency = load.frequency
+    by_motor, by_load = _responses(control, sample_time, frequency, velocity)
+    late = np.exp(-2j * np.pi * frequency * delay)
+
+    def answered(of_load: FRF, of_motor: FRF | None) -> FRF:
+        """What the control answers to an input of the axis."""
+        return of_load * by_load + (of_load if of_motor is None else of_motor) * by_motor
+
+    gain = -answered(load, motor).response * late
+    L = FRF(frequency, gain, "cut", "force", "N/N", sample_time, _coherence(load, motor))
+    if disturbance is None:
+        return MeasuredLoop(L, None)
+    free = disturbance[0]
+    back = load * answered(*disturbance).response
+    closed = free + back.response * late / (1.0 + L.response)
+    closed = replace(closed, input="load_force", output="position_load", unit="m/N", sample_time=sample_time)
+    return MeasuredLoop(L, closed)
+
+
+def _responses(control: Control, T: float, frequency: np.ndarray, velocity: float) -> tuple[np.ndarray, np.ndarray]:
+    """Force over the reading of motor and load: the control alone, with the loop open behind it."""
+    swings = 0.1 / T  # rad/s of an axis that is there only to be read
+    axis = Axis(plant=TwoMass(mass_motor=1.0, mass_load=1.0, stiffness=0.5 * swings * swings))
+    loop = Loop(control=control, axis=axis, sample_time=T)
+    model = linearize(loop, ["cut", "reading_motor", "reading_load"], ["force"], velocity=velocity)
+    motor, load = (model.response(frequency, input=name).response for name in ("reading_motor", "reading_load"))
+    return motor, load
+
+
+def _coherence(load: FRF, motor: FRF | None) -> np.ndarray | None:
+    """The smaller one of two measurements."""
+    if load.coherence is None or motor is None or motor.coherence is None:
+        return load.coherence
+    return np.minimum(load.coherence, motor.coherence)
