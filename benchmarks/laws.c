@@ -53,3 +53,42 @@ void pole_placement(long count, const double *restrict p, const double (*restric
     }
     s[0] = motor, s[1] = load, s[3] = integral, s[4] = added;
 }
+
+/* p: mass, omega_c, zeta_c, share, omega_o, F (7 x 7), Gu (7), Gy (7), T;  s: z (7), position */
+void gpi(long count, const double *restrict p, const double (*restrict rows)[9], double *restrict s,
+         double *restrict force)
+{
+    enum { N = 7 };
+    const double mass = p[0], wc = p[1], zc = p[2], share = p[3], wo = p[4], T = p[5 + N * N + 2 * N], half = 0.5 * T;
+    const double alpha0 = wc * wc, alpha1 = 2.0 * zc * wc, scale = mass * wo * wo;
+    double F[N][N], Gu[N], Gy[N], z[N], last = s[N];
+    for (int i = 0; i < N; i++) {
+        for (int j = 0; j < N; j++)
+            F[i][j] = p[5 + N * i + j];
+        Gu[i] = p[5 + N * N + i];
+        Gy[i] = p[5 + N * N + N + i];
+        z[i] = s[i];
+    }
+    for (long k = 0; k < count; k++) {
+        const double *r = rows[k];
+        const double change = r[6] - last;
+        double next[N];
+        for (int i = 0; i < N; i++) {
+            double sum = F[i][0] * z[0];
+            for (int j = 1; j < N; j++)
+                sum = sum + F[i][j] * z[j];
+            sum = sum + Gu[i] * r[7];
+            next[i] = sum + Gy[i] * change;
+        }
+        for (int i = 0; i < N; i++)
+            z[i] = next[i];
+        const double velocity = wo * z[1], disturbance = scale * z[2];
+        const double a = r[2] + half * (r[3] + 0.5 * half * r[4]);
+        const double slower = alpha1 * (velocity - r[1]), nearer = alpha0 * (r[6] - r[0]);
+        force[k] = mass * ((a - slower) - nearer) - share * disturbance;
+        last = r[6];
+    }
+    for (int i = 0; i < N; i++)
+        s[i] = z[i];
+    s[N] = last;
+}

@@ -51,6 +51,8 @@ def candidates() -> list[Candidate]:
     )
     poles = fd.PolePlacement(model=table, bandwidth=50.0)
     bodies = two_bodies("", table)
+    observer = fd.GpiObserver(mass=139.0, omega_o=700.0)
+    rejection = fd.ActiveDisturbanceRejection(mass=139.0, omega_c=12.0, observer=observer)
     return [
         Candidate(
             "DADSC", "dadsc", dadsc, 1e-4,
@@ -59,6 +61,13 @@ def candidates() -> list[Candidate]:
         Candidate(
             "pole placement", "pole_placement", poles, 5e-5,
             lambda _, made: [*made.gains, bodies.led / bodies.k, bodies.dragged / bodies.k, lag(bodies)],
+        ),
+        Candidate(
+            "GPI observer and its law", "gpi", rejection, 1e-4,
+            lambda law, made: [
+                law.mass, law.omega_c, law.zeta_c, law.share, law.observer.omega_o,
+                *(float(x) for row in made.F for x in row), *made.Gu, *made.Gy,
+            ],
         ),
     ]  # fmt: skip
 

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 
 from feeddrive.language import tree
-from feeddrive.language.block import declarations
 from feeddrive.language.errors import FeeddriveError, UnstableError
 from feeddrive.language.table import Result, Table
 from feeddrive.loop.linearize import StateSpace, linearize
@@ -125,16 +124,13 @@ def require_stable(system: StateSpace | Loop, *, velocity: float = 0.05, where: 
 def _nearest_stable(loop: Loop, velocity: float) -> str:
     """The gains of the law slowed down in one proportion until the loop is stable, as a clause; empty if none is."""
     law = loop.control.law
-    declared = declarations(type(law))
+    values = dict(tree.leaves(law))
+    units = {name: tree.declaration(law, name).unit for name in law.knobs if isinstance(values.get(name), float)}
     # a time is slowed down by making it longer; a ratio such as a damping is no speed and stays
-    powers = {
-        name: -1.0 if declared[name].unit == "s" else 1.0
-        for name in law.knobs
-        if isinstance(getattr(law, name), float) and declared[name].unit
-    }
+    powers = {name: -1.0 if unit == "s" else 1.0 for name, unit in units.items() if unit}
 
     def slowed(factor: float) -> dict[str, float]:
-        return {name: getattr(law, name) * factor**power for name, power in powers.items()}
+        return {name: values[name] * factor**power for name, power in powers.items()}
 
     def holds(factor: float) -> bool:
         changes = {f"control.law.{name}": value for name, value in slowed(factor).items()}
@@ -150,5 +146,5 @@ def _nearest_stable(loop: Loop, velocity: float) -> str:
     for _ in range(8):
         middle = 0.5 * (low + high)
         low, high = (middle, high) if holds(middle) else (low, middle)
-    listed = ", ".join(f"{name} = {value:.4g} {declared[name].unit}" for name, value in slowed(low).items())
+    listed = ", ".join(f"{name} = {value:.4g} {units[name]}" for name, value in slowed(low).items())
     return f"; in the same proportion it is stable up to {listed}, which is {100.0 * low:.3g} % of the speed"
