@@ -16,12 +16,14 @@ _PLACES: dict[str, str] = {
     "Batch": "loop.simulate",
     "Comparison": "artefacts.study.comparison",
     "Control": "loop.control",
+    "Convergence": "engineer.tuning.convergence",
     "DelayMap": "engineer.tuning.delay_map",
     "FRF": "loop.frequency_response",
     "FeeddriveError": "language.errors",
     "FrictionMap": "engineer.analysis.friction_map",
     "Gradient": "loop.gradient",
     "Guard": "loop.guard",
+    "Iteration": "engineer.tuning.iterative_feedforward",
     "Job": "artefacts.files.job",
     "Log": "artefacts.files.measured",
     "Loop": "loop.loop",
@@ -34,24 +36,34 @@ _PLACES: dict[str, str] = {
     "Replay": "engineer.replay",
     "Run": "loop.simulate",
     "Setpoint": "blocks.signals",
+    "SignalTrials": "engineer.tuning.signal_ilc",
     "Signals": "loop.loop",
     "Spectrum": "engineer.analysis.spectrum",
     "Stability": "engineer.analysis.stability",
     "StateSpace": "loop.linearize",
     "Stiffness": "engineer.analysis.stiffness",
+    "Trial": "engineer.tuning.trial",
+    "Trials": "engineer.tuning.trials",
+    "begin_compensation": "engineer.tuning.compensated",
     "compare": "artefacts.study.comparison",
     "compliance": "loop.linearize",
+    "convergence": "engineer.tuning.convergence",
     "delay_map": "engineer.tuning.delay_map",
+    "error_model": "engineer.tuning.error_model",
     "fit_prefilter": "engineer.tuning.trajectory_prefilter",
     "fit_prefilter_to_log": "engineer.tuning.trajectory_prefilter",
     "friction_map": "engineer.analysis.friction_map",
     "get": "language.tree",
     "gradient": "loop.gradient",
+    "iterate": "engineer.tuning.iterative_feedforward",
+    "iterate_trials": "engineer.tuning.trials",
+    "learn_signal": "engineer.tuning.signal_ilc",
     "leaves": "language.tree",
     "linearize": "loop.linearize",
     "loop_gain": "loop.linearize",
     "margins": "engineer.analysis.margins",
     "measured_loop": "engineer.analysis.measured_loop",
+    "measured_trial": "engineer.tuning.trial",
     "observe": "engineer.observe",
     "placement": "engineer.tuning.placement",
     "read_job": "artefacts.files.job",
@@ -61,6 +73,7 @@ _PLACES: dict[str, str] = {
     "sensitivity": "engineer.analysis.sensitivity",
     "simulate": "loop.simulate",
     "simulate_batch": "loop.simulate",
+    "simulated_trial": "engineer.tuning.trial",
     "spectrum": "engineer.analysis.spectrum",
     "stability": "engineer.analysis.stability",
     "stiffness": "engineer.analysis.stiffness",
@@ -90,6 +103,7 @@ if TYPE_CHECKING:
     from feeddrive.blocks.actuator.direct import Direct as Direct
     from feeddrive.blocks.actuator.screw import Screw as Screw
     from feeddrive.blocks.compensation.disturbance_rejection import DisturbanceRejection as DisturbanceRejection
+    from feeddrive.blocks.compensation.learned_force import LearnedForce as LearnedForce
     from feeddrive.blocks.compensation.machine_mode import MachineMode as MachineMode
     from feeddrive.blocks.compensation.mode_compensation import ModeCompensation as ModeCompensation
     from feeddrive.blocks.controller.active_disturbance_rejection import (
@@ -173,14 +187,27 @@ if TYPE_CHECKING:
     from feeddrive.engineer.observe import observe as observe
     from feeddrive.engineer.replay import Replay as Replay
     from feeddrive.engineer.replay import replay as replay
+    from feeddrive.engineer.tuning.compensated import begin_compensation as begin_compensation
+    from feeddrive.engineer.tuning.convergence import Convergence as Convergence
+    from feeddrive.engineer.tuning.convergence import convergence as convergence
     from feeddrive.engineer.tuning.delay_map import DelayMap as DelayMap
     from feeddrive.engineer.tuning.delay_map import delay_map as delay_map
+    from feeddrive.engineer.tuning.error_model import error_model as error_model
+    from feeddrive.engineer.tuning.iterative_feedforward import Iteration as Iteration
+    from feeddrive.engineer.tuning.iterative_feedforward import iterate as iterate
     from feeddrive.engineer.tuning.placement import Placement as Placement
     from feeddrive.engineer.tuning.placement import placement as placement
+    from feeddrive.engineer.tuning.signal_ilc import SignalTrials as SignalTrials
+    from feeddrive.engineer.tuning.signal_ilc import learn_signal as learn_signal
     from feeddrive.engineer.tuning.trajectory_prefilter import PrefilterFit as PrefilterFit
     from feeddrive.engineer.tuning.trajectory_prefilter import fit_prefilter as fit_prefilter
     from feeddrive.engineer.tuning.trajectory_prefilter import fit_prefilter_to_log as fit_prefilter_to_log
     from feeddrive.engineer.tuning.trajectory_prefilter import tune_prefilter as tune_prefilter
+    from feeddrive.engineer.tuning.trial import Trial as Trial
+    from feeddrive.engineer.tuning.trial import measured_trial as measured_trial
+    from feeddrive.engineer.tuning.trial import simulated_trial as simulated_trial
+    from feeddrive.engineer.tuning.trials import Trials as Trials
+    from feeddrive.engineer.tuning.trials import iterate_trials as iterate_trials
     from feeddrive.language.errors import FeeddriveError as FeeddriveError
     from feeddrive.language.tree import get as get
     from feeddrive.language.tree import leaves as leaves

@@ -1,0 +1,163 @@
+"""What a missing force does to the following error: the filter through which iterative feedforward sees its columns."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from feeddrive.blocks.families import Plant
+from feeddrive.blocks.feedforward.disturbance_compensator import DisturbanceCompensator
+from feeddrive.blocks.plant.rigid import Rigid
+from feeddrive.blocks.sensor.encoder import Encoder
+from feeddrive.language import tree
+from feeddrive.language.errors import ParameterError, UnstableError
+from feeddrive.loop.linearize import StateSpace, linearize
+from feeddrive.loop.loop import Loop
+
+FORMS = ("model_free", "model_based")
+_TINY = 1e-6  # of the axis's mass: what stands for a mass of 0, which no plant may have
+_EDGE = 1.0 - 1e-9  # of |z|: what eigenvalues of a small matrix are uncertain by
+_DECADES, _STRIDE = 7.0, 0.1  # within which an admissible mass is looked for, and how finely
+
+
+def error_model(
+    loop: Loop, form: str = "model_free", *, plant: Plant | None = None, least_mass: float = 0.0
+) -> StateSpace:
+    """Ĝ_d: from a force that the feedforward lacks, in N, to the following error, in m, at the loop's sample time.
+
+        e = x_set - x = G_d [φᵀ (θ0 - θ) + w],   G_d = P / (1 + P C)
+
+    model_free   Ĝ_d = 1/C: the inverse of the controller, from its own gains alone.  Good where |P C| >> 1, so in the
+                 band of usual references.  Prefilter and filter pack are left out: they are 1 in that band.
+    model_based  Ĝ_d = P̂/(1 + P̂ C) with the drive's dead time and current loop.  P̂ is `plant`; else a rigid axis with
+                 the mass (at least `least_mass`, kg) and the viscous friction that are fed forward now; else, if no
+                 mass is fed forward or the law needs two encoders, the plant of the axis.
+
+    C comes from the linear model of the control itself, so from the lines that are simulated, for any law.
+    Raises UnstableError, with the nearest mass that is admissible, for a model loop that is not stable; UnstableError
+    for a controller without a stable inverse; ParameterError for another form and for a law with a slow part.
+    Source: Wu, Han, Xiong & Ding 2017, sections 2 and 3; the discrete form by the sampled loop.
+    """
+    if form not in FORMS:
+        raise ParameterError(f"form = {form!r} must be one of {', '.join(FORMS)}")
+    period = loop.control.law.period()
+    if period > 1:
+        raise ParameterError(
+            f"the law '{loop.control.law.kind}' repeats itself only every {period} samples, so that its error model is "
+            f"no filter at the sample time; admissible is a period of 1 sample: run its position loop every sample"
+        )
+    if form == "model_free":
+        return _inverse(loop)
+    block = next((each for each in loop.control.feedforward if isinstance(each, DisturbanceCompensator)), None)
+    if plant is not None or block is None or block.mass is None or loop.control.law.encoders > 1:
+        return _required(loop, loop.axis.plant if plant is None else plant)
+    mass = max(block.mass, least_mass, _TINY * float(loop.axis.plant.rigid_mass()))
+    return _required(loop, Rigid(mass=mass, viscous=block.viscous or 0.0))
+
+
+def true_error_model(loop: Loop) -> StateSpace:
+    """G_d of a simulated loop: its own axis without friction and quantisers, to judge a Ĝ_d by."""
+    return _required(loop, loop.axis.plant)
+
+
+def filtered(model: StateSpace, columns: np.ndarray, *, moving: bool = False) -> np.ndarray:
+    """Columns, shape (n, columns), through a model with one input and one output.
+
+    Before the first row the columns were 0, or, if the axis was `moving`, as in the first row for ever.
+    """
+    A, b, c, d = model.A, model.B[:, :1], model.C[:1], model.D[0, 0]
+    n = A.shape[0]
+    state = np.zeros((n, columns.shape[1]))
+    if moving and n:
+        state = np.linalg.solve(np.eye(n) - A, b @ columns[:1])
+    driven = columns[:, None, :] * b
+    states = np.empty((columns.shape[0], n, columns.shape[1]))
+    for k, push in enumerate(driven):
+        states[k] = state
+        state = A @ state + push
+    return (c @ states)[:, 0, :] + d * columns
+
+
+def decay(model: StateSpace, share: float = 0.01) -> int:
+    """Samples after which the slowest motion of a model has fallen to a share."""
+    slowest = float(np.max(np.abs(model.poles()), initial=0.0))
+    return 1 if slowest <= 0.0 else max(1, int(np.ceil(np.log(share) / np.log(min(slowest, 1.0 - 1e-9)))))
+
+
+def _required(loop: Loop, plant: Plant) -> StateSpace:
+    """The model loop's G_d, if it is stable."""
+    model = _closed(loop, plant)
+    size = _growth(model)
+    if size < _EDGE:
+        return model
+    mass = float(plant.rigid_mass())
+    near = _nearest(loop, plant, mass)
+    found = f"{near:.4g} kg" if near is not None else f"none within {_DECADES:g} decades"
+    raise UnstableError(
+        f"the model loop with a mass of {mass:.4g} kg is not stable: |z| = {size:.6f} must be < 1, it is "
+        f"{size - 1.0:.2g} too large; the nearest admissible mass is {found}: start from another mass, give the plant, "
+        f"or take form = 'model_free', which needs no mass"
+    )
+
+
+def _closed(loop: Loop, plant: Plant) -> StateSpace:
+    """From a force behind the limit to the position, all that is not linear left out."""
+    control = dataclasses.replace(loop.control, guard=None, force_limit=None, feedforward=(), prefilter=None)
+    motor, load = (None if each is None else Encoder() for each in (loop.axis.encoder_motor, loop.axis.encoder_load))
+    axis = dataclasses.replace(
+        loop.axis, plant=plant, friction_motor=None, friction_load=None, forces=(), encoder_motor=motor,
+        encoder_load=load,
+    )  # fmt: skip
+    return linearize(dataclasses.replace(loop, control=control, axis=axis), ["added_force"], ["position_load"])
+
+
+def _growth(model: StateSpace) -> float:
+    return float(np.max(np.abs(model.poles()), initial=0.0))
+
+
+def _nearest(loop: Loop, plant: Plant, mass: float) -> float | None:
+    """The mass nearest to that of a rigid plant, by ratio, with which the model loop is stable, to four digits."""
+    if not isinstance(plant, Rigid):
+        return None
+
+    def stable(log: float) -> bool:
+        return _growth(_closed(loop, tree.vary(plant, {"mass": mass * 10.0**log}))) < _EDGE
+
+    grid = np.arange(_STRIDE, _DECADES, _STRIDE)
+    for away in grid:
+        for sign in (1.0, -1.0):
+            if stable(sign * away):
+                low, high = away - _STRIDE, away
+                for _ in range(14):
+                    middle = 0.5 * (low + high)
+                    low, high = (low, middle) if stable(sign * middle) else (middle, high)
+                return mass * 10.0 ** (sign * high)
+    return None
+
+
+def _inverse(loop: Loop) -> StateSpace:
+    """1/C, with C from the two readings moved as one to the force."""
+    control = dataclasses.replace(
+        loop.control, guard=None, force_limit=None, feedforward=(), prefilter=None, filters=()
+    )
+    whole = linearize(dataclasses.replace(loop, control=control), ["cut", "reading_motor", "reading_load"], ["force"])
+    push, D = whole.B[:, 1:2] + whole.B[:, 2:3], float(whole.D[0, 1] + whole.D[0, 2])
+    reached = np.any(push != 0.0, axis=1)
+    for _ in range(push.shape[0]):
+        reached = reached | np.any(whole.A[:, reached] != 0.0, axis=1)
+    keep = np.flatnonzero(reached)
+    A, B, C = whole.A[np.ix_(keep, keep)], push[keep], whole.C[:, keep]
+    # the force answers the reading by -C; solved for the reading it is the inverse, with the sign of G_d
+    inverse, size = A, np.inf
+    if D != 0.0:
+        inverse = A - B @ C / D
+        size = float(np.max(np.abs(np.linalg.eigvals(inverse)), initial=0.0))
+    if not size < _EDGE:
+        raise UnstableError(
+            f"the controller '{loop.control.law.kind}' has no stable inverse: |z| = {size:.6f} of its zeros must be "
+            f"< 1: take form = 'model_based'"
+        )
+    names = tuple(whole.states[i] for i in keep)
+    through = np.array([[-1.0 / D]])
+    return StateSpace(inverse, B / D, C / D, through, whole.sample_time, names, ("added_force",), ("position_load",))
