@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections.abc import Sequence
 
@@ -9,7 +10,7 @@ import numpy as np
 from scipy.optimize import minimize
 
 from feeddrive.engineer.tuning.proof import proven
-from feeddrive.engineer.tuning.robustness import Judge, Robustness
+from feeddrive.engineer.tuning.robustness import Judge, Robustness, robustness
 from feeddrive.engineer.tuning.tuned import Tuned
 from feeddrive.language import tree
 from feeddrive.language.errors import ParameterError, UnstableError
@@ -18,8 +19,12 @@ from feeddrive.loop.loop import Loop
 # how a gain scales when all frequencies of a loop rise by a factor: to its power, by the unit
 _POWERS = {"1/s": 1, "rad/s": 1, "Hz": 1, "N s/m": 1, "N/m": 2, "1/s2": 2, "N/(m s)": 3, "s": -1}
 _LADDER = np.log(2.0) * np.arange(3.0, -11.5, -0.5)  # factors 8 ... 1/2048
-_RANGE = math.log(100.0)  # how far a knob may move from where the search begins
+_RANGE = math.log(1e4)  # how far a knob may move from where the search begins
 _ROOM = 3e-4  # of a bound: by so much the search stays inside, for what its lines miss
+_DENSE = 600  # lines a decade with which its end is judged
+_BOX = 0.5  # of a logarithm: how far a descent goes before it looks around anew
+_BOXES = 8  # of them at most in one descent
+_PATIENCE = 60  # loops judged without the least progress, and eight more for each knob, before a descent ends
 _STEP = 1e-3  # of a logarithm, for slopes by differences
 _ENOUGH, _FINE = 1e-5, 1e-7  # of the cost's logarithm: less is no progress, at first and at last
 
@@ -70,13 +75,14 @@ def tune(
     begin = np.array([_logarithm(loop, name) for name in names])
     judge = Judge(loop, names, velocity)
     search = _Search(judge, sensitivity_peak, delay_margin_samples)
-    first = search.ladder(begin, np.array([_POWERS.get(tree.declaration(loop, n).unit, 0) for n in names], float))
+    first = search.ladder(begin, [tree.declaration(loop, name).unit for name in names])
     random = np.random.default_rng(seed)
     points = [first, *(first + random.uniform(-0.5, 0.5, len(names)) for _ in range(starts - 1))]
-    ends = [end for end in (search.descend(point, first) for point in points) if end is not None] or [first]
-    best = min(ends, key=lambda end: judge(end).rope_snap)
-    again = search.descend(best, first, _FINE)  # from there on, with fresh curvature
-    best = best if again is None else again
+    ends = [search.descend(point, first) for point in points]
+    best = search.descend(min(ends, key=lambda end: judge(end).rope_snap), first, _FINE)
+    while not search.admits(dense := robustness(judge.at(best), velocity=velocity, per_decade=_DENSE)):
+        search.tighten(dense)
+        best = search.descend(best, first, _FINE)
     found = judge(best)
     reached = [judge(end).rope_snap / found.rope_snap - 1.0 for end in ends]
     active = [*search.active(found), *(n for n, d in zip(names, best - first, strict=True) if abs(d) > _RANGE - 1e-6)]
@@ -90,7 +96,7 @@ def tune(
         delay_bound=delay_margin_samples,
         active=tuple(active),
         evaluations=judge.count,
-        spread=max(reached),
+        spread=max(*reached, 0.0),
         proof=proven(tuned, found, search.admits, judge, best, velocity),
     )
 
@@ -107,6 +113,13 @@ class _Search:
 
     def __init__(self, judge: Judge, peak: float, delay: float) -> None:
         self.judge, self.peak, self.delay = judge, peak, delay
+        self.room = _ROOM
+
+    def tighten(self, dense: Robustness) -> None:
+        """More room, after dense lines found more than those of the search."""
+        if self.room > 0.1 or not dense.stable:
+            raise UnstableError("the sensitivity peak is too narrow to be tuned for: damp the resonance, or filter it")
+        self.room += max(_ROOM, -2.0 * float(np.min(self.slack(dense))))
 
     def slack(self, found: Robustness) -> np.ndarray:
         """Logarithms of how far the bounds are kept; negative where they are not."""
@@ -125,44 +138,63 @@ class _Search:
 
     def keeps(self, found: Robustness) -> bool:
         """The same with room for what the lines of the search miss."""
-        return found.stable and bool(np.all(self.slack(found) >= 0.9 * _ROOM))
+        return found.stable and bool(np.all(self.slack(found) >= 0.9 * self.room))
 
     def active(self, found: Robustness) -> list[str]:
         """Names of the bounds that are reached."""
         names = (f"Ms = {self.peak:g}", f"delay margin = {self.delay:g} samples")
-        return [name for name, slack in zip(names, self.slack(found), strict=True) if slack <= 5.0 * _ROOM]
+        return [name for name, slack in zip(names, self.slack(found), strict=True) if slack <= 5.0 * self.room]
 
-    def ladder(self, begin: np.ndarray, powers: np.ndarray) -> np.ndarray:
-        """The best admissible point when all frequencies rise or fall together."""
-        rungs = [begin + step * powers for step in _LADDER] if np.any(powers) else [begin]
-        good = [rung for rung in rungs if self.keeps(self.judge(rung))]
-        if not good:
-            stable = [found for found in map(self.judge, rungs) if found.stable]
-            nearest = min((f.sensitivity_peak for f in stable), default=math.inf)
-            raise UnstableError(
-                f"no setting of {', '.join(self.judge.names)} was found that is stable with Ms <= {self.peak:g} and a "
-                f"delay margin >= {self.delay:g} samples"
-                + (f"; the least Ms on the way was {nearest:.3g}" if stable else "; none on the way was stable")
-                + ": check masses, filters and dead time, or begin elsewhere"
-            )
-        return min(good, key=lambda rung: (self.judge(rung).rope_snap, float(np.sum(np.abs(rung - begin)))))
+    def ladder(self, begin: np.ndarray, units: Sequence[str]) -> np.ndarray:
+        """The best point within the bounds when all frequencies rise or fall together; ratios also doubled."""
+        powers = np.array([_POWERS.get(unit, 0) for unit in units], dtype=float)
+        ratios = np.array([1.0 if unit == "" else 0.0 for unit in units])
+        tried: list[np.ndarray] = []
+        for more in (0.0, np.log(2.0), np.log(0.5)):
+            if more and not np.any(ratios):
+                continue
+            rungs = [begin + step * powers + more * ratios for step in (_LADDER if np.any(powers) else (0.0,))]
+            good = [rung for rung in rungs if self.keeps(self.judge(rung))]
+            if good:
+                return min(good, key=lambda rung: (self.judge(rung).rope_snap, float(np.sum(np.abs(rung - begin)))))
+            tried += rungs
+        stable = [found for found in map(self.judge, tried) if found.stable]
+        nearest = min((found.sensitivity_peak for found in stable), default=math.inf)
+        least = f"; the least Ms on the way was {nearest:.3g}" if stable else "; none on the way was stable"
+        raise UnstableError(
+            f"no setting of {', '.join(name.rpartition('.')[2] for name in self.judge.names)} was found that is stable "
+            f"with Ms <= {self.peak:g} and a delay margin >= {self.delay:g} samples{least}: check masses, filters and "
+            f"dead time, or begin elsewhere"
+        )
 
-    def descend(self, point: np.ndarray, middle: np.ndarray, enough: float = _ENOUGH) -> np.ndarray | None:
-        """An admissible end of the search from a point, or None."""
-        best: list[tuple[float, np.ndarray]] = []
+    def descend(self, point: np.ndarray, middle: np.ndarray, enough: float = _ENOUGH) -> np.ndarray:
+        """The best point within the bounds on the way down from a point; `middle`, which is one, if there is none."""
+        best, seen = [middle], [self.judge.count]
+        patience = _PATIENCE + 8 * point.size
 
         def cost(x: np.ndarray) -> float:
-            found = self.judge(x)
-            if self.keeps(found) and (not best or found.rope_snap < best[0][0]):
-                best[:] = [(found.rope_snap, np.array(x))]
+            found, least = self.judge(x), self.judge(best[0])
+            if self.keeps(found) and (found.rope_snap < least.rope_snap or not self.keeps(least)):
+                if not found.rope_snap > (1.0 - 1e-4) * least.rope_snap:
+                    seen[0] = self.judge.count
+                best[0] = np.array(x)
+            if self.judge.count - seen[0] > patience:
+                raise StopIteration
             # far above any stable loop's, so that a step into the unstable is taken back
             return math.log(found.rope_snap) if 0.0 < found.rope_snap < math.inf else 0.0
 
         def slack(x: np.ndarray) -> np.ndarray:
-            return self.slack(self.judge(x)) - _ROOM
+            return self.slack(self.judge(x)) - self.room
 
-        minimize(
-            cost, point, method="SLSQP", bounds=[(m - _RANGE, m + _RANGE) for m in middle],
-            constraints={"type": "ineq", "fun": slack}, options={"maxiter": 40, "ftol": enough, "eps": _STEP},
-        )  # fmt: skip
-        return best[0][1] if best else None
+        with contextlib.suppress(StopIteration):
+            for _ in range(_BOXES):
+                # without a box the first step follows the slope alone, far beyond the edge of stability
+                low, high = np.maximum(point - _BOX, middle - _RANGE), np.minimum(point + _BOX, middle + _RANGE)
+                minimize(
+                    cost, np.clip(point, low, high), method="SLSQP", bounds=np.stack([low, high], axis=1),
+                    constraints={"type": "ineq", "fun": slack}, options={"maxiter": 25, "ftol": enough, "eps": _STEP},
+                )  # fmt: skip
+                if np.max(np.abs(best[0] - point)) < 0.5 * _BOX:
+                    break
+                point = best[0]
+        return best[0]

@@ -67,9 +67,18 @@ class Judge:
         """The figures at a point; where the values do not fit each other nothing is stable."""
         key = np.asarray(x, dtype=float).tobytes()
         if key not in self._known:
-            try:
-                self._known[key] = robustness(self.at(x), velocity=self.velocity)
-            except (FeeddriveError, np.linalg.LinAlgError, ArithmeticError):
-                # out of bounds, or so large that the model overflows: no candidate
-                self._known[key] = Robustness(np.inf)
+            self._known[key] = self._judged(x)
         return self._known[key]
+
+    def _judged(self, x: np.ndarray) -> Robustness:
+        values = self.values(x)
+        # the checks of a law may be dear where it is unstable, which the poles say as well: they come last
+        plain = tree.rebuild(self.loop, (values.get(name, value) for name, value in tree.leaves(self.loop)))
+        try:
+            found = robustness(plain, velocity=self.velocity)
+            if found.stable:
+                self.at(x)
+            return found
+        except (FeeddriveError, np.linalg.LinAlgError, ArithmeticError):
+            # out of bounds, or so large that the model overflows: no candidate
+            return Robustness(np.inf)
