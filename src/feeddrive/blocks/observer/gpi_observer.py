@@ -127,6 +127,11 @@ class GpiObserver(Observer):
         disturbance = self.mass * self.omega_o * self.omega_o * z[2] if self.taylor_states else y - y
         return self.State(z, y), Estimate(y + z[0], self.omega_o * z[1], disturbance)
 
+    def lag(self, prepared: Prepared, T: Number) -> Number:
+        """That of a disturbance that rises evenly: 0.0 but for a single Taylor state, which takes it for constant."""
+        coefficients = self.polynomial()
+        return coefficients[-2] / (coefficients[-1] * self.omega_o) if self.taylor_states == 1 else 0.0
+
     def fits(self, sample_time: float) -> None:
         """omega_o is slow enough for the sample time: subtracting the disturbance from a rigid axis is stable."""
         if not all(isinstance(value, float) for _, value in tree.leaves(self)):
