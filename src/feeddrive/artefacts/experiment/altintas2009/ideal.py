@@ -1,0 +1,166 @@
+"""The ideal loop of the paper, in which the force answers the reading of the same sample.
+
+`Loop` simulates what a machine does: the force acts after the reading.  Here the law's own step is used all the same:
+it is affine in the reading, so that two evaluations solve the sample.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from feeddrive.blocks.controller.dadsc import DADSC
+from feeddrive.blocks.families import Feedforward, Law
+from feeddrive.blocks.signals import Reading, Setpoint
+
+_PROBE = 1.0  # m between the two readings that find the slope of an affine law
+
+
+class Column(NamedTuple):
+    """r1 ... r5 of the paper's table 1: what law and integral make of the general transfer function (8)."""
+
+    r1: float
+    r2: float
+    r3: float
+    r4: float
+    r5: float
+
+
+def dadsc_column(law: DADSC, T: float) -> Column:
+    """(λT + 1, mK, λT + 1, g1, g2)."""
+    g1, g2 = law.prepare(T)
+    rate = law.tracking_rate * T + 1.0
+    return Column(rate, law.mass * law.reaching_rate, rate, g1, g2)
+
+
+def cascade_column(Kv: float, Kp: float, Tn: float, T: float) -> Column:
+    """(1, Kp, Kv T + 1, Kp T/Tn, 0)."""
+    return Column(1.0, Kp, Kv * T + 1.0, Kp * T / Tn, 0.0)
+
+
+class Fraction(NamedTuple):
+    """Numerator and denominator in falling powers of z."""
+
+    numerator: np.ndarray
+    denominator: np.ndarray
+
+    def response(self, frequency: np.ndarray, T: float) -> np.ndarray:
+        """At z = e^(j2πfT)."""
+        z = np.exp(2j * np.pi * frequency * T)
+        return np.polyval(self.numerator, z) / np.polyval(self.denominator, z)
+
+    def impulse(self, count: int) -> np.ndarray:
+        """The first samples of the response to 1 in sample 0."""
+        top = np.concatenate([np.zeros(self.denominator.size - self.numerator.size), self.numerator])
+        top = np.concatenate([top, np.zeros(count)])
+        found = np.zeros(count)
+        for k in range(count):
+            past = sum(self.denominator[i] * found[k - i] for i in range(1, min(k, self.denominator.size - 1) + 1))
+            found[k] = (top[k] - past) / self.denominator[0]
+        return found
+
+
+def transfer(column: Column, mass: float, T: float, *, printed: bool = False) -> Fraction:
+    """x/F_d by (8).
+
+        T² z² (z - 1) / {m (z - 1)² (r1 z - 1) + r2 T (z² - z)(r3 z - 1) + T z (r4 z - r5)(r3 z - 1)}
+
+    `printed` takes z² - 1 in the second term, as the paper has it.
+    """
+    r1, r2, r3, r4, r5 = column
+    second = [1.0, 0.0, -1.0] if printed else [1.0, -1.0, 0.0]
+    first = mass * np.polymul([1.0, -2.0, 1.0], [r1, -1.0])
+    rest = T * np.polymul(r2 * np.array(second) + np.array([r4, -r5, 0.0]), [r3, -1.0])
+    return Fraction(T * T * np.array([1.0, -1.0, 0.0, 0.0]), np.polyadd(first, rest))
+
+
+def closed_form_poles(law: DADSC, T: float) -> np.ndarray:
+    """1/(1 + λT), 1/Q, Q/(Q + g1 T/m): the poles of (8) with g2 = g1/Q."""
+    Q = 1.0 + law.reaching_rate * T
+    g1 = law.prepare(T).g1
+    return np.array([1.0 / (1.0 + law.tracking_rate * T), 1.0 / Q, Q / (Q + g1 * T / law.mass)])
+
+
+def continuous(poles: np.ndarray, T: float) -> np.ndarray:
+    """ln z / T, in rad/s."""
+    return np.log(poles.astype(complex)) / T
+
+
+@dataclass(frozen=True, eq=False)
+class Ideal:
+    """Signals of an ideal run, each of shape (n,): position (m), errors, force and disturbance (N), and law states."""
+
+    position: np.ndarray
+    position_error: np.ndarray
+    velocity_error: np.ndarray
+    force: np.ndarray
+    disturbance: np.ndarray
+    states: Sequence[Any]
+
+
+def run_ideal(
+    law: Law,
+    mass: float,
+    viscous: float,
+    T: float,
+    disturbance: np.ndarray,
+    *,
+    setpoint: np.ndarray | None = None,
+    feedforward: Feedforward | None = None,
+) -> Ideal:
+    """The law with the plant of (1) by backward Euler, force and reading in the same sample.
+
+        v(k) = v(k-1) + (T/m) (F_m(k) + F_d(k) - b v(k)),    x(k) = x(k-1) + T v(k)
+
+    setpoint  m at kT, shape (n,), at rest before its first sample; absent: 0
+    """
+    n = disturbance.size
+    x_r = np.zeros(n) if setpoint is None else setpoint
+    v_r = np.diff(x_r, prepend=x_r[0]) / T
+    a_r = np.diff(v_r, prepend=0.0) / T
+    # the law takes the backward difference of a setpoint with this acceleration back to v_r
+    setpoints = [Setpoint(x, v + 0.5 * T * a, a) for x, v, a in zip(x_r, v_r, a_r, strict=True)]
+    prepared = law.prepare(T)
+    state = law.start(prepared, setpoints[0], Reading(x_r[0], x_r[0]))
+    before, speed = float(x_r[0]), 0.0
+    rows: list[tuple[float, float]] = []
+    states: list[Any] = []
+    for k, target in enumerate(setpoints):
+        forward = 0.0 if feedforward is None else feedforward.force(target, T)
+
+        def answer(
+            x: float, target: Setpoint = target, forward: float = forward, held: Any = state
+        ) -> tuple[Any, float]:
+            after, force = law.step(prepared, held, target, Reading(x, x), T)
+            return after, force + forward
+
+        x, speed = _solved(answer, before, speed, mass, viscous, T, float(disturbance[k]))
+        state, force = answer(x)
+        before = x
+        rows.append((x, force))
+        states.append(state)
+    position, force = np.array(rows).T
+    velocity = np.diff(position, prepend=x_r[0]) / T
+    return Ideal(position, x_r - position, v_r - velocity, force, disturbance, states)
+
+
+def _solved(
+    answer: Callable[[float], tuple[Any, float]],
+    before: float,
+    speed: float,
+    mass: float,
+    viscous: float,
+    T: float,
+    load: float,
+) -> tuple[float, float]:
+    """Position and velocity at the end of the sample: F = c + d x meets (m/T + b) v = m v(k-1)/T + F + F_d."""
+    at = before + T * speed
+    here = answer(at)[1]
+    slope = (answer(at + _PROBE)[1] - here) / _PROBE
+    inertia = mass / T + viscous
+    # with x = before + T v and F = here + slope (x - at)
+    v = (mass * speed / T + here + slope * (before - at) + load) / (inertia - slope * T)
+    return before + T * v, v
