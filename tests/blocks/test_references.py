@@ -17,6 +17,7 @@ from feeddrive.blocks.reference.bezier10 import Bezier10
 from feeddrive.blocks.reference.chirp import Chirp
 from feeddrive.blocks.reference.circle import Circle
 from feeddrive.blocks.reference.jerk_limited_move import JerkLimitedMove
+from feeddrive.blocks.reference.linear_move import LinearMove
 from feeddrive.blocks.reference.multisine import Multisine
 from feeddrive.blocks.reference.polynomial7 import Polynomial7
 from feeddrive.blocks.reference.pulses import SHAPERS, pulses
@@ -37,6 +38,7 @@ EXAMPLES: dict[str, Reference] = {
     "trapezoidal_move": TrapezoidalMove(distance=0.1, velocity=0.2, acceleration=3, dwell_after=0.1),
     "polynomial7": Polynomial7(distance=0.1, travel_time=0.4, back=True, dwell_between=0.1),
     "bezier10": Bezier10(distance=-0.1, travel_time=0.4, dwell_before=0.1),
+    "linear_move": LinearMove(distance=-0.1, travel_time=0.4, dwell_before=0.1),
     "sine": Sine(amplitude=0.01, frequency=5, cycles=4, center=0.3, blend_time=0.15),
     "circle": Circle(radius=0.03, feed=0.1, turns=2.5, phase=90, center=-0.1, run_up_time=0.3),
     "multisine": Multisine(amplitude=1e-3, lowest=2, highest=40, period=0.5, periods=2, blend_time=0.2),
@@ -53,6 +55,7 @@ JUMPS = {
     "chirp": [0.0, 0.2, 1.8, 2.0],
     "polynomial7": [0.0, 0.4, 0.5, 0.9],
     "bezier10": [0.1, 0.5],
+    "linear_move": [0.1, 0.5],
 }
 
 

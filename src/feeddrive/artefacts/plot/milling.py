@@ -34,7 +34,8 @@ def by_axis(time: np.ndarray, rows: Mapping[str, Mapping[str, np.ndarray]], quan
         style.note(ax, axis)
     style.labels(axes[-1], "time (s)", "")
     figure.supylabel(quantity, fontsize=style.TEXT, color=style.INK)
-    style.legend(figure, axes[0])
+    if any(len(curves) > 1 for curves in rows.values()):
+        style.legend(figure, axes[0])
     return figure
 
 
@@ -43,8 +44,12 @@ def left_over(
     measured: Mapping[str, tuple[np.ndarray, np.ndarray]],
     quantity: str,
     marked: tuple[float, str],
+    one: bool = True,
 ) -> Any:
-    """Magnitudes over frequency in Hz on a logarithmic scale, measured ones as marks, one frequency as a line."""
+    """Magnitudes over frequency in Hz on a logarithmic scale, measured ones as marks, one frequency as a line.
+
+    `one` draws the line at 1, above which a compensation does harm.
+    """
     figure, (ax,) = style.picture(1, height=3.6)
     for i, (name, (frequency, magnitude)) in enumerate(curves.items()):
         ax.plot(frequency, magnitude, label=style.caption(name), **style.curve(i))
@@ -54,7 +59,8 @@ def left_over(
                 *measured[name], style.MARKERS[i % len(style.MARKERS)], color=style.color(i), markersize=5,
                 label=style.caption(name, "measured in the loop"),
             )  # fmt: skip
-    ax.axhline(1.0, color=style.MUTED, linewidth=1.0, linestyle=(0, (4, 3)))
+    if one:
+        ax.axhline(1.0, color=style.MUTED, linewidth=1.0, linestyle=(0, (4, 3)))
     ax.axvline(marked[0], color=style.INK, linewidth=1.0, linestyle=(0, (4, 3)))
     ax.annotate(marked[1], (marked[0], 0.0), xycoords=("data", "axes fraction"), xytext=(3, 4),
                 textcoords="offset points", fontsize=style.SMALL, color=style.MUTED)  # fmt: skip

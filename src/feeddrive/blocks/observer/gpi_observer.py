@@ -32,8 +32,8 @@ class GpiObserver(Observer):
     change of y enters, and z_0 is kept as its distance from y.  No digit is lost far from zero, not even in float32.
 
     When to use: friction, cutting and gravity on a stiff axis, well below omega_o.  When not: to take out what lies
-    near omega_o or above it.  The estimate is late there, and subtracting it makes the disturbance larger: with 5
-    states 4 times at 1.3 omega_o, with 3 states 2.6 times, with one 1.4 times.  Nor on an axis with a mode near it.
+    near omega_o or above it.  The estimate there has the wrong size and phase, and subtracting it makes things worse:
+    4 times at 1.3 omega_o with 5 states, 2.6 times with 3, 1.4 times with one.  Nor on an axis with a mode near omega_o.
     `hold = "zero_order"` keeps the reading instead, for comparison: it allows a fifteenth of the sample time.
     Source: Beltrán-Carbajal et al. 2013, eqs. (12)-(18); the sampled form is ours.
     Raises ParameterError for an omega_o too fast for the sample time.

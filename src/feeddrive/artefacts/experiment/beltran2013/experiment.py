@@ -69,7 +69,7 @@ def beltran2013(step: Callable[[str], None]) -> Experiment:
     return Experiment(
         name="beltran2013",
         title="Active disturbance rejection on a small mill (Beltrán-Carbajal et al. 2013)",
-        citation="F. Beltrán-Carbajal et al. 2013, active disturbance rejection with GPI observers on a milling machine",
+        citation="F. Beltrán-Carbajal et al. 2013, active disturbance rejection with GPI observers on a mill",
         claims=claims,
         tables=(
             _table("Tracking error, largest / RMS in µm, tanh friction", found, opposite),

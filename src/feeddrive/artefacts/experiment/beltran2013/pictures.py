@@ -57,8 +57,8 @@ def pictures(
         Shown(
             "disturbance",
             "Disturbance and its estimate",
-            "In m/s² over a few turns of the spindle; the estimate follows mean and slow parts and lags at 60 Hz.",
-            "disturbance of three axes and its estimate, which is smoother and late",
+            "In m/s² over a few turns of the spindle; the estimate has the mean, and at 60 Hz it leads by 28°.",
+            "disturbance of three axes and its estimate, which differs from it in phase and shape",
             partial(_disturbance, compensated),
         ),
         Shown(
@@ -112,7 +112,7 @@ def _left_over(sines: Mapping[int, tuple[np.ndarray, np.ndarray]]) -> Any:
 def _compliance() -> Any:
     cases = {"not subtracted": Case("", share=0.0), **{_name(n): Case("", taylor_states=n) for n in STATES}}
     curves = {name: (FREQUENCY, 1e6 * compliance(loop("x", case), FREQUENCY).magnitude) for name, case in cases.items()}
-    return milling.left_over(curves, {}, "compliance (µm/N)", TEETH)
+    return milling.left_over(curves, {}, "compliance (µm/N)", TEETH, one=False)
 
 
 def _name(taylor_states: int) -> str:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 
-from feeddrive.artefacts.experiment.claims import Experiment
+from feeddrive.artefacts.experiment.claims import Claim, Experiment
 from feeddrive.artefacts.experiment.gordon2013 import contributions, disturbance, frequency, motion
 from feeddrive.artefacts.experiment.gordon2013.setting import DESIGN, TRUTH, Part
 from feeddrive.blocks.plant.two_bodies import Gains
@@ -23,6 +25,17 @@ _PARTS: tuple[tuple[str, Callable[[], Part]], ...] = (
 )
 
 
+def _numbered(claims: Sequence[Claim]) -> list[Claim]:
+    """The claims in the order of their letters, with short keys: 2.a1, 2.a2, ..."""
+    count: Counter[str] = Counter()
+    found: list[Claim] = []
+    for claim in sorted(claims, key=lambda claim: claim.key.split()[0]):
+        letter = claim.key.split()[0]
+        count[letter] += 1
+        found.append(replace(claim, key=f"{letter}{count[letter]}"))
+    return found
+
+
 def gordon2013(step: Callable[[str], None]) -> Experiment:
     """All experiments of the paper; `step(text)` is called before each."""
     parts: list[Part] = []
@@ -35,7 +48,7 @@ def gordon2013(step: Callable[[str], None]) -> Experiment:
         title="Pole placement and trajectory prefilter on a ball screw",
         citation="Gordon & Erkorkmaz, Accurate control of ball screw drives using pole-placement vibration damping and "
         "a novel trajectory prefilter, Precision Engineering 37 (2013)",
-        claims=[claim for part in parts for claim in part.claims],
+        claims=_numbered([claim for part in parts for claim in part.claims]),
         tables=[table for part in parts for table in part.tables],
         pictures=[picture for part in parts for picture in part.pictures],
         facts={

@@ -82,8 +82,8 @@ def frequency_view() -> Part:
         Shown("contributions", "Frequency view of the contributions", "Table over setpoint with the softer gains. The "
               "full inverse and compatible commands keep it at 1.", "Magnitude and phase of tracking for four "
               "combinations of contributions.", lambda: _drawn(contributions)),
-        Shown("prefilter", "Frequency view of the prefilter", "Table over setpoint. Dashed lines: acceleration and "
-              "snap only, which correct the magnitude but not the phase; beyond its band the prefilter is worse.",
+        Shown("prefilter", "Frequency view of the prefilter", "Table over setpoint. Acceleration and "
+              "snap alone turn no phase; beyond its band the prefilter makes it worse.",
               "Magnitude and phase of tracking without and with prefilter, both laws.", lambda: _drawn(filtered)),
     ]  # fmt: skip
     return Part(claims, [Table("Tracking over frequency", heads, rows)], pictures)
