@@ -13,6 +13,7 @@ from feeddrive.engineer.analysis.margins import Margins, margins
 from feeddrive.engineer.analysis.spectrum import Spectrum, spectrum
 from feeddrive.engineer.analysis.stiffness import Stiffness, stiffness
 from feeddrive.engineer.replay import Replay
+from feeddrive.language.table import Table
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import Run
@@ -27,6 +28,19 @@ class Shown:
     caption: str
     alt: str
     draw: Callable[[], Any]
+
+
+@dataclass(frozen=True)
+class Extra:
+    """A table of a study's own, above those that every report has.
+
+    best  the row that stands out, for each column after the first; None for none
+    text  whether the cells are sentences
+    """
+
+    table: Table
+    best: Sequence[int | None] = ()
+    text: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,6 +120,8 @@ class Study:
     job       the exact text of the job
     versions  of Python, feeddrive and what they stand on, by name
     notes     honest remarks of whoever ran it
+    extras    tables of its own, first in the result
+    pictures  pictures of its own, before all others
     """
 
     title: str
@@ -115,3 +131,5 @@ class Study:
     job: str = ""
     versions: Mapping[str, str] = field(default_factory=dict[str, str])
     notes: Sequence[str] = ()
+    extras: Sequence[Extra] = ()
+    pictures: Sequence[Shown] = ()

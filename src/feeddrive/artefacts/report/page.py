@@ -26,7 +26,7 @@ def build(study: Study) -> str:
     """
     if not study.entries:
         raise ParameterError("a report needs at least one law")
-    drawn = list(figures(study))
+    drawn = [*study.pictures, *figures(study)]
     parts = [
         _header(study, drawn),
         _result(study),
@@ -84,6 +84,7 @@ def _header(study: Study, drawn: list[Shown]) -> str:
 def _result(study: Study) -> str:
     replay = next((entry.replay for entry in study.entries if entry.replay is not None), None)
     shown = [tables.prediction(replay)] if replay is not None else []
+    shown += [tables.extra(each) for each in study.extras]
     shown += [tables.errors(study), f"<p>{escape(tables.limits(study))}</p>", tables.frequency(study)]
     said = "".join(f"<li>{escape(remark)}</li>" for remark in words.remarks(study))
     remarks = f'<div class="remarks"><h3>Remarks</h3><ul>{said}</ul></div>' if said else ""

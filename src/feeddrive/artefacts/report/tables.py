@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from html import escape
 from typing import Any
 
-from feeddrive.artefacts.report.content import Entry, Study
+from feeddrive.artefacts.report.content import Entry, Extra, Study
 from feeddrive.artefacts.report.numbers import decibel, number, percent
 from feeddrive.engineer.replay import Replay
 from feeddrive.language import tree
@@ -31,6 +31,12 @@ def table(caption: str, heads: Cells, rows: Sequence[Cells], best: Sequence[int 
         f'<div class="scroll"><table><caption>{escape(caption)}</caption><thead><tr>{top}</tr></thead>'
         f"<tbody>{''.join(body)}</tbody></table></div>"
     )
+
+
+def extra(shown: Extra) -> str:
+    """A table of a study's own."""
+    made = table(shown.table.title, shown.table.heads, shown.table.rows, shown.best)
+    return made.replace("<table>", '<table class="text">', 1) if shown.text else made
 
 
 def errors(study: Study) -> str:

@@ -72,7 +72,7 @@ class Comparison(Result):
             "Source of its numbers": job.machine.source or "not stated",
             "Sample time": f"{1e3 * loop.sample_time:g} ms, {loop.axis.substeps} substep(s) of exact hold",
             "Work": _work(job, self.log),
-            "Load": "none" if job.load is None else _sentence(job.load),
+            "Load": "none" if job.load is None else sentence(job.load),
             "Noise": f"seed {job.seed}",
             "Linear model": f"sliding at {1e3 * self.velocity:.4g} mm/s",
         }
@@ -275,10 +275,10 @@ def _work(job: Job, log: Log | None) -> str:
     if log is not None:
         return f"the reference of {log.name}, {len(log)} samples, SHA-256 {log.provenance['sha256']}"
     assert job.reference is not None
-    return _sentence(job.reference)
+    return sentence(job.reference)
 
 
-def _sentence(block: Block) -> str:
+def sentence(block: Block) -> str:
     """A block by its kind, the parameters that are there, and its parts in brackets."""
     declared = declarations(type(block))
     values = {name: getattr(block, name) for name in declared}
@@ -288,7 +288,7 @@ def _sentence(block: Block) -> str:
         if isinstance(value, float)
     ]
     parts = [
-        f"({_sentence(part)})"
+        f"({sentence(part)})"
         for value in values.values()
         for part in (value if isinstance(value, tuple) else (value,))
         if isinstance(part, Block)
@@ -314,12 +314,12 @@ def versions() -> dict[str, str]:
 
 def described(control: Control) -> str:
     """What a control consists of, part by part, with the parameters that are there."""
-    parts = [_sentence(control.law)]
-    parts += [f"compensation {_sentence(block)}" for block in control.compensation]
-    parts += [f"filter {_sentence(block)}" for block in control.filters]
-    parts += [f"feedforward {_sentence(block)}" for block in control.feedforward]
+    parts = [sentence(control.law)]
+    parts += [f"compensation {sentence(block)}" for block in control.compensation]
+    parts += [f"filter {sentence(block)}" for block in control.filters]
+    parts += [f"feedforward {sentence(block)}" for block in control.feedforward]
     if control.prefilter is not None:
-        parts.append(f"prefilter {_sentence(control.prefilter)}")
+        parts.append(f"prefilter {sentence(control.prefilter)}")
     if control.force_limit is not None:
         parts.append(f"limit {control.force_limit:.4g} N")
     return "; ".join(parts)

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import json
 import re
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -79,7 +80,7 @@ def _control(row: Entry) -> dict[str, float]:
     return {name: float(value) for name, value in tree.leaves(row.loop.control)}
 
 
-def file_names(rows: tuple[Entry, ...]) -> list[str]:
+def file_names(rows: Iterable[Any]) -> list[str]:
     """A file name for each law: its letters and digits, and a number where two would be the same."""
     names: list[str] = []
     for row in rows:

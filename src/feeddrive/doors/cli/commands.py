@@ -108,3 +108,15 @@ def prefilter(
 
     columns = {"setpoint_position": set_position, "position_load": position, "force": force}
     perform(log, regressors, controller, axis, job, columns, out)
+
+
+@app.command()
+def compare(
+    machine: Annotated[str, typer.Argument(help="A machine file (TOML), or the name of a bundled machine.")],
+    axis: Annotated[str | None, typer.Option("--axis", help="The axis, if the machine has several.")] = None,
+    out: Out = None,
+) -> None:
+    """Put all laws on one axis, tuned to equal robustness, beside today's gains, and rank them by criterion."""
+    from feeddrive.doors.cli.compare import perform
+
+    perform(machine, axis, out)

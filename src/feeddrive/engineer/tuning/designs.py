@@ -100,14 +100,14 @@ def _makers(loop: Loop) -> Iterator[tuple[str, Callable[[str], Design]]]:
     """Names in the order of the report."""
     axis = _Axis(loop)
     yield "P-PI", axis.cascade
-    yield "P-PI, friction compensator", axis.compensator
-    yield "P-PI, disturbance recovery", lambda name: axis.recovery(name, axis.cascade(name))
+    yield "P-PI + compensator", axis.compensator
+    yield "P-PI + recovery", lambda name: axis.recovery(name, axis.cascade(name))
     yield "DADSC", axis.dadsc
-    yield "DADSC, disturbance recovery", lambda name: axis.recovery(name, axis.dadsc(name))
-    yield "GPI observer, 5 Taylor states", lambda name: axis.gpi(name, 5)
-    yield "GPI observer, 1 Taylor state", lambda name: axis.gpi(name, 1)
+    yield "DADSC + recovery", lambda name: axis.recovery(name, axis.dadsc(name))
+    yield "GPI, 5 Taylor states", lambda name: axis.gpi(name, 5)
+    yield "GPI, 1 Taylor state", lambda name: axis.gpi(name, 1)
     yield "pole placement", axis.placement
-    yield "pole placement, prefilter", lambda name: replace(axis.placement(name), like="pole placement", prefilter=True)
+    yield "placement + prefilter", lambda name: replace(axis.placement(name), like="pole placement", prefilter=True)
 
 
 class _Axis:

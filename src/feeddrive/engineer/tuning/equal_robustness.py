@@ -154,7 +154,7 @@ class _Search:
             if more and not np.any(ratios):
                 continue
             rungs = [begin + step * powers + more * ratios for step in (_LADDER if np.any(powers) else (0.0,))]
-            good = [rung for rung in rungs if self.keeps(self.judge(rung))]
+            good = [rung for rung in rungs if self.keeps(self.judge(rung)) and self.judge.fits(rung)]
             if good:
                 return min(good, key=lambda rung: (self.judge(rung).rope_snap, float(np.sum(np.abs(rung - begin)))))
             tried += rungs
@@ -174,7 +174,8 @@ class _Search:
 
         def cost(x: np.ndarray) -> float:
             found, least = self.judge(x), self.judge(best[0])
-            if self.keeps(found) and (found.rope_snap < least.rope_snap or not self.keeps(least)):
+            better = self.keeps(found) and (found.rope_snap < least.rope_snap or not self.keeps(least))
+            if better and self.judge.fits(x):
                 if not found.rope_snap > (1.0 - 1e-4) * least.rope_snap:
                     seen[0] = self.judge.count
                 best[0] = np.array(x)

@@ -72,13 +72,18 @@ class Judge:
 
     def _judged(self, x: np.ndarray) -> Robustness:
         values = self.values(x)
-        # the checks of a law may be dear where it is unstable, which the poles say as well: they come last
+        # without the checks of the blocks: an unstable law's is dear, and its poles say the same
         plain = tree.rebuild(self.loop, (values.get(name, value) for name, value in tree.leaves(self.loop)))
         try:
-            found = robustness(plain, velocity=self.velocity)
-            if found.stable:
-                self.at(x)
-            return found
+            return robustness(plain, velocity=self.velocity)
         except (FeeddriveError, np.linalg.LinAlgError, ArithmeticError):
-            # out of bounds, or so large that the model overflows: no candidate
+            # so large that the model overflows: no candidate
             return Robustness(np.inf)
+
+    def fits(self, x: np.ndarray) -> bool:
+        """Whether the blocks themselves accept the values of a point."""
+        try:
+            self.at(x)
+        except (FeeddriveError, ArithmeticError):
+            return False
+        return True
