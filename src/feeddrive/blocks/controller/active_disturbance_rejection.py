@@ -68,7 +68,7 @@ class ActiveDisturbanceRejection(Law):
         return self.State(observer), force
 
     def fits(self, sample_time: float) -> None:
-        """The observer can run, and the loop on a rigid axis of this mass is stable."""
+        """The observer can run, and the loop on a rigid axis of this mass is stable, with the dead time it knows of."""
         self.observer.fits(sample_time)
         if not all(isinstance(value, float) for _, value in tree.leaves(self)):
             return  # variants are checked as the single laws that they come from
@@ -86,21 +86,24 @@ class ActiveDisturbanceRejection(Law):
         )
 
     def _growth(self, T: float, omega_c: float) -> float:
-        """Largest |z| of law, observer and a free mass: the matrix of one sample, column by column."""
+        """Largest |z| of law, observer, dead time and a free mass: the matrix of one sample, column by column."""
         law = dataclasses.replace(self, omega_c=omega_c)
         prepared = law.prepare(T)
         rest = Setpoint(0.0)
         start = law.start(prepared, rest, Reading(0.0, 0.0))
-        first = [0.0, 0.0, 0.0, *(float(value) for _, value in tree.leaves(start))]
+        late = int(getattr(self.observer, "delay_samples", 0))
+        first = [0.0] * (3 + late) + [float(value) for _, value in tree.leaves(start)]
 
         def after(x: list[float]) -> list[float]:
-            """Position, velocity, force and states one sample after they were x."""
-            position, velocity, applied = x[:3]
-            state = tree.rebuild(start, iter(x[3:]))
-            state, force = law.step(prepared, state, rest, Reading(position, position, applied, applied), T)
-            push = force / law.mass
-            moved = (position + T * velocity + 0.5 * T * T * push, velocity + T * push, force)
-            return [float(value) for value in (*moved, *(leaf for _, leaf in tree.leaves(state)))]
+            """Position, velocity, commands (newest first) and states one sample after they were x."""
+            position, velocity, *commands = x[: 3 + late]
+            state = tree.rebuild(start, iter(x[3 + late :]))
+            reading = Reading(position, position, commands[0], commands[0])
+            state, force = law.step(prepared, state, rest, reading, T)
+            commands = [force, *commands[:late]]
+            push = commands[late] / law.mass
+            moved = (position + T * velocity + 0.5 * T * T * push, velocity + T * push)
+            return [float(value) for value in (*moved, *commands, *(leaf for _, leaf in tree.leaves(state)))]
 
         still = after(first)
         rows = []

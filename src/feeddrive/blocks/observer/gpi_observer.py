@@ -33,7 +33,7 @@ class GpiObserver(Observer):
 
     When to use: friction, cutting and gravity on a stiff axis, well below omega_o.  When not: to take out what lies
     near omega_o or above it.  The estimate there has the wrong size and phase, and subtracting it makes things worse:
-    4 times at 1.3 omega_o with 5 states, 2.6 times with 3, 1.4 times with one.  Nor on an axis with a mode near omega_o.
+    4 times at 1.3 omega_o with 5 states, 2.6 times with 3, 1.4 times with one.  Nor with a mode of the axis near it.
     `hold = "zero_order"` keeps the reading instead, for comparison: it allows a fifteenth of the sample time.
     Source: Beltrán-Carbajal et al. 2013, eqs. (12)-(18); the sampled form is ours.
     Raises ParameterError for an omega_o too fast for the sample time.
@@ -49,6 +49,7 @@ class GpiObserver(Observer):
         default="first_order",
     )  # fmt: skip
     encoder: str = choice("encoder whose reading is observed", options=("load", "motor"), default="load")
+    delay_samples: int = choice("samples of dead time until a command acts", default=0, least=0, most=64)
     start_disturbance: Number | None = parameter(
         "N", "disturbance at a start, as the weight of a hanging axis; absent: what balances the force", default=None
     )
@@ -61,10 +62,15 @@ class GpiObserver(Observer):
         Gy: Row
 
     class State(NamedTuple):
-        """z in m, with z_0 less the last reading, and the last reading in m."""
+        """z in m, with z_0 less the last reading; the last reading in m; commands that have not acted, newest first.
+
+        `brake` is the force in N that held the axis before the start; it is 0 from then on.
+        """
 
         z: tuple[Number, ...]
         position: Number
+        pending: tuple[Number, ...]
+        brake: tuple[Number, ...] = ()
 
     def polynomial(self) -> Row:
         """Coefficients of the error's polynomial in s / omega_o, from the highest power (1) down to the constant."""
@@ -111,21 +117,25 @@ class GpiObserver(Observer):
         if self.taylor_states:
             balance = -reading.applied if self.start_disturbance is None else self.start_disturbance
             z[2] = balance / (self.mass * self.omega_o * self.omega_o)
-        return self.State(tuple(z), position)
+        brake = () if self.start_disturbance is None else (-self.start_disturbance - reading.applied,)
+        return self.State(tuple(z), position, (reading.applied,) * self.delay_samples, brake)
 
     def _position(self, reading: Reading) -> Number:
         return reading.position_motor if self.encoder == "motor" else reading.position_load
 
     def step(self, prepared: Prepared, state: State, reading: Reading, T: Number) -> tuple[State, Estimate]:
-        """The equations above; u is the force really commanded in the last sample, after the limit."""
+        """The equations above; u is the force that acted in the last sample, as commanded after the limit."""
         y = self._position(reading)
-        moved = (*state.z, reading.applied, y - state.position)
+        commands = (reading.applied, *state.pending)
+        acted = commands[-1] + state.brake[0] if state.brake else commands[-1]
+        moved = (*state.z, acted, y - state.position)
         z = tuple(
             matrix.dot((*row, of_force, of_change), moved)
             for row, of_force, of_change in zip(prepared.F, prepared.Gu, prepared.Gy, strict=True)
         )
         disturbance = self.mass * self.omega_o * self.omega_o * z[2] if self.taylor_states else y - y
-        return self.State(z, y), Estimate(y + z[0], self.omega_o * z[1], disturbance)
+        state = self.State(z, y, commands[:-1], tuple(y - y for _ in state.brake))
+        return state, Estimate(y + z[0], self.omega_o * z[1], disturbance)
 
     def lag(self, prepared: Prepared, T: Number) -> Number:
         """That of a disturbance that rises evenly: 0.0 but for a single Taylor state, which takes it for constant."""
@@ -150,19 +160,23 @@ class GpiObserver(Observer):
         )
 
     def _growth(self, T: float) -> float:
-        """By how much the loop u = -ẑ1 around q'' = u grows in a sample: its largest |z|.
+        """By how much the loop u = -ẑ1 around q'' = u, with the dead time, grows in a sample: its largest |z|.
 
         Seen from the true motion (z_0 from q, z_1 from q') the observer is on its own: the loop's other poles, two at 1
         without a position controller, drop out.
         """
-        order = 2 + self.taylor_states
+        order, late = 2 + self.taylor_states, self.delay_samples
         made = self.prepare(T)
         square = self.omega_o * self.omega_o
-        rows = [list(row) for row in made.F]
+        rows = [[*row, *(0.0,) * late] for row in made.F] + matrix.zeros(late, order + late)
+        # u = -omega_o² z_2, by way of the commands that have not acted yet
+        for i in range(late):
+            rows[order + i][2 if i == 0 else order + i - 1] = -square if i == 0 else 1.0
+        acting, size = (order + late - 1, 1.0) if late else (2, -square)
         for i in range(order):
-            # u = -ẑ1 = -omega_o² z_2 moves q by u T²/2 and q' by u T
+            # u moves q by u T²/2, seen as a change of y, and q' by u T
             effect = made.Gu[i] * self.mass + made.Gy[i] * 0.5 * T * T - (T / self.omega_o if i == 1 else 0.0)
-            rows[i][2] = rows[i][2] - square * effect
+            rows[i][acting] = rows[i][acting] + size * effect
         return matrix.growth(rows)
 
 
