@@ -29,8 +29,8 @@ class ModeCompensation(Compensation):
 
     When to use: modes well inside the bandwidth of the position loop, whose frequency is known to about 1 %: at
     resonance 5 % take the gain away, for steps and broad bands it falls slowly.  When not: for modes of the axis
-    itself; and for a fixture under forces near its frequency, where the table's own motion drives it: only x_r'' stands
-    for that here.
+    itself.  A fixture closes a loop through the workpiece, since the observer sees its inertia too: it is unstable
+    unless the observer's band ends below about a quarter of the mode's frequency, and only slow forces are compensated.
     Source: Altintas & Okwudire 2009, end of section 3; the form is this library's.
     """
 

@@ -160,15 +160,15 @@ def _implicit(law: DADSC, coupled: DADSC, ppi: CascadePPI) -> list[Claim]:
     ]
 
 
-def lyapunov_weight(law: DADSC) -> float:
+def lyapunov_weight(law: DADSC, sample_time: float = T) -> float:
     """Twice the least μ with which V = s² + μ F̃² falls for every s and F̃ under a constant disturbance, m²/(s² N²).
 
     F̃(k) = f F̃(k-1) and Q s(k) = s(k-1) - R f F̃(k-1) with f = 1/(1 + ω_d T).  V falls for all states if
     1 - AᵀVA is positive: μ (1 - f²) > (R f/Q)² (1 + 1/(Q² - 1)).
     """
-    Q = 1.0 + law.reaching_rate * T
-    f = 1.0 / (1.0 + law.adaptation_rate * T)
-    r = R * f / Q
+    Q = 1.0 + law.reaching_rate * sample_time
+    f = 1.0 / (1.0 + law.adaptation_rate * sample_time)
+    r = sample_time / law.mass * f / Q
     return 2.0 * r * r * (1.0 + 1.0 / (Q * Q - 1.0)) / (1.0 - f * f)
 
 
