@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from feeddrive.artefacts.experiment.altintas2009.setting import dadsc
+from feeddrive.artefacts.experiment.altintas2009.setting import cascade
 from feeddrive.artefacts.experiment.altintas2009.setting import loop as axis_loop
 from feeddrive.blocks.actuator.actuator import Actuator
 from feeddrive.blocks.controller.cascade_ppi import CascadePPI
@@ -52,4 +52,4 @@ def test_the_edge_is_where_the_poles_leave_the_circle() -> None:
 
 def test_knobs_that_do_not_bring_the_loop_to_an_edge_are_refused() -> None:
     with pytest.raises(ParameterError, match="no bound lies within a factor"):
-        delay_map(axis_loop(dadsc(300.0)), ["axis.plant.viscous"], [0.0])
+        delay_map(axis_loop(cascade(300.0)), ["control.law.velocity_feedforward"], [0.0])
