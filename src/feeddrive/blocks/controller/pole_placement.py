@@ -149,7 +149,7 @@ class PolePlacement(Law):
         """The gains; for the exact lag of c/k the first-order hold e^(-T k/c)."""
         if self.commands != "exact":
             return self.Prepared(self.gains())
-        samples = ops.maximum(lag(two_bodies(self.kind, self.model)) / T, 1e-3)  # faster is the same to 1e-300
+        samples = ops.maximum(lag(two_bodies(self.kind, self.model)) / T, 1e-15)  # no division by 0 without damping
         kept = ops.exp(-1.0 / samples)
         mean = samples * (1.0 - kept)
         return self.Prepared(self.gains(), kept, mean - kept, 1.0 - mean)
