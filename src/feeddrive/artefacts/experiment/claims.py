@@ -7,7 +7,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from feeddrive.artefacts.report.content import Shown
-from feeddrive.artefacts.report.numbers import number
 from feeddrive.language.table import Result, Table
 
 
@@ -42,17 +41,19 @@ class Claim:
     def bounds(self) -> str:
         """The bounds as text, with the unit."""
         if self.least is not None and self.most is not None:
-            text = f"{number(self.least, 4)} to {number(self.most, 4)}"
+            text = f"{self.least:.4g} to {self.most:.4g}"
         elif self.least is not None:
-            text = f"at least {number(self.least, 4)}"
+            text = f"at least {self.least:.4g}"
+        elif self.most is not None:
+            text = f"at most {self.most:.4g}"
         else:
-            text = f"at most {number(self.most, 4)}"
+            text = "any number"
         return f"{text} {self.unit}".rstrip()
 
     @property
     def shown(self) -> str:
         """The figure as text, with the unit."""
-        return f"{number(self.got, 4)} {self.unit}".rstrip()
+        return f"{self.got:.4g} {self.unit}".rstrip()
 
     def cells(self) -> list[str]:
         """The row of a table."""
