@@ -25,6 +25,7 @@ from feeddrive.blocks.reference.linear_move import LinearMove
 from feeddrive.blocks.signals import Reading
 from feeddrive.engineer.analysis.stability import stability
 from feeddrive.engineer.observe import observe
+from feeddrive.language import tree
 from feeddrive.language.errors import ParameterError, StructureError
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.control import Control
@@ -218,15 +219,29 @@ def test_law_and_observer_place_their_poles_apart(mass: float, T: float, taylor_
 def test_an_observer_too_fast_for_the_sample_time_is_refused(hold: str, limit: float, T: float) -> None:
     made = law(hold=hold)
     made.fits(0.98 * limit)
-    with pytest.raises(ParameterError, match=r"over the limit|above the limit") as refused:
+    with pytest.raises(ParameterError, match=r"over the limit 1") as refused:
         loop(made, T=T)
-    nearest = float(re.findall(r"sample every ([0-9.e-]+) s", str(refused.value))[0])
-    assert nearest < T
-    # what the message names is admitted by whoever named it
-    (made if str(refused.value).startswith("active") else made.observer).fits(0.999 * nearest)
-    rate = re.findall(r"omega_o <= ([0-9.]+)", str(refused.value))
-    if rate:
-        dataclasses.replace(made.observer, omega_o=0.999 * float(rate[0])).fits(T)
+    text = str(refused.value)
+    nearest = float(re.findall(r"sample every ([0-9.e-]+) s", text)[0])
+    assert nearest == pytest.approx(limit, rel=0.005)
+    made.fits(0.999 * nearest)
+    # each of the others that the message names is admitted, alone
+    named = re.findall(r"take ([a-z_.0]+) <= ([0-9.e-]+)", text)
+    assert "observer.omega_o" in dict(named)
+    for name, value in named:
+        tree.vary(made, {name: 0.999 * float(value)}).fits(T)
+
+
+@pytest.mark.parametrize(("taylor_states", "hold"), [(3, "first_order"), (5, "first_order"), (7, "zero_order")])
+def test_an_observer_alone_says_its_limit(taylor_states: int, hold: str) -> None:
+    """As part of a compensation, where no law knows of it."""
+    made = GpiObserver(mass=5.0, omega_o=3000.0, taylor_states=taylor_states, hold=hold)
+    with pytest.raises(ParameterError, match=r"omega_o T = [0-9.]+ is [0-9.]+ over the limit") as refused:
+        made.fits(2e-3)
+    rate = float(re.findall(r"omega_o <= ([0-9.]+)", str(refused.value))[0])
+    dataclasses.replace(made, omega_o=0.999 * rate).fits(2e-3)
+    with pytest.raises(ParameterError):
+        dataclasses.replace(made, omega_o=1.001 * rate).fits(2e-3)
 
 
 @pytest.mark.parametrize("late", [0, 1, 3])

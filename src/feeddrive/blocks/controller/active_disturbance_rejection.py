@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -69,28 +68,35 @@ class ActiveDisturbanceRejection(Law):
 
     def fits(self, sample_time: float) -> None:
         """The observer can run, and the loop on a rigid axis of this mass is stable, with the dead time it knows of."""
+        if all(isinstance(value, float) for _, value in tree.leaves(self)):  # variants are checked as single laws
+            growth = self._growth(sample_time)
+            if not growth < 1.0:
+                raise ParameterError(self._refusal(sample_time, growth))
         self.observer.fits(sample_time)
-        if not all(isinstance(value, float) for _, value in tree.leaves(self)):
-            return  # variants are checked as the single laws that they come from
-        growth = self._growth(sample_time, self.omega_c)
-        if growth < 1.0:
-            return
-        slowest = _largest(lambda T: self._growth(T, self.omega_c) < 1.0, sample_time)
-        largest = _largest(lambda omega_c: self._growth(sample_time, omega_c) < 1.0, self.omega_c)
-        remedies = [f"sample every {slowest:.4g} s or faster"] if slowest > 1e-3 * sample_time else []
-        remedies += [f"take omega_c <= {largest:.4g} rad/s"] if largest > 0.0 else []
-        raise ParameterError(
-            f"{self.kind} with omega_c = {self.omega_c:g} rad/s is not stable on a rigid axis of {self.mass:g} kg at a "
-            f"sample time of {sample_time:g} s: its motion grows by the factor {growth:.6f} a sample, which is "
-            f"{growth - 1.0:.3g} over the limit 1; {' or '.join(remedies) or 'take another observer'}"
+
+    def _refusal(self, T: float, growth: float) -> str:
+        """What is broken, by how much, and the nearest admissible sample time and knobs."""
+        remedies = []
+        slowest = _nearest(lambda value: self._growth(value) < 1.0, T)
+        if slowest is not None:
+            remedies.append(f"sample every {slowest:.4g} s or faster")
+        values = dict(tree.leaves(self))
+        for name in (name for name in self.knobs if name in values):
+            nearest = _nearest(lambda value, name=name: tree.vary(self, {name: value})._growth(T) < 1.0, values[name])
+            if nearest is not None:
+                unit = tree.declaration(self, name).unit
+                remedies.append(f"take {name} <= {nearest:.4g} {unit} in place of {values[name]:g}".replace("  ", " "))
+        return (
+            f"{self.kind} is not stable on a rigid axis of {self.mass:g} kg at a sample time of {T:g} s: its motion "
+            f"grows by the factor {growth:.6f} a sample, which is {growth - 1.0:.3g} over the limit 1; "
+            f"{', or '.join(remedies) or 'take another observer'}"
         )
 
-    def _growth(self, T: float, omega_c: float) -> float:
+    def _growth(self, T: float) -> float:
         """Largest |z| of law, observer, dead time and a free mass: the matrix of one sample, column by column."""
-        law = dataclasses.replace(self, omega_c=omega_c)
-        prepared = law.prepare(T)
+        prepared = self.prepare(T)
         rest = Setpoint(0.0)
-        start = law.start(prepared, rest, Reading(0.0, 0.0))
+        start = self.start(prepared, rest, Reading(0.0, 0.0))
         late = int(getattr(self.observer, "delay_samples", 0))
         first = [0.0] * (3 + late) + [float(value) for _, value in tree.leaves(start)]
 
@@ -99,9 +105,9 @@ class ActiveDisturbanceRejection(Law):
             position, velocity, *commands = x[: 3 + late]
             state = tree.rebuild(start, iter(x[3 + late :]))
             reading = Reading(position, position, commands[0], commands[0])
-            state, force = law.step(prepared, state, rest, reading, T)
+            state, force = self.step(prepared, state, rest, reading, T)
             commands = [force, *commands[:late]]
-            push = commands[late] / law.mass
+            push = commands[late] / self.mass
             moved = (position + T * velocity + 0.5 * T * T * push, velocity + T * push)
             return [float(value) for value in (*moved, *commands, *(leaf for _, leaf in tree.leaves(state)))]
 
@@ -113,10 +119,17 @@ class ActiveDisturbanceRejection(Law):
         return matrix.growth(rows)  # of the transpose, which has the same eigenvalues
 
 
-def _largest(admissible: Callable[[float], bool], refused: float) -> float:
-    """The largest value below a refused one that is admissible, as bisection finds it; 0 if none is."""
-    low, high = 0.0, refused
-    for _ in range(30):
+def _nearest(admissible: Callable[[float], bool], refused: float) -> float | None:
+    """The largest admissible value below a refused one, down to a thousandth of it; None if there is none."""
+    high = refused
+    for _ in range(20):
+        low = 0.7 * high
+        if admissible(low):
+            break
+        high = low
+    else:
+        return None
+    for _ in range(13):
         middle = 0.5 * (low + high)
         low, high = (middle, high) if admissible(middle) else (low, middle)
     return low

@@ -66,7 +66,7 @@ def noise_gain(sample_time: float) -> float:
 
 def _edge(holds: Callable[[float], bool], good: float, bad: float) -> float:
     """Where it stops to hold between two values, by bisection."""
-    for _ in range(16):
+    for _ in range(12):
         middle = 0.5 * (good + bad)
         good, bad = (middle, bad) if holds(middle) else (good, middle)
     return good
@@ -91,7 +91,7 @@ def sample_time_limit(hold: str) -> float:
             return False
         return True
 
-    return _edge(admitted, 5e-5, 1e-2)
+    return _edge(admitted, 1e-4, 4e-3 if hold == "first_order" else 4e-4)
 
 
 def stable_at(hold: str, sample_time: float) -> bool:
