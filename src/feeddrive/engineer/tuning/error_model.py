@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
+from typing import Any
 
 import numpy as np
 
 from feeddrive.blocks.families import Plant
 from feeddrive.blocks.feedforward.disturbance_compensator import DisturbanceCompensator
+from feeddrive.blocks.friction.viscous import Viscous
 from feeddrive.blocks.plant.rigid import Rigid
 from feeddrive.blocks.sensor.encoder import Encoder
 from feeddrive.language import tree
@@ -17,6 +19,7 @@ from feeddrive.loop.loop import Loop
 
 FORMS = ("model_free", "model_based")
 _TINY = 1e-6  # of the axis's mass: what stands for a mass of 0, which no plant may have
+_ENDS = ("motor", "load")
 _EDGE = 1.0 - 1e-9  # of |z|: what eigenvalues of a small matrix are uncertain by
 _DECADES, _STRIDE = 7.0, 0.1  # within which an admissible mass is looked for, and how finely
 
@@ -51,14 +54,14 @@ def error_model(
         return _inverse(loop)
     block = next((each for each in loop.control.feedforward if isinstance(each, DisturbanceCompensator)), None)
     if plant is not None or block is None or block.mass is None or loop.control.law.encoders > 1:
-        return _required(loop, loop.axis.plant if plant is None else plant)
+        return _required(loop, plant)
     mass = max(block.mass, least_mass, _TINY * float(loop.axis.plant.rigid_mass()))
     return _required(loop, Rigid(mass=mass, viscous=block.viscous or 0.0))
 
 
 def true_error_model(loop: Loop) -> StateSpace:
     """G_d of a simulated loop: its own axis without friction and quantisers, to judge a Ĝ_d by."""
-    return _required(loop, loop.axis.plant)
+    return _required(loop, None)
 
 
 def filtered(model: StateSpace, columns: np.ndarray, *, moving: bool = False) -> np.ndarray:
@@ -85,13 +88,13 @@ def decay(model: StateSpace, share: float = 0.01) -> int:
     return 1 if slowest <= 0.0 else max(1, int(np.ceil(np.log(share) / np.log(min(slowest, 1.0 - 1e-9)))))
 
 
-def _required(loop: Loop, plant: Plant) -> StateSpace:
-    """The model loop's G_d, if it is stable."""
+def _required(loop: Loop, plant: Plant | None) -> StateSpace:
+    """The model loop's G_d, if it is stable; without a plant that of the axis with its viscous friction."""
     model = _closed(loop, plant)
     size = _growth(model)
     if size < _EDGE:
         return model
-    mass = float(plant.rigid_mass())
+    mass = float((plant or loop.axis.plant).rigid_mass())
     near = _nearest(loop, plant, mass)
     found = f"{near:.4g} kg" if near is not None else f"none within {_DECADES:g} decades"
     raise UnstableError(
@@ -101,14 +104,16 @@ def _required(loop: Loop, plant: Plant) -> StateSpace:
     )
 
 
-def _closed(loop: Loop, plant: Plant) -> StateSpace:
+def _closed(loop: Loop, plant: Plant | None) -> StateSpace:
     """From a force behind the limit to the position, all that is not linear left out."""
     control = dataclasses.replace(loop.control, guard=None, force_limit=None, feedforward=(), prefilter=None)
-    motor, load = (None if each is None else Encoder() for each in (loop.axis.encoder_motor, loop.axis.encoder_load))
-    axis = dataclasses.replace(
-        loop.axis, plant=plant, friction_motor=None, friction_load=None, forces=(), encoder_motor=motor,
-        encoder_load=load,
-    )  # fmt: skip
+    ends: dict[str, Any] = {
+        f"encoder_{end}": None if getattr(loop.axis, f"encoder_{end}") is None else Encoder() for end in _ENDS
+    }
+    for end in _ENDS:
+        friction = getattr(loop.axis, f"friction_{end}") if plant is None else None
+        ends[f"friction_{end}"] = None if friction is None else Viscous(viscous=float(friction.linear()))
+    axis = dataclasses.replace(loop.axis, plant=plant or loop.axis.plant, forces=(), **ends)
     return linearize(dataclasses.replace(loop, control=control, axis=axis), ["added_force"], ["position_load"])
 
 
@@ -116,7 +121,7 @@ def _growth(model: StateSpace) -> float:
     return float(np.max(np.abs(model.poles()), initial=0.0))
 
 
-def _nearest(loop: Loop, plant: Plant, mass: float) -> float | None:
+def _nearest(loop: Loop, plant: Plant | None, mass: float) -> float | None:
     """The mass nearest to that of a rigid plant, by ratio, with which the model loop is stable, to four digits."""
     if not isinstance(plant, Rigid):
         return None

@@ -8,7 +8,6 @@ import numpy as np
 
 LEAST_REVERSAL = 0.02  # of the moving samples: what must go in each direction for friction to be told from gravity
 LEAST_OWN = 0.02  # of a column's size: what no other columns may explain, 1/50: its error grows by 50 there
-_SILENT = 1e-9  # of the largest force that a column usually makes
 FRICTION = ("coulomb_positive", "coulomb_negative", "stribeck")
 # which of two columns that look alike is frozen: the later one
 _ORDER = (
@@ -28,25 +27,32 @@ def not_excited(
     for i, name in enumerate(names):
         if name not in found and not np.any(columns[:, i]):
             found[name] = "its column is 0 in the whole trial"
-    active = sorted((name for name in names if name not in found), key=_ORDER.index)
-    basis: dict[str, np.ndarray] = {}
-    for name in active:
-        column = seen[:, names.index(name)]
-        size = float(np.linalg.norm(column))
-        own = column
-        for _ in range(2):  # twice: Gram and Schmidt lose what is nearly parallel in one pass
-            for other in basis.values():
-                own = own - other * float(other @ own)
-        left = float(np.linalg.norm(own)) / size if size > 0.0 else 0.0
+    sizes = np.linalg.norm(seen, axis=0)
+    alike = (seen / np.where(sizes > 0.0, sizes, 1.0)).T @ (seen / np.where(sizes > 0.0, sizes, 1.0))
+    kept: list[int] = []
+    for name in sorted((name for name in names if name not in found), key=_ORDER.index):
+        i = names.index(name)
+        left = _own(alike, i, kept)
         if left < LEAST_OWN:
-            alike = max(basis, key=lambda other: abs(float(basis[other] @ column)), default="the others")
+            nearest = names[max(kept, key=lambda k: abs(float(alike[i, k])))] if kept else "none"
             found[name] = (
-                f"only {100.0 * left:.2g} % of its column is not explained by {_listed(list(basis))}, at least "
-                f"{100.0 * LEAST_OWN:g} % is needed; it is most like {alike}: add a second speed, or more acceleration"
+                f"only {100.0 * left:.2g} % of its column is not explained by {_listed([names[k] for k in kept])}, at "
+                f"least {100.0 * LEAST_OWN:g} % is needed; it is most like {nearest}: add a second speed, or more "
+                f"acceleration"
             )
         else:
-            basis[name] = own / np.linalg.norm(own)
+            kept.append(i)
     return found
+
+
+def _own(alike: np.ndarray, i: int, others: list[int]) -> float:
+    """Size of what is left of a column of size 1 without its part along others; `alike` holds their products."""
+    if alike[i, i] <= 0.0:
+        return 0.0
+    across = alike[others, i]
+    between = alike[others][:, others]
+    explained = float(across @ np.linalg.solve(between, across)) if others else 0.0
+    return float(np.sqrt(max(0.0, 1.0 - explained)))
 
 
 def _without_reversal(names: Sequence[str], velocity: np.ndarray, dead_band: float) -> dict[str, str]:

@@ -144,7 +144,7 @@ def iterate(
     least = np.array([_least(block, names[i], least_mass) for i in active])
     used, error = seen[rows][:, active], trial.following_error[rows]
     step, held = solve(used, error, mu, least - now, np.full(now.size, np.inf))
-    sigma = standard_errors(used, error - used @ step, decay(model))
+    sigma = standard_errors(used, error - used @ step, 2 * decay(model))
     changed = {names[i]: float(value) for i, value in zip(active, np.maximum(now + gamma * step, least), strict=True)}
     after = dataclasses.replace(block, **changed)
     taken = np.array([changed[names[i]] for i in active]) - now

@@ -52,7 +52,7 @@ def standard_errors(seen: np.ndarray, residual: np.ndarray, lags: int) -> np.nda
     lines = np.fft.rfft(seen / sizes, size, axis=0)
     weight = np.full(colour.size, 2.0)
     weight[0] = weight[-1] = 1.0
-    inner = np.einsum("f,fi,fj->ij", weight * colour, lines, lines.conj()).real / size
+    inner = ((weight * colour)[:, None] * lines).T @ lines.conj()
     inverse = np.linalg.inv((seen / sizes).T @ (seen / sizes))
-    covariance = inverse @ inner @ inverse
+    covariance = inverse @ inner.real @ inverse / size
     return np.sqrt(np.maximum(np.diag(covariance), 0.0)) / sizes
