@@ -7,7 +7,10 @@ import runpy
 from itertools import pairwise
 from pathlib import Path
 
+import numpy as np
 import pytest
+
+import feeddrive as fd
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 
@@ -55,3 +58,75 @@ def test_a_faster_cascade_is_stiffer_and_less_robust(capsys: pytest.CaptureFixtu
     for below, above in pairwise(stiff):
         assert above / below == pytest.approx(4.0, rel=0.1)
     assert all(f < a / 10.0 for a, f in zip(alone, forward, strict=True))
+
+
+def test_placed_poles_are_stiff_at_low_frequencies_and_not_everywhere(capsys: pytest.CaptureFixture[str]) -> None:
+    text = said("pole_placement.py", capsys)
+    rows = re.findall(r"Ms ([0-9.]+), +([0-9]+) N/um at 5 Hz, softest +([0-9.]+)", text)
+    peaks, low, softest = (np.array(column, dtype=float) for column in zip(*rows, strict=True))
+    # the first row is P-PI, the last pole placement of the same sensitivity peak
+    assert peaks[-1] == pytest.approx(peaks[0], abs=0.02)
+    assert low[-1] > 4.0 * low[0]
+    assert softest[-1] < softest[0]
+    # far below the bandwidth it is k Ki / ((k + K1) ω)
+    screw = fd.TwoMass(mass_motor=220, mass_load=90, stiffness=9e7, damping=1800, viscous_motor=2500, viscous_load=100)
+    gains = fd.PolePlacement(model=screw, bandwidth=80.0, axial_damping=0.08).gains()
+    assert 1e6 * low[-1] == pytest.approx(9e7 * gains.Ki / ((9e7 + gains.K1) * 2.0 * np.pi * 5.0), rel=0.02)
+    cascade, placed, rigid = map(float, re.findall(r"([0-9.]+) um RMS", text))
+    assert placed < 0.3 * rigid < rigid < cascade
+
+
+def test_a_prefilter_of_one_move_helps_another(capsys: pytest.CaptureFixture[str]) -> None:
+    text = said("trajectory_prefilter.py", capsys)
+    moves = re.findall(r"move: +([0-9.]+) -> ([0-9.]+) um", text)
+    assert len(moves) == 2
+    assert all(float(after) < 0.5 * float(before) for before, after in moves)
+    even = re.search(r"snap only: ([0-9.]+)", text)
+    assert even is not None
+    assert float(even[1]) > 2.0 * float(moves[0][1])
+
+
+def test_more_taylor_states_cut_better_and_are_less_robust(capsys: pytest.CaptureFixture[str]) -> None:
+    text = said("taylor_states.py", capsys)
+    found = re.findall(r"Ms ([0-9.]+), .* Hz +(\S+) +(\S+) +(\S+) um/N, cutting +(\S+) um", text)
+    rows = [[float(x) for x in row] for row in found]
+    assert len(rows) == 4
+    peaks, _, _, high, errors = zip(*rows, strict=True)
+    assert list(peaks) == sorted(peaks)
+    assert list(high) == sorted(high)  # at 140 Hz each state makes the axis softer
+    assert list(errors) == sorted(errors, reverse=True)
+    assert "sample every 0.00257" in text
+
+
+def test_the_spindle_gives_what_the_chips_take(capsys: pytest.CaptureFixture[str]) -> None:
+    text = said("interrupted_cut.py", capsys)
+    pairs = re.findall(r"spindle ([0-9.]+) W, chips ([0-9.]+) W", text)
+    assert len(pairs) == 2
+    for spindle, chips in pairs:
+        assert float(spindle) == pytest.approx(float(chips), rel=1e-6)
+
+
+def test_dadsc_is_stiffer_at_low_frequency_by_27_over_16(capsys: pytest.CaptureFixture[str]) -> None:
+    text = said("three_frequencies.py", capsys)
+    ours, theirs = (float(x) for x in re.findall(r"N/um at 1 Hz +([0-9.]+)", text))
+    assert ours / theirs == pytest.approx(27 / 16, rel=0.01)
+    # 0.19/(d + 1) keeps Ms <= 2, with half of it for d = 1 as the unit of the table
+    factors = [float(line.split()[-1]) for line in text.strip().splitlines()[-4:]]
+    assert all(f >= 0.99 * 4.0 / (d + 1) for d, f in enumerate(factors))
+
+
+def test_a_recovered_force_is_rejected_at_the_cost_of_margin(capsys: pytest.CaptureFixture[str]) -> None:
+    text = said("recovered_force.py", capsys)
+    errors = [float(x) for x in re.findall(r"([0-9.]+) um RMS", text)]
+    peaks = [float(x) for x in re.findall(r"Ms ([0-9.]+)", text)]
+    assert all(error < errors[0] / 5.0 for error in errors[1:])
+    assert all(peak > peaks[0] for peak in peaks[1:])
+
+
+def test_the_axis_moves_with_the_tool(capsys: pytest.CaptureFixture[str]) -> None:
+    none, plain, lead, off = (
+        float(x) for x in re.findall(r"([0-9.]+) um RMS", said("moving_with_the_tool.py", capsys))
+    )
+    assert plain < none / 5.0
+    assert lead < none / 30.0
+    assert off > 0.5 * none
