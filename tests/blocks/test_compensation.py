@@ -98,6 +98,15 @@ def test_a_rejection_is_blended_in() -> None:
     assert force[-1] == pytest.approx(-200.0, abs=0.5)
 
 
+def test_a_linear_model_has_the_whole_share_of_a_rejection_that_blends_in() -> None:
+    observer = DisturbanceRecovery(mass=40.0, viscous=60.0)
+    at_once, slowly = (
+        stability(loop(PPI, (DisturbanceRejection(observer=observer, blend_time=time),))) for time in (None, 0.1)
+    )
+    np.testing.assert_array_equal(slowly.model.poles(), at_once.model.poles())
+    assert len(at_once.model.poles()) > len(stability(loop(PPI)).model.poles())
+
+
 def test_a_disturbance_is_not_rejected_twice() -> None:
     observer = GpiObserver(mass=40.0, omega_o=700.0)
     twice = ActiveDisturbanceRejection(mass=40.0, observer=observer, omega_c=100.0)

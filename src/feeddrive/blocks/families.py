@@ -1,7 +1,8 @@
 """The families of blocks, and the few questions that each member answers.
 
 A member is final: it fills in what is abstract here and overrides nothing that has a body, except the empty hooks
-`prepare`, `retune`, `period`, `check`, `fed`, `lag` and `fits`.  Its `step` is pure: state goes in and comes out.
+`prepare`, `retune`, `period`, `check`, `fed`, `lag`, `settled` and `fits`.  Its `step` is pure: state goes in and
+comes out.
 
     prepare(T)   work that depends on parameters only, done once per run; returns a named tuple of numbers
     start(...)   the state of a block that has been at rest for ever
@@ -261,6 +262,10 @@ class Compensation(Block, ABC):
         self, prepared: Any, state: Any, setpoint: Setpoint, reading: Reading, T: Number
     ) -> tuple[Any, Setpoint, Number]:
         """One sample: the new state, the setpoint for law and feedforward, and a force in N behind the filters."""
+
+    def settled(self) -> Compensation:
+        """As it is after a long time, when what blends in has done so; linear models take this (empty hook)."""
+        return self
 
     def fits(self, law: Law, sample_time: float) -> None:
         """Raise StructureError, with the reason, if it makes no sense with this law or sample time (empty hook)."""

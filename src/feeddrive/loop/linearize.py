@@ -139,9 +139,12 @@ def linearize(
     A law that repeats itself only after n samples gives the model from period to period: sample time nT, inputs held
     over a period, outputs at its first sample.
     The quantisers count as straight lines; guard and force limit are left out: inside their bounds they do nothing.
+    What blends in after the start counts as there.
     Raises ParameterError for a name that is not known, and for parameters with which the model overflows.
     """
-    loop = dataclasses.replace(loop, control=dataclasses.replace(loop.control, guard=None, force_limit=None))
+    compensation = tuple(part.settled() for part in loop.control.compensation)
+    control = dataclasses.replace(loop.control, compensation=compensation, guard=None, force_limit=None)
+    loop = dataclasses.replace(loop, control=control)
     for name in inputs:
         _place(list(INPUT_UNITS), name, "input")
     for name in outputs:

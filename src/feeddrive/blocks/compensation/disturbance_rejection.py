@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 from feeddrive.blocks.families import Compensation, Law, Observer
@@ -50,6 +51,10 @@ class DisturbanceRejection(Compensation):
                 f"own observer already: the force would act twice; leave the rejection out"
             )
         self.observer.fits(sample_time)
+
+    def settled(self) -> DisturbanceRejection:
+        """With the whole share."""
+        return replace(self, blend_time=None)
 
     def prepare(self, T: Number) -> Prepared:
         """That of the observer."""
