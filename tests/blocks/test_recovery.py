@@ -172,3 +172,13 @@ def test_observing_natively_gives_the_bits_of_the_step() -> None:
             state, estimate = observer.step(plain, state, Reading(x, x, applied, applied), T)
             assert estimate.disturbance == seen.disturbance[k]
             applied = found["force"][k]
+
+
+def test_an_observation_shows_itself() -> None:
+    found = run(np.full(500, 150.0))
+    seen = observe(EXACT, found["reading_load"], found["force"], T)
+    assert "disturbance_recovery" in str(seen)
+    assert list(seen.to_pandas().columns) == ["position", "velocity", "disturbance"]
+    assert seen.plot().axes
+    with pytest.raises(ParameterError, match="has 3 rows, the estimate 500"):
+        seen.error(np.zeros(3))
