@@ -87,7 +87,7 @@ def check_controllable(where: str, bodies: TwoBodies) -> None:
     if found >= LEAST_CONTROL:
         return
     if abs(led) < 0.5 * bodies.m22:
-        near = -bodies.m22 * (1.0 - LEAST_CONTROL**0.5 * (1.0 if led >= 0.0 else -1.0))
+        near = -bodies.m22 * (1.0 - ops.sqrt(LEAST_CONTROL) * (1.0 if led >= 0.0 else -1.0))
         remedy = f"coupling_mass = {bodies.m12:g} kg cancels mass_load; the nearest admissible value is {near:.6g} kg"
     else:
         near = -k * bodies.m22 / bodies.c12 * (1.0 - 2.0 * LEAST_CONTROL)
