@@ -10,6 +10,7 @@ import numpy as np
 
 from feeddrive.artefacts.arena.criteria import CRITERIA, beats, ranks
 from feeddrive.artefacts.arena.figures import counted, effort_of, linear, recovered, tracked
+from feeddrive.artefacts.arena.tuning import Rule, tuned_all
 from feeddrive.artefacts.arena.work import Work, work_of
 from feeddrive.artefacts.files.machine import Machine
 from feeddrive.artefacts.study.comparison import versions
@@ -17,16 +18,16 @@ from feeddrive.blocks.families import Reference
 from feeddrive.engineer.analysis.opened import Opened, opened
 from feeddrive.engineer.analysis.stability import stability
 from feeddrive.engineer.tuning.designs import Design, Refusal, designs
-from feeddrive.engineer.tuning.equal_robustness import tune
 from feeddrive.engineer.tuning.trajectory_prefilter import tune_prefilter
 from feeddrive.engineer.tuning.tuned import Tuned
-from feeddrive.language.errors import FeeddriveError, ParameterError
+from feeddrive.language.errors import FeeddriveError, ParameterError, UnstableError
 from feeddrive.language.table import Result, Table
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import Run, simulate
 
 TODAY = "today's gains"
 PLAIN = "P-PI"
+_NOISY = 0.02  # share of the force limit beyond which noise in the force is remarked
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,6 +140,7 @@ def arena(
     delay_margin_samples: float = 2.0,
     seed: int = 0,
     starts: int = 2,
+    workers: int = 1,
     step: Callable[[str], None] | None = None,
 ) -> Arena:
     """Put all laws on an axis of a machine.
@@ -146,6 +148,8 @@ def arena(
     reference, force   the move, and the force in N of rope snap and step; default: from the machine's limits (`Work`)
     sensitivity_peak, delay_margin_samples   the rule of equal robustness: see `tune`
     seed               of the encoders' noise, the same for all laws
+    starts             of each search
+    workers            processes that tune side by side; more than 1 only from a program that may be imported anew
     step(text)         is called before each piece of work; `pieces(...)` says how often
 
     The present control comes first and is left as it is, unstable or not.  A law that does not fit the axis is refused
@@ -157,27 +161,25 @@ def arena(
     work = work_of(loop, reference, force)
     velocity = _velocity(work, loop)
     possible, refused = designs(loop)
-    refusals = list(refused)
-    competitors: list[Competitor] = []
+    rule = Rule(sensitivity_peak, delay_margin_samples, velocity, starts)
     said(TODAY)
-    competitors.append(_judged(TODAY, loop, None, "as in the machine file", work, velocity, seed))
-    tuned: dict[str, Tuned] = {}
+    competitors = [_judged(TODAY, loop, None, "as in the machine file", work, velocity, seed)]
+    tuned = tuned_all([design for design in possible if not design.like], rule, workers, said)
     for design in possible:
-        said(design.name)
-        try:
-            made = _tuned(design, tuned, work, velocity, sensitivity_peak, delay_margin_samples, starts, seed)
-        except FeeddriveError as error:
-            refusals.append(Refusal(design.name, str(error)))
-            continue
-        tuned[design.name] = made
-        competitors.append(_judged(design.name, made.loop, made, design.remark, work, velocity, seed))
-    rule = (
-        f"every law but today's is tuned for the least rope-snap error subject to Ms <= {sensitivity_peak:g} and a "
-        f"delay margin of at least {delay_margin_samples:g} samples, the loop cut at the actuator"
-    )
+        if design.like:
+            said(design.name)
+            tuned[design.name] = _like(design, tuned, work, seed)
+    refusals = [*refused, *(found for found in tuned.values() if isinstance(found, Refusal))]
+    for design in possible:
+        made = tuned[design.name]
+        if isinstance(made, Tuned):
+            competitors.append(_judged(design.name, made.loop, made, design.remark, work, velocity, seed))
+    if all(each.move is None for each in competitors):
+        reasons = "; ".join(f"{each.name}: {each.unfit}" for each in competitors)
+        raise UnstableError(f"{machine.file.name}: axis '{name}': no law can be run on it: {reasons}")
     rows = tuple(competitors)
-    remarks = (*_robust(rows, sensitivity_peak, delay_margin_samples), *_against(rows), *_unproven(rows))
-    return Arena(machine, name, work, velocity, seed, rule, rows, tuple(refusals), remarks, versions())
+    remarks = (*_robust(rows, sensitivity_peak, delay_margin_samples), *_against(rows), *_noisy(rows), *_unproven(rows))
+    return Arena(machine, name, work, velocity, seed, rule.sentence, rows, tuple(refusals), remarks, versions())
 
 
 def pieces(machine: Machine, axis: str | None) -> int:
@@ -193,30 +195,19 @@ def _velocity(work: Work, loop: Loop) -> float:
     return 0.5 * largest if largest > 0.0 else 0.01
 
 
-def _tuned(
-    design: Design,
-    known: Mapping[str, Tuned],
-    work: Work,
-    velocity: float,
-    peak: float,
-    delay: float,
-    starts: int,
-    seed: int,
-) -> Tuned:
-    """Tuned; what differs from another design in the setpoint's path only takes over its gains."""
-    if design.like:
-        if design.like not in known:
-            raise ParameterError(f"it takes over the gains of '{design.like}', which has none here")
-        made = known[design.like]
-        loop = replace(design.loop, control=replace(design.loop.control, law=made.loop.control.law))
+def _like(design: Design, known: Mapping[str, Tuned | Refusal], work: Work, seed: int) -> Tuned | Refusal:
+    """What differs from another design in the setpoint's path only takes over its gains."""
+    made = known.get(design.like)
+    if not isinstance(made, Tuned):
+        return Refusal(design.name, f"it takes over the gains of '{design.like}', which is not on this axis")
+    loop = replace(design.loop, control=replace(design.loop.control, law=made.loop.control.law))
+    try:
         if design.prefilter:
             fitted = tune_prefilter(loop, work.move, seed=seed)[-1].prefilter
             loop = replace(loop, control=replace(loop.control, prefilter=fitted))
-        return replace(made, loop=loop)
-    return tune(
-        design.loop, knobs=design.knobs, sensitivity_peak=peak, delay_margin_samples=delay, velocity=velocity,
-        starts=starts,
-    )  # fmt: skip
+    except FeeddriveError as error:
+        return Refusal(design.name, str(error))
+    return replace(made, loop=loop)
 
 
 def _judged(
@@ -289,6 +280,19 @@ def _ratio(a: float, b: float) -> str:
     if np.isinf(a) or np.isinf(b):
         return "never" if np.isinf(a) else "P-PI never"
     return f"× {a / b:.3g}" if b else f"{a:.3g} against 0"
+
+
+def _noisy(rows: tuple[Competitor, ...]) -> list[str]:
+    """Whose force is so noisy that nobody would run it, whatever its margins are."""
+    said: list[str] = []
+    for row in rows:
+        limit, noise = row.loop.control.force_limit, row.figures.get("force_noise_N")
+        if limit is not None and noise is not None and noise > _NOISY * limit:
+            said.append(
+                f"'{row.name}': counts and noise of the encoders alone make {noise:.3g} N RMS of force, "
+                f"{100.0 * noise / limit:.3g} % of the limit: a finer encoder, a low-pass or lower gains come first."
+            )
+    return said
 
 
 def _unproven(rows: tuple[Competitor, ...]) -> list[str]:

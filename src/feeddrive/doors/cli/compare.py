@@ -13,6 +13,7 @@ from feeddrive.artefacts.arena.arena import Arena, arena, pieces
 from feeddrive.artefacts.arena.results import write_arena
 from feeddrive.artefacts.files.machine import read_machine
 from feeddrive.doors.cli.working import drawn
+from feeddrive.loop.runner import cores
 
 
 def perform(machine: str, axis: str | None, out: Path | None) -> None:
@@ -43,6 +44,6 @@ def _run(console: Console, name: str, axis: str | None, out: Path | None) -> tup
         def step(text: str) -> None:
             bar.update(task, description=escape(text), advance=1)
 
-        found = arena(machine, axis, step=step)
+        found = arena(machine, axis, workers=cores(), step=step)
         step("report")
         return found, write_arena(found, where)

@@ -13,6 +13,7 @@ from feeddrive.loop.loop import Loop
 
 _LOWEST = 1e-5  # of Nyquist: where the lines of a loop gain begin
 _LINES = 40  # a decade
+_APART = 2e-4  # of a frequency: lines keep this distance
 _BESIDE = np.linspace(-3.0, 3.0, 13)  # half widths of a resonance at which lines are added
 
 
@@ -36,7 +37,9 @@ class Opened:
         s = np.log(poles) / self.open.sample_time
         beside = np.abs(s.imag)[:, None] + np.abs(s.real)[:, None] * _BESIDE
         near = beside.ravel() / (2.0 * np.pi)
-        return np.unique(np.concatenate([spread, near[(near > spread[0]) & (near < nyquist)]]))
+        both = np.unique(np.concatenate([spread, near[(near > spread[0]) & (near < nyquist)]]))
+        # lines that nearly coincide would make a parabola through them out of rounding; the last is Nyquist
+        return both[np.append(np.diff(both) > _APART * both[:-1], True)]
 
     def loop_gain(self, frequency: np.ndarray) -> FRF:
         """L = -force/cut: 1 + L = 0 is the edge of stability."""

@@ -238,9 +238,13 @@ class _Axis:
         return round((actuator.dead_time + lag) / self.loop.sample_time)
 
     def gpi(self, name: str, states: int) -> Design:
-        """A PD law on the observer's velocity and disturbance; the observer ten times faster to begin with."""
-        observer = GpiObserver(mass=self.mass, taylor_states=states, omega_o=0.5 * self.rate, encoder=self.encoder)
-        law = ActiveDisturbanceRejection(mass=self.mass, omega_c=0.05 * self.rate, observer=observer)
+        """A PD law on the observer's velocity and disturbance."""
+        # wide apart and well damped: a fast observer amplifies what it sees near its own frequency
+        damping, slower = (3.0, 1.0) if states > 1 else (1.5, 0.5)
+        observer = GpiObserver(
+            mass=self.mass, taylor_states=states, omega_o=3.0 * slower * self.rate, zeta_o=damping, encoder=self.encoder
+        )
+        law = ActiveDisturbanceRejection(mass=self.mass, omega_c=slower * self.rate, zeta_c=0.5, observer=observer)
         made = self._with(name, law, None, f"believes the axis to be {self.mass:.6g} kg")
         own = ("control.law.observer.omega_o", "control.law.observer.zeta_o")
         return replace(made, knobs=tuple(dict.fromkeys((*made.knobs, *own))))

@@ -24,7 +24,7 @@ _ROOM = 3e-4  # of a bound: by so much the search stays inside, for what its lin
 _DENSE = 600  # lines a decade with which its end is judged
 _BOX = 0.5  # of a logarithm: how far a descent goes before it looks around anew
 _BOXES = 8  # of them at most in one descent
-_PATIENCE = 60  # loops judged without the least progress, and eight more for each knob, before a descent ends
+_PATIENCE = 24  # loops judged without the least progress, and six more for each knob, before a descent ends
 _STEP = 1e-3  # of a logarithm, for slopes by differences
 _ENOUGH, _FINE = 1e-5, 1e-7  # of the cost's logarithm: less is no progress, at first and at last
 
@@ -170,7 +170,7 @@ class _Search:
     def descend(self, point: np.ndarray, middle: np.ndarray, enough: float = _ENOUGH) -> np.ndarray:
         """The best point within the bounds on the way down from a point; `middle`, which is one, if there is none."""
         best, seen = [middle], [self.judge.count]
-        patience = _PATIENCE + 8 * point.size
+        patience = _PATIENCE + 6 * point.size
 
         def cost(x: np.ndarray) -> float:
             found, least = self.judge(x), self.judge(best[0])
