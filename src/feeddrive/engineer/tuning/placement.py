@@ -16,7 +16,7 @@ from feeddrive.language.errors import ParameterError, UnstableError
 from feeddrive.language.table import Result, Table
 from feeddrive.loop.loop import Loop
 
-_SMALLEST = 1e-3  # of a knob: how far down a stable value is looked for
+_SMALLEST = 0.02  # of a knob: how far down a stable value is looked for
 _HALVINGS = 20
 
 
@@ -70,10 +70,11 @@ def placement(loop: Loop, *, velocity: float = 0.05) -> Placement:
     found = stability(loop, velocity=velocity)
     if not found.stable:
         near = list(_stable_knobs(loop, velocity))
-        remedy = "; or ".join(near) or "no smaller value of one knob alone makes it stable: check model and filters"
+        remedy = "; or ".join(near) or "none by turning one knob down alone"
         raise UnstableError(
             f"control.law: the poles cannot be had on this axis: {found.sentence()} (|z| = {found.growth:.6f}, must be "
-            f"< 1); the nearest stable values: {remedy}"
+            f"< 1); the nearest stable values: {remedy}. If the axis has a mode there that the model leaves out, put a "
+            f"notch at {found.frequency:.4g} Hz"
         )
     poles = np.roots([float(a) for a in reversed(law.polynomial())])
     z = found.model.poles()
