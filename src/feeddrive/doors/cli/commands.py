@@ -114,9 +114,74 @@ def prefilter(
 def compare(
     machine: Annotated[str, typer.Argument(help="A machine file (TOML), or the name of a bundled machine.")],
     axis: Annotated[str | None, typer.Option("--axis", help="The axis, if the machine has several.")] = None,
+    starts: Annotated[int, typer.Option("--starts", min=1, max=20, help="Searches for each law; the best counts.")] = 2,
     out: Out = None,
 ) -> None:
     """Put all laws on one axis, tuned to equal robustness, beside today's gains, and rank them by criterion."""
     from feeddrive.doors.cli.compare import perform
 
-    perform(machine, axis, out)
+    perform(machine, axis, starts, out)
+
+
+@app.command()
+def iterate(
+    source: Annotated[
+        str,
+        typer.Argument(help="A log of set position and position (MAT, CSV, Parquet), or a machine to simulate trials."),
+    ],
+    controller: Annotated[
+        str | None,
+        typer.Option("--controller", help="The machine file of the loop that ran the log.", show_default=False),
+    ] = None,
+    axis: Annotated[str | None, typer.Option("--axis", help="Its axis, if it has several.", show_default=False)] = None,
+    form: Annotated[str, typer.Option("--form", help="model-free or model-based.")] = "model-free",
+    columns: Annotated[
+        str | None,
+        typer.Option("--columns", help="Parameters to tune, as mass,viscous,coulomb_positive.", show_default=False),
+    ] = None,
+    gamma: Annotated[float, typer.Option("--gamma", help="Share of the step; 0.5 if gains are known roughly.")] = 1.0,
+    stribeck_velocity: Annotated[
+        float | None,
+        typer.Option("--stribeck-velocity", help="m/s; adds a Stribeck column.", show_default=False),
+    ] = None,
+    least_mass: Annotated[float, typer.Option("--least-mass", help="kg; the mass stays above it.")] = 0.0,
+    skip: Annotated[int, typer.Option("--skip", help="Samples at the start of the log that do not count.")] = 0,
+    smoothing: Annotated[
+        int | None,
+        typer.Option("--smoothing", help="Samples over which the set position is averaged.", show_default=False),
+    ] = None,
+    set_position: Annotated[
+        str | None, typer.Option("--set-position", help="Column of the set position, name:unit.", show_default=False)
+    ] = None,
+    position: Annotated[
+        str | None, typer.Option("--position", help="Column of the position of the table.", show_default=False)
+    ] = None,
+    force: Annotated[
+        str | None, typer.Option("--force", help="Column of the commanded force.", show_default=False)
+    ] = None,
+    command: Annotated[
+        str | None, typer.Option("--command", help="Column of the command in the drive's unit.", show_default=False)
+    ] = None,
+    trials: Annotated[int, typer.Option("--trials", help="Simulated trials.")] = 6,
+    job: Annotated[
+        list[str] | None,
+        typer.Option("--job", help="Job whose reference the trials run; several take turns.", show_default=False),
+    ] = None,
+    seed: Annotated[int, typer.Option("--seed", help="Of the noise of simulated trials.")] = 0,
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", help="File for the section (TOML).", show_default=False)
+    ] = None,
+) -> None:
+    """Learn mass, viscous and dry friction to feed forward from the error of a trial: a log, or simulated ones."""
+    from feeddrive.doors.cli.iterate import Asked, perform_on_log, perform_trials
+
+    asked = Asked(
+        controller=source if controller is None else controller, axis=axis, form=form, gamma=gamma,
+        columns=None if columns is None else tuple(each.strip() for each in columns.split(",") if each.strip()),
+        stribeck_velocity=stribeck_velocity, least_mass=least_mass, out=out,
+    )  # fmt: skip
+    if controller is None:
+        perform_trials(asked, trials, job or (), seed)
+        return
+    named = {"setpoint_position": set_position, "position_load": position, "force": force, "command": command}
+    perform_on_log(Path(source), asked, named, skip, smoothing)

@@ -134,7 +134,7 @@ def measured_trial(
         raise LogError(f"{name}: has {x.size} rows, {4 * _ENDS - x.size} too few; a trial needs at least {4 * _ENDS}")
     width, remarks = _width(x, T) if smoothing is None else (_checked(smoothing, x.size), ())
     limit = loop.control.force_limit
-    saturated = None
+    saturated = np.zeros(x.size, dtype=bool) if limit is None else None
     if force is not None and limit is not None:
         saturated = np.abs(force) >= (1.0 - 1e-6) * limit
     return Trial(
