@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from typing import Any, NamedTuple
 
 from feeddrive.blocks.families import Observer
@@ -144,22 +145,21 @@ class GpiObserver(Observer):
 
     def fits(self, sample_time: float) -> None:
         """omega_o is slow enough for the sample time: subtracting the disturbance from a rigid axis is stable."""
-        if not all(isinstance(value, float) for _, value in tree.leaves(self)):
+        if not self.taylor_states or not all(isinstance(value, float) for _, value in tree.leaves(self)):
             return  # variants are checked as the single observers that they come from
-        if not self.taylor_states or self._growth(sample_time) < 1.0:
+        real = 1.0 if self.p0 is None else self.p0 / self.omega_o
+        most = _fastest(self.taylor_states, self.zeta_o, real, self.hold, self.delay_samples)
+        turn = self.omega_o * sample_time
+        if turn < most:
             return
-        low, high = 0.0, sample_time
-        for _ in range(40):
-            middle = 0.5 * (low + high)
-            low, high = (middle, high) if self._growth(middle) < 1.0 else (low, middle)
-        turn, most = self.omega_o * sample_time, self.omega_o * low
         raise ParameterError(
             f"{self.kind}.omega_o = {self.omega_o:g} rad/s is too fast for a sample time of {sample_time:g} s: "
             f"omega_o T = {turn:.4g} is {turn - most:.3g} over the limit {most:.4g} of this observer with hold = "
-            f"'{self.hold}'. Take omega_o <= {most / sample_time:.4g} rad/s, or sample every {low:.4g} s or faster"
+            f"'{self.hold}'. Take omega_o <= {most / sample_time:.4g} rad/s, or sample every "
+            f"{most / self.omega_o:.4g} s or faster"
         )
 
-    def _growth(self, T: float) -> float:
+    def growth(self, T: float) -> float:
         """By how much the loop u = -ẑ1 around q'' = u, with the dead time, grows in a sample: its largest |z|.
 
         Seen from the true motion (z_0 from q, z_1 from q') the observer is on its own: the loop's other poles, two at 1
@@ -178,6 +178,25 @@ class GpiObserver(Observer):
             effect = made.Gu[i] * self.mass + made.Gy[i] * 0.5 * T * T - (T / self.omega_o if i == 1 else 0.0)
             rows[i][acting] = rows[i][acting] + size * effect
         return matrix.growth(rows)
+
+
+@cache
+def _fastest(taylor_states: int, zeta_o: float, p0: float, hold: str, delay_samples: int) -> float:
+    """The first omega_o T at which the loop of `growth` is no longer stable; what is stable again beyond is chance."""
+    shape = GpiObserver(
+        mass=1.0, omega_o=1.0, p0=p0, taylor_states=taylor_states, zeta_o=zeta_o, hold=hold, delay_samples=delay_samples
+    )
+
+    def holds(turn: float) -> bool:
+        return shape.growth(turn) < 1.0
+
+    low, high = 0.0, 1e-3
+    while high < 100.0 and holds(high):
+        low, high = high, 1.2 * high
+    for _ in range(30):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if holds(middle) else (low, middle)
+    return low
 
 
 def _product(a: Row, b: Row) -> Row:
