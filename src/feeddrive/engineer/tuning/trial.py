@@ -200,7 +200,7 @@ def _differenced(x: np.ndarray, T: float) -> Setpoint:
 
 def _width(x: np.ndarray, T: float) -> tuple[int, tuple[str, ...]]:
     """How many samples of smoothing a reference needs that was rounded to decimals when it was logged."""
-    step = _rounded_to(x)
+    step = _rounded_to(x) if np.ptp(x) > 0.0 else 0.0
     if step == 0.0:
         return 0, ()
     for width in (0, 1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, _WIDEST):
