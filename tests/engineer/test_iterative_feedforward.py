@@ -124,7 +124,7 @@ class TestErrorModel:
             error_model(linear_loop(START, law=law))
 
     def test_a_form_that_is_none_is_refused(self) -> None:
-        with pytest.raises(ParameterError, match="model_free, model_based"):
+        with pytest.raises(ParameterError, match="model_free, model_based, axis_model"):
             error_model(linear_loop(START), "exact")
 
 
@@ -132,13 +132,13 @@ class TestUpdate:
     def test_one_exact_step_finds_what_an_independent_program_found(self) -> None:
         """In units of a drive of 300 N/A; what is missing to the truth is the dead time of one sample."""
         loop = linear_loop(START)
-        found = iterate(loop, trial_with_friction(loop, MOVE), form="model_based", plant=loop.axis.plant, mu=0.0)
+        found = iterate(loop, trial_with_friction(loop, MOVE), form="axis_model", mu=0.0)
         values = np.array(list(found.after.parameters().values())) / 300.0
         assert values == pytest.approx([0.4003, 1.289, 0.323, 0.273], abs=6e-4)  # half a printed digit
 
     def test_without_dead_time_one_exact_step_finds_the_axis(self) -> None:
         loop = linear_loop(START, dead_time=0.0)
-        found = iterate(loop, trial_with_friction(loop, MOVE), form="model_based", plant=loop.axis.plant, mu=0.0)
+        found = iterate(loop, trial_with_friction(loop, MOVE), form="axis_model", mu=0.0)
         values = found.after.parameters()
         # the acceleration is that in the middle of a sample and not its mean: jerk is constant over most samples
         assert values["mass"] == pytest.approx(120.0, rel=1e-4)
@@ -149,7 +149,7 @@ class TestUpdate:
         """A force that comes τ too late must be that of φ(t + τ) = φ(t) + τ φ'(t): the jerk gets mass · τ."""
         start = {**START, "jerk_feedforward": 0.0}
         loop = linear_loop(start)
-        found = iterate(loop, trial_with_friction(loop, MOVE), form="model_based", plant=loop.axis.plant, mu=0.0)
+        found = iterate(loop, trial_with_friction(loop, MOVE), form="axis_model", mu=0.0)
         values = found.after.parameters()
         # friction here acts late too, so that only inertia and viscous friction are ahead of their force
         assert values["jerk_feedforward"] == pytest.approx(120.0 * T, rel=0.02)
@@ -158,7 +158,7 @@ class TestUpdate:
     def test_the_prediction_is_the_error_of_the_next_trial(self) -> None:
         """With the exact model, no noise: sample by sample."""
         loop = linear_loop(START)
-        found = iterate(loop, trial_with_friction(loop, MOVE), form="model_based", plant=loop.axis.plant)
+        found = iterate(loop, trial_with_friction(loop, MOVE), form="axis_model")
         after = trial_with_friction(found.loop, MOVE)
         # 1e-8 of the 19 um of the first trial
         assert np.max(np.abs(after.following_error - found.predicted)) < 1e-8 * found.trial.peak

@@ -142,7 +142,7 @@ class TestRealAxis:
     with M, Fv, Fc as published (Janot, Gautier, Brunot 2019: 95.1 kg, 203.5 N s/m, 20.4 N).
     """
 
-    @pytest.mark.parametrize("form", ["model_free", "model_based"])
+    @pytest.mark.parametrize("form", ["model_free", "axis_model"])
     def test_one_log_gives_mass_and_friction_as_published(self, form: str) -> None:
         log = read_log(LOG, {"time": "t", "setpoint_position": "qg", "position_load": "qm", "command": "vir"})
         machine = read_machine("emps").loop("x")
@@ -153,13 +153,12 @@ class TestRealAxis:
         trial = measured_trial(
             loop, log["setpoint_position"], log["position_load"], sample_time=log.sample_time, force=force
         )
-        plant = machine.axis.plant if form == "model_based" else None
-        found = iterate(loop, trial, form=form, plant=plant, skip=49)
+        found = iterate(loop, trial, form=form, skip=49)
         assert trial.starts_moving
         assert any("velocity loop lacks" in remark for remark in found.remarks)
         values = found.after.parameters()
         Kp, step = 8557.426200790131, 1e-3
-        exact = form == "model_based"
+        exact = form == "axis_model"
         # model-free: 1/C leaves out 1 + 1/(P C), some per cent here; the log's own misfit is 1 % of the viscous force
         assert values["mass"] + 1.5 * step * Kp == pytest.approx(95.1, rel=0.03 if exact else 0.06)
         assert values["viscous"] == pytest.approx(Kp + 203.5, rel=0.002 if exact else 0.01)

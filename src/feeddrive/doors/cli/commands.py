@@ -134,7 +134,7 @@ def iterate(
         typer.Option("--controller", help="The machine file of the loop that ran the log.", show_default=False),
     ] = None,
     axis: Annotated[str | None, typer.Option("--axis", help="Its axis, if it has several.", show_default=False)] = None,
-    form: Annotated[str, typer.Option("--form", help="model-free or model-based.")] = "model-free",
+    form: Annotated[str, typer.Option("--form", help="model-free, model-based or axis-model.")] = "model-free",
     columns: Annotated[
         str | None,
         typer.Option("--columns", help="Parameters to tune, as mass,viscous,coulomb_positive.", show_default=False),

@@ -17,7 +17,7 @@ from feeddrive.language.errors import ParameterError, UnstableError
 from feeddrive.loop.linearize import StateSpace, linearize
 from feeddrive.loop.loop import Loop
 
-FORMS = ("model_free", "model_based")
+FORMS = ("model_free", "model_based", "axis_model")
 _TINY = 1e-6  # of the axis's mass: what stands for a mass of 0, which no plant may have
 _ENDS = ("motor", "load")
 _EDGE = 1.0 - 1e-9  # of |z|: what eigenvalues of a small matrix are uncertain by
@@ -35,7 +35,8 @@ def error_model(
                  band of usual references.  Prefilter and filter pack are left out: they are 1 in that band.
     model_based  Ĝ_d = P̂/(1 + P̂ C) with the drive's dead time and current loop.  P̂ is `plant`; else a rigid axis with
                  the mass (at least `least_mass`, kg) and the viscous friction that are fed forward now; else, if no
-                 mass is fed forward or the law needs two encoders, the plant of the axis.
+                 mass is fed forward or the law needs two encoders, the axis itself.
+    axis_model   the same with the axis of the loop as it stands: for a machine file whose axis was identified.
 
     C comes from the linear model of the control itself, so from the lines that are simulated, for any law.
     Raises UnstableError, with the nearest mass that is admissible, for a model loop that is not stable; UnstableError
@@ -52,6 +53,8 @@ def error_model(
         )
     if form == "model_free":
         return _inverse(loop)
+    if form == "axis_model":
+        return true_error_model(loop)
     block = next((each for each in loop.control.feedforward if isinstance(each, DisturbanceCompensator)), None)
     if plant is not None or block is None or block.mass is None or loop.control.law.encoders > 1:
         return _required(loop, plant)

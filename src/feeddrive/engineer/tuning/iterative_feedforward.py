@@ -106,7 +106,7 @@ def iterate(
     `loop` is the loop that ran the trial, with its present parameters in a DisturbanceCompensator; its control must be
     the real one, its axis is used only where `form` or a frozen model asks for it.  The next reference may be another.
 
-    form        "model_free" or "model_based", see `error_model`
+    form        "model_free", "model_based" or "axis_model", see `error_model`
     gamma       share of the step that is taken, 0 < gamma <= 1; at most 0.5 if the controller's gains are known only
                 roughly: the error of the parameters is multiplied by about |1 - gamma · true gain/believed gain|
     mu          >= 0; draws the step towards 0 in directions that the trial hardly excites
