@@ -15,8 +15,16 @@ from feeddrive.language.table import Result, Table
 class FRF(Result):
     """response(f) from `input` to `output` at `frequency` in Hz, both of shape (n,); `unit` is output over input in SI.
 
-    `coherence`, shape (n,), comes with a measured one.  Arithmetic with numbers and other FRFs on the same frequencies
-    works as on arrays.  Raises ParameterError for frequencies that do not rise or are not positive, and for NaN.
+    `coherence` and `variance`, shape (n,), come with a measured one; variance is E|dG|² of the complex response that
+    stands here, an average or not.  Arithmetic with numbers and other FRFs on the same frequencies works as on arrays.
+    The variance goes along to first order where only one side has one:
+
+        var(c G) = |c|² var(G),   var(c + G) = var(G),   var(1/G) = var(G)/|G|⁴
+
+    Two FRFs with variances are mostly from one experiment, so that their errors hang together in a way not known here:
+    what is made of both has none.  A measured FRF without variance counts as exact beside one that has it.
+    Raises ParameterError for frequencies that do not rise or are not positive, for NaN, for a coherence outside 0..1
+    and for a variance below 0.
     """
 
     frequency: np.ndarray
@@ -26,6 +34,7 @@ class FRF(Result):
     unit: str = ""
     sample_time: float | None = None
     coherence: np.ndarray | None = None
+    variance: np.ndarray | None = None
 
     def __post_init__(self) -> None:
         frequency, response = np.asarray(self.frequency, float), np.asarray(self.response, complex)
@@ -39,6 +48,25 @@ class FRF(Result):
             raise ParameterError(f"the FRF from {self.input} to {self.output} holds numbers that are not finite")
         object.__setattr__(self, "frequency", frequency)
         object.__setattr__(self, "response", response)
+        self._check("coherence", 1.0)
+        self._check("variance", np.inf)
+
+    def _check(self, name: str, most: float) -> None:
+        """That one number a line stands there, finite and between 0 and `most`."""
+        if getattr(self, name) is None:
+            return
+        values = np.asarray(getattr(self, name), float)
+        if values.shape != self.frequency.shape:
+            raise ParameterError(f"an FRF needs one {name} for each frequency, not {values.shape}")
+        wrong = np.flatnonzero(~(np.isfinite(values) & (values >= 0.0) & (values <= most)))
+        if wrong.size:
+            i = int(wrong[0])
+            bounds = f"between 0 and {most:g}" if np.isfinite(most) else "finite and at least 0"
+            raise ParameterError(
+                f"the FRF from {self.input} to {self.output}: {name} is {values[i]:.6g} at {self.frequency[i]:g} Hz, "
+                f"it must be {bounds} ({wrong.size} of {values.size} lines are not)"
+            )
+        object.__setattr__(self, name, values)
 
     @property
     def magnitude(self) -> np.ndarray:
@@ -50,8 +78,18 @@ class FRF(Result):
         """Phase in degrees, continuous from the first line on."""
         return np.degrees(np.unwrap(np.angle(self.response)))
 
-    def _with(self, response: Any, unit: str) -> FRF:
-        return replace(self, response=response, unit=unit, coherence=None)
+    @property
+    def deviation(self) -> np.ndarray | None:
+        """Standard deviation of the complex response, √variance, if it is known."""
+        return None if self.variance is None else np.sqrt(self.variance)
+
+    def _with(self, response: Any, variance: Any) -> FRF:
+        return replace(self, response=response, coherence=None, variance=variance)
+
+    def _known(self, other: Any) -> tuple[np.ndarray | None, np.ndarray | None]:
+        """The variances of both; none at all if both have one."""
+        theirs = other.variance if isinstance(other, FRF) else None
+        return (self.variance, theirs) if self.variance is None or theirs is None else (None, None)
 
     def _other(self, other: Any) -> Any:
         if isinstance(other, FRF):
@@ -61,25 +99,33 @@ class FRF(Result):
         return other
 
     def __mul__(self, other: Any) -> FRF:
-        return self._with(self.response * self._other(other), self.unit)
+        factor = self._other(other)
+        mine, theirs = self._known(other)
+        variance = None if mine is None else np.abs(factor) ** 2 * mine
+        if theirs is not None:
+            variance = np.abs(self.response) ** 2 * theirs
+        return self._with(self.response * factor, variance)
 
     __rmul__ = __mul__
 
     def __add__(self, other: Any) -> FRF:
-        return self._with(self.response + self._other(other), self.unit)
+        mine, theirs = self._known(other)
+        return self._with(self.response + self._other(other), theirs if mine is None else mine)
 
     __radd__ = __add__
 
     def __neg__(self) -> FRF:
-        return self._with(-self.response, self.unit)
+        return self._with(-self.response, self.variance)
 
     def inverse(self) -> FRF:
         """From output to input."""
         parts = self.unit.split("/")
         unit = "/".join(reversed(parts)) if len(parts) == 2 else ""
+        variance = None if self.variance is None else self.variance / self.magnitude**4
         return replace(
-            self, response=1.0 / self.response, unit=unit, input=self.output, output=self.input, coherence=None
-        )
+            self, response=1.0 / self.response, unit=unit, input=self.output, output=self.input, coherence=None,
+            variance=variance,
+        )  # fmt: skip
 
     def table(self) -> Table:
         """Magnitude and phase at up to twelve frequencies."""
@@ -99,8 +145,10 @@ class FRF(Result):
         return plot.bode(self)
 
     def to_pandas(self) -> Any:
-        """A DataFrame with real and imaginary part over frequency in Hz."""
+        """A DataFrame with real and imaginary part, and coherence and variance if known, over frequency in Hz."""
         from feeddrive.artefacts.plot import frames
 
         columns = {"real": np.real(self.response), "imaginary": np.imag(self.response)}
+        measured = {"coherence": self.coherence, "variance": self.variance}
+        columns |= {name: values for name, values in measured.items() if values is not None}
         return frames.frame(self.frequency, columns, "frequency")

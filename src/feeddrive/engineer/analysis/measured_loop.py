@@ -102,16 +102,20 @@ def measured_loop(
 
     def answered(of_load: FRF, of_motor: FRF | None) -> FRF:
         """What the control answers to an input of the axis."""
-        return of_load * by_load + (of_load if of_motor is None else of_motor) * by_motor
+        return of_load * (by_load + by_motor) if of_motor is None else of_load * by_load + of_motor * by_motor
 
-    gain = -answered(load, motor).response * late
-    L = FRF(frequency, gain, "cut", "force", "N/N", sample_time, _coherence(load, motor))
+    gain = answered(load, motor) * -late
+    coherence = _coherence(load, motor)
+    L = FRF(frequency, gain.response, "cut", "force", "N/N", sample_time, coherence, gain.variance)
     if disturbance is None:
         return MeasuredLoop(L, None)
     free = disturbance[0]
     back = load * answered(*disturbance).response
     closed = free + back.response * late / (1.0 + L.response)
-    closed = replace(closed, input="load_force", output="position_load", unit="m/N", sample_time=sample_time)
+    # the measurements stand in it more than once, so that no variance of one of them is that of the whole
+    closed = replace(
+        closed, input="load_force", output="position_load", unit="m/N", sample_time=sample_time, variance=None
+    )
     return MeasuredLoop(L, closed)
 
 

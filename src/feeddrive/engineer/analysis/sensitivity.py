@@ -13,12 +13,11 @@ from feeddrive.loop.frequency_response import FRF
 def sensitivity(L: FRF) -> FRF:
     """S = 1/(1 + L): what is left of a disturbance that enters where the loop was opened.
 
+    The variance of a measured L goes along to first order, |S|⁴ var(L).
     Raises ParameterError if L is exactly -1 on a line: the closed loop then oscillates and has no response there.
     """
     _check(L)
-    return replace(
-        L, response=1.0 / (1.0 + L.response), input="disturbance", output="remainder", unit="", coherence=None
-    )
+    return replace((1.0 + L).inverse(), input="disturbance", output="remainder", unit="")
 
 
 def complementary_sensitivity(L: FRF) -> FRF:
@@ -27,9 +26,9 @@ def complementary_sensitivity(L: FRF) -> FRF:
     Raises ParameterError as `sensitivity`.  It is not the response to the setpoint, which has feedforward: `tracking`.
     """
     _check(L)
-    return replace(
-        L, response=L.response / (1.0 + L.response), input="disturbance", output="answer", unit="", coherence=None
-    )
+    # the response by one division: 1 - S would lose the digits where |L| is small; the variance is that of S
+    response = L.response / (1.0 + L.response)
+    return replace((1.0 + L).inverse(), response=response, input="disturbance", output="answer", unit="")
 
 
 def _check(L: FRF) -> None:

@@ -1,0 +1,74 @@
+"""The variance of a measured frequency response goes along where that is right, and wrong ones are named."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from feeddrive.engineer.analysis.sensitivity import complementary_sensitivity, sensitivity
+from feeddrive.language.errors import ParameterError
+from feeddrive.loop.frequency_response import FRF
+
+F = np.array([1.0, 2.0, 5.0])
+TRUTH = np.array([2.0 + 1.0j, 0.5 - 0.7j, -0.3 + 0.1j])
+SMALL = 1e-4  # relative deviation: second order is then 1e-4 of the first
+
+
+def measured(response: np.ndarray = TRUTH) -> FRF:
+    return FRF(F, response, "force", "position", "m/N", coherence=np.full(3, 0.9), variance=(SMALL * abs(TRUTH)) ** 2)
+
+
+EXACT = FRF(F, np.array([0.3 + 0.4j, 3.0 + 0.0j, 0.1j]))
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda G: G * 3.0,
+        lambda G: 2j * G,
+        lambda G: G * EXACT,
+        lambda G: EXACT * G,
+        lambda G: -G,
+        lambda G: 1.0 + G,
+        lambda G: EXACT + G,
+        lambda G: G.inverse(),
+        lambda G: (1.0 + EXACT * G).inverse(),
+        sensitivity,
+        complementary_sensitivity,
+    ],
+)
+def test_the_variance_is_that_of_many_measurements(change: Callable[[FRF], FRF]) -> None:
+    """Against 4000 draws: a variance from n complex draws deviates by 1/sqrt(n), 1.6 %; five of that."""
+    rng = np.random.default_rng(3)
+    draws = 4000
+    noise = (rng.standard_normal((draws, 3)) + 1j * rng.standard_normal((draws, 3))) * SMALL * abs(TRUTH) / np.sqrt(2)
+    seen = np.array([change(measured(TRUTH + each)).response for each in noise])
+    expected = np.mean(abs(seen - change(measured()).response) ** 2, axis=0)
+    assert change(measured()).variance == pytest.approx(expected, rel=0.08)
+
+
+def test_two_measured_responses_leave_no_variance() -> None:
+    """Their errors may hang together: 2 G has four times the variance of G, not twice."""
+    G = measured()
+    assert (G + G).variance is None
+    assert (G * G).variance is None
+    assert (G + EXACT).variance is not None
+
+
+def test_coherence_and_variance_are_checked() -> None:
+    with pytest.raises(ParameterError, match=r"coherence is 1.2 at 2 Hz, it must be between 0 and 1"):
+        FRF(F, TRUTH, coherence=np.array([1.0, 1.2, 0.5]))
+    with pytest.raises(ParameterError, match=r"variance is -1 at 5 Hz"):
+        FRF(F, TRUTH, variance=np.array([1.0, 0.0, -1.0]))
+    with pytest.raises(ParameterError, match="variance is nan at 1 Hz"):
+        FRF(F, TRUTH, variance=np.array([np.nan, 0.0, 1.0]))
+    with pytest.raises(ParameterError, match="one coherence for each frequency"):
+        FRF(F, TRUTH, coherence=np.ones(2))
+
+
+def test_columns_of_a_table_hold_what_is_known() -> None:
+    pytest.importorskip("pandas")
+    assert list(measured().to_pandas().columns) == ["real", "imaginary", "coherence", "variance"]
+    assert list(EXACT.to_pandas().columns) == ["real", "imaginary"]
