@@ -127,7 +127,7 @@ def shown(value: float | None, factor: float = 1.0, digits: int = 3) -> str:
     """A figure for a terminal."""
     if value is None:
         return "-"
-    return "never" if np.isinf(value) else f"{factor * value:.{digits}g}"
+    return "inf" if np.isinf(value) else f"{factor * value:.{digits}g}"
 
 
 def arena(

@@ -82,7 +82,7 @@ def _ranked(found: Arena, criteria: tuple[Criterion, ...]) -> Extra:
 
 def _figure(value: float, criterion: Criterion) -> str:
     if np.isinf(value):
-        return "never"
+        return "never" if criterion.unit == "ms" else "∞"
     return f"{value:.0f}" if criterion.key == "operations" else number(criterion.factor * value)
 
 
@@ -102,8 +102,8 @@ def _tuning(found: Arena) -> Extra:
             rows.append([*cells, each.held_by, str(each.tuned.evaluations), proof])
     heads = ["law", "Ms", "delay margin samples", "crossover Hz", "held back by", "loops judged", "proof"]
     title = (
-        f"Robustness: {found.rule}. Proof: poles, margins on dense lines, the rope-snap error by frequency and by a run "
-        "of the loop, and the neighbors of the optimum, all computed anew."
+        f"Robustness: {found.rule}. Proof: poles, margins on dense lines, the rope-snap error by frequency and by a "
+        "run of the loop, and the neighbors of the optimum, all computed anew."
     )
     return Extra(Table(title, heads, rows))
 

@@ -41,8 +41,10 @@ class Machine:
         """The loop of an axis; the only one if none is named. Raises ParameterError for one that is not there."""
         if axis is None and len(self.loops) == 1:
             return next(iter(self.loops.values()))
-        if axis is None or axis not in self.loops:
-            raise ParameterError(f"{self.file.name}: axis '{axis or ''}' is not there{nearest(axis or '', self.loops)}")
+        if axis is None:
+            raise ParameterError(f"{self.file.name}: there are the axes {', '.join(self.loops)}: name one of them")
+        if axis not in self.loops:
+            raise ParameterError(f"{self.file.name}: axis '{axis}' is not there{nearest(axis, self.loops)}")
         return self.loops[axis]
 
 

@@ -14,7 +14,7 @@ from feeddrive.loop.loop import Loop
 _LOWEST = 1e-5  # of Nyquist: where the lines of a loop gain begin
 _LINES = 40  # a decade
 _APART = 2e-4  # of a frequency: lines keep this distance
-_BESIDE = np.linspace(-3.0, 3.0, 13)  # half widths of a resonance at which lines are added
+_BESIDE = np.linspace(-4.0, 4.0, 33)  # half widths of a resonance at which lines are added
 
 
 @dataclass(frozen=True, eq=False)

@@ -23,8 +23,10 @@ _RANGE = math.log(1e4)  # how far a knob may move from where the search begins
 _ROOM = 3e-4  # of a bound: by so much the search stays inside, for what its lines miss
 _DENSE = 600  # lines a decade with which its end is judged
 _BOX = 0.5  # of a logarithm: how far a descent goes before it looks around anew
-_BOXES = 8  # of them at most in one descent
-_PATIENCE = 24  # loops judged without the least progress, and six more for each knob, before a descent ends
+_LEAST_BOX, _BOXES = 0.1, 12  # the box shrinks to this where there is no progress; how many at most in one descent
+_BUDGET = 180  # loops judged in one descent, after which no new box is begun
+_PROGRESS = 1e-3  # of the rope-snap error: less is none
+_PATIENCE = 24  # loops judged without progress, and six more for each knob, before the box is left
 _STEP = 1e-3  # of a logarithm, for slopes by differences
 _ENOUGH, _FINE = 1e-5, 1e-7  # of the cost's logarithm: less is no progress, at first and at last
 
@@ -160,7 +162,7 @@ class _Search:
             tried += rungs
         stable = [found for found in map(self.judge, tried) if found.stable]
         nearest = min((found.sensitivity_peak for found in stable), default=math.inf)
-        least = f"; the least Ms on the way was {nearest:.3g}" if stable else "; none on the way was stable"
+        least = f"; the least Ms on the way was {nearest:.4g}" if stable else "; none on the way was stable"
         raise UnstableError(
             f"no setting of {', '.join(name.rpartition('.')[2] for name in self.judge.names)} was found that is stable "
             f"with Ms <= {self.peak:g} and a delay margin >= {self.delay:g} samples{least}: check masses, filters and "
@@ -176,7 +178,7 @@ class _Search:
             found, least = self.judge(x), self.judge(best[0])
             better = self.keeps(found) and (found.rope_snap < least.rope_snap or not self.keeps(least))
             if better and self.judge.fits(x):
-                if not found.rope_snap > (1.0 - 1e-4) * least.rope_snap:
+                if not found.rope_snap > (1.0 - 0.1 * _PROGRESS) * least.rope_snap:
                     seen[0] = self.judge.count
                 best[0] = np.array(x)
             if self.judge.count - seen[0] > patience:
@@ -187,15 +189,19 @@ class _Search:
         def slack(x: np.ndarray) -> np.ndarray:
             return self.slack(self.judge(x)) - self.room
 
-        with contextlib.suppress(StopIteration):
-            for _ in range(_BOXES):
-                # without a box the first step follows the slope alone, far beyond the edge of stability
-                low, high = np.maximum(point - _BOX, middle - _RANGE), np.minimum(point + _BOX, middle + _RANGE)
+        size, begun = _BOX, self.judge.count
+        for _ in range(_BOXES):
+            before, seen[0] = self.judge(best[0]).rope_snap, self.judge.count
+            # without a box the first step follows the slope alone, far beyond the edge of stability
+            low, high = np.maximum(point - size, middle - _RANGE), np.minimum(point + size, middle + _RANGE)
+            with contextlib.suppress(StopIteration):
                 minimize(
                     cost, np.clip(point, low, high), method="SLSQP", bounds=np.stack([low, high], axis=1),
                     constraints={"type": "ineq", "fun": slack}, options={"maxiter": 25, "ftol": enough, "eps": _STEP},
                 )  # fmt: skip
-                if np.max(np.abs(best[0] - point)) < 0.5 * _BOX:
-                    break
-                point = best[0]
-        return best[0]
+            point = best[0]
+            if self.judge(point).rope_snap > (1.0 - _PROGRESS) * before:
+                size *= 0.3
+            if size < _LEAST_BOX or self.judge.count - begun > _BUDGET:
+                break
+        return point
