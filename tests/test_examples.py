@@ -130,3 +130,14 @@ def test_the_axis_moves_with_the_tool(capsys: pytest.CaptureFixture[str]) -> Non
     assert plain < none / 5.0
     assert lead < none / 30.0
     assert off > 0.5 * none
+
+
+def test_friction_is_learned_from_moves_that_do_not_repeat(capsys: pytest.CaptureFixture[str]) -> None:
+    text = said("learn_by_trials.py", capsys)
+    found = re.findall(r"same move +([0-9.]+) -> +([0-9.]+) um, changing moves -> +([0-9.]+) um", text)
+    (first, plain, plain_turns), (_, coulomb, coulomb_turns) = (tuple(map(float, row)) for row in found)
+    assert plain < 0.4 * first
+    assert coulomb < 0.5 * plain
+    assert coulomb_turns < 0.7 * plain_turns
+    before, after = map(float, re.findall(r"a learned signal.* ([0-9.]+) -> ([0-9.]+) um", text)[0])
+    assert after > before

@@ -46,6 +46,7 @@ _PLACES: dict[str, str] = {
     "Trials": "engineer.tuning.trials",
     "begin_compensation": "engineer.tuning.compensated",
     "compare": "artefacts.study.comparison",
+    "compensated": "engineer.tuning.compensated",
     "compliance": "loop.linearize",
     "convergence": "engineer.tuning.convergence",
     "delay_map": "engineer.tuning.delay_map",
@@ -188,6 +189,7 @@ if TYPE_CHECKING:
     from feeddrive.engineer.replay import Replay as Replay
     from feeddrive.engineer.replay import replay as replay
     from feeddrive.engineer.tuning.compensated import begin_compensation as begin_compensation
+    from feeddrive.engineer.tuning.compensated import compensated as compensated
     from feeddrive.engineer.tuning.convergence import Convergence as Convergence
     from feeddrive.engineer.tuning.convergence import convergence as convergence
     from feeddrive.engineer.tuning.delay_map import DelayMap as DelayMap
