@@ -107,6 +107,11 @@ class TestErrorModel:
         with pytest.raises(UnstableError):
             error_model(linear_loop({**START, "mass": 0.95 * near}), "model_based")
 
+    def test_gains_that_the_axis_cannot_have_are_named(self) -> None:
+        law = CascadePPI(Kv=40.0, Kp=2e6, Tn=0.015)
+        with pytest.raises(UnstableError, match=r"with the axis is not stable: .* these gains are not those"):
+            error_model(linear_loop(START, law=law), "axis_model")
+
     def test_a_mass_of_zero_is_refused_in_the_same_way_and_least_mass_helps(self) -> None:
         loop = linear_loop({**START, "mass": 0.0})
         with pytest.raises(UnstableError, match="nearest admissible mass"):

@@ -108,6 +108,8 @@ def test_rows_that_do_not_match_and_logs_that_are_too_short() -> None:
         measured_trial(loop, np.zeros(50), np.zeros(49), sample_time=T)
     with pytest.raises(LogError, match="has 5 rows, 7 too few"):
         measured_trial(loop, np.zeros(5), np.zeros(5), sample_time=T)
+    with pytest.raises(LogError, match="position is not finite in row 3"):
+        measured_trial(loop, np.zeros(50), np.where(np.arange(50) == 3, np.nan, 0.0), sample_time=T)
     with pytest.raises(ParameterError, match="smoothing"):
         measured_trial(loop, np.zeros(50), np.zeros(50), sample_time=T, smoothing=40)
 

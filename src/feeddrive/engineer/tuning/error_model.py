@@ -97,13 +97,14 @@ def _required(loop: Loop, plant: Plant | None) -> StateSpace:
     size = _growth(model)
     if size < _EDGE:
         return model
-    mass = float((plant or loop.axis.plant).rigid_mass())
-    near = _nearest(loop, plant, mass)
-    found = f"{near:.4g} kg" if near is not None else f"none within {_DECADES:g} decades"
+    said = f"is not stable: |z| = {size:.6f} must be < 1, it is {size - 1.0:.2g} too large"
+    near = None if not isinstance(plant, Rigid) else _nearest(loop, plant)
+    if near is None or not isinstance(plant, Rigid):
+        what = "the axis" if plant is None else f"the plant '{plant.kind}'"
+        raise UnstableError(f"the model loop with {what} {said}: these gains are not those of a loop with this axis")
     raise UnstableError(
-        f"the model loop with a mass of {mass:.4g} kg is not stable: |z| = {size:.6f} must be < 1, it is "
-        f"{size - 1.0:.2g} too large; the nearest admissible mass is {found}: start from another mass, give the plant, "
-        f"or take form = 'model_free', which needs no mass"
+        f"the model loop with a mass of {plant.mass:.4g} kg {said}; the nearest admissible mass is {near:.4g} kg: "
+        f"start from another mass, give the plant, or take form = 'model_free', which needs no mass"
     )
 
 
@@ -124,10 +125,9 @@ def _growth(model: StateSpace) -> float:
     return float(np.max(np.abs(model.poles()), initial=0.0))
 
 
-def _nearest(loop: Loop, plant: Plant | None, mass: float) -> float | None:
-    """The mass nearest to that of a rigid plant, by ratio, with which the model loop is stable, to four digits."""
-    if not isinstance(plant, Rigid):
-        return None
+def _nearest(loop: Loop, plant: Rigid) -> float | None:
+    """The mass nearest to that of the plant, by ratio, with which the model loop is stable, to four digits."""
+    mass = plant.mass
 
     def stable(log: float) -> bool:
         return _growth(_closed(loop, tree.vary(plant, {"mass": mass * 10.0**log}))) < _EDGE

@@ -130,6 +130,11 @@ def measured_trial(
     x, y = np.asarray(set_position, dtype=np.float64), np.asarray(position, dtype=np.float64)
     if x.shape != y.shape or x.ndim != 1:
         raise LogError(f"{name}: set position has {x.size} rows, position {y.size}: they must be equal")
+    for what, row in (("set position", x), ("position", y)):
+        if not np.all(np.isfinite(row)):
+            raise LogError(
+                f"{name}: the {what} is not finite in row {int(np.argmin(np.isfinite(row)))}: cut the log there"
+            )
     if x.size < 4 * _ENDS:
         raise LogError(f"{name}: has {x.size} rows, {4 * _ENDS - x.size} too few; a trial needs at least {4 * _ENDS}")
     width, remarks = _width(x, T) if smoothing is None else (_checked(smoothing, x.size), ())
