@@ -154,5 +154,9 @@ def _most(squarings: Any) -> int:
 
 
 def growth(a: Sequence[Sequence[float]]) -> float:
-    """Largest |eigenvalue| of a matrix of floats, the rate at which its powers grow: for checks, not for steps."""
-    return float(np.max(np.abs(np.linalg.eigvals(np.array(a, dtype=np.float64)))))
+    """Largest |eigenvalue| of a matrix of floats, the rate at which its powers grow: for checks, not for steps.
+
+    Infinite for a matrix with numbers that are not finite.
+    """
+    made = np.array(a, dtype=np.float64)
+    return float(np.max(np.abs(np.linalg.eigvals(made)))) if np.all(np.isfinite(made)) else float("inf")

@@ -56,15 +56,18 @@ class Trials(Result):
         return {name: np.array([np.nan, *(i.errors.get(name, np.nan) for i in self.iterations)]) for name in names}
 
     def table(self) -> Table:
-        """Error, prediction and parameters of each trial."""
-        values = self.parameters()
-        rows = []
-        for j, trial in enumerate(self.trials):
-            predicted = f"{1e6 * self.iterations[j - 1].predicted_rms:.4g}" if j else "-"
-            figures = (f"{values[name][j]:.5g}" for name in values)
-            rows.append([f"{j + 1}", f"{1e6 * trial.rms:.4g}", predicted, f"{1e6 * trial.peak:.4g}", *figures])
-        units = (f"{name} {tree.declaration(self.iterations[0].before, name).unit}" for name in values)
-        heads = ["trial", "RMS um", "predicted um", "peak um", *units]
+        """Error, prediction and parameters, a column for each trial."""
+        declared = self.iterations[0].before
+        predicted = ["-", *(f"{1e6 * each.predicted_rms:.4g}" for each in self.iterations[: len(self.trials) - 1])]
+        rows = [
+            ["RMS um", *(f"{1e6 * trial.rms:.4g}" for trial in self.trials)],
+            ["predicted um", *predicted],
+            ["peak um", *(f"{1e6 * trial.peak:.4g}" for trial in self.trials)],
+        ]
+        for name, values in self.parameters().items():
+            unit = tree.declaration(declared, name).unit
+            rows.append([f"{name} {unit}", *(f"{value:.5g}" for value in values[: len(self.trials)])])
+        heads = ["trial", *(str(j + 1) for j in range(len(self.trials)))]
         form = self.iterations[0].form
         return Table(f"{len(self.trials)} trials, {form}; predicted: as if the reference stayed", heads, rows)
 
