@@ -67,6 +67,8 @@ _PLACES: dict[str, str] = {
     "measured_trial": "engineer.tuning.trial",
     "observe": "engineer.observe",
     "placement": "engineer.tuning.placement",
+    "read_frf": "artefacts.files.frf",
+    "read_frfs": "artefacts.files.frf",
     "read_job": "artefacts.files.job",
     "read_log": "artefacts.files.log",
     "read_machine": "artefacts.files.machine",
@@ -83,6 +85,7 @@ _PLACES: dict[str, str] = {
     "tracking": "loop.linearize",
     "tune_prefilter": "engineer.tuning.trajectory_prefilter",
     "vary": "language.tree",
+    "write_frf": "artefacts.files.frf",
     "write_log": "artefacts.files.measured",
     "write_results": "artefacts.study.results",
 }
@@ -90,6 +93,9 @@ _PLACES: dict[str, str] = {
 # What type checkers see; a block that is not listed is there all the same, as Any.
 if TYPE_CHECKING:
     from feeddrive.artefacts.files.blocks_to_toml import to_toml as to_toml
+    from feeddrive.artefacts.files.frf import read_frf as read_frf
+    from feeddrive.artefacts.files.frf import read_frfs as read_frfs
+    from feeddrive.artefacts.files.frf import write_frf as write_frf
     from feeddrive.artefacts.files.job import Job as Job
     from feeddrive.artefacts.files.job import read_job as read_job
     from feeddrive.artefacts.files.log import read_log as read_log

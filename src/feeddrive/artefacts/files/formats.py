@@ -4,23 +4,34 @@ from __future__ import annotations
 
 import re
 import zlib
+from collections.abc import Callable
 
-from feeddrive.artefacts.files.columns import MOST_BYTES, Columns
+from feeddrive.artefacts.files.columns import MOST_BYTES, Columns, Reader
 from feeddrive.artefacts.files.readers.csv_log import read_csv
+from feeddrive.artefacts.files.readers.epos import is_epos, read_epos
+from feeddrive.artefacts.files.readers.linuxcnc import is_halsampler, is_halscope, read_halsampler, read_halscope
 from feeddrive.artefacts.files.readers.mat import read_mat
 from feeddrive.artefacts.files.readers.mat73 import read_mat73
+from feeddrive.artefacts.files.readers.npy import START as _NPY
+from feeddrive.artefacts.files.readers.npy import read_npy
 from feeddrive.artefacts.files.readers.parquet import read_parquet
 from feeddrive.language.errors import LogError
 
 _HDF5 = b"\x89HDF\r\n\x1a\n"
-_READABLE = "MATLAB (.mat), CSV, Parquet, also packed by gzip"
+_READABLE = "MATLAB (.mat), CSV, Parquet, numpy (.npy), also packed by gzip"
+
+# texts with a head of their maker's
+_TEXTS: tuple[tuple[Callable[[bytes], bool], Reader], ...] = (
+    (is_epos, read_epos),
+    (is_halscope, read_halscope),
+    (is_halsampler, read_halsampler),
+)
 
 # how files of other kinds begin, what they are, and how their content gets here
 _OTHERS = (
     (b"MDF     ", "an MDF4 measurement file", "export it as CSV or MATLAB"),
     (b"UnFinMF ", "an unfinished MDF4 measurement file", "export it as CSV or MATLAB"),
     (b"TDSm", "a TDMS file", "export it as CSV or MATLAB"),
-    (b"\x93NUMPY", "a numpy file", "save it as CSV or Parquet, with names"),
     (b"\x80\x04\x95", "a Python pickle, which could execute code", "save it as CSV or Parquet"),
     (b"\xd0\xcf\x11\xe0", "an old Office file (.xls)", "export the sheet as CSV"),
     (b"PK\x03\x04", "a ZIP archive or an Office file (.xlsx)", "unpack it, or export the sheet as CSV"),
@@ -43,22 +54,34 @@ _OTHERS = (
 
 def read_columns(name: str, content: bytes, wanted: frozenset[str] | None) -> Columns:
     """The columns of a log of any known format. Raises LogError for a damaged file and for a file of another kind."""
-    if content[:2] == b"\x1f\x8b":
-        content = _unpacked(name, content)
-    if not content:
-        raise LogError(f"{name}: is empty")
+    content = unpacked(name, content)
     if content.startswith(b"MATLAB 5.0 MAT-file"):
         return read_mat(name, content, wanted)
     if content.startswith(_HDF5) or content[512:].startswith(_HDF5):
         return read_mat73(name, content, wanted)
     if content.startswith(b"PAR1"):
         return read_parquet(name, content, wanted)
+    if content.startswith(_NPY):
+        return read_npy(name, content, wanted)
+    refuse_others(name, content, _READABLE)
+    return _text_reader(content)(name, content, wanted)
+
+
+def _text_reader(content: bytes) -> Reader:
+    """The reader of a text: that of the maker whose head it has, else the one of any CSV."""
+    for fits, reader in _TEXTS:
+        if fits(content):
+            return reader
+    return read_csv
+
+
+def refuse_others(name: str, content: bytes, readable: str) -> None:
+    """Raise LogError for a file of a kind that is not text, and says which."""
     for start, what, advice in _OTHERS:
         if content.startswith(start):
-            raise LogError(f"{name}: is {what}, not a log that can be read ({_READABLE}); {advice}")
+            raise LogError(f"{name}: is {what}, not a log that can be read ({readable}); {advice}")
     if not content.startswith((b"\xff\xfe", b"\xfe\xff")) and re.search(rb"[\0-\x08\x0e-\x1f]", content[:65536]):
-        raise LogError(f"{name}: is a binary file of an unknown kind; readable are {_READABLE}{_expected(name)}")
-    return read_csv(name, content, wanted)
+        raise LogError(f"{name}: is a binary file of an unknown kind; readable are {readable}{_expected(name)}")
 
 
 def _expected(name: str) -> str:
@@ -66,8 +89,16 @@ def _expected(name: str) -> str:
     return f"; by its name it should be .{ending}: was it copied whole?" if ending in ("mat", "parquet", "csv") else ""
 
 
+def unpacked(name: str, content: bytes) -> bytes:
+    """The content, or what gzip packed there. Raises LogError for nothing, for damage and for more than is read."""
+    if content[:2] == b"\x1f\x8b":
+        content = _unpacked(name, content)
+    if not content:
+        raise LogError(f"{name}: is empty")
+    return content
+
+
 def _unpacked(name: str, content: bytes) -> bytes:
-    """What gzip packed, as far as it is not longer than what is read at all."""
     parts: list[bytes] = []
     size = 0
     try:

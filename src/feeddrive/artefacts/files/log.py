@@ -13,10 +13,13 @@ from feeddrive.artefacts.files.columns import MOST_BYTES, Columns, is_time
 from feeddrive.artefacts.files.formats import read_columns
 from feeddrive.artefacts.files.measured import Log, write_log
 from feeddrive.artefacts.files.messages import nearest, plain
-from feeddrive.artefacts.files.roles import ROLES, Column, Named
+from feeddrive.artefacts.files.roles import OWN_UNIT, ROLES, Column, Named
 from feeddrive.artefacts.files.whole import read_whole
 from feeddrive.language import units
 from feeddrive.language.errors import LogError, ParameterError
+
+# names of a constant that is the sampling rate in Hz
+_RATES = ("fs", "sampling_rate", "sample_rate", "samplerate", "fsample", "f_s")
 
 __all__ = ["ROLES", "Column", "Log", "Named", "read_log", "write_log"]
 
@@ -29,7 +32,8 @@ def read_log(
     sample_time: float | None = None,
     name: str | None = None,
 ) -> Log:
-    """Read a measured log: MATLAB (5 to 7.3), CSV of any kind, Parquet; also packed by gzip.
+    """Read a measured log: MATLAB (5 to 7.3), CSV of any kind, Parquet, numpy, EPOS Studio, halscope and halsampler;
+    also packed by gzip.
 
     mapping      role -> column, for the roles in `ROLES`; without it every column of numbers is a channel in its own
                  unit; a column that is named like time need not be mapped
@@ -71,7 +75,15 @@ def _read_log(
     channels = {role: numbers for role, (numbers, _) in values.items()}
     stored = columns.metadata.get("sample_time")
     step = stored if sample_time is None and isinstance(stored, float) else sample_time
-    time = _stamps(where, columns, channels, step) if recorded is None else recorded[0]
+    counter = str(columns.metadata.get("counter", ""))
+    told = ""
+    if recorded is not None:
+        time, told = _scaled_by_rate(columns, chosen["time"], recorded[0])
+    elif counter in columns.values and step is not None:  # exact stamps: a jump of the counter is a gap
+        time, step = step * (columns.values[counter] - columns.values[counter][0]), None
+        channels.pop(counter, None)
+    else:
+        time = _stamps(where, columns, channels, step)
     left_out = dict(columns.left_out)
     for role, numbers in list(channels.items()):
         if numbers.size != time.size:
@@ -96,6 +108,7 @@ def _read_log(
             "file": where,
             "sha256": hashlib.sha256(content).hexdigest(),
             "format": columns.format,
+            **({"time": told} if told else {}),
             **({"origin": origin} if origin else {}),
         },
     )
@@ -155,14 +168,14 @@ def _values(
     factor = 1.0 if as_it_is else _factor(path, role, column, unit)
     held = numbers if factor == 1.0 else numbers * factor
     held.flags.writeable = False
-    if as_it_is or (role == "command" and not column.unit):
+    if as_it_is or (role in OWN_UNIT and not column.unit):
         return held, unit
-    return held, column.unit if role == "command" else ROLES[role]
+    return held, column.unit if role in OWN_UNIT else ROLES[role]
 
 
 def _factor(path: str, role: str, column: Column, unit: str) -> float:
     """From the column's unit to that of its role: as given, else as the file says, else by the end of its name."""
-    if column.factor is not None or role == "command":
+    if column.factor is not None or role in OWN_UNIT:
         return 1.0 if column.factor is None else column.factor
     if column.unit:
         return units.factor(column.unit, ROLES[role])
@@ -180,6 +193,22 @@ def _factor(path: str, role: str, column: Column, unit: str) -> float:
         except ParameterError:
             continue
     return 1.0
+
+
+def _scaled_by_rate(columns: Columns, column: Column, time: np.ndarray) -> tuple[np.ndarray, str]:
+    """Stamps without a unit in s, if a sampling rate that stands beside them says in what they are; and how it did."""
+    if column.unit or column.factor is not None or columns.units.get(column.name) or "_" in column.name:
+        return time, ""
+    rates = {name: value for name, value in columns.constants.items() if name.lower() in _RATES and value > 0.0}
+    if not rates or time.size < 2:
+        return time, ""
+    name, rate = next(iter(rates.items()))
+    usual = float(np.median(np.diff(time)))
+    for unit in ("ms", "us", "ns"):
+        size = units.factor(unit, "s")
+        if abs(usual * size * rate - 1.0) < 1e-3:
+            return time * size, f"in {unit}, by {name} = {rate:g} Hz in the file"
+    return time, ""
 
 
 def _stamps(path: str, columns: Columns, channels: Mapping[str, np.ndarray], sample_time: float | None) -> np.ndarray:

@@ -116,6 +116,8 @@ def _heads(above: list[str], separator: str, decimal: str, count: int) -> list[l
     found: list[list[str]] = []
     for line in [line for line in above if line.strip()][:-3:-1]:
         cells = _cells(line, separator)
+        if len(cells) != count and _COMMENT.match(line):  # a remark may follow the names, with commas of its own
+            cells = _cells(line.split(" (")[0], separator)
         if len(cells) != count or not any(cells) or any(_NUMBER[decimal].fullmatch(cell) for cell in cells):
             break
         found.insert(0, cells)
