@@ -124,13 +124,18 @@ def by_lane(names: Sequence[str], values: Mapping[str, Any], lanes: int, chosen:
 
 
 class Work:
-    """What a loop is given to do, sampled: setpoints, load force, enable. Any stretch of it can be asked for."""
+    """What a loop is given to do, sampled: setpoints, load force, enable, added force. Any stretch can be asked for."""
 
     def __init__(
-        self, loop: Loop, reference: Reference, load: Load | None = None, enable: np.ndarray | None = None
+        self,
+        loop: Loop,
+        reference: Reference,
+        load: Load | None = None,
+        enable: np.ndarray | None = None,
+        added_force: Load | None = None,
     ) -> None:
         self.T = float(loop.sample_time)
-        self.reference, self.load, self.enable = reference, load, enable
+        self.reference, self.load, self.enable, self.added_force = reference, load, enable, added_force
         self._first, self._count = 0, 0
         self._rows: list[Any] = []
 
@@ -146,18 +151,19 @@ class Work:
         return np.asarray(self.reference.at(chosen * self.T).position)
 
     def sampled(self, first: int, count: int) -> list[Any]:
-        """Setpoint and load force (0 N without a load) of some samples as rows; the last stretch is kept."""
+        """Setpoint, load force and added force (0 N without one) of some samples as rows; the last stretch is kept."""
         start = first - self._first
         if start < 0 or start + count > self._count:
             t = (first + np.arange(count)) * self.T
-            rows = [*self.reference.at(t), 0.0 if self.load is None else self.load.at(t)]
+            forces = [0.0 if force is None else force.at(t) for force in (self.load, self.added_force)]
+            rows = [*self.reference.at(t), *forces]
             self._rows = [np.broadcast_to(row, count) for row in rows]
             self._first, self._count, start = first, count, 0
         return [row[start : start + count] for row in self._rows]
 
     def inputs(self, made: Native, first: int, count: int) -> np.ndarray:
         """Samples first .. first + count - 1 in the order of the machine code, shape (count, n)."""
-        rows = dict(zip((*SETPOINT, "load_force"), self.sampled(first, count), strict=True))
+        rows = dict(zip((*SETPOINT, "load_force", "added_force"), self.sampled(first, count), strict=True))
         out = np.empty((count, len(made.plan.inputs)))
         for column, (name, _) in enumerate(made.plan.inputs):
             out[:, column] = self._enabled(first, count) if name == "enable" else rows.get(name, 0.0)

@@ -86,6 +86,7 @@ def simulate(
     reference: Reference,
     *,
     load: Load | None = None,
+    added_force: Load | None = None,
     enable: np.ndarray | None = None,
     duration: float | None = None,
     start: tuple[float, float] | None = None,
@@ -98,6 +99,8 @@ def simulate(
     """One run of a loop along a reference.
 
     load        force on the table, N
+    added_force force on top of what the control commands, behind its limit, N: the excitation of a measurement.  The
+                signal `force` is without it
     enable      1 or 0 for each sample, shape (n,), for a loop with a guard; the last value holds on
     duration    s; default: that of the reference
     start       position (m) and velocity (m/s) of the axis at t = 0; default: those of the setpoint
@@ -110,8 +113,8 @@ def simulate(
     signal or an arithmetic that is not known.
     """
     whole = stream(
-        loop, reference, load=load, enable=enable, duration=duration, start=start, seed=seed, record=record,
-        arithmetic=arithmetic, bound=bound, chunk=None, name=name,
+        loop, reference, load=load, added_force=added_force, enable=enable, duration=duration, start=start, seed=seed,
+        record=record, arithmetic=arithmetic, bound=bound, chunk=None, name=name,
     )  # fmt: skip
     return next(whole)
 
@@ -250,6 +253,7 @@ def stream(
     reference: Reference,
     *,
     load: Load | None = None,
+    added_force: Load | None = None,
     enable: np.ndarray | None = None,
     duration: float | None = None,
     start: tuple[float, float] | None = None,
@@ -266,7 +270,7 @@ def stream(
     it.
     """
     record = known(record, arithmetic)
-    work = Work(loop, reference, load, enable)
+    work = Work(loop, reference, load, enable, added_force)
     count = sample_count(loop, reference, duration)
     if chunk is None:
         chunk = count
@@ -275,7 +279,8 @@ def stream(
     prepared = Prepared(loop, work.first(), start, seed, limit)
     if prepared.lanes() > 1:
         raise ParameterError("the loop holds arrays of variants: run it with simulate_batch")
-    program = prepared.program(load=load is not None, enable=enable is not None)
+    probes = () if added_force is None else ("added_force",)
+    program = prepared.program(load=load is not None, enable=enable is not None, probes=probes)
     made = prepared.native(program, record=record, bounded="tracking_error", arithmetic=arithmetic)
     states = prepared.states(made)
     for first in range(0, count, chunk):
