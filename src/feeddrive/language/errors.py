@@ -23,6 +23,10 @@ class LogError(FeeddriveError):
     """A measured log that cannot be used: empty, truncated, with gaps, or on a non-uniform clock."""
 
 
+class NotIdentifiableError(LogError):
+    """A log that is sound but does not hold what was asked for; the message says what to measure next."""
+
+
 class DivergedError(FeeddriveError):
     """A simulated loop left its bounds; the message names the sample at which it did."""
 
