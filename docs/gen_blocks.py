@@ -33,7 +33,7 @@ def on_config(config: Any) -> Any:
     """One entry of the navigation for each family of blocks."""
     families = [{"The loop": [f"blocks/{getattr(feeddrive, name).kind}.md" for name in LOOP]}]
     families += [{title(family): [place(block) for block in members]} for family, members in families_of_blocks()]
-    config.nav.insert(4, {"Blocks": families})
+    config.nav.insert(5, {"Blocks": families})
     return config
 
 
