@@ -23,6 +23,7 @@ _PLACES: dict[str, str] = {
     "FrictionMap": "engineer.analysis.friction_map",
     "Gradient": "loop.gradient",
     "Guard": "loop.guard",
+    "Guess": "artefacts.files.guess",
     "Iteration": "engineer.tuning.iterative_feedforward",
     "Job": "artefacts.files.job",
     "Log": "artefacts.files.measured",
@@ -56,6 +57,7 @@ _PLACES: dict[str, str] = {
     "friction_map": "engineer.analysis.friction_map",
     "get": "language.tree",
     "gradient": "loop.gradient",
+    "guess_roles": "artefacts.files.guess",
     "iterate": "engineer.tuning.iterative_feedforward",
     "iterate_trials": "engineer.tuning.trials",
     "learn_signal": "engineer.tuning.signal_ilc",
@@ -72,6 +74,7 @@ _PLACES: dict[str, str] = {
     "read_job": "artefacts.files.job",
     "read_log": "artefacts.files.log",
     "read_machine": "artefacts.files.machine",
+    "read_request": "artefacts.files.job",
     "replay": "engineer.replay",
     "sensitivity": "engineer.analysis.sensitivity",
     "simulate": "loop.simulate",
@@ -88,6 +91,7 @@ _PLACES: dict[str, str] = {
     "write_frf": "artefacts.files.frf",
     "write_log": "artefacts.files.measured",
     "write_results": "artefacts.study.results",
+    "write_roles": "artefacts.files.guess",
 }
 
 # What type checkers see; a block that is not listed is there all the same, as Any.
@@ -96,8 +100,12 @@ if TYPE_CHECKING:
     from feeddrive.artefacts.files.frf import read_frf as read_frf
     from feeddrive.artefacts.files.frf import read_frfs as read_frfs
     from feeddrive.artefacts.files.frf import write_frf as write_frf
+    from feeddrive.artefacts.files.guess import Guess as Guess
+    from feeddrive.artefacts.files.guess import guess_roles as guess_roles
+    from feeddrive.artefacts.files.guess import write_roles as write_roles
     from feeddrive.artefacts.files.job import Job as Job
     from feeddrive.artefacts.files.job import read_job as read_job
+    from feeddrive.artefacts.files.job import read_request as read_request
     from feeddrive.artefacts.files.log import read_log as read_log
     from feeddrive.artefacts.files.machine import Machine as Machine
     from feeddrive.artefacts.files.machine import read_machine as read_machine

@@ -25,7 +25,9 @@ from pathlib import Path
 from typing import Any
 
 from feeddrive.artefacts.files.blocks_from_toml import read_block
+from feeddrive.artefacts.files.log import read_log
 from feeddrive.artefacts.files.machine import Machine, found, read_machine
+from feeddrive.artefacts.files.measured import Log
 from feeddrive.artefacts.files.roles import ROLES, Column
 from feeddrive.artefacts.files.toml_lines import Section, TomlFile, read_toml
 from feeddrive.blocks.families import Load, Reference
@@ -46,6 +48,10 @@ class LogRequest:
     optional: Mapping[str, Column]
     skip_samples: int
     sample_time: float | None = None
+
+    def read(self) -> Log:
+        """The log, with those optional channels that it really has. Raises FileError or LogError as `read_log`."""
+        return read_log(self.path, self.channels, optional=self.optional, sample_time=self.sample_time)
 
 
 @dataclass(frozen=True)
@@ -164,6 +170,18 @@ def _flat(values: Mapping[str, Any], prefix: str = "") -> Any:
             yield from _flat(value, f"{name}.")
         else:
             yield name, value
+
+
+def read_request(path: str | Path, log: str | Path | None = None) -> LogRequest:
+    """The section [log] of a TOML file, that of a job or one that `Guess.toml` wrote: which column of a log is what.
+
+    `log` takes the place of the log's file.  Raises FileError or ParameterError with file, line, key and what to do.
+    """
+    root = read_toml(path).root()
+    request = _log(root, Path(path), log)
+    if request is None:
+        raise root.error("section [log] is missing; print(guess_roles(read_log(file)).toml()) shows one")
+    return request
 
 
 def _log(root: Section, place: Path, given: str | Path | None) -> LogRequest | None:

@@ -109,6 +109,7 @@ def _read_log(
             "sha256": hashlib.sha256(content).hexdigest(),
             "format": columns.format,
             **({"time": told} if told else {}),
+            **({"clock": "given"} if recorded is None and sample_time is not None else {}),
             **({"origin": origin} if origin else {}),
         },
     )

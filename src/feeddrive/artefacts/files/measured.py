@@ -11,6 +11,7 @@ import numpy as np
 
 from feeddrive.artefacts.files.messages import nearest
 from feeddrive.artefacts.files.readers.parquet import write_parquet
+from feeddrive.artefacts.files.remarks import remarks
 from feeddrive.language.errors import LogError, ParameterError
 from feeddrive.language.table import Result, Table, shown
 
@@ -55,6 +56,11 @@ class Log(Result):
     def duration(self) -> float:
         """From the first to the last row, s."""
         return float(self.time[-1] - self.time[0])
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """A sentence for each channel that is constant, clipped, or recorded more slowly than the clock."""
+        return remarks(self.channels)
 
     def table(self) -> Table:
         """Least, largest and RMS value of every channel."""

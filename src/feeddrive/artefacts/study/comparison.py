@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from feeddrive.artefacts.files.job import Job
-from feeddrive.artefacts.files.log import read_log
 from feeddrive.artefacts.files.measured import Log
 from feeddrive.artefacts.report import Entry, Study
 from feeddrive.blocks.families import Reference
@@ -181,9 +180,7 @@ def _simulated(job: Job, loop: Loop, name: str) -> Run:
 
 def _log(job: Job) -> Log | None:
     """The job's log, with those optional channels that it really has."""
-    if job.log is None:
-        return None
-    return read_log(job.log.path, job.log.channels, optional=job.log.optional, sample_time=job.log.sample_time)
+    return None if job.log is None else job.log.read()
 
 
 def _measured(job: Job, log: Log) -> dict[str, np.ndarray]:
