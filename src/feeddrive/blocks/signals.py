@@ -44,12 +44,16 @@ class Reading(NamedTuple):
     With one encoder both positions are its reading.  `applied` is the force really commanded in the last sample, after
     filters, limit and enable; `requested` is the same before the limit.  Anti-windup, observers, disturbance recovery
     and bumpless enable use only these two.
+
+    Where a law or an observer starts, the positions are those of one sample before, so that its first difference is
+    right, and `velocity` says how fast the axis moves then.
     """
 
     position_motor: Number  # m
     position_load: Number  # m
     applied: Number = 0.0  # N
     requested: Number = 0.0  # N
+    velocity: Number = 0.0  # m/s, at a start only
 
 
 class Estimate(NamedTuple):

@@ -91,11 +91,14 @@ class Control(Block):
             tuple(part.prepare(T) for part in self.filters),
         )
 
-    def start(self, prepared: Prepared, setpoint: Setpoint, motor: Number, load: Number) -> State:
-        """At rest where the axis is, without force."""
+    def start(
+        self, prepared: Prepared, setpoint: Setpoint, motor: Number, load: Number, velocity: Number = 0.0
+    ) -> State:
+        """Where the axis is one sample before the first step, moving with `velocity` (m/s), without force."""
         zero = load - load
-        guard = Nothing() if self.guard is None else self.guard.start(motor, load)
-        return self.State(self._memory(prepared, setpoint, Reading(motor, load, zero, zero)), zero, zero, guard)
+        moving = zero + velocity
+        guard = Nothing() if self.guard is None else self.guard.start(motor, load, moving)
+        return self.State(self._memory(prepared, setpoint, Reading(motor, load, zero, zero, moving)), zero, zero, guard)
 
     def _memory(self, prepared: Prepared, setpoint: Setpoint, reading: Reading) -> Memory:
         compensation = zip(self.compensation, prepared.compensation, strict=True)
@@ -123,7 +126,11 @@ class Control(Block):
             return self.State(memory, command.applied, command.requested, state.guard), command
         guard, verdict = self.guard.step(state.guard, setpoint.position, motor, load, enable, T)
         reading = self._reading(state, verdict.position_motor, verdict.position_load)
-        fresh = self._memory(prepared, setpoint, reading)
+        fresh = self._memory(
+            prepared,
+            setpoint,
+            Reading(verdict.before_motor, verdict.before_load, state.applied, state.requested, verdict.velocity),
+        )
         live = tree.select(verdict.ran, state.memory, fresh)
         memory, command = self._run(prepared, live, setpoint, reading, T)
         applied = ops.where(verdict.runs, command.applied, 0.0)

@@ -11,6 +11,9 @@ from feeddrive.language.block import Block, Number, parameter
 TRIP_NONE, TRIP_READING, TRIP_FOLLOWING_ERROR, TRIP_VELOCITY, TRIP_TRAVEL = 0.0, 1.0, 2.0, 3.0, 4.0
 
 
+SMOOTHING = 1.0 / 32.0  # of the velocity at enable: a count that toggles at standstill must not look like motion
+
+
 class Guard(Block):
     """Cuts the force in the very sample in which a bound is broken, and keeps it cut until the loop was disabled.
 
@@ -18,6 +21,8 @@ class Guard(Block):
     where the axis is.  A reading that is NaN or beyond `reading_limit` is replaced by the last good one before a law
     sees it.
     When two encoders are read, the motor's is aligned to the load's at enable, so that their offset cannot act.
+    An axis that moves at enable is taken over as it moves: law and observers start from the readings of one sample
+    before, and observers from the velocity, which is smoothed over some 32 samples.
     """
 
     following_error_limit: Number | None = parameter(
@@ -31,26 +36,30 @@ class Guard(Block):
     reading_limit: Number = parameter("m", "a reading beyond it is taken as broken", above=0, default=1000.0)
 
     class State(NamedTuple):
-        """Whether the loop ran (0 or 1), the latched trip, the last good readings (m) and the encoder offset (m)."""
+        """Whether the loop ran (0 or 1), the trip, the last good readings (m), encoder offset (m), velocity (m/s)."""
 
         running: Number
         trip: Number
         position_motor: Number
         position_load: Number
         offset: Number
+        velocity: Number
 
     class Verdict(NamedTuple):
-        """Whether the loop runs now and whether it did, and the readings that the law may see."""
+        """Whether the loop runs now and whether it did; the readings that the law may see; those before, to start."""
 
         runs: object
         ran: object
         position_motor: Number
         position_load: Number
+        before_motor: Number
+        before_load: Number
+        velocity: Number
 
-    def start(self, motor: Number, load: Number) -> State:
-        """Disabled, without a trip."""
+    def start(self, motor: Number, load: Number, velocity: Number) -> State:
+        """Disabled, without a trip, at the readings of one sample before the first step."""
         zero = motor - motor
-        return self.State(zero, zero, motor, load, motor - load)
+        return self.State(zero, zero, motor, load, motor - load, velocity)
 
     def step(
         self, state: State, setpoint: Number, motor: Number, load: Number, enable: Number, T: Number
@@ -79,8 +88,10 @@ class Guard(Block):
         runs = ops.both(enabled, trip <= 0.0)
         ran = state.running > 0.5
         offset = ops.where(ran, state.offset, motor - load)
-        after = self.State(ops.where(runs, 1.0, 0.0), trip, motor, load, offset)
-        return after, self.Verdict(runs, ran, motor - offset, load)
+        velocity = state.velocity + SMOOTHING * ((load - state.position_load) / T - state.velocity)
+        after = self.State(ops.where(runs, 1.0, 0.0), trip, motor, load, offset, velocity)
+        before = (state.position_motor - offset, state.position_load)
+        return after, self.Verdict(runs, ran, motor - offset, load, *before, velocity)
 
 
 def _first(found: Number, broken: object, code: float) -> Number:

@@ -112,7 +112,7 @@ class Loop(Block):
         """
         axis = self.axis.start(position, velocity, timing)
         motor, load = self.axis.still(position - velocity * self.sample_time)
-        return self.State(self.control.start(prepared.control, setpoint, motor, load), axis)
+        return self.State(self.control.start(prepared.control, setpoint, motor, load, velocity), axis)
 
     def step(
         self,

@@ -84,7 +84,7 @@ class ModeCompensation(Compensation):
     def start(self, prepared: Prepared, setpoint: Setpoint, reading: Reading) -> State:
         """Modes at rest without force."""
         zero = reading.applied - reading.applied
-        velocity = () if self.friction is None else (zero,)
+        velocity = () if self.friction is None else (reading.velocity,)
         return self.State(self.observer.start(prepared.observer, reading), ((zero, zero),) * len(self.modes), velocity)
 
     def step(

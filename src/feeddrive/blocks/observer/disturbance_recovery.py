@@ -78,12 +78,12 @@ class DisturbanceRecovery(Observer):
         return self.Prepared((), ())
 
     def start(self, prepared: Prepared, reading: Reading) -> State:
-        """At rest at the reading: the disturbance is what the force that acts must hold."""
-        position, held = reading.position_load, -reading.applied
+        """Moving evenly at the reading: the disturbance is what the force that acts must hold."""
+        position, held = reading.position_load, self.viscous * reading.velocity - reading.applied
         kept: tuple[Any, ...] = (held,) if prepared.pole else ()
         if prepared.section:
             kept = (settled(prepared.section[0], held),)
-        return self.State(position, position - position, (reading.applied,) * self.delay_samples, kept)
+        return self.State(position, reading.velocity, (reading.applied,) * self.delay_samples, kept)
 
     def step(self, prepared: Prepared, state: State, reading: Reading, T: Number) -> tuple[State, Estimate]:
         """The equations above."""

@@ -112,9 +112,10 @@ class GpiObserver(Observer):
         return self.Prepared(F[:order], Gu, Gy)
 
     def start(self, prepared: Prepared, reading: Reading) -> State:
-        """At rest at the reading; the disturbance is the one given, or balances the force that acts."""
+        """Moving evenly at the reading; the disturbance is the one given, or balances the force that acts."""
         position = self._position(reading)
         z = [position - position] * (2 + self.taylor_states)
+        z[1] = reading.velocity / self.omega_o
         if self.taylor_states:
             balance = -reading.applied if self.start_disturbance is None else self.start_disturbance
             z[2] = balance / (self.mass * self.omega_o * self.omega_o)
