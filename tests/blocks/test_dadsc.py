@@ -140,10 +140,37 @@ def test_acceleration_is_not_fed_forward_twice() -> None:
 
 
 @pytest.mark.parametrize("degree", [1, 2, 3, 4, 6])
-def test_roots_inside_the_circle_are_found_without_roots(degree: int) -> None:
+def test_roots_in_the_left_half_plane_are_found_without_roots(degree: int) -> None:
     rng = np.random.default_rng(degree)
-    for _ in range(200):
-        coefficients = rng.normal(size=degree + 1)
-        largest = np.max(np.abs(np.roots(coefficients)))
-        if abs(largest - 1.0) > 1e-6:
-            assert is_stable(list(coefficients)) == (largest < 1.0)
+    found = set()
+    for _ in range(400):
+        roots = rng.normal(-0.8, 1.0, size=degree // 2) + 1j * rng.normal(size=degree // 2)
+        roots = np.concatenate([roots, roots.conj(), rng.normal(-0.8, 1.0, size=degree % 2)])
+        if np.min(np.abs(roots.real)) > 1e-6:
+            found.add(stable := bool(np.max(roots.real) < 0.0))
+            assert is_stable(list(np.poly(roots).real[::-1])) == stable
+    assert found == {True, False}
+
+
+@pytest.mark.parametrize("rate", [1e-9, 1e-3, 1.0])
+def test_slow_rates_are_not_too_fast(rate: float) -> None:
+    """Their poles lie closer to 1 than a number resolves."""
+    triple(rate).fits(T)
+    law(tracking_rate=rate).fits(T)
+
+
+def test_a_missing_coupling_is_refused_with_the_bound() -> None:
+    """Without g2 the estimate integrates at g1/T; slow reaching cannot damp that, however slow all rates are made."""
+    rates = {"tracking_rate": 10.0, "reaching_rate": 10.0}
+    with pytest.raises(
+        ParameterError, match=r"adaptation_ratio = 0 must be at least 0\.[0-9]+ at these rates"
+    ) as refused:
+        law(adaptation_ratio=0.0, **rates).fits(T)
+    least = float(str(refused.value).split("at least ")[1].split()[0])
+    for ratio, stable in ((least + 1e-4, True), (least - 1e-4, False)):
+        made = law(adaptation_ratio=max(least, ratio), viscous=0.0, **rates)
+        closed = Loop(control=Control(law=made), axis=Axis(plant=Rigid(mass=40.0)), sample_time=T)
+        assert np.max(np.abs(linearize(closed, ["load_force"], ["position_load"]).poles())) < 1.0
+        if not stable:
+            with pytest.raises(ParameterError, match="at least"):
+                law(adaptation_ratio=ratio, **rates).fits(T)

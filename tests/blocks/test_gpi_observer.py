@@ -305,6 +305,18 @@ def test_a_tracking_frequency_beyond_the_observer_is_refused_with_the_largest() 
     dataclasses.replace(made, omega_c=0.999 * largest).fits(2.5e-3)
 
 
+@pytest.mark.parametrize("omega_c", [1e6, 1e12])
+def test_a_tracking_frequency_that_is_absurd_gets_the_same_remedy(omega_c: float) -> None:
+    def refusal(value: float) -> str:
+        made = ActiveDisturbanceRejection(mass=40.0, omega_c=value, observer=GpiObserver(mass=40.0, omega_o=500.0))
+        with pytest.raises(ParameterError) as refused:
+            made.fits(1e-4)
+        return str(refused.value)
+
+    near, far = (refusal(value).split("take omega_c <= ")[1].split()[0] for value in (2e4, omega_c))
+    assert float(far) == pytest.approx(float(near), rel=1e-3)
+
+
 @pytest.mark.parametrize("mass", [8.0, 139.0, 2000.0])
 def test_the_true_mass_may_be_off_by_known_factors(mass: float) -> None:
     """True over believed gain between 0.74 and 2.01, that is a true mass of 0.497 to 1.35 times the believed one."""

@@ -121,6 +121,17 @@ def test_the_gain_is_that_of_the_riccati_equation(
     assert np.max(np.abs(np.linalg.eigvals(A - np.outer(P @ C.T / (C @ P @ C.T + R), C @ A)))) < 1.0
 
 
+@pytest.mark.parametrize("viscous", [0.0, 60.0])
+@pytest.mark.parametrize("decades", [2, 4, 6, 10, 100])
+def test_an_encoder_without_noise_has_a_gain_too(viscous: float, decades: int) -> None:
+    """Every reading is true, L = (1, 2/T, 2 m/T²); the pole that is left, near -1, is the zero of the held plant."""
+    observer = KalmanRecovery(mass=40.0, viscous=viscous, resolution=1e-8 * 10.0**-decades, force_step=20.0)
+    gain = np.array(observer.prepare(T).gain, dtype=float)
+    np.testing.assert_allclose(gain, [1.0, 2.0 / T, 2.0 * 40.0 / T**2], rtol=0.05)
+    A = expm(T * np.array([[0, 1, 0], [0, -viscous / 40.0, 1 / 40.0], [0, 0, 0]]))
+    assert np.max(np.abs(np.linalg.eigvals(A - np.outer(gain, A[0])))) < 1.0
+
+
 def test_dead_time_is_taken_into_account() -> None:
     """Commands act two samples late: an observer that knows it is as good as one without dead time."""
     rng = np.random.default_rng(7)

@@ -7,9 +7,11 @@ from typing import Any, NamedTuple
 
 from feeddrive.blocks.families import Law, Observer
 from feeddrive.blocks.signals import Reading, Setpoint
-from feeddrive.language import matrix, tree
+from feeddrive.language import matrix, ops, tree
 from feeddrive.language.block import Number, parameter, part
 from feeddrive.language.errors import ParameterError
+
+_SURE = 1.0 - 1e-9  # of a remedy: so slow that rounding decides is no remedy
 
 
 class ActiveDisturbanceRejection(Law):
@@ -77,18 +79,18 @@ class ActiveDisturbanceRejection(Law):
     def _refusal(self, T: float, growth: float) -> str:
         """What is broken, by how much, and the nearest admissible sample time and knobs."""
         remedies = []
-        slowest = _nearest(lambda value: self._growth(value) < 1.0, T)
+        slowest = _nearest(lambda value: self._growth(value) < _SURE, T)
         if slowest is not None:
             remedies.append(f"sample every {slowest:.4g} s or faster")
         values = dict(tree.leaves(self))
         for name in (name for name in self.knobs if name in values):
-            nearest = _nearest(lambda value, name=name: tree.vary(self, {name: value})._growth(T) < 1.0, values[name])
+            nearest = _nearest(lambda value, name=name: tree.vary(self, {name: value})._growth(T) < _SURE, values[name])
             if nearest is not None:
                 unit = tree.declaration(self, name).unit
                 remedies.append(f"take {name} <= {nearest:.4g} {unit} in place of {values[name]:g}".replace("  ", " "))
         return (
             f"{self.kind} is not stable on a rigid axis of {self.mass:g} kg at a sample time of {T:g} s: its motion "
-            f"grows by the factor {growth:.6f} a sample, which is {growth - 1.0:.3g} over the limit 1; "
+            f"grows by the factor {growth:.7g} a sample, which is {growth - 1.0:.3g} over the limit 1; "
             f"{', or '.join(remedies) or 'take another observer'}"
         )
 
@@ -120,16 +122,16 @@ class ActiveDisturbanceRejection(Law):
 
 
 def _nearest(admissible: Callable[[float], bool], refused: float) -> float | None:
-    """The largest admissible value below a refused one, down to a thousandth of it; None if there is none."""
+    """The largest admissible value below a refused one, looked for in small steps and then in large; None if none."""
     high = refused
-    for _ in range(20):
-        low = 0.7 * high
+    for step in (*(0.7,) * 20, *(0.01,) * 20):
+        low = step * high
         if admissible(low):
             break
         high = low
     else:
         return None
-    for _ in range(13):
-        middle = 0.5 * (low + high)
+    for _ in range(16):
+        middle = low * ops.sqrt(high / low)
         low, high = (middle, high) if admissible(middle) else (low, middle)
     return low

@@ -99,14 +99,21 @@ class DADSC(Law):
         ratio, T = self.adaptation_ratio, sample_time
         if not all(isinstance(number, float) for number in (*rates, ratio)) or _stable(rates, ratio, T):
             return
-        if ratio > 1.0 and _stable(rates, 1.0, T):
-            most = 1.0 + (ratio - 1.0) * largest_share(lambda part: _stable(rates, 1.0 + part * (ratio - 1.0), T))
-            raise ParameterError(
-                f"dadsc.adaptation_ratio = {ratio:g} must be at most {most:.6g} at these rates: above that g2 takes "
-                f"out of the estimate what g1 brings in, and it drifts away; 1 is g2 = g1/Q"
+        if ratio != 1.0 and _stable(rates, 1.0, T):
+            nearest = 1.0 + (ratio - 1.0) * largest_share(lambda part: _stable(rates, 1.0 + part * (ratio - 1.0), T))
+            side, why = (
+                ("most", "above that g2 takes out of the estimate what g1 brings in, and it drifts away")
+                if ratio > 1.0
+                else (
+                    "least",
+                    "below that g1 drives the estimate faster than the reaching of the sliding line damps it",
+                )
             )
-        held = min(ratio, 1.0)
-        share = largest_share(lambda part: _stable((part * rates[0], part * rates[1], part * rates[2]), held, T))
+            raise ParameterError(
+                f"dadsc.adaptation_ratio = {ratio:g} must be at {side} {nearest:.6g} at these rates: {why}; 1 is "
+                f"g2 = g1/Q"
+            )
+        share = largest_share(lambda part: _stable((part * rates[0], part * rates[1], part * rates[2]), 1.0, T))
         bounds = ", ".join(
             f"{name} = {rate:g} 1/s (must be below {share * rate:.4g})"
             for name, rate in zip(self.knobs, rates, strict=True)
@@ -122,14 +129,13 @@ def _stable(rates: tuple[Number, Number, Number], ratio: Number, T: float) -> bo
     """Whether the loop around m x'' = F, held over the sample, is stable with these rates λ, K, ω_d.
 
     In q = z⁻¹ and D = 1 - q it closes as D³ + q (1 + q)/2 · [(k D + (1 + k) w - ratio w q)(l + D) + l D²] = 0 with
-    l = λT, k = KT, w = ω_d T; friction is left out: what the guideway takes the law gives back.
+    l = λT, k = KT, w = ω_d T; friction is left out: what the guideway takes the law gives back.  With
+    q = (1 - y)/(1 + y) the circle is the half plane Re y < 0; with y in units of the fastest rate slow loops keep their
+    digits.
     """
-    l, k, w = (rate * T for rate in rates)  # noqa: E741
-    difference = [1.0, -1.0]
-    second = product(difference, difference)
-    adapting = [k + (1.0 + k) * w, -k - ratio * w]
-    inner = product(adapting, [l + 1.0, -1.0])
-    inner = [a + l * c for a, c in zip(inner, second, strict=True)]
-    outer = product([0.0, 0.5, 0.5], inner)
-    closed = [*product(second, difference), 0.0]
-    return is_stable([a + c for a, c in zip(closed, outer, strict=True)])
+    fastest = max(rates) * T
+    l, k, w = (rate * T / fastest for rate in rates)  # noqa: E741
+    adapting = [w * ((1.0 - ratio) / fastest + k), 2.0 * k + w * (1.0 + fastest * k + ratio)]
+    inner = product(adapting, [l, 2.0 + fastest * l])
+    outer = product([1.0, -fastest], [inner[0], inner[1], inner[2] + 4.0 * l])
+    return is_stable([*outer[:3], outer[3] + 8.0, 8.0 * fastest])

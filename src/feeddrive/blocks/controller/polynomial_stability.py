@@ -1,4 +1,4 @@
-"""Whether all roots of a polynomial lie inside the unit circle, for `fits`: on numbers, never in a trace."""
+"""Whether a polynomial is stable, for `fits`: on numbers, never in a trace."""
 
 from __future__ import annotations
 
@@ -6,14 +6,16 @@ from collections.abc import Callable, Sequence
 
 
 def is_stable(coefficients: Sequence[float]) -> bool:
-    """True if c0 zⁿ + c1 zⁿ⁻¹ + ... + cn has all roots in |z| < 1 (Schur & Cohn; the table of Jury 1962)."""
-    row = [float(c) for c in coefficients]
-    while len(row) > 1:
-        if abs(row[-1]) >= abs(row[0]):
+    """True if c0 + c1 w + ... + cn wⁿ has all roots in Re w < 0 (Routh 1877); cn > 0."""
+    above = [float(c) for c in coefficients[::-2]]
+    below = [float(c) for c in coefficients[-2::-2]]
+    while below:
+        if not below[0] > 0.0 or not above[0] > 0.0:
             return False
-        ratio = row[-1] / row[0]
-        row = [a - ratio * b for a, b in zip(row[:-1], row[:0:-1], strict=True)]
-    return row[0] != 0.0
+        ratio = above[0] / below[0]
+        rest = [*below[1:], 0.0]
+        above, below = below, [a - ratio * b for a, b in zip(above[1:], rest, strict=False)]
+    return above[0] > 0.0
 
 
 def product(a: Sequence[float], b: Sequence[float]) -> list[float]:
@@ -26,7 +28,7 @@ def product(a: Sequence[float], b: Sequence[float]) -> list[float]:
 
 
 def largest_share(admits: Callable[[float], bool]) -> float:
-    """The largest share in (0, 1] that is admitted, if all below it are; to 12 digits, from below."""
+    """The largest share in [0, 1] that is admitted, if all below it are; to 12 digits, from below. 0 if none is."""
     low, high = 0.0, 1.0
     for _ in range(60):
         middle = 0.5 * (low + high)

@@ -10,6 +10,7 @@ from feeddrive.language import matrix, ops
 from feeddrive.language.block import Number, choice, parameter
 from feeddrive.language.matrix import Matrix, Row
 
+LARGEST_RATIO = 1e5  # of ρ: the gain is nearly the one without noise, and above it the equation loses its digits
 DOUBLINGS = 24  # of the Riccati equation: as many as 2²⁴ samples of the filter, more than the slowest needs to settle
 
 
@@ -56,7 +57,8 @@ class KalmanRecovery(Observer):
     def prepare(self, T: Number) -> Prepared:
         """Hold and gain, from a problem in which position noise is 1 and the force walks by w, w = ∛ρ."""
         noise = 0.2886751345948129 * self.resolution  # 1/√12
-        w = ops.exp(ops.log(self.force_step * T * T / (self.mass * noise)) / 3.0)
+        ratio = ops.minimum(self.force_step * T * T / (self.mass * noise), LARGEST_RATIO)
+        w = ops.exp(ops.log(ratio) / 3.0)
         rate = ((0.0, w, 0.0), (0.0, -self.viscous * T / self.mass, w), (0.0, 0.0, 0.0))
         change = matrix.expm1(rate)
         a, b, c, d = change[0][1], change[0][2], change[1][1], change[1][2]
@@ -67,9 +69,9 @@ class KalmanRecovery(Observer):
         return self.Prepared(a / v, b / force, c, d * v / force, (gain[0], gain[1] * v, gain[2] * force))
 
     def start(self, prepared: Prepared, reading: Reading) -> State:
-        """At rest at the reading: the disturbance is what the force that acts must hold."""
-        position = reading.position_load
-        return self.State(position, position - position, -reading.applied, (reading.applied,) * self.delay_samples)
+        """Moving evenly at the reading: the disturbance is what the force that acts must hold."""
+        held = self.viscous * reading.velocity - reading.applied
+        return self.State(reading.position_load, reading.velocity, held, (reading.applied,) * self.delay_samples)
 
     def step(self, prepared: Prepared, state: State, reading: Reading, T: Number) -> tuple[State, Estimate]:
         """Predict with the command that acted, correct with the reading."""

@@ -117,7 +117,7 @@ def require_stable(system: StateSpace | Loop, *, velocity: float = 0.05, where: 
         )
     nearest = _nearest_stable(system, velocity) if isinstance(system, Loop) else ""
     raise UnstableError(
-        f"{where + ': ' if where else ''}{found.sentence()} (|z| = {found.growth:.6f}, must be < 1): {remedy}{nearest}"
+        f"{where + ': ' if where else ''}{found.sentence()} (|z| = {found.growth:.7g}, must be < 1): {remedy}{nearest}"
     )
 
 
