@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -134,6 +134,7 @@ def arena(
     machine: Machine,
     axis: str | None = None,
     *,
+    laws: Sequence[str] | None = None,
     reference: Reference | None = None,
     force: float | None = None,
     sensitivity_peak: float = 2.0,
@@ -145,6 +146,7 @@ def arena(
 ) -> Arena:
     """Put all laws on an axis of a machine.
 
+    laws               names of those that are wanted, P-PI always among them; default: all
     reference, force   the move, and the force in N of rope snap and step; default: from the machine's limits (`Work`)
     sensitivity_peak, delay_margin_samples   the rule of equal robustness: see `tune`
     seed               of the encoders' noise, the same for all laws
@@ -153,14 +155,14 @@ def arena(
     step(text)         is called before each piece of work; `pieces(...)` says how often
 
     The present control comes first and is left as it is, unstable or not.  A law that does not fit the axis is refused
-    with the reason.  Raises ParameterError for an axis that is not there.
+    with the reason.  Raises ParameterError for an axis or a law that is not there.
     """
     said = step or (lambda _: None)
     loop = machine.loop(axis)
     name = axis if axis is not None else next(iter(machine.loops))
     work = work_of(loop, reference, force)
     velocity = _velocity(work, loop)
-    possible, refused = designs(loop)
+    possible, refused = _wanted(loop, laws)
     rule = Rule(sensitivity_peak, delay_margin_samples, velocity, starts)
     said(TODAY)
     competitors = [_judged(TODAY, loop, None, "as in the machine file", work, velocity, seed)]
@@ -182,9 +184,25 @@ def arena(
     return Arena(machine, name, work, velocity, seed, rule.sentence, rows, tuple(refusals), remarks, versions())
 
 
-def pieces(machine: Machine, axis: str | None) -> int:
+def pieces(machine: Machine, axis: str | None, laws: Sequence[str] | None = None) -> int:
     """How often `arena` calls `step`."""
-    return 1 + len(designs(machine.loop(axis))[0])
+    return 1 + len(_wanted(machine.loop(axis), laws)[0])
+
+
+def _wanted(loop: Loop, laws: Sequence[str] | None) -> tuple[tuple[Design, ...], tuple[Refusal, ...]]:
+    """The laws by name, plain P-PI and those whose gains they take over always among them."""
+    possible, refused = designs(loop)
+    if laws is None:
+        return possible, refused
+    names = [each.name for each in (*possible, *refused)]
+    for law in laws:
+        if law not in names:
+            raise ParameterError(f"law '{law}' is not known here; there are: {', '.join(names)}")
+    needed = {PLAIN, *laws, *(each.like for each in possible if each.name in laws)}
+    return (
+        tuple(each for each in possible if each.name in needed),
+        tuple(each for each in refused if each.name in needed),
+    )
 
 
 def _velocity(work: Work, loop: Loop) -> float:

@@ -74,13 +74,14 @@ def _ranked(found: Arena, criteria: tuple[Criterion, ...]) -> Extra:
         places = ranks(criterion, [each.figures for each in found.competitors])
         for row, each, place in zip(rows, found.competitors, places, strict=True):
             value = each.figures.get(criterion.key)
-            row.append("–" if value is None else f"{_figure(value, criterion)} ({place})")
+            row.append("–" if value is None else f"{figure(value, criterion)} ({place})")
         best.append(places.index(1) if places.count(1) == 1 else None)
     heads = ["law", *(f"{criterion.head} {criterion.unit}" for criterion in criteria)]
     return Extra(Table("Figures, and in brackets the place of the law by this criterion.", heads, rows), best)
 
 
-def _figure(value: float, criterion: Criterion) -> str:
+def figure(value: float, criterion: Criterion) -> str:
+    """A figure in the unit in which it is shown."""
     if np.isinf(value):
         return "never" if criterion.unit == "ms" else "∞"
     return f"{value:.0f}" if criterion.key == "operations" else number(criterion.factor * value)

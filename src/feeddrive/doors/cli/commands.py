@@ -114,13 +114,17 @@ def prefilter(
 def compare(
     machine: Annotated[str, typer.Argument(help="A machine file (TOML), or the name of a bundled machine.")],
     axis: Annotated[str | None, typer.Option("--axis", help="The axis, if the machine has several.")] = None,
+    law: Annotated[
+        list[str] | None,
+        typer.Option("--law", help="A law that is wanted; may be repeated. Default: all.", show_default=False),
+    ] = None,
     starts: Annotated[int, typer.Option("--starts", min=1, max=20, help="Searches for each law; the best counts.")] = 2,
     out: Out = None,
 ) -> None:
     """Put all laws on one axis, tuned to equal robustness, beside today's gains, and rank them by criterion."""
     from feeddrive.doors.cli.compare import perform
 
-    perform(machine, axis, starts, out)
+    perform(machine, axis, law, starts, out)
 
 
 @app.command()
@@ -185,3 +189,76 @@ def iterate(
         return
     named = {"setpoint_position": set_position, "position_load": position, "force": force, "command": command}
     perform_on_log(Path(source), asked, named, skip, smoothing)
+
+
+@app.command()
+def frf(
+    logs: Annotated[
+        list[Path], typer.Argument(help="Logs of the same measurement (MAT, CSV, Parquet), one a realisation.")
+    ],
+    input_: Annotated[
+        str | None, typer.Option("--input", help="Column of the input, name or name:unit.", show_default=False)
+    ] = None,
+    output: Annotated[
+        str | None, typer.Option("--output", help="Column of the output, name or name:unit.", show_default=False)
+    ] = None,
+    reference: Annotated[
+        list[str] | None,
+        typer.Option("--reference", help="Column of what was added to the loop; none for no such.", show_default=False),
+    ] = None,
+    method: Annotated[
+        str,
+        typer.Option("--method", help="auto, periodic, local-polynomial, h1, h2, hv, indirect or joint."),
+    ] = "auto",
+    band: Annotated[str | None, typer.Option("--band", help="Hz, as 5..500.", show_default=False)] = None,
+    period: Annotated[
+        int | None, typer.Option("--period", help="Samples of one period; found if left out.", show_default=False)
+    ] = None,
+    skip: Annotated[
+        int | None, typer.Option("--skip", help="Periods dropped at the start; by a test.", show_default=False)
+    ] = None,
+    segment: Annotated[
+        int | None, typer.Option("--segment", help="Samples of a stretch of averaged spectra.", show_default=False)
+    ] = None,
+    sample_time: Annotated[
+        float | None, typer.Option("--sample-time", help="s, for logs without time.", show_default=False)
+    ] = None,
+    out: Out = None,
+) -> None:
+    """Estimate a frequency response with coherence, variance, noise and distortion from measured logs."""
+    from feeddrive.doors.cli.frf import perform
+
+    named = {"input": input_, "output": output}
+    perform(logs, named, reference or (), method, band, period, skip, segment, sample_time, out)
+
+
+@app.command()
+def excite(
+    machine: Annotated[str, typer.Argument(help="A machine file (TOML), or the name of a bundled machine.")],
+    band: Annotated[str, typer.Option("--band", help="Hz, as 5..500.")],
+    amplitude: Annotated[float, typer.Option("--amplitude", help="Peak: N on the force, m on the setpoint.")],
+    axis: Annotated[str | None, typer.Option("--axis", help="The axis, if the machine has several.")] = None,
+    where: Annotated[str, typer.Option("--where", help="force or setpoint.")] = "force",
+    resolution: Annotated[float, typer.Option("--resolution", help="Hz from line to line.")] = 1.0,
+    periods: Annotated[int, typer.Option("--periods", help="Periods in steady state.")] = 8,
+    realisations: Annotated[int, typer.Option("--realisations", help="Repeated with other phases.")] = 2,
+    grid: Annotated[str, typer.Option("--grid", help="full, odd, odd_odd or random_odd.")] = "random_odd",
+    offset_velocity: Annotated[
+        float | None,
+        typer.Option("--offset-velocity", help="m/s under the excitation; found if left out.", show_default=False),
+    ] = None,
+    travel: Annotated[float | None, typer.Option("--travel", help="Limit, m.", show_default=False)] = None,
+    speed: Annotated[float | None, typer.Option("--speed", help="Limit, m/s.", show_default=False)] = None,
+    force: Annotated[float | None, typer.Option("--force", help="Limit, N.", show_default=False)] = None,
+    seed: Annotated[int, typer.Option("--seed", help="Of grid, phases and noise.")] = 0,
+    out: Out = None,
+) -> None:
+    """Design a multisine, check travel, speed and force by simulation, and write it to be sent to the drive."""
+    from feeddrive.doors.cli.excite import perform
+
+    asked = {
+        "amplitude": amplitude, "where": where, "resolution": resolution, "periods": periods, "grid": grid,
+        "realisations": realisations, "offset_velocity": offset_velocity, "travel": travel, "speed": speed,
+        "force": force, "seed": seed,
+    }  # fmt: skip
+    perform(machine, axis, band, out, asked)

@@ -16,11 +16,11 @@ from feeddrive.doors.cli.working import drawn
 from feeddrive.loop.runner import cores
 
 
-def perform(machine: str, axis: str | None, starts: int, out: Path | None) -> None:
+def perform(machine: str, axis: str | None, laws: list[str] | None, starts: int, out: Path | None) -> None:
     """Tune all laws, run them, write the report, and show the figures and who loses where."""
     console = Console(highlight=False)
     try:
-        found, report = _run(console, machine, axis, starts, out)
+        found, report = _run(console, machine, axis, laws or None, starts, out)
     except KeyboardInterrupt:
         sys.stderr.write("feeddrive: stopped; nothing was written\n")
         raise SystemExit(130) from None
@@ -33,9 +33,11 @@ def perform(machine: str, axis: str | None, starts: int, out: Path | None) -> No
     console.print(f"Report: {report}", markup=False, soft_wrap=True)
 
 
-def _run(console: Console, name: str, axis: str | None, starts: int, out: Path | None) -> tuple[Arena, Path]:
+def _run(
+    console: Console, name: str, axis: str | None, laws: list[str] | None, starts: int, out: Path | None
+) -> tuple[Arena, Path]:
     machine = read_machine(name)
-    total = pieces(machine, axis) + 1
+    total = pieces(machine, axis, laws) + 1
     where = out or Path("results") / f"compare_{Path(name).stem}{'' if axis is None else f'_{axis}'}"
     bar = Progress(TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn(), console=console, transient=True)
     with bar:
@@ -44,6 +46,6 @@ def _run(console: Console, name: str, axis: str | None, starts: int, out: Path |
         def step(text: str) -> None:
             bar.update(task, description=escape(text), advance=1)
 
-        found = arena(machine, axis, starts=starts, workers=cores(), step=step)
+        found = arena(machine, axis, laws=laws, starts=starts, workers=cores(), step=step)
         step("report")
         return found, write_arena(found, where)

@@ -1,0 +1,50 @@
+"""Runs the arena for docs/laws/arena.md: the tables as Markdown on the output, the pictures into docs/images.
+
+python docs/draw_arena.py
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from feeddrive.artefacts.arena.arena import Arena, arena
+from feeddrive.artefacts.arena.criteria import CRITERIA
+from feeddrive.artefacts.arena.report import figure
+from feeddrive.artefacts.files.machine import read_machine
+from feeddrive.loop.runner import cores
+
+IMAGES = Path(__file__).parent / "images"
+AXES = (("linear_motor", "x"), ("ball_screw", "x"), ("mill", "x"))
+
+
+def markdown(found: Arena) -> str:
+    """One row a law: robustness and all figures."""
+    heads = ["law", "Ms", "delay margin", "held back by", *(f"{c.head} {c.unit}" for c in CRITERIA)]
+    lines = ["| " + " | ".join(heads) + " |", "|" + "---|" * len(heads)]
+    for each in found.competitors:
+        cells = [each.name, f"{each.figures['sensitivity_peak']:.2f}", f"{each.figures['delay_margin_samples']:.1f}"]
+        cells.append(each.held_by)
+        for criterion in CRITERIA:
+            value = each.figures.get(criterion.key)
+            cells.append("–" if value is None else figure(value, criterion))
+        lines.append("| " + " | ".join(cells) + " |")
+    return "\n".join(lines)
+
+
+def main() -> None:
+    """All axes."""
+    for machine, axis in AXES:
+        found = arena(read_machine(machine), axis, workers=cores())
+        found.plot().savefig(IMAGES / f"arena_{machine}.svg", metadata={"Date": None})
+        print(f"\n## {found.title}\n\n{markdown(found)}\n")
+        for each in found.competitors:
+            if each.tuned is not None:
+                print(each.name, {name: float(f"{value:.4g}") for name, value in each.tuned.knobs.items()}, each.remark)
+        for remark in found.remarks:
+            print(f"- {remark}")
+        for refusal in found.refusals:
+            print(f"- not here: {refusal.name}: {refusal.reason}")
+
+
+if __name__ == "__main__":
+    main()
