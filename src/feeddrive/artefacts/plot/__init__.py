@@ -10,7 +10,18 @@ from feeddrive.artefacts.plot.channels import log
 from feeddrive.artefacts.plot.complex_plane import nyquist, poles
 from feeddrive.artefacts.plot.distributions import batch, effort, gradient
 from feeddrive.artefacts.plot.estimates import delay_map, disturbance
+from feeddrive.artefacts.plot.frequency_estimate import excitation, frequency_estimate
 from feeddrive.artefacts.plot.friction_curve import friction
+from feeddrive.artefacts.plot.identification import (
+    cogging,
+    control_fit,
+    delay_fit,
+    identified_friction,
+    residuals,
+    rigid_fit,
+    steady_runs,
+    validation,
+)
 from feeddrive.artefacts.plot.learning import iteration, trial, trials
 from feeddrive.artefacts.plot.open_loop import open_loop
 from feeddrive.artefacts.plot.over_frequency import bode, closed_loop, sensitivity, spectrum, stiffness
@@ -22,14 +33,20 @@ __all__ = [
     "batch",
     "bode",
     "closed_loop",
+    "cogging",
     "comparison",
+    "control_fit",
+    "delay_fit",
     "delay_map",
     "disturbance",
     "effort",
+    "excitation",
     "following_error",
     "force",
+    "frequency_estimate",
     "friction",
     "gradient",
+    "identified_friction",
     "iteration",
     "log",
     "motion",
@@ -38,10 +55,14 @@ __all__ = [
     "poles",
     "prefilter_fit",
     "replay",
+    "residuals",
+    "rigid_fit",
     "run",
     "sensitivity",
     "spectrum",
+    "steady_runs",
     "stiffness",
     "trial",
     "trials",
+    "validation",
 ]

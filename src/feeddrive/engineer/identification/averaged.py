@@ -135,7 +135,7 @@ def averaged(
 def _closed(
     u: np.ndarray, y: np.ndarray, r: np.ndarray, averages: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, float, np.ndarray]:
-    """Response, variance, coherence, degrees of freedom and relative variance of the input through the part of the input that the references made."""
+    """Response, variance, coherence, degrees of freedom and doubt, by what the references made of the input."""
     lines = r.transpose(2, 0, 1)  # (lines, stretches, references)
     nu = averages - lines.shape[2]
     if nu < 1.0:

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
+
 import numpy as np
 
 from feeddrive.engineer.identification.averaged import METHODS, averaged
 from feeddrive.engineer.identification.frequency_estimate import FrequencyEstimate
 from feeddrive.engineer.identification.local_polynomial import local_polynomial
 from feeddrive.engineer.identification.periodic import periodic
-from feeddrive.engineer.identification.periods import find_period
+from feeddrive.engineer.identification.periods import find_period, repeating
 from feeddrive.engineer.identification.record import Record
 from feeddrive.language.errors import LogError, ParameterError
 
@@ -56,7 +58,7 @@ def estimate_frf(
     if method in ("auto", "periodic"):
         found = period or _period(given)
         if found is not None:
-            return periodic(given, found, band=band, skip=skip)
+            return periodic([_steady(record, found) for record in given], found, band=band, skip=skip)
         if method == "periodic":
             raise LogError(
                 f"{given[0].name}: what excites does not repeat at least {_LEAST_PERIODS} times within the record: "
@@ -76,6 +78,18 @@ def _period(records: Sequence[Record]) -> int | None:
     first = records[0]
     found = find_period(first.references[0] if first.references else first.input)
     return found if found is not None and min(map(len, records)) // found >= _LEAST_PERIODS else None
+
+
+def _steady(record: Record, period: int) -> Record:
+    """The stretch in which the reference repeats itself, at least two periods; the whole record without a reference."""
+    if not record.references:
+        return record
+    begin, end = repeating(record.references[0], period)
+    if end - begin < 2 * period or end - begin == len(record):
+        return record
+    kept = slice(begin, end)
+    references = tuple(each[kept] for each in record.references)
+    return replace(record, input=record.input[kept], output=record.output[kept], references=references)
 
 
 def _belong(records: Sequence[Record]) -> None:

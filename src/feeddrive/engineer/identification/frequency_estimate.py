@@ -11,7 +11,6 @@ from feeddrive.language.errors import LogError, ParameterError
 from feeddrive.language.table import Result, Table
 from feeddrive.loop.frequency_response import FRF
 
-
 _DOUBT = 0.1  # relative variance of an input from which its line does not count
 
 
@@ -81,14 +80,14 @@ class FrequencyEstimate(Result):
         f = self.frequency
         if not np.any(kept):
             raise LogError(
-                f"between {f[0]:.4g} and {f[-1]:.4g} Hz the excitation is not told from the noise of the input: measure "
-                f"again with more amplitude or longer"
+                f"between {f[0]:.4g} and {f[-1]:.4g} Hz the excitation is not told from the noise of the input: "
+                f"measure again with more amplitude or longer"
             )
         left = f[~kept]
         return self.lines(
             kept,
-            f"{left.size} of {f.size} lines between {left[0]:.4g} and {left[-1]:.4g} Hz are left out: the excitation is "
-            f"not told from the noise of the input there; measure again with more amplitude, longer or less smoothly",
+            f"{left.size} of {f.size} lines between {left[0]:.4g} and {left[-1]:.4g} Hz are left out: the excitation "
+            f"is not told from the noise of the input there; measure again with more amplitude, longer or rougher",
         )
 
     def radius(self, confidence: float = 0.95) -> np.ndarray:

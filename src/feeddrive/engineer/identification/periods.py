@@ -8,6 +8,7 @@ from feeddrive.engineer.identification.record import Record
 from feeddrive.language.errors import LogError
 
 _ALIKE = 0.9  # least correlation of a signal with itself one period later
+_EXACT = 1e-3  # share of its spread by which a reference may miss itself one period later
 _DRIFTS = 5.0  # standard errors from which a drift counts as one
 _BANDS = 12  # of lines, over which the test for a transient looks
 RISK = 0.01  # that a steady record loses its first period by chance
@@ -41,6 +42,25 @@ def find_period(values: np.ndarray) -> int | None:
     )
     good = np.flatnonzero(peaks & (rest > 1.0 - 2.0 * (1.0 - best) - 1e-6))
     return int(below[0] + good[0]) if good.size else None
+
+
+def repeating(values: np.ndarray, period: int) -> tuple[int, int]:
+    """First sample and end of the longest stretch over which a signal repeats itself exactly, but for a straight line.
+
+    A reference swells and fades, and the axis stands before and after; there nothing repeats, or nothing is there.
+    """
+    x = np.asarray(values, float)
+    change = x[period:] - x[:-period]
+    same = np.abs(change - np.median(change)) <= _EXACT * np.std(x)
+    # where nothing is sent, zeros repeat themselves, too
+    moves = np.cumsum(np.diff(x, prepend=x[0]) != 0.0)
+    alive = moves[period:] > moves[:-period]
+    edges = np.diff(np.concatenate([[False], same & alive, [False]]).astype(int))
+    begins, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
+    if not begins.size:
+        return 0, x.size
+    longest = int(np.argmax(ends - begins))
+    return int(begins[longest]), int(ends[longest]) + period
 
 
 def cut(record: Record, period: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
