@@ -7,9 +7,13 @@ from feeddrive.language.block import Number
 from feeddrive.language.errors import ParameterError
 
 
-def stribeck_level(velocity: Number, coulomb: Number, breakaway: Number, stribeck_velocity: Number) -> Number:
-    """coulomb + (breakaway - coulomb) e^-(v / stribeck_velocity)² in N. Armstrong-Hélouvry et al. 1994."""
+def stribeck_level(
+    velocity: Number, coulomb: Number, breakaway: Number, stribeck_velocity: Number, exponent: int = 2
+) -> Number:
+    """coulomb + (breakaway - coulomb) e^-|v / stribeck_velocity|^exponent in N. Armstrong-Hélouvry et al. 1994."""
     ratio = velocity / stribeck_velocity
+    if exponent == 1:
+        return coulomb + (breakaway - coulomb) * ops.exp(-ops.absolute(ratio))
     return coulomb + (breakaway - coulomb) * ops.exp(-(ratio * ratio))
 
 

@@ -7,14 +7,14 @@ from typing import Any
 from feeddrive.blocks.families import Friction, Nothing
 from feeddrive.blocks.friction.curve import check_levels, stribeck_level
 from feeddrive.language import ops
-from feeddrive.language.block import Number, parameter
+from feeddrive.language.block import Number, choice, parameter
 
 
 class DirectionalStribeck(Friction):
     """Set-valued friction with an own Stribeck curve for each direction.
 
         F ∈ -level(v) · Sgn(v) - viscous · v
-        level(v) = coulomb± + (breakaway± - coulomb±) e^-(v / stribeck_velocity)²,      + for v > 0, - for v < 0
+        level(v) = coulomb± + (breakaway± - coulomb±) e^-|v / stribeck_velocity|^exponent,  + for v > 0, - for v < 0
         at rest F lies between -breakaway_positive and +breakaway_negative
 
     Both levels are taken at the velocity in the middle of the substep, found by one step with the breakaway levels.
@@ -27,6 +27,7 @@ class DirectionalStribeck(Friction):
     breakaway_negative: Number = parameter("N", "level at standstill towards v < 0", least=0)
     stribeck_velocity: Number = parameter("m/s", "velocity at which the extra level has fallen to 1/e", above=0)
     viscous: Number = parameter("N s/m", "viscous part", least=0, default=0)
+    exponent: int = choice("2: Gaussian curve, 1: exponential curve (Tustin)", options=(1, 2), default=2)
 
     def check(self) -> None:
         """The breakaway levels are not below the Coulomb levels."""
@@ -49,8 +50,8 @@ class DirectionalStribeck(Friction):
         """The two curves in N at |v|: for motion towards v > 0 and towards v < 0."""
         v = self.stribeck_velocity
         return (
-            stribeck_level(velocity, self.coulomb_positive, self.breakaway_positive, v),
-            stribeck_level(velocity, self.coulomb_negative, self.breakaway_negative, v),
+            stribeck_level(velocity, self.coulomb_positive, self.breakaway_positive, v, self.exponent),
+            stribeck_level(velocity, self.coulomb_negative, self.breakaway_negative, v, self.exponent),
         )
 
     def contact(

@@ -7,14 +7,14 @@ from typing import Any
 from feeddrive.blocks.families import Friction, Nothing
 from feeddrive.blocks.friction.curve import check_levels, stribeck_level
 from feeddrive.language import ops
-from feeddrive.language.block import Number, parameter
+from feeddrive.language.block import Number, choice, parameter
 
 
 class Stribeck(Friction):
     """Set-valued friction with a Stribeck curve.
 
         F ∈ -level(v) · Sgn(v) - viscous · v
-        level(v) = coulomb + (breakaway - coulomb) e^-(v / stribeck_velocity)²
+        level(v) = coulomb + (breakaway - coulomb) e^-|v / stribeck_velocity|^exponent
 
     The level is taken at the velocity in the middle of the substep, found by one step with the breakaway level, so that
     an axis at rest is held up to the very breakaway level; the force is then clip(-v_free / mobility, ±level).
@@ -25,6 +25,7 @@ class Stribeck(Friction):
     breakaway: Number = parameter("N", "level at standstill", least=0)
     stribeck_velocity: Number = parameter("m/s", "velocity at which the extra level has fallen to 1/e", above=0)
     viscous: Number = parameter("N s/m", "viscous part", least=0, default=0)
+    exponent: int = choice("2: Gaussian curve, 1: exponential curve (Tustin)", options=(1, 2), default=2)
 
     def check(self) -> None:
         """The breakaway level is not below the Coulomb level."""
@@ -40,7 +41,7 @@ class Stribeck(Friction):
 
     def level(self, velocity: Number) -> Number:
         """The Stribeck curve in N."""
-        return stribeck_level(velocity, self.coulomb, self.breakaway, self.stribeck_velocity)
+        return stribeck_level(velocity, self.coulomb, self.breakaway, self.stribeck_velocity, self.exponent)
 
     def contact(
         self, step: Number, state: Any, velocity: Number, free_velocity: Number, mobility: Number

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from scipy.signal import butter, cheby1, filtfilt
 
@@ -19,7 +21,7 @@ def zero_phase(values: np.ndarray, cutoff: float, sample_time: float, order: int
     nyquist = 0.5 / sample_time
     if not 0.0 < cutoff < nyquist:
         raise ParameterError(f"cutoff = {cutoff:g} Hz must be > 0 Hz and < {nyquist:g} Hz, half the sampling rate")
-    return _forth_and_back(*butter(order, cutoff / nyquist), values)
+    return _forth_and_back(butter(order, cutoff / nyquist), values)
 
 
 def central_difference(values: np.ndarray, sample_time: float) -> np.ndarray:
@@ -37,7 +39,7 @@ def decimated(values: np.ndarray, factor: int) -> np.ndarray:
         raise ParameterError(f"decimation = {factor} must be >= 1")
     if factor == 1:
         return values
-    smooth = _forth_and_back(*cheby1(8, 0.05, 0.8 / factor), values)
+    smooth = _forth_and_back(cheby1(8, 0.05, 0.8 / factor), values)
     return smooth[kept(values.size, factor)]
 
 
@@ -47,7 +49,8 @@ def kept(samples: int, factor: int) -> np.ndarray:
     return np.arange(samples - factor * (rows - 1) - 1, samples, factor)
 
 
-def _forth_and_back(b: np.ndarray, a: np.ndarray, values: np.ndarray) -> np.ndarray:
+def _forth_and_back(filter_: Any, values: np.ndarray) -> np.ndarray:
+    b, a = filter_
     ends = 3 * (max(a.size, b.size) - 1)
     if values.size <= ends:
         raise LogError(f"the log has {values.size} samples; its filter needs more than {ends}: record a longer one")

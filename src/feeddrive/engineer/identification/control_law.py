@@ -107,7 +107,7 @@ def identify_control(log: MotionLog) -> ControlFit:
 
 
 def _rows(log: MotionLog, n: int, d: int, free: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Columns for Kp Kv, Kp · share and Kp, shape (rows, 3), and the force; a velocity that is not fed forward helps."""
+    """Columns for Kp Kv, Kp · share and Kp, shape (rows, 3), and the force."""
     assert log.set_position is not None
     k = np.arange(_START, log.force.size - 1)
     k = k[free[k]]

@@ -19,12 +19,26 @@ def information(residual: np.ndarray, parameters: int, stretches: Sequence[slice
     they share.  `stretches` are rows in a row, m of them (default: all); rho does not reach from one to the next.
     Sources: Schwarz 1978; the likelihood of a first-order process, Box & Jenkins.
     """
+    parts = _parts(residual, stretches)
+    best = min(_likelihood(parts, rho) for rho in _MEMORIES)
+    return float(best + (parameters + 2) * np.log(residual.size))
+
+
+def likely_memory(residual: np.ndarray, stretches: Sequence[slice] | None = None) -> float:
+    """The rho >= 0 that is most likely."""
+    parts = _parts(residual, stretches)
+    return float(min(_MEMORIES, key=lambda rho: _likelihood(parts, rho)))
+
+
+def _parts(residual: np.ndarray, stretches: Sequence[slice] | None) -> list[np.ndarray]:
     parts = [residual] if stretches is None else [residual[part] for part in stretches]
-    n = residual.size
-    best = np.inf
-    for rho in _MEMORIES:
-        first = (1.0 - rho * rho) * sum(float(part[0]) ** 2 for part in parts)
-        rest = sum(float(np.sum((part[1:] - rho * part[:-1]) ** 2)) for part in parts)
-        likelihood = n * np.log((first + rest) / n) - len(parts) * np.log(1.0 - rho * rho)
-        best = min(best, likelihood)
-    return float(best + (parameters + 2) * np.log(n))
+    return [part for part in parts if part.size]
+
+
+def _likelihood(parts: list[np.ndarray], rho: float) -> float:
+    """-2 log L but for a constant."""
+    n = sum(part.size for part in parts)
+    first = (1.0 - rho * rho) * sum(float(part[0]) ** 2 for part in parts)
+    rest = sum(float(np.sum((part[1:] - rho * part[:-1]) ** 2)) for part in parts)
+    # a residual of nothing but rounding is as good as one of 0
+    return n * float(np.log(max((first + rest) / n, 1e-300))) - len(parts) * float(np.log(1.0 - rho * rho))

@@ -19,8 +19,9 @@ from feeddrive.language.table import Result, Table
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import simulate
 
-_SIGNALS = ("reading_load", "force")
-_STEP = 1e-4  # of a parameter, for its difference
+_SIGNALS = ("position_load", "force")
+_STEP = 1e-3  # of a parameter, for its difference
+_FINE = 1e-13  # m, counts of the encoders in the simulations that are differenced
 _MOST = 12  # steps of Gauss and Newton
 _DONE = 1e-5  # of the cost: a step that gains less is the last
 DELAYS = (0, 1, 2)  # samples of dead time beyond that of the loop
@@ -106,7 +107,8 @@ def refine(
         )
     if abs(log.sample_time / float(loop.sample_time) - 1.0) > 1e-3:
         raise ParameterError(
-            f"{log.name}: its sample time {log.sample_time:.6g} s is not that of the loop, {float(loop.sample_time):.6g} s"
+            f"{log.name}: its sample time {log.sample_time:.6g} s is not that of the loop, "
+            f"{float(loop.sample_time):.6g} s"
         )
     chosen = tuple(names or physics(loop))
     for name in chosen:
@@ -139,7 +141,11 @@ def _later(loop: Loop, samples: int) -> Loop:
 
 
 def _signals(loop: Loop, log: MotionLog, skip: int) -> np.ndarray:
-    """Reading and force of the simulated log, shape (2, n)."""
+    """Position and force of the simulated log, shape (2, n); counts and noise would drown small differences."""
+    loop = tree.vary(
+        loop, dict.fromkeys(_encoder(loop, "resolution"), _FINE) | dict.fromkeys(_encoder(loop, "noise"), 0.0)
+    )
+    assert log.set_position is not None
     reference = Recorded(position=log.set_position, sample_time=float(loop.sample_time))
     start = estimate_start(log.position, log.sample_time)
     run = simulate(loop, reference, start=start, record=_SIGNALS)
@@ -178,6 +184,12 @@ def _fitted(
     return loop, float(np.sqrt(np.mean((measured - model)[0] ** 2))), found, steps
 
 
+def _encoder(loop: Loop, parameter: str) -> list[str]:
+    return [
+        name for name, _ in tree.leaves(loop) if name.startswith("axis.encoder_") and name.endswith(f".{parameter}")
+    ]
+
+
 def _sizes(residual: np.ndarray) -> np.ndarray:
     return np.maximum(np.sqrt(np.mean(residual**2, axis=1)), np.finfo(float).tiny)
 
@@ -198,8 +210,8 @@ def _step(log: MotionLog, columns: np.ndarray, left: np.ndarray, names: tuple[st
     for name, size in zip(names, sizes, strict=True):
         if size == 0.0 or not np.isfinite(size):
             raise NotIdentifiableError(
-                f"{log.name}: {name} is not identifiable: the run does not change with it; record next a motion in which "
-                f"it acts, or leave it out"
+                f"{log.name}: {name} is not identifiable: the run does not change with it; record next a motion in "
+                f"which it acts, or leave it out"
             )
     return np.linalg.lstsq(flat / sizes, left.ravel(), rcond=1e-10)[0] / sizes
 
