@@ -12,6 +12,7 @@ __version__ = "0.1.0"
 
 # What is not a block: name -> module that holds it.
 _PLACES: dict[str, str] = {
+    "Arena": "artefacts.arena.arena",
     "Axis": "loop.axis",
     "Batch": "loop.simulate",
     "Comparison": "artefacts.study.comparison",
@@ -45,6 +46,8 @@ _PLACES: dict[str, str] = {
     "Stiffness": "engineer.analysis.stiffness",
     "Trial": "engineer.tuning.trial",
     "Trials": "engineer.tuning.trials",
+    "Tuned": "engineer.tuning.tuned",
+    "arena": "artefacts.arena.arena",
     "begin_compensation": "engineer.tuning.compensated",
     "compare": "artefacts.study.comparison",
     "compensated": "engineer.tuning.compensated",
@@ -86,9 +89,11 @@ _PLACES: dict[str, str] = {
     "stream": "loop.simulate",
     "to_toml": "artefacts.files.blocks_to_toml",
     "tracking": "loop.linearize",
+    "tune": "engineer.tuning.equal_robustness",
     "tune_prefilter": "engineer.tuning.trajectory_prefilter",
     "vary": "language.tree",
     "write_frf": "artefacts.files.frf",
+    "write_arena": "artefacts.arena.results",
     "write_log": "artefacts.files.measured",
     "write_results": "artefacts.study.results",
     "write_roles": "artefacts.files.guess",
@@ -96,6 +101,9 @@ _PLACES: dict[str, str] = {
 
 # What type checkers see; a block that is not listed is there all the same, as Any.
 if TYPE_CHECKING:
+    from feeddrive.artefacts.arena.arena import Arena as Arena
+    from feeddrive.artefacts.arena.arena import arena as arena
+    from feeddrive.artefacts.arena.results import write_arena as write_arena
     from feeddrive.artefacts.files.blocks_to_toml import to_toml as to_toml
     from feeddrive.artefacts.files.frf import read_frf as read_frf
     from feeddrive.artefacts.files.frf import read_frfs as read_frfs
@@ -208,6 +216,7 @@ if TYPE_CHECKING:
     from feeddrive.engineer.tuning.convergence import convergence as convergence
     from feeddrive.engineer.tuning.delay_map import DelayMap as DelayMap
     from feeddrive.engineer.tuning.delay_map import delay_map as delay_map
+    from feeddrive.engineer.tuning.equal_robustness import tune as tune
     from feeddrive.engineer.tuning.error_model import error_model as error_model
     from feeddrive.engineer.tuning.iterative_feedforward import Iteration as Iteration
     from feeddrive.engineer.tuning.iterative_feedforward import iterate as iterate
@@ -224,6 +233,7 @@ if TYPE_CHECKING:
     from feeddrive.engineer.tuning.trial import simulated_trial as simulated_trial
     from feeddrive.engineer.tuning.trials import Trials as Trials
     from feeddrive.engineer.tuning.trials import iterate_trials as iterate_trials
+    from feeddrive.engineer.tuning.tuned import Tuned as Tuned
     from feeddrive.language.errors import FeeddriveError as FeeddriveError
     from feeddrive.language.tree import get as get
     from feeddrive.language.tree import leaves as leaves

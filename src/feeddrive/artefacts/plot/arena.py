@@ -72,7 +72,8 @@ def recovery(found: Arena) -> Any:
             assert run is not None
             inside = (run.time >= found.work.begin - 0.05 * span) & (run.time <= found.work.begin + span)
             error = -1e6 * run["tracking_error"][inside]
-            line = style.curve(i)
+            # a second round of colors takes other dashes
+            line = style.curve(i) | {"linestyle": style.DASHES[(i + i // len(style.COLORS)) % len(style.DASHES)]}
             ax.plot(1e3 * (run.time[inside] - found.work.begin), error, label=style.caption(row.name), **line)
     for ax, text in zip(axes, ("rope snap\n(µm)", "force step\n(µm)"), strict=True):
         style.labels(ax, None, text)
