@@ -78,5 +78,7 @@ def test_what_is_written_holds_every_claim(tmp_path: Path) -> None:
 
 def test_a_paper_that_is_not_known_is_named_with_its_neighbour() -> None:
     assert chosen("all") == papers.PAPERS
+    with pytest.raises(ParameterError, match=r"not known\. There are: altintas2009"):
+        chosen("nobody")
     with pytest.raises(ParameterError, match="did you mean gordon2013"):
         chosen("gordon2031")

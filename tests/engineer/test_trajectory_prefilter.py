@@ -220,6 +220,17 @@ def test_too_short_a_motion_is_refused_with_the_least_length() -> None:
         fd.fit_prefilter(fd.simulate(loop(), move), move)
 
 
+@pytest.mark.parametrize("read", ["dead encoder", "another unit", "another axis' zero"])
+def test_a_position_that_does_not_follow_is_refused(read: str) -> None:
+    run = measured()
+    x = run["reading_load"]
+    position = {"dead encoder": 0.0 * x, "another unit": 1e3 * x, "another axis' zero": x + 1.0}[read]
+    with pytest.raises(
+        LogError, match=r"away from the set position, less than half the travel, 0\.[0-9]+ m, is admitted"
+    ):
+        fd.fit_prefilter_to_log(run.time, run["set_position"], position, T)
+
+
 def test_another_reference_is_refused() -> None:
     run = measured()
     with pytest.raises(LogError, match="differ by up to"):

@@ -37,7 +37,7 @@ def chosen(paper: str) -> tuple[str, ...]:
     if paper in PAPERS:
         return (paper,)
     near = get_close_matches(paper, (*PAPERS, "all"), 1)
-    hint = f"; did you mean {near[0]}?" if near else ""
+    hint = f"; did you mean {near[0]}?" if near else "."
     raise ParameterError(f"paper '{paper}' is not known{hint} There are: {', '.join(PAPERS)}, all")
 
 

@@ -187,6 +187,7 @@ def fit_prefilter_to_log(
         setpoint = differenced(name, set_position, sample_time, _known(regressors))
     else:
         setpoint = _laid_over(name, time, set_position, reference)
+    _check_follows(name, set_position, position)
     return _fit(name, time, set_position - position, setpoint, regressors, present)
 
 
@@ -231,6 +232,16 @@ def _check_clock(name: str, found: float, wanted: float) -> None:
             f"{name}: its sample time {found:.9g} s is not the controller's, {wanted:.9g} s: they differ by "
             f"{100.0 * off:.3g} %, at most {100.0 * LIMIT_CLOCK:g} % is admitted; record on the controller's clock, "
             f"{wanted:.9g} s, or name the machine file of this controller"
+        )
+
+
+def _check_follows(name: str, set_position: np.ndarray, position: np.ndarray) -> None:
+    """A prefilter takes out what is small; an error of half the travel is a dead encoder or another unit."""
+    travel, off = float(np.ptp(set_position)), float(np.max(np.abs(set_position - position), initial=0.0))
+    if travel > 0.0 and not off < 0.5 * travel:
+        raise LogError(
+            f"{name}: the position is up to {off:.4g} m away from the set position, less than half the travel, "
+            f"{0.5 * travel:.4g} m, is admitted: it does not follow; check the columns, their units and their offset"
         )
 
 
