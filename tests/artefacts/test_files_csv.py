@@ -223,6 +223,31 @@ def test_a_large_log_is_read() -> None:
     assert found.values["f"][-1] == 199_999 % 7
 
 
+def test_a_text_is_the_same_in_pieces(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two megabytes are taken at once; here 3 kB, with comments, empty lines, quotes and µ anywhere."""
+    lines = ["head", "t [ms];x [µm]"]
+    for k in range(2000):
+        lines.append(f"{k};{k % 13 - 6}" if k % 7 else f'{k};"{k % 13 - 6}"')
+        lines += ["# µ"] if k % 31 == 0 else [""] if k % 37 == 0 else []
+    for encoding in ("utf-8", "cp1252", "utf-16"):
+        for end in ("\n", "\r\n", "\r"):
+            content = end.join(lines).encode(encoding)
+            whole = read(content)
+            with monkeypatch.context() as patch:
+                patch.setattr(csv_log, "PIECE", 3000)
+                found = read(content)
+                assert list(found.values) == ["t", "x"]
+                assert found.units == {"t": "ms", "x": "um"}
+                np.testing.assert_array_equal(found.values["t"], np.arange(2000))
+                np.testing.assert_array_equal(found.values["x"], whole.values["x"])
+                assert found.place(1999) == whole.place(1999) == f"line {len(lines)}"
+                assert found.place(777) == whole.place(777)
+    monkeypatch.setattr(csv_log, "PIECE", 3000)
+    at = lines.index("1500;-1")
+    with pytest.raises(LogError, match=f"line {at + 1} has 1 cells, the lines above 2: '1500'; correct"):
+        read("\n".join([*lines[:at], "1500", *lines[at + 1 :]]))
+
+
 def test_too_much_text_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(csv_log, "MOST_BYTES", 10)
     with pytest.raises(LogError, match="convert it to Parquet or cut it"):

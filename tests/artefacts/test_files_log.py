@@ -5,6 +5,7 @@ from __future__ import annotations
 import builtins
 import gzip
 import re
+import tracemalloc
 import warnings
 from collections.abc import Callable
 from pathlib import Path
@@ -15,7 +16,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from feeddrive.artefacts.files import formats
+from feeddrive.artefacts.files import columns, formats
 from feeddrive.artefacts.files.clock import checked_clock
 from feeddrive.artefacts.files.log import Column, Log, read_log
 from feeddrive.language.errors import FileError, LogError, MissingExtraError, ParameterError
@@ -241,9 +242,20 @@ def test_packed_by_gzip(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None
         read_log(write(tmp_path, packed[:20] + b"xxxxx" + packed[25:], "d.csv.gz"))
     with pytest.raises(LogError, match="is packed by gzip and damaged"):
         read_log(write(tmp_path, packed[:-5] + b"xxxxx", "e.csv.gz"))
-    monkeypatch.setattr(formats, "MOST_BYTES", 50)
+    monkeypatch.setattr(columns, "MOST_BYTES", 50)
     with pytest.raises(LogError, match="holds more than the 0 MB that are read, once unpacked"):
         read_log(write(tmp_path, packed, "f.csv.gz"))
+
+
+def test_a_bomb_does_not_fill_the_memory(tmp_path: Path) -> None:
+    """200 MB of zeros in 200 kB: more than 100 MB and 100 times the file, so that it is left after 120 MB."""
+    bomb = gzip.compress(b"0,0\n" * 50_000_000, 1)
+    assert len(bomb) < 1_000_000
+    tracemalloc.start()
+    with pytest.raises(LogError, match=r"holds more than the 1\d\d MB that are read, once unpacked"):
+        read_log(write(tmp_path, bomb, "a.csv.gz"))
+    assert tracemalloc.get_traced_memory()[1] < 500_000_000
+    tracemalloc.stop()
 
 
 # the result itself

@@ -15,6 +15,10 @@ from feeddrive.language.errors import LogError, ParameterError
 MOST_BYTES = 2_000_000_000  # of a log file; a reader may allow less
 MOST_NUMBERS = 400_000_000  # of all columns that are read: 3.2 GB in memory
 
+# what a packed file may hold, beside itself: a bomb of 1 MB may not fill the memory
+FREE_BYTES = 100_000_000
+MOST_TIMES = 100
+
 _TIME = re.compile(r"(t|time|zeit|timestamp|time[_ ]?stamp)(_(s|ms|us|ns|min))?", re.IGNORECASE)
 
 # units that makers write in other ways than `language.units` does
@@ -79,4 +83,18 @@ def check_size(name: str, columns: int, rows: int) -> None:
         raise LogError(
             f"{name}: holds {columns} columns of {rows:,} rows, more than the {MOST_NUMBERS:,} numbers that are read; "
             "map only the columns that are needed, or cut the log"
+        )
+
+
+def most_unpacked(packed: int) -> int:
+    """How many bytes may come out of a file of that many: 100 times as many, and 100 MB in any case."""
+    return min(FREE_BYTES + MOST_TIMES * packed, MOST_BYTES)
+
+
+def check_unpacked(name: str, numbers: int, packed: int) -> None:
+    """Raise LogError if a file of `packed` bytes states that many numbers, which no honest file of its size holds."""
+    if 8 * numbers > most_unpacked(packed):
+        raise LogError(
+            f"{name}: has {packed:,} bytes and states {numbers:,} numbers, more than {MOST_TIMES} times its size and "
+            f"more than {FREE_BYTES / 1e6:g} MB; it is damaged or a bomb: map only the columns that are needed"
         )

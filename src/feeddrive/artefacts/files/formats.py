@@ -6,7 +6,7 @@ import re
 import zlib
 from collections.abc import Callable
 
-from feeddrive.artefacts.files.columns import MOST_BYTES, Columns, Reader
+from feeddrive.artefacts.files.columns import Columns, Reader, most_unpacked
 from feeddrive.artefacts.files.readers.csv_log import read_csv
 from feeddrive.artefacts.files.readers.epos import is_epos, read_epos
 from feeddrive.artefacts.files.readers.linuxcnc import is_halsampler, is_halscope, read_halsampler, read_halscope
@@ -101,13 +101,14 @@ def unpacked(name: str, content: bytes) -> bytes:
 def _unpacked(name: str, content: bytes) -> bytes:
     parts: list[bytes] = []
     size = 0
+    most = most_unpacked(len(content))
     try:
         while content:
             zip_ = zlib.decompressobj(wbits=31)
-            parts.append(zip_.decompress(content, MOST_BYTES - size + 1))
+            parts.append(zip_.decompress(content, most - size + 1))
             size += len(parts[-1])
-            if size > MOST_BYTES:
-                raise LogError(f"{name}: holds more than the {MOST_BYTES / 1e6:,.0f} MB that are read, once unpacked")
+            if size > most:
+                raise LogError(f"{name}: holds more than the {most / 1e6:,.0f} MB that are read, once unpacked")
             if not zip_.eof:
                 raise LogError(f"{name}: is packed by gzip and cut off; copy it again")
             content = zip_.unused_data.lstrip(b"\0")

@@ -32,12 +32,18 @@ def lines_of_keys(text: str) -> dict[Key, int]:
     return _Scanner(text).lines
 
 
+def spans_of_values(text: str) -> dict[Key, tuple[int, int]]:
+    """Where the value of every pair of a valid TOML text begins and ends, as places in the text."""
+    return _Scanner(text).spans
+
+
 class _Scanner:
     def __init__(self, text: str) -> None:
         self.text = text
         self.at = 0
         self.ends = [found.start() for found in re.finditer("\n", text)]
         self.lines: dict[Key, int] = {}
+        self.spans: dict[Key, tuple[int, int]] = {}
         self.count: dict[Key, int] = {}  # of the elements of each array of tables
         prefix: Key = ()
         self._skip(_BLANK)
@@ -99,7 +105,9 @@ class _Scanner:
             self._mark(key)
         self.at = end + 1
         self._skip(_BLANK)
+        begin = self.at
         self._value(key)
+        self.spans[key] = begin, begin + len(self.text[begin : self.at].rstrip())
 
     def _value(self, key: Key) -> None:
         match self.text[self.at : self.at + 1]:

@@ -71,7 +71,7 @@ def read_whole(path: str | Path, most: int) -> bytes:
                 "is it the right file?"
             )
         with open(path, "rb") as file:
-            return file.read(most)
+            return file.read(min(most, status.st_size + 1))  # read takes the memory for all that it is asked for
     except OSError as error:
         raise refusal(path, "read", error) from None
 

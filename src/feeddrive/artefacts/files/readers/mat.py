@@ -17,7 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from feeddrive.artefacts.files.columns import MOST_NUMBERS, Columns, is_wanted
+from feeddrive.artefacts.files.columns import MOST_NUMBERS, Columns, is_wanted, most_unpacked
 from feeddrive.language.errors import LogError
 
 _MATRIX, _PACKED = 14, 15
@@ -86,7 +86,8 @@ def read_mat(name: str, content: bytes, wanted: frozenset[str] | None) -> Column
     try:
         while at < len(content):
             kind, piece, at = whole.element(at)
-            piece = _unpacked(piece) if kind == _PACKED else piece
+            if kind == _PACKED:
+                piece = _unpacked(piece, most_unpacked(len(content)))
             for variable, found in _arrays(piece, "", 0):
                 last = variable
                 if not variable:  # what MATLAB keeps for its objects
@@ -103,12 +104,12 @@ def read_mat(name: str, content: bytes, wanted: frozenset[str] | None) -> Column
     return Columns("MATLAB 5", values, {}, constants, tuple(unread), left_out)
 
 
-def _unpacked(packed: _Bytes) -> _Bytes:
-    """The element in a packed one, of the length that its tag states and not a byte more."""
+def _unpacked(packed: _Bytes, most: int) -> _Bytes:
+    """The element in a packed one, of the length that its tag states and not a byte more, and of `most` at all."""
     zip_ = zlib.decompressobj()
     tag = _Bytes(memoryview(zip_.decompress(packed.content, 8)), packed.order)
     kind, length = tag.word(0), tag.word(4)
-    if kind != _MATRIX or length > 8 * MOST_NUMBERS:
+    if kind != _MATRIX or length > most:
         raise _DamagedError
     inner = zip_.decompress(zip_.unconsumed_tail, length) if length else b""
     if len(inner) != length:

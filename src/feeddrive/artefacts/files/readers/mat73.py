@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from feeddrive.artefacts.files.columns import Columns, check_size, is_wanted
+from feeddrive.artefacts.files.columns import Columns, check_size, check_unpacked, is_wanted
 from feeddrive.language.errors import LogError, MissingExtraError
 
 _DEEPEST = 8
@@ -40,6 +40,7 @@ def read_mat73(name: str, content: bytes, wanted: frozenset[str] | None) -> Colu
                     constants[label] = float(np.asarray(found[()]).ravel()[0])
                 elif is_wanted(label, wanted):
                     check_size(name, len(values) + 1, found.size)
+                    check_unpacked(name, sum(each.size for each in values.values()) + found.size, len(content))
                     values[label] = np.asarray(found[()]).ravel().astype(np.float64)
                 else:
                     unread.append(label)

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from feeddrive.artefacts.files.columns import Columns, check_size, is_wanted
+from feeddrive.artefacts.files.columns import Columns, check_size, check_unpacked, is_wanted
 from feeddrive.artefacts.files.whole import written_whole
 from feeddrive.language.errors import LogError, ParameterError
 
@@ -47,6 +47,7 @@ def read_parquet(name: str, content: bytes, wanted: frozenset[str] | None) -> Co
             else:
                 unread.append(field.name)
         check_size(name, len(chosen), file.metadata.num_rows)
+        check_unpacked(name, len(chosen) * file.metadata.num_rows, len(content))
         table = file.read(columns=chosen)
         for label in chosen:
             column = table.column(label)
