@@ -223,3 +223,63 @@ def test_the_cogging_set(shared: Path) -> None:
         np.testing.assert_array_equal(np.stack(list(found.values.values())), truth)
     with pytest.raises(LogError, match=r"a gap lies before row 183: .*\(7 such rows\)"):  # its clock is a PC's
         read_log(folder / "slow2_comp_0.npy", {"time": "column_1", "current": "column_3"})
+
+
+# TwinCAT Scope
+
+
+def twincat(separator: str = "\t", decimal: str = ",", *, shared_time: bool = False, filetime: bool = False) -> str:
+    """As Scope View 3.4 writes it: two channels at 1 ms and a slow one at 5 ms, whose cells end early."""
+    names, steps, units_ = ["Axis 1.ActPos", "Axis 1.ActVelo", "slow"], [1, 1, 5], ["mm", "mm/s (Velocity)", "(None)"]
+
+    def row(key: str, cells: list[str]) -> str:
+        if shared_time:
+            return separator.join([key, cells[0], cells[1], key, cells[2]])
+        return separator.join(part for cell in cells for part in (key, cell))
+
+    def shown(number: float) -> str:
+        return repr(float(number)).replace(".", decimal)
+
+    lines = [
+        f"Name{separator}Scope1", f"File{separator}C:\\a.csv",
+        f"Starttime of export{separator}132959733843760000{separator}Montag, 2. Mai 2022", "", "",
+        row("Name", names), row("SymbolComment", [""] * 3), row("Data-Type", ["REAL64"] * 3),
+        row("SampleTime[ms]", [str(step) for step in steps]), row("Unit", units_), "",
+    ]  # fmt: skip
+    for k in range(40):
+        t = str(132959733843760000 + 10_000 * k) if filetime else str(k)
+        slow = [str(5 * k), shown(float(k))] if k < 8 else []
+        first = [t, shown(X[k, 0]), *([] if shared_time else [t]), shown(X[k, 1])]
+        lines.append(separator.join(first + slow))
+    return "\n".join([*lines, "EOF"]) + "\n"
+
+
+@pytest.mark.parametrize("shared_time", [False, True])
+@pytest.mark.parametrize("filetime", [False, True])
+@pytest.mark.parametrize(("separator", "decimal"), [("\t", ","), ("\t", "."), (";", ","), (",", ".")])
+def test_twincat(tmp_path: Path, separator: str, decimal: str, filetime: bool, shared_time: bool) -> None:
+    text = twincat(separator, decimal, shared_time=shared_time, filetime=filetime)
+    log = read_log(write(tmp_path, text))
+    assert log.sample_time == 1e-3
+    assert log.units == {"Axis 1.ActPos": "mm", "Axis 1.ActVelo": "mm/s"}
+    np.testing.assert_array_equal(log["Axis 1.ActPos"], X[:, 0])
+    np.testing.assert_array_equal(log["Axis 1.ActVelo"], X[:, 1])
+    assert log.left_out == {"slow": "sampled every 5 ms, not every 1 ms"}
+    slow = read_log(write(tmp_path, text), {"force": "slow"})
+    assert slow.sample_time == 5e-3
+    assert slow["force"].tolist() == list(range(8))
+
+
+def test_what_is_wrong_with_a_twincat_export(tmp_path: Path) -> None:
+    lines = twincat().split("\n")
+    broken = lines.copy()
+    broken[15] = broken[15].replace("\t", "\tx", 1)
+    with pytest.raises(LogError, match=r"a\.txt: line 16: 'x-?[0-9,]+' is not a number; correct or remove"):
+        read_log(write(tmp_path, "\n".join(broken)))
+    with pytest.raises(LogError, match=r"line 21: the file is cut off there"):
+        read_log(write(tmp_path, "\n".join([*lines[:20], "9\t1,5"])))
+    with pytest.raises(LogError, match=r"a gap lies before line 21"):
+        read_log(write(tmp_path, "\n".join([*lines[:20], *lines[22:]]).replace("EOF", "")))
+    with pytest.raises(LogError, match=r"column 'slow' \(force\) is not numbers but sampled every 5 ms"):
+        read_log(write(tmp_path, "\n".join(lines)), {"position_load": "Axis 1.ActPos", "velocity_load":
+                                                     "Axis 1.ActVelo", "force": "slow"})  # fmt: skip

@@ -15,6 +15,7 @@ from feeddrive.artefacts.files.readers.mat73 import read_mat73
 from feeddrive.artefacts.files.readers.npy import START as _NPY
 from feeddrive.artefacts.files.readers.npy import read_npy
 from feeddrive.artefacts.files.readers.parquet import read_parquet
+from feeddrive.artefacts.files.readers.twincat import is_twincat, read_twincat
 from feeddrive.language.errors import LogError
 
 _HDF5 = b"\x89HDF\r\n\x1a\n"
@@ -23,6 +24,7 @@ _READABLE = "MATLAB (.mat), CSV, Parquet, numpy (.npy), also packed by gzip"
 # texts with a head of their maker's
 _TEXTS: tuple[tuple[Callable[[bytes], bool], Reader], ...] = (
     (is_epos, read_epos),
+    (is_twincat, read_twincat),
     (is_halscope, read_halscope),
     (is_halsampler, read_halsampler),
 )
