@@ -28,6 +28,7 @@ from feeddrive.artefacts.plot.over_frequency import bode, closed_loop, sensitivi
 from feeddrive.artefacts.plot.over_time import comparison, following_error, force, motion, run
 from feeddrive.artefacts.plot.prediction import replay
 from feeddrive.artefacts.plot.prefilter import prefilter_fit
+from feeddrive.artefacts.plot.response_fit import response_fit
 
 __all__ = [
     "batch",
@@ -56,6 +57,7 @@ __all__ = [
     "prefilter_fit",
     "replay",
     "residuals",
+    "response_fit",
     "rigid_fit",
     "run",
     "sensitivity",

@@ -10,6 +10,7 @@ from feeddrive.engineer.identification.frequency_estimate import Level
 
 _GAP = 5.0  # factor between excited and empty lines below which there are no empty ones
 _ROUNDING = 1e-9  # share of the largest line under which all is rounding
+_RISK = 0.01  # that noise is called distortion
 _NEIGHBORS = 5  # detection lines over which a level is the RMS
 _HALF = 5  # lines on each side of the local polynomial
 _ORDER = 2
@@ -18,13 +19,21 @@ _REACH = 31  # lines over which the share of the scatter is a median
 
 @dataclass(frozen=True, eq=False)
 class Averaged:
-    """Means over periods, shape (lines,), and the power of the noise in v = y - G u of that mean."""
+    """Means over periods, shape (lines,), with the (co)variances E|.|² of these means."""
 
     frequency: np.ndarray
     input: np.ndarray
     output: np.ndarray
-    noise_output: np.ndarray  # E|.|² of the mean of y
+    yy: np.ndarray
+    uu: np.ndarray
+    yu: np.ndarray
+    freedom: int  # complex degrees of freedom of the variances
     excited: np.ndarray  # bool
+
+    def noise(self, response: np.ndarray, lines: np.ndarray) -> np.ndarray:
+        """E|v|² of v = y - G u on some lines, with G there."""
+        cross = np.real(np.conj(response) * self.yu[lines])
+        return np.maximum(self.yy[lines] + np.abs(response) ** 2 * self.uu[lines] - 2.0 * cross, 0.0)
 
 
 def excited_lines(cause: np.ndarray) -> np.ndarray:
@@ -42,11 +51,12 @@ def excited_lines(cause: np.ndarray) -> np.ndarray:
 
 
 def detection(mean: Averaged, response: np.ndarray) -> dict[str, Level]:
-    """Levels on empty lines: "odd" and "even" distortion with the noise taken off, and "noise" there.
+    """Levels on empty lines: "odd" and "even" distortion with the noise taken off.
 
         D(k) = Ȳ(k) - Ĝ(k) Ū(k),   level² = mean over 5 lines of a kind of (|D|² - noise)
 
     Ĝ is the response on the neighboring excited lines, interpolated: in a closed loop the input is not empty there.
+    The level of a kind is 0 in the band if all its lines together are not more than noise, at a risk of 1 %.
     Outside the band no response is known, and D is the output itself, also what the input's own distortion made.
     `response` on the excited lines.  Only lines up to three times the band are looked at.
     """
@@ -57,18 +67,35 @@ def detection(mean: Averaged, response: np.ndarray) -> dict[str, Level]:
     empty = everywhere[~mean.excited[everywhere]]
     if not empty.size:
         return found
-    inside = (empty > first) & (empty < last)
+    between = (empty > first) & (empty < last)
     guessed = np.interp(empty, lines, np.real(response)) + 1j * np.interp(empty, lines, np.imag(response))
-    rest = mean.output[empty] - np.where(inside, guessed, 0.0) * mean.input[empty]
-    power = np.abs(rest) ** 2
+    guessed = np.where(between, guessed, 0.0)
+    power = np.abs(mean.output[empty] - guessed * mean.input[empty]) ** 2
+    noise = mean.noise(guessed, empty)
     size = np.interp(empty, lines, np.abs(mean.input[lines]))
-    for name, chosen in (("odd", (empty + 1) % 2 == 1), ("even", (empty + 1) % 2 == 0)):
-        if not np.any(chosen):
+    for name, kind in (("odd", (empty + 1) % 2 == 1), ("even", (empty + 1) % 2 == 0)):
+        if not np.any(kind):
             continue
-        level = np.sqrt(np.maximum(smoothed(power[chosen] - mean.noise_output[empty][chosen]), 0.0))
-        response_level = np.where(inside[chosen], level / size[chosen], np.nan)
-        found[name] = Level(mean.frequency[empty[chosen]], level, response_level)
+        inside = between[kind]
+        level = np.sqrt(np.maximum(smoothed(power[kind] - noise[kind]), 0.0))
+        if np.any(inside) and not _loud(power[kind][inside], noise[kind][inside], mean.freedom):
+            level = np.where(inside, 0.0, level)
+        response_level = np.where(inside, level / size[kind], np.nan)
+        found[name] = Level(mean.frequency[empty[kind]], level, response_level)
     return found
+
+
+def _loud(power: np.ndarray, noise: np.ndarray, freedom: int) -> bool:
+    """Whether lines hold more than noise: the sum of |D|²/noise, each F(2, 2ν), against its quantile.
+
+    The sum counts as one F whose degrees of freedom add up, which holds for noise of any color.
+    """
+    from scipy.special import fdtri
+
+    quotient = float(np.mean(power / np.maximum(noise, 1e-300)))
+    # the mean of F(2, 2ν) is ν/(ν - 1); few periods make single lines wild, and their sum is judged with caution
+    expected = freedom / (freedom - 1.0) if freedom > 1 else np.inf
+    return quotient > expected * float(fdtri(2 * power.size, 2 * max(freedom, 1), 1.0 - _RISK))
 
 
 def smoothed(values: np.ndarray) -> np.ndarray:

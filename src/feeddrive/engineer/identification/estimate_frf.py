@@ -114,5 +114,5 @@ def within(found: FrequencyEstimate, band: tuple[float, float] | None) -> Freque
     f = found.frf
     kept = (f.frequency >= band[0] * (1.0 - 1e-9)) & (f.frequency <= band[1] * (1.0 + 1e-9))
     if not np.any(kept):
-        raise ParameterError(f"no line lies in {band[0]:g} .. {band[1]:g} Hz: take longer stretches")
+        raise ParameterError(f"no line lies in {band[0]:g} .. {band[1]:g} Hz: take longer stretches, or excite there")
     return found.lines(kept)

@@ -12,7 +12,8 @@ from feeddrive.blocks.reference.derivatives import Derivatives, product
 from feeddrive.blocks.reference.jerk_limited_move import JerkLimitedMove
 from feeddrive.blocks.reference.recorded import Recorded
 from feeddrive.blocks.reference.smooth_step import window
-from feeddrive.engineer.identification.excitation import Drawing, Excitation, Limit, said
+from feeddrive.engineer.identification.excitation import Drawing, Excitation
+from feeddrive.engineer.identification.excitation_limits import advice, broken, limits
 from feeddrive.engineer.identification.multisine_design import (
     crest_factor,
     grid_lines,
@@ -94,6 +95,25 @@ def design_excitation(
     beyond Nyquist, and for a loop that trips or diverges.
     """
     _check(loop, band, amplitude, where, resolution, periods, realisations, flat)
+
+    def drawn(height: float) -> Excitation:
+        return _drawn(
+            loop, band, height, where, resolution, periods, realisations, grid, flat, offset_velocity,
+            (travel, speed, force), seed, name,
+        )  # fmt: skip
+
+    found = drawn(amplitude)
+    if all(limit.holds for limit in found.limits):
+        return found
+    raise ParameterError(f"{broken(found)}: {advice(found, drawn)}")
+
+
+def _drawn(
+    loop: Loop, band: tuple[float, float], amplitude: float, where: str, resolution: float, periods: int,
+    realisations: int, grid: str, flat: str, offset_velocity: float | None,
+    stated: tuple[float | None, float | None, float | None], seed: int, name: str,
+) -> Excitation:  # fmt: skip
+    """The excitation with its simulations, whether limits hold or not."""
     T = float(loop.sample_time)
     period = max(round(1.0 / (resolution * T)), 16)
     lines = grid_lines(*band, period * T, grid, seed)
@@ -111,8 +131,7 @@ def design_excitation(
     kept = slice(times.first, times.first + periods * period)
     crest = max(crest_factor(each.excitation[kept]) for each in drawings)
     least = _least(drawings, kept)
-    limits = _limits(loop, drawings, travel, speed, force)
-    _refuse(limits, amplitude, periods, where, offset)
+    checked = limits(loop, drawings, *stated)
     remarks: list[str] = []
     if least <= 0.0:
         remarks.append(
@@ -121,7 +140,7 @@ def design_excitation(
         )
     return Excitation(
         name, where, amplitude, crest, T, period, periods, fade, times.first, lines, grid, offset, least,
-        tuple(drawings), tuple(limits), tuple(remarks),
+        tuple(drawings), tuple(checked), tuple(remarks),
     )  # fmt: skip
 
 
@@ -244,46 +263,3 @@ def _least(drawings: list[Drawing], kept: slice) -> float:
         for name in ("velocity_load", "velocity_motor"):
             least = min(least, float(np.min(way * drawn.signals[name][kept])))
     return least
-
-
-def _limits(
-    loop: Loop, drawings: list[Drawing], travel: float | None, speed: float | None, force: float | None
-) -> list[Limit]:
-    """Peaks over all realisations against what was asked for, or what guard, control and motor say."""
-    guard, motor = loop.control.guard, loop.axis.actuator.motor
-    peak, continuous = (None, None) if motor is None else motor.limits()
-    if force is None:
-        stated = [float(each) for each in (loop.control.force_limit, peak) if each is not None]
-        force = min(stated) if stated else None
-    if guard is not None:
-        speed = guard.velocity_limit if speed is None else speed
-        if travel is None and guard.travel_least is not None and guard.travel_most is not None:
-            travel = guard.travel_most - guard.travel_least
-    forces = [drawn.signals["force"] for drawn in drawings]
-    speeds = [np.abs(drawn.signals[name]) for drawn in drawings for name in ("velocity_load", "velocity_motor")]
-    stroke = max(float(np.ptp(drawn.signals["reading_load"])) for drawn in drawings)
-    rms = max(float(np.sqrt(np.mean(each**2))) for each in forces)
-    return [
-        Limit("travel", stroke, travel, "m"),
-        Limit("speed, peak", max(float(np.max(each)) for each in speeds), speed, "m/s"),
-        Limit("force, peak", max(float(np.max(np.abs(each))) for each in forces), force, "N"),
-        Limit("force, RMS", rms, None if continuous is None else float(continuous), "N"),
-    ]
-
-
-def _refuse(limits: list[Limit], amplitude: float, periods: int, where: str, offset: float) -> None:
-    """Raise ParameterError for the limit that breaks, with what would keep it."""
-    broken = [limit for limit in limits if not limit.holds]
-    if not broken:
-        return
-    worst = max(broken, key=lambda limit: limit.got / limit.most if limit.most else np.inf)
-    assert worst.most is not None
-    may = said(worst.most, worst.unit)
-    text = f"{worst.what} comes to {said(worst.got, worst.unit)} in the simulation and may be {may}"
-    over = f", {100.0 * (worst.got / worst.most - 1.0):.3g} % too much" if worst.most else ""
-    share = 0.98 * worst.most / worst.got
-    advice = f"an amplitude of {said(share * amplitude, 'N' if where == 'force' else 'm')} keeps it"
-    if worst.what == "travel" and offset:
-        fitting = int(periods * share)
-        advice += f", or {fitting} periods" if fitting >= 2 else ", or a smaller offset velocity"
-    raise ParameterError(f"{text}{over}: {advice}")

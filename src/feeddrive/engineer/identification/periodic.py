@@ -79,7 +79,7 @@ def periodic(
     levels = _levels(drawn[0], frequency, excited)
     variance, total, nu, rule = _total(drawn, lines, frequency, response, noise, freedom, levels)
     if len(drawn) == 1 and not total:
-        remarks.append("one realisation on these lines: the variance is that of noise alone")
+        remarks.append("one realisation: the variance is that of noise alone")
     if any(each.dropped >= (each.dropped + each.periods) // 2 for each in drawn if each.dropped):
         remarks.append("half of the periods were dropped: the axis may not have come to a steady state at all")
     frf = FRF(frequency[lines], response, first.input_name, first.output_name, first.unit, first.sample_time,
@@ -140,10 +140,10 @@ def _levels(first: _Realisation, frequency: np.ndarray, excited: np.ndarray) -> 
     """Levels of the first realisation, on all of its lines."""
     lines = np.flatnonzero(excited)
     response = first.output[lines] / first.input[lines]
-    mean = Averaged(frequency, first.input, first.output, first.yy, excited)
+    freedom = first.periods - 1
+    mean = Averaged(frequency, first.input, first.output, first.yy, first.uu, first.yu, freedom, excited)
     levels = detection(mean, response)
-    v = first.yy[lines] + np.abs(response) ** 2 * first.uu[lines] - 2.0 * np.real(np.conj(response) * first.yu[lines])
-    noise = np.sqrt(np.maximum(v, 0.0))
+    noise = np.sqrt(mean.noise(response, lines))
     size = np.abs(first.input[lines])
     levels["noise"] = Level(frequency[lines], noise, noise / size)
     scatter = local_scatter(frequency[lines], first.input[lines], first.output[lines])
@@ -171,6 +171,8 @@ def _total(
         return spread / np.abs(u.mean(axis=0)) ** 2, True, np.full(lines.size, m - 1.0), "the spread of realisations"
     odd = levels.get("odd")
     if odd is not None and np.any(between := np.isfinite(odd.response)):
+        if not np.any(odd.response[between]):
+            return noise, False, freedom, "the noise of periods; odd distortion on empty lines is not more than noise"
         added = np.interp(frequency[lines], odd.frequency[between], odd.response[between]) ** 2
         return noise + added, True, freedom, "the noise of periods and the odd distortion on empty lines"
     rough = levels.get("nonlinear")
