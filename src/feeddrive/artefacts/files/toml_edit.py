@@ -32,8 +32,8 @@ class TomlEdit:
         self.text = text
         self._check()
 
-    def set(self, key: Key, value: float | str | bool, unit: str = "", digits: int = 6) -> None:
-        """Change the value of a key, or add the key at the end of its section.
+    def set(self, key: Key, value: float | str | bool, unit: str = "", digits: int = 6) -> Key:
+        """Change the value of a key, or add the key at the end of its section; the key as it stands in the file.
 
         The key in the file may carry another unit of the same dimension (`mass_g`); the value is then converted.
         Numbers are written with `digits` significant figures.
@@ -48,13 +48,14 @@ class TomlEdit:
             written = _written(value / factor if isinstance(value, float) else value, digits)
             self.text = self.text[:begin] + written + self.text[end:]
         self._check()
+        return key if found is None else found
 
     def replace(self, key: Key, section: str) -> None:
         """Put a section, with its header, in the place of [key] and all that is under it; add it if there is none.
 
         Comments that stand alone on a line within the old section stay, above the new one.
         """
-        places = [place for place in self._sections(key) if place is not None]
+        places = self._sections(key)
         if not places:
             self.add(section)
             return
@@ -69,6 +70,30 @@ class TomlEdit:
             if i not in inside:
                 made.append(line)
         self.text = "".join(made)
+        self._check()
+
+    def has(self, key: Key) -> bool:
+        """Whether there is such a key or section."""
+        return key in lines_of_keys(self.text)
+
+    def remove(self, key: Key) -> None:
+        """Take the sections [key] and [[key]] out, with all that is under them; comments that stand alone stay."""
+        for begin, end in reversed(self._sections(key)):
+            lines = self.text.splitlines(keepends=True)
+            kept = [line for line in lines[begin:end] if line.lstrip().startswith("#")]
+            self.text = "".join([*lines[:begin], *kept, *lines[end:]])
+        self._check()
+
+    def comment(self, key: Key, words: str) -> None:
+        """Add words to the comment behind a value; older ones at its end that begin with the same word are replaced."""
+        _, end = spans_of_values(self.text)[key]
+        after = self.text.find("\n", end)
+        after = len(self.text) if after < 0 else after
+        rest = self.text[end:after]
+        head = words.split(" ", 1)[0]
+        rest = re.sub(rf"(; |(?<=# )){re.escape(head)} [^;]*$", "", rest).rstrip()
+        joined = f"{rest}; {words}" if rest.strip(" #") else f"{rest.replace('#', '').rstrip()}  # {words}"
+        self.text = self.text[:end] + joined + self.text[after:]
         self._check()
 
     def add(self, section: str) -> None:
@@ -108,14 +133,14 @@ class TomlEdit:
         rows.insert(after, f"{key[-1]} = {_written(value, digits)}\n")
         self.text = "".join(rows)
 
-    def _sections(self, key: Key) -> list[tuple[int, int] | None]:
+    def _sections(self, key: Key) -> list[tuple[int, int]]:
         """Rows, from 0, of the tables [key], [[key]] and those below, each up to the next header."""
         headers = [self.text.count("\n", 0, found.start()) for found in _HEADER.finditer(self.text)]
         lines = lines_of_keys(self.text)
         own = {line - 1 for each, line in lines.items() if each[: len(key)] == key}
         total = self.text.count("\n") + 1
         ends = [*headers[1:], total]
-        found: list[tuple[int, int] | None] = []
+        found: list[tuple[int, int]] = []
         for begin, end in zip(headers, ends, strict=True):
             if begin in own:
                 found.append((begin, self._before_comments(begin, end)))

@@ -262,3 +262,53 @@ def excite(
         "force": force, "seed": seed,
     }  # fmt: skip
     perform(machine, axis, band, out, asked)
+
+
+@app.command()
+def identify(
+    log: Annotated[Path, typer.Argument(help="A log of position and force of one motion (MAT, CSV, Parquet, ...).")],
+    machine: Annotated[
+        str | None,
+        typer.Option("--machine", help="The machine file to start from; its comments are kept.", show_default=False),
+    ] = None,
+    axis: Annotated[str | None, typer.Option("--axis", help="Its axis, if it has several.", show_default=False)] = None,
+    friction: Annotated[str, typer.Option("--friction", help="best, symmetric or directional.")] = "best",
+    set_position: Annotated[
+        str | None, typer.Option("--set-position", help="Column of the set position, name:unit.", show_default=False)
+    ] = None,
+    position: Annotated[
+        str | None, typer.Option("--position", help="Column of the position, name:unit.", show_default=False)
+    ] = None,
+    force: Annotated[
+        str | None, typer.Option("--force", help="Column of the commanded force, name:unit.", show_default=False)
+    ] = None,
+    command: Annotated[
+        str | None, typer.Option("--command", help="Column of the command in the drive's unit.", show_default=False)
+    ] = None,
+    angle: Annotated[
+        str | None, typer.Option("--angle", help="Column of the motor's angle, name:unit.", show_default=False)
+    ] = None,
+    torque: Annotated[
+        str | None, typer.Option("--torque", help="Column of the motor's torque, name:unit.", show_default=False)
+    ] = None,
+    force_constant: Annotated[
+        float | None,
+        typer.Option("--force-constant", help="N at the table per unit of the command.", show_default=False),
+    ] = None,
+    lead: Annotated[
+        float | None, typer.Option("--lead", help="m; puts angles and torques at the table.", show_default=False)
+    ] = None,
+    gear: Annotated[float, typer.Option("--gear", help="Turns of the motor in one turn of the screw.")] = 1.0,
+    sample_time: Annotated[
+        float | None, typer.Option("--sample-time", help="s, of a log without a clock.", show_default=False)
+    ] = None,
+    out: Out = None,
+) -> None:
+    """Find mass, friction and dead time of a drive in a log; write a machine file and a report with errors."""
+    from feeddrive.doors.cli.identify import perform
+
+    columns = {
+        "setpoint_position": set_position, "position_load": position, "force": force, "command": command,
+        "angle_motor": angle, "torque": torque,
+    }  # fmt: skip
+    perform(log, machine, axis, friction, columns, force_constant, lead, gear, sample_time, out)

@@ -1,0 +1,172 @@
+"""A whole identification of one log: inverse dynamics, delay, the law that ran, output error, and what to make of it."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from typing import Any
+
+from feeddrive.blocks.families import Force
+from feeddrive.blocks.force.gravity import Gravity
+from feeddrive.blocks.plant.rigid import Rigid
+from feeddrive.engineer.analysis.friction_map import FrictionMap, friction_map
+from feeddrive.engineer.identification.control_law import ControlFit, identify_control
+from feeddrive.engineer.identification.delay import DelayFit, find_delay
+from feeddrive.engineer.identification.frame import TABLE
+from feeddrive.engineer.identification.motion_log import MotionLog
+from feeddrive.engineer.identification.output_error import Refinement, refine
+from feeddrive.engineer.identification.preparation import HOLD, Preparation
+from feeddrive.engineer.identification.rigid import RigidFit, identify_rigid
+from feeddrive.language.errors import FeeddriveError
+from feeddrive.language.table import Result, Table
+from feeddrive.loop.axis import Axis
+from feeddrive.loop.control import Control
+from feeddrive.loop.loop import Loop
+
+POOR = 0.15  # share of the force that a rigid drive may leave before its values are advised against
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Identified(Result):
+    """What one log tells of a drive.
+
+    loop        the loop with what was found, ready to simulate; None if the law that ran is not known, or at a shaft
+    control     the law that was found in the log, or None
+    refinement  the output-error fit, or None
+    remarks     what could not be found, and why
+    """
+
+    log: MotionLog
+    rigid: RigidFit
+    delay: DelayFit
+    control: ControlFit | None
+    refinement: Refinement | None
+    friction: FrictionMap | None
+    loop: Loop | None
+    remarks: tuple[str, ...]
+
+    def table(self) -> Table:
+        """Parameters of the inverse dynamics."""
+        return self.rigid.table()
+
+    def plot(self) -> Any:
+        """Fit over measurement, as a matplotlib figure."""
+        return self.rigid.plot()
+
+    def to_pandas(self) -> Any:
+        """Measured and fitted force over time in s."""
+        return self.rigid.to_pandas()
+
+    @property
+    def recommendation(self) -> str:
+        """One plain sentence on what to do, with its reason."""
+        left, unused = 100.0 * self.rigid.residuals.relative, 100.0 * self.rigid.validation.relative
+        if self.rigid.residuals.relative > POOR:
+            return (
+                f"Do not tune on these values: a rigid drive with {self.rigid.friction} friction leaves {left:.3g} % of "
+                f"the force, so the axis bends, binds or is driven by something else; measure a frequency response next "
+                f"(feeddrive excite)."
+            )
+        if self.rigid.validation.relative > 1.5 * self.rigid.residuals.relative:
+            return (
+                f"Measure once more before you trust these values: stretches that were not used are predicted to "
+                f"{unused:.3g} %, but those that were to {left:.3g} %, so the axis is not the same along the log."
+            )
+        reason = f"they predict stretches of the log that were not used to {unused:.3g} % of the force"
+        if self.refinement is not None:
+            found = self.refinement.replay
+            reason += f", and in closed loop the position to {1e6 * found.rms('position_load'):.3g} um RMS"
+        return f"Use these values: {reason}{self._why_friction()}."
+
+    def _why_friction(self) -> str:
+        criterion = self.rigid.criterion
+        if len(criterion) < 2:
+            return ""
+        other = next(name for name in criterion if name != self.rigid.friction)
+        worse = criterion[other] - criterion[self.rigid.friction]
+        return f"; friction is taken as {self.rigid.friction}, as the criterion of {other} is worse by {worse:.3g}"
+
+
+def identify(
+    log: MotionLog,
+    start: Loop | None = None,
+    *,
+    friction: str = "best",
+    how: Preparation | None = None,
+    lead: float | None = None,
+    gear: float = 1.0,
+) -> Identified:
+    """Everything that a log of position and force, and if possible of the set position, tells of a rigid drive.
+
+    start      the loop of the log, as far as it is known: its law, limits, encoders and dead time are kept
+    friction   "best", "symmetric" or "directional"
+    lead, gear of a log at a shaft, m and 1: with them the result stands at the table
+
+    Each step that is not possible leaves a remark and not an error; only the rigid drive itself must be identifiable.
+    Raises NotIdentifiableError with what to measure next, LogError for a log that cannot be used.
+    """
+    delay = find_delay(log, how=how)
+    samples = max(0, delay.nearest)
+    prepared = how or Preparation(delay=HOLD + samples)
+    rigid = identify_rigid(log, friction=friction, how=prepared)
+    remarks: list[str] = []
+    if samples:
+        remarks.append(f"the force acts {samples} samples late besides its hold; that is taken into account")
+    if not rigid.residuals.white:
+        ratio = max(each.error / each.ols for each in rigid.estimates)
+        remarks.append(
+            f"the residual hangs together from row to row ({rigid.residuals.autocorrelation(1):.2f} at lag 1): the errors "
+            f"account for it and are up to {ratio:.2g} times those that assume the contrary (ols)"
+        )
+    if lead is not None:
+        rigid = rigid.at_table(lead, gear)
+    if log.rotary:
+        remarks.append(
+            "the log is that of a shaft: closed loop and friction over the travel need positions of the table"
+            if lead is not None
+            else "the log is that of a shaft and no lead is given: the result stays in N m and rad"
+        )
+        return Identified(log, rigid, delay, None, None, None, None, tuple(remarks))
+    control = _attempted(lambda: identify_control(log), remarks) if start is None else None
+    loop = _loop(log, rigid, start, control, samples)
+    refinement = None
+    if loop is not None and log.set_position is not None:
+        refinement = _attempted(lambda: refine(loop, log), remarks)
+    seen = friction_map(log.position, log.force, rigid["mass"].value, log.sample_time)
+    final = loop if refinement is None else refinement.loop
+    return Identified(log, rigid, delay, control, refinement, seen, final, tuple(remarks))
+
+
+def _attempted(what: Any, remarks: list[str]) -> Any:
+    """The result, or None and a remark."""
+    try:
+        return what()
+    except FeeddriveError as error:
+        remarks.append(str(error))
+        return None
+
+
+def _loop(log: MotionLog, rigid: RigidFit, start: Loop | None, control: ControlFit | None, samples: int) -> Loop | None:
+    """The loop of the log with what was found in place of what it had."""
+    if rigid.frame is not TABLE:
+        return None
+    if start is not None:
+        return dataclasses.replace(start, axis=with_rigid(start.axis, rigid))
+    if control is None:
+        return None
+    T = log.sample_time
+    axis = with_rigid(Axis(plant=rigid.plant()), rigid)
+    delayed = dataclasses.replace(axis, actuator=dataclasses.replace(axis.actuator, dead_time=control.delay * T))
+    return Loop(control=Control(law=control.law(), force_limit=log.force_limit), axis=delayed, sample_time=T)
+
+
+def with_rigid(axis: Axis, rigid: RigidFit) -> Axis:
+    """The axis with the mass, the friction and the constant force that were found.
+
+    A plant with several bodies keeps its own masses, which a rigid fit cannot tell apart.
+    """
+    plant = rigid.plant() if isinstance(axis.plant, Rigid) else axis.plant
+    others: tuple[Force, ...] = tuple(each for each in axis.forces if not isinstance(each, Gravity))
+    gravity = rigid.gravity()
+    forces = others if gravity is None else (*others, gravity)
+    return dataclasses.replace(axis, plant=plant, friction_load=rigid.friction_block(), forces=forces)
