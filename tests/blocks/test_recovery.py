@@ -13,6 +13,7 @@ from feeddrive.blocks.actuator.actuator import Actuator
 from feeddrive.blocks.families import Observer
 from feeddrive.blocks.load.recorded_force import RecordedForce
 from feeddrive.blocks.observer.disturbance_recovery import DisturbanceRecovery
+from feeddrive.blocks.observer.gpi_observer import GpiObserver
 from feeddrive.blocks.observer.kalman_recovery import KalmanRecovery
 from feeddrive.blocks.plant.rigid import Rigid
 from feeddrive.blocks.reference.polynomial7 import Polynomial7
@@ -183,6 +184,24 @@ def test_observing_natively_gives_the_bits_of_the_step() -> None:
             state, estimate = observer.step(plain, state, Reading(x, x, applied, applied), T)
             assert estimate.disturbance == seen.disturbance[k]
             applied = found["force"][k]
+
+
+@pytest.mark.parametrize(
+    "observer",
+    [
+        DisturbanceRecovery(mass=40.0, viscous=60.0, form="exact"),
+        DisturbanceRecovery(mass=40.0, viscous=60.0),
+        KalmanRecovery(mass=40.0, viscous=60.0, resolution=1e-8, force_step=20.0),
+        GpiObserver(mass=40.0, omega_o=500.0),
+    ],
+    ids=lambda observer: f"{observer.kind} {getattr(observer, 'form', '')}",
+)
+def test_a_log_that_begins_in_motion_is_no_blow(observer: Observer) -> None:
+    """0.1 m/s, held by 6 N against viscous friction; at rest before, the first sample would be 40 kN."""
+    t = T * np.arange(2000)
+    seen = observe(observer, 0.3 + 0.1 * t, np.full(t.size, 6.0), T, before=6.0, velocity=0.1)
+    drag = 0.0 if isinstance(observer, DisturbanceRecovery | KalmanRecovery) else -6.0
+    np.testing.assert_allclose(seen.disturbance, drag, atol=0.01)
 
 
 def test_an_observation_shows_itself() -> None:

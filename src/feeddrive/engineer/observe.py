@@ -68,7 +68,13 @@ class Observation(Result):
 
 
 def observe(
-    observer: Observer, position: np.ndarray, force: np.ndarray, sample_time: float, *, before: float = 0.0
+    observer: Observer,
+    position: np.ndarray,
+    force: np.ndarray,
+    sample_time: float,
+    *,
+    before: float = 0.0,
+    velocity: float = 0.0,
 ) -> Observation:
     """What an observer makes of measured positions and commanded forces, with the native step that also runs in a loop.
 
@@ -76,6 +82,8 @@ def observe(
     force        N, commanded at kT and acting over [kT, (k+1)T], shape (n,): `force` of a run or a log
     sample_time  s
     before       N that acted before the first row: the weight that a vertical axis holds, say
+    velocity     m/s of the axis at the first row; a record that begins in motion needs it, or the first estimates are a
+                 blow that brings the observer up to speed
 
     Raises LogError for rows that do not fit or are not numbers, ParameterError for an observer that cannot run at the
     sample time.
@@ -83,14 +91,15 @@ def observe(
     x, u = np.asarray(position, dtype=np.float64), np.asarray(force, dtype=np.float64)
     if x.ndim != 1 or x.shape != u.shape or not x.size:
         raise LogError(f"an observer needs one force for each position, not {u.shape} for {x.shape}")
-    if not (np.all(np.isfinite(x)) and np.all(np.isfinite(u)) and np.isfinite(before)):
+    if not (np.all(np.isfinite(x)) and np.all(np.isfinite(u)) and np.isfinite(before + velocity)):
         raise LogError("positions and forces for an observer must be finite: cut the rows without a reading out")
     if not 0.0 < sample_time < np.inf:
         raise ParameterError(f"sample_time = {sample_time:g} s must be > 0 s")
     observer.fits(float(sample_time))
     T = np.float64(sample_time)
     plain = tree.rebuild(observer, (np.float64(value) for _, value in tree.leaves(observer)))
-    first = Reading(x[0], x[0], np.float64(before), np.float64(before))
+    last = x[0] - velocity * T
+    first = Reading(last, last, np.float64(before), np.float64(before), np.float64(velocity))
     with np.errstate(all="ignore"):
         made = plain.prepare(T)
         begun = plain.start(made, first)
