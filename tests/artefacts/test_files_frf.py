@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import base64
+import builtins
 import gzip
 from collections.abc import Sequence
 from pathlib import Path
+from xml.sax.saxutils import escape
 
 import numpy as np
 import pytest
@@ -12,8 +15,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from feeddrive.artefacts.files.frf import read_frf, read_frfs, write_frf
+from feeddrive.artefacts.files.log import read_log
+from feeddrive.artefacts.files.readers.ast_xml import controller_sets
 from feeddrive.artefacts.files.readers.frf_columns import named
-from feeddrive.language.errors import FileError, LogError, ParameterError
+from feeddrive.language.errors import FileError, LogError, MissingExtraError, ParameterError
 from feeddrive.loop.frequency_response import FRF
 
 F = np.array([1.0, 2.5, 10.0, 400.0])
@@ -150,7 +155,8 @@ def test_a_line_at_0_hz_is_left_out(tmp_path: Path) -> None:
         ("f,re,im\n0,1,2\n", r"holds only a line at 0 Hz"),
         ("f,re,im\n1,1,2\n2,1,3\n3,1,4\n2,2\n", r"line 5 has 2 cells, the lines above 3: the file is cut off there"),
         ("", r"a\.csv: is empty"),
-        ("<?xml version='1.0'?><a/>", r"is an XML or HTML file"),
+        ("<?xml version='1.0'?><a/>", r"is XML without a frequency response"),
+        ("<html><body>", r"is damaged XML: no element found"),
     ],
 )
 def test_what_is_wrong_is_named(tmp_path: Path, text: str, message: str) -> None:
@@ -234,3 +240,174 @@ def test_the_stage_and_the_bench(shared: Path) -> None:
     assert list(found) == ["Gm", "Gl"]
     assert found["Gm"].unit == "rad/A"
     np.testing.assert_array_equal(found["Gl"].response, numbers[:, 3] + 1j * numbers[:, 4])
+
+
+# universal files
+
+
+def function(
+    data: np.ndarray, *, binary: bool, kind: int = 4, name: str = "x", node: int = 1, unit: str = "NONE",
+    of: tuple[int, int, int] = (18, 8, 13), begin: float = 1.0, step: float = 1.0,
+) -> bytes:  # fmt: skip
+    """One dataset 58 over an even abscissa in double precision, by the published layout."""
+    numbers = data.astype("<c16").view("<f8") if np.iscomplexobj(data) else data.astype("<f8")
+    body = numbers.tobytes()
+    first = f"    58b     1     2          11{len(body):12d}     0     0           0           0\n"
+    axes = [f"{each:10d}    0    0    0 {'NONE':20s} {label:20s}\n" for each, label in zip(
+        (*of, 0), ("NONE", unit, "NONE", "NONE"), strict=True)]  # fmt: skip
+    head = "".join(
+        [
+            "    -1\n", first if binary else "    58\n", f"{name:80s}\n", *(f"{'NONE':80s}\n" for _ in range(4)),
+            f"{kind:5d}{0:10d}{0:5d}{0:10d} {'NONE':10s}{node:10d}{3:4d} {'NONE':10s}{2:10d}{-3:4d}\n",
+            f"{6 if np.iscomplexobj(data) else 4:10d}{data.size:10d}{1:10d}{begin:13.5e}{step:13.5e}{0.0:13.5e}\n",
+            *axes,
+        ]
+    )  # fmt: skip
+    if binary:
+        return head.encode() + body + b"\n    -1\n"
+    cells = [f"{number:20.12e}" for number in numbers]
+    rows = "".join("".join(cells[k : k + 4]) + "\n" for k in range(0, len(cells), 4))
+    return (head + rows + "    -1\n").encode()
+
+
+def need_pyuff() -> None:
+    pytest.importorskip("pyuff", reason="NOT TESTED on universal files: pyuff is not installed")
+
+
+EVEN = np.arange(1.0, 21.0)
+RESPONSE = 1e-6 * np.exp(1j * EVEN) / EVEN
+
+
+@pytest.mark.parametrize("binary", [True, False])
+def test_universal_files(tmp_path: Path, binary: bool) -> None:
+    need_pyuff()
+    path = tmp_path / "a.uff"
+    path.write_bytes(
+        function(RESPONSE, binary=binary)
+        + function(np.linspace(0, 1, 20), binary=binary, kind=6, of=(18, 0, 0))
+        + function(2 * RESPONSE, binary=binary, node=7, unit="mm")
+    )
+    found = read_frfs(path)
+    assert list(found) == ["1+Z_2-Z", "7+Z_2-Z"]
+    first, second = found.values()
+    np.testing.assert_array_equal(first.frequency, EVEN)
+    # a text holds 13 digits
+    np.testing.assert_allclose(first.response, RESPONSE, rtol=0.0 if binary else 1e-12)
+    assert (first.input, first.output, first.unit) == ("2-Z", "1+Z", "m/N")
+    assert first.coherence is not None
+    np.testing.assert_allclose(first.coherence, np.linspace(0, 1, 20), rtol=0.0 if binary else 1e-12)
+    np.testing.assert_allclose(second.response, 2e-3 * RESPONSE, rtol=1e-12)
+    assert second.unit == "m/N"
+    assert second.coherence is None
+
+
+def test_time_responses_of_a_universal_file(tmp_path: Path) -> None:
+    need_pyuff()
+    t = 1e-3 * np.arange(50)
+    path = tmp_path / "a.uff"
+    table = function(np.sin(t), binary=True, kind=1, name="table", of=(17, 8, 0), begin=0.0, step=1e-3)
+    other = function(np.cos(t), binary=True, kind=1, name="motor", of=(17, 12, 0), begin=0.0, step=1e-3)
+    path.write_bytes(table + other + function(RESPONSE, binary=True))
+    log = read_log(path)
+    assert log.units == {"table": "m", "motor": "m/s2"}
+    np.testing.assert_array_equal(log["table"], np.sin(t))
+    assert log.sample_time == 1e-3
+    assert "no time response" in log.left_out["x"]
+    path.write_bytes(table)
+    with pytest.raises(LogError, match=r"is a universal file without a frequency response"):
+        read_frf(path)
+
+
+def test_damaged_universal_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    need_pyuff()
+    path = tmp_path / "a.uff"
+    whole = function(RESPONSE, binary=True)
+    for content in (
+        whole[:300],
+        whole[:-100],
+        whole[:-30],
+        b"    -1\n    58\n    -1\n",
+        whole.replace(b"        20", b"        21"),
+    ):
+        path.write_bytes(content)
+        with pytest.raises(LogError, match=r"universal file|states 21 values and holds 20"):
+            read_frf(path)
+    real = builtins.__import__
+
+    def absent(name: str, *rest: object) -> object:
+        if name == "pyuff":
+            raise ImportError
+        return real(name, *rest)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(builtins, "__import__", absent)
+    path.write_bytes(whole)
+    with pytest.raises(MissingExtraError, match=r"needs the package 'pyuff'.*feeddrive\[uff\]"):
+        read_frf(path)
+
+
+# XML with arrays in base85; a file of our own, since no other was at hand
+
+
+def ast_xml(response: np.ndarray = G, *, order: str = "little", single: bool = False, more: str = "") -> str:
+    letter = "<" if order == "little" else ">"
+    real, complex_ = ("f4", "c8") if single else ("f8", "c16")
+
+    def packed(numbers: np.ndarray, kind: str) -> str:
+        text = base64.b85encode(numbers.astype(letter + kind).tobytes()).decode()
+        return escape("\n".join(text[k : k + 60] for k in range(0, len(text), 60)))
+
+    types = ("float32", "complex64") if single else ("float64", "complex128")
+    return f"""<?xml version="1.0" encoding="UTF-8"?>
+<AutoServoTuning>{more}
+ <Measurement name="speed plant" input="torque" output="speed" unit="rad_per_s_per_A">
+  <Frequency unit="Hz" type="{types[0]}" byteOrder="{order}">{packed(F, real)}</Frequency>
+  <Response type="{types[1]}" byteOrder="{order}">{packed(response, complex_)}</Response>
+  <Coherence type="{types[0]}" byteOrder="{order}">{packed(GAMMA2, real)}</Coherence>
+ </Measurement>
+ <ControllerSet name="today">
+  <Parameter name="Kp" unit="N m s/rad">12.5</Parameter>
+  <Parameter name="Tn" unit="ms">8</Parameter>
+  <Parameter name="note">by hand</Parameter>
+ </ControllerSet>
+</AutoServoTuning>
+"""
+
+
+@pytest.mark.parametrize("single", [True, False])
+@pytest.mark.parametrize("order", ["little", "big"])
+def test_ast_xml(tmp_path: Path, order: str, single: bool) -> None:
+    frf = read_frf(write(tmp_path, ast_xml(order=order, single=single), "a.xml"))
+    tolerance = 1e-7 if single else 0.0  # float32 holds 24 bits
+    np.testing.assert_allclose(frf.frequency, F, rtol=tolerance)
+    np.testing.assert_allclose(frf.response, G, rtol=tolerance)
+    assert frf.coherence is not None
+    np.testing.assert_allclose(frf.coherence, GAMMA2, rtol=tolerance)
+    assert (frf.input, frf.output, frf.unit) == ("torque", "speed", "rad/s/A")
+
+
+def test_controller_sets_of_ast_xml() -> None:
+    sets = controller_sets("a.xml", ast_xml().encode())
+    assert sets == {"today": {"Kp": (12.5, "N m s/rad"), "Tn": (8.0, "ms")}}
+
+
+BILLION = '<!DOCTYPE a [<!ENTITY b "lol"><!ENTITY c "&b;&b;&b;&b;&b;&b;&b;&b;&b;&b;">]>'
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (ast_xml().replace("<AutoServoTuning>", BILLION + "<AutoServoTuning>"), "holds a document type with entities"),
+        ('<!DOCTYPE a SYSTEM "file:///etc/passwd"><a/>', "holds a document type|is .*damaged XML|an XML"),
+        ('<?xml version="1.0"?><!DOCTYPE a SYSTEM "file:///etc/passwd"><a/>', "holds a document type with entities"),
+        ("<a>" * 100, "holds more than 50 levels"),
+        ("<a>" + "<b/>" * 300_000 + "</a>", "more than 50 levels or 200,000 elements"),
+        (ast_xml()[:300], "is damaged XML"),
+        (ast_xml().replace("complex128", "complex64"), "have different lengths"),
+        (ast_xml().replace("complex128", "string"), "the element Response is not an array of string in base85"),
+        (ast_xml(G * np.nan), "column 're_speed_plant' is nan at row 1"),
+        ("<a><b/></a>", "is XML without a frequency response"),
+    ],
+)
+def test_what_is_wrong_with_ast_xml(tmp_path: Path, text: str, message: str) -> None:
+    with pytest.raises(LogError, match=message):
+        read_frf(write(tmp_path, text, "a.xml"))

@@ -16,10 +16,12 @@ from feeddrive.artefacts.files.readers.npy import START as _NPY
 from feeddrive.artefacts.files.readers.npy import read_npy
 from feeddrive.artefacts.files.readers.parquet import read_parquet
 from feeddrive.artefacts.files.readers.twincat import is_twincat, read_twincat
+from feeddrive.artefacts.files.readers.uff import STARTS as _UFF
+from feeddrive.artefacts.files.readers.uff import read_uff
 from feeddrive.language.errors import LogError
 
 _HDF5 = b"\x89HDF\r\n\x1a\n"
-_READABLE = "MATLAB (.mat), CSV, Parquet, numpy (.npy), also packed by gzip"
+_READABLE = "MATLAB (.mat), CSV, Parquet, numpy (.npy), UFF 58, also packed by gzip"
 
 # texts with a head of their maker's
 _TEXTS: tuple[tuple[Callable[[bytes], bool], Reader], ...] = (
@@ -49,8 +51,6 @@ _OTHERS = (
     (b"(\xb5/\xfd", "packed by zstd", "unpack it first"),
     (b"<", "an XML or HTML file", "export the log as CSV"),
     (b"{", "a JSON file", "export the log as CSV"),
-    (b"    -1\n", "a universal file (UFF)", "export the log as CSV"),
-    (b"    -1\r\n", "a universal file (UFF)", "export the log as CSV"),
 )
 
 
@@ -63,6 +63,8 @@ def read_columns(name: str, content: bytes, wanted: frozenset[str] | None) -> Co
         return read_mat73(name, content, wanted)
     if content.startswith(b"PAR1"):
         return read_parquet(name, content, wanted)
+    if content.startswith(_UFF):
+        return read_uff(name, content, wanted)
     if content.startswith(_NPY):
         return read_npy(name, content, wanted)
     refuse_others(name, content, _READABLE)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,6 +12,7 @@ import numpy as np
 from feeddrive.artefacts.files.columns import Columns
 from feeddrive.artefacts.files.formats import refuse_others, unpacked
 from feeddrive.artefacts.files.messages import nearest, plain
+from feeddrive.artefacts.files.readers import ast_xml, uff
 from feeddrive.artefacts.files.readers.csv_log import read_csv
 from feeddrive.artefacts.files.readers.frf_columns import Response, frequency_of, responses_of
 from feeddrive.artefacts.files.whole import read_whole, write_whole
@@ -19,7 +20,7 @@ from feeddrive.language.errors import LogError, ParameterError
 from feeddrive.loop.frequency_response import FRF
 
 MOST_BYTES = 500_000_000
-_READABLE = "CSV, also packed by gzip"
+_READABLE = "CSV, UFF 58, AST XML, also packed by gzip"
 
 
 def read_frf(
@@ -68,13 +69,27 @@ def read_frfs(path: str | Path, *, columns: Sequence[str] | None = None) -> dict
 def _read_frfs(path: str | Path, columns: Sequence[str] | None) -> dict[str, FRF]:
     where = str(path)
     content = unpacked(where, read_whole(path, MOST_BYTES))
+    found: dict[str, FRF] = {}
+    for table, stated in _tables(where, content, columns):
+        found |= _responses(where, table, stated)
+    return found
+
+
+def _tables(where: str, content: bytes, columns: Sequence[str] | None) -> Iterable[tuple[Columns, Mapping[str, str]]]:
+    """Tables of frequency and responses, one for each vector of frequencies, and what the file states of them."""
+    if content.startswith(uff.STARTS):
+        return uff.uff_tables(where, content)
+    if ast_xml.is_xml(content):
+        return ast_xml.ast_tables(where, content)
     refuse_others(where, content, _READABLE)
     table = read_csv(where, content, None)
-    if columns is not None:
-        table = _renamed(where, table, columns)
+    return [(table if columns is None else _renamed(where, table, columns), _statements(content))]
+
+
+def _responses(where: str, table: Columns, stated: Mapping[str, str]) -> dict[str, FRF]:
+    """The responses of one table."""
     label, frequency = frequency_of(where, table)
     kept = _check_frequency(where, label, frequency, table)
-    stated = _statements(content)
     step = _number(stated.get("sample_time"))
     found: dict[str, FRF] = {}
     for response in responses_of(where, table, label):
