@@ -141,3 +141,12 @@ def test_friction_is_learned_from_moves_that_do_not_repeat(capsys: pytest.Captur
     assert coulomb_turns < 0.7 * plain_turns
     before, after = map(float, re.findall(r"a learned signal.* ([0-9.]+) -> ([0-9.]+) um", text)[0])
     assert after > before
+
+
+def test_the_estimated_response_is_that_of_the_model(capsys: pytest.CaptureFixture[str]) -> None:
+    text = said("frequency_response.py", capsys)
+    inside = re.search(r"([0-9.]+) % of [0-9]+ lines within", text)
+    assert inside is not None
+    # 186 lines of 95 %: 90 % is three deviations away
+    assert float(inside[1]) >= 90.0
+    assert re.search(r"refused: travel comes to .* an amplitude of [0-9]+ N keeps it", text)

@@ -19,8 +19,10 @@ _PLACES: dict[str, str] = {
     "Control": "loop.control",
     "Convergence": "engineer.tuning.convergence",
     "DelayMap": "engineer.tuning.delay_map",
+    "Excitation": "engineer.identification.excitation",
     "FRF": "loop.frequency_response",
     "FeeddriveError": "language.errors",
+    "FrequencyEstimate": "engineer.identification.frequency_estimate",
     "FrictionMap": "engineer.analysis.friction_map",
     "Gradient": "loop.gradient",
     "Guard": "loop.guard",
@@ -35,6 +37,7 @@ _PLACES: dict[str, str] = {
     "Observation": "engineer.observe",
     "Placement": "engineer.tuning.placement",
     "PrefilterFit": "engineer.tuning.trajectory_prefilter",
+    "Record": "engineer.identification.record",
     "Replay": "engineer.replay",
     "Run": "loop.simulate",
     "Setpoint": "blocks.signals",
@@ -54,7 +57,9 @@ _PLACES: dict[str, str] = {
     "compliance": "loop.linearize",
     "convergence": "engineer.tuning.convergence",
     "delay_map": "engineer.tuning.delay_map",
+    "design_excitation": "engineer.identification.excitation_design",
     "error_model": "engineer.tuning.error_model",
+    "estimate_frf": "engineer.identification.estimate_frf",
     "fit_prefilter": "engineer.tuning.trajectory_prefilter",
     "fit_prefilter_to_log": "engineer.tuning.trajectory_prefilter",
     "friction_map": "engineer.analysis.friction_map",
@@ -92,8 +97,8 @@ _PLACES: dict[str, str] = {
     "tune": "engineer.tuning.equal_robustness",
     "tune_prefilter": "engineer.tuning.trajectory_prefilter",
     "vary": "language.tree",
-    "write_frf": "artefacts.files.frf",
     "write_arena": "artefacts.arena.results",
+    "write_frf": "artefacts.files.frf",
     "write_log": "artefacts.files.measured",
     "write_results": "artefacts.study.results",
     "write_roles": "artefacts.files.guess",
@@ -206,6 +211,11 @@ if TYPE_CHECKING:
     from feeddrive.engineer.analysis.stability import stability as stability
     from feeddrive.engineer.analysis.stiffness import Stiffness as Stiffness
     from feeddrive.engineer.analysis.stiffness import stiffness as stiffness
+    from feeddrive.engineer.identification.estimate_frf import estimate_frf as estimate_frf
+    from feeddrive.engineer.identification.excitation import Excitation as Excitation
+    from feeddrive.engineer.identification.excitation_design import design_excitation as design_excitation
+    from feeddrive.engineer.identification.frequency_estimate import FrequencyEstimate as FrequencyEstimate
+    from feeddrive.engineer.identification.record import Record as Record
     from feeddrive.engineer.observe import Observation as Observation
     from feeddrive.engineer.observe import observe as observe
     from feeddrive.engineer.replay import Replay as Replay

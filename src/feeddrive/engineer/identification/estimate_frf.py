@@ -18,6 +18,7 @@ from feeddrive.language.errors import LogError, ParameterError
 ALL = ("auto", "periodic", "local_polynomial", *METHODS)
 MOST_LINES = 2000  # that a local polynomial is asked for if nobody says how many
 _LEAST_PERIODS = 2
+_ENDS = 0.01  # share of a period that may differ without being cut off
 
 
 def estimate_frf(
@@ -85,7 +86,8 @@ def _steady(record: Record, period: int) -> Record:
     if not record.references:
         return record
     begin, end = repeating(record.references[0], period)
-    if end - begin < 2 * period or end - begin == len(record):
+    # a few samples at the ends, as where a generator stops, are not worth a period
+    if end - begin < 2 * period or len(record) - (end - begin) <= _ENDS * period:
         return record
     kept = slice(begin, end)
     references = tuple(each[kept] for each in record.references)

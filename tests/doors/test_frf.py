@@ -1,0 +1,82 @@
+"""`feeddrive excite` and `feeddrive frf` as a user meets them."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from feeddrive.artefacts.files.frf import read_frf
+from feeddrive.artefacts.files.log import read_log
+from feeddrive.artefacts.files.machine import read_machine
+from feeddrive.artefacts.files.result import write_run_csv
+from feeddrive.doors import cli
+from feeddrive.loop.linearize import linearize
+
+EXCITED = ("excite", "ball_screw", "--band", "10..500", "--amplitude", "300", "--resolution", "5", "--out", "sent")
+
+
+@pytest.fixture
+def call(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
+    """Runs `feeddrive` in an empty folder: exit code, output, errors."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "200")
+
+    def asked(*words: str) -> tuple[int, str, str]:
+        monkeypatch.setattr(sys, "argv", ["feeddrive", *words])
+        with pytest.raises(SystemExit) as ended:
+            cli.main()
+        captured = capsys.readouterr()
+        return int(ended.value.code or 0), captured.out, captured.err
+
+    return asked
+
+
+def test_what_is_sent_comes_back_as_the_model(call) -> None:
+    """excite -> simulated logs -> frf -> frf.csv -> read_frf: the linear model of the machine file to 1 %."""
+    code, out, _ = call(*EXCITED)
+    assert code == 0
+    assert "force, peak" in out
+    assert "The axis moves by itself" in out
+    sent = read_log("sent/excitation_1.csv")
+    assert sent.units["excitation"] == "N"
+    assert np.max(np.abs(sent["excitation"])) == pytest.approx(300.0, rel=0.01)
+    code, out, err = call("frf", "sent/simulated_1.parquet", "sent/simulated_2.parquet", "--out", "measured")
+    assert code == 0, err
+    frf = read_frf("measured/frf.csv")
+    assert (frf.input, frf.output, frf.unit) == ("force", "reading_load", "m/N")
+    assert frf.coherence is not None
+    assert frf.variance is not None
+    loop = read_machine("ball_screw").loop(None)
+    model = linearize(loop, ["cut"], ["reading_load"], velocity=0.05).response(frf.frequency)
+    low = frf.frequency < 200.0
+    assert np.max(np.abs(frf.response / model.response - 1.0)[low]) < 0.01
+    page = Path("measured/report.html").read_text(encoding="utf-8")
+    assert "coherence" in page
+    assert "odd distortion" in page
+
+
+def test_a_limit_that_breaks_ends_the_command(call) -> None:
+    code, _, err = call(*EXCITED, "--travel", "0.005")
+    assert code == 2
+    assert "travel comes to" in err
+    assert not Path("sent").exists()
+
+
+def test_columns_are_named_where_they_cannot_be_guessed(call) -> None:
+    rng = np.random.default_rng(1)
+    t = np.arange(4000) * 1e-3
+    iq, angle = rng.standard_normal(4000), rng.standard_normal(4000).cumsum()
+    write_run_csv("log.csv", t, {"drive_current": iq, "angle": angle}, {"drive_current": "A", "angle": "rad"})
+    code, _, err = call("frf", "log.csv")
+    assert code == 2
+    assert "name it with --input" in " ".join(err.split())
+    code, out, err = call("frf", "log.csv", "--input", "drive_current", "--output", "angle", "--method", "h1")
+    assert code == 0, err
+    assert "No reference was given" in out
+    assert read_frf("results/frf_log/frf.csv").unit == "rad/A"
+    code, _, err = call("frf", "log.csv", "--input", "drive_current", "--output", "angle", "--band", "5-500")
+    assert code == 2
+    assert "as 5..500" in err
