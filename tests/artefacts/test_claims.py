@@ -71,7 +71,8 @@ def test_what_is_written_holds_every_claim(tmp_path: Path) -> None:
     report = write_reproduced([one], tmp_path / "one")
     assert report.read_text(encoding="utf-8") == one.page
     rows = json.loads((tmp_path / "one" / "claims.json").read_text(encoding="utf-8"))["papers"]["altintas2009"]
-    assert rows[0]["got"] is None and rows[0]["holds"] is False
+    assert rows[0]["got"] is None
+    assert rows[0]["holds"] is False
     index = write_reproduced([one, one], tmp_path / "two").read_text(encoding="utf-8")
     assert 'href="altintas2009.html"' in index
 

@@ -27,8 +27,8 @@ class SignalTrials(Result):
     """Trials one after another, each with the force that the one before taught.
 
     forces  learned force of each trial in N; the first is 0
-    rate    largest |Q (1 - gain L G_d)| from 1 Hz on: < 1, and the learned force converges.  Towards 0 Hz integral action
-            leaves no error to learn from
+    rate    largest |Q (1 - gain L G_d)| from 1 Hz on: < 1, and the learned force converges.  Towards 0 Hz integral
+            action leaves no error to learn from
     """
 
     trials: tuple[Trial, ...]
