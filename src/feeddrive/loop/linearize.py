@@ -143,8 +143,11 @@ def linearize(
     Raises ParameterError for a name that is not known, and for parameters with which the model overflows.
     """
     compensation = tuple(part.settled() for part in loop.control.compensation)
-    control = dataclasses.replace(loop.control, compensation=compensation, guard=None, force_limit=None)
-    loop = dataclasses.replace(loop, control=control)
+    held = loop.control
+    there = any(new is not old for new, old in zip(compensation, held.compensation, strict=True))
+    if there or held.guard is not None or held.force_limit is not None:
+        control = dataclasses.replace(held, compensation=compensation, guard=None, force_limit=None)
+        loop = dataclasses.replace(loop, control=control)
     for name in inputs:
         _place(list(INPUT_UNITS), name, "input")
     for name in outputs:

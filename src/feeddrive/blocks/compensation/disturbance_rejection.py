@@ -54,7 +54,7 @@ class DisturbanceRejection(Compensation):
 
     def settled(self) -> DisturbanceRejection:
         """With the whole share."""
-        return replace(self, blend_time=None)
+        return self if self.blend_time is None else replace(self, blend_time=None)
 
     def prepare(self, T: Number) -> Prepared:
         """That of the observer."""

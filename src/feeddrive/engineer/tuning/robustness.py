@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -50,6 +51,8 @@ class Judge:
 
     def __init__(self, loop: Loop, names: tuple[str, ...], velocity: float) -> None:
         self.loop, self.names, self.velocity = loop, names, velocity
+        # linear models have neither guard nor limit: without them no block is made, and checked, at each point
+        self._bare = replace(loop, control=replace(loop.control, guard=None, force_limit=None))
         self._known: dict[bytes, Robustness] = {}
 
     @property
@@ -75,7 +78,7 @@ class Judge:
     def _judged(self, x: np.ndarray) -> Robustness:
         values = self.values(x)
         # without the checks of the blocks: an unstable law's is dear, and its poles say the same
-        plain = tree.rebuild(self.loop, (values.get(name, value) for name, value in tree.leaves(self.loop)))
+        plain = tree.rebuild(self._bare, (values.get(name, value) for name, value in tree.leaves(self._bare)))
         try:
             return robustness(plain, velocity=self.velocity)
         except (FeeddriveError, np.linalg.LinAlgError, ArithmeticError):
