@@ -5,6 +5,7 @@ Bits are flipped, pieces cut out, doubled or replaced, ends cut off; seeds are f
 
 from __future__ import annotations
 
+import base64
 import gzip
 import io
 import random
@@ -13,6 +14,7 @@ import resource
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
+from xml.sax.saxutils import escape
 
 import h5py
 import numpy as np
@@ -20,11 +22,13 @@ import pytest
 import scipy.io
 
 from feeddrive.artefacts.files import machine
+from feeddrive.artefacts.files.frf import read_frf, read_frfs
 from feeddrive.artefacts.files.job import read_job
 from feeddrive.artefacts.files.log import Log, read_log
 from feeddrive.artefacts.files.machine import read_machine
 from feeddrive.artefacts.files.result import write_run_csv, write_run_parquet
 from feeddrive.language.errors import FeeddriveError
+from feeddrive.loop.frequency_response import FRF
 
 TIME = 1e-3 * np.arange(60)
 COLUMNS = {"x": np.sin(TIME), "force": 3 * np.cos(50 * TIME)}
@@ -60,6 +64,83 @@ def recorder() -> bytes:
     return f"Date:;2020\r\nPeriod:;6,4\r\n;Velocity;Torque\r\nms;rpm;%\r\n{rows}".encode("cp1252")
 
 
+def numpy_array() -> bytes:
+    file = io.BytesIO()
+    np.save(file, np.column_stack([TIME, COLUMNS["x"]]))
+    return file.getvalue()
+
+
+def halscope() -> bytes:
+    rows = "".join(f"{x:.14f};{f:.14f}\n" for x, f in zip(COLUMNS["x"], COLUMNS["force"], strict=True))
+    return f"# Sampling period is 1000000 ns\nx;force\n# Position: 0.5;0.5\n# Scale: 0;0\n{rows}".encode()
+
+
+def old_halscope() -> bytes:
+    rows = "".join(f"\nx {x:+.14f} force {f:+.14f} " for x, f in zip(*COLUMNS.values(), strict=True))
+    return f"Sampling period is 1000000 ns \n{rows}".encode()
+
+
+def halsampler() -> bytes:
+    rows = zip(*COLUMNS.values(), strict=True)
+    return "".join(f"{k} {x:f} {f:f} {k % 2} \n" for k, (x, f) in enumerate(rows)).encode()
+
+
+def epos() -> bytes:
+    head = "Date:;2020\r\nEPOS Studio Version:;3.6\r\nRecorded samples:;60\r\nSampling period:;6.400\r\n"
+    rows = "".join(f"{6.4 * k:.3f};{k};{0.1 * k:.1f}\r\n" for k in range(60))
+    return f"{head};x;Torque\r\nms;rpm;%\r\n{rows}".encode()
+
+
+def twincat() -> bytes:
+    lines = ["Name\tScope", "File\ta.csv", "", "Name\tx\tName\tforce\tName\tslow"]
+    lines += ["SampleTime[ms]\t1\tSampleTime[ms]\t1\tSampleTime[ms]\t5", "Unit\tmm\tUnit\tN\tUnit\t(None)", ""]
+    for k, (x, f) in enumerate(zip(*COLUMNS.values(), strict=True)):
+        lines.append(f"{k}\t{x}\t{k}\t{f}".replace(".", ",") + (f"\t{5 * k}\t{k}" if k < 12 else ""))
+    return "\n".join([*lines, "EOF", ""]).encode()
+
+
+def universal(kind: int) -> bytes:
+    """A text of two functions in dataset 58: a time response (1) or a frequency response (4)."""
+    complex_ = kind == 4
+    numbers = np.column_stack([COLUMNS["x"], COLUMNS["force"]]).ravel() if complex_ else COLUMNS["x"]
+    axis = f"{0:5d}{0:5d}{0:5d} {'NONE':20s} {'NONE':20s}\n"
+    head = f"    -1\n    58\n{'x':80s}\n" + f"{'NONE':80s}\n" * 4
+    head += f"{kind:5d}{0:10d}{0:5d}{0:10d} {'NONE':10s}{1:10d}{3:4d} {'NONE':10s}{2:10d}{-3:4d}\n"
+    head += f"{6 if complex_ else 4:10d}{60:10d}{1:10d}{1e-3 if kind == 1 else 1.0:13.5e}{1e-3:13.5e}{0.0:13.5e}\n"
+    head += "".join(f"{of:10d}{axis}" for of in ((17 if kind == 1 else 18), 8, 13, 0))
+    cells = [f"{number:20.12e}" for number in numbers]
+    return (head + "".join("".join(cells[k : k + 4]) + "\n" for k in range(0, len(cells), 4)) + "    -1\n").encode()
+
+
+def frf_csv() -> bytes:
+    rows = zip(1 + 1e3 * TIME, *COLUMNS.values(), strict=True)
+    return ("f_Hz,re_m_per_N,im,coherence\n" + "".join(f"{f},{a},{b},0.5\n" for f, a, b in rows)).encode()
+
+
+def frf_decibel() -> bytes:
+    rows = zip(1 + 1e3 * TIME, *COLUMNS.values(), strict=True)
+    return ("f [Hz];mag [dB];phase [°]\n" + "".join(f"{f};{a};{b}\n" for f, a, b in rows).replace(".", ",")).encode()
+
+
+def ast_xml() -> bytes:
+    def packed(numbers: np.ndarray) -> str:
+        return escape(base64.b85encode(numbers.tobytes()).decode())
+
+    response = COLUMNS["x"] + 1j * COLUMNS["force"]
+    return (
+        f'<?xml version="1.0"?><A><M name="a" unit="m/N"><Frequency unit="Hz">{packed(1 + 1e3 * TIME)}</Frequency>'
+        f"<Response>{packed(response)}</Response><Coherence>{packed(np.full(60, 0.5))}</Coherence></M></A>"
+    ).encode()
+
+
+RESPONSES: dict[str, Callable[[], bytes]] = {
+    "a.csv": frf_csv,
+    "b.csv": frf_decibel,
+    "c.uff": lambda: universal(4),
+    "d.xml": ast_xml,
+    "e.csv.gz": lambda: gzip.compress(frf_csv()),
+}
+
 SOURCES: dict[str, Callable[[Path], bytes]] = {
     "a.mat": lambda _: mat(packed=False),
     "b.mat": lambda _: mat(packed=True),
@@ -68,7 +149,17 @@ SOURCES: dict[str, Callable[[Path], bytes]] = {
     "e.csv": csv,
     "f.csv": lambda _: recorder(),
     "g.csv.gz": lambda folder: gzip.compress(csv(folder)),
+    "h.npy": lambda _: numpy_array(),
+    "i.csv": lambda _: halscope(),
+    "j.log": lambda _: old_halscope(),
+    "k.txt": lambda _: halsampler(),
+    "l.csv": lambda _: epos(),
+    "m.csv": lambda _: twincat(),
+    "n.uff": lambda _: universal(1),
 }
+# what a log needs beside itself to be read
+NEEDS: dict[str, dict[str, Any]] = {"h.npy": {"mapping": {"time": "column_1"}}, "k.txt": {"sample_time": 1e-3}}
+FEW, MANY = 300, 100_000 // (len(SOURCES) + len(RESPONSES)) + 1
 
 
 def damaged(content: bytes, draw: random.Random) -> bytes:
@@ -105,19 +196,24 @@ def outcome(read: Callable[[], Any]) -> Any:
         return str(error)
 
 
-@pytest.mark.timeout(120)
-@pytest.mark.parametrize("name", SOURCES)
-def test_damaged_logs(tmp_path: Path, name: str) -> None:
-    content = SOURCES[name](tmp_path)
-    path = tmp_path / name
+def need(name: str) -> None:
+    if name.endswith(".uff"):
+        pytest.importorskip("pyuff", reason="NOT TESTED on universal files: pyuff is not installed")
+
+
+def check_logs(folder: Path, name: str, count: int, seed: str) -> None:
+    """Damage a log many times; each time it is refused with its name, or is a log of finite numbers."""
+    need(name)
+    content = SOURCES[name](folder)
+    path = folder / name
     path.write_bytes(content)
-    assert isinstance(outcome(lambda: read_log(path)), Log)
-    draw = random.Random(name)
+    assert isinstance(outcome(lambda: read_log(path, **NEEDS.get(name, {}))), Log)
+    draw = random.Random(seed)
     refused = 0
-    for _ in range(1000):
+    for _ in range(count):
         path.write_bytes(damaged(content, draw))
-        mapping = {"position_load": "x"} if draw.random() < 0.3 else None
-        found = outcome(lambda: read_log(path, mapping))  # noqa: B023
+        options = NEEDS.get(name, {"mapping": {"position_load": "x"}} if draw.random() < 0.3 else {})
+        found = outcome(lambda: read_log(path, **options))  # noqa: B023
         if isinstance(found, str):
             refused += 1
             assert found.startswith(f"{path}: ")
@@ -125,7 +221,55 @@ def test_damaged_logs(tmp_path: Path, name: str) -> None:
         else:
             assert len(found) >= 3
             assert all(np.all(np.isfinite(values)) for values in found.channels.values())
-    assert refused > 100
+    assert refused > count // 20
+
+
+def check_responses(folder: Path, name: str, count: int, seed: str) -> None:
+    """The same for frequency responses."""
+    need(name)
+    content = RESPONSES[name]()
+    path = folder / name
+    path.write_bytes(content)
+    assert isinstance(outcome(lambda: read_frf(path)), FRF)
+    draw = random.Random(seed)
+    refused = 0
+    for _ in range(count):
+        path.write_bytes(damaged(content, draw))
+        found = outcome(lambda: read_frfs(path))
+        if isinstance(found, str):
+            refused += 1
+            assert found.startswith(f"{path}: ")
+            assert "\n" not in found
+        else:
+            assert all(isinstance(frf, FRF) and frf.frequency.size for frf in found.values())
+    assert refused > count // 20
+
+
+@pytest.mark.timeout(120)
+@pytest.mark.parametrize("name", SOURCES)
+def test_damaged_logs(tmp_path: Path, name: str) -> None:
+    check_logs(tmp_path, name, FEW, name)
+
+
+@pytest.mark.timeout(120)
+@pytest.mark.parametrize("name", RESPONSES)
+def test_damaged_responses(tmp_path: Path, name: str) -> None:
+    check_responses(tmp_path, name, FEW, name)
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(1800)
+@pytest.mark.parametrize("name", SOURCES)
+def test_logs_damaged_very_often(tmp_path: Path, name: str) -> None:
+    """100,000 damages over all readers."""
+    check_logs(tmp_path, name, MANY, f"often {name}")
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(1800)
+@pytest.mark.parametrize("name", RESPONSES)
+def test_responses_damaged_very_often(tmp_path: Path, name: str) -> None:
+    check_responses(tmp_path, name, MANY, f"often {name}")
 
 
 def test_random_bytes_and_texts(tmp_path: Path) -> None:
@@ -137,6 +281,11 @@ def test_random_bytes_and_texts(tmp_path: Path) -> None:
         b"\x89HDF\r\n\x1a\n",
         b"\x1f\x8b\x08",
         b"\xff\xfe",
+        b"\x93NUMPY\x01\0",
+        b"Sampling period is 1000 ns\n",
+        b"<?xml version='1.0'?>",
+        b"Name\ta\tSampleTime[ms]\n",
+        b"EPOS Studio Version:;1\n",
     ]
     alphabets = [bytes(range(256)), b"0123456789.,;- \n", b'019e+-,;\t \n#"[]tx', b"\0\1\x0e\x0f\x05\x06"]
     path = tmp_path / "a.bin"
@@ -148,13 +297,19 @@ def test_random_bytes_and_texts(tmp_path: Path) -> None:
 
 
 def test_a_reader_is_never_given_a_file_of_another_format(tmp_path: Path) -> None:
-    """Every content under every ending is read all the same."""
+    """Every content under every ending is read all the same; as a frequency response it is refused."""
+    pytest.importorskip("pyuff", reason="NOT TESTED on universal files: pyuff is not installed")
     contents = {name: source(tmp_path) for name, source in SOURCES.items()}
-    for content in contents.values():
+    for kind, content in contents.items():
+        options = NEEDS.get(kind, {})
         for name in contents:
             path = tmp_path / f"other_{name}"
             path.write_bytes(content)
-            assert isinstance(outcome(lambda: read_log(path)), Log)  # noqa: B023
+            assert isinstance(outcome(lambda: read_log(path, **options)), Log)  # noqa: B023
+        assert outcome(lambda: read_frf(path)).startswith(f"{path}: ")  # noqa: B023
+    for source in RESPONSES.values():
+        path.write_bytes(source())
+        assert outcome(lambda: read_log(path)).startswith(f"{path}: ")
 
 
 def test_damaged_logs_take_no_memory(tmp_path: Path) -> None:

@@ -7,6 +7,7 @@ import zlib
 from collections.abc import Callable
 
 from feeddrive.artefacts.files.columns import Columns, Reader, most_unpacked
+from feeddrive.artefacts.files.readers import mdf
 from feeddrive.artefacts.files.readers.csv_log import read_csv
 from feeddrive.artefacts.files.readers.epos import is_epos, read_epos
 from feeddrive.artefacts.files.readers.linuxcnc import is_halsampler, is_halscope, read_halsampler, read_halscope
@@ -21,7 +22,7 @@ from feeddrive.artefacts.files.readers.uff import read_uff
 from feeddrive.language.errors import LogError
 
 _HDF5 = b"\x89HDF\r\n\x1a\n"
-_READABLE = "MATLAB (.mat), CSV, Parquet, numpy (.npy), UFF 58, also packed by gzip"
+_READABLE = "MATLAB (.mat), CSV, Parquet, numpy (.npy), UFF 58, MDF4, also packed by gzip"
 
 # texts with a head of their maker's
 _TEXTS: tuple[tuple[Callable[[bytes], bool], Reader], ...] = (
@@ -33,8 +34,8 @@ _TEXTS: tuple[tuple[Callable[[bytes], bool], Reader], ...] = (
 
 # how files of other kinds begin, what they are, and how their content gets here
 _OTHERS = (
-    (b"MDF     ", "an MDF4 measurement file", "export it as CSV or MATLAB"),
-    (b"UnFinMF ", "an unfinished MDF4 measurement file", "export it as CSV or MATLAB"),
+    (b"MDF     ", "an MDF measurement file older than version 4", "export it as MDF4, CSV or MATLAB"),
+    (b"UnFinMF ", "an unfinished MDF measurement file", "export it as MDF4, CSV or MATLAB"),
     (b"TDSm", "a TDMS file", "export it as CSV or MATLAB"),
     (b"\x80\x04\x95", "a Python pickle, which could execute code", "save it as CSV or Parquet"),
     (b"\xd0\xcf\x11\xe0", "an old Office file (.xls)", "export the sheet as CSV"),
@@ -63,6 +64,8 @@ def read_columns(name: str, content: bytes, wanted: frozenset[str] | None) -> Co
         return read_mat73(name, content, wanted)
     if content.startswith(b"PAR1"):
         return read_parquet(name, content, wanted)
+    if content.startswith(mdf.STARTS):
+        return mdf.read_mdf(name, content, wanted)
     if content.startswith(_UFF):
         return read_uff(name, content, wanted)
     if content.startswith(_NPY):
