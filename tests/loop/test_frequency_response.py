@@ -7,6 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+import feeddrive as fd
 from feeddrive.engineer.analysis.sensitivity import complementary_sensitivity, sensitivity
 from feeddrive.language.errors import ParameterError
 from feeddrive.loop.frequency_response import FRF
@@ -72,3 +73,18 @@ def test_columns_of_a_table_hold_what_is_known() -> None:
     pytest.importorskip("pandas")
     assert list(measured().to_pandas().columns) == ["real", "imaginary", "coherence", "variance"]
     assert list(EXACT.to_pandas().columns) == ["real", "imaginary"]
+
+
+def test_an_added_force_acts_and_is_not_in_the_command() -> None:
+    """A free mass, hardly controlled: the added force alone moves it, x = F t²/2m, and the command stays small."""
+    T, F, mass = 1e-3, 3.0, 2.0
+    loop = fd.Loop(
+        control=fd.Control(law=fd.CascadePPI(Kv=1e-9, Kp=1e-9, Tn=1e3)),
+        axis=fd.Axis(plant=fd.Rigid(mass=mass)),
+        sample_time=T,
+    )
+    still = fd.Recorded(position=np.zeros(101), sample_time=T)
+    push = fd.RecordedForce(force=np.full(101, F), sample_time=T)
+    run = fd.simulate(loop, still, added_force=push)
+    assert run["position_load"] == pytest.approx(0.5 * F / mass * run.time**2, rel=1e-6)
+    assert np.max(np.abs(run["force"])) < 1e-6
