@@ -1,0 +1,75 @@
+"""How sure a tuning is of its bounds, from the variance of the measurement; and when it is too poor to tune on."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.optimize import bisect
+from scipy.stats import norm
+
+from feeddrive.engineer.tuning.shaping.criteria import Answer, Bound
+from feeddrive.language.errors import NotIdentifiableError
+
+_TOGETHER = 0.15  # of ln f: bounds nearer than this at one site share their noise and count once
+_POOR = 0.5  # of the distance to -1 that the noise may take
+_BEYOND = 3.0  # times the crossover: up to there the measurement must be good
+_LOW = 0.3  # |L| at the last line that may be left
+
+
+def distances(bounds: Sequence[Bound]) -> np.ndarray:
+    """Slack over standard deviation of each separate bound: the nearest one of every neighborhood in frequency."""
+    left = sorted((b for b in bounds if b.deviation > 0.0), key=lambda b: b.slack / b.deviation)
+    kept: list[Bound] = []
+    for bound in left:
+        if all(b.site != bound.site or abs(np.log(b.frequency / bound.frequency)) > _TOGETHER for b in kept):
+            kept.append(bound)
+        if bound.slack / bound.deviation > 8.0:
+            break
+    return np.array([b.slack / b.deviation for b in kept])
+
+
+def chance(bounds: Sequence[Bound]) -> float:
+    """The probability that all bounds hold: Π Φ(slack/σ), for noise that is normal and independent."""
+    return float(np.prod(norm.cdf(distances(bounds))))
+
+
+def needed(bounds: Sequence[Bound], sure: float, confidence: float) -> float:
+    """The number of standard deviations to keep in place of `sure`, so that all bounds hold with the confidence."""
+    found = distances(bounds)
+    if not found.size:
+        return sure
+
+    def off(more: float) -> float:
+        return float(np.prod(norm.cdf(found + more))) - confidence
+
+    return sure if off(-5.0) > 0.0 or off(8.0) < 0.0 else max(0.0, sure + float(bisect(off, -5.0, 8.0, xtol=1e-4)))
+
+
+def require_good(answers: Sequence[Answer], sure: float) -> None:
+    """Raise NotIdentifiableError, with the band, where noise or an early end leaves a tuning without ground.
+
+    Judged up to three times the highest crossover: k σ(L) may not exceed half of |1 + L|.
+    """
+    for each in answers:
+        f, L, site = each.site.frequency, each.gain, each.site
+        above = np.flatnonzero(np.abs(L) >= 1.0)
+        crossover = float(f[above[-1]]) if above.size else float(f[0])
+        if site.loop is None and abs(L[-1]) > _LOW and f[-1] < _BEYOND * crossover and f[-1] < 0.45 / site.sample_time:
+            raise NotIdentifiableError(
+                f"do not tune, measure again: '{site.name}' ends at {f[-1]:.4g} Hz, where the loop gain is still "
+                f"{abs(L[-1]):.2g}; measure up to at least {_BEYOND * crossover:.4g} Hz, three times the crossover"
+            )
+        if site.variance is None:
+            continue
+        excess = sure * np.sqrt(0.5 * each.gain_variance) > _POOR * np.abs(1.0 + L)
+        poor = np.flatnonzero(excess & (f <= _BEYOND * crossover))
+        if poor.size:
+            low, high = f[poor[0]], f[poor[-1]]
+            worst = poor[np.argmax(each.gain_variance[poor] / np.abs(1.0 + L[poor]) ** 2)]
+            share = np.sqrt(site.variance[1, worst]) / np.abs(site.by_force[1, worst])
+            raise NotIdentifiableError(
+                f"do not tune, measure again: '{site.name}' is too noisy from {low:.4g} to {high:.4g} Hz, up to "
+                f"{100.0 * share:.2g} % of the response at {f[worst]:.4g} Hz, below three times the crossover of "
+                f"{crossover:.4g} Hz; excite this band more strongly, or average longer"
+            )

@@ -1,0 +1,191 @@
+"""The frequency response of a control with its slopes to any of its parameters, from the lines that run."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple, cast
+
+import numpy as np
+from scipy.linalg import matrix_balance, schur
+
+from feeddrive.blocks.signals import Setpoint
+from feeddrive.language import tree
+from feeddrive.language.block import Number
+from feeddrive.language.errors import ParameterError
+from feeddrive.language.graph import Graph, Symbol
+from feeddrive.loop.control import Control
+from feeddrive.loop.differentiate import push
+from feeddrive.loop.trace import node_values
+
+_SPEED = 0.05  # m/s of the operating point
+_READINGS = ("reading_motor", "reading_load")
+
+
+class Response(NamedTuple):
+    """Force over the two readings, N/m, of shape (2, lines), and its slopes, of shape (2, lines, knobs)."""
+
+    value: np.ndarray
+    slope: np.ndarray
+    unstable: int  # poles of the control alone outside of the unit circle
+
+
+@dataclass(frozen=True, eq=False)
+class Traced:
+    """The linear model of a control as nodes of a graph: its entries that are not plain zeros, by row and column.
+
+    Rows are the states after a sample and the force, columns the states before it and the two readings.
+    """
+
+    graph: Graph
+    entries: tuple[tuple[int, int, int], ...]  # row, column, node
+    inputs: Mapping[str, int]  # parameters by name
+    states: tuple[str, ...]
+
+
+_traced: dict[Any, Traced] = {}
+
+
+def _trace(control: Control, begun: Any) -> Traced:
+    """One sample of the control on symbols, and its forward slopes to states and readings, on symbols as well."""
+    graph = Graph()
+
+    def given(name: str) -> Number:
+        return cast(Number, graph.input(name))
+
+    rows = {name: graph.table(name, len(row)) for name, row in tree.tables(control)}
+    names = [name for name, _ in tree.leaves(control)]
+    symbolic = tree.with_tables(tree.rebuild(control, (given(name) for name in names)), rows)
+    T = given("T")
+    states = tuple(name for name, _ in tree.leaves(begun))
+    state = tree.rebuild(begun, (given(f"state.{name}") for name in states))
+    setpoint = Setpoint(*(given(f"set.{name}") for name in Setpoint._fields))
+    motor, load = (given(name) for name in _READINGS)
+    after, command = symbolic.step(symbolic.prepare(T), state, setpoint, motor, load, 1.0, T)
+    ends = [graph.symbol(value).index for _, value in tree.leaves(after)] + [graph.symbol(command.applied).index]
+    columns = [graph.input(f"state.{name}").index for name in states] + [graph.input(name).index for name in _READINGS]
+    values = {i: Symbol(graph, i) for i in range(len(graph.nodes))}
+    entries: list[tuple[int, int, int]] = []
+    for j, column in enumerate(columns):
+        for i, tangent in enumerate(push(graph, ends, values, {column: 1.0})):
+            if tangent is not None:
+                node = graph.symbol(tangent).index
+                if graph.nodes[node] != ("const", (0.0).hex()):
+                    entries.append((i, j, node))
+    return Traced(graph, tuple(entries), {name: graph.input(name).index for name in names}, states)
+
+
+class ControlResponse:
+    """The response of a control on some lines, at any values of its knobs.
+
+        u = C1 x1 + C2 x2,   C = c (z - A)⁻¹ B + d,   ∂C = w ∂A x + ∂c x + w ∂B + ∂d
+        x = (z - A)⁻¹ B,   w = c (z - A)⁻¹,   z = e^(j2πfT)
+
+    A, B, c, d are the slopes of the step to states and readings, and ∂ their slopes to the knobs, both by the forward
+    rules on the law's own lines.  Guard and force limit are left out, and what blends in counts as there, as in
+    `linearize`.  Raises ParameterError for a law that repeats itself only after several samples.
+    """
+
+    def __init__(self, control: Control, sample_time: float, knobs: Sequence[str], velocity: float = _SPEED) -> None:
+        if control.law.period() > 1:
+            raise ParameterError(
+                f"the law '{control.law.kind}' repeats itself only every {control.law.period()} samples: it has no "
+                f"response at the actuator; set position_every = 1"
+            )
+        settled = tuple(block.settled() for block in control.compensation)
+        control = replace(control, compensation=settled, guard=None, force_limit=None)
+        for name in knobs:
+            tree.declaration(control, name)
+        self.T, self.knobs, self.velocity = float(sample_time), tuple(knobs), velocity
+        self.control = tree.rebuild(control, (np.float64(value) for _, value in tree.leaves(control)))
+        self._begun = self._start(self.control)
+        key = tree.structure(control)
+        if key not in _traced:
+            _traced[key] = _trace(self.control, self._begun)
+        self._traced = _traced[key]
+        self._live = _needed(self._traced)
+
+    def _start(self, control: Control) -> Any:
+        zero = np.float64(0.0)
+        setpoint = Setpoint(zero, np.float64(self.velocity), zero, zero, zero)
+        before = np.float64(-self.velocity * self.T)
+        with np.errstate(all="ignore"):
+            return control.start(control.prepare(self.T), setpoint, before, before, np.float64(self.velocity))
+
+    def model(self, values: Sequence[float] | np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """[A B; c d] of shape (n + 1, n + 2) at values of the knobs, and its slopes, shape (n + 1, n + 2, knobs)."""
+        traced = self._traced
+        numbers = dict(tree.leaves(self.control)) | dict(zip(self.knobs, map(np.float64, values), strict=True))
+        leaves: dict[str, Any] = {
+            **numbers, **dict(tree.tables(self.control)), "T": np.float64(self.T),
+            **{f"state.{name}": value for name, value in tree.leaves(self._begun)},
+            **{f"set.{name}": np.float64(0.0) for name in Setpoint._fields}, "set.velocity": np.float64(self.velocity),
+            **dict.fromkeys(_READINGS, np.float64(0.0)),
+        }  # fmt: skip
+        nodes = [node for _, _, node in traced.entries]
+        found = node_values(traced.graph, nodes, leaves)
+        count, eye = len(self.knobs), np.eye(len(self.knobs))
+        seeds = {traced.inputs[name]: eye[i] for i, name in enumerate(self.knobs) if traced.inputs[name] in found}
+        with np.errstate(all="ignore"):
+            tangents = push(traced.graph, nodes, found, seeds)
+        n = len(traced.states)
+        matrix, slopes = np.zeros((n + 1, n + 2)), np.zeros((n + 1, n + 2, count))
+        for (i, j, node), tangent in zip(traced.entries, tangents, strict=True):
+            matrix[i, j] = found[node]
+            if tangent is not None:
+                slopes[i, j] = tangent
+        keep = [*self._live, n]
+        wide = [*self._live, n, n + 1]
+        return matrix[np.ix_(keep, wide)], slopes[np.ix_(keep, wide)]
+
+    def at(self, values: Sequence[float] | np.ndarray, frequency: np.ndarray) -> Response:
+        """The response and its slopes on lines in Hz up to Nyquist. Raises ParameterError if it is not finite."""
+        matrix, slopes = self.model(values)
+        if not (np.all(np.isfinite(matrix)) and np.all(np.isfinite(slopes))):
+            raise ParameterError("the linear model of the control holds numbers that are not finite")
+        n = matrix.shape[0] - 1
+        A, B, c, d = matrix[:n, :n], matrix[:n, n:], matrix[n, :n], matrix[n, n:]
+        z = np.exp(2j * np.pi * frequency * self.T)
+        x, w = _resolved(A, B, c, z)
+        value = np.einsum("i,lik->kl", c, x) + d[:, None]
+        moved = np.einsum("ijp,ljk->likp", slopes[:n, :n], x, optimize=True) + slopes[None, :n, n:]
+        slope = np.einsum("li,likp->klp", w, moved, optimize=True)
+        slope += np.einsum("ip,lik->klp", slopes[n, :n], x, optimize=True) + slopes[n, n:][:, None, :]
+        unstable = int(np.sum(np.abs(np.linalg.eigvals(A)) > 1.0 + 1e-7)) if n else 0
+        return Response(value, slope, unstable)
+
+
+def _resolved(A: np.ndarray, B: np.ndarray, c: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(z - A)⁻¹ B of shape (lines, n, 2) and c (z - A)⁻¹ of shape (lines, n).
+
+    By the Schur form of the balanced A, row by row over all lines at once: as safe as solving for each line.
+    """
+    if not A.size:
+        return np.zeros((z.size, 0, B.shape[1]), complex), np.zeros((z.size, 0), complex)
+    balanced, (scale, _) = matrix_balance(A, permute=False, separate=True)
+    form = schur(balanced, output="complex")
+    S, Z = form[0], form[1]
+    n = scale.size
+    right = Z.conj().T @ (B / scale[:, None])
+    left = (c * scale) @ Z
+    x = np.repeat(right[:, :, None], z.size, axis=2)
+    w = np.repeat(left[:, None], z.size, axis=1)
+    for i in range(n - 1, -1, -1):
+        x[i] /= z - S[i, i]
+        x[:i] += S[:i, i, None, None] * x[i]
+    for i in range(n):
+        w[i] /= z - S[i, i]
+        w[i + 1 :] += S[i, i + 1 :, None] * w[i]
+    return np.einsum("ij,jkl->lik", Z * scale[:, None], x, optimize=True), (w.T @ Z.conj().T) / scale
+
+
+def _needed(traced: Traced) -> list[int]:
+    """The states that a reading reaches and that the force sees."""
+    n = len(traced.states)
+    links = {(i, j) for i, j, _ in traced.entries}
+    reached = {i for i, j in links if j >= n and i < n}
+    seen = {j for i, j in links if i == n and j < n}
+    for _ in range(n):
+        reached |= {i for i, j in links if i < n and j in reached}
+        seen |= {j for i, j in links if j < n and i in seen}
+    return sorted(reached & seen)

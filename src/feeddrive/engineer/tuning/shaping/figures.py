@@ -1,0 +1,74 @@
+"""The figures of a closed loop that people read: margins, stiffness, recovery, noise; with their uncertainty."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from feeddrive.engineer.analysis.margins import Margins, margins
+from feeddrive.engineer.analysis.stiffness import Stiffness, stiffness
+from feeddrive.engineer.tuning.shaping.criteria import Answer, encircles, force_noise, snap_weights
+from feeddrive.loop.frequency_response import FRF
+
+
+@dataclass(frozen=True, eq=False)
+class Figures:
+    """Of one control at one site; infinite or 0 where the loop is unstable.
+
+    deviation  standard deviation of Ms from the variance of the measurement, 0 for a model
+    """
+
+    site: str
+    stable: bool
+    loop_gain: FRF
+    compliance: FRF
+    rope_snap: float  # m s^½/N
+    bandwidth: float | None  # Hz, where |S| rises to -3 dB
+    force_noise: float | None  # N RMS
+    deviation: float
+    at_drive: bool
+
+    @property
+    def margins(self) -> Margins:
+        """Of the loop gain."""
+        return margins(self.loop_gain)
+
+    @property
+    def stiffness(self) -> Stiffness:
+        """The inverse of the compliance."""
+        return stiffness(self.compliance)
+
+    @property
+    def peak_compliance(self) -> float:
+        """m/N."""
+        return float(1.0 / self.stiffness.minimum)
+
+
+def figures(answer: Answer, reading_noise: tuple[float, float]) -> Figures:
+    """From a closed loop on all lines of its site."""
+    site = answer.site
+    f, T = site.frequency, site.sample_time
+    L = FRF(f, answer.gain, "cut", "force", "N/N", T, variance=None if site.variance is None else answer.gain_variance)
+    C = FRF(f, answer.compliance, "load_force", "position_load", "m/N", T)
+    stable = not encircles(answer)
+    away = np.abs(1.0 + answer.gain)
+    k = int(np.argmin(away))
+    level = -20.0 * np.log10(away)
+    rises = np.flatnonzero((level[:-1] < -3.0103) & (level[1:] >= -3.0103))
+    width = None
+    if rises.size:
+        i = int(rises[0])
+        part = (-3.0103 - level[i]) / (level[i + 1] - level[i])
+        width = float(f[i] * (f[i + 1] / f[i]) ** part)
+    return Figures(
+        site=site.name,
+        stable=stable,
+        loop_gain=L,
+        compliance=C,
+        rope_snap=float(np.sqrt(np.sum(snap_weights(f, T) * np.abs(answer.compliance) ** 2))) if stable else np.inf,
+        bandwidth=width if stable else None,
+        force_noise=force_noise(answer, reading_noise)[0] if any(reading_noise) else None,
+        deviation=float(np.sqrt(0.5 * answer.gain_variance[k]) / away[k] ** 2),
+        at_drive=site.at_drive,
+    )

@@ -1,0 +1,132 @@
+"""A measured response smoothed as far as its noise allows, with the variance that is left."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.stats import chi2
+
+_HALF_WIDTHS = (4, 7, 12, 20, 34)  # lines beside each line that help it
+_UNKNOWNS = 4  # of the local fit
+_SURE = 0.99  # a window whose residuals are larger than noise with this probability is too wide
+_SURE_OF_RATIO = 0.999  # the same for the ratio, which is asked often
+_VARIANCE = 4  # lines on both sides over which the measured variance is averaged
+
+
+def smoothed(
+    frequency: np.ndarray, response: np.ndarray, variance: np.ndarray, wanted: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """The response and the variance after smoothing on the `wanted` lines, by index.
+
+    Around each line a function with one resonance is fitted, by least squares weighted with the variance:
+
+        f² G = (a0 + a1 u + a2 u²)/(1 + b u),   u = ln f - ln f0,   complex a, b
+
+    The window grows while the residuals look like noise, by χ² on 99 %; the width before the last good one is taken, so
+    that what the function cannot follow stays well below the noise that is left.  A line whose neighbors do not help
+    stands as it was measured.  The variance itself is first averaged over nine lines, as it is an estimate too.
+
+    Source: McKelvey & Guérin 2012 (local rational models); Goldenshluger & Nemirovski 1997 (windows as wide as the data
+    allow), with the rule above.
+    """
+    n = frequency.size
+    flat = frequency**2
+    out, left = response.copy(), _averaged(variance * flat**2) / flat**2
+    if not np.any(variance > 0.0):
+        return out[wanted], left[wanted]
+    x, y = np.log(frequency), response * flat
+    spread = np.maximum(left * flat**2, 1e-12 * np.abs(y) ** 2)
+    before = (out.copy(), left.copy())
+    fits = np.zeros(n, dtype=bool)
+    fits[wanted] = True
+    for half in _HALF_WIDTHS:
+        width = 2 * half + 1
+        if width > n or not np.any(fits):
+            break
+        place = np.flatnonzero(fits)
+        value, kept, excess = _fitted(x, y, spread, width, place)
+        good = excess <= chi2.ppf(_SURE, 2 * (width - _UNKNOWNS))
+        fits[place[~good]] = False
+        place, value, kept = place[good], value[good], kept[good]
+        # the width before: it becomes the answer only once the next one has also been found good
+        out[place], left[place] = before[0][place], before[1][place]
+        before[0][place], before[1][place] = value / flat[place], kept / flat[place] ** 2
+    return out[wanted], left[wanted]
+
+
+def _averaged(variance: np.ndarray) -> np.ndarray:
+    """The mean over a few neighbors."""
+    summed = np.cumsum(np.concatenate([[0.0], variance]))
+    place = np.arange(variance.size)
+    low, high = np.maximum(place - _VARIANCE, 0), np.minimum(place + _VARIANCE + 1, variance.size)
+    return (summed[high] - summed[low]) / (high - low)
+
+
+def _fitted(
+    x: np.ndarray, y: np.ndarray, spread: np.ndarray, width: int, lines: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Value and variance of the local function at some lines, and twice the weighted residuals.
+
+    y (1 + b u) = a0 + a1 u + a2 u² is linear in the unknowns; it is solved twice, the second time with the weights
+    that the first b asks for (Sanathanan & Koerner 1963).
+    """
+    begin = np.clip(lines - width // 2, 0, x.size - width)
+    place = begin[:, None] + np.arange(width)
+    u = x[place] - x[lines][:, None]
+    u = u / np.max(np.abs(u), axis=1, keepdims=True)
+    values = y[place]
+    columns = np.stack([np.ones_like(u) + 0j, u + 0j, u * u + 0j, -u * values], axis=2)
+    weight = 1.0 / spread[place]
+    found = np.zeros((lines.size, _UNKNOWNS), complex)
+    inverse = np.zeros((lines.size, _UNKNOWNS, _UNKNOWNS), complex)
+    for turn in range(2):
+        if turn:
+            weight = weight / np.maximum(np.abs(1.0 + found[:, 3:4] * u) ** 2, 1e-4)
+        weighted = columns.conj() * weight[:, :, None]
+        normal = weighted.transpose(0, 2, 1) @ columns
+        scale = np.sqrt(np.abs(np.einsum("nii->ni", normal)))
+        normal = normal / (scale[:, :, None] * scale[:, None, :]) + 1e-12 * np.eye(_UNKNOWNS)
+        inverse = np.linalg.inv(normal) / (scale[:, :, None] * scale[:, None, :])
+        found = (inverse @ (weighted.transpose(0, 2, 1) @ values[:, :, None]))[:, :, 0]
+    rest = values - (columns @ found[:, :, None])[:, :, 0]
+    return found[:, 0], np.real(inverse[:, 0, 0]), 2.0 * np.sum(weight * np.abs(rest) ** 2, axis=1)
+
+
+def stiff_ratio(frequency: np.ndarray, motor: np.ndarray, load: np.ndarray, variances: np.ndarray | None) -> np.ndarray:
+    """Motor over load reading at the lines where both ends still move nearly as one, NaN beyond.
+
+        r = 1 + a1 s + a2 s² + a3 s³ + a4 s⁴,   s = jω,   real coefficients
+
+    Both ends move as one when nothing moves fast, whatever the axis: a guided body has no other place to go.  How much
+    they differ decides about stiffness, and it would drown where the responses are large and the spring hardly bends.
+    Fitted to raw lines from the lowest one up to the highest at which the residuals still look like noise, by χ² on
+    99.9 %.
+    """
+    ratio = np.full(frequency.size, np.nan, dtype=complex)
+    if variances is None:
+        return ratio
+    raw = motor / load
+    spread = np.abs(raw) ** 2 * (variances[0] / np.abs(motor) ** 2 + variances[1] / np.abs(load) ** 2)
+    if not np.all(spread > 0.0):
+        return ratio
+    best = 0
+    for count in np.unique(np.geomspace(12, frequency.size, 40).astype(int)):
+        if count > frequency.size:
+            break
+        fitted = _real_polynomial(frequency[:count], raw[:count], spread[:count])
+        excess = 2.0 * float(np.sum(np.abs(raw[:count] - fitted) ** 2 / spread[:count]))
+        if excess <= chi2.ppf(_SURE_OF_RATIO, 2 * count - 4):
+            best, ratio[:count] = count, fitted
+        elif count > 2 * max(best, 12):
+            break
+    # a fit bends away first at its end: its last third is left to the measurement itself
+    ratio[int(0.67 * best) :] = np.nan
+    return ratio
+
+
+def _real_polynomial(f: np.ndarray, r: np.ndarray, spread: np.ndarray) -> np.ndarray:
+    """The weighted fit of 1 + a1 s + ... + a4 s⁴ to complex values."""
+    s = 1j * f / f[-1]
+    columns = np.stack([s**k for k in (1, 2, 3, 4)], axis=1) / np.sqrt(spread)[:, None]
+    right = (r - 1.0) / np.sqrt(spread)
+    found = np.linalg.lstsq(np.vstack([columns.real, columns.imag]), np.concatenate([right.real, right.imag]))[0]
+    return 1.0 + np.stack([s**k for k in (1, 2, 3, 4)], axis=1) @ found
