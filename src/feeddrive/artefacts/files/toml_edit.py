@@ -123,7 +123,12 @@ class TomlEdit:
         """A new line after the last key of the section, or after its header."""
         lines = lines_of_keys(self.text)
         section = key[:-1]
-        own = [line for each, line in lines.items() if each[:-1] == section and each in spans_of_values(self.text)]
+        # a value may go on over several lines: the new line stands after its end
+        own = [
+            self.text.count("\n", 0, end) + 1
+            for each, (_, end) in spans_of_values(self.text).items()
+            if each[:-1] == section
+        ]
         if section not in lines and not own:
             raise ParameterError(f"{self.name}: there is no section [{'.'.join(map(str, section))}]")
         after = max([*own, lines.get(section, 0)])

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 from scipy.signal import oaconvolve
 
@@ -33,13 +31,6 @@ def robust_covariance(columns: np.ndarray, residual: np.ndarray, lags: int | Non
     remains = residual if residual.ndim == 2 else residual[None]
     n, p = stacked.shape[1:]
     return n / max(n - p, 1) * _long_run(_scores(stacked, remains), lags)
-
-
-def robust_groups(columns: np.ndarray, residual: np.ndarray, groups: Sequence[np.ndarray]) -> list[np.ndarray]:
-    """The blocks of `robust_covariance` that belong to groups of columns: quick where there are hundreds of columns."""
-    n, p = columns.shape
-    scores = _scores(columns[None], residual[None])
-    return [n / max(n - p, 1) * _long_run(scores[:, group]) for group in groups]
 
 
 def _scores(columns: np.ndarray, residual: np.ndarray) -> np.ndarray:

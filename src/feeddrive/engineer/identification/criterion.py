@@ -12,16 +12,19 @@ _MEMORIES = np.linspace(0.0, 0.98, 99)
 def information(residual: np.ndarray, parameters: int, stretches: Sequence[slice] | None = None) -> float:
     """The Bayesian information criterion of a residual that follows r(k) = rho r(k-1) + e(k); less is better.
 
-        -2 log L = n log(Σ e² / n) - m log(1 - rho²),   criterion = -2 log L + (parameters + 2) log n
+        -2 log L = n log(Σ e² / n) - m log(1 - rho²)
+        criterion = -2 log L + k log n · n / (n - k - 1),   k = parameters + 2
 
-    with the rho >= 0 that is most likely; rho and the size of e are the two parameters more.  Without that memory, as
+    with the rho >= 0 that is most likely; rho and the size of e are the two parameters more.  The last factor corrects
+    for few rows, where the plain criterion takes a parameter too many in one case of five.  Without that memory, as
     in the usual criterion, neighboring rows would count as independent, and a model would be allowed to follow what
     they share.  `stretches` are rows in a row, m of them (default: all); rho does not reach from one to the next.
-    Sources: Schwarz 1978; the likelihood of a first-order process, Box & Jenkins.
+    Sources: Schwarz 1978; McQuarrie 1999 for few rows; the likelihood of a first-order process, Box & Jenkins 1970.
     """
     parts = _parts(residual, stretches)
     best = min(_likelihood(parts, rho) for rho in _MEMORIES)
-    return float(best + (parameters + 2) * np.log(residual.size))
+    n, k = residual.size, parameters + 2
+    return float(best + k * np.log(n) * n / max(n - k - 1, 1))
 
 
 def likely_memory(residual: np.ndarray, stretches: Sequence[slice] | None = None) -> float:

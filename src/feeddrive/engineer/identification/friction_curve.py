@@ -21,6 +21,7 @@ from feeddrive.language.errors import NotIdentifiableError, ParameterError
 from feeddrive.language.table import Result, Table
 
 _GRID = 60  # Stribeck velocities that are tried before the best is refined
+EQUAL = 2.0  # difference of the criterion that is not worth a mention: the simpler model is taken then
 CLEAR = 6.0  # difference of the criterion that counts as strong evidence (Kass & Raftery 1995)
 
 
@@ -122,7 +123,7 @@ class FrictionCurve(Result):
 
 
 def fit_friction(runs: SteadyRuns, candidates: Sequence[Candidate] = CANDIDATES) -> FrictionCurve:
-    """Fit all candidates to constant-speed runs and take the one with the least information criterion.
+    """Fit all candidates to constant-speed runs; the least information criterion decides, or a simpler model as good.
 
         force(v) = level(v) sign(v) + viscous v (+ offset)
         level(v) = coulomb + (breakaway - coulomb) e^-|v / stribeck_velocity|^exponent
@@ -143,7 +144,8 @@ def fit_friction(runs: SteadyRuns, candidates: Sequence[Candidate] = CANDIDATES)
             f"force or velocity inverted? The force must point along the motion that it sustains"
         )
     fits.sort(key=lambda fit: fit[0].criterion)
-    compared, model, values, residual = fits[0]
+    near = [fit for fit in fits if fit[0].criterion < fits[0][0].criterion + EQUAL]
+    compared, model, values, residual = min(near, key=lambda fit: fit[0].parameters)
     others = [fit[0] for fit in fits]
     separate = [_separate(runs, each) for each in SEPARATE] if len(candidates) > 1 else []
     listed = sorted([*others, *(each for each in separate if each is not None)], key=lambda each: each.criterion)
@@ -236,9 +238,11 @@ def _separate(runs: SteadyRuns, model: Candidate) -> Compared | None:
 
 def _remarks(best: Compared, listed: list[Compared], others: list[Compared], runs: SteadyRuns) -> tuple[str, ...]:
     found: list[str] = []
-    close = [each.name for each in others if each is not best and each.criterion - best.criterion < 2.0]
+    close = [each.name for each in others if each is not best and abs(each.criterion - best.criterion) < EQUAL]
     if close:
-        found.append(f"the runs hardly tell {best.name} from {', '.join(close)}: the criterion differs by less than 2")
+        found.append(
+            f"the runs hardly tell {best.name} from {', '.join(close)}: the criterion differs by less than {EQUAL:g}"
+        )
     first = listed[0]
     if first.criterion < best.criterion - CLEAR:
         found.append(

@@ -24,8 +24,9 @@ def check_motion(name: str, velocity: np.ndarray, frame: Frame) -> None:
         towards = "smaller" if backward < forward else "larger"
         raise NotIdentifiableError(
             f"{name}: not identifiable: only {100.0 * share:.2g} % of the motion goes towards {towards} "
-            f"positions, at least {100.0 * LEAST_REVERSAL:g} % are needed: in one direction friction cannot be told "
-            f"from a constant force; record next a move to and fro over the same travel, at {top:.3g} {frame.velocity} or more"
+            f"positions, at least {100.0 * LEAST_REVERSAL:g} % are needed: in one direction friction cannot be "
+            f"told from a constant force; record next a move to and fro over the same travel, at {top:.3g} "
+            f"{frame.velocity} or more"
         )
 
 

@@ -1,4 +1,4 @@
-"""A whole identification of one log: inverse dynamics, delay, the law that ran, output error, and what to make of it."""
+"""A whole identification of one log: inverse dynamics, delay, the law that ran, output error, what to make of it."""
 
 from __future__ import annotations
 
@@ -63,9 +63,9 @@ class Identified(Result):
         left, unused = 100.0 * self.rigid.residuals.relative, 100.0 * self.rigid.validation.relative
         if self.rigid.residuals.relative > POOR:
             return (
-                f"Do not tune on these values: a rigid drive with {self.rigid.friction} friction leaves {left:.3g} % of "
-                f"the force, so the axis bends, binds or is driven by something else; measure a frequency response next "
-                f"(feeddrive excite)."
+                f"Do not tune on these values: a rigid drive with {self.rigid.friction} friction leaves {left:.3g} % "
+                f"of the force, so the axis bends, binds or is driven by something else; measure a frequency "
+                f"response next (feeddrive excite)."
             )
         if self.rigid.validation.relative > 1.5 * self.rigid.residuals.relative:
             return (
@@ -115,8 +115,8 @@ def identify(
     if not rigid.residuals.white:
         ratio = max(each.error / each.ols for each in rigid.estimates)
         remarks.append(
-            f"the residual hangs together from row to row ({rigid.residuals.autocorrelation(1):.2f} at lag 1): the errors "
-            f"account for it and are up to {ratio:.2g} times those that assume the contrary (ols)"
+            f"the residual hangs together from row to row ({rigid.residuals.autocorrelation(1):.2f} at lag 1): the "
+            f"errors account for it and are up to {ratio:.2g} times those that assume the contrary (ols)"
         )
     if lead is not None:
         rigid = rigid.at_table(lead, gear)
@@ -128,7 +128,7 @@ def identify(
         )
         return Identified(log, rigid, delay, None, None, None, None, tuple(remarks))
     control = _attempted(lambda: identify_control(log), remarks) if start is None else None
-    loop = _loop(log, rigid, start, control, samples)
+    loop = _loop(log, rigid, start, control)
     refinement = None
     if loop is not None and log.set_position is not None:
         refinement = _attempted(lambda: refine(loop, log), remarks)
@@ -146,7 +146,7 @@ def _attempted(what: Any, remarks: list[str]) -> Any:
         return None
 
 
-def _loop(log: MotionLog, rigid: RigidFit, start: Loop | None, control: ControlFit | None, samples: int) -> Loop | None:
+def _loop(log: MotionLog, rigid: RigidFit, start: Loop | None, control: ControlFit | None) -> Loop | None:
     """The loop of the log with what was found in place of what it had."""
     if rigid.frame is not TABLE:
         return None

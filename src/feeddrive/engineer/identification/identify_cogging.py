@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.stats import f as f_distribution
 
 from feeddrive.engineer.identification.cogging import CoggingFit, CoggingOrder
 from feeddrive.engineer.identification.cogging_run import CoggingRun
-from feeddrive.engineer.identification.covariance import robust_groups
+from feeddrive.engineer.identification.covariance import ols_covariance
 from feeddrive.engineer.identification.parameters import Estimate
 from feeddrive.language.errors import NotIdentifiableError, ParameterError
 
@@ -18,7 +19,7 @@ _ROWS = 3  # rows a column needs
 
 
 def identify_cogging(runs: Sequence[CoggingRun], orders: Sequence[int] | None = None, *, unit: str = "A") -> CoggingFit:
-    """Harmonics of the position by least squares over all runs together, with the friction apart.
+    """Harmonics of the position by least squares, with the friction apart.
 
         force = offset + d coulomb + Σ over orders of (even + d odd),   d = ±1 the direction
         even, odd: a cos(2π order x) + b sin(2π order x)
@@ -28,8 +29,10 @@ def identify_cogging(runs: Sequence[CoggingRun], orders: Sequence[int] | None = 
 
     orders  default: all up to 128, or as many as a third of the visited positions can carry
 
-    An order is significant if its Wald statistic exceeds what the strongest of all orders would show by chance in 5 %
-    of cases without any (Bonferroni).  Errors are robust to the residual's autocorrelation.
+    An order is significant if its F statistic exceeds what the strongest of all orders would show by chance in 5 % of
+    cases without any (Bonferroni).  Each run is fitted alone and those of a direction are averaged.  Errors follow from
+    the residual of each run, with what neighboring rows share, and grow where runs of one direction differ by more than
+    they allow: wear of the position's zero, temperature.
     Raises NotIdentifiableError for runs that do not go round once.
     """
     if not runs:
@@ -44,24 +47,17 @@ def identify_cogging(runs: Sequence[CoggingRun], orders: Sequence[int] | None = 
                 f"run {i + 1} visits {covered} of {2 * max(chosen)} places of a turn that order {max(chosen)} needs; "
                 f"record next a whole turn at low speed, or ask for fewer orders"
             )
-    both = len({run.direction for run in runs}) == 2
-    columns, force = _columns(runs, chosen, both), np.concatenate([run.force for run in runs])
-    values = np.linalg.lstsq(columns, force, rcond=None)[0]
-    residual = force - columns @ values
-    width, first = (4, 2) if both else (2, 1)
-    groups = [np.arange(first), *(np.arange(width) + first + width * i for i in range(len(chosen)))]
-    levels, *shared = robust_groups(columns, residual, groups)
-    found = [
-        _order(n, values[group], spread, runs, unit, len(chosen))
-        for n, group, spread in zip(chosen, groups[1:], shared, strict=True)
-    ]
+    sides = {sign: _side([run for run in runs if run.direction == sign], chosen) for sign in (1, -1)}
+    there = {sign: side for sign, side in sides.items() if side is not None}
+    found = [_order(n, i, there, unit, len(chosen)) for i, n in enumerate(chosen)]
     found.sort(key=lambda each: -each.amplitude)
-    constants = [
-        Estimate(name, float(values[k]), unit, float(np.sqrt(levels[k, k])), float("nan"))
-        for k, name in enumerate(("offset", "coulomb")[:first])
-    ]
-    coulomb = constants[1] if both else None
-    return CoggingFit(tuple(found), coulomb, constants[0], residual, unit, _remarks(found, both))
+    both = len(there) == 2
+    levels = np.array([side.level for side in there.values()])
+    error = float(np.sqrt(sum(side.level_variance for side in there.values()))) / len(there)
+    coulomb = Estimate("coulomb", float(0.5 * (levels[0] - levels[1])), unit, error, error) if both else None
+    offset = Estimate("offset", float(np.mean(levels)), unit, error, error)
+    residual = np.concatenate([side.residual for side in there.values()])
+    return CoggingFit(tuple(found), coulomb, offset, residual, unit, _remarks(found, both))
 
 
 def _most(runs: Sequence[CoggingRun]) -> int:
@@ -69,48 +65,90 @@ def _most(runs: Sequence[CoggingRun]) -> int:
     return max(1, min(128, places // (2 * _ROWS)))
 
 
-def _columns(runs: Sequence[CoggingRun], orders: Sequence[int], both: bool) -> np.ndarray:
-    """1, d, and for each order cos, sin, d cos, d sin; those with d only for both directions."""
-    parts = []
-    for run in runs:
-        one = np.ones(run.turns.size)
-        columns = [one, run.direction * one] if both else [one]
-        for n in orders:
-            angle = 2.0 * np.pi * n * run.turns
-            pair = [np.cos(angle), np.sin(angle)]
-            columns += [*pair, *(run.direction * each for each in pair)] if both else pair
-        parts.append(np.column_stack(columns))
-    return np.concatenate(parts)
+@dataclass(frozen=True, eq=False)
+class _Side:
+    """The mean over the runs of one direction: level, and pairs (a, b) by order with their covariances."""
+
+    level: float
+    level_variance: float
+    pairs: np.ndarray  # shape (orders, 2)
+    spreads: np.ndarray  # shape (orders, 2, 2)
+    residual: np.ndarray
+    freedom: int  # rows less columns
 
 
-def _order(
-    n: int, pairs: np.ndarray, shared: np.ndarray, runs: Sequence[CoggingRun], unit: str, tried: int
-) -> CoggingOrder:
-    """Amplitudes of an order by direction, and its significance."""
-    width, both = pairs.size, pairs.size == 4
-    statistic = float(pairs @ np.linalg.solve(shared, pairs))
-    p_value = float(chi2.sf(statistic, width))
-
-    def amplitude(name: str, weights: tuple[float, float]) -> tuple[Estimate, float]:
-        turn = np.hstack([w * np.eye(2) for w in weights[: width // 2]])
-        (a, b), spread = turn @ pairs, turn @ shared @ turn.T
-        size = float(np.hypot(a, b))
-        along = np.array([a, b]) / (size or 1.0)
-        error = float(np.sqrt(along @ spread @ along))
-        return Estimate(name, size, unit, error, float("nan")), float(np.arctan2(a, b))
-
-    only = runs[0].direction
-    forward = amplitude("forward", (1.0, 1.0)) if both or only == 1 else None
-    backward = amplitude("backward", (1.0, -1.0)) if both or only == -1 else None
-    even = amplitude("even", (1.0, 0.0)) if both else None
-    odd = amplitude("odd", (0.0, 1.0)) if both else None
-    shown = forward or backward
-    assert shown is not None
-    return CoggingOrder(
-        n, None if even is None else even[0], 0.0 if even is None else even[1], None if odd is None else odd[0],
-        None if forward is None else forward[0], None if backward is None else backward[0], shown[1], p_value,
-        p_value < RISK / tried,
+def _side(runs: Sequence[CoggingRun], orders: Sequence[int]) -> _Side | None:
+    """Least squares of each run, then their mean; where runs differ by more than their errors these grow with it."""
+    if not runs:
+        return None
+    fits = [_alone(run, orders) for run in runs]
+    values, count = np.array([fit[0] for fit in fits]), len(fits)
+    mean = values.mean(axis=0)
+    covariance = sum(fit[1] for fit in fits) / count**2
+    groups = [slice(0, 1), *(slice(1 + 2 * i, 3 + 2 * i) for i in range(len(orders)))]
+    spreads = [
+        covariance[group, group] * _between(values[:, group] - mean[group], [fit[1][group, group] for fit in fits])
+        for group in groups
+    ]
+    return _Side(
+        float(mean[0]), float(spreads[0][0, 0]), mean[1:].reshape(-1, 2), np.array(spreads[1:]),
+        np.concatenate([fit[2] for fit in fits]), sum(fit[2].size - values.shape[1] for fit in fits),
     )  # fmt: skip
+
+
+def _alone(run: CoggingRun, orders: Sequence[int]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Values of 1, cos and sin by order, their covariance, and the residual of one run."""
+    angle = 2.0 * np.pi * np.outer(run.turns, orders)
+    waves = np.stack([np.cos(angle), np.sin(angle)], axis=-1).reshape(run.turns.size, -1)
+    columns = np.column_stack([np.ones(run.turns.size), waves])
+    values = np.linalg.lstsq(columns, run.force, rcond=None)[0]
+    residual = run.force - columns @ values
+    along = residual[np.argsort(run.turns)]
+    rho = max(0.0, float(along[1:] @ along[:-1]) / (float(along @ along) or 1.0))
+    # the fit took what the noise has at these orders; what neighboring rows share is taken as the same at all orders
+    return values, ols_covariance(columns, residual) * (1.0 + rho) / (1.0 - min(rho, 0.95)), residual
+
+
+def _between(off: np.ndarray, spreads: Sequence[np.ndarray]) -> float:
+    """By how much runs differ more than their own errors say, as a factor of the variance, at least 1."""
+    count, width = off.shape
+    if count < 2:
+        return 1.0
+    statistic = sum(float(row @ np.linalg.pinv(spread) @ row) for row, spread in zip(off, spreads, strict=True))
+    return max(1.0, statistic / (width * (count - 1)))
+
+
+def _order(n: int, place: int, sides: Mapping[int, _Side], unit: str, tried: int) -> CoggingOrder:
+    """Amplitudes of an order by direction, and its significance."""
+    pairs = {sign: side.pairs[place] for sign, side in sides.items()}
+    spreads = {sign: side.spreads[place] for sign, side in sides.items()}
+    statistic = sum(float(pairs[sign] @ np.linalg.pinv(spreads[sign]) @ pairs[sign]) for sign in sides)
+    width, freedom = 2 * len(sides), sum(side.freedom for side in sides.values())
+    p_value = float(f_distribution.sf(statistic / width, width, freedom))
+    forward = _amplitude("forward", pairs[1], spreads[1], unit) if 1 in sides else None
+    backward = _amplitude("backward", pairs[-1], spreads[-1], unit) if -1 in sides else None
+    even = odd = None
+    phase = 0.0
+    if forward is not None and backward is not None:
+        spread = 0.25 * (spreads[1] + spreads[-1])
+        even = _amplitude("even", 0.5 * (pairs[1] + pairs[-1]), spread, unit)
+        odd = _amplitude("odd", 0.5 * (pairs[1] - pairs[-1]), spread, unit)
+        phase = _phase(0.5 * (pairs[1] + pairs[-1]))
+    shown = pairs[1] if 1 in sides else pairs[-1]
+    return CoggingOrder(n, even, phase, odd, forward, backward, _phase(shown), p_value, p_value < RISK / tried)
+
+
+def _amplitude(name: str, pair: np.ndarray, spread: np.ndarray, unit: str) -> Estimate:
+    """√(a² + b²) with the error along it."""
+    size = float(np.hypot(*pair))
+    along = pair / (size or 1.0)
+    error = float(np.sqrt(along @ spread @ along))
+    return Estimate(name, size, unit, error, error)
+
+
+def _phase(pair: np.ndarray) -> float:
+    """φ of a cos + b sin = A sin(angle + φ)."""
+    return float(np.arctan2(pair[0], pair[1]))
 
 
 def _remarks(found: Sequence[CoggingOrder], both: bool) -> tuple[str, ...]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -55,7 +56,12 @@ class Refinement(Result):
         off = f"position {1e6 * self.replay.rms('position_load'):.3g} um RMS"
         if "force" in self.replay.measured:
             off += f", force {100.0 * self.replay.share('force'):.3g} %"
-        return estimates_table(f"{self.name}: output error, {self.delay} samples of delay; {off}", self.estimates)
+        last = [each.name.rsplit(".", 1)[-1] for each in self.estimates]
+        short = tuple(
+            dataclasses.replace(each, name=end if last.count(end) == 1 else each.name)
+            for each, end in zip(self.estimates, last, strict=True)
+        )
+        return estimates_table(f"{self.name}: output error, {self.delay} samples of delay; {off}", short)
 
     def plot(self) -> Any:
         """Measured and predicted with the residual, as a matplotlib figure."""

@@ -12,6 +12,7 @@ from feeddrive.language.errors import LogError, ParameterError
 
 HOLD = 0.5  # samples: a force that is held from k to k+1 acts at k + 1/2 on average
 _LEAST_ROWS = 40
+_REST = 5e-3  # share of the largest speed below which friction is not that of motion
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -26,7 +27,7 @@ class Preparation:
     skip         samples left out at each end, where the filters do not know how the motion went on;
                  None: 5 periods of the cutoff
     skip_end     samples left out at the end; None: as many as at the start
-    reversals    whether rows within one decimated step of a reversal stay: there friction is no single number
+    reversals    whether rows within one decimated step of a reversal, and at rest, stay: there friction is no number
     """
 
     cutoff: float = 100.0
@@ -91,7 +92,10 @@ def prepare(log: MotionLog, how: Preparation) -> Prepared:
                 np.ones_like(velocity), force)  # fmt: skip
     few = [decimated(channel[rows], factor) for channel in channels]
     places = skip + kept(samples, factor)
-    stays = np.ones(places.size, dtype=bool) if how.reversals else _away(velocity, places, factor)
+    stays = np.ones(places.size, dtype=bool)
+    if not how.reversals:
+        moves = np.abs(velocity[places]) > _REST * np.max(np.abs(velocity))
+        stays = _away(velocity, places, factor) & moves
     return Prepared(places[stays] * T, *(channel[stays] for channel in few), decimation=factor)
 
 

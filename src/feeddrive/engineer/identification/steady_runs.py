@@ -16,6 +16,7 @@ from feeddrive.language.table import Result, Table
 LEAST_ROWS = 20  # of a stretch
 _CHANGE = 0.1  # share of the speed by which it must change to end a stretch
 _SURE = 6.0  # standard errors by which it must
+_DRIFT = 0.02  # share of the speed by which a held one may rise or fall
 _TRIM = 0.1  # share of a stretch that is cut off at an end where the speed changed
 
 
@@ -148,6 +149,8 @@ def _is_held(part: np.ndarray, whole: np.ndarray) -> bool:
     error = float(np.std(part)) / np.sqrt(part.size)
     if mean <= 4.0 * error or mean < 1e-3 * float(np.max(np.abs(whole))):
         return False
-    half = part.size // 2
-    drift = abs(float(np.mean(part[half:]) - np.mean(part[:half])))
-    return drift <= max(_CHANGE * mean, _SURE * 2.0 * error) / 2.0
+    k = np.arange(part.size) - 0.5 * (part.size - 1)
+    slope = float(k @ part) / float(k @ k)
+    left = part - np.mean(part) - slope * k
+    drift, error = abs(slope) * part.size, float(np.std(left)) * np.sqrt(12.0 / part.size)
+    return drift <= max(_DRIFT * mean, _SURE * error)
