@@ -15,18 +15,24 @@ _PLACES: dict[str, str] = {
     "Arena": "artefacts.arena.arena",
     "Axis": "loop.axis",
     "Batch": "loop.simulate",
+    "CoggingFit": "engineer.identification.cogging",
+    "CoggingRun": "engineer.identification.cogging_run",
     "Comparison": "artefacts.study.comparison",
     "Control": "loop.control",
+    "ControlFit": "engineer.identification.control_law",
     "Convergence": "engineer.tuning.convergence",
+    "DelayFit": "engineer.identification.delay",
     "DelayMap": "engineer.tuning.delay_map",
     "Excitation": "engineer.identification.excitation",
     "FRF": "loop.frequency_response",
     "FeeddriveError": "language.errors",
     "FrequencyEstimate": "engineer.identification.frequency_estimate",
+    "FrictionCurve": "engineer.identification.friction_curve",
     "FrictionMap": "engineer.analysis.friction_map",
     "Gradient": "loop.gradient",
     "Guard": "loop.guard",
     "Guess": "artefacts.files.guess",
+    "Identified": "engineer.identification.identify",
     "Iteration": "engineer.tuning.iterative_feedforward",
     "Job": "artefacts.files.job",
     "Log": "artefacts.files.measured",
@@ -34,11 +40,15 @@ _PLACES: dict[str, str] = {
     "Machine": "artefacts.files.machine",
     "Margins": "engineer.analysis.margins",
     "MeasuredLoop": "engineer.analysis.measured_loop",
+    "MotionLog": "engineer.identification.motion_log",
     "Observation": "engineer.observe",
     "Placement": "engineer.tuning.placement",
     "PrefilterFit": "engineer.tuning.trajectory_prefilter",
+    "Preparation": "engineer.identification.preparation",
     "Record": "engineer.identification.record",
+    "Refinement": "engineer.identification.output_error",
     "Replay": "engineer.replay",
+    "RigidFit": "engineer.identification.rigid",
     "Run": "loop.simulate",
     "Setpoint": "blocks.signals",
     "SignalTrials": "engineer.tuning.signal_ilc",
@@ -46,6 +56,7 @@ _PLACES: dict[str, str] = {
     "Spectrum": "engineer.analysis.spectrum",
     "Stability": "engineer.analysis.stability",
     "StateSpace": "loop.linearize",
+    "SteadyRuns": "engineer.identification.steady_runs",
     "Stiffness": "engineer.analysis.stiffness",
     "Trial": "engineer.tuning.trial",
     "Trials": "engineer.tuning.trials",
@@ -60,12 +71,18 @@ _PLACES: dict[str, str] = {
     "design_excitation": "engineer.identification.excitation_design",
     "error_model": "engineer.tuning.error_model",
     "estimate_frf": "engineer.identification.estimate_frf",
+    "find_delay": "engineer.identification.delay",
+    "fit_friction": "engineer.identification.friction_curve",
     "fit_prefilter": "engineer.tuning.trajectory_prefilter",
     "fit_prefilter_to_log": "engineer.tuning.trajectory_prefilter",
     "friction_map": "engineer.analysis.friction_map",
     "get": "language.tree",
     "gradient": "loop.gradient",
     "guess_roles": "artefacts.files.guess",
+    "identify": "engineer.identification.identify",
+    "identify_cogging": "engineer.identification.identify_cogging",
+    "identify_control": "engineer.identification.control_law",
+    "identify_rigid": "engineer.identification.rigid",
     "iterate": "engineer.tuning.iterative_feedforward",
     "iterate_trials": "engineer.tuning.trials",
     "learn_signal": "engineer.tuning.signal_ilc",
@@ -77,19 +94,23 @@ _PLACES: dict[str, str] = {
     "measured_trial": "engineer.tuning.trial",
     "observe": "engineer.observe",
     "placement": "engineer.tuning.placement",
+    "read_arrays": "artefacts.files.log",
     "read_frf": "artefacts.files.frf",
     "read_frfs": "artefacts.files.frf",
     "read_job": "artefacts.files.job",
     "read_log": "artefacts.files.log",
     "read_machine": "artefacts.files.machine",
     "read_request": "artefacts.files.job",
+    "refine": "engineer.identification.output_error",
     "replay": "engineer.replay",
+    "runs_of": "engineer.identification.steady_runs",
     "sensitivity": "engineer.analysis.sensitivity",
     "simulate": "loop.simulate",
     "simulate_batch": "loop.simulate",
     "simulated_trial": "engineer.tuning.trial",
     "spectrum": "engineer.analysis.spectrum",
     "stability": "engineer.analysis.stability",
+    "steady_runs": "engineer.identification.steady_runs",
     "stiffness": "engineer.analysis.stiffness",
     "stream": "loop.simulate",
     "to_toml": "artefacts.files.blocks_to_toml",
@@ -119,6 +140,7 @@ if TYPE_CHECKING:
     from feeddrive.artefacts.files.job import Job as Job
     from feeddrive.artefacts.files.job import read_job as read_job
     from feeddrive.artefacts.files.job import read_request as read_request
+    from feeddrive.artefacts.files.log import read_arrays as read_arrays
     from feeddrive.artefacts.files.log import read_log as read_log
     from feeddrive.artefacts.files.machine import Machine as Machine
     from feeddrive.artefacts.files.machine import read_machine as read_machine
@@ -211,11 +233,31 @@ if TYPE_CHECKING:
     from feeddrive.engineer.analysis.stability import stability as stability
     from feeddrive.engineer.analysis.stiffness import Stiffness as Stiffness
     from feeddrive.engineer.analysis.stiffness import stiffness as stiffness
+    from feeddrive.engineer.identification.cogging import CoggingFit as CoggingFit
+    from feeddrive.engineer.identification.cogging_run import CoggingRun as CoggingRun
+    from feeddrive.engineer.identification.control_law import ControlFit as ControlFit
+    from feeddrive.engineer.identification.control_law import identify_control as identify_control
+    from feeddrive.engineer.identification.delay import DelayFit as DelayFit
+    from feeddrive.engineer.identification.delay import find_delay as find_delay
     from feeddrive.engineer.identification.estimate_frf import estimate_frf as estimate_frf
     from feeddrive.engineer.identification.excitation import Excitation as Excitation
     from feeddrive.engineer.identification.excitation_design import design_excitation as design_excitation
     from feeddrive.engineer.identification.frequency_estimate import FrequencyEstimate as FrequencyEstimate
+    from feeddrive.engineer.identification.friction_curve import FrictionCurve as FrictionCurve
+    from feeddrive.engineer.identification.friction_curve import fit_friction as fit_friction
+    from feeddrive.engineer.identification.identify import Identified as Identified
+    from feeddrive.engineer.identification.identify import identify as identify
+    from feeddrive.engineer.identification.identify_cogging import identify_cogging as identify_cogging
+    from feeddrive.engineer.identification.motion_log import MotionLog as MotionLog
+    from feeddrive.engineer.identification.output_error import Refinement as Refinement
+    from feeddrive.engineer.identification.output_error import refine as refine
+    from feeddrive.engineer.identification.preparation import Preparation as Preparation
     from feeddrive.engineer.identification.record import Record as Record
+    from feeddrive.engineer.identification.rigid import RigidFit as RigidFit
+    from feeddrive.engineer.identification.rigid import identify_rigid as identify_rigid
+    from feeddrive.engineer.identification.steady_runs import SteadyRuns as SteadyRuns
+    from feeddrive.engineer.identification.steady_runs import runs_of as runs_of
+    from feeddrive.engineer.identification.steady_runs import steady_runs as steady_runs
     from feeddrive.engineer.observe import Observation as Observation
     from feeddrive.engineer.observe import observe as observe
     from feeddrive.engineer.replay import Replay as Replay

@@ -151,6 +151,7 @@ def test_a_line_at_0_hz_is_left_out(tmp_path: Path) -> None:
         ("f,re,real,im\n1,1,20,90\n2,2,0,0\n", r"'re' and 'real' are both the re of one response"),
         ("f,re [m/N],im [um/N]\n1,1,2\n2,2,3\n", r"'im' is in 'um/N', its real part in 'm/N'"),
         ("f,re [rpm/A],im\n1,1,2\n2,2,3\n", r"column 're' is in 'rpm/A'; give the response in SI"),
+        ("f,re [foo],im\n1,1,2\n2,2,3\n", r"a\.csv: column 're': unit 'foo' is not known; give the response in SI"),
         ("f [mm],re,im\n1,1,2\n2,2,3\n", r"the frequency 'f' is in 'mm', which is no unit of it; Hz or rad/s"),
         ("f,re,im\n0,1,2\n", r"holds only a line at 0 Hz"),
         ("f,re,im\n1,1,2\n2,1,3\n3,1,4\n2,2\n", r"line 5 has 2 cells, the lines above 3: the file is cut off there"),

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from feeddrive.artefacts.files.formats import read_columns
-from feeddrive.artefacts.files.log import read_log
+from feeddrive.artefacts.files.log import read_arrays, read_log
 from feeddrive.language.errors import LogError, MissingExtraError
 
 RNG = np.random.default_rng(3)
@@ -210,6 +210,14 @@ def test_damaged_numpy_files(change: object, message: str) -> None:
         read_columns("a.npy", change(saved(np.arange(50.0))), None)
 
 
+def test_arrays_need_no_clock(tmp_path: Path) -> None:
+    found = read_arrays(write(tmp_path, "speed,torque\n-1,nan\n5,2\n3,3\n"))
+    np.testing.assert_array_equal(found["speed"], [-1, 5, 3])
+    np.testing.assert_array_equal(found["torque"], [np.nan, 2, 3])
+    with pytest.raises(LogError, match="is empty"):
+        read_arrays(write(tmp_path, ""))
+
+
 def test_a_matrix_that_is_no_log() -> None:
     with pytest.raises(LogError, match="is a matrix of 100 x 100; a log has at most 64 columns"):
         read_columns("a.npy", saved(np.zeros((100, 100))), None)
@@ -223,6 +231,7 @@ def test_the_cogging_set(shared: Path) -> None:
         truth = np.atleast_2d(np.load(path))
         found = read_columns(str(path), path.read_bytes(), None)
         np.testing.assert_array_equal(np.stack(list(found.values.values())), truth)
+        np.testing.assert_array_equal(np.stack(list(read_arrays(path).values())), truth)
     with pytest.raises(LogError, match=r"a gap lies before row 183: .*\(7 such rows\)"):  # its clock is a PC's
         read_log(folder / "slow2_comp_0.npy", {"time": "column_1", "current": "column_3"})
 

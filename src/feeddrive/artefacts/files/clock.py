@@ -12,6 +12,7 @@ from feeddrive.language.errors import LogError
 LEAST_ROWS = 3
 JITTER = 0.1  # of the sample time: the most by which a step may differ from it
 GAP = 1.5  # of the sample time: a longer step has lost a sample
+_BLOCK = 100_000  # rows that are looked at together
 _SLOWEST, _FASTEST = 0.5, 1e-7  # s; a servo log outside is one in another unit
 
 
@@ -52,16 +53,20 @@ def checked_clock(name: str, time: np.ndarray, place: Callable[[int], str], samp
             "cut the log there, or record it again without loss"
         )
     mean = float(time[-1] - time[0]) / (time.size - 1)
-    deviation = np.abs(steps / mean - 1.0)
+    deviation = np.divide(steps, mean, out=steps)  # in place: logs are large
+    np.abs(np.subtract(deviation, 1.0, out=deviation), out=deviation)
     worst = int(np.argmax(deviation))
     if deviation[worst] > JITTER:
         k = int(np.argmax(deviation > JITTER))
         raise LogError(
-            f"{name}: the clock is not uniform: the step to {place(k + 1)} is {steps[k]:.6g} s, the mean {mean:.6g} s; "
+            f"{name}: the clock is not uniform: the step to {place(k + 1)} is {time[k + 1] - time[k]:.6g} s, "
+            f"the mean {mean:.6g} s; "
             "resample the log to a uniform clock, or give the sample time if the stamps are only rounded"
         )
     _check_plausible(name, mean)
-    return Clock(_decimal(mean, time), float(deviation[worst]))
+    largest = float(deviation[worst])
+    del deviation, steps
+    return Clock(_decimal(mean, time), largest)
 
 
 def _fitted(name: str, time: np.ndarray, place: Callable[[int], str], sample_time: float) -> Clock:
@@ -89,7 +94,10 @@ def _check_plausible(name: str, sample_time: float) -> None:
 def _decimal(mean: float, time: np.ndarray) -> float:
     """The shortest decimal that the stamps cannot tell from their mean step: 0.001, not 0.0010000000000002."""
     n = time.size
-    scatter = float(np.max(np.abs(time - time[0] - mean * np.arange(n))))
+    scatter = max(
+        float(np.max(np.abs(time[k : k + _BLOCK] - time[0] - mean * np.arange(k, min(k + _BLOCK, n)))))
+        for k in range(0, n, _BLOCK)
+    )
     for digits in range(1, 12):
         near = float(f"{mean:.{digits}g}")
         if abs(near - mean) * (n - 1) <= scatter + 1e-9 * mean * n:

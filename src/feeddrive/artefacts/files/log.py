@@ -52,6 +52,20 @@ def read_log(
         raise LogError(f"{path}: does not fit into the memory; map only the columns that are needed") from None
 
 
+def read_arrays(path: str | Path) -> dict[str, np.ndarray]:
+    """The columns of numbers of a file that is no log over time: a cogging map, a friction curve.
+
+    No clock is asked for.  They are as they stand in the file, NaN included; a matrix of numpy gives column_1, ...
+    Raises FileError or LogError as `read_log`.
+    """
+    try:
+        return dict(read_columns(str(path), read_whole(path, MOST_BYTES), None).values)
+    except LogError as error:
+        raise LogError(plain(str(error))) from None
+    except MemoryError:
+        raise LogError(f"{path}: does not fit into the memory") from None
+
+
 def _read_log(
     path: str | Path,
     mapping: Mapping[str, Named] | None,

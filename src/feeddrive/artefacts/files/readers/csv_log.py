@@ -86,22 +86,21 @@ def read_csv(name: str, content: bytes, wanted: frozenset[str] | None) -> Column
         raise LogError(f"{name}: holds no rows of numbers{shown}; a log is a table of numbers with one row a sample")
     chosen = [k for k, column in enumerate(layout.names) if layout.numeric[k] and is_wanted(column, wanted)]
     left_out = {column: "text" for column, numeric in zip(layout.names, layout.numeric, strict=True) if not numeric}
-    parts: list[list[np.ndarray]] = [[] for _ in chosen]
+    # filled piece by piece; a row has a letter and a separator for each number at least
+    room = min(text.content.count(b"\n") + 1, len(text.content) // max(2 * len(layout.names) - 1, 1) + 1)
+    columns = [np.empty(room) for _ in chosen]
     rows = 0
     for piece in text.pieces(layout.first) if chosen else ():
         numbers = _numbers(name, piece, layout, chosen)
+        check_size(name, len(chosen), rows + len(numbers))
+        for i, column in enumerate(columns):
+            column[rows : rows + len(numbers)] = numbers[:, i]
         rows += len(numbers)
-        check_size(name, len(chosen), rows)
-        for i, part in enumerate(parts):
-            part.append(np.ascontiguousarray(numbers[:, i]))
 
     def place(row: int) -> str:
         return f"line {_line_of(text, layout.first, row) + 1}"
 
-    values: dict[str, np.ndarray] = {}
-    for i, k in enumerate(chosen):
-        values[layout.names[k]] = np.concatenate(parts[i]) if len(parts[i]) > 1 else parts[i][0]
-        parts[i] = []  # so that only one column is there twice
+    values = {layout.names[k]: column[:rows] for k, column in zip(chosen, columns, strict=True)}
     units = {layout.names[k]: layout.units[k] for k in chosen if layout.units[k]}
     unread = tuple(column for column in layout.names if column not in values and column not in left_out)
     return Columns(str(layout), values, units, unread=unread, left_out=left_out, place=place)

@@ -183,7 +183,10 @@ def _in_si(name: str, column: str, unit: str) -> tuple[str, float]:
             raise LogError(f"{name}: column '{column}' is in '{unit}'; give the response in SI, as m/N or rad/A")
         words.append(base[1] + base[2] if base else _SI.get(word, word))
     plain = re.sub(r"[ _]*(per|/)[ _]*", "/", "".join(words)).replace("_", " ")
-    return plain, units.factor(unit, plain)
+    try:
+        return plain, units.factor(unit, plain)
+    except ParameterError as error:
+        raise LogError(f"{name}: column '{column}': {error}; give the response in SI, as m/N or rad/A") from None
 
 
 def _share(found: dict[str, Response]) -> None:
