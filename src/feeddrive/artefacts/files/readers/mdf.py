@@ -5,6 +5,7 @@ Needs asammdf (the extra `mdf`, some 50 MB).  Up to 200 MB; packed blocks are me
 
 from __future__ import annotations
 
+import contextlib
 import io
 import zlib
 from collections.abc import Iterator
@@ -35,7 +36,8 @@ def read_mdf(name: str, content: bytes, wanted: frozenset[str] | None) -> Column
         )
     _check_packed(name, content)
     try:
-        with MDF(io.BytesIO(content)) as file:
+        # asammdf prints what it finds odd in a damaged file
+        with contextlib.redirect_stdout(io.StringIO()), MDF(io.BytesIO(content)) as file:
             groups = [(k, list(_channels(file, k))) for k in range(len(file.groups))]
             groups = [(k, channels) for k, channels in groups if channels]
             if not groups:
