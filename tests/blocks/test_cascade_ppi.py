@@ -14,7 +14,7 @@ T = 1e-3
 
 def run(law: CascadePPI, setpoints: list[Setpoint], readings: list[Reading]) -> np.ndarray:
     """Forces in N; without a limit, what is requested is applied."""
-    state = law.start((), setpoints[0], readings[0])
+    state = law.start(CascadePPI.Prepared(T), setpoints[0], readings[0])
     prepared = law.prepare(T)
     found = []
     for setpoint, reading in zip(setpoints, readings, strict=True):
@@ -62,9 +62,9 @@ def test_the_command_goes_in_equal_steps_to_what_the_position_loop_wants(every: 
 def test_running_in_every_sample_costs_nothing() -> None:
     law = CascadePPI(Kv=80.0, Kp=2e4, Tn=0.01)
     reading = Reading(0.1, 0.1)
-    assert len(list(tree.leaves(law.start((), Setpoint(0.1), reading)))) == 2
+    assert len(list(tree.leaves(law.start(CascadePPI.Prepared(T), Setpoint(0.1), reading)))) == 2
     slow = CascadePPI(Kv=80.0, Kp=2e4, Tn=0.01, position_every=3)
-    assert len(list(tree.leaves(slow.start((), Setpoint(0.1), reading)))) == 5
+    assert len(list(tree.leaves(slow.start(CascadePPI.Prepared(T), Setpoint(0.1), reading)))) == 5
 
 
 def test_a_slow_position_loop_follows_a_constant_velocity_with_the_same_error() -> None:
@@ -81,6 +81,17 @@ def test_a_slow_position_loop_follows_a_constant_velocity_with_the_same_error() 
 def test_start_takes_over_the_force_that_acts() -> None:
     law = CascadePPI(Kv=50.0, Kp=1e4, Tn=0.01, position_every=2)
     reading = Reading(0.3, 0.3, applied=123.0, requested=123.0)
-    state = law.start((), Setpoint(0.3), reading)
+    state = law.start(CascadePPI.Prepared(T), Setpoint(0.3), reading)
     _, force = law.step(law.prepare(T), state, Setpoint(0.3), reading, T)
     assert force == 123.0
+
+
+@pytest.mark.parametrize("samples", [1, 2, 8])
+def test_a_moving_axis_is_taken_over_without_a_bump(samples: int) -> None:
+    """At 0.1 m/s along the setpoint nothing is to be corrected: the force stays what it was, but for rounding."""
+    law = CascadePPI(Kv=60.0, Kp=12e3, Tn=0.02, velocity_samples=samples)
+    before = Reading(0.3, 0.3, 5.0, 5.0)._replace(velocity=0.1)
+    state = law.start(law.prepare(T), Setpoint(0.3, 0.1), before)
+    now = 0.3 + T * 0.1
+    _, force = law.step(law.prepare(T), state, Setpoint(now, 0.1), Reading(now, now, 5.0, 5.0), T)
+    assert force == pytest.approx(5.0, abs=1e-6)

@@ -21,13 +21,18 @@ def write_reproduced(reproduced: Sequence[Reproduced], out: str | Path) -> Path:
     Raises FileError if `out` cannot be written, or is a directory that feeddrive did not write.
     """
     with new_directory(out) as folder:
-        for each in reproduced:
-            name = "report" if len(reproduced) == 1 else each.name
-            (folder / f"{name}.html").write_text(each.page, encoding="utf-8")
-        if len(reproduced) > 1:
-            (folder / "report.html").write_text(_index(reproduced), encoding="utf-8")
-        (folder / "claims.json").write_text(json.dumps(_figures(reproduced), indent=2) + "\n", encoding="utf-8")
+        fill(folder, reproduced)
     return Path(out) / "report.html"
+
+
+def fill(folder: Path, reproduced: Sequence[Reproduced]) -> None:
+    """The files of the directory, for whoever opened it before the work began."""
+    for each in reproduced:
+        name = "report" if len(reproduced) == 1 else each.name
+        (folder / f"{name}.html").write_text(each.page, encoding="utf-8")
+    if len(reproduced) > 1:
+        (folder / "report.html").write_text(_index(reproduced), encoding="utf-8")
+    (folder / "claims.json").write_text(json.dumps(_figures(reproduced), indent=2) + "\n", encoding="utf-8")
 
 
 def _figures(reproduced: Sequence[Reproduced]) -> dict[str, object]:

@@ -48,6 +48,11 @@ class CascadePPI(Law):
     velocity_encoder: str = choice("encoder of the velocity loop", options=("motor", "load"), default="motor")
     position_every: int = choice("the position loop runs every so many samples", default=1, least=1, most=1000)
 
+    class Prepared(NamedTuple):
+        """The sample time in s."""
+
+        T: Number
+
     class Interpolator(NamedTuple):
         """Samples since the position loop ran, and the velocity commands before and after that (m/s)."""
 
@@ -66,12 +71,18 @@ class CascadePPI(Law):
         """`position_every` samples."""
         return self.position_every
 
-    def start(self, prepared: object, setpoint: Setpoint, reading: Reading) -> State:
-        """At rest at the reading, with the integral holding the force that acts; the position loop runs at once."""
+    def prepare(self, T: Number) -> Prepared:
+        """The sample time, for a start in motion."""
+        return self.Prepared(T)
+
+    def start(self, prepared: Prepared, setpoint: Setpoint, reading: Reading) -> State:
+        """Moving on as before, with the integral holding the force that acts; the position loop runs at once."""
         position = self._position(reading)
         zero = position - position
         interpolator = () if self.position_every == 1 else (self.Interpolator(zero, zero, zero),)
-        return self.State((position,) * self.velocity_samples, reading.applied, interpolator)
+        passed = prepared.T * reading.velocity
+        positions = (position, *(position - float(i) * passed for i in range(1, self.velocity_samples)))
+        return self.State(positions, reading.applied, interpolator)
 
     def _position(self, reading: Reading) -> Number:
         return reading.position_motor if self.velocity_encoder == "motor" else reading.position_load

@@ -9,7 +9,8 @@ from rich.console import Console
 from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
 from feeddrive.artefacts.experiment.papers import Reproduced, chosen, reproduce
-from feeddrive.artefacts.experiment.results import write_reproduced
+from feeddrive.artefacts.experiment.results import fill
+from feeddrive.artefacts.files.whole import new_directory
 from feeddrive.doors.cli.working import drawn
 from feeddrive.language.table import Table
 
@@ -18,9 +19,11 @@ def perform(paper: str, out: Path | None) -> None:
     """Run the papers, write the report, show the claims; exit with 1 if one does not hold."""
     names = chosen(paper)
     console = Console(highlight=False)
+    out = out or Path("results") / paper
     try:
-        reproduced = _run(names, console)
-        report = write_reproduced(reproduced, out or Path("results") / paper)
+        with new_directory(out) as folder:  # before the work: a place that cannot be written is refused at once
+            reproduced = _run(names, console)
+            fill(folder, reproduced)
     except KeyboardInterrupt:
         sys.stderr.write("feeddrive: stopped; nothing was written\n")
         raise SystemExit(130) from None
@@ -29,7 +32,7 @@ def perform(paper: str, out: Path | None) -> None:
         console.print(drawn(Table(each.title, ["row", "claim", "expected", "got", "holds?"], rows), wrapped=1))
     for each in reproduced:
         console.print(f"{each.name}: {each.sentence}", markup=False)
-    console.print(f"Report: {report}", markup=False, soft_wrap=True)
+    console.print(f"Report: {out / 'report.html'}", markup=False, soft_wrap=True)
     if not all(claim.holds for each in reproduced for claim in each.claims):
         raise SystemExit(1)
 
