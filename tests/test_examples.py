@@ -150,3 +150,11 @@ def test_the_estimated_response_is_that_of_the_model(capsys: pytest.CaptureFixtu
     # 186 lines of 95 %: 90 % is three deviations away
     assert float(inside[1]) >= 90.0
     assert re.search(r"refused: travel comes to .* an amplitude of [0-9]+ N keeps it", text)
+
+
+def test_an_axis_is_identified_with_errors_that_hold(capsys: pytest.CaptureFixture[str]) -> None:
+    text = said("identify_axis.py", capsys)
+    assert "true mass within 95 %: True\ndead time 0 samples; Kv 160.18" in text
+    assert re.search(r"Use these values: .* not used to [0-9.]+ % of the force", text)
+    # the model that made the runs comes first of all
+    assert re.search(r"-----\nstribeck, gaussian +4 ", text)

@@ -16,15 +16,15 @@ from feeddrive.language.table import Result, Table
 
 REACH = 20  # samples to both sides that are tried
 LATEST = 5e-3  # s: a force that acts later than that does not belong to this clock
-_DRIFT = 2.0  # samples by which the delay of the two halves of a log may differ
+CLEAR = 0.9  # share of the residual of another delay that one may leave at most to be better beyond doubt
+_DRIFT = 2  # samples by which the delays of the two halves of a log must differ to be called a drift
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class DelayFit(Result):
     """Dead time in samples, without the half sample of the hold, with its standard error; the residual by delay tried.
 
-    delays    whole samples of dead time, shape (m,); residual: of the inverse dynamics, relative, shape (m,)
-    nearest   the whole number of samples that fits best
+    delays, residual  whole samples that were tried, and what the inverse dynamics left with them, both of shape (m,)
     """
 
     name: str
@@ -38,6 +38,11 @@ class DelayFit(Result):
     def nearest(self) -> int:
         """The whole number of samples with the least residual."""
         return int(self.delays[np.argmin(self.residual)])
+
+    @property
+    def clear(self) -> bool:
+        """Whether the best delay leaves a tenth less than none does."""
+        return float(np.min(self.residual)) < CLEAR * float(self.residual[np.flatnonzero(self.delays == 0)[0]])
 
     def table(self) -> Table:
         """Residual of the delays around the best."""
@@ -67,6 +72,9 @@ def find_delay(log: MotionLog, *, friction: str = "directional", how: Preparatio
     Whole samples are tried; about the best one the delay is one more parameter of the least squares, with the slope of
     the force as its column, which gives the fraction and its error.  The logged force is the one that was commanded at
     its sample.
+
+    When not to trust it alone: in a closed loop the force answers disturbances, and part of that answer is taken for a
+    delay; the more of the force the model leaves, the more.  There `refine` decides between whole samples.
     Raises NotIdentifiableError where the force comes before its cause, acts later than 5 ms, or where its delay drifts:
     then force and position were recorded on two clocks.
     """
@@ -75,23 +83,15 @@ def find_delay(log: MotionLog, *, friction: str = "directional", how: Preparatio
     base = prepare(log, how)
     columns = columns_of(base, friction)
     basis = np.linalg.qr(columns)[0]
-    forces = [prepare(log, replace(how, delay=HOLD + d)).force for d in delays]
+    forces = [base.force_with(log.force, HOLD + d) for d in delays]
     residual = np.array([_left(basis, force) for force in forces])
     best = int(np.argmin(residual))
     _check(log, int(delays[best]), delays, residual)
-    half = base.time.size // 2
-    parts = [int(delays[np.argmin([_left(np.linalg.qr(columns[rows])[0], f[rows]) for f in forces])])
-             for rows in (slice(0, half), slice(half, None))]  # fmt: skip
-    if abs(parts[1] - parts[0]) >= _DRIFT:
-        raise NotIdentifiableError(
-            f"{log.name}: force and position are not on one clock: the force acts {parts[0]} samples late in the first "
-            f"half of the log and {parts[1]} in the second; record both channels with one recorder"
-        )
+    _check_drift(log, columns, forces, delays)
     slope = 0.5 * (forces[min(best + 1, delays.size - 1)] - forces[max(best - 1, 0)])
     wide = np.column_stack([columns, -slope])
     values = np.linalg.lstsq(wide, forces[best], rcond=None)[0]
-    off = forces[best] - wide @ values
-    error = float(errors(robust_covariance(wide, off))[-1])
+    error = float(errors(robust_covariance(wide, forces[best] - wide @ values))[-1])
     return DelayFit(log.name, float(delays[best]) + float(values[-1]), error, delays, residual, log.sample_time)
 
 
@@ -103,7 +103,7 @@ def _left(basis: np.ndarray, force: np.ndarray) -> float:
 
 def _check(log: MotionLog, best: int, delays: np.ndarray, residual: np.ndarray) -> None:
     at_zero = float(residual[np.flatnonzero(delays == 0)[0]])
-    clear = float(np.min(residual)) < 0.9 * at_zero  # else nothing speaks against 0
+    clear = float(np.min(residual)) < CLEAR * at_zero  # else nothing speaks against 0
     late = best * log.sample_time > LATEST
     if clear and (best < -1 or late or abs(best) == REACH):
         when = (
@@ -112,4 +112,18 @@ def _check(log: MotionLog, best: int, delays: np.ndarray, residual: np.ndarray) 
         raise NotIdentifiableError(
             f"{log.name}: force and position are not synchronised: the axis seems to feel the force {when} it was "
             f"logged; record both channels with one recorder and one trigger, or shift one of them by that much"
+        )
+
+
+def _check_drift(log: MotionLog, columns: np.ndarray, forces: list[np.ndarray], delays: np.ndarray) -> None:
+    """Two halves of a log that clearly have their own delays were recorded on two clocks."""
+    half = columns.shape[0] // 2
+    halves = (slice(0, half), slice(half, None))
+    left = [np.array([_left(np.linalg.qr(columns[rows])[0], force[rows]) for force in forces]) for rows in halves]
+    first, second = (int(np.argmin(each)) for each in left)
+    sure = left[0][first] < CLEAR * left[0][second] and left[1][second] < CLEAR * left[1][first]
+    if sure and abs(second - first) >= _DRIFT:
+        raise NotIdentifiableError(
+            f"{log.name}: force and position are not on one clock: the force acts {delays[first]} samples late in the "
+            f"first half of the log and {delays[second]} in the second; record both channels with one recorder"
         )

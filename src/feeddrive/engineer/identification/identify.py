@@ -106,35 +106,50 @@ def identify(
     Raises NotIdentifiableError with what to measure next, LogError for a log that cannot be used.
     """
     delay = find_delay(log, how=how)
-    samples = max(0, delay.nearest)
-    prepared = how or Preparation(delay=HOLD + samples)
-    rigid = identify_rigid(log, friction=friction, how=prepared)
     remarks: list[str] = []
-    if samples:
-        remarks.append(f"the force acts {samples} samples late besides its hold; that is taken into account")
-    if not rigid.residuals.white:
-        ratio = max(each.error / each.ols for each in rigid.estimates)
-        remarks.append(
-            f"the residual hangs together from row to row ({rigid.residuals.autocorrelation(1):.2f} at lag 1): the "
-            f"errors account for it and are up to {ratio:.2g} times those that assume the contrary (ols)"
-        )
-    if lead is not None:
-        rigid = rigid.at_table(lead, gear)
+    closed = log.set_position is not None and not log.rotary
+    known = 0.0 if start is None else float(start.axis.actuator.dead_time) / log.sample_time
+    late = 0 if closed or start is not None or not delay.clear else max(0, delay.nearest)
+    rigid = _rigid(log, friction, how, known + late)
     if log.rotary:
-        remarks.append(
-            "the log is that of a shaft: closed loop and friction over the travel need positions of the table"
-            if lead is not None
-            else "the log is that of a shaft and no lead is given: the result stays in N m and rad"
-        )
+        rigid = rigid if lead is None else rigid.at_table(lead, gear)
+        remarks += [*_about(rigid, late), _SHAFT if lead is None else _NO_LOOP]
         return Identified(log, rigid, delay, None, None, None, None, tuple(remarks))
-    control = _attempted(lambda: identify_control(log), remarks) if start is None else None
+    control = _attempted(lambda: identify_control(log), remarks) if start is None and closed else None
     loop = _loop(log, rigid, start, control)
     refinement = None
-    if loop is not None and log.set_position is not None:
+    if loop is not None and closed:
         refinement = _attempted(lambda: refine(loop, log), remarks)
+    if refinement is not None and refinement.delay:
+        late = refinement.delay
+        rigid = _rigid(log, friction, how, known + late)
+    remarks += _about(rigid, late)
     seen = friction_map(log.position, log.force, rigid["mass"].value, log.sample_time)
     final = loop if refinement is None else refinement.loop
     return Identified(log, rigid, delay, control, refinement, seen, final, tuple(remarks))
+
+
+_SHAFT = "the log is that of a shaft and no lead is given: the result stays in N m and rad"
+_NO_LOOP = "the log is that of a shaft: closed loop and friction over the travel need positions of the table"
+
+
+def _rigid(log: MotionLog, friction: str, how: Preparation | None, delay: float) -> RigidFit:
+    """The inverse dynamics with the force so many samples late besides its hold, unless `how` says otherwise."""
+    return identify_rigid(log, friction=friction, how=how or Preparation(delay=HOLD + delay))
+
+
+def _about(rigid: RigidFit, late: int) -> list[str]:
+    """What a reader of the errors must know."""
+    found: list[str] = []
+    if late:
+        found.append(f"the force acts {late} samples later than known; that is taken into account")
+    if not rigid.residuals.white:
+        ratio = max(each.error / each.ols for each in rigid.estimates)
+        found.append(
+            f"the residual hangs together from row to row ({rigid.residuals.autocorrelation(1):.2f} at lag 1): the "
+            f"errors account for it and are up to {ratio:.2g} times those that assume the contrary (ols)"
+        )
+    return found
 
 
 def _attempted(what: Any, remarks: list[str]) -> Any:

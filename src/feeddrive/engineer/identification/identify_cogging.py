@@ -84,7 +84,7 @@ def _side(runs: Sequence[CoggingRun], orders: Sequence[int]) -> _Side | None:
     fits = [_alone(run, orders) for run in runs]
     values, count = np.array([fit[0] for fit in fits]), len(fits)
     mean = values.mean(axis=0)
-    covariance = sum(fit[1] for fit in fits) / count**2
+    covariance = np.sum([fit[1] for fit in fits], axis=0) / count**2
     groups = [slice(0, 1), *(slice(1 + 2 * i, 3 + 2 * i) for i in range(len(orders)))]
     spreads = [
         covariance[group, group] * _between(values[:, group] - mean[group], [fit[1][group, group] for fit in fits])

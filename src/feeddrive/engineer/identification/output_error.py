@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -25,7 +25,8 @@ _STEP = 1e-3  # of a parameter, for its difference
 _FINE = 1e-13  # m, counts of the encoders in the simulations that are differenced
 _MOST = 12  # steps of Gauss and Newton
 _DONE = 1e-5  # of the cost: a step that gains less is the last
-DELAYS = (0, 1, 2)  # samples of dead time beyond that of the loop
+DELAYS = (0, 1)  # samples of dead time beyond that of the loop that are tried at least
+_LATEST = 10  # samples: as long as the last one that was tried is the best, one more is, up to this
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -89,7 +90,7 @@ def refine(
     log: MotionLog,
     names: Sequence[str] | None = None,
     *,
-    delays: Sequence[int] = DELAYS,
+    delays: Sequence[int] | None = None,
     skip: int = 49,
 ) -> Refinement:
     """Fit parameters of a loop to a log by simulating the log's reference through it.
@@ -97,7 +98,8 @@ def refine(
         least of  Σ ((x - x_model) / σx)² + Σ ((F - F_model) / σF)²,   σ: RMS of each residual, found on the way
 
     by Gauss-Newton steps with differences of whole runs.  Dead time is a discrete candidate: each of `delays`, in
-    samples beyond that of the loop, is fitted, and the one with the least position residual is taken.
+    samples beyond that of the loop, is fitted, and the one with the least position residual is taken; by default 0 and
+    1, and further ones as long as they are better.
 
     names  dotted names; default: mass, friction and constant forces that are not 0
     skip   samples at the start that do not count
@@ -119,7 +121,9 @@ def refine(
     chosen = tuple(names or physics(loop))
     for name in chosen:
         tree.declaration(loop, name)
-    fits = {d: _fitted(_later(loop, d), log, chosen, skip) for d in delays}
+    fits = {d: _fitted(_later(loop, d), log, chosen, skip) for d in delays or DELAYS}
+    while delays is None and _is_last(fits) and max(fits) < _LATEST:
+        fits[max(fits) + 1] = _fitted(_later(loop, max(fits) + 1), log, chosen, skip)
     if all(fit is None for fit in fits.values()):
         raise DivergedError(f"{log.name}: the loop diverges along the log's reference: check its gains and its start")
     there = {d: fit for d, fit in fits.items() if fit is not None}
@@ -137,6 +141,12 @@ def refine(
         replay=replay(fitted, measured, skip=skip, name="fitted"),
         steps=steps,
     )
+
+
+def _is_last(fits: Mapping[int, Any]) -> bool:
+    """Whether the longest delay has the least position residual so far."""
+    left = {d: fit[1] for d, fit in fits.items() if fit is not None}
+    return bool(left) and min(left, key=lambda d: left[d]) == max(fits)
 
 
 def _later(loop: Loop, samples: int) -> Loop:

@@ -58,6 +58,17 @@ class Prepared:
     constant: np.ndarray  # of 1, which the filter's ripple makes a little less
     force: np.ndarray
     decimation: int
+    places: np.ndarray  # samples of the log at which the rows stand
+    rows: slice  # samples of the log that were filtered
+
+    def force_with(self, force: np.ndarray, delay: float) -> np.ndarray:
+        """Another force of the same log, or the same with another delay, in these rows."""
+        few = decimated(delayed(force, delay)[self.rows], self.decimation)
+        return few[(self.places - self.places[-1]) // self.decimation + few.size - 1 - self._after()]
+
+    def _after(self) -> int:
+        """Rows that were left out after the last one that counts."""
+        return (self.rows.stop - 1 - int(self.places[-1])) // self.decimation
 
     @property
     def direction(self) -> np.ndarray:
@@ -79,7 +90,7 @@ def prepare(log: MotionLog, how: Preparation) -> Prepared:
         acceleration[1:-1] = np.diff(position, 2) / (T * T)
     skip = round(5.0 / (cutoff * T)) if how.skip is None else how.skip
     end = skip if how.skip_end is None else how.skip_end
-    rows = slice(skip, log.position.size - end)
+    rows = slice(skip, max(skip, log.position.size - end))
     samples = len(range(*rows.indices(log.position.size)))
     if samples < _LEAST_ROWS * factor:
         raise LogError(
@@ -96,7 +107,9 @@ def prepare(log: MotionLog, how: Preparation) -> Prepared:
     if not how.reversals:
         moves = np.abs(velocity[places]) > _REST * np.max(np.abs(velocity))
         stays = _away(velocity, places, factor) & moves
-    return Prepared(places[stays] * T, *(channel[stays] for channel in few), decimation=factor)
+    return Prepared(
+        places[stays] * T, *(channel[stays] for channel in few), decimation=factor, places=places[stays], rows=rows
+    )
 
 
 def delayed(values: np.ndarray, samples: float) -> np.ndarray:
