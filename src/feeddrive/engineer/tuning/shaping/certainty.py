@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.optimize import bisect
 from scipy.stats import norm
 
 from feeddrive.engineer.tuning.shaping.criteria import Answer, Bound
@@ -43,7 +42,13 @@ def needed(bounds: Sequence[Bound], sure: float, confidence: float) -> float:
     def off(more: float) -> float:
         return float(np.prod(norm.cdf(found + more))) - confidence
 
-    return sure if off(-5.0) > 0.0 or off(8.0) < 0.0 else max(0.0, sure + float(bisect(off, -5.0, 8.0, xtol=1e-4)))
+    low, high = -5.0, 8.0
+    if off(low) > 0.0 or off(high) < 0.0:
+        return sure
+    while high - low > 1e-4:
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if off(middle) < 0.0 else (low, middle)
+    return max(0.0, sure + high)
 
 
 def require_good(answers: Sequence[Answer], sure: float) -> None:

@@ -83,7 +83,8 @@ def _through(site: Site, source: int, factors: np.ndarray) -> np.ndarray:
     if site.ratio is None:
         return found
     ratio = site.ratio[source]
-    return np.where(np.isnan(ratio), found, np.abs(factors[0] * ratio + factors[1]) ** 2 * variance[1])
+    together = np.abs(factors[0] * ratio + factors[1]) ** 2 * variance[1] + np.abs(factors[0]) ** 2 * variance[0]
+    return np.where(np.isnan(ratio), found, together)
 
 
 def _of_compliance(site: Site, C: np.ndarray, back: np.ndarray, S: np.ndarray) -> np.ndarray:
@@ -216,9 +217,9 @@ def _mean_square(each: Answer, weight: np.ndarray) -> tuple[float, np.ndarray, n
     """½ ln Σ w |y|²."""
     y, dy = each.compliance, each.compliance_slope
     total = float(np.sum(weight * np.abs(y) ** 2))
-    slope = np.real(np.einsum("l,lp->p", weight * np.conj(y), dy)) / total
+    slope = np.real(dy.T @ (weight * np.conj(y))) / total
     root = np.sqrt(weight)[:, None] * dy
-    curvature = (root.conj().T @ root).real / total
+    curvature = np.real(root.conj().T @ root) / total
     return 0.5 * float(np.log(total)), slope, curvature - np.outer(slope, slope)
 
 

@@ -15,7 +15,7 @@ _FIRST, _LARGEST, _SMALLEST = 0.25, 0.6, 2e-3  # of a logarithm: how far a step 
 _AGAIN = 0.1  # the same after a new look
 _STEPS = 60
 _ENOUGH = 1e-4  # of the goal's logarithm: less progress ends it
-_PENALTY = 5.0  # for a bound that is broken by one
+_PENALTY, _DEARER, _DEAREST = 5.0, 6.0, 1e3  # for a bound that is broken by one; it grows while one stays broken
 _FLAT = 1e-2  # curvature of what has none of its own
 _ROOM = 1e-3  # of a logarithm: what the search keeps to every bound for what its lines miss
 
@@ -34,6 +34,7 @@ class Search:
 
     def __init__(self, criteria: Criteria, low: np.ndarray, high: np.ndarray, sure: float = 0.0) -> None:
         self.criteria, self.low, self.high, self.sure = criteria, low, high, sure
+        self.penalty = _PENALTY
 
     def judge(self, x: np.ndarray) -> Judged | None:
         """The figures, or None where the loop is unstable or has none."""
@@ -55,10 +56,18 @@ class Search:
         """What a step must lower."""
         if found is None:
             return np.inf
-        return float(np.max(found.goal)) + _PENALTY * max(self.broken(found), 0.0)
+        return float(np.max(found.goal)) + self.penalty * max(self.broken(found), 0.0)
 
     def descend(self, x: np.ndarray, size: float = _FIRST) -> End:
-        """The end of the way down from a point that is stable."""
+        """The end of the way down from a point that is stable, with all bounds kept if that can be reached."""
+        end = self._descend(x, size)
+        while end.broken > _ROOM and self.penalty < _DEAREST:
+            # a goal that falls faster than the penalty rises buys what it must not have
+            self.penalty *= _DEARER
+            end = self._descend(end.x, _FIRST)
+        return end
+
+    def _descend(self, x: np.ndarray, size: float) -> End:
         x = np.clip(x, self.low, self.high)
         here = self.judge(x)
         assert here is not None
@@ -131,7 +140,7 @@ class Search:
         H[:n, :n] = curvature
         H[n, n] = H[n + 1, n + 1] = _FLAT
         g = np.zeros(n + 2)
-        g[n], g[n + 1] = 1.0, _PENALTY
+        g[n], g[n + 1] = 1.0, self.penalty
         sites, many = here.goal.size, len(bounds)
         A = np.zeros((sites + many + 1 + 2 * n, n + 2))
         b = np.zeros(A.shape[0])
@@ -150,7 +159,7 @@ class Search:
         move = np.clip(p[:n], low, high)
         after = np.max(here.goal + here.slope @ move)
         left = max((self.room(c) - c.slack - c.slope @ move for c in bounds), default=0.0)
-        promised = float(self.merit(here) - after - _PENALTY * max(left, 0.0) - 0.5 * move @ curvature @ move)
+        promised = float(self.merit(here) - after - self.penalty * max(left, 0.0) - 0.5 * move @ curvature @ move)
         force = {c.key: float(m) for c, m in zip(bounds, multipliers[sites : sites + many], strict=True) if m > 1e-6}
         return move, force, promised
 

@@ -34,7 +34,8 @@ class Site:
     load_variance  of by_load likewise
     at_drive     no response to a force on the table is known: stiffness is that against a force at the drive
     ratio        motor over load reading, by_force and by_load, shape (2, lines), where their errors are one: 1 with one
-                 encoder; NaN where both were measured on their own
+                 encoder; NaN where both were measured on their own.  With a ratio the motor's row of a variance is what
+                 the ratio leaves open
     loop         the loop of a model
     """
 
@@ -153,13 +154,18 @@ def measured_site(
     made: list[list[_Lines]] = []
     for k, raw in enumerate(sources):
         clean = [_cleaned(given, each, wanted) for each in raw]
-        if motor is not None and all(each.variance is not None for each in raw):
-            ratio[k] = stiff_ratio(given, raw[0].response, raw[1].response, _variances(raw))[wanted]
+        own_variance = clean[0].variance
+        if motor is not None and own_variance is not None:
+            fitted, open_ = stiff_ratio(given, raw[0].response, raw[1].response, _variances(raw))
+            ratio[k] = fitted[wanted]
             stiff = ~np.isnan(ratio[k])
-            clean[0] = clean[0]._replace(response=np.where(stiff, ratio[k] * clean[1].response, clean[0].response))
+            load_ = clean[1].response
+            own = np.abs(load_) ** 2 * open_[wanted]  # what the ratio leaves open
+            clean[0] = _Lines(np.where(stiff, ratio[k] * load_, clean[0].response), np.where(stiff, own, own_variance))
         made.append(clean)
     if motor is None:
         ratio[:] = 1.0
+        made = [[_without(row[0]), row[1]] for row in made]
     by_force = np.array([each.response * late for each in made[0]])
     by_load = by_force if len(made) == 1 else np.array([each.response for each in made[1]])
     return Site(
@@ -201,6 +207,11 @@ def _variances(made: Sequence[_Lines]) -> np.ndarray | None:
     """Of both readings; None if one is not known."""
     known = [each.variance for each in made if each.variance is not None]
     return np.array(known) if len(known) == len(made) else None
+
+
+def _without(lines: _Lines) -> _Lines:
+    """The same without an error of its own."""
+    return lines if lines.variance is None else lines._replace(variance=np.zeros(lines.variance.size))
 
 
 def _on(frf: FRF, inside: np.ndarray, averages: int) -> _Lines:

@@ -9,6 +9,7 @@ _HALF_WIDTHS = (4, 7, 12, 20, 34)  # lines beside each line that help it
 _UNKNOWNS = 4  # of the local fit
 _SURE = 0.99  # a window whose residuals are larger than noise with this probability is too wide
 _SURE_OF_RATIO = 0.999  # the same for the ratio, which is asked often
+_STIFF = 0.25  # by which both ends may move differently where their ratio is used
 _VARIANCE = 4  # lines on both sides over which the measured variance is averaged
 
 
@@ -91,42 +92,50 @@ def _fitted(
     return found[:, 0], np.real(inverse[:, 0, 0]), 2.0 * np.sum(weight * np.abs(rest) ** 2, axis=1)
 
 
-def stiff_ratio(frequency: np.ndarray, motor: np.ndarray, load: np.ndarray, variances: np.ndarray | None) -> np.ndarray:
-    """Motor over load reading at the lines where both ends still move nearly as one, NaN beyond.
+def stiff_ratio(
+    frequency: np.ndarray, motor: np.ndarray, load: np.ndarray, variances: np.ndarray | None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Motor over load reading at the lines where both ends still move nearly as one, NaN beyond, and its variance.
 
         r = 1 + a1 s + a2 s² + a3 s³ + a4 s⁴,   s = jω,   real coefficients
 
     Both ends move as one when nothing moves fast, whatever the axis: a guided body has no other place to go.  How much
     they differ decides about stiffness, and it would drown where the responses are large and the spring hardly bends.
     Fitted to raw lines from the lowest one up to the highest at which the residuals still look like noise, by χ² on
-    99.9 %.
+    99.9 %; used where |r - 1| is at most a quarter, which is up to half of the first antiresonance, and on at most half
+    of the lines of the fit, which bends away first at its end.
     """
-    ratio = np.full(frequency.size, np.nan, dtype=complex)
+    ratio, variance = np.full(frequency.size, np.nan, dtype=complex), np.zeros(frequency.size)
     if variances is None:
-        return ratio
+        return ratio, variance
     raw = motor / load
     spread = np.abs(raw) ** 2 * (variances[0] / np.abs(motor) ** 2 + variances[1] / np.abs(load) ** 2)
     if not np.all(spread > 0.0):
-        return ratio
+        return ratio, variance
     best = 0
     for count in np.unique(np.geomspace(12, frequency.size, 40).astype(int)):
         if count > frequency.size:
             break
-        fitted = _real_polynomial(frequency[:count], raw[:count], spread[:count])
+        fitted, left = _real_polynomial(frequency[:count], raw[:count], spread[:count])
         excess = 2.0 * float(np.sum(np.abs(raw[:count] - fitted) ** 2 / spread[:count]))
         if excess <= chi2.ppf(_SURE_OF_RATIO, 2 * count - 4):
-            best, ratio[:count] = count, fitted
+            best, ratio[:count], variance[:count] = count, fitted, left
         elif count > 2 * max(best, 12):
             break
-    # a fit bends away first at its end: its last third is left to the measurement itself
-    ratio[int(0.67 * best) :] = np.nan
-    return ratio
+    apart = np.flatnonzero(np.abs(ratio[:best] - 1.0) > _STIFF)
+    end = min(best // 2, int(apart[0]) if apart.size else best)
+    ratio[end:], variance[end:] = np.nan, 0.0
+    return ratio, variance
 
 
-def _real_polynomial(f: np.ndarray, r: np.ndarray, spread: np.ndarray) -> np.ndarray:
-    """The weighted fit of 1 + a1 s + ... + a4 s⁴ to complex values."""
+def _real_polynomial(f: np.ndarray, r: np.ndarray, spread: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The weighted fit of 1 + a1 s + ... + a4 s⁴ to complex values, and its variance."""
     s = 1j * f / f[-1]
-    columns = np.stack([s**k for k in (1, 2, 3, 4)], axis=1) / np.sqrt(spread)[:, None]
-    right = (r - 1.0) / np.sqrt(spread)
-    found = np.linalg.lstsq(np.vstack([columns.real, columns.imag]), np.concatenate([right.real, right.imag]))[0]
-    return 1.0 + np.stack([s**k for k in (1, 2, 3, 4)], axis=1) @ found
+    powers = np.stack([s**k for k in (1, 2, 3, 4)], axis=1)
+    columns = powers / np.sqrt(0.5 * spread)[:, None]
+    right = (r - 1.0) / np.sqrt(0.5 * spread)
+    both = np.vstack([columns.real, columns.imag])
+    inverse = np.linalg.pinv(both)
+    found = inverse @ np.concatenate([right.real, right.imag])
+    spanned = powers @ inverse
+    return 1.0 + powers @ found, np.sum(np.abs(spanned) ** 2, axis=1)

@@ -1,0 +1,1 @@
+"""What `feeddrive tune` leaves behind: the report and the machine file."""
