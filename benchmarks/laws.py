@@ -29,7 +29,7 @@ from feeddrive.loop.trace import SETPOINT, Carried, Program, concrete, numbers
 
 SOURCE = (Path(__file__).parent / "laws.c").read_text()
 SAMPLES = 40_000
-READING = tuple(f"reading_{name}" for name in Reading._fields)
+READING = tuple(f"reading_{name}" for name in ("position_motor", "position_load", "applied", "requested"))
 
 
 @dataclass(frozen=True)
