@@ -51,7 +51,9 @@ def drive(random: np.random.Generator) -> Drive:
             viscous_motor=float(random.uniform(0.5, 10.0)) * motor, viscous_load=float(random.uniform(0.0, 2.0)) * load,
         ),
         friction_motor=fd.Stribeck(coulomb=0.02 * force, breakaway=0.03 * force, stribeck_velocity=0.004),
-        actuator=fd.Actuator(dead_time=float(random.uniform(0.5, 3.0)) * T, current_loop=float(random.uniform(600, 1500))),
+        actuator=fd.Actuator(
+            dead_time=float(random.uniform(0.5, 3.0)) * T, current_loop=float(random.uniform(600.0, 1500.0))
+        ),
         encoder_motor=fd.Encoder(resolution=1e-8),
         encoder_load=fd.Encoder(resolution=1e-8),
     )  # fmt: skip
@@ -64,7 +66,7 @@ def drive(random: np.random.Generator) -> Drive:
 
 
 def measured(loop: fd.Loop, random: np.random.Generator) -> tuple[fd.FRF, fd.FRF]:
-    """Load and motor over command from ten periods: mean, variance of the mean and coherence, all from these periods."""
+    """Load and motor over command from ten periods: mean, variance of the mean and coherence, from these periods."""
     T = float(loop.sample_time)
     lines = np.arange(1.0, min(1500.0, 0.4 / T))
     model = fd.linearize(loop, ["cut"], ["reading_load", "reading_motor"])

@@ -103,8 +103,8 @@ class _Axis:
         if last < 5 or phase[last - 1] > 2.0 * _STRAIGHT:
             end = self.frequency[max(last - 1, 0)]
             raise NotIdentifiableError(
-                f"'{self.site.name}' shows no mass from {self.frequency[0]:.4g} to {end:.4g} Hz: measure between the friction, "
-                f"which holds it below, and its first resonance above"
+                f"'{self.site.name}' shows no mass from {self.frequency[0]:.4g} to {end:.4g} Hz: measure between "
+                f"the friction, which holds it below, and its first resonance above"
             )
         s = 1j * w[:last] / w[last - 1]
         rows = np.stack([s**0, s, s * s], axis=1) * np.abs(self.unit[:last, None])

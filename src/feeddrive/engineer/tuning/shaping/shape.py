@@ -31,6 +31,7 @@ _NEAR = 0.3  # a start that breaks its bounds by less is near enough
 _PAYS = 0.02  # of the goal: what a notch must bring
 _NOTCHES = 3  # that are tried
 _LOUD, _APART = 0.15, 0.12  # |L| of a resonance that is worth a notch; of ln f from a notch that is there
+_TURNS = 6  # in which the standard deviations to keep are settled
 _CUTS = 3  # rounds in which lines that the search had left out are added
 _COSTLY = 0.5  # of the goal: when noise costs more, the measurement is too poor
 
@@ -117,6 +118,7 @@ class _Best(NamedTuple):
     sure: float
     cost: float
     spread: float
+    box: tuple[np.ndarray, np.ndarray]
 
 
 class _Work:
@@ -158,7 +160,7 @@ class _Work:
         if self.noisy:
             certainty.require_good(search.criteria.answers(end.x), 1.0)
             sure = _one_sided(self.confidence)
-            for _ in range(3):
+            for _ in range(_TURNS):
                 search.sure = sure
                 end = self._on_all_lines(control, names, search, search.descend(end.x))
                 wanted = certainty.needed(
@@ -175,7 +177,7 @@ class _Work:
             if cost > _COSTLY:
                 self._too_costly(search, end, cost)
         self.evaluations += search.criteria.count
-        return _Best(control, names, end, search.criteria, sure, cost, max(costs) - min(costs))
+        return _Best(control, names, end, search.criteria, sure, cost, max(costs) - min(costs), (low, high))
 
     def _begin(self, search: Search, x: np.ndarray, powers: np.ndarray) -> np.ndarray:
         """Where a search begins: at the values given if they are near, else at the best point as all gets slower."""
@@ -293,7 +295,6 @@ class _Work:
         """Figures before and after, what holds the goal back, what would help, and the proof."""
         values = dict(zip(best.names, np.exp(best.end.x).tolist(), strict=True))
         control = tree.vary(best.control, values)
-        there = dict(tree.leaves(today)) if type(today.law) is type(control.law) else {}
         before = self._figures(today)
         after = self._figures(control)
         loops = tuple(replace(site.loop, control=control) for site in self.sites if site.loop is not None)
@@ -310,7 +311,7 @@ class _Work:
             control=control,
             loops=loops,
             knobs=values,
-            started={name: float(there.get(name, math.nan)) for name in values},
+            started={name: _of_today(today, control, name) for name in values},
             goal=self.goal,
             band=self.band,
             limits=self.limits,
@@ -379,6 +380,13 @@ class _Work:
             )
         if self.noisy and best.cost > 5e-3:
             found.append(f"a measurement without noise would gain {100.0 * best.cost:.2g} %")
+        edges = [
+            name.removeprefix("law.")
+            for name, value, low, high in zip(best.names, best.end.x, *best.box, strict=True)
+            if min(value - low, high - value) < 1e-6
+        ]
+        if edges:
+            found.append(f"at the edge of what was searched: {', '.join(edges)}")
         if any(site.at_drive for site in self.sites):
             found.append("stiffness is that against a force at the drive: a hammer on the table would measure its own")
         return tuple(found)
@@ -391,6 +399,21 @@ def _gain(here: Judged, there: Judged, end: End) -> float:
         end.force.get(bound.key, 0.0) * (slack[bound.key] - bound.slack) for bound in here.bounds if bound.key in slack
     )
     return float(np.max(here.goal) - np.max(there.goal)) + eased
+
+
+def _of_today(today: Control, control: Control, name: str) -> float:
+    """The value of a knob in today's control; NaN if another block stands there, or none."""
+    place, last = name.rpartition(".")[::2]
+    blocks: list[object] = [today, control]
+    for step in place.split("."):
+        blocks = [
+            (each[int(step)] if int(step) < len(each) else None)
+            if isinstance(each, tuple)
+            else getattr(each, step, None)
+            for each in blocks
+        ]
+    value = getattr(blocks[0], last, None) if type(blocks[0]) is type(blocks[1]) else None
+    return float(value) if value is not None else math.nan
 
 
 def _one_sided(confidence: float) -> float:

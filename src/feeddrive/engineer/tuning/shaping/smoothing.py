@@ -6,9 +6,11 @@ import numpy as np
 from scipy.stats import chi2
 
 _HALF_WIDTHS = (4, 7, 12, 20, 34)  # lines beside each line that help it
+_REACH = 0.3  # of ln f: how far a window may go, since what is fitted is local whatever the residuals say
 _UNKNOWNS = 4  # of the local fit
 _SURE = 0.99  # a window whose residuals are larger than noise with this probability is too wide
 _SURE_OF_RATIO = 0.999  # the same for the ratio, which is asked often
+_FIT = 1.2  # by which both ends may move differently where their ratio is fitted: up to the antiresonance
 _STIFF = 0.25  # by which both ends may move differently where their ratio is used
 _VARIANCE = 4  # lines on both sides over which the measured variance is averaged
 
@@ -43,7 +45,12 @@ def smoothed(
         width = 2 * half + 1
         if width > n or not np.any(fits):
             break
+        begin = np.clip(np.arange(n) - half, 0, n - width)
+        reach = np.maximum(x - x[begin], x[begin + width - 1] - x)
+        fits &= reach <= _REACH
         place = np.flatnonzero(fits)
+        if not place.size:
+            break
         value, kept, excess = _fitted(x, y, spread, width, place)
         good = excess <= chi2.ppf(_SURE, 2 * (width - _UNKNOWNS))
         fits[place[~good]] = False
@@ -101,8 +108,8 @@ def stiff_ratio(
 
     Both ends move as one when nothing moves fast, whatever the axis: a guided body has no other place to go.  How much
     they differ decides about stiffness, and it would drown where the responses are large and the spring hardly bends.
-    Fitted to raw lines from the lowest one up to the highest at which the residuals still look like noise, by χ² on
-    99.9 %; used where |r - 1| is at most a quarter, which is up to half of the first antiresonance, and on at most half
+    Fitted to raw lines from the lowest one up to the highest below the antiresonance at which the residuals still look
+    like noise, by χ² on 99.9 %; used where |r - 1| is at most a quarter, which is up to half of the first antiresonance, and on at most half
     of the lines of the fit, which bends away first at its end.
     """
     ratio, variance = np.full(frequency.size, np.nan, dtype=complex), np.zeros(frequency.size)
@@ -113,8 +120,10 @@ def stiff_ratio(
     if not np.all(spread > 0.0):
         return ratio, variance
     best = 0
-    for count in np.unique(np.geomspace(12, frequency.size, 40).astype(int)):
-        if count > frequency.size:
+    far = np.flatnonzero(np.abs(raw - 1.0) > _FIT)
+    most = int(far[0]) if far.size else frequency.size
+    for count in np.unique(np.geomspace(12, max(most, 13), 40).astype(int)):
+        if count > most:
             break
         fitted, left = _real_polynomial(frequency[:count], raw[:count], spread[:count])
         excess = 2.0 * float(np.sum(np.abs(raw[:count] - fitted) ** 2 / spread[:count]))
