@@ -86,7 +86,10 @@ def test_ctrl_c_writes_nothing(tmp_path: Path) -> None:
     process = subprocess.Popen(
         asked, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
     )
-    time.sleep(3.0)
+    until = time.monotonic() + 120.0
+    while not list(tmp_path.iterdir()) and time.monotonic() < until:
+        time.sleep(0.1)  # the place is opened when all is imported and the work begins
+    time.sleep(1.0)
     os.killpg(process.pid, signal.SIGINT)
     _, errors = process.communicate(timeout=60)
     assert process.returncode == 130
