@@ -27,6 +27,24 @@ void dadsc(long count, const double *restrict p, const double (*restrict rows)[9
     s[0] = last, s[1] = sliding, s[2] = estimate;
 }
 
+/* p: Kv, Kp, Tn, velocity_feedforward, T;  s: position, integral */
+void cascade_ppi(long count, const double *restrict p, const double (*restrict rows)[9], double *restrict s,
+                 double *restrict force)
+{
+    const double Kv = p[0], Kp = p[1], Tn = p[2], share = p[3], T = p[4], gain = Kp * T / Tn;
+    double last = s[0], integral = s[1];
+    for (long k = 0; k < count; k++) {
+        const double *r = rows[k];
+        const double v = (r[5] - last) / T;
+        const double wanted = Kv * (r[0] - r[6]) + share * backward(r, T);
+        const double e = wanted - v;
+        integral = (integral + (r[7] - r[8])) + gain * e;
+        force[k] = Kp * e + integral;
+        last = r[5];
+    }
+    s[0] = last, s[1] = integral;
+}
+
 /* p: K1, K2, K3, K4, Ki, led/k, dragged/k, lag, T;  s: motor, load, offset, integral, added */
 void pole_placement(long count, const double *restrict p, const double (*restrict rows)[9], double *restrict s,
                     double *restrict force)

@@ -53,7 +53,12 @@ def candidates() -> list[Candidate]:
     bodies = two_bodies("", table)
     observer = fd.GpiObserver(mass=139.0, omega_o=700.0)
     rejection = fd.ActiveDisturbanceRejection(mass=139.0, omega_c=12.0, observer=observer)
+    cascade = fd.CascadePPI(Kv=100.0, Kp=6.8e4, Tn=5.4e-3)
     return [
+        Candidate(
+            "P-PI", "cascade_ppi", cascade, 5e-5,
+            lambda law, _: [law.Kv, law.Kp, law.Tn, law.velocity_feedforward],
+        ),
         Candidate(
             "DADSC", "dadsc", dadsc, 1e-4,
             lambda law, made: [law.mass, law.viscous, law.tracking_rate, law.reaching_rate, made.g1, made.g2],
