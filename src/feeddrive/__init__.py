@@ -35,6 +35,7 @@ _PLACES: dict[str, str] = {
     "Identified": "engineer.identification.identify",
     "Iteration": "engineer.tuning.iterative_feedforward",
     "Job": "artefacts.files.job",
+    "Limits": "engineer.tuning.shaping.limits",
     "Log": "artefacts.files.measured",
     "Loop": "loop.loop",
     "Machine": "artefacts.files.machine",
@@ -45,14 +46,17 @@ _PLACES: dict[str, str] = {
     "Placement": "engineer.tuning.placement",
     "PrefilterFit": "engineer.tuning.trajectory_prefilter",
     "Preparation": "engineer.identification.preparation",
+    "Recipe": "engineer.tuning.recipes",
     "Record": "engineer.identification.record",
     "Refinement": "engineer.identification.output_error",
     "Replay": "engineer.replay",
     "RigidFit": "engineer.identification.rigid",
     "Run": "loop.simulate",
     "Setpoint": "blocks.signals",
+    "ShapedLoop": "engineer.tuning.shaping.shaped_loop",
     "SignalTrials": "engineer.tuning.signal_ilc",
     "Signals": "loop.loop",
+    "Site": "engineer.tuning.shaping.site",
     "Spectrum": "engineer.analysis.spectrum",
     "Stability": "engineer.analysis.stability",
     "StateSpace": "loop.linearize",
@@ -79,19 +83,24 @@ _PLACES: dict[str, str] = {
     "get": "language.tree",
     "gradient": "loop.gradient",
     "guess_roles": "artefacts.files.guess",
+    "half_antiresonance": "engineer.tuning.recipes",
     "identify": "engineer.identification.identify",
     "identify_cogging": "engineer.identification.identify_cogging",
     "identify_control": "engineer.identification.control_law",
     "identify_rigid": "engineer.identification.rigid",
     "iterate": "engineer.tuning.iterative_feedforward",
     "iterate_trials": "engineer.tuning.trials",
+    "kv_rule": "engineer.tuning.recipes",
     "learn_signal": "engineer.tuning.signal_ilc",
     "leaves": "language.tree",
     "linearize": "loop.linearize",
     "loop_gain": "loop.linearize",
+    "margin_goals": "engineer.tuning.recipes",
     "margins": "engineer.analysis.margins",
     "measured_loop": "engineer.analysis.measured_loop",
+    "measured_site": "engineer.tuning.shaping.site",
     "measured_trial": "engineer.tuning.trial",
+    "modelled_site": "engineer.tuning.shaping.site",
     "observe": "engineer.observe",
     "placement": "engineer.tuning.placement",
     "read_arrays": "artefacts.files.log",
@@ -105,6 +114,7 @@ _PLACES: dict[str, str] = {
     "replay": "engineer.replay",
     "runs_of": "engineer.identification.steady_runs",
     "sensitivity": "engineer.analysis.sensitivity",
+    "shape": "engineer.tuning.shaping.shape",
     "simulate": "loop.simulate",
     "simulate_batch": "loop.simulate",
     "simulated_trial": "engineer.tuning.trial",
@@ -113,6 +123,7 @@ _PLACES: dict[str, str] = {
     "steady_runs": "engineer.identification.steady_runs",
     "stiffness": "engineer.analysis.stiffness",
     "stream": "loop.simulate",
+    "symmetric_optimum": "engineer.tuning.recipes",
     "to_toml": "artefacts.files.blocks_to_toml",
     "tracking": "loop.linearize",
     "tune": "engineer.tuning.equal_robustness",
@@ -274,6 +285,17 @@ if TYPE_CHECKING:
     from feeddrive.engineer.tuning.iterative_feedforward import iterate as iterate
     from feeddrive.engineer.tuning.placement import Placement as Placement
     from feeddrive.engineer.tuning.placement import placement as placement
+    from feeddrive.engineer.tuning.recipes import Recipe as Recipe
+    from feeddrive.engineer.tuning.recipes import half_antiresonance as half_antiresonance
+    from feeddrive.engineer.tuning.recipes import kv_rule as kv_rule
+    from feeddrive.engineer.tuning.recipes import margin_goals as margin_goals
+    from feeddrive.engineer.tuning.recipes import symmetric_optimum as symmetric_optimum
+    from feeddrive.engineer.tuning.shaping.limits import Limits as Limits
+    from feeddrive.engineer.tuning.shaping.shape import shape as shape
+    from feeddrive.engineer.tuning.shaping.shaped_loop import ShapedLoop as ShapedLoop
+    from feeddrive.engineer.tuning.shaping.site import Site as Site
+    from feeddrive.engineer.tuning.shaping.site import measured_site as measured_site
+    from feeddrive.engineer.tuning.shaping.site import modelled_site as modelled_site
     from feeddrive.engineer.tuning.signal_ilc import SignalTrials as SignalTrials
     from feeddrive.engineer.tuning.signal_ilc import learn_signal as learn_signal
     from feeddrive.engineer.tuning.trajectory_prefilter import PrefilterFit as PrefilterFit

@@ -11,7 +11,7 @@ import feeddrive as fd
 from feeddrive.engineer.analysis.opened import opened
 from feeddrive.engineer.tuning.shaping.limits import Limits
 from feeddrive.engineer.tuning.shaping.shape import shape
-from feeddrive.engineer.tuning.shaping.shaped import Shaped
+from feeddrive.engineer.tuning.shaping.shaped_loop import ShapedLoop
 from feeddrive.engineer.tuning.shaping.site import measured_site
 from feeddrive.language.errors import NotIdentifiableError, UnstableError
 
@@ -29,7 +29,7 @@ class Outcome(NamedTuple):
     """What became of a drive: refused with a reason, or tuned, and how the true loop is then."""
 
     refusal: str
-    shaped: Shaped | None
+    shaped: ShapedLoop | None
     stable: bool
     holds: bool
     coherent: bool  # coherence above 0.9 up to three times the crossover

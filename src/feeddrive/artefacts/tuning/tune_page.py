@@ -18,12 +18,12 @@ from feeddrive.artefacts.report.tables import table
 from feeddrive.engineer.analysis.margins import Margins
 from feeddrive.engineer.analysis.stiffness import Stiffness
 from feeddrive.engineer.tuning.shaping.figures import Figures
-from feeddrive.engineer.tuning.shaping.shaped import FIGURES, Shaped
+from feeddrive.engineer.tuning.shaping.shaped_loop import FIGURES, ShapedLoop
 from feeddrive.language import tree
 from feeddrive.language.table import Table
 
 
-def write_tuned(found: Shaped, machine: str | None, axis: str, out: str | Path, facts: Mapping[str, str]) -> Path:
+def write_tuned(found: ShapedLoop, machine: str | None, axis: str, out: str | Path, facts: Mapping[str, str]) -> Path:
     """Write report, summary, the control and, if the tuning holds, the machine file into a directory.
 
     The path of the report.  Raises FileError if `out` cannot be written.
@@ -38,7 +38,7 @@ def write_tuned(found: Shaped, machine: str | None, axis: str, out: str | Path, 
     return Path(out) / "report.html"
 
 
-def build(found: Shaped, facts: Mapping[str, str]) -> str:
+def build(found: ShapedLoop, facts: Mapping[str, str]) -> str:
     """The page. Pure: the same tuning gives the same text."""
     drawn = list(_pictures(found))
     made = "".join(table(f"{each.title[:1].upper()}{each.title[1:]}.", each.heads, each.rows) for each in tables(found))
@@ -52,7 +52,7 @@ def build(found: Shaped, facts: Mapping[str, str]) -> str:
     return page("A tuned loop", parts)
 
 
-def _said(found: Shaped) -> str:
+def _said(found: ShapedLoop) -> str:
     said = [f"Held back by {each.sentence()}." for each in found.held]
     said += [f"{text[:1].upper()}{text[1:]}." for text in found.advice]
     said += [f"Notch {text}." for text in found.notches]
@@ -62,7 +62,7 @@ def _said(found: Shaped) -> str:
     )
 
 
-def tables(found: Shaped) -> list[Table]:
+def tables(found: ShapedLoop) -> list[Table]:
     """Old against new: values, figures at each site, the cascade loop by loop; and the proof."""
     rows = [
         [
@@ -105,7 +105,7 @@ def _change(before: float, after: float) -> str:
     return "-" if math.isnan(before) else f"{100.0 * (after / before - 1.0):+.3g} %"
 
 
-def _rows(found: Shaped) -> Sequence[tuple[str, Figures]]:
+def _rows(found: ShapedLoop) -> Sequence[tuple[str, Figures]]:
     """Stable loops by name."""
     many = len(found.after) > 1
     return [
@@ -116,7 +116,7 @@ def _rows(found: Shaped) -> Sequence[tuple[str, Figures]]:
     ]
 
 
-def _pictures(found: Shaped) -> Iterator[Shown]:
+def _pictures(found: ShapedLoop) -> Iterator[Shown]:
     rows = _rows(found)
     stiff: dict[str, Stiffness] = {name: each.stiffness for name, each in rows}
     loops: dict[str, Margins] = {name: each.margins for name, each in rows}
@@ -152,7 +152,7 @@ def _pictures(found: Shaped) -> Iterator[Shown]:
         )
 
 
-def summary(found: Shaped) -> dict[str, Any]:
+def summary(found: ShapedLoop) -> dict[str, Any]:
     """All figures as plain numbers; what does not occur is null."""
     return {
         "rule": found.rule,

@@ -18,7 +18,7 @@ from feeddrive.engineer.tuning.shaping.figures import Figures, figures
 from feeddrive.engineer.tuning.shaping.knobs import box, filter_knobs, law_knobs, logarithms, speeds
 from feeddrive.engineer.tuning.shaping.limits import Limits
 from feeddrive.engineer.tuning.shaping.search import End, Search
-from feeddrive.engineer.tuning.shaping.shaped import HeldBack, Shaped
+from feeddrive.engineer.tuning.shaping.shaped_loop import HeldBack, ShapedLoop
 from feeddrive.engineer.tuning.shaping.site import Site, modelled_site
 from feeddrive.language import tree
 from feeddrive.language.errors import NotIdentifiableError, ParameterError, UnstableError
@@ -50,7 +50,7 @@ def shape(
     seed: int = 0,
     velocity: float = 0.05,
     today: Control | None = None,
-) -> Shaped:
+) -> ShapedLoop:
     """The control with the knobs that are best for the goal while all limits hold at every site.
 
         minimise  max over sites of the goal   over ln(knobs)   subject to   slack_i >= k σ_i  for all limits i
@@ -67,7 +67,7 @@ def shape(
 
     The response of the control is that of the control itself, linearised (`ControlResponse`), its slopes are exact.
     The stable side of -1 is kept by encirclement at every step.  A tuning for loops is run on them with friction,
-    counts and limits, and one that fails there says so (`Shaped.holds`).
+    counts and limits, and one that fails there says so (`ShapedLoop.holds`).
     Raises UnstableError if nothing is found within the limits, NotIdentifiableError if the measurement is too poor to
     tune on, with the band in which to measure again, ParameterError for what does not fit.
     """
@@ -154,6 +154,7 @@ class _Work:
             if other is not None:
                 ends.append(search.descend(other))
         end = min(ends, key=lambda each: search.merit(each.judged))
+        end = self._from_below(search, end, x, speeds(control, names))
         costs = [float(np.max(each.judged.goal)) for each in ends]
         end = self._on_all_lines(control, names, search, end)
         free, sure = float(np.max(end.judged.goal)), 0.0
@@ -162,7 +163,8 @@ class _Work:
             sure = _one_sided(self.confidence)
             for _ in range(_TURNS):
                 search.sure = sure
-                end = self._on_all_lines(control, names, search, search.descend(end.x))
+                end = self._from_below(search, search.descend(end.x), x, speeds(control, names))
+                end = self._on_all_lines(control, names, search, end)
                 wanted = certainty.needed(
                     self.criteria(control, names, whole=True)(end.x).bounds, sure, self.confidence
                 )
@@ -193,6 +195,18 @@ class _Work:
                 "2000th: check the sign of the response, its unit (m/N), masses, filters and dead time"
             )
         return min(stable, key=lambda pair: (search.merit(pair[0]), abs(float(np.sum(pair[1] - x)))))[1]
+
+    def _from_below(self, search: Search, end: End, x: np.ndarray, powers: np.ndarray) -> End:
+        """The end; if it breaks a bound, that of a search from the fastest loop that is slow enough to keep all."""
+        if search.broken(end.judged) <= 2e-3:
+            return end
+        for step in _LADDER[_LADDER <= 0.0]:
+            rung = np.clip(x + step * powers, search.low, search.high)
+            found = search.judge(rung)
+            if found is not None and search.broken(found) <= 0.0:
+                other = search.descend(rung)
+                return other if search.broken(other.judged) < search.broken(end.judged) else end
+        return end
 
     def _beside(self, search: Search, x: np.ndarray) -> np.ndarray | None:
         """A stable point some way off."""
@@ -291,7 +305,7 @@ class _Work:
                     found[float(f[k])] = float(size[k])
         return sorted(found, key=lambda each: -found[each])
 
-    def result(self, best: _Best, today: Control, tried: tuple[str, ...]) -> Shaped:
+    def result(self, best: _Best, today: Control, tried: tuple[str, ...]) -> ShapedLoop:
         """Figures before and after, what holds the goal back, what would help, and the proof."""
         values = dict(zip(best.names, np.exp(best.end.x).tolist(), strict=True))
         control = tree.vary(best.control, values)
@@ -307,7 +321,7 @@ class _Work:
                 proof += evidence.of_model(site.name, loop, self.limits, self.velocity)
         cascades = [cascade_loops(each, self.sites[0]) for each in (today, control)] if before else []
         whole = self.criteria(best.control, best.names, whole=True)
-        return Shaped(
+        return ShapedLoop(
             control=control,
             loops=loops,
             knobs=values,

@@ -109,8 +109,8 @@ def stiff_ratio(
     Both ends move as one when nothing moves fast, whatever the axis: a guided body has no other place to go.  How much
     they differ decides about stiffness, and it would drown where the responses are large and the spring hardly bends.
     Fitted to raw lines from the lowest one up to the highest below the antiresonance at which the residuals still look
-    like noise, by χ² on 99.9 %; used where |r - 1| is at most a quarter, which is up to half of the first antiresonance, and on at most half
-    of the lines of the fit, which bends away first at its end.
+    like noise, by χ² on 99.9 %; used where |r - 1| is at most a quarter, which is up to half of the first
+    antiresonance, and on at most half of the lines of the fit, which bends away first at its end.
     """
     ratio, variance = np.full(frequency.size, np.nan, dtype=complex), np.zeros(frequency.size)
     if variances is None:

@@ -34,7 +34,7 @@ class HeldBack:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Shaped(Result):
+class ShapedLoop(Result):
     """A control shaped for a goal within limits at all sites.
 
     knobs, started    values by dotted name of the control, new and where the user stands today (nan: new filter)
