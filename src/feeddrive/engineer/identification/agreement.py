@@ -21,7 +21,8 @@ class Agreement(Result):
     """Measured and fitted responses, and the RMS of ln(fitted/measured) on used and on unused lines.
 
     unused       each line was predicted by a fit that lacked it and every fifth other one
-    spread       standard deviation of the weighted residual; near 1 if variances were measured and the model is as good as they are
+    spread       standard deviation of the weighted residual; near 1 if variances were measured and the model is as
+                 good as they are
     model_error  share of the response by which the model is wrong beyond the noise; 0 where no variance is known
     """
 
