@@ -158,3 +158,11 @@ def test_an_axis_is_identified_with_errors_that_hold(capsys: pytest.CaptureFixtu
     assert re.search(r"Use these values: .* not used to [0-9.]+ % of the force", text)
     # the model that made the runs comes first of all
     assert re.search(r"-----\nstribeck, gaussian +4 ", text)
+
+
+def test_gains_from_a_noisy_response_hold_on_the_true_axis(capsys: pytest.CaptureFixture[str]) -> None:
+    text = said("tune_from_response.py", capsys)
+    kept, free, placed = (float(x) for x in re.findall(r"rope snap ([0-9.]+)", text))
+    assert kept > free > placed
+    assert all(float(x) < 2.01 for x in re.findall(r"true axis ([0-9.]+)", text))
+    assert "by rule: Kv" in text

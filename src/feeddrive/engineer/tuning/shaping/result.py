@@ -1,0 +1,148 @@
+"""What a shaping says when it is done: figures before and after, what holds it back, what would help, the proof."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from feeddrive.engineer.tuning.shaping import certainty, evidence
+from feeddrive.engineer.tuning.shaping.cascade import cascade_loops
+from feeddrive.engineer.tuning.shaping.criteria import Criteria, Judged
+from feeddrive.engineer.tuning.shaping.figures import Figures, figures
+from feeddrive.engineer.tuning.shaping.search import End
+from feeddrive.engineer.tuning.shaping.shaped_loop import HeldBack, ShapedLoop
+from feeddrive.engineer.tuning.shaping.site import Site
+from feeddrive.engineer.tuning.shaping.work import Best, Work
+from feeddrive.language import tree
+from feeddrive.language.errors import ParameterError
+from feeddrive.loop.control import Control
+
+
+def result(work: Work, best: Best, today: Control, tried: tuple[str, ...]) -> ShapedLoop:
+    """Figures before and after, what holds the goal back, what would help, and the proof."""
+    values = dict(zip(best.names, np.exp(best.end.x).tolist(), strict=True))
+    control = tree.vary(best.control, values)
+    before = _figures(work, today)
+    after = _figures(work, control)
+    loops = tuple(replace(site.loop, control=control) for site in work.sites if site.loop is not None)
+    proof = evidence.of_measurement(
+        [each for each, site in zip(after, work.sites, strict=True) if site.loop is None], work.limits
+    )
+    for site in work.sites:
+        if site.loop is not None:
+            loop = replace(site.loop, control=control)
+            proof += evidence.of_model(site.name, loop, work.limits, work.velocity)
+    cascades = [cascade_loops(each, work.sites[0]) for each in (today, control)] if before else []
+    whole = work.criteria(best.control, best.names, whole=True)
+    return ShapedLoop(
+        control=control,
+        loops=loops,
+        knobs=values,
+        started={name: _of_today(today, control, name) for name in values},
+        goal=work.goal,
+        band=work.band,
+        limits=work.limits,
+        before=before,
+        after=after,
+        held=_held(work, best),
+        advice=_advice(work, best),
+        notches=tried,
+        sure=best.sure,
+        confidence=certainty.chance(whole(best.end.x).bounds) if work.noisy else None,
+        cost=best.cost,
+        evaluations=work.evaluations,
+        spread=best.spread,
+        proof=proof,
+        cascade=tuple(each for each in cascades if each is not None),
+    )
+
+
+def _figures(work: Work, control: Control) -> tuple[Figures, ...]:
+    """At every site, on all lines; empty for a control that has no response."""
+    try:
+        found = work.criteria(control, (), whole=True).answers(np.zeros(0))
+    except ParameterError:
+        return ()
+    return tuple(figures(each, work.limits.reading_noise) for each in found)
+
+
+def _held(work: Work, best: Best) -> tuple[HeldBack, ...]:
+    """Bounds with a force, those at one place together."""
+    summed: dict[tuple[str, int], list[tuple[float, float]]] = {}
+    for bound in best.end.judged.bounds:
+        force = best.end.force.get(bound.key, 0.0)
+        if force > 1e-4:
+            summed.setdefault((bound.kind, bound.site), []).append((force, bound.frequency))
+    found: list[HeldBack] = []
+    for (kind, site), parts in summed.items():
+        groups: list[list[tuple[float, float]]] = []
+        for part in sorted(parts, key=lambda each: each[1]):
+            if groups and part[1] < 1.3 * groups[-1][-1][1]:
+                groups[-1].append(part)
+            else:
+                groups.append([part])
+        for group in groups:
+            force = sum(each[0] for each in group)
+            where = sum(each[0] * each[1] for each in group) / force
+            found.append(HeldBack(kind, work.sites[site].name, where, 100.0 * force * math.log(1.1)))
+    return tuple(sorted(found, key=lambda each: -each.gain))
+
+
+def _advice(work: Work, best: Best) -> tuple[str, ...]:
+    """What less dead time would bring, by the multipliers of the optimum; and what the noise costs."""
+    found: list[str] = []
+    step = 0.1 * work.sites[0].sample_time
+
+    def sooner(site: Site) -> Site:
+        ahead = np.exp(2j * np.pi * site.frequency * step)
+        moved = site.moved.copy()
+        moved[0] = moved[0] * ahead
+        late = site.by_force * ahead
+        return replace(site, by_force=late, moved=moved, by_load=late if site.at_drive else site.by_load)
+
+    sites = tuple(sooner(site) for site in best.criteria.sites)
+    other = Criteria(sites, best.criteria.control, work.goal, work.limits, work.band)(best.end.x)
+    gained = _gain(best.end.judged, other, best.end) * 10.0
+    if gained > 1e-3:
+        found.append(
+            f"one sample ({1e6 * work.sites[0].sample_time:g} us) less dead time, from computation, filters or "
+            f"bus, would gain about {100.0 * gained:.2g} %"
+        )
+    if work.noisy and best.cost > 5e-3:
+        found.append(f"a measurement without noise would gain {100.0 * best.cost:.2g} %")
+    edges = [
+        name.removeprefix("law.")
+        for name, value, low, high in zip(best.names, best.end.x, *best.box, strict=True)
+        if min(value - low, high - value) < 1e-6
+    ]
+    if edges:
+        found.append(f"at the edge of what was searched: {', '.join(edges)}")
+    if any(site.at_drive for site in work.sites):
+        found.append("stiffness is that against a force at the drive: a hammer on the table would measure its own")
+    return tuple(found)
+
+
+def _gain(here: Judged, there: Judged, end: End) -> float:
+    """By how much the goal would fall, by the Lagrangian, if the axis were the other one."""
+    slack = {bound.key: bound.slack for bound in there.bounds}
+    eased = sum(
+        end.force.get(bound.key, 0.0) * (slack[bound.key] - bound.slack) for bound in here.bounds if bound.key in slack
+    )
+    return float(np.max(here.goal) - np.max(there.goal)) + eased
+
+
+def _of_today(today: Control, control: Control, name: str) -> float:
+    """The value of a knob in today's control; NaN if another block stands there, or none."""
+    place, last = name.rpartition(".")[::2]
+    blocks: list[object] = [today, control]
+    for step in place.split("."):
+        blocks = [
+            (each[int(step)] if int(step) < len(each) else None)
+            if isinstance(each, tuple)
+            else getattr(each, step, None)
+            for each in blocks
+        ]
+    value = getattr(blocks[0], last, None) if type(blocks[0]) is type(blocks[1]) else None
+    return float(value) if value is not None else math.nan
