@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from feeddrive.engineer.analysis.conversion import as_frf
 from feeddrive.engineer.analysis.extremum import least
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.table import Result, Table
@@ -133,17 +134,19 @@ class Margins(Result):
         return frames.frame([c.frequency for c in (*gain, *phase)], columns, "frequency")
 
 
-def margins(L: FRF) -> Margins:
+def margins(loop_gain: FRF | Any, frequency: np.ndarray | None = None) -> Margins:
     """Margins of a loop gain L(f), with 1 + L = 0 the edge of stability.
 
     Between two lines ln |L| and the phase are straight over ln f, so a pure power of f is exact; the nearest approach
     to -1 is that of a parabola.  Two neighboring lines must lie within 180° of each other.  Of a sampled loop
     that is given up to Nyquist the last line counts as real, which it is.
+    Of another tool's loop gain, and of an array, `frequency` in Hz: see `as_frf`.
     Raises ParameterError for fewer than two lines.
 
     When not: for a loop that is not stable when closed, and for a measured L where its coherence is low.
     Source: Skogestad & Postlethwaite, Multivariable Feedback Control, section 2.4 (definitions).
     """
+    L = as_frf(loop_gain, frequency)
     if L.frequency.size < 2:
         raise ParameterError(f"margins need at least two lines of the loop gain, not {L.frequency.size}")
     response = _real_at_nyquist(L)

@@ -8,8 +8,10 @@ from typing import Any
 import numpy as np
 
 from feeddrive.blocks.plant.two_mass import TwoMass
+from feeddrive.engineer.analysis.encirclement import Encirclement, encirclement
+from feeddrive.engineer.analysis.margin_intervals import MarginIntervals, margin_intervals
 from feeddrive.engineer.analysis.margins import Margins, margins
-from feeddrive.engineer.analysis.sensitivity import sensitivity
+from feeddrive.engineer.analysis.sensitivity import complementary_sensitivity, sensitivity
 from feeddrive.engineer.analysis.stiffness import Stiffness, stiffness
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.table import Result, Table
@@ -24,8 +26,7 @@ from feeddrive.loop.loop import Loop
 class MeasuredLoop(Result):
     """The loop gain of a control on a measured axis, and its compliance if that of the open axis was measured.
 
-    Whether the closed loop is stable cannot be read off its margins alone: it is if the axis is stable without control
-    but for its free motion, and L turns round -1 as a loop that is known to be stable does.
+    Whether the closed loop is stable cannot be read off its margins alone: see `encirclement`.
     """
 
     loop_gain: FRF
@@ -36,10 +37,23 @@ class MeasuredLoop(Result):
         """Of the loop gain."""
         return margins(self.loop_gain)
 
+    def margin_intervals(self, level: float = 0.95, seed: int = 0) -> MarginIntervals:
+        """Of the loop gain. Raises ParameterError if the axis was measured without variances."""
+        return margin_intervals(self.loop_gain, level=level, seed=seed)
+
+    def encirclement(self, unstable_poles: int = 0, integrators: int | None = None) -> Encirclement:
+        """Whether the closed loop is stable, by how its gain turns round -1; integrators are those of axis and law."""
+        return encirclement(self.loop_gain, unstable_poles=unstable_poles, integrators=integrators)
+
     @property
     def sensitivity(self) -> FRF:
         """1/(1 + L)."""
         return sensitivity(self.loop_gain)
+
+    @property
+    def complementary_sensitivity(self) -> FRF:
+        """L/(1 + L)."""
+        return complementary_sensitivity(self.loop_gain)
 
     @property
     def stiffness(self) -> Stiffness:

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from feeddrive.engineer.analysis.conversion import as_frf
 from feeddrive.engineer.analysis.extremum import least
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.table import Result, Table
@@ -73,11 +74,12 @@ class Stiffness(Result):
         return frames.frame(self.frequency, {"stiffness": self.magnitude}, "frequency")
 
 
-def stiffness(compliance: FRF, static: float | None = None) -> Stiffness:
+def stiffness(compliance: FRF | Any, static: float | None = None, *, frequency: np.ndarray | None = None) -> Stiffness:
     """The inverse of a closed-loop compliance in m/N, modelled or measured; `static` in N/m if it is known.
 
     Raises ParameterError if there are no lines or the compliance is zero on one, where the stiffness is not a number.
     """
+    compliance = as_frf(compliance, frequency)
     magnitude = compliance.magnitude
     if not magnitude.size:
         raise ParameterError("a stiffness needs at least one line of compliance")

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from feeddrive.engineer.analysis.conversion import as_frf
 from feeddrive.language.errors import ParameterError
 from feeddrive.loop.frequency_response import FRF
 
@@ -63,7 +64,7 @@ def taken(
     travel_per_unit   m for each unit of the output, as lead/2π for an angle in rad
     Raises ParameterError if none is there, if their units differ or if too few lines are left.
     """
-    there = {name: frf for name, frf in responses.items() if frf is not None}
+    there = {name: as_frf(frf) for name, frf in responses.items() if frf is not None}
     if not there:
         raise ParameterError("a fit needs at least one frequency response, of the motor's or of the load's position")
     units = {name: response_units(frf) for name, frf in there.items()}

@@ -1,0 +1,99 @@
+"""From what other tools hold to an FRF and back: numpy arrays and objects of python-control."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from feeddrive.language.errors import MissingExtraError, ParameterError
+from feeddrive.loop.frequency_response import FRF
+from feeddrive.loop.linearize import StateSpace
+
+
+def as_frf(
+    source: Any,
+    frequency: Sequence[float] | np.ndarray | None = None,
+    *,
+    sample_time: float | None = None,
+    unit: str = "",
+) -> FRF:
+    """An FRF from an FRF, a model of this house, numpy arrays, or an object of python-control.
+
+    source     FRF                        as it is
+               StateSpace of this house   its first input to its first output at `frequency`
+               complex array (n,)         at `frequency`
+               array (n, 3)               columns: Hz, real, imaginary part
+               (frequency, response)      two arrays
+               python-control FRD         its own lines; python-control's rad/s become Hz
+               python-control tf, ss      at `frequency`: on the imaginary axis, or at z = e^(j2πfT) if its dt is a
+                                          sample time
+    frequency  Hz, shape (n,), where the source does not bring it
+
+    Raises ParameterError for what is none of these, for several inputs or outputs, and if frequencies are missing.
+    """
+    if isinstance(source, FRF):
+        return source
+    lines = None if frequency is None else np.asarray(frequency, float)
+    if isinstance(source, StateSpace):
+        return source.response(_required(lines, "a linear model"))
+    if type(source).__module__.partition(".")[0] == "control":
+        return _from_control(source, lines, unit)
+    if isinstance(source, tuple) and len(source) == 2:
+        lines, source = np.asarray(source[0], float), source[1]
+    values = np.asarray(source)
+    if values.ndim == 2 and values.shape[1] == 3 and not np.iscomplexobj(values):
+        lines, values = values[:, 0].astype(float), values[:, 1] + 1j * values[:, 2]
+    if values.ndim != 1 or values.dtype.kind not in "fiuc":
+        raise ParameterError(
+            f"a frequency response is an FRF, an array of complex numbers with `frequency`, an array (n, 3) of Hz, "
+            f"real and imaginary part, or an object of python-control, not {type(source).__name__} of shape {values.shape}"
+        )
+    return FRF(_required(lines, "an array"), values.astype(complex), unit=unit, sample_time=sample_time)
+
+
+def to_control(frf: FRF) -> Any:
+    """The same as a python-control FRD over rad/s, with its sample time. Raises MissingExtraError without it."""
+    try:
+        import control
+    except ImportError as error:
+        raise MissingExtraError("control", "control", "handing an FRF to python-control") from error
+    return control.frd(frf.response, 2.0 * np.pi * frf.frequency, dt=frf.sample_time or 0)
+
+
+def _required(lines: np.ndarray | None, what: str) -> np.ndarray:
+    if lines is None:
+        raise ParameterError(f"{what} has no lines of its own: give `frequency` in Hz")
+    return lines
+
+
+def _from_control(source: Any, lines: np.ndarray | None, unit: str) -> FRF:
+    if (source.ninputs, source.noutputs) != (1, 1):
+        raise ParameterError(
+            f"the object of python-control has {source.ninputs} inputs and {source.noutputs} outputs: pick one of "
+            f"each, as G[0, 0]"
+        )
+    step = source.dt
+    sampled = None if step in (None, 0) else (1.0 if step is True else float(step))
+    if step is True:
+        raise ParameterError(
+            "the object of python-control is sampled without saying how fast (dt = True): give it a dt"
+        )
+    if hasattr(source, "omega"):
+        omega = np.asarray(source.omega, float)
+        values = np.asarray(source.frdata if hasattr(source, "frdata") else source.fresp).reshape(-1)
+        order = np.argsort(omega)
+        order = order[omega[order] > 0.0]  # a line at zero has no place on a logarithmic axis
+        found = FRF(omega[order] / (2.0 * np.pi), values[order], unit=unit, sample_time=sampled)
+        if lines is not None and (lines.shape != found.frequency.shape or not np.allclose(lines, found.frequency)):
+            raise ParameterError("an FRD holds its own lines, and other ones were asked for: leave `frequency` out")
+        return found
+    lines = _required(lines, "a transfer function")
+    s = 2j * np.pi * lines
+    point = s if sampled is None else np.exp(s * sampled)
+    values = np.asarray(source(point, warn_infinite=False)).reshape(-1)
+    names = [str(label[0]) for label in (source.input_labels, source.output_labels)]
+    made = FRF(lines, values, unit=unit, sample_time=sampled)
+    return made if names == ["u[0]", "y[0]"] else replace(made, input=names[0], output=names[1])
