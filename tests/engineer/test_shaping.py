@@ -294,6 +294,10 @@ def test_bad_input_is_named(screw: fd.Loop) -> None:
         shape(screw.control, screw, band=(1e5, 2e5))
     with pytest.raises(ParameterError, match=r"law\.Kq"):
         shape(screw.control, screw, knobs=["law.Kq"])
+    static = replace(screw.control, law=fd.CascadePPI(Kv=100.0, Kp=6.8e4))
+    with pytest.raises(ParameterError, match="integral action"):
+        shape(static, screw)
+    assert shape(static, screw, goal="stiffness", band=(1.0, 20.0), filters="kept", starts=1).holds
     slow = replace(screw.control, law=replace(screw.control.law, position_every=4))
     with pytest.raises(ParameterError, match="position_every = 1"):
         shape(slow, screw)

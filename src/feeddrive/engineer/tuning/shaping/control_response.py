@@ -19,6 +19,7 @@ from feeddrive.loop.differentiate import push
 from feeddrive.loop.trace import node_values
 
 _SPEED = 0.05  # m/s of the operating point
+_AT_ONE = 1e-5  # of |z|: a pole as near counts as at 1, since a double one is only known to the root of rounding
 _READINGS = ("reading_motor", "reading_load")
 
 
@@ -137,6 +138,12 @@ class ControlResponse:
         keep = [*self._live, n]
         wide = [*self._live, n, n + 1]
         return matrix[np.ix_(keep, wide)], slopes[np.ix_(keep, wide)]
+
+    def integrates(self, values: Sequence[float] | np.ndarray) -> bool:
+        """Whether the control has a pole at z = 1: it then takes out a constant force in the end."""
+        matrix, _ = self.model(values)
+        poles = np.linalg.eigvals(matrix[:-1, :-2])
+        return bool(np.any(np.abs(poles - 1.0) < _AT_ONE))
 
     def at(self, values: Sequence[float] | np.ndarray, frequency: np.ndarray) -> Response:
         """The response and its slopes on lines in Hz up to Nyquist. Raises ParameterError if it is not finite."""

@@ -19,6 +19,8 @@ from feeddrive.language import tree
 from feeddrive.language.errors import ParameterError
 from feeddrive.loop.control import Control
 
+_MUCH = 0.02  # of the goal, by a tenth of a sample
+
 
 def result(work: Work, best: Best, today: Control, tried: tuple[str, ...]) -> ShapedLoop:
     """Figures before and after, what holds the goal back, what would help, and the proof."""
@@ -104,11 +106,14 @@ def _advice(work: Work, best: Best) -> tuple[str, ...]:
 
     sites = tuple(sooner(site) for site in best.criteria.sites)
     other = Criteria(sites, best.criteria.control, work.goal, work.limits, work.band)(best.end.x)
-    gained = _gain(best.end.judged, other, best.end) * 10.0
-    if gained > 1e-3:
+    gained = _gain(best.end.judged, other, best.end)
+    if gained > 1e-4:
+        # by slopes: a whole sample where it says little, a tenth where it says much
+        small = gained < _MUCH
+        how = f"one sample ({10e6 * step:g} us)" if small else f"a tenth of a sample ({1e6 * step:g} us)"
         found.append(
-            f"one sample ({1e6 * work.sites[0].sample_time:g} us) less dead time, from computation, filters or "
-            f"bus, would gain about {100.0 * gained:.2g} %"
+            f"{how} less dead time, from computation, filters or bus, would gain about "
+            f"{100.0 * gained * (10.0 if small else 1.0):.2g} %"
         )
     if work.noisy and best.cost > 5e-3:
         found.append(f"a measurement without noise would gain {100.0 * best.cost:.2g} %")

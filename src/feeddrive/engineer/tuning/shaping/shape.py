@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from feeddrive.engineer.tuning.shaping.control_response import ControlResponse
 from feeddrive.engineer.tuning.shaping.criteria import GOALS
 from feeddrive.engineer.tuning.shaping.knobs import filter_knobs, law_knobs
 from feeddrive.engineer.tuning.shaping.limits import Limits
@@ -75,6 +76,11 @@ def shape(
         raise ParameterError("shaping needs sites of one sample time, at least one")
     _check_band(made, band)
     work = Work(made, goal, limits or Limits(), band, confidence, starts, seed, velocity)
+    if goal == "rope-snap" and not ControlResponse(control, made[0].sample_time, (), velocity).integrates(()):
+        raise ParameterError(
+            f"goal = 'rope-snap' needs a control with integral action: without it ('{control.law.kind}' as it is) the "
+            f"table stays off under a force for ever; give it one, such as law.Tn, or take the goal stiffness"
+        )
     chosen = law_knobs(control) if knobs is None else tuple(knobs)
     best = work.tuned(control, chosen if filters == "kept" else tuple(dict.fromkeys([*chosen, *filter_knobs(control)])))
     tried: list[str] = []
