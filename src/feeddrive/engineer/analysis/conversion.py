@@ -49,7 +49,8 @@ def as_frf(
     if values.ndim != 1 or values.dtype.kind not in "fiuc":
         raise ParameterError(
             f"a frequency response is an FRF, an array of complex numbers with `frequency`, an array (n, 3) of Hz, "
-            f"real and imaginary part, or an object of python-control, not {type(source).__name__} of shape {values.shape}"
+            f"real and imaginary part, or an object of python-control, not {type(source).__name__} of shape "
+            f"{values.shape}"
         )
     return FRF(_required(lines, "an array"), values.astype(complex), unit=unit, sample_time=sample_time)
 

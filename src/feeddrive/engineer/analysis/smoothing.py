@@ -34,9 +34,9 @@ def smoothers(frf: FRF) -> tuple[Smoother, Smoother]:
     """Local parabolas over ln f in windows as wide as they explain all lines within their variance: (center, spread).
 
     Windows grow from 5 to 97 lines and stop at the first that fails: χ² of the residuals beyond its 99.9 % point.
-    Where the first one fails, the line stays as it is.  A window that just holds still bends the curve by as much as the
-    noise that is left in it; so the curve itself is taken from windows one step narrower, and its spread, which is to
-    cover the rest of that bias, from windows three steps narrower.
+    Where the first one fails, the line stays as it is.  A window that just holds still bends the curve by as much as
+    the noise that is left in it; so the curve itself is taken from windows one step narrower, and its spread, which is
+    to cover the rest of that bias, from windows three steps narrower.
     Raises ParameterError for an FRF without variance.
     Source: Goldenshluger & Nemirovski 1997 (windows as wide as the noise allows); Schoukens et al. 2009 (local
     polynomials of frequency responses).
