@@ -266,7 +266,9 @@ def excite(
 
 @app.command()
 def identify(
-    log: Annotated[Path, typer.Argument(help="A log of position and force of one motion (MAT, CSV, Parquet, ...).")],
+    log: Annotated[
+        Path, typer.Argument(help="A log of position and force of one motion, or a file of frequency responses.")
+    ],
     machine: Annotated[
         str | None,
         typer.Option("--machine", help="The machine file to start from; its comments are kept.", show_default=False),
@@ -302,9 +304,37 @@ def identify(
     sample_time: Annotated[
         float | None, typer.Option("--sample-time", help="s, of a log without a clock.", show_default=False)
     ] = None,
+    model: Annotated[
+        str | None,
+        typer.Option("--model", help="Of frequency responses: two-mass, modal or modes.", show_default=False),
+    ] = None,
+    modes: Annotated[
+        int | None, typer.Option("--modes", help="How many; found if left out.", show_default=False)
+    ] = None,
+    motor: Annotated[
+        str | None, typer.Option("--motor", help="Response of the motor's encoder, by name.", show_default=False)
+    ] = None,
+    load: Annotated[
+        str | None, typer.Option("--load", help="Response of the load's encoder, by name.", show_default=False)
+    ] = None,
+    band: Annotated[
+        str | None, typer.Option("--band", help="Of frequency responses, as 5..300 in Hz.", show_default=False)
+    ] = None,
+    unit: Annotated[
+        str | None, typer.Option("--unit", help="Of responses that do not say theirs, as m/N.", show_default=False)
+    ] = None,
     out: Out = None,
 ) -> None:
-    """Find mass, friction and dead time of a drive in a log; write a machine file and a report with errors."""
+    """Find mass, friction and dead time in a log, or masses and modes in frequency responses; with errors."""
+    from feeddrive.doors.cli.identify_frf import Asked, responses_in
+
+    responses = responses_in(log)
+    if responses is not None:
+        from feeddrive.doors.cli.identify_frf import perform as perform_frf
+
+        asked = Asked(motor, load, model, modes, band, unit, force_constant, lead, gear, machine, axis, out)
+        perform_frf(log, responses, asked)
+        return
     from feeddrive.doors.cli.identify import perform
 
     columns = {

@@ -1,0 +1,104 @@
+"""`feeddrive identify` on files of frequency responses."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from engineer.test_response_fit import SCREW, F, responses
+from feeddrive.artefacts.files.machine import read_machine
+from feeddrive.doors.cli.commands import app
+from feeddrive.language import tree
+from feeddrive.language.errors import ParameterError
+
+runner = CliRunner()
+
+
+def written(folder: Path, scale: float = 1.0, unit: str = "m/N") -> Path:
+    """Both encoders with 1 % of noise, as CSV."""
+    motor, load = (frf.response * scale for frf in responses(SCREW, noise=0.01, seed=6))
+    path = folder / "frf.csv"
+    columns = np.column_stack([F, motor.real, motor.imag, load.real, load.imag])
+    np.savetxt(
+        path, columns, delimiter=",", fmt="%.12g", comments="",
+        header=f"f_Hz,re_motor[{unit}],im_motor[{unit}],re_load[{unit}],im_load[{unit}]",
+    )  # fmt: skip
+    return path
+
+
+def test_two_masses_go_into_a_machine_file_that_keeps_its_comments(tmp_path: Path) -> None:
+    given = tmp_path / "mine.toml"
+    given.write_text(
+        """name = "mine"
+sample_time = 2.5e-4
+
+[axis.x.plant]
+kind = "two_mass"
+mass_motor = 100.0   # as the drawing says
+mass_load = 40.0
+stiffness_N_per_um = 20.0
+damping = 500.0
+viscous_motor = 1000.0
+
+[axis.x.control.law]
+kind = "cascade_ppi"
+Kv = 40.0
+Kp = 2.0e4
+Tn = 0.02
+""",
+        encoding="utf-8",
+    )
+    log = str(written(tmp_path))
+    done = runner.invoke(
+        app,
+        ["identify", log, "--motor", "motor", "--load", "load", "--machine", str(given), "--out", str(tmp_path / "o")],
+    )
+    assert done.exit_code == 0, done.output
+    assert "Use this model" in done.output
+    made = (tmp_path / "o" / "machine.toml").read_text(encoding="utf-8")
+    assert "as the drawing says; standard error" in made
+    assert "stiffness_N_per_um = 18.0" in made
+    loop = read_machine(tmp_path / "o" / "machine.toml").loop("x")
+    assert tree.get(loop, "axis.plant.mass_motor") == pytest.approx(130.0, rel=0.01)
+    assert tree.get(loop, "axis.plant.viscous_load") == 0.0
+    assert loop.control.law.Kv == 40.0  # type: ignore[attr-defined]
+    page = (tmp_path / "o" / "report.html").read_text(encoding="utf-8")
+    assert "Not identifiable: viscous_load" in page
+    assert "standard error" in page
+
+
+def test_a_modal_axis_takes_the_place_of_another_plant(tmp_path: Path) -> None:
+    log = str(written(tmp_path))
+    asked = ["identify", log, "--motor", "motor", "--load", "load", "--modes", "1", "--out", str(tmp_path / "o")]
+    done = runner.invoke(app, asked)
+    assert done.exit_code == 0, done.output
+    assert 'kind = "modal"' in (tmp_path / "o" / "machine.toml").read_text(encoding="utf-8")
+
+
+def test_plain_modes_of_all_responses(tmp_path: Path) -> None:
+    done = runner.invoke(
+        app, ["identify", str(written(tmp_path)), "--model", "modes", "--modes", "1", "--out", str(tmp_path / "o")]
+    )
+    assert done.exit_code == 0, done.output
+    assert "131.6" in done.output
+    assert not (tmp_path / "o" / "machine.toml").exists()
+
+
+def test_a_current_needs_its_force_constant_for_a_machine(tmp_path: Path) -> None:
+    log = str(written(tmp_path, 50.0, "m/A"))
+    asked = ["identify", log, "--motor", "motor", "--load", "load", "--out", str(tmp_path / "o")]
+    assert "No machine file" in runner.invoke(app, asked).output
+    done = runner.invoke(app, [*asked, "--force-constant", "50"])
+    assert done.exit_code == 0, done.output
+    assert (tmp_path / "o" / "machine.toml").exists()
+
+
+def test_encoders_must_be_told_apart(tmp_path: Path) -> None:
+    done = runner.invoke(app, ["identify", str(written(tmp_path))])
+    assert isinstance(done.exception, ParameterError)
+    assert "--motor NAME" in str(done.exception)
+    done = runner.invoke(app, ["identify", str(written(tmp_path)), "--motor", "mtor"])
+    assert "mtor" in str(done.exception)
