@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.sparse import csr_array
 from scipy.stats import chi2
 
 from feeddrive.language.errors import ParameterError
@@ -13,21 +14,21 @@ from feeddrive.loop.frequency_response import FRF
 
 _HALVES = (2, 3, 4, 6, 8, 12, 16, 24, 32, 48)  # lines on each side that are tried
 _LEVEL = 0.999  # of the χ² test that a parabola explains the lines
+_EXACT = 1e-10  # of the largest variance in a window: a line with less counts as known that well
 _CENTER, _SPREAD = 1, 3  # steps by which windows are taken narrower than the widest that holds
 
 
 @dataclass(frozen=True, eq=False)
 class Smoother:
-    """A linear map from the lines of an FRF to smooth ones: row k weighs the lines from `first[k]` on."""
+    """A linear map from the lines of an FRF to smooth ones: the weights of each line in each, a sparse (n, n)."""
 
-    first: np.ndarray
-    weights: np.ndarray  # (n, widest), zeros behind each row's own width
+    weights: csr_array
 
     def __call__(self, values: np.ndarray) -> np.ndarray:
         """Applied to values of shape (..., n)."""
-        n = values.shape[-1]
-        places = np.minimum(self.first[:, None] + np.arange(self.weights.shape[1]), n - 1)
-        return np.sum(values[..., places] * self.weights, axis=-1)
+        columns = np.moveaxis(values, -1, 0).reshape(values.shape[-1], -1)
+        smooth = self.weights @ np.real(columns) + 1j * (self.weights @ np.imag(columns))
+        return np.moveaxis(smooth.reshape(np.moveaxis(values, -1, 0).shape), 0, -1)
 
 
 def smoothers(frf: FRF) -> tuple[Smoother, Smoother]:
@@ -59,10 +60,13 @@ def smoothers(frf: FRF) -> tuple[Smoother, Smoother]:
         offset = x[places] - x[:, None]
         offset = offset / np.max(np.abs(offset), axis=1, keepdims=True)
         columns = np.stack([np.ones_like(offset), offset, offset**2], axis=2)
-        heavy = columns / variance[places][:, :, None]
+        # a line where the response is zero (a sampled one at Nyquist) has no noise, and would outweigh all others
+        unsure = variance[places]
+        unsure = np.maximum(unsure, _EXACT * np.max(unsure, axis=1, keepdims=True))
+        heavy = columns / unsure[:, :, None]
         made = np.linalg.solve(np.swapaxes(columns, 1, 2) @ heavy, np.swapaxes(heavy, 1, 2))
         fitted = np.squeeze(columns @ (made @ frf.response[places][:, :, None]), axis=2)
-        misfit = np.sum(np.abs(frf.response[places] - fitted) ** 2 / variance[places], axis=1)
+        misfit = np.sum(np.abs(frf.response[places] - fitted) ** 2 / unsure, axis=1)
         # |r|²/variance has mean 1 with two real degrees of freedom, of which the parabola takes three complex ones
         growing &= 2.0 * misfit <= chi2.ppf(_LEVEL, 2 * (width - 3))
         reach[growing] = i
@@ -72,11 +76,12 @@ def smoothers(frf: FRF) -> tuple[Smoother, Smoother]:
 
 def _smoother(n: int, maps: Sequence[tuple[np.ndarray, np.ndarray]], reach: np.ndarray) -> Smoother:
     """Each line by the map of the window that it reaches; below 0 it stays."""
-    first, weights = np.arange(n), np.zeros((n, maps[-1][1].shape[1] if maps else 1))
-    weights[:, 0] = 1.0
+    stays = np.flatnonzero(reach < 0)
+    rows, columns, weights = [stays], [stays], [np.ones(stays.size)]
     for i, (start, made) in enumerate(maps):
-        rows = np.flatnonzero(reach == i)
-        first[rows] = start[rows]
-        weights[rows] = 0.0
-        weights[rows, : made.shape[1]] = made[rows]
-    return Smoother(first, weights)
+        lines, width = np.flatnonzero(reach == i), made.shape[1]
+        rows.append(np.repeat(lines, width))
+        columns.append((start[lines, None] + np.arange(width)).ravel())
+        weights.append(made[lines].ravel())
+    places = np.concatenate(rows), np.concatenate(columns)
+    return Smoother(csr_array((np.concatenate(weights), places), shape=(n, n)))
