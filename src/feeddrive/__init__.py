@@ -130,6 +130,7 @@ _PLACES: dict[str, str] = {
     "tune_prefilter": "engineer.tuning.trajectory_prefilter",
     "vary": "language.tree",
     "write_arena": "artefacts.arena.results",
+    "encoders": "artefacts.files.frf",
     "write_frf": "artefacts.files.frf",
     "write_log": "artefacts.files.measured",
     "write_results": "artefacts.study.results",
@@ -142,6 +143,7 @@ if TYPE_CHECKING:
     from feeddrive.artefacts.arena.arena import arena as arena
     from feeddrive.artefacts.arena.results import write_arena as write_arena
     from feeddrive.artefacts.files.blocks_to_toml import to_toml as to_toml
+    from feeddrive.artefacts.files.frf import encoders as encoders
     from feeddrive.artefacts.files.frf import read_frf as read_frf
     from feeddrive.artefacts.files.frf import read_frfs as read_frfs
     from feeddrive.artefacts.files.frf import write_frf as write_frf

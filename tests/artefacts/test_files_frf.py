@@ -6,6 +6,7 @@ import base64
 import builtins
 import gzip
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from xml.sax.saxutils import escape
 
@@ -14,7 +15,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from feeddrive.artefacts.files.frf import read_frf, read_frfs, write_frf
+from feeddrive.artefacts.files.frf import encoders, read_frf, read_frfs, write_frf
 from feeddrive.artefacts.files.log import read_log
 from feeddrive.artefacts.files.readers.ast_xml import controller_sets
 from feeddrive.artefacts.files.readers.frf_columns import named
@@ -412,3 +413,44 @@ BILLION = '<!DOCTYPE a [<!ENTITY b "lol"><!ENTITY c "&b;&b;&b;&b;&b;&b;&b;&b;&b;
 def test_what_is_wrong_with_ast_xml(tmp_path: Path, text: str, message: str) -> None:
     with pytest.raises(LogError, match=message):
         read_frf(write(tmp_path, text, "a.xml"))
+
+
+def test_both_encoders_go_into_one_file_on_the_lines_they_share(tmp_path: Path):
+    f = np.array([1.0, 2.0, 3.5, 7.0])
+    coherence = np.array([0.9, 0.99, 1.0, 0.3])
+    motor = FRF(f, (1.0 + 2.0j) / f, "force", "reading_motor", "m/N", 1e-3, coherence, variance=0.1 / f)
+    load = FRF(f[1:], (3.0 - 1.0j) * f[1:], "force", "reading_load", "m/N", 1e-3)
+    path = tmp_path / "both.csv"
+    write_frf(path, motor, load)
+    back = read_frfs(path)
+    assert list(back) == ["reading_motor", "reading_load"]
+    for frf in (motor, load):
+        got, kept = back[frf.output], np.isin(frf.frequency, f[1:])
+        assert np.array_equal(got.frequency, f[1:])
+        assert np.array_equal(got.response, frf.response[kept])
+        assert (got.input, got.output, got.unit, got.sample_time) == ("force", frf.output, "m/N", 1e-3)
+    assert np.array_equal(back["reading_motor"].coherence, coherence[1:])
+    assert np.array_equal(back["reading_motor"].variance, motor.variance[1:])
+    assert back["reading_load"].coherence is None
+    assert encoders(back)["motor"] is back["reading_motor"]
+    assert encoders(back)["load"] is back["reading_load"]
+
+
+def test_responses_that_do_not_belong_into_one_file_are_refused(tmp_path: Path):
+    f = np.array([1.0, 2.0])
+    one = FRF(f, f + 0j, "force", "reading_motor", "m/N")
+    with pytest.raises(ParameterError, match="different names"):
+        write_frf(tmp_path / "a.csv", one, one)
+    with pytest.raises(ParameterError, match="one input"):
+        write_frf(tmp_path / "a.csv", one, replace(one, input="current", output="reading_load"))
+    with pytest.raises(ParameterError, match="lines that all of them have"):
+        write_frf(tmp_path / "a.csv", one, replace(one, frequency=f + 0.5, output="reading_load"))
+    assert not (tmp_path / "a.csv").exists()
+
+
+def test_encoders_are_known_by_name_alone():
+    f = np.array([1.0, 2.0])
+    frf = FRF(f, f + 0j, "force", "y", "m/N")
+    assert encoders({"frf": frf}) == {"motor": frf}
+    assert encoders({"load": frf}) == {"load": frf}
+    assert encoders({"a": frf, "b": frf}) == {}

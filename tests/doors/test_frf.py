@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from feeddrive.artefacts.files.frf import read_frf
+from feeddrive.artefacts.files.frf import encoders, read_frf, read_frfs
 from feeddrive.artefacts.files.log import read_log
 from feeddrive.artefacts.files.machine import read_machine
 from feeddrive.artefacts.files.result import write_run_csv
@@ -45,7 +45,8 @@ def test_what_is_sent_comes_back_as_the_model(call) -> None:
     assert np.max(np.abs(sent["excitation"])) == pytest.approx(300.0, rel=0.01)
     code, out, err = call("frf", "sent/simulated_1.parquet", "sent/simulated_2.parquet", "--out", "measured")
     assert code == 0, err
-    frf = read_frf("measured/frf.csv")
+    assert encoders(read_frfs("measured/frf.csv")).keys() == {"motor", "load"}
+    frf = read_frf("measured/frf.csv", "reading_load")
     assert (frf.input, frf.output, frf.unit) == ("force", "reading_load", "m/N")
     assert frf.coherence is not None
     assert frf.variance is not None
@@ -55,7 +56,8 @@ def test_what_is_sent_comes_back_as_the_model(call) -> None:
     assert np.max(np.abs(frf.response / model.response - 1.0)[low]) < 0.01
     page = Path("measured/report.html").read_text(encoding="utf-8")
     assert "coherence" in page
-    assert "odd distortion" in page
+    assert "odd and even distortion" in page
+    assert page.count("<figure") == 2  # one for each encoder
 
 
 def test_a_limit_that_breaks_ends_the_command(call) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
+from functools import reduce
 from pathlib import Path
 
 import numpy as np
@@ -226,24 +227,51 @@ def _number(text: str | None) -> float | None:
     return found if 0.0 < found < 1e9 else None
 
 
-def write_frf(path: str | Path, frf: FRF) -> None:
-    """Write a frequency response as CSV; `read_frf` gives the same numbers, bit for bit.
+def write_frf(path: str | Path, *frfs: FRF) -> None:
+    """Write frequency responses as CSV; `read_frfs` gives the same numbers, bit for bit.
 
-    Columns: f_Hz, re, im, and coherence and variance if they are known.  Raises FileError if it cannot be written.
+    Columns: f_Hz, re, im, and coherence and variance if they are known; of several responses re_<output> and so on,
+    on the lines that all of them have.  Raises ParameterError (outputs of the same name, from different inputs or
+    without a common line) or FileError if it cannot be written.
     """
-    columns: Mapping[str, np.ndarray | None] = {
-        "f_Hz": frf.frequency,
-        "re": np.real(frf.response),
-        "im": np.imag(frf.response),
-        "coherence": frf.coherence,
-        "variance": frf.variance,
+    outputs = [frf.output for frf in frfs]
+    if len(set(outputs)) < len(outputs) or len({(frf.input, frf.sample_time) for frf in frfs}) != 1:
+        raise ParameterError(
+            f"responses of one file lead from one input, with one sample time, to outputs of different names, not to "
+            f"{', '.join(outputs)}"
+        )
+    lines = reduce(np.intersect1d, (frf.frequency for frf in frfs))
+    if not lines.size:
+        raise ParameterError("responses of one file need lines that all of them have")
+    one = len(frfs) == 1
+    columns = {"f_Hz": lines}
+    for frf in frfs:
+        kept = np.isin(frf.frequency, lines)
+        values = {"re": np.real(frf.response), "im": np.imag(frf.response), "coherence": frf.coherence,
+                  "variance": frf.variance}  # fmt: skip
+        end = "" if one else f"_{frf.output}"
+        columns |= {f"{name}{end}": each[kept] for name, each in values.items() if each is not None}
+    first, units = frfs[0], {frf.unit for frf in frfs}
+    stated = {"input": first.input, "output": first.output if one else None,
+              "unit": units.pop() if len(units) == 1 else None, "sample_time": first.sample_time}  # fmt: skip
+    text = [f"# {key}: {plain(str(value))}" for key, value in stated.items() if value not in (None, "")]
+    text.append(",".join(columns))
+    text += [",".join(map(repr, row)) for row in zip(*(each.tolist() for each in columns.values()), strict=True)]
+    write_whole(path, "\n".join(text) + "\n")
+
+
+def encoders(found: Mapping[str, FRF]) -> dict[str, FRF]:
+    """Which response is that of the motor's encoder and which that of the load's, by their names.
+
+    found   responses by name, as `read_frfs` gives them
+
+    "motor" or "load" in the name or in the output's name decides; one response alone without such a name counts as
+    the motor's. Roles that no name tells are left out.
+    """
+    told = {
+        role: frf for role in ("motor", "load") for name, frf in found.items() if role in f"{name} {frf.output}".lower()
     }
-    there = {name: values.tolist() for name, values in columns.items() if values is not None}
-    stated = {"input": frf.input, "output": frf.output, "unit": frf.unit, "sample_time": frf.sample_time}
-    lines = [f"# {key}: {plain(str(value))}" for key, value in stated.items() if value not in (None, "")]
-    lines.append(",".join(there))
-    lines += [",".join(repr(value) for value in row) for row in zip(*there.values(), strict=True)]
-    write_whole(path, "\n".join(lines) + "\n")
+    return told if told or len(found) != 1 else {"motor": next(iter(found.values()))}
 
 
 def digest(path: str | Path) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from html import escape
 from itertools import pairwise
 from pathlib import Path
@@ -20,20 +20,38 @@ from feeddrive.language.table import Table
 TRUSTED = 0.9  # coherence from which a line may carry a tuning
 
 
-def write_estimate(found: FrequencyEstimate, out: str | Path, facts: Mapping[str, str]) -> Path:
-    """Write `frf.csv` and `report.html` into a directory; the path of the report. Raises FileError."""
+def write_estimates(found: Sequence[FrequencyEstimate], out: str | Path, facts: Mapping[str, str]) -> Path:
+    """Write `frf.csv` with all responses and `report.html` into a directory; the path of the report. FileError."""
     with new_directory(out) as folder:
-        write_frf(folder / "frf.csv", found.frf)
+        write_frf(folder / "frf.csv", *(each.frf for each in found))
         (folder / "report.html").write_text(build(found, facts), encoding="utf-8")
     return Path(out) / "report.html"
 
 
-def build(found: FrequencyEstimate, facts: Mapping[str, str]) -> str:
-    """The page. Pure: the same estimate gives the same text."""
-    frf = found.frf
-    title = f"Frequency response, {frf.input} to {frf.output}".replace("_", " ")
-    drawn = Shown(
-        "response",
+def build(found: Sequence[FrequencyEstimate], facts: Mapping[str, str]) -> str:
+    """The page, a section for each response. Pure: the same estimates give the same text."""
+    names = [each.frf.output.replace("_", " ") for each in found]
+    title = f"Frequency response, {found[0].frf.input} to {' and '.join(names)}".replace("_", " ")
+    keys = [f"response{'abcdefghijkl'[k]}" for k in range(len(found))]
+    heads = [name[:1].upper() + name[1:] for name in names]
+    lead = [
+        sentence if len(found) == 1 else f"{name}: {sentence}"
+        for name, each in zip(heads, found, strict=True)
+        for sentence in sentences(each)
+    ]
+    links = [*zip(keys, heads, strict=True), ("facts", "What was measured")]
+    counts = {"Method": found[0].method, **{name: str(count) for name, count in found[0].counts.items()}}
+    return page(title, [
+        header("feeddrive frf", title, lead, links),
+        *(_section(*each) for each in zip(keys, heads, found, strict=True)),
+        f'<section id="facts">\n<h2>What was measured</h2>\n{definitions({**facts, **counts}.items())}\n</section>\n',
+    ])  # fmt: skip
+
+
+def _section(key: str, head: str, found: FrequencyEstimate) -> str:
+    """One response: picture, tables and remarks."""
+    shown = Shown(
+        f"{key}picture",
         "Response, phase and coherence",
         "Band: the true response lies in it with 95 % on each line. Dots: what is not the linear answer, on the scale "
         "of the response; distortion only where the excitation left lines empty or the response scatters more than "
@@ -41,18 +59,10 @@ def build(found: FrequencyEstimate, facts: Mapping[str, str]) -> str:
         "Magnitude and phase over frequency with their confidence bands, and the coherence below.",
         found.plot,
     )
-    summary = levels(found)
+    tables = "".join(table(each.title, each.heads, each.rows) for each in (found.table(), levels(found)))
     said = "".join(f"<li>{escape(remark)}</li>" for remark in found.remarks)
     remarks = f'<div class="remarks"><h3>Remarks</h3><ul>{said}</ul></div>' if said else ""
-    tables = "".join(table(each.title, each.heads, each.rows) for each in (found.table(), summary))
-    counts = {name: str(count) for name, count in found.counts.items()}
-    parts = [
-        header("feeddrive frf", title, sentences(found), [("response", "Response"), ("facts", "What was measured")]),
-        f'<section id="response">\n<h2>Response</h2>\n{picture(drawn)}{tables}{remarks}\n</section>\n',
-        f'<section id="facts">\n<h2>What was measured</h2>\n'
-        f"{definitions({**facts, 'Method': found.method, **counts}.items())}\n</section>\n",
-    ]
-    return page(title, parts)
+    return f'<section id="{key}">\n<h2>{escape(head)}</h2>\n{picture(shown)}{tables}{remarks}\n</section>\n'
 
 
 def sentences(found: FrequencyEstimate) -> list[str]:
@@ -93,5 +103,6 @@ def levels(found: FrequencyEstimate) -> Table:
             share = level.response[inside] / np.interp(level.frequency[inside], f, size)
             row.append(f"{100.0 * float(np.nanmedian(share)):.3g}")
         rows.append(row)
-    heads = ["band", "noise %", "scatter beyond noise %", "odd distortion %", "even distortion %"]
-    return Table("Noise of the mean and nonlinear distortion, as a share of the response (medians).", heads, rows)
+    heads = ["band", "noise %", "scatter %", "odd %", "even %"]
+    title = "Noise of the mean, scatter beyond noise, odd and even distortion: shares of the response (medians)."
+    return Table(title, heads, rows)

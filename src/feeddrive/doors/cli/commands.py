@@ -202,7 +202,8 @@ def frf(
         str | None, typer.Option("--input", help="Column of the input, name or name:unit.", show_default=False)
     ] = None,
     output: Annotated[
-        str | None, typer.Option("--output", help="Column of the output, name or name:unit.", show_default=False)
+        list[str] | None,
+        typer.Option("--output", help="Column of an output, name or name:unit; may be repeated.", show_default=False),
     ] = None,
     reference: Annotated[
         list[str] | None,
@@ -230,8 +231,7 @@ def frf(
     """Estimate a frequency response with coherence, variance, noise and distortion from measured logs."""
     from feeddrive.doors.cli.frf import perform
 
-    named = {"input": input_, "output": output}
-    perform(logs, named, reference or (), method, band, period, skip, segment, sample_time, out)
+    perform(logs, input_, output or (), reference or (), method, band, period, skip, segment, sample_time, out)
 
 
 @app.command()

@@ -11,45 +11,53 @@ from rich.console import Console
 from feeddrive.artefacts.files.log import read_log
 from feeddrive.artefacts.files.measured import Log
 from feeddrive.artefacts.files.messages import nearest
-from feeddrive.artefacts.measurement.frf_page import levels, sentences, write_estimate
+from feeddrive.artefacts.measurement.frf_page import levels, sentences, write_estimates
 from feeddrive.doors.cli.working import drawn
 from feeddrive.engineer.identification.estimate_frf import estimate_frf
+from feeddrive.engineer.identification.frequency_estimate import FrequencyEstimate
 from feeddrive.engineer.identification.record import Record
 from feeddrive.language import units
 from feeddrive.language.errors import LogError, ParameterError
 
 # names that a column may have for each role, the first that is there is taken
-USUAL = {
-    "input": ("force", "torque", "current", "command", "iq"),
-    "output": ("position_load", "reading_load", "position", "position_motor", "reading_motor", "y", "x"),
-    "reference": ("excitation", "added_force", "reference"),
-}
+_INPUT = ("force", "torque", "current", "command", "iq")
+_REFERENCE = ("excitation", "added_force", "reference")
+_OUTPUTS = (("position_load", "reading_load"), ("position_motor", "reading_motor"))  # one of each encoder
+_ONE_OUTPUT = ("position", "y", "x")
 _SI = ("m", "m/s", "m/s2", "N", "rad", "rad/s", "N m", "A")
 
 
 def perform(
-    logs: Sequence[Path], named: dict[str, str | None], references: Sequence[str], method: str, band: str | None,
-    period: int | None, skip: int | None, segment: int | None, sample_time: float | None, out: Path | None,
+    logs: Sequence[Path], input_: str | None, outputs: Sequence[str], references: Sequence[str], method: str,
+    band: str | None, period: int | None, skip: int | None, segment: int | None, sample_time: float | None,
+    out: Path | None,
 ) -> None:  # fmt: skip
-    """Read, estimate, show, write."""
+    """Read, estimate the response of each output, show, write."""
     console = Console(highlight=False)
-    records = [_record(read_log(log, sample_time=sample_time), named, references) for log in logs]
-    found = estimate_frf(
-        records, method=method.replace("-", "_"), band=frequencies(band), period=period, skip=skip, segment=segment
-    )
-    console.print(drawn(found.table()))
-    if found.levels:
-        console.print(drawn(levels(found)))
-    for sentence in (*sentences(found), *found.remarks):
-        console.print(f"- {sentence}", markup=False)
-    if not records[0].references:
+    read = [read_log(log, sample_time=sample_time) for log in logs]
+    inside = frequencies(band)
+    found: list[FrequencyEstimate] = []
+    of_input = input_ or _input(read[0])
+    for output in outputs or _outputs(read[0]):
+        records = [_record(log, of_input, output, references) for log in read]
+        estimate = estimate_frf(
+            records, method=method.replace("-", "_"), band=inside, period=period, skip=skip, segment=segment
+        )
+        found.append(estimate)
+        console.print(drawn(estimate.table()))
+        if estimate.levels:
+            console.print(drawn(levels(estimate)))
+        for sentence in (*sentences(estimate), *estimate.remarks):
+            console.print(f"- {sentence}", markup=False)
+    if not _references(read[0], references):
         console.print(
             "- No reference was given: if the loop was closed, name what was added to it with --reference.",
             markup=False,
         )
-    facts = {"Logs": ", ".join(str(log) for log in logs), "Input": found.frf.input, "Output": found.frf.output,
-             "Sample time": f"{1e3 * records[0].sample_time:.6g} ms"}  # fmt: skip
-    report = write_estimate(found, out or Path("results") / f"frf_{logs[0].name.split('.')[0]}", facts)
+    facts = {"Logs": ", ".join(str(log) for log in logs), "Input": found[0].frf.input,
+             "Output": ", ".join(each.frf.output for each in found),
+             "Sample time": f"{1e3 * read[0].sample_time:.6g} ms"}  # fmt: skip
+    report = write_estimates(found, out or Path("results") / f"frf_{logs[0].name.split('.')[0]}", facts)
     console.print(f"Report: {report}, response: {report.parent / 'frf.csv'}", markup=False, soft_wrap=True)
 
 
@@ -65,32 +73,43 @@ def frequencies(band: str | None) -> tuple[float, float] | None:
     return low, high
 
 
-def _record(log: Log, named: dict[str, str | None], references: Sequence[str]) -> Record:
+def _record(log: Log, of_input: str, of_output: str, references: Sequence[str]) -> Record:
     """The channels of a log by name, in SI as far as their units are known."""
-    names = {role: _column(log, role, named[role]) for role in ("input", "output")}
-    told = [*references] or [name for name in USUAL["reference"] if name in log.channels][:1]
-    found = {role: _values(log, name) for role, name in names.items() if name is not None}
-    for role in ("input", "output"):
-        if role not in found:
-            raise LogError(
-                f"{log.name}: has no column that is named like an {role}{nearest(USUAL[role][0], log.channels)}: name "
-                f"it with --{role}"
-            )
-    kept = [_values(log, name)[0] for name in told if name != "none"]
-    of_input, of_output = found["input"][1], found["output"][1]
+    force, unit_in = _values(log, of_input)
+    position, unit_out = _values(log, of_output)
     return Record(
-        input=found["input"][0], output=found["output"][0], references=tuple(kept), sample_time=log.sample_time,
-        input_name=_plain(names["input"]), output_name=_plain(names["output"]),
-        unit=f"{of_output}/{of_input}" if of_input and of_output else "", name=log.name,
+        input=force, output=position, references=tuple(_values(log, name)[0] for name in _references(log, references)),
+        sample_time=log.sample_time, input_name=_plain(of_input), output_name=_plain(of_output),
+        unit=f"{unit_out}/{unit_in}" if unit_in and unit_out else "", name=log.name,
     )  # fmt: skip
 
 
-def _plain(name: str | None) -> str:
-    return str(name).partition(":")[0]
+def _input(log: Log) -> str:
+    """The column that is named like an input."""
+    return next((name for name in _INPUT if name in log.channels), None) or _missing(log, "input", _INPUT[0])
 
 
-def _column(log: Log, role: str, asked: str | None) -> str | None:
-    return asked or next((name for name in USUAL[role] if name in log.channels), None)
+def _outputs(log: Log) -> list[str]:
+    """The columns that are named like an encoder: that of the load, that of the motor, or one position."""
+    both = [name for group in _OUTPUTS for name in group if name in log.channels]
+    one = [name for name in _ONE_OUTPUT if name in log.channels]
+    return both or one[:1] or [_missing(log, "output", _OUTPUTS[0][0])]
+
+
+def _references(log: Log, told: Sequence[str]) -> list[str]:
+    """What was added to the loop, by name; one that is named so if nothing is told."""
+    named = [*told] or [name for name in _REFERENCE if name in log.channels][:1]
+    return [name for name in named if name != "none"]
+
+
+def _missing(log: Log, role: str, usual: str) -> str:
+    raise LogError(
+        f"{log.name}: has no column that is named like an {role}{nearest(usual, log.channels)}: name it with --{role}"
+    )
+
+
+def _plain(name: str) -> str:
+    return name.partition(":")[0]
 
 
 def _values(log: Log, named: str) -> tuple[np.ndarray, str]:

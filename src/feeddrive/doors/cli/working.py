@@ -47,11 +47,12 @@ def _perform(job: str, log: Path | None, out: Path) -> None:
 
 
 def drawn(table: Table, wrapped: int | None = None) -> Shown:
-    """A table for the terminal; the column `wrapped` may break its lines."""
+    """A table for the terminal: heads may break their lines, and so may the column `wrapped`; no value is cut."""
     made = Shown(title=escape(table.title), title_justify="left", box=SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0))
     for i, head in enumerate(table.heads):
         left = i == 0 or i == wrapped
-        made.add_column(head, justify="left" if left else "right", no_wrap=i != wrapped)
+        widest = None if i == wrapped else max((len(row[i]) for row in table.rows), default=None)
+        made.add_column(head, justify="left" if left else "right", min_width=widest)
     for row in table.rows:
         made.add_row(*map(escape, row))
     return made
