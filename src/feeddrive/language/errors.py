@@ -35,6 +35,10 @@ class UnstableError(FeeddriveError):
     """A closed loop that is not stable where a stable one is required."""
 
 
+class NotCertifiedError(FeeddriveError):
+    """A loop that cannot be certified; the message says at which frequency, by how much, and what to do."""
+
+
 class MissingExtraError(FeeddriveError):
     """An optional dependency is needed and not installed; the message holds the install command."""
 

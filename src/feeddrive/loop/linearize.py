@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,6 +17,8 @@ from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.loop import UNITS, Loop, Probe, Signals
 from feeddrive.loop.runner import Prepared
 from feeddrive.loop.trace import SETPOINT, node_values
+
+OF_CONTROL = ("control.", "prepared.control.", "sample_time")  # names of the numbers that a controller stores
 
 INPUT_UNITS = {
     **dict(zip(SETPOINT, ["m", "m/s", "m/s2", "m/s3", "m/s4"], strict=True)),
@@ -125,6 +127,7 @@ def linearize(
     velocity: float = 0.05,
     position: float = 0.0,
     settle: int = 0,
+    stored: Callable[[str, float], float] | None = None,
 ) -> StateSpace:
     """The linear model of a loop from any inputs to any signals, exact: the Jacobian of the step that is simulated.
 
@@ -135,6 +138,8 @@ def linearize(
     velocity  m/s at which the axis moves: friction is then its slope there.  0: the axis sticks
     position  m, for forces that depend on it
     settle    samples that the loop runs along constant velocity first, for friction with memory
+    stored    what becomes of a number of the control, parameter or prepared, by name, where it is stored with fewer
+              digits
 
     A law that repeats itself only after n samples gives the model from period to period: sample time nT, inputs held
     over a period, outputs at its first sample.
@@ -159,6 +164,10 @@ def linearize(
     first = dict(prepared.first)
     if settle:
         first.update(_settled(loop, prepared, setpoint, settle))
+    numbers = prepared.numbers
+    if stored is not None:
+        own = {name: stored(name, value) for name, value in numbers.items() if name.startswith(OF_CONTROL)}
+        numbers = {**numbers, **{name: np.float64(value) for name, value in own.items()}}
     T = float(loop.sample_time)
     ends = [state.after for state in program.states] + [program.outputs[name] for name in outputs]
     n, m, period = len(program.states), len(inputs), loop.control.law.period()
@@ -169,7 +178,7 @@ def linearize(
     for k in range(period):
         moved = setpoint._replace(position=np.float64(position + k * T * velocity))
         leaves = {
-            **prepared.numbers,
+            **numbers,
             **{f"state.{name}": value for name, value in first.items()},
             **dict(zip(SETPOINT, moved, strict=True)),
             **prepared.tables,

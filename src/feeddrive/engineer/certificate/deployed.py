@@ -1,0 +1,104 @@
+"""The linear control as it will run: every stored number rounded to the arithmetic of the controller."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from feeddrive.blocks.plant.two_mass import TwoMass
+from feeddrive.language.errors import ParameterError
+from feeddrive.loop.axis import Axis
+from feeddrive.loop.control import Control
+from feeddrive.loop.linearize import StateSpace, linearize
+from feeddrive.loop.loop import Loop
+
+READINGS = ("reading_motor", "reading_load")
+_COARSE = 0.01  # of a number: a loss by rounding that is worth a word
+_KEPT = 2.0**-300, 2.0**300  # sizes that a certificate holds
+
+
+@dataclass(frozen=True, eq=False)
+class Deployed:
+    """Force over readings, with the numbers that the controller stores.
+
+    model    from `readings` to the force, in the states of the control
+    numbers  parameters and prepared numbers by name, after rounding
+    coarse   those that rounding moves by more than 1 %, with that share
+    """
+
+    model: StateSpace
+    arithmetic: str
+    numbers: Mapping[str, float]
+    coarse: Mapping[str, float]
+
+
+def rounded(value: float, arithmetic: str) -> float:
+    """The nearest number of an arithmetic: float64, float32, or fixedN with N binary places.
+
+    Raises ParameterError for another name, and for a number beyond float32.
+    """
+    if arithmetic == "float64":
+        return float(value)
+    if arithmetic == "float32":
+        with np.errstate(over="ignore"):
+            near = float(np.float32(value))
+        if np.isinf(near) and np.isfinite(value):
+            raise ParameterError(f"{value:g} is beyond float32, which ends at 3.4e38")
+        return near
+    if re.fullmatch(r"fixed[1-9]\d?", arithmetic):
+        places = int(arithmetic[5:])
+        return float(np.ldexp(np.rint(np.ldexp(float(value), places)), -places))
+    raise ParameterError(
+        f"the arithmetic is float64, float32, or fixedN with N binary places, as fixed24, not '{arithmetic}'"
+    )
+
+
+def deployed(control: Control, sample_time: float, arithmetic: str = "float64", velocity: float = 0.05) -> Deployed:
+    """A control as linear system whose prepared and other numbers are rounded before it is linearised.
+
+    It is the traced step that is linearised, so that the matrices are those of what runs: a rounded filter coefficient
+    moves the pole that the controller has.  Guard and force limit are left out.
+    Raises ParameterError for a law that repeats itself only after several samples.
+    """
+    law = control.law
+    if law.period() > 1:
+        raise ParameterError(
+            f"the law '{law.kind}' repeats itself only every {law.period()} samples: it has no response at the "
+            f"actuator and cannot be certified; set position_every = 1"
+        )
+    swings = 0.1 / sample_time  # rad/s of an axis that is there only to be read
+    axis = Axis(plant=TwoMass(mass_motor=1.0, mass_load=1.0, stiffness=0.5 * swings * swings))
+    bare = replace(control, guard=None, force_limit=None)
+    numbers: dict[str, float] = {}
+    coarse: dict[str, float] = {}
+
+    def stored(name: str, value: float) -> float:
+        near = rounded(value, arithmetic)
+        numbers[name] = near
+        if value != 0.0 and abs(near / value - 1.0) > _COARSE:
+            coarse[name] = abs(near / value - 1.0)
+        return near
+
+    loop = Loop(control=bare, axis=axis, sample_time=sample_time)
+    whole = linearize(loop, ["cut", *READINGS], ["force"], velocity=velocity, stored=stored)
+    own = [i for i, name in enumerate(whole.states) if name.startswith("control.")]
+    model = StateSpace(
+        whole.A[np.ix_(own, own)], whole.B[own][:, 1:], whole.C[:, own], whole.D[:, 1:], float(sample_time),
+        tuple(whole.states[i].removeprefix("control.") for i in own), READINGS, ("force",),
+    )  # fmt: skip
+    used = [i for i in range(2) if np.any(model.B[:, i]) or np.any(model.D[:, i])]
+    if not used:
+        raise ParameterError(f"the law '{law.kind}' answers to no reading: there is no loop to certify")
+    model = replace(model, B=model.B[:, used], D=model.D[:, used], inputs=tuple(READINGS[i] for i in used))
+    sizes = np.abs(np.concatenate([each.ravel() for each in (model.A, model.B, model.C, model.D)]))
+    wrong = sizes[(sizes != 0.0) & ((sizes < _KEPT[0]) | (sizes > _KEPT[1]))]
+    if wrong.size:
+        raise ParameterError(f"the control holds the coefficient {wrong[0]:g}, too large or too small to certify")
+    return Deployed(model, arithmetic, {k: v for k, v in numbers.items() if _fits(v)}, coarse)
+
+
+def _fits(value: float) -> bool:
+    return value == 0.0 or _KEPT[0] < abs(value) < _KEPT[1]
