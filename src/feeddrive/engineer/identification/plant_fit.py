@@ -247,7 +247,11 @@ def with_derived(fit: PlantFit, derived: Sequence[tuple[str, str, Any]]) -> Plan
             slope[i] = (up - down) / (2.0 * step)
         error = float(np.sqrt(max(slope @ fit.covariance @ slope, 0.0)))
         found.append(Estimate(name, value, unit, error, error))
-    return replace(fit, derived=tuple(found))
+    gone = dict(fit.not_identifiable)
+    for each in found:
+        if each.error > UNKNOWN * abs(each.value):
+            gone[each.name] = f"its standard error is {each.error:.2g} {each.unit}; it follows from {', '.join(leaves)}"
+    return replace(fit, derived=tuple(found), not_identifiable=gone)
 
 
 def _other(plant: Plant, changed: str, value: float) -> Any:

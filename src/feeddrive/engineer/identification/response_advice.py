@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from feeddrive.engineer.identification.parameters import Estimate
 from feeddrive.engineer.identification.response_fit import Refined
 from feeddrive.engineer.identification.response_units import ResponseUnits
 
@@ -43,6 +44,24 @@ def advice(name: str, band: tuple[float, float], mass: float, error: float, unit
             )
         case _:
             return f"{known}: more than half of its value; measure next more lines or more periods where it acts"
+
+
+def beyond(resonance: Estimate, band: tuple[float, float]) -> list[str]:
+    """A sentence on a resonance in Hz that lies outside the lines."""
+    low, high = band
+    if low <= resonance.value <= high:
+        return []
+    surely = resonance.error <= 0.5 * resonance.value
+    where = f"at {resonance.value:.4g} ± {resonance.error:.2g} Hz " if surely else ""
+    last = (
+        f"up to {1.5 * resonance.value if surely else 3.0 * high:.3g} Hz"
+        if resonance.value > high or not surely
+        else f"from {0.5 * resonance.value:.3g} Hz"
+    )
+    return [
+        f"the resonance {where}lies beyond the lines ({low:.4g} to {high:.4g} Hz): its masses and its stiffness are "
+        f"told only by how the response bends towards it, which any further mode does, too; measure next {last}"
+    ]
 
 
 def entangled(names: Sequence[str], found: Refined) -> list[str]:

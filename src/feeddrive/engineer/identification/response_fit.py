@@ -15,6 +15,8 @@ from feeddrive.loop.frequency_response import FRF
 Model = Callable[[np.ndarray], "list[tuple[np.ndarray, np.ndarray]]"]
 
 _FAR = 2.0  # deviations of a residual from which it counts less and less
+_OPEN = 1.0  # standard error of a logarithm from which its start says more than the lines do
+_ROUNDING = 3e-7  # of a singular value of unit columns: its square is still well above that of doubles
 STEPS = 100
 _FLAT = 1e-7  # share of the cost by which a step must still lower it: far less than a standard error moves it
 _FOLDS = 5
@@ -117,7 +119,7 @@ def refine(
     chosen = [replace(frf, variance=None) if logarithmic else frf for frf in responses]
     keep = [np.ones(frf.frequency.size, bool) for frf in chosen] if use is None else list(use)
     u = _inner(unknowns, np.array([each.start for each in unknowns]) if start is None else start)
-    model_error, found = 0.0, None
+    begin, data, model_error, found = u, measured(chosen), 0.0, None
     for _ in range(8):
         data = measured(chosen, model_error)
         found = _descend(model, unknowns, data, keep, u, steps)
@@ -128,7 +130,53 @@ def refine(
             break
         model_error = wanted
     assert found is not None
-    return found
+    return _near_its_start(found, model, unknowns, data, keep, begin, steps)
+
+
+def _near_its_start(
+    found: Refined,
+    model: Model,
+    unknowns: Sequence[Unknown],
+    data: Sequence[Measured],
+    keep: Sequence[np.ndarray],
+    begin: np.ndarray,
+    steps: int,
+) -> Refined:
+    """Where noise leaves logarithms open: the point of the valley next to the start, if it is as low.
+
+    A free descent ends anywhere in such a valley, by its rounding, and the errors there are as arbitrary.
+    """
+    inner = np.array([each.positive and not each.fixed for each in unknowns])
+    loose = np.array([not each.fixed for each in unknowns]) & ~found.bound
+    normal = (found.slopes.T @ found.slopes)[np.ix_(loose, loose)]
+    if _told(normal, inner[loose], found.spread).shape[1] == normal.shape[0]:
+        return found
+    near = _descend(model, unknowns, data, keep, begin, steps, found.spread)
+    far = _FAR * found.spread
+    low, other = (
+        _cost(np.concatenate([part for r in each.residuals for part in (np.real(r), np.imag(r))]), far)
+        for each in (found, near)
+    )
+    # a chi-square of four: no more than noise does
+    return replace(near, model_error=found.model_error) if other <= low + 4.0 * found.spread**2 else found
+
+
+def _told(normal: np.ndarray, inner: np.ndarray, noise: float) -> np.ndarray:
+    """Directions, one a column, that leave out those in which noise of this size leaves the logarithms open.
+
+    Of the logarithms' own part of the normal equations, with all other parameters left to follow:  H₁₁ - H₁₂ H₂₂⁻¹ H₂₁.
+    """
+    if not np.any(inner):
+        return np.eye(inner.size)
+    other = ~inner
+    cross = normal[np.ix_(inner, other)]
+    own = normal[np.ix_(inner, inner)] - cross @ np.linalg.pinv(normal[np.ix_(other, other)]) @ cross.T
+    curvature, directions = np.linalg.eigh(own)
+    told = directions[:, curvature > (noise / _OPEN) ** 2]
+    ways = np.zeros((inner.size, told.shape[1] + int(np.sum(other))))
+    ways[np.flatnonzero(inner), : told.shape[1]] = told
+    ways[np.flatnonzero(other), told.shape[1] :] = np.eye(int(np.sum(other)))
+    return ways
 
 
 def predicted(
@@ -201,12 +249,14 @@ def _descend(
     use: Sequence[np.ndarray],
     u: np.ndarray,
     steps: int,
+    noise: float | None = None,
 ) -> Refined:
+    """From `u`; with the size of the noise only along directions in which the residuals tell the parameters."""
     lower, upper = (
         np.array([getattr(each, side) / (1.0 if each.positive else each.scale) for each in unknowns])
         for side in ("least", "most")
     )
-    inner = [each.positive for each in unknowns]
+    inner = np.array([each.positive for each in unknowns])
     with np.errstate(all="ignore"):
         lower = np.where(inner, np.where(lower > 0.0, np.log(lower), -np.inf), lower)
         upper = np.where(inner, np.log(upper), upper)
@@ -225,11 +275,12 @@ def _descend(
         free = loose & ~(((u <= lower) & (gradient > 0.0)) | ((u >= upper) & (gradient < 0.0)))
         size = np.diag(normal)[free]
         size = size + 1e-12 * float(np.max(size, initial=1e-300))
+        ways = np.eye(size.size) if noise is None else _told(normal[np.ix_(free, free)], inner[free], noise)
         before = cost
         while damping < 1e12:
             move = np.zeros(u.size)
             damped = normal[np.ix_(free, free)] + np.diag(damping * size)
-            move[free] = -np.linalg.solve(damped, gradient[free])
+            move[free] = -ways @ np.linalg.solve(ways.T @ damped @ ways, ways.T @ gradient[free])
             # a positive parameter changes by a factor of e at most in one step
             move = np.where(inner, np.clip(move, -1.0, 1.0), move)
             tried = np.clip(u + move, lower, upper)
@@ -286,7 +337,7 @@ def _covariances(
         return robust_whole, plain_whole
     weight = 1.0 / np.sqrt(1.0 + (r / (_FAR * _spread(r))) ** 2)
     root, curved = np.sqrt(weight), float(np.mean(weight**3))
-    columns, left = (slopes * root[:, None])[:, free], root * r
+    columns, left = _independent((slopes * root[:, None])[:, free]), root * r
     between = np.outer(scale[free], scale[free])
     average = float(np.mean(weight))
     plain = ols_covariance(columns, left) * (
@@ -298,6 +349,16 @@ def _covariances(
     robust_whole[moving] = robust * np.outer(wider, wider) * between
     plain_whole[moving] = plain * between
     return robust_whole, plain_whole
+
+
+def _independent(columns: np.ndarray) -> np.ndarray:
+    """The columns, moved as little as makes them independent in doubles: what nothing tells has an error without end.
+
+    Of exactly dependent ones rounding alone would give errors of any size, small ones too.
+    """
+    size = np.linalg.norm(columns, axis=0)
+    left, values, right = np.linalg.svd(columns / size, full_matrices=False)
+    return (left * np.maximum(values, _ROUNDING)) @ right * size
 
 
 def _model_error(found: Refined, data: Sequence[Measured], use: Sequence[np.ndarray], now: float) -> float:

@@ -14,7 +14,9 @@ from feeddrive.blocks.plant.mode import Mode
 from feeddrive.blocks.plant.two_mass import TwoMass
 from feeddrive.engineer.identification.modal_fit import ModalFit, fit_modes
 from feeddrive.engineer.identification.plant_fit import DRIVE, PlantFit, Task, finished, solve, with_derived
+from feeddrive.engineer.identification.response_advice import beyond
 from feeddrive.engineer.identification.response_units import taken
+from feeddrive.engineer.identification.two_mass_start import check_signs, starts
 from feeddrive.language import tree
 from feeddrive.language.errors import NotIdentifiableError, ParameterError
 from feeddrive.loop.frequency_response import FRF
@@ -103,17 +105,16 @@ def fit_two_mass(
     names += ["dead_time"] if dead_time is None else []
     names += ["current_loop"] if find_current_loop else []
     best: tuple[float, Task] | None = None
-    for start in _starts(responses, dead_time):
-        made = replace(start, **{name: value for name, value in known.items() if hasattr(start, name)})
-        actuator = Actuator(dead_time=dead_time or 0.0, current_loop=current_loop)
-        task = Task(tree.vary(made, known), actuator, {}, responses, units, held)
+    actuator = Actuator(dead_time=dead_time or 0.0, current_loop=current_loop)
+    for start in starts(responses, units, dead_time):
+        task = Task(tree.vary(start, known), actuator, {}, responses, units, held)
         task, found = solve(task, names, logarithmic=True, steps=25)
         far = float(np.mean(np.minimum(np.abs(np.concatenate(found.residuals)), 1.0)))
         if best is None or far < best[0]:
             best = far, task
     assert best is not None
     fit = finished(best[1], names, ("viscous_load", "viscous_motor", "damping"))
-    return with_derived(
+    fit = with_derived(
         fit,
         [
             ("antiresonance", "Hz", lambda p: np.sqrt(p.stiffness / p.mass_load) / (2.0 * np.pi)),
@@ -122,6 +123,7 @@ def fit_two_mass(
             ("total_mass", units.of("kg"), lambda p: p.mass_motor + p.mass_load),
         ],
     )
+    return replace(fit, remarks=(*fit.remarks, *beyond(fit["resonance"], best[1].band)))
 
 
 def _check_driven(modal: ModalFit, frequency: float, residue: float) -> None:
@@ -140,60 +142,6 @@ def _check_driven(modal: ModalFit, frequency: float, residue: float) -> None:
 def _resonance(plant: TwoMass) -> float:
     both = 1.0 / plant.mass_motor + 1.0 / plant.mass_load
     return float(np.sqrt(plant.stiffness * both) / (2.0 * np.pi))
-
-
-def _starts(responses: Mapping[str, FRF], dead_time: float | None) -> list[TwoMass]:
-    """From modal fits: with one mode, and from the most pronounced of several."""
-    found: list[TwoMass] = []
-    plain = {name: replace(frf, variance=None) for name, frf in responses.items()}
-    for count in (1, 2):
-        try:
-            modal = fit_modes(plain, count, proportional=True, rest=count > 1, dead_time=dead_time)
-        except ParameterError:
-            continue
-        if count == 1:
-            check_signs(modal)
-        found += [start for i in range(len(modal.modes)) if (start := _from_mode(modal, i)) is not None]
-    if not found:
-        raise ParameterError(
-            "no resonance stands out of the responses: take a rigid mass, or give the band in which the resonance lies"
-        )
-    return found
-
-
-def check_signs(modal: ModalFit) -> None:
-    """Raise ParameterError for an encoder that counts against the force: its free motion has the wrong sign."""
-    for name in modal.outputs:
-        free = modal[f"free_{name}"] if name else modal["free"]
-        if free.value < -5.0 * free.error:
-            raise ParameterError(
-                f"the response to '{name}' has the wrong sign: a positive force moves it to smaller positions "
-                f"(its free motion is {free.value:.3g} {free.unit}); turn it, -frf, after a look at the "
-                f"encoder's direction"
-            )
-
-
-def _from_mode(modal: ModalFit, place: int) -> TwoMass | None:
-    mode = modal.modes[place]
-    model, values = modal.model, modal.values
-    free = [abs(float(values[model.common + i * model.own])) for i in range(len(modal.outputs))]
-    if min(free) <= 0.0:
-        return None
-    total = 1.0 / float(np.mean(free))
-    ratio = abs(mode.residues[modal.outputs.index("motor")]) * total if "motor" in modal.outputs else 1.0
-    ratio = float(np.clip(ratio, 1e-3, 1e3))
-    first = total / (1.0 + ratio)
-    reduced = first * ratio * first / total
-    omega = 2.0 * np.pi * mode.frequency.value
-    viscous = float(values[2 * model.modes]) * total
-    return TwoMass(
-        mass_motor=first,
-        mass_load=ratio * first,
-        stiffness=reduced * omega**2,
-        damping=2.0 * min(mode.damping_ratio.value, 0.3) * omega * reduced,
-        viscous_motor=0.5 * viscous,
-        viscous_load=0.5 * viscous,
-    )
 
 
 def fit_modal_axis(
