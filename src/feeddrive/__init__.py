@@ -15,6 +15,7 @@ _PLACES: dict[str, str] = {
     "Arena": "artefacts.arena.arena",
     "Axis": "loop.axis",
     "Batch": "loop.simulate",
+    "Certificate": "engineer.certificate.certificate",
     "CoggingFit": "engineer.identification.cogging",
     "CoggingRun": "engineer.identification.cogging_run",
     "Comparison": "artefacts.study.comparison",
@@ -23,6 +24,7 @@ _PLACES: dict[str, str] = {
     "Convergence": "engineer.tuning.convergence",
     "DelayFit": "engineer.identification.delay",
     "DelayMap": "engineer.tuning.delay_map",
+    "Encirclement": "engineer.analysis.encirclement",
     "Excitation": "engineer.identification.excitation",
     "FRF": "loop.frequency_response",
     "FeeddriveError": "language.errors",
@@ -39,6 +41,7 @@ _PLACES: dict[str, str] = {
     "Log": "artefacts.files.measured",
     "Loop": "loop.loop",
     "Machine": "artefacts.files.machine",
+    "MarginIntervals": "engineer.analysis.margin_intervals",
     "Margins": "engineer.analysis.margins",
     "MeasuredLoop": "engineer.analysis.measured_loop",
     "MotionLog": "engineer.identification.motion_log",
@@ -66,13 +69,17 @@ _PLACES: dict[str, str] = {
     "Trials": "engineer.tuning.trials",
     "Tuned": "engineer.tuning.tuned",
     "arena": "artefacts.arena.arena",
+    "as_frf": "engineer.analysis.conversion",
     "begin_compensation": "engineer.tuning.compensated",
+    "certify": "engineer.certificate.certify",
     "compare": "artefacts.study.comparison",
+    "complementary_sensitivity": "engineer.analysis.sensitivity",
     "compensated": "engineer.tuning.compensated",
     "compliance": "loop.linearize",
     "convergence": "engineer.tuning.convergence",
     "delay_map": "engineer.tuning.delay_map",
     "design_excitation": "engineer.identification.excitation_design",
+    "encirclement": "engineer.analysis.encirclement",
     "error_model": "engineer.tuning.error_model",
     "estimate_frf": "engineer.identification.estimate_frf",
     "find_delay": "engineer.identification.delay",
@@ -96,6 +103,7 @@ _PLACES: dict[str, str] = {
     "linearize": "loop.linearize",
     "loop_gain": "loop.linearize",
     "margin_goals": "engineer.tuning.recipes",
+    "margin_intervals": "engineer.analysis.margin_intervals",
     "margins": "engineer.analysis.margins",
     "measured_loop": "engineer.analysis.measured_loop",
     "measured_site": "engineer.tuning.shaping.site",
@@ -104,6 +112,7 @@ _PLACES: dict[str, str] = {
     "observe": "engineer.observe",
     "placement": "engineer.tuning.placement",
     "read_arrays": "artefacts.files.log",
+    "read_certificate": "artefacts.certificate.certificate_file",
     "read_frf": "artefacts.files.frf",
     "read_frfs": "artefacts.files.frf",
     "read_job": "artefacts.files.job",
@@ -131,6 +140,7 @@ _PLACES: dict[str, str] = {
     "vary": "language.tree",
     "write_arena": "artefacts.arena.results",
     "encoders": "artefacts.files.frf",
+    "write_certificate": "artefacts.certificate.certificate_file",
     "write_frf": "artefacts.files.frf",
     "write_log": "artefacts.files.measured",
     "write_results": "artefacts.study.results",
@@ -142,6 +152,8 @@ if TYPE_CHECKING:
     from feeddrive.artefacts.arena.arena import Arena as Arena
     from feeddrive.artefacts.arena.arena import arena as arena
     from feeddrive.artefacts.arena.results import write_arena as write_arena
+    from feeddrive.artefacts.certificate.certificate_file import read_certificate as read_certificate
+    from feeddrive.artefacts.certificate.certificate_file import write_certificate as write_certificate
     from feeddrive.artefacts.files.blocks_to_toml import to_toml as to_toml
     from feeddrive.artefacts.files.frf import encoders as encoders
     from feeddrive.artefacts.files.frf import read_frf as read_frf
@@ -233,12 +245,18 @@ if TYPE_CHECKING:
     from feeddrive.blocks.sensor.encoder import Encoder as Encoder
     from feeddrive.blocks.sensor.interpolation import Interpolation as Interpolation
     from feeddrive.blocks.signals import Setpoint as Setpoint
+    from feeddrive.engineer.analysis.conversion import as_frf as as_frf
+    from feeddrive.engineer.analysis.encirclement import Encirclement as Encirclement
+    from feeddrive.engineer.analysis.encirclement import encirclement as encirclement
     from feeddrive.engineer.analysis.friction_map import FrictionMap as FrictionMap
     from feeddrive.engineer.analysis.friction_map import friction_map as friction_map
+    from feeddrive.engineer.analysis.margin_intervals import MarginIntervals as MarginIntervals
+    from feeddrive.engineer.analysis.margin_intervals import margin_intervals as margin_intervals
     from feeddrive.engineer.analysis.margins import Margins as Margins
     from feeddrive.engineer.analysis.margins import margins as margins
     from feeddrive.engineer.analysis.measured_loop import MeasuredLoop as MeasuredLoop
     from feeddrive.engineer.analysis.measured_loop import measured_loop as measured_loop
+    from feeddrive.engineer.analysis.sensitivity import complementary_sensitivity as complementary_sensitivity
     from feeddrive.engineer.analysis.sensitivity import sensitivity as sensitivity
     from feeddrive.engineer.analysis.spectrum import Spectrum as Spectrum
     from feeddrive.engineer.analysis.spectrum import spectrum as spectrum
@@ -246,6 +264,8 @@ if TYPE_CHECKING:
     from feeddrive.engineer.analysis.stability import stability as stability
     from feeddrive.engineer.analysis.stiffness import Stiffness as Stiffness
     from feeddrive.engineer.analysis.stiffness import stiffness as stiffness
+    from feeddrive.engineer.certificate.certificate import Certificate as Certificate
+    from feeddrive.engineer.certificate.certify import certify as certify
     from feeddrive.engineer.identification.cogging import CoggingFit as CoggingFit
     from feeddrive.engineer.identification.cogging_run import CoggingRun as CoggingRun
     from feeddrive.engineer.identification.control_law import ControlFit as ControlFit

@@ -6,6 +6,7 @@ import matplotlib.
 
 from __future__ import annotations
 
+from feeddrive.artefacts.plot.certificate import certificate, certificate_discs
 from feeddrive.artefacts.plot.channels import log
 from feeddrive.artefacts.plot.complex_plane import nyquist, poles
 from feeddrive.artefacts.plot.distributions import batch, effort, gradient
@@ -33,6 +34,8 @@ from feeddrive.artefacts.plot.response_fit import response_fit
 __all__ = [
     "batch",
     "bode",
+    "certificate",
+    "certificate_discs",
     "closed_loop",
     "cogging",
     "comparison",

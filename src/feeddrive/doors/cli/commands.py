@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from feeddrive.doors.cli.certify_command import certify, check
 from feeddrive.doors.cli.tune_command import tune
 
 app = typer.Typer(
@@ -347,3 +348,5 @@ def identify(
 
 
 app.command()(tune)
+app.command()(certify)
+app.command()(check)
