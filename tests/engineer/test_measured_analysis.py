@@ -10,7 +10,7 @@ import pytest
 from feeddrive.blocks.actuator.actuator import Actuator
 from feeddrive.blocks.controller.cascade_ppi import CascadePPI
 from feeddrive.blocks.plant.two_mass import TwoMass
-from feeddrive.engineer.analysis.conversion import as_frf, to_control
+from feeddrive.engineer.analysis.conversion import as_frf
 from feeddrive.engineer.analysis.encirclement import encirclement
 from feeddrive.engineer.analysis.margin_intervals import FIGURES, margin_intervals
 from feeddrive.engineer.analysis.margins import margins
@@ -156,7 +156,7 @@ def test_objects_of_python_control_go_in_and_out() -> None:
     model = 4e3 * (s + 40) / (s * (s + 300) * (1 + s / 900))
     L = as_frf(model, F)
     assert np.allclose(L.response, 4e3 * (W + 40) / (W * (W + 300) * (1 + W / 900)))
-    back = to_control(L)
+    back = L.to_control()
     assert np.allclose(np.asarray(back.omega), 2 * np.pi * F)
     again = as_frf(back)
     assert np.array_equal(again.response, L.response)

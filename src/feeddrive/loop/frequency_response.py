@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from feeddrive.language.errors import ParameterError
+from feeddrive.language.errors import MissingExtraError, ParameterError
 from feeddrive.language.table import Result, Table
 
 
@@ -42,14 +42,28 @@ class FRF(Result):
             raise ParameterError(
                 f"an FRF needs one response for each frequency, not {response.shape} for {frequency.shape}"
             )
-        if frequency.size and (frequency[0] <= 0.0 or np.any(np.diff(frequency) <= 0.0)):
-            raise ParameterError("the frequencies of an FRF must be positive and rise from line to line")
-        if not (np.all(np.isfinite(frequency)) and np.all(np.isfinite(response))):
-            raise ParameterError(f"the FRF from {self.input} to {self.output} holds numbers that are not finite")
+        self._check_finite(frequency, response)
+        wrong = np.flatnonzero(np.diff(frequency, prepend=0.0) <= 0.0)
+        if wrong.size:
+            i = int(wrong[0])
+            before = f" after {frequency[i - 1]:.6g} Hz" if i else ""
+            raise ParameterError(
+                f"the frequencies of an FRF must be positive and rise from line to line: line {i + 1} of the one from "
+                f"{self.input} to {self.output} is {frequency[i]:.6g} Hz{before} ({wrong.size} such lines)"
+            )
         object.__setattr__(self, "frequency", frequency)
         object.__setattr__(self, "response", response)
         self._check("coherence", 1.0)
         self._check("variance", np.inf)
+
+    def _check_finite(self, frequency: np.ndarray, response: np.ndarray) -> None:
+        wrong = np.flatnonzero(~(np.isfinite(frequency) & np.isfinite(response)))
+        if wrong.size:
+            i = int(wrong[0])
+            raise ParameterError(
+                f"the FRF from {self.input} to {self.output} holds numbers that are not finite: line {i + 1} is "
+                f"{response[i]:.6g} at {frequency[i]:.6g} Hz ({wrong.size} such lines)"
+            )
 
     def _check(self, name: str, most: float) -> None:
         """That one number a line stands there, finite and between 0 and `most`."""
@@ -125,6 +139,24 @@ class FRF(Result):
         return replace(
             self, response=1.0 / self.response, unit=unit, input=self.output, output=self.input, coherence=None,
             variance=variance,
+        )  # fmt: skip
+
+    def delayed(self, time: float) -> FRF:
+        """The same with exact dead time in s behind it, G e^(-j2πfτ): a turn, whatever the sample time."""
+        return self * np.exp(-2j * np.pi * self.frequency * time)
+
+    def to_control(self) -> Any:
+        """The same as a python-control FRD over rad/s, with names and sample time, without coherence and variance.
+
+        Raises MissingExtraError without python-control.
+        """
+        try:
+            import control
+        except ImportError as error:
+            raise MissingExtraError("control", "control", "handing an FRF to python-control") from error
+        return control.frd(
+            self.response, 2.0 * np.pi * self.frequency, self.sample_time or 0, inputs=[self.input],
+            outputs=[self.output],
         )  # fmt: skip
 
     def table(self) -> Table:

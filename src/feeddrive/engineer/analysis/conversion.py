@@ -1,4 +1,4 @@
-"""From what other tools hold to an FRF and back: numpy arrays and objects of python-control."""
+"""From what other tools hold to an FRF: numpy arrays and objects of python-control. Back: `FRF.to_control`."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from feeddrive.language.errors import MissingExtraError, ParameterError
+from feeddrive.language.errors import ParameterError
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.linearize import StateSpace
 
@@ -32,7 +32,8 @@ def as_frf(
                                           sample time
     frequency  Hz, shape (n,), where the source does not bring it
 
-    Raises ParameterError for what is none of these, for several inputs or outputs, and if frequencies are missing.
+    Raises ParameterError for what is none of these, for several inputs or outputs, for lines beyond Nyquist, and if
+    frequencies are missing.
     """
     if isinstance(source, FRF):
         return source
@@ -53,15 +54,6 @@ def as_frf(
             f"{values.shape}"
         )
     return FRF(_required(lines, "an array"), values.astype(complex), unit=unit, sample_time=sample_time)
-
-
-def to_control(frf: FRF) -> Any:
-    """The same as a python-control FRD over rad/s, with its sample time. Raises MissingExtraError without it."""
-    try:
-        import control
-    except ImportError as error:
-        raise MissingExtraError("control", "control", "handing an FRF to python-control") from error
-    return control.frd(frf.response, 2.0 * np.pi * frf.frequency, dt=frf.sample_time or 0)
 
 
 def _required(lines: np.ndarray | None, what: str) -> np.ndarray:
@@ -86,15 +78,24 @@ def _from_control(source: Any, lines: np.ndarray | None, unit: str) -> FRF:
         omega = np.asarray(source.omega, float)
         values = np.asarray(source.frdata if hasattr(source, "frdata") else source.fresp).reshape(-1)
         order = np.argsort(omega)
-        order = order[omega[order] > 0.0]  # a line at zero has no place on a logarithmic axis
-        found = FRF(omega[order] / (2.0 * np.pi), values[order], unit=unit, sample_time=sampled)
+        order = order[omega[order] != 0.0]  # a line at zero has no place on a logarithmic axis
+        found = _named(FRF(omega[order] / (2.0 * np.pi), values[order], unit=unit, sample_time=sampled), source)
         if lines is not None and (lines.shape != found.frequency.shape or not np.allclose(lines, found.frequency)):
             raise ParameterError("an FRD holds its own lines, and other ones were asked for: leave `frequency` out")
         return found
     lines = _required(lines, "a transfer function")
+    if sampled is not None and lines.size and lines.max() > 0.5 / sampled * (1.0 + 1e-9):
+        raise ParameterError(
+            f"frequency {lines.max():g} Hz is beyond Nyquist, {0.5 / sampled:g} Hz: an object of python-control with "
+            f"dt = {sampled:g} s has no response there"
+        )
     s = 2j * np.pi * lines
     point = s if sampled is None else np.exp(s * sampled)
     values = np.asarray(source(point, warn_infinite=False)).reshape(-1)
+    return _named(FRF(lines, values, unit=unit, sample_time=sampled), source)
+
+
+def _named(frf: FRF, source: Any) -> FRF:
+    """With the names that somebody gave; those that python-control makes up say nothing."""
     names = [str(label[0]) for label in (source.input_labels, source.output_labels)]
-    made = FRF(lines, values, unit=unit, sample_time=sampled)
-    return made if names == ["u[0]", "y[0]"] else replace(made, input=names[0], output=names[1])
+    return frf if names == ["u[0]", "y[0]"] else replace(frf, input=names[0], output=names[1])

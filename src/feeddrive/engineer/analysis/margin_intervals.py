@@ -15,7 +15,7 @@ from feeddrive.language.table import Result, Table
 from feeddrive.loop.frequency_response import FRF
 
 DRAWS = 200
-_SURE = 0.95  # share of draws in which a crossover must be there to have an interval
+_SURE = 0.95  # share of draws that must show a figure, around one value, to be sure of it
 
 FIGURES: dict[str, tuple[str, Callable[[Margins], float | None]]] = {
     "crossover": ("Hz", lambda m: m.crossover),
@@ -30,7 +30,7 @@ FIGURES: dict[str, tuple[str, Callable[[Margins], float | None]]] = {
 
 @dataclass(frozen=True)
 class Interval:
-    """A figure with the interval that holds the true one with `level`; `sure` if it exists in nearly all draws."""
+    """A figure with the interval that holds the true one with `level`; `sure` if nearly all draws have it."""
 
     value: float
     low: float
@@ -43,7 +43,7 @@ class Interval:
 class MarginIntervals(Result):
     """By name of the figure in `Margins`, what the measurement tells of it; figures that do not occur are left out.
 
-    margins  of the smoothed loop gain
+    margins  of the smoothed loop gain; the values of the intervals are these less what noise adds to them
     level    with which an interval holds the true figure, each for itself
     draws, seed   of the Monte Carlo
     """
@@ -95,9 +95,13 @@ def margin_intervals(L: FRF, *, level: float = 0.95, draws: int = DRAWS, seed: i
     first smoothed as far as its variances allow, and every draw is smoothed a little less (`smoothers`):
 
         L* = B (A L + e),  e complex normal with the variance of each line, independent from line to line
-        interval = θ ± z std(θ*),  θ = margins of A L, θ* = margins of L*
+        θ = margins of A L - (mean(θ*) - margins of B A L),  θ* = margins of L*,  interval = θ ± z std(θ*)
 
-    A figure that less than 95 % of the draws show (a crossover that may not be there) is marked as not sure.
+    The parenthesis is what noise alone does to a figure: the least of several distances is less than the true one.
+
+    A figure is marked as not sure if less than 95 % of the draws show it, or lie around one value: where a resonance
+    just reaches |L| = 1, the delay margin is that of its crossing or of another one.  The interval then also holds the
+    middle 95 % of the draws.
 
     Raises ParameterError for an L without variance.  Nonlinear distortion counts only if the variance holds it.
     When not: for resonances narrower than five lines, which no window spans; their interval is that of single lines.
@@ -113,6 +117,7 @@ def margin_intervals(L: FRF, *, level: float = 0.95, draws: int = DRAWS, seed: i
     noise = random.standard_normal((2, draws, L.frequency.size)) * size
     curves = spread_by(center + noise[0] + 1j * noise[1])
     drawn = [margins(replace(L, response=curve, variance=None)) for curve in curves]
+    quiet = margins(replace(L, response=spread_by(center), variance=None))
     reach = _two_sided(level)
     intervals: dict[str, Interval] = {}
     for name, (unit, figure) in FIGURES.items():
@@ -120,21 +125,34 @@ def margin_intervals(L: FRF, *, level: float = 0.95, draws: int = DRAWS, seed: i
         if value is None:
             continue
         others = np.array([other for m in drawn if (other := figure(m)) is not None and np.isfinite(other)])
-        if others.size < 10:
+        still = figure(quiet)
+        if others.size < 10 or still is None:
             intervals[name] = Interval(value, -np.inf, np.inf, unit, False)
             continue
-        spread = float(np.std(others))
-        low, high = value - reach * spread, value + reach * spread
+        settled = _settled(others)
+        value -= float(np.mean(others)) - still if settled else 0.0
+        spread = reach * float(np.std(others))
+        low, high = value - spread, value + spread
+        if not settled:
+            ends = np.quantile(others, [0.5 - 0.5 * level, 0.5 + 0.5 * level])
+            low, high = min(low, float(ends[0])), max(high, float(ends[1]))
         positive = name in ("modulus_margin", "delay_margin", "crossover")
         low = max(low, 0.0) if positive else low
-        intervals[name] = Interval(value, low, high, unit, others.size >= _SURE * draws)
+        intervals[name] = Interval(value, low, high, unit, settled and others.size >= _SURE * draws)
     distance = intervals["modulus_margin"]
     # Ms = 1/modulus margin: its interval is that of the margin turned over, which is the one that is nearly normal
     peak = np.inf if distance.low <= 0.0 else 1.0 / distance.low
     intervals["sensitivity_peak"] = Interval(
-        found.sensitivity_peak, 1.0 / max(distance.high, 1e-300), peak, "", distance.sure
+        1.0 / max(distance.value, 1e-300), 1.0 / max(distance.high, 1e-300), peak, "", distance.sure
     )
     return MarginIntervals(found, intervals, level, draws, seed)
+
+
+def _settled(drawn: np.ndarray) -> bool:
+    """Whether nearly all draws lie around one value: within four deviations, by the median of |deviation|."""
+    off = np.abs(drawn - np.median(drawn))
+    deviation = 1.4826 * np.median(off)
+    return bool(np.mean(off <= 4.0 * deviation + 1e-9 * np.abs(np.median(drawn))) >= _SURE)
 
 
 def _two_sided(level: float) -> float:

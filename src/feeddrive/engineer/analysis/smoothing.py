@@ -15,7 +15,7 @@ from feeddrive.loop.frequency_response import FRF
 _HALVES = (2, 3, 4, 6, 8, 12, 16, 24, 32, 48)  # lines on each side that are tried
 _LEVEL = 0.999  # of the χ² test that a parabola explains the lines
 _EXACT = 1e-10  # of the largest variance in a window: a line with less counts as known that well
-_CENTER, _SPREAD = 1, 3  # steps by which windows are taken narrower than the widest that holds
+_CENTER, _SPREAD = 1, 2  # steps by which windows are taken narrower than the widest that holds
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +37,7 @@ def smoothers(frf: FRF) -> tuple[Smoother, Smoother]:
     Windows grow from 5 to 97 lines and stop at the first that fails: χ² of the residuals beyond its 99.9 % point.
     Where the first one fails, the line stays as it is.  A window that just holds still bends the curve by as much as
     the noise that is left in it; so the curve itself is taken from windows one step narrower, and its spread, which is
-    to cover the rest of that bias, from windows three steps narrower.
+    to cover the rest of that bias, from windows two steps narrower.
     Raises ParameterError for an FRF without variance.
     Source: Goldenshluger & Nemirovski 1997 (windows as wide as the noise allows); Schoukens et al. 2009 (local
     polynomials of frequency responses).
