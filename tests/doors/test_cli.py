@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 import time
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -215,6 +216,7 @@ def test_ctrl_c_ends_with_one_line_and_nothing_written(tmp_path) -> None:
         stderr=subprocess.PIPE,
         text=True,
         start_new_session=True,
+        preexec_fn=partial(signal.signal, signal.SIGINT, signal.SIG_DFL),  # ignored by what a background job starts
     )
     time.sleep(0.6)
     os.killpg(child.pid, signal.SIGINT)

@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -84,7 +85,13 @@ def test_ctrl_c_writes_nothing(tmp_path: Path) -> None:
     """All papers, in processes of their own, as from a terminal: the signal goes to the whole group."""
     asked = [sys.executable, "-c", "from feeddrive.doors.cli import main; main()", "reproduce", "all", "--out", "out"]
     process = subprocess.Popen(
-        asked, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
+        asked,
+        cwd=tmp_path,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+        preexec_fn=partial(signal.signal, signal.SIGINT, signal.SIG_DFL),  # ignored by what a background job starts
     )
     until = time.monotonic() + 120.0
     while not list(tmp_path.iterdir()) and time.monotonic() < until:
