@@ -13,8 +13,9 @@ from feeddrive.engineer.analysis.opened import opened
 from feeddrive.engineer.tuning.designs import designs
 from feeddrive.engineer.tuning.equal_robustness import tune
 from feeddrive.engineer.tuning.robustness import robustness
+from feeddrive.engineer.tuning.shaping.answer import answer, encircles
 from feeddrive.engineer.tuning.shaping.control_response import ControlResponse
-from feeddrive.engineer.tuning.shaping.criteria import GOALS, Criteria, answer, encircles
+from feeddrive.engineer.tuning.shaping.criteria import GOALS, Criteria
 from feeddrive.engineer.tuning.shaping.limits import Limits
 from feeddrive.engineer.tuning.shaping.quadratic import least_quadratic
 from feeddrive.engineer.tuning.shaping.shape import shape

@@ -7,13 +7,16 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.stats import norm
 
-from feeddrive.engineer.tuning.shaping.criteria import Answer, Bound
+from feeddrive.engineer.tuning.shaping.answer import Answer
+from feeddrive.engineer.tuning.shaping.bounds import Bound
 from feeddrive.language.errors import NotIdentifiableError
 
 _TOGETHER = 0.15  # of ln f: bounds nearer than this at one site share their noise and count once
 _POOR = 0.5  # of the distance to -1 that the noise may take
 _BEYOND = 3.0  # times the crossover: up to there the measurement must be good
 _LOW = 0.3  # |L| at the last line that may be left
+_BEFORE = 2.0  # times the first line: the lowest crossover must lie above
+_GAP = 1.35  # ratio of two lines beside each other around a crossover
 
 
 def distances(bounds: Sequence[Bound]) -> np.ndarray:
@@ -51,8 +54,41 @@ def needed(bounds: Sequence[Bound], sure: float, confidence: float) -> float:
     return max(0.0, sure + high)
 
 
+def require_covered(answers: Sequence[Answer]) -> None:
+    """Raise NotIdentifiableError, with the band, where lines are missing that a tuning stands on.
+
+    Below: the lowest crossover must lie above twice the first line.  Around it, from a third to three times, two lines
+    may not be further apart than a factor 1.35.  Above: the loop gain must have fallen to 0.3 at the last line, unless
+    the lines go up to three times the highest crossover, or nearly to half the sample rate.
+    """
+    for each in answers:
+        f, size, site = each.site.frequency, np.abs(each.gain), each.site
+        if site.loop is not None:
+            continue
+        above, below = np.flatnonzero(size >= 1.0), np.flatnonzero(size < 1.0)
+        again = f"do not tune, measure again: '{site.name}'"
+        if not above.size or (below.size and f[below[0]] < _BEFORE * f[0]):
+            raise NotIdentifiableError(
+                f"{again} begins at {f[0]:.4g} Hz, where the loop gain is only {size[0]:.2g}: what lies below decides; "
+                f"measure from {0.1 * f[0]:.2g} Hz on, a fifth of the crossover or less"
+            )
+        crossover = float(f[above[-1]])
+        if size[-1] > _LOW and f[-1] < _BEYOND * crossover and f[-1] < 0.45 / site.sample_time:
+            raise NotIdentifiableError(
+                f"{again} ends at {f[-1]:.4g} Hz, where the loop gain is still {size[-1]:.2g}; measure up to at least "
+                f"{_BEYOND * crossover:.4g} Hz, three times the crossover"
+            )
+        first = float(f[below[0]]) if below.size else crossover
+        for k in np.flatnonzero(f[1:] / f[:-1] > _GAP):
+            if f[k + 1] > first / _BEYOND and f[k] < _BEYOND * crossover:
+                raise NotIdentifiableError(
+                    f"{again} has no lines from {f[k]:.4g} to {f[k + 1]:.4g} Hz, and the crossover lies near, at "
+                    f"{first if f[k] < first else crossover:.4g} Hz; measure this band too"
+                )
+
+
 def require_good(answers: Sequence[Answer], sure: float) -> None:
-    """Raise NotIdentifiableError, with the band, where noise or an early end leaves a tuning without ground.
+    """Raise NotIdentifiableError, with the band, where noise leaves a tuning without ground.
 
     Judged up to three times the highest crossover: k σ(L) may not exceed half of |1 + L|.
     """
@@ -60,11 +96,6 @@ def require_good(answers: Sequence[Answer], sure: float) -> None:
         f, L, site = each.site.frequency, each.gain, each.site
         above = np.flatnonzero(np.abs(L) >= 1.0)
         crossover = float(f[above[-1]]) if above.size else float(f[0])
-        if site.loop is None and abs(L[-1]) > _LOW and f[-1] < _BEYOND * crossover and f[-1] < 0.45 / site.sample_time:
-            raise NotIdentifiableError(
-                f"do not tune, measure again: '{site.name}' ends at {f[-1]:.4g} Hz, where the loop gain is still "
-                f"{abs(L[-1]):.2g}; measure up to at least {_BEYOND * crossover:.4g} Hz, three times the crossover"
-            )
         if site.variance is None:
             continue
         excess = sure * np.sqrt(0.5 * each.gain_variance) > _POOR * np.abs(1.0 + L)

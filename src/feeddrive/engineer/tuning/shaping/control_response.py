@@ -28,7 +28,7 @@ class Response(NamedTuple):
 
     value: np.ndarray
     slope: np.ndarray
-    unstable: int  # poles of the control alone outside of the unit circle
+    unstable: np.ndarray  # |ln z|/T in rad/s of each pole of the control alone that is outside of the unit circle
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,8 +158,8 @@ class ControlResponse:
         moved = np.einsum("ijp,ljk->likp", slopes[:n, :n], x, optimize=True) + slopes[None, :n, n:]
         slope = np.einsum("li,likp->klp", w, moved, optimize=True)
         slope += np.einsum("ip,lik->klp", slopes[n, :n], x, optimize=True) + slopes[n, n:][:, None, :]
-        unstable = int(np.sum(np.abs(np.linalg.eigvals(A)) > 1.0 + 1e-7)) if n else 0
-        return Response(value, slope, unstable)
+        poles = np.linalg.eigvals(A) if n else np.zeros(0)
+        return Response(value, slope, np.abs(np.log(poles[np.abs(poles) > 1.0 + 1e-7])) / self.T)
 
 
 def _resolved(A: np.ndarray, B: np.ndarray, c: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

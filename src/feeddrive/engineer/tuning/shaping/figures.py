@@ -8,7 +8,9 @@ import numpy as np
 
 from feeddrive.engineer.analysis.margins import Margins, margins
 from feeddrive.engineer.analysis.stiffness import Stiffness, stiffness
-from feeddrive.engineer.tuning.shaping.criteria import Answer, encircles, force_noise, snap_weights
+from feeddrive.engineer.tuning.shaping.answer import Answer, encircles
+from feeddrive.engineer.tuning.shaping.bounds import force_noise
+from feeddrive.engineer.tuning.shaping.criteria import snap_weights
 from feeddrive.loop.frequency_response import FRF
 
 

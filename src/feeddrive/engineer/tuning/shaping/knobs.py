@@ -77,3 +77,11 @@ def speeds(control: Control, names: Sequence[str]) -> np.ndarray:
             for name in names
         ]
     )
+
+
+def readable(control: Control, name: str) -> str:
+    """The name of a knob with the kind of its block: filters.0 (notch) frequency."""
+    parts = name.split(".")
+    if parts[0] == "filters" and len(parts) == 3:
+        return f"filters.{parts[1]} ({control.filters[int(parts[1])].kind}) {parts[2]}"
+    return name

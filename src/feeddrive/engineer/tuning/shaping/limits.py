@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 from feeddrive.language.errors import ParameterError
 
@@ -44,12 +44,39 @@ class Limits:
 
     def sentence(self) -> str:
         """All of them, as a clause."""
-        found = [
-            None if self.sensitivity_peak is None else f"Ms <= {self.sensitivity_peak:g}",
-            None if self.gain_margin_dB is None else f"gain margin >= {self.gain_margin_dB:g} dB",
-            None if self.phase_margin_deg is None else f"phase margin >= {self.phase_margin_deg:g} deg",
-            None if self.delay_margin_samples is None else f"delay margin >= {self.delay_margin_samples:g} samples",
-            None if self.compliance_peak is None else f"peak compliance <= {1e6 * self.compliance_peak:g} um/N",
-            None if self.force_noise is None else f"force noise <= {self.force_noise:g} N RMS",
-        ]
-        return ", ".join(each for each in found if each is not None) or "stability alone"
+        return ", ".join(each for each in self._clauses().values() if each) or "stability alone"
+
+    def only(self, kind: str) -> str:
+        """One of them, as a clause; by the name that a bound has."""
+        return self._clauses()[kind]
+
+    def eased(self, kind: str, factor: float) -> Limits:
+        """The same with one of them wider by a factor, that of Ms from 1 on."""
+        match kind:
+            case "Ms":
+                return replace(self, sensitivity_peak=1.0 + factor * ((self.sensitivity_peak or 1.0) - 1.0))
+            case "gain margin":
+                return replace(self, gain_margin_dB=(self.gain_margin_dB or 0.0) / factor)
+            case "phase margin":
+                return replace(self, phase_margin_deg=(self.phase_margin_deg or 0.0) / factor)
+            case "delay margin":
+                return replace(self, delay_margin_samples=(self.delay_margin_samples or 0.0) / factor)
+            case "peak compliance":
+                return replace(self, compliance_peak=factor * (self.compliance_peak or 0.0))
+            case "force noise":
+                return replace(self, force_noise=factor * (self.force_noise or 0.0))
+            case _:
+                return self
+
+    def _clauses(self) -> dict[str, str]:
+        """By the names of bounds; empty for what does not bind."""
+        said = {
+            "Ms": (self.sensitivity_peak, "Ms <= {:.4g}"),
+            "gain margin": (self.gain_margin_dB, "gain margin >= {:.4g} dB"),
+            "phase margin": (self.phase_margin_deg, "phase margin >= {:.4g} deg"),
+            "delay margin": (self.delay_margin_samples, "delay margin >= {:.4g} samples"),
+            "peak compliance": (None if self.compliance_peak is None else 1e6 * self.compliance_peak,
+                                "peak compliance <= {:.4g} um/N"),
+            "force noise": (self.force_noise, "force noise <= {:.4g} N RMS"),
+        }  # fmt: skip
+        return {kind: "" if value is None else text.format(value) for kind, (value, text) in said.items()}

@@ -8,9 +8,11 @@ from dataclasses import replace
 import numpy as np
 
 from feeddrive.engineer.tuning.shaping import certainty, evidence
+from feeddrive.engineer.tuning.shaping.bounds import NOTCH
 from feeddrive.engineer.tuning.shaping.cascade import cascade_loops
 from feeddrive.engineer.tuning.shaping.criteria import Criteria, Judged
 from feeddrive.engineer.tuning.shaping.figures import Figures, figures
+from feeddrive.engineer.tuning.shaping.knobs import readable
 from feeddrive.engineer.tuning.shaping.search import End
 from feeddrive.engineer.tuning.shaping.shaped_loop import HeldBack, ShapedLoop
 from feeddrive.engineer.tuning.shaping.site import Site
@@ -75,7 +77,7 @@ def _held(work: Work, best: Best) -> tuple[HeldBack, ...]:
     summed: dict[tuple[str, int], list[tuple[float, float]]] = {}
     for bound in best.end.judged.bounds:
         force = best.end.force.get(bound.key, 0.0)
-        if force > 1e-4:
+        if force > 1e-4 and bound.kind != NOTCH:
             summed.setdefault((bound.kind, bound.site), []).append((force, bound.frequency))
     found: list[HeldBack] = []
     for (kind, site), parts in summed.items():
@@ -117,16 +119,34 @@ def _advice(work: Work, best: Best) -> tuple[str, ...]:
         )
     if work.noisy and best.cost > 5e-3:
         found.append(f"a measurement without noise would gain {100.0 * best.cost:.2g} %")
-    edges = [
-        name.removeprefix("law.")
-        for name, value, low, high in zip(best.names, best.end.x, *best.box, strict=True)
-        if min(value - low, high - value) < 1e-6
-    ]
-    if edges:
-        found.append(f"at the edge of what was searched: {', '.join(edges)}")
+    found += _edges(work, best)
     if any(site.at_drive for site in work.sites):
         found.append("stiffness is that against a force at the drive: a hammer on the table would measure its own")
     return tuple(found)
+
+
+def _edges(work: Work, best: Best) -> list[str]:
+    """What stands at the edge of what was searched, in plain words."""
+    found: list[str] = []
+    nyquist = 0.5 / work.sites[0].sample_time
+    for name, value, low, high in zip(best.names, best.end.x, *best.box, strict=True):
+        if min(value - low, high - value) > 1e-6:
+            continue
+        shown = readable(best.control, name)
+        size, unit = math.exp(value), tree.declaration(best.control, name).unit
+        end = "upper" if high - value < 1e-6 else "lower"
+        reason = ""
+        if name.startswith("filters.") and unit == "Hz" and end == "upper":
+            reason = f", {100.0 * size / nyquist:.3g} % of half the sample rate: as good as no filter"
+            if work.limits.force_noise is None:
+                reason += ", which no limit on the noise in the force speaks against"
+        found.append(f"{shown} = {size:.4g} {unit}".rstrip() + f" is the {end} end of what was searched{reason}")
+    found += [
+        f"filters.{bound.key[1]} (notch) would rather raise than lower, which is no notch's work: it is flat"
+        for bound in best.end.judged.bounds
+        if bound.kind == NOTCH and best.end.force.get(bound.key, 0.0) > 1e-3 and bound.slack < 0.02
+    ]
+    return found
 
 
 def _gain(here: Judged, there: Judged, end: End) -> float:

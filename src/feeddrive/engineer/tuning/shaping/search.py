@@ -7,7 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from feeddrive.engineer.tuning.shaping.criteria import Bound, Criteria, Judged
+from feeddrive.engineer.tuning.shaping.bounds import Bound
+from feeddrive.engineer.tuning.shaping.criteria import Criteria, Judged
 from feeddrive.engineer.tuning.shaping.quadratic import least_quadratic
 from feeddrive.language.errors import FeeddriveError
 

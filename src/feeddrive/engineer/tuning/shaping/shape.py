@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -36,6 +36,7 @@ def shape(
     seed: int = 0,
     velocity: float = 0.05,
     today: Control | None = None,
+    step: Callable[[str], None] | None = None,
 ) -> ShapedLoop:
     """The control with the knobs that are best for the goal while all limits hold at every site.
 
@@ -50,6 +51,7 @@ def shape(
                 where they pay
     confidence  that all limits hold at once on the true axis, if the sites know their variance: k follows from it
     today       the control to compare with; default: `control` itself
+    step        is told what is done next
 
     The response of the control is that of the control itself, linearised (`ControlResponse`), its slopes are exact.
     The stable side of -1 is kept by encirclement at every step.  A tuning for loops is run on them with friction,
@@ -72,10 +74,13 @@ def shape(
         else each
         for i, each in enumerate(given)
     )
-    if not made or len({each.sample_time for each in made}) > 1:
-        raise ParameterError("shaping needs sites of one sample time, at least one")
+    if not made:
+        raise ParameterError("shaping needs at least one site")
+    if len({each.sample_time for each in made}) > 1:
+        said = ", ".join(f"'{each.name}' {1e3 * each.sample_time:g} ms" for each in made)
+        raise ParameterError(f"one control has one sample time, but the sites have {said}")
     _check_band(made, band)
-    work = Work(made, goal, limits or Limits(), band, confidence, starts, seed, velocity)
+    work = Work(made, goal, limits or Limits(), band, confidence, starts, seed, velocity, step or _silent)
     if goal == "rope-snap" and not ControlResponse(control, made[0].sample_time, (), velocity).integrates(()):
         raise ParameterError(
             f"goal = 'rope-snap' needs a control with integral action: without it ('{control.law.kind}' as it is) the "
@@ -86,6 +91,7 @@ def shape(
     tried: list[str] = []
     if filters == "placed":
         best = work.with_notches(best, tried)
+    work.step("proof")
     return result(work, best, today or control, tuple(tried))
 
 
@@ -97,3 +103,7 @@ def _check_band(sites: Sequence[Site], band: tuple[float, float]) -> None:
                 f"the band from {band[0]:g} to {band[1]:g} Hz holds {inside} lines of '{each.name}', which has "
                 f"{each.frequency[0]:.4g} to {each.frequency[-1]:.4g} Hz: at least 3"
             )
+
+
+def _silent(text: str) -> None:
+    """Nobody is told."""

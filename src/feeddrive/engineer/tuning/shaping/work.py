@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -47,14 +48,14 @@ class Work:
 
     def __init__(
         self, sites: tuple[Site, ...], goal: str, limits: Limits, band: tuple[float, float], confidence: float,
-        starts: int, seed: int, velocity: float,
+        starts: int, seed: int, velocity: float, step: Callable[[str], None],
     ) -> None:  # fmt: skip
         self.sites, self.goal, self.limits, self.band = sites, goal, limits, band
         self.confidence, self.starts, self.velocity = confidence, starts, velocity
         self.random = np.random.default_rng(seed)
         self.kept = [site.sparse() for site in sites]
         self.noisy = any(site.variance is not None for site in sites)
-        self.evaluations = 0
+        self.evaluations, self.step = 0, step
 
     def criteria(self, control: Control, names: tuple[str, ...], whole: bool = False) -> Criteria:
         """Of a set of knobs, on the lines of the search or on all."""
@@ -68,9 +69,12 @@ class Work:
         low, high = box(control, names, x, self.sites[0].sample_time)
         criteria = self.criteria(control, names)
         search = Search(criteria, low, high)
+        self.step("where to begin")
         first = self._begin(search, x, speeds(control, names))
+        self.step(f"{len(names)} knobs, first search")
         ends = [search.descend(first)]
         for _ in range((self.starts if starts is None else starts) - 1):
+            self.step(f"{len(names)} knobs, from another start")
             other = self._beside(search, ends[0].x)
             if other is not None:
                 ends.append(search.descend(other))
@@ -82,6 +86,7 @@ class Work:
         if self.noisy:
             certainty.require_good(search.criteria.answers(end.x), 1.0)
             sure = _one_sided(self.confidence)
+            self.step("room for the noise")
             for _ in range(_TURNS):
                 search.sure = sure
                 end = self._from_below(search, search.descend(end.x), x, speeds(control, names))
@@ -94,7 +99,9 @@ class Work:
                 sure = wanted
         cost = float(np.exp(float(np.max(end.judged.goal)) - free) - 1.0)
         if search.broken(end.judged) > 5e-3:
+            certainty.require_covered(self.criteria(control, names, whole=True).answers(end.x))
             self._refuse(search, end)
+        certainty.require_covered(self.criteria(control, names, whole=True).answers(end.x))
         if self.noisy:
             certainty.require_good(search.criteria.answers(end.x), 1.0)
             if cost > _COSTLY:
@@ -161,17 +168,48 @@ class Work:
         return end
 
     def _refuse(self, search: Search, end: End) -> None:
-        """Say which bound cannot be kept."""
+        """Say which bounds are at odds, and what can be reached."""
         worst = min(end.judged.bounds, key=lambda b: b.slack - search.sure * b.deviation)
         noise = ""
         if search.sure * worst.deviation > 0.5 * abs(worst.slack - search.sure * worst.deviation):
             noise = ", for the noise of the measurement there, and it"
         beyond = 100.0 * (search.sure * worst.deviation - worst.slack)
+        where = f" at {worst.frequency:.4g} Hz" if worst.frequency > 0.0 else ""
+        others = {b.kind for b in end.judged.bounds if search.room(b) - b.slack > 0.5 * search.broken(end.judged)}
+        against = f" against {', '.join(sorted(others - {worst.kind}))}" if others - {worst.kind} else ""
+        found = [self._reachable(search, end, kind) for kind in (worst.kind, *sorted(others - {worst.kind}))]
+        reached = [each for each in found if each]
+        best = f"; within reach, each with the other limits kept: {' or '.join(reached)}" if reached else ""
         raise UnstableError(
-            f"no setting was found that keeps {self.limits.sentence()}: {worst.kind} at {worst.frequency:.4g} Hz "
-            f"('{self.sites[worst.site].name}'){noise} stays {beyond:.3g} % beyond its limit; ease it, or add a filter "
-            f"there"
+            f"no setting was found that keeps {self.limits.sentence()}: {worst.kind}{where} "
+            f"('{self.sites[worst.site].name}'){noise} stays {beyond:.3g} % beyond its limit{against}{best}; ease a "
+            f"limit, or add a filter there"
         )
+
+    def _reachable(self, search: Search, end: End, kind: str) -> str:
+        """The limit of a kind that can be kept with all others as they are; empty if easing it does not help."""
+
+        def eased(factor: float) -> bool:
+            self.step(f"what {kind} can be reached")
+            criteria = search.criteria
+            limits = self.limits.eased(kind, factor)
+            other = Search(
+                Criteria(criteria.sites, criteria.control, self.goal, limits, self.band), search.low, search.high
+            )
+            other.sure = search.sure
+            if other.judge(end.x) is None:
+                return False
+            return other.broken(other.descend(end.x).judged) <= 2e-3
+
+        factors = [1.1, 1.3, 1.7, 2.5, 4.0, 8.0]
+        wide = next((i for i, factor in enumerate(factors) if eased(factor)), None)
+        if wide is None:
+            return ""
+        low, high = (1.0, *factors)[wide], factors[wide]
+        for _ in range(3):
+            middle = float(np.sqrt(low * high))
+            low, high = (low, middle) if eased(middle) else (middle, high)
+        return self.limits.eased(kind, high).only(kind)
 
     def _too_costly(self, search: Search, end: End, cost: float) -> None:
         """Say where the noise that costs most stands."""
@@ -187,6 +225,7 @@ class Work:
     def with_notches(self, best: Best, tried: list[str]) -> Best:
         """Notches at resonances that are still loud, one after the other, as long as each pays."""
         for frequency in self._loud(best)[:_NOTCHES]:
+            self.step(f"a notch at {frequency:.4g} Hz")
             # nearly without effect, so that the search begins where the last one ended
             notch = Notch(frequency=frequency, damping_zero=0.35, damping_pole=0.4)
             control = replace(best.control, filters=(*best.control.filters, notch))
