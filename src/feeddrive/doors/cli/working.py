@@ -6,10 +6,11 @@ import sys
 from pathlib import Path
 
 from rich.box import SIMPLE_HEAD
-from rich.console import Console
+from rich.console import Console, Group
 from rich.markup import escape
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table as Shown
+from rich.text import Text
 
 from feeddrive.artefacts.files.job import read_job
 from feeddrive.artefacts.study.comparison import compare
@@ -46,13 +47,13 @@ def _perform(job: str, log: Path | None, out: Path) -> None:
     console.print(f"Report: {report}", markup=False, soft_wrap=True)
 
 
-def drawn(table: Table, wrapped: int | None = None) -> Shown:
+def drawn(table: Table, wrapped: int | None = None) -> Group:
     """A table for the terminal: heads may break their lines, and so may the column `wrapped`; no value is cut."""
-    made = Shown(title=escape(table.title), title_justify="left", box=SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0))
+    made = Shown(box=SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0))
     for i, head in enumerate(table.heads):
         left = i == 0 or i == wrapped
         widest = None if i == wrapped else max((len(row[i]) for row in table.rows), default=None)
         made.add_column(head, justify="left" if left else "right", min_width=widest)
     for row in table.rows:
         made.add_row(*map(escape, row))
-    return made
+    return Group(Text(table.title, "italic"), made)
