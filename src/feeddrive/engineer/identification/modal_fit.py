@@ -19,6 +19,7 @@ from feeddrive.loop.frequency_response import FRF
 
 MOST = 8  # modes that are tried if nobody says how many
 _GAIN = 0.9  # what a mode more must bring the error down to
+_FURTHER = 3  # modes that are tried beyond a number that is good enough so far
 _STARTS = 3  # that are followed further
 _FIRST = 20  # steps after which the best of several starts is chosen
 
@@ -131,6 +132,9 @@ def fit_modes(
         begin = _begun(model, frfs, outputs, units, dead_time, poles)
         if begin is not None:
             found.append((begin[0], model, *begin[1:]))
+        best = _simplest(found)
+        if best is not None and count >= best[1].modes + _FURTHER:
+            break
     best = _simplest(found)
     if best is None:
         raise ParameterError(

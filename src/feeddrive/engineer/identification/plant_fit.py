@@ -199,9 +199,9 @@ def finished(task: Task, names: Sequence[str], neutral: Sequence[str] = ()) -> P
         Estimate(each.name, float(v), each.unit, float(e), float(o))
         for each, v, e, o in zip(unknowns, found.values, error, plain, strict=True)
     )
-    for each in estimates:
+    for each, bound in zip(estimates, found.bound, strict=True):
         # a dead time of zero within its error is an answer
-        if each.name in weak and each.name != "dead_time":
+        if each.name != "dead_time" and (bound or each.error > UNKNOWN * abs(each.value)):
             gone[each.name] = advice(each.name, task.band, float(task.plant.rigid_mass()), each.error, task.units)
     fit = agreement(model, unknowns, task.frfs, found)
     said = [*fit.remarks(), *entangled(names, found)]
