@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 
-from feeddrive.blocks.sensor.encoder import Encoder
 from feeddrive.engineer.certificate.deployed import READINGS
-from feeddrive.engineer.identification.plant_fit import PlantFit
-from feeddrive.engineer.identification.two_mass_fit import fit_modal_axis, fit_two_mass
-from feeddrive.language.errors import FeeddriveError, NotIdentifiableError, ParameterError
+from feeddrive.engineer.certificate.fitted import fitted_plant
+from feeddrive.language.errors import ParameterError
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.control import Control
 from feeddrive.loop.frequency_response import FRF
@@ -94,9 +92,10 @@ def measured_plant(
     readings: Sequence[str],
     velocity: float,
 ) -> NominalPlant:
-    """A plant with its measured lines: around a known axis, or around the model that fits the lines best.
+    """A plant with its measured lines: around a known axis, or around a model that is fitted to the lines.
 
-    `measured` is the response of the load's encoder and, if it was measured, that of the motor's.
+    `measured` is the response of the load's encoder and, if it was measured, that of the motor's; one alone is that of
+    every reading.
     Raises ParameterError for a unit that is not m/N or readings that were not measured, NotIdentifiableError where no
     model fits.
     """
@@ -106,20 +105,21 @@ def measured_plant(
             raise ParameterError(f"'{name}' is in {each.unit}: a plant of a certificate must be in m/N")
         if np.count_nonzero(each.frequency < 0.5 / sample_time) < 2:
             raise ParameterError(f"'{name}' has fewer than two lines below half the sample rate")
-    known = axis is not None
-    fitted = axis if axis is not None else _fitted(name, load, motor)
-    one = modelled_plant(name, fitted, control, sample_time, readings, velocity)
-    # without an encoder of the motor both readings are the same one
     chosen = [load if motor is None or each == READINGS[1] else motor for each in readings]
-    same = len(readings) == 1 or bool(np.all(one.model.C[0] == one.model.C[-1]))
-    if motor is None and not same:
-        raise ParameterError(
-            f"'{name}': the control reads motor and load, and their models differ: give the motor's response, too"
-        )
-    taken = chosen[:1] if same else chosen
-    what = one.source if known else f"fit of {fitted.plant.kind} to the lines, {one.source}"
-    source = f"{what}; {sum(each.frequency.size for each in taken)} measured lines"
-    return replace(one, lines=tuple(_lines(each, sample_time) for each in taken), source=source)
+    taken = chosen[:1] if all(each is chosen[0] for each in chosen) else chosen
+    lines = tuple(_lines(each, sample_time) for each in taken)
+    count = f"{sum(each.frequency.size for each in lines)} measured lines"
+    if axis is None:
+        if any(np.any(each.frequency != taken[0].frequency) for each in taken if each.frequency.size):
+            raise ParameterError(f"'{name}': the responses of both encoders stand on different lines")
+        model, late, modes = fitted_plant(name, taken, control, sample_time)
+        C = model.C if len(taken) == len(readings) else np.repeat(model.C, len(readings), axis=0)
+        model = replace(model, C=C, D=np.zeros((len(readings), 1)), outputs=tuple(readings))
+        return NominalPlant(name, model, lines, f"free motion and {modes} modes fitted to {count}", late)
+    one = modelled_plant(name, axis, control, sample_time, readings, velocity)
+    if len(taken) < len(readings) and np.any(one.model.C[0] != one.model.C[-1]):
+        raise ParameterError(f"'{name}': the control reads motor and load: give the motor's response, too")
+    return replace(one, lines=lines, source=f"{one.source}; {count}")
 
 
 def _lines(frf: FRF, sample_time: float) -> Lines:
@@ -131,28 +131,3 @@ def _lines(frf: FRF, sample_time: float) -> Lines:
     variance = np.zeros(frf.frequency.size) if variance is None else variance
     keep = frf.frequency < 0.5 / sample_time
     return Lines(frf.frequency[keep], frf.response[keep], variance[keep])
-
-
-def _fitted(name: str, load: FRF, motor: FRF | None) -> Axis:
-    """Two masses or modes in parallel, whichever predicts lines better that it has not seen."""
-    ways: list[tuple[Callable[..., PlantFit], FRF | None, FRF | None]]
-    ways = [(fit_two_mass, motor or load, None if motor is None else load)]
-    ways += [(fit_modal_axis, motor or load, None if motor is None else load)]
-    if motor is None:
-        ways.append((fit_modal_axis, None, load))  # its modes may have either sign
-    found: list[tuple[float, PlantFit, bool]] = []
-    reasons: list[str] = []
-    for fit, by_motor, by_load in ways:
-        try:
-            made = fit(by_motor, by_load, force_per_unit=1.0)
-        except FeeddriveError as error:
-            reasons.append(str(error))
-            continue
-        found.append((made.agreement.unused, made, by_motor is not None))
-    if not found:
-        raise NotIdentifiableError(f"'{name}': no plant can be fitted to it: {reasons[0]}")
-    _, best, at_motor = min(found, key=lambda each: each[0])
-    return Axis(
-        plant=best.plant, actuator=best.actuator, encoder_motor=Encoder() if at_motor else None,
-        encoder_load=Encoder() if motor is not None or not at_motor else None,
-    )  # fmt: skip
