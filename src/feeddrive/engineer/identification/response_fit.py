@@ -19,6 +19,8 @@ _OPEN = 1.0  # standard error of a logarithm from which its start says more than
 _ROUNDING = 3e-7  # of a singular value of unit columns: its square is still well above that of doubles
 STEPS = 100
 _FLAT = 1e-7  # share of the cost by which a step must still lower it: far less than a standard error moves it
+_LITTLE = 1e-3  # of a squared residual: two steps in a row that lower the cost by less do not move an error
+_FEW = 15  # steps where the start is a fit of nearly all lines
 _FOLDS = 5
 
 
@@ -108,6 +110,7 @@ def refine(
     use: Sequence[np.ndarray] | None = None,
     start: np.ndarray | None = None,
     steps: int = STEPS,
+    model_error: float = 0.0,
 ) -> Refined:
     """Gauss-Newton with Levenberg's damping from `start` (default: that of the unknowns) on the lines in `use`.
 
@@ -119,7 +122,7 @@ def refine(
     chosen = [replace(frf, variance=None) if logarithmic else frf for frf in responses]
     keep = [np.ones(frf.frequency.size, bool) for frf in chosen] if use is None else list(use)
     u = _inner(unknowns, np.array([each.start for each in unknowns]) if start is None else start)
-    begin, data, model_error, found = u, measured(chosen), 0.0, None
+    begin, data, found = u, measured(chosen), None
     for _ in range(8):
         data = measured(chosen, model_error)
         found = _descend(model, unknowns, data, keep, u, steps)
@@ -189,7 +192,10 @@ def predicted(
     own, other = [], []
     for fold in range(_FOLDS):
         out = [np.arange(frf.frequency.size) % _FOLDS == fold for frf in responses]
-        part = refine(model, unknowns, responses, use=[~each for each in out], start=found.values)
+        part = refine(
+            model, unknowns, responses, use=[~each for each in out], start=found.values, steps=_FEW,
+            model_error=found.model_error,
+        )  # fmt: skip
         for (response, _), frf, left in zip(model(part.values), responses, out, strict=True):
             apart = np.abs(np.log(response / frf.response)) ** 2
             other.append(apart[left])
@@ -261,7 +267,7 @@ def _descend(
         lower = np.where(inner, np.where(lower > 0.0, np.log(lower), -np.inf), lower)
         upper = np.where(inner, np.log(upper), upper)
     whole, r, slopes = _residuals(model, unknowns, data, use, u)
-    damping, settled = 1e-3, False
+    damping, settled, flat = 1e-3, False, 0
     far = _FAR * _spread(r)
     cost = _cost(r, far)
     loose = np.array([not each.fixed for each in unknowns])
@@ -294,7 +300,9 @@ def _descend(
         else:
             settled = True
             break
-        if step % 5 != 4 and before - cost <= _FLAT * before:
+        little = before - cost <= max(_FLAT * before, _LITTLE * (far / _FAR) ** 2)
+        flat = flat + 1 if little and step % 5 != 4 else 0
+        if flat == 2:
             settled = True
             break
     values, slope = _outer(unknowns, u)
