@@ -166,3 +166,13 @@ def test_gains_from_a_noisy_response_hold_on_the_true_axis(capsys: pytest.Captur
     assert kept > free > placed
     assert all(float(x) < 2.01 for x in re.findall(r"true axis ([0-9.]+)", text))
     assert "by rule: Kv" in text
+
+
+def test_margins_of_a_measured_axis_hold_the_true_one(capsys: pytest.CaptureFixture[str]) -> None:
+    text = said("measured_margins.py", capsys)
+    low, high = (float(x) for x in re.findall(r"modulus_margin +[0-9.]+ +([0-9.]+) +([0-9.]+)", text)[0])
+    true = re.search(r"modulus margin of the true loop: ([0-9.]+)", text)
+    assert true is not None
+    # one interval of 95 %, of a seed that is fixed
+    assert low <= float(true[1]) <= high < 1.1 * low
+    assert text.count("the closed loop is stable") == 2

@@ -145,7 +145,8 @@ def linearize(
     over a period, outputs at its first sample.
     The quantisers count as straight lines; guard and force limit are left out: inside their bounds they do nothing.
     What blends in after the start counts as there.
-    Raises ParameterError for a name that is not known, and for parameters with which the model overflows.
+    Raises ParameterError for a name that is not known, an input that is named twice, and parameters with which the
+    model overflows.
     """
     compensation = tuple(part.settled() for part in loop.control.compensation)
     held = loop.control
@@ -155,6 +156,8 @@ def linearize(
         loop = dataclasses.replace(loop, control=control)
     for name in inputs:
         _place(list(INPUT_UNITS), name, "input")
+    if len(set(inputs)) < len(inputs):
+        raise ParameterError(f"an input is named twice in {', '.join(inputs)}: name each once")
     for name in outputs:
         _place(Signals._fields, name, "signal")
     setpoint = Setpoint(*(np.float64(v) for v in (position, velocity, 0.0, 0.0, 0.0)))

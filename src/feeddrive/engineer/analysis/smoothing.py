@@ -47,7 +47,7 @@ def smoothers(frf: FRF) -> tuple[Smoother, Smoother]:
             f"the response to {frf.output} has no variance: estimate it from several periods or averages, or give it"
         )
     n, x = frf.frequency.size, np.log(frf.frequency)
-    variance = np.maximum(frf.variance, 1e-24 * np.maximum(frf.magnitude**2, 1e-300))
+    variance = np.maximum(frf.variance, np.maximum(1e-24 * frf.magnitude**2, 1e-200))
     reach = np.full(n, -1)  # index of the widest window that holds
     growing = np.ones(n, bool)
     maps: list[tuple[np.ndarray, np.ndarray]] = []
