@@ -54,7 +54,9 @@ def _numbers(edit: TomlEdit, key: tuple[str | int, ...], old: Block, new: Block)
     for name, value in tree.leaves(new):
         if before.get(name) != value:
             unit = tree.declaration(new, name).unit
-            edit.set((*key, *_path(name)), float(value), unit, _DIGITS)
+            written = edit.set((*key, *_path(name)), float(value), unit, _DIGITS)
+            if name in before:  # what a comment says of the old number shall not be read of the new one
+                edit.comment(written, f"was {before[name]:.7g}")
 
 
 def _path(name: str) -> tuple[str | int, ...]:

@@ -3,25 +3,30 @@
 from __future__ import annotations
 
 import math
+import shlex
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from rich.console import Console
+from rich.markup import escape
+from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
-from feeddrive.artefacts.files.frf import read_frf
-from feeddrive.artefacts.files.machine import BUNDLED, Machine, read_machine
+from feeddrive.artefacts.files.machine import Machine, read_machine
 from feeddrive.artefacts.files.messages import nearest
-from feeddrive.artefacts.tuning.tune_page import tables, write_tuned
+from feeddrive.artefacts.tuning.tune_page import Story, tables, write_tuned
 from feeddrive.artefacts.tuning.tuned_machine import machine_text
 from feeddrive.doors.cli.frf import frequencies
+from feeddrive.doors.cli.tune_sources import Measurement, machine_of, several, site_of
 from feeddrive.doors.cli.working import drawn
 from feeddrive.engineer.tuning.designs import designs
-from feeddrive.engineer.tuning.recipes import margin_goals
+from feeddrive.engineer.tuning.judged_recipes import JudgedRecipe, judged_recipes
+from feeddrive.engineer.tuning.recipes import RECIPES, margin_goals
 from feeddrive.engineer.tuning.shaping.limits import Limits
-from feeddrive.engineer.tuning.shaping.shape import shape
-from feeddrive.engineer.tuning.shaping.site import Site, measured_site
+from feeddrive.engineer.tuning.shaping.shape import assess, shape
+from feeddrive.engineer.tuning.shaping.shaped_loop import ShapedLoop
+from feeddrive.engineer.tuning.shaping.site import Site
 from feeddrive.language.errors import ParameterError, StructureError
 from feeddrive.loop.control import Control
 from feeddrive.loop.loop import Loop
@@ -33,14 +38,16 @@ class Asked:
 
     source: str
     others: Sequence[str]
-    motor: Path | None
+    motor: Sequence[str]
     disturbance: Path | None
     disturbance_motor: Path | None
+    unit: str | None
     sample_time: float | None
     delay: float
     baseline: str | None
     axis: str | None
     law: str | None
+    recipe: str | None
     goal: str
     band: str | None
     filters: str
@@ -54,54 +61,98 @@ class Asked:
 def perform(asked: Asked) -> None:
     """Tune, show, write; exit code 1 if the tuning does not hold what it should."""
     console = Console(highlight=False)
-    machine = _machine(asked.source)
-    base = machine if asked.baseline is None else read_machine(asked.baseline)
-    loop = None if base is None else base.loop(asked.axis)
-    name = _name(base, loop, asked.axis)
-    sites = _sites(asked, machine, loop)
-    control = _control(asked, loop, sites)
-    found = shape(
-        control, sites, goal=asked.goal, limits=asked.limits, filters=asked.filters, confidence=asked.confidence,
-        starts=asked.starts, seed=asked.seed, today=None if loop is None else loop.control,
-        band=frequencies(asked.band) or (0.0, math.inf),
-    )  # fmt: skip
-    facts = {
-        "Source": ", ".join([asked.source, *asked.others]),
-        "Today": "nothing to compare with" if base is None else f"{base.name}, axis {name}",
-        "Law": control.law.kind,
-        "Sample time": f"{1e3 * sites[0].sample_time:g} ms" if isinstance(sites[0], Site) else _step(sites[0]),
-        "Loops judged": str(found.evaluations),
-        "Searches": f"{asked.starts}, their ends {100.0 * found.spread:.2g} % apart",
-    }
-    text = None if base is None or not found.holds else machine_text(base, name, found.control)
-    report = write_tuned(found, text, name, asked.out or Path("results") / f"tune_{Path(asked.source).stem}", facts)
-    for each in tables(found):
-        console.print(drawn(each))
-    for sentence in (*(f"held back by {h.sentence()}" for h in found.held), *found.advice, *found.notches):
-        console.print(f"- {sentence}", markup=False)
-    console.print(found.recommendation(), markup=False)
-    if text is not None:
-        console.print(f"Machine: {report.parent / 'machine.toml'}", markup=False, soft_wrap=True)
-    console.print(f"Report: {report}", markup=False, soft_wrap=True)
+    _check(asked)
+    bar = Progress(SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn(), console=console,
+                   transient=True)  # fmt: skip
+    with bar:
+        task = bar.add_task("reading")
+        step: Callable[[str], None] = lambda text: bar.update(task, description=escape(text))  # noqa: E731
+        found, story, text, name = _tuned(asked, step)
+        step("report")
+        report = write_tuned(found, text, name, asked.out or Path("results") / f"tune_{Path(asked.source).stem}", story)
+    _show(console, found, story, report, text is not None)
     if not found.holds:
         sys.stderr.write("feeddrive: the tuning does not hold what it should; no machine file was written\n")
         raise SystemExit(1)
 
 
-def _step(loop: Loop | Site) -> str:
-    return f"{1e3 * float(loop.sample_time):g} ms"
+def _check(asked: Asked) -> None:
+    """Numbers that no function downstairs can name by their option."""
+    if asked.sample_time is not None and not (math.isfinite(asked.sample_time) and asked.sample_time > 0.0):
+        raise ParameterError(f"--sample-time {asked.sample_time:g} must be a finite number of seconds > 0")
+    if not (math.isfinite(asked.delay) and asked.delay >= 0.0):
+        raise ParameterError(f"--delay {asked.delay:g} must be a finite number of seconds >= 0")
+    if asked.recipe is not None and asked.recipe not in RECIPES:
+        raise ParameterError(f"--recipe {asked.recipe} is none{nearest(asked.recipe, list(RECIPES))}")
+    if asked.recipe is not None and asked.law not in (None, "cascade_ppi"):
+        raise ParameterError(f"--recipe gives a cascade_ppi, not --law {asked.law}: leave one of them out")
 
 
-def _machine(source: str) -> Machine | None:
-    """The machine in a TOML file or bundled under a name; None for a measurement."""
-    given = Path(source)
-    bundled = not given.suffix and not given.exists()
-    if given.suffix.lower() == ".toml" or (bundled and (BUNDLED / "machines" / f"{source}.toml").exists()):
-        return read_machine(source)
-    if bundled:
-        names = [each.stem for each in (BUNDLED / "machines").glob("*.toml")]
-        raise ParameterError(f"{source}: is neither a file nor the name of a bundled machine{nearest(source, names)}")
-    return None
+def _tuned(asked: Asked, step: Callable[[str], None]) -> tuple[ShapedLoop, Story, str | None, str]:
+    machine = machine_of(asked.source)
+    base = machine if asked.baseline is None else read_machine(asked.baseline)
+    loop = None if base is None else base.loop(asked.axis)
+    name = _name(base, loop, asked.axis)
+    sites, said = _sites(asked, machine, loop, step)
+    control, begun = _control(asked, loop, sites)
+    band = frequencies(asked.band) or (0.0, math.inf)
+    today = None if loop is None else loop.control
+    if asked.recipe is not None:
+        made = RECIPES[asked.recipe](sites[0], control)
+        found = assess(
+            replace(control, law=made.law, compensation=()), sites, rule=f"{made.name}: {made.reason} ({made.source})",
+            goal=asked.goal, limits=asked.limits, band=band, confidence=asked.confidence, today=today, step=step,
+        )  # fmt: skip
+    else:
+        found = shape(
+            control, sites, goal=asked.goal, limits=asked.limits, filters=asked.filters, confidence=asked.confidence,
+            starts=asked.starts, seed=asked.seed, today=today, band=band, step=step,
+        )  # fmt: skip
+    rules: tuple[JudgedRecipe, ...] = ()
+    if found.control.law.kind == "cascade_ppi":
+        rules = judged_recipes(sites, control, asked.limits, step)
+    what = f"{base.name}, axis {name}" if base is not None else Path(asked.source).name
+    facts = {
+        "Source": ", ".join([asked.source, *asked.others]),
+        "Today": begun or what,
+        "Law": control.law.kind,
+        "Sample time": f"{1e3 * float(sites[0].sample_time):g} ms",
+        "Loops judged": str(found.evaluations),
+        "Searches": "none, a rule"
+        if found.recipe
+        else f"{asked.starts}, their ends {100.0 * found.spread:.2g} % apart",
+        "Again": f"feeddrive {shlex.join(sys.argv[1:])}" if sys.argv[1:2] == ["tune"] else "",
+        "In Python": _python(asked),
+    }
+    text = None if base is None or not found.holds else machine_text(base, name, found.control)
+    return found, Story(what, {k: v for k, v in facts.items() if v}, rules, tuple(said), begun or "today"), text, name
+
+
+def _python(asked: Asked) -> str:
+    """What gives the same tuning from Python, for a machine."""
+    if asked.recipe is not None or not (asked.source.endswith(".toml") or machine_of(asked.source)):
+        return ""
+    axis = "" if asked.axis is None else f"{asked.axis!r}"
+    return (
+        f"loop = fd.read_machine({asked.source!r}).loop({axis}); fd.shape(loop.control, loop, goal={asked.goal!r}, "
+        f"limits=fd.{asked.limits!r}, filters={asked.filters!r}, starts={asked.starts}, seed={asked.seed})"
+    )
+
+
+def _show(console: Console, found: ShapedLoop, story: Story, report: Path, written: bool) -> None:
+    for each in tables(found, story)[:-1]:
+        console.print(drawn(each))
+    for line in found.proof:
+        verdict = {None: "not proven", True: "holds", False: "DOES NOT HOLD"}[line.holds]
+        console.print(f"- proof, {line.what}: {verdict} ({line.said})", markup=False)
+    for sentence in (*story.said, *(f"held back by {h.sentence()}" for h in found.held), *found.advice):
+        console.print(f"- {sentence}", markup=False)
+    for sentence in found.notches:
+        console.print(f"- notch {sentence}", markup=False)
+    console.print(found.recommendation(), markup=False)
+    if written:
+        console.print(f"Machine: {report.parent / 'machine.toml'}", markup=False, soft_wrap=True)
+    console.print(f"Report: {report}", markup=False, soft_wrap=True)
 
 
 def _name(machine: Machine | None, loop: Loop | None, axis: str | None) -> str:
@@ -110,46 +161,36 @@ def _name(machine: Machine | None, loop: Loop | None, axis: str | None) -> str:
     return next(name for name, each in machine.loops.items() if each is loop)
 
 
-def _sites(asked: Asked, machine: Machine | None, loop: Loop | None) -> list[Site | Loop]:
-    """The axis at every position and load that was given: machines, or measurements."""
-    if machine is not None:
-        return [machine.loop(asked.axis), *(read_machine(each).loop(asked.axis) for each in asked.others)]
-    first = read_frf(asked.source, input="force", unit=None)
-    step = asked.sample_time or first.sample_time or (None if loop is None else float(loop.sample_time))
-    if step is None:
-        raise ParameterError(
-            f"{asked.source}: does not say with which sample time the control runs: give it with --sample-time, or "
-            f"today's machine with --baseline"
-        )
-    motor = None if asked.motor is None else read_frf(asked.motor)
-    struck = None
-    if asked.disturbance is not None:
-        back = None if asked.disturbance_motor is None else read_frf(asked.disturbance_motor)
-        if motor is not None and back is None:
-            raise ParameterError(
-                "--disturbance with --motor needs --disturbance-motor: the motor's answer to the hammer"
-            )
-        struck = (read_frf(asked.disturbance), back)
-    found: list[Site | Loop] = [
-        measured_site(
-            first, motor, disturbance=struck, sample_time=step, delay=asked.delay, name=Path(asked.source).stem
-        )
-    ]
-    for each in asked.others:
-        if motor is not None:
-            raise ParameterError("--at takes measurements of one encoder: leave out --motor")
-        found.append(measured_site(read_frf(each), sample_time=step, delay=asked.delay, name=Path(each).stem))
-    return found
+def _sites(
+    asked: Asked, machine: Machine | None, loop: Loop | None, step: Callable[[str], None]
+) -> tuple[list[Site | Loop], list[str]]:
+    """The axis at every position and load that was given: machines and measurements."""
+    machines = {i: made for i, each in enumerate(asked.others) if (made := machine_of(each)) is not None}
+    if machine is not None and (asked.motor or asked.disturbance):
+        raise ParameterError("--motor and --disturbance belong to a measured response: leave them out for a machine")
+    measured = [each for i, each in enumerate(asked.others) if i not in machines]
+    first = Measurement(asked.source, None, asked.disturbance, asked.disturbance_motor)
+    places = several(first, measured, asked.motor) if machine is None else [Measurement(each) for each in measured]
+    found: list[Site | Loop] = [] if machine is None else [machine.loop(asked.axis)]
+    said: list[str] = []
+    for each in places:
+        step(f"reading {Path(each.load).name}")
+        site, words = site_of(each, Path(each.load).stem, loop, asked.sample_time, asked.delay, asked.unit)
+        found.append(site)
+        said += words
+    return [*found, *(each.loop(asked.axis) for each in machines.values())], said
 
 
-def _control(asked: Asked, loop: Loop | None, sites: Sequence[Site | Loop]) -> Control:
-    """Where the search begins: today's control, another law on the same axis, or a P-PI by robust margins."""
+def _control(asked: Asked, loop: Loop | None, sites: Sequence[Site | Loop]) -> tuple[Control, str]:
+    """Where the search begins: today's control, another law on the same axis, or a P-PI by robust margins.
+
+    And what stands in the place of today's control, if there is none.
+    """
     if loop is None:
         if asked.law not in (None, "cascade_ppi"):
             raise ParameterError(f"--law {asked.law} needs a machine to take its model from: give it with --baseline")
-        first = sites[0]
-        law = replace(margin_goals(first).law, velocity_encoder="motor")
-        return Control(law=law)
+        law = replace(margin_goals(sites[0]).law, velocity_encoder="motor")
+        return Control(law=law), "rule margins-robust"
     if asked.law is None or asked.law == loop.control.law.kind:
         law = loop.control.law
         if law.period() > 1 and law.kind == "cascade_ppi":
@@ -157,14 +198,12 @@ def _control(asked: Asked, loop: Loop | None, sites: Sequence[Site | Loop]) -> C
                 "the position loop runs only every few samples, so that the loop has no response at the actuator: set "
                 "position_every = 1 in the baseline"
             )
-        return loop.control
+        return loop.control, ""
     made, refused = designs(loop)
     for each in made:
         if each.loop.control.law.kind == asked.law and not each.loop.control.compensation and not each.prefilter:
-            return each.loop.control
+            return each.loop.control, ""
     kinds = sorted({each.loop.control.law.kind for each in made})
     reasons = "; ".join(f"{each.name}: {each.reason}" for each in refused)
-    raise ParameterError(
-        f"--law {asked.law} is not on this axis{nearest(asked.law, kinds)}; there are {', '.join(kinds)}"
-        + (f" ({reasons})" if reasons else "")
-    )
+    near = nearest(asked.law, kinds)
+    raise ParameterError(f"--law {asked.law} is not on this axis{near}" + (f" ({reasons})" if reasons else ""))

@@ -25,6 +25,15 @@ def tune(
     law: Annotated[
         str | None, typer.Option("--law", help="Another law, as pole_placement.", show_default=False)
     ] = None,
+    recipe: Annotated[
+        str | None,
+        typer.Option(
+            "--recipe",
+            help="No search but a rule: symmetric-optimum, kv-rule, half-antiresonance, margins-robust or "
+            "margins-dynamic.",
+            show_default=False,
+        ),
+    ] = None,
     max_ms: Annotated[float, typer.Option("--max-ms", help="Largest sensitivity peak Ms.")] = 2.0,
     gain_margin: Annotated[
         float | None, typer.Option("--gain-margin", help="Least gain margin in dB.", show_default=False)
@@ -60,7 +69,13 @@ def tune(
         typer.Option("--at", help="The same axis at another position or load; may be repeated.", show_default=False),
     ] = None,
     motor: Annotated[
-        Path | None, typer.Option("--motor", help="Response of the motor's encoder, m/N.", show_default=False)
+        list[str] | None,
+        typer.Option(
+            "--motor",
+            help="Response of the motor's encoder: a file, or its name in the files; once, or once for each place; "
+            "none if there is one encoder.",
+            show_default=False,
+        ),
     ] = None,
     disturbance: Annotated[
         Path | None, typer.Option("--disturbance", help="Response to a force on the table.", show_default=False)
@@ -69,10 +84,19 @@ def tune(
         Path | None,
         typer.Option("--disturbance-motor", help="The same of the motor's encoder.", show_default=False),
     ] = None,
+    unit: Annotated[
+        str | None,
+        typer.Option("--unit", help="Of the responses, as um/N, if the files do not say it.", show_default=False),
+    ] = None,
     sample_time: Annotated[
         float | None, typer.Option("--sample-time", help="s, of the control.", show_default=False)
     ] = None,
-    delay: Annotated[float, typer.Option("--delay", help="s of computation that the measurement does not hold.")] = 0.0,
+    delay: Annotated[
+        float,
+        typer.Option(
+            "--delay", help="s of dead time that the response does not hold: 0 if it leads from the commanded force."
+        ),
+    ] = 0.0,
     confidence: Annotated[float, typer.Option("--confidence", help="That all limits hold on the true axis.")] = 0.95,
     starts: Annotated[int, typer.Option("--starts", min=1, max=20, help="Searches; the best end counts.")] = 2,
     seed: Annotated[int, typer.Option("--seed", help="Of the searches after the first.")] = 0,
@@ -89,8 +113,9 @@ def tune(
     )  # fmt: skip
     perform(
         Asked(
-            source=source, others=at or (), motor=motor, disturbance=disturbance, disturbance_motor=disturbance_motor,
-            sample_time=sample_time, delay=delay, baseline=baseline, axis=axis, law=law, goal=goal, band=band,
-            filters=filters, confidence=confidence, limits=limits, starts=starts, seed=seed, out=out,
+            source=source, others=at or (), motor=motor or (), disturbance=disturbance,
+            disturbance_motor=disturbance_motor, unit=unit, sample_time=sample_time, delay=delay, baseline=baseline,
+            axis=axis, law=law, recipe=recipe, goal=goal, band=band, filters=filters, confidence=confidence,
+            limits=limits, starts=starts, seed=seed, out=out,
         )
     )  # fmt: skip

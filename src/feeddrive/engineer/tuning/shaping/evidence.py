@@ -132,7 +132,8 @@ def _run(name: str, loop: Loop, both: Opened, limits: Limits, velocity: float, s
     off = got / expected - 1.0
     noise = float(np.std(runs[0]["requested"][settle // 2 : settle]))
     said = (
-        f"{force:g} N: rope snap {got:.4g} m s^½/N, {100.0 * off:+.1f} % off; the command swings by {noise:.3g} N RMS"
+        f"{force:g} N: rope snap {1e9 * got:.4g} nm s^1/2/N, {100.0 * abs(off):.1f} % off; the command swings by "
+        f"{noise:.3g} N RMS, at most {largest:.4g} N"
     )
     return Checked(what, abs(off) <= _APART, said)
 

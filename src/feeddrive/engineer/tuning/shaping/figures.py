@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -74,3 +75,30 @@ def figures(answer: Answer, reading_noise: tuple[float, float]) -> Figures:
         deviation=float(np.sqrt(0.5 * answer.gain_variance[k]) / away[k] ** 2),
         at_drive=site.at_drive,
     )
+
+
+def _at(each: Figures, frequency: float) -> float | None:
+    f = each.compliance.frequency
+    return 1e-6 * each.stiffness.at(frequency) if f[0] <= frequency <= f[-1] else None
+
+
+# head, unit, how it is read off
+FIGURES: tuple[tuple[str, str, Callable[[Figures], float | None]], ...] = (
+    ("Ms", "", lambda each: each.margins.sensitivity_peak),
+    ("its standard deviation", "", lambda each: each.deviation or None),
+    ("crossover", "Hz", lambda each: each.margins.crossover),
+    ("bandwidth (|S| at -3 dB)", "Hz", lambda each: each.bandwidth),
+    ("phase margin", "deg", lambda each: each.margins.phase_margin_deg),
+    ("gain may rise by", "dB", lambda each: each.margins.gain_increase_dB),
+    ("delay margin", "samples", lambda each: each.margins.delay_margin_samples),
+    ("least stiffness", "N/um", lambda each: 1e-6 * each.stiffness.minimum),
+    ("stiffness at 10 Hz", "N/um", lambda each: _at(each, 10.0)),
+    ("peak compliance", "um/N", lambda each: 1e6 * each.peak_compliance),
+    ("rope-snap error", "nm s^1/2/N", lambda each: 1e9 * each.rope_snap),
+    ("force noise", "N RMS", lambda each: each.force_noise),
+)
+# which of them are better when they are larger; of the others Ms is bounded and the crossover is neither
+LARGER = {
+    "bandwidth (|S| at -3 dB)": True, "phase margin": True, "gain may rise by": True, "delay margin": True,
+    "least stiffness": True, "stiffness at 10 Hz": True, "rope-snap error": False, "force noise": False,
+}  # fmt: skip

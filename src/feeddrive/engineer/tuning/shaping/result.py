@@ -24,7 +24,7 @@ from feeddrive.loop.control import Control
 _MUCH = 0.02  # of the goal, by a tenth of a sample
 
 
-def result(work: Work, best: Best, today: Control, tried: tuple[str, ...]) -> ShapedLoop:
+def result(work: Work, best: Best, today: Control, tried: tuple[str, ...], recipe: str = "") -> ShapedLoop:
     """Figures before and after, what holds the goal back, what would help, and the proof."""
     values = dict(zip(best.names, np.exp(best.end.x).tolist(), strict=True))
     control = tree.vary(best.control, values)
@@ -51,7 +51,7 @@ def result(work: Work, best: Best, today: Control, tried: tuple[str, ...]) -> Sh
         before=before,
         after=after,
         held=_held(work, best),
-        advice=_advice(work, best),
+        advice=() if recipe else _advice(work, best),
         notches=tried,
         sure=best.sure,
         confidence=certainty.chance(whole(best.end.x).bounds) if work.noisy else None,
@@ -60,6 +60,7 @@ def result(work: Work, best: Best, today: Control, tried: tuple[str, ...]) -> Sh
         spread=best.spread,
         proof=proof,
         cascade=tuple(each for each in cascades if each is not None),
+        recipe=recipe,
     )
 
 
@@ -121,7 +122,10 @@ def _advice(work: Work, best: Best) -> tuple[str, ...]:
         found.append(f"a measurement without noise would gain {100.0 * best.cost:.2g} %")
     found += _edges(work, best)
     if any(site.at_drive for site in work.sites):
-        found.append("stiffness is that against a force at the drive: a hammer on the table would measure its own")
+        found.append(
+            "all compliances are against a force at the drive, not on the table: strike the table (--disturbance), or "
+            "give a machine whose plant agrees with the response (--baseline)"
+        )
     return tuple(found)
 
 

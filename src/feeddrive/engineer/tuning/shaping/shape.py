@@ -59,10 +59,49 @@ def shape(
     Raises UnstableError if nothing is found within the limits, NotIdentifiableError if the measurement is too poor to
     tune on, with the band in which to measure again, ParameterError for what does not fit.
     """
-    if goal not in GOALS:
-        raise ParameterError(f"goal = {goal!r} must be one of {', '.join(GOALS)}")
     if filters not in FILTERS:
         raise ParameterError(f"filters = {filters!r} must be one of {', '.join(FILTERS)}")
+    work = _work(control, sites, goal, limits, band, confidence, starts, seed, velocity, step)
+    chosen = law_knobs(control) if knobs is None else tuple(knobs)
+    best = work.tuned(control, chosen if filters == "kept" else tuple(dict.fromkeys([*chosen, *filter_knobs(control)])))
+    tried: list[str] = []
+    if filters == "placed":
+        best = work.with_notches(best, tried)
+    work.step("proof")
+    return result(work, best, today or control, tuple(tried))
+
+
+def assess(
+    control: Control,
+    sites: Site | Loop | Sequence[Site | Loop],
+    *,
+    rule: str,
+    goal: str = "rope-snap",
+    limits: Limits | None = None,
+    band: tuple[float, float] = (0.0, math.inf),
+    confidence: float = 0.95,
+    velocity: float = 0.05,
+    today: Control | None = None,
+    step: Callable[[str], None] | None = None,
+) -> ShapedLoop:
+    """A control as it is, such as a recipe gives it, with the figures and the proof of `shape` and without a search.
+
+    rule  what it was made by, in words; the rest as in `shape`.  Raises as `shape` does, and UnstableError if the loop
+    is unstable at a site.
+    """
+    work = _work(control, sites, goal, limits, band, confidence, 1, 0, velocity, step)
+    names = law_knobs(control)
+    return result(work, work.as_it_is(control, names), today or control, (), rule)
+
+
+def _work(
+    control: Control, sites: Site | Loop | Sequence[Site | Loop], goal: str, limits: Limits | None,
+    band: tuple[float, float], confidence: float, starts: int, seed: int, velocity: float,
+    step: Callable[[str], None] | None,
+) -> Work:  # fmt: skip
+    """What is asked for, checked."""
+    if goal not in GOALS:
+        raise ParameterError(f"goal = {goal!r} must be one of {', '.join(GOALS)}")
     if not 0.5 <= confidence < 1.0:
         raise ParameterError(f"confidence = {confidence:g} must be >= 0.5 and < 1")
     if not 0.0 <= band[0] < band[1]:
@@ -86,13 +125,7 @@ def shape(
             f"goal = 'rope-snap' needs a control with integral action: without it ('{control.law.kind}' as it is) the "
             f"table stays off under a force for ever; give it one, such as law.Tn, or take the goal stiffness"
         )
-    chosen = law_knobs(control) if knobs is None else tuple(knobs)
-    best = work.tuned(control, chosen if filters == "kept" else tuple(dict.fromkeys([*chosen, *filter_knobs(control)])))
-    tried: list[str] = []
-    if filters == "placed":
-        best = work.with_notches(best, tried)
-    work.step("proof")
-    return result(work, best, today or control, tuple(tried))
+    return work
 
 
 def _check_band(sites: Sequence[Site], band: tuple[float, float]) -> None:

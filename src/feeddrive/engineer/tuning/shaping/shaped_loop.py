@@ -8,8 +8,10 @@ from typing import Any
 
 import numpy as np
 
+from feeddrive.engineer.tuning.shaping import words
 from feeddrive.engineer.tuning.shaping.cascade import CascadeLoops
-from feeddrive.engineer.tuning.shaping.figures import Figures
+from feeddrive.engineer.tuning.shaping.figures import FIGURES, Figures
+from feeddrive.engineer.tuning.shaping.knobs import readable
 from feeddrive.engineer.tuning.shaping.limits import Limits
 from feeddrive.engineer.tuning.tuned import Checked
 from feeddrive.language import tree
@@ -44,6 +46,7 @@ class ShapedLoop(Result):
     notches           what was tried and what it brought
     sure, confidence  standard deviations kept to every bound, and with which probability all of them hold at once
     cost              by which share the goal is worse because of the noise of the measurement
+    recipe            the rule that the control is made by, if nothing was searched
     cascade           velocity and position loop one by one, before and after, for a P-PI control
     """
 
@@ -66,6 +69,7 @@ class ShapedLoop(Result):
     spread: float
     proof: tuple[Checked, ...]
     cascade: tuple[CascadeLoops, ...] = ()
+    recipe: str = ""
 
     @property
     def holds(self) -> bool:
@@ -75,52 +79,35 @@ class ShapedLoop(Result):
     @property
     def rule(self) -> str:
         """What it was tuned for."""
-        band = "" if self.band == (0.0, np.inf) else f" from {self.band[0]:g} to {self.band[1]:g} Hz"
-        what = {
-            "rope-snap": "least rope-snap error",
-            "stiffness": f"greatest dynamic stiffness{band}",
-            "least-stiffness": f"greatest least stiffness{band}",
-            "bandwidth": "greatest bandwidth",
-        }[self.goal]
+        if self.recipe:
+            return f"{self.recipe}; judged by {self.limits.sentence()}"
         noise = "" if not self.sure else f", kept with {self.sure:.3g} standard deviations of the measurement"
-        return f"{what} subject to {self.limits.sentence()}{noise}"
+        return f"{words.aim(self)} subject to {self.limits.sentence()}{noise}"
+
+    @property
+    def at_drive(self) -> bool:
+        """Whether the compliance is that against a force at the drive, since none on the table is known."""
+        return any(each.at_drive for each in self.after)
 
     def gained(self) -> float | None:
         """By which factor the goal of the worst site is better than before; None without a stable before."""
         if not self.before or not all(each.stable for each in self.before):
             return None
-        old, new = (max(_goal(each, self.goal, self.band) for each in row) for row in (self.before, self.after))
-        return old / new
+        return words.goal_of(self, self.before) / words.goal_of(self, self.after)
 
     def recommendation(self) -> str:
-        """One plain sentence, with its reason."""
-        failed = [line for line in self.proof if line.holds is False]
-        if failed:
-            return f"Do not use this tuning: {failed[0].what} does not hold ({failed[0].said})."
-        limit = f"; {self.held[0].what} holds it back" if self.held else ""
-        gained = self.gained()
-        if gained is None:
-            state = "there is no control to compare with" if not self.before else "today's loop is unstable"
-            return f"Take the new values: they keep {self.limits.sentence()}, and {state}{limit}."
-        what = {"rope-snap": "rope-snap error", "stiffness": "dynamic stiffness", "least-stiffness": "least stiffness",
-                "bandwidth": "bandwidth"}[self.goal]  # fmt: skip
-        broken = _broken(self.before, self.limits)
-        less = self.goal == "rope-snap"
-        change = 100.0 * (1.0 - 1.0 / gained if less else gained - 1.0)
-        word = ("less" if less else "more") if change >= 0.0 else ("more" if less else "less")
-        if broken:
-            return (
-                f"Take the new values: today's {broken}; the new ones keep {self.limits.sentence()} with "
-                f"{abs(change):.3g} % {word} {what}{limit}."
-            )
-        if change < 2.0:
-            return f"Leave the control as it is: the best that was found has only {change:.2g} % {word} {what}{limit}."
-        return f"Take the new values: they give {change:.3g} % {word} {what} within {self.limits.sentence()}{limit}."
+        """What to do and why, with what is worse than today."""
+        return words.recommendation(self)
 
     def table(self) -> Table:
         """Old against new, what holds it back, and the proof."""
         rows = [
-            [name, _number(self.started[name]), _number(value), tree.declaration(self.control, name).unit]
+            [
+                readable(self.control, name),
+                _number(self.started[name]),
+                _number(value),
+                tree.declaration(self.control, name).unit,
+            ]
             for name, value in self.knobs.items()
         ]
         for i, after in enumerate(self.after):
@@ -162,7 +149,7 @@ class ShapedLoop(Result):
 
 
 def _number(value: float) -> str:
-    return "none" if np.isnan(value) else f"{value:.5g}"
+    return "–" if np.isnan(value) else f"{value:.5g}"
 
 
 def _verdict(holds: bool | None) -> str:
@@ -174,57 +161,3 @@ def _figure(each: Figures, read: Callable[[Figures], float | None]) -> str:
         return "unstable"
     value = read(each)
     return "-" if value is None else f"{value:.4g}"
-
-
-def _at(each: Figures, frequency: float) -> float | None:
-    f = each.compliance.frequency
-    return 1e-6 * each.stiffness.at(frequency) if f[0] <= frequency <= f[-1] else None
-
-
-# head, unit, how it is read off
-FIGURES: tuple[tuple[str, str, Callable[[Figures], float | None]], ...] = (
-    ("Ms", "", lambda each: each.margins.sensitivity_peak),
-    ("its standard deviation", "", lambda each: each.deviation or None),
-    ("crossover", "Hz", lambda each: each.margins.crossover),
-    ("bandwidth (|S| at -3 dB)", "Hz", lambda each: each.bandwidth),
-    ("phase margin", "deg", lambda each: each.margins.phase_margin_deg),
-    ("gain may rise by", "dB", lambda each: each.margins.gain_increase_dB),
-    ("delay margin", "samples", lambda each: each.margins.delay_margin_samples),
-    ("least stiffness", "N/um", lambda each: 1e-6 * each.stiffness.minimum),
-    ("stiffness at 10 Hz", "N/um", lambda each: _at(each, 10.0)),
-    ("peak compliance", "um/N", lambda each: 1e6 * each.peak_compliance),
-    ("rope-snap error", "nm s^1/2/N", lambda each: 1e9 * each.rope_snap),
-    ("force noise", "N RMS", lambda each: each.force_noise),
-)
-
-
-def _goal(each: Figures, goal: str, band: tuple[float, float]) -> float:
-    """What is to be small."""
-    f, size = each.compliance.frequency, each.compliance.magnitude
-    inside = (f >= band[0]) & (f <= band[1])
-    match goal:
-        case "rope-snap":
-            return each.rope_snap
-        case "stiffness":
-            x = np.log(f[inside])
-            return float(np.sqrt(np.trapezoid(size[inside] ** 2, x) / (x[-1] - x[0])))
-        case "least-stiffness":
-            return float(np.max(size[inside]))
-        case _:
-            return 1.0 / each.bandwidth if each.bandwidth else np.inf
-
-
-def _broken(before: tuple[Figures, ...], limits: Limits) -> str:
-    """Which limit today's control does not keep, as a clause; empty if it keeps all."""
-    for each in before:
-        m = each.margins
-        if limits.sensitivity_peak is not None and m.sensitivity_peak > 1.02 * limits.sensitivity_peak:
-            return f"have Ms = {m.sensitivity_peak:.3g}, more than {limits.sensitivity_peak:g}"
-        phase, gain = m.phase_margin_deg, m.gain_increase_dB
-        if limits.phase_margin_deg is not None and phase is not None and abs(phase) < 0.98 * limits.phase_margin_deg:
-            return f"have {phase:.3g} deg of phase margin, less than {limits.phase_margin_deg:g}"
-        if limits.gain_margin_dB is not None and gain is not None and gain < 0.98 * limits.gain_margin_dB:
-            return f"have {gain:.3g} dB of gain margin, less than {limits.gain_margin_dB:g}"
-        if limits.compliance_peak is not None and each.peak_compliance > 1.02 * limits.compliance_peak:
-            return f"have a peak compliance of {1e6 * each.peak_compliance:.3g} um/N"
-    return ""

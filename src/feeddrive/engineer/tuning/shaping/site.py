@@ -19,6 +19,7 @@ _PER_DECADE = 250
 _BESIDE = np.linspace(-4.0, 4.0, 65)  # half widths of a resonance at which lines are added
 _STEP, _BEND = 0.035, 0.12  # of ln f, and of the response: what two lines of a search may differ by
 _FINEST = 0.003  # of ln f: lines of a measurement with variance keep this distance after smoothing
+_CLOSEST = 3e-4  # the same of lines without variance, which only a measurement of very many lines has
 _WIDTH = 5  # lines over which a noisy curve is averaged before its bends are counted
 _AVERAGES = 8  # behind a coherence that comes without a variance
 
@@ -147,7 +148,7 @@ def measured_site(
     sources = [[_on(each, inside, averages) for each in row] for row in (both, hit) if row]
     # neighbors that tell nothing apart help their smoothed neighbor, and are left out
     marked = all(each.variance is not None for row in sources for each in row)
-    wanted = _thinned(given) if marked else np.arange(given.size)
+    wanted = _thinned(given, _FINEST if marked else _CLOSEST)
     lines = given[wanted]
     late = np.exp(-2j * np.pi * lines * delay)
     ratio = np.full((2, lines.size), np.nan, dtype=complex)
@@ -182,10 +183,10 @@ def measured_site(
     )
 
 
-def _thinned(frequency: np.ndarray) -> np.ndarray:
-    """Indices of lines that keep a small distance."""
+def _thinned(frequency: np.ndarray, apart: float) -> np.ndarray:
+    """Indices of lines that keep a small distance in ln f."""
     x = np.log(frequency)
-    keep = np.unique(np.searchsorted(x, np.arange(x[0], x[-1], _FINEST)).clip(0, x.size - 1))
+    keep = np.unique(np.searchsorted(x, np.arange(x[0], x[-1], apart)).clip(0, x.size - 1))
     return np.union1d(keep, [x.size - 1])
 
 

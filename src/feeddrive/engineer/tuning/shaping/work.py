@@ -109,6 +109,23 @@ class Work:
         self.evaluations += search.criteria.count
         return Best(control, names, end, search.criteria, sure, cost, max(costs) - min(costs), (low, high))
 
+    def as_it_is(self, control: Control, names: tuple[str, ...]) -> Best:
+        """A control that is not searched any further, with the knobs it names."""
+        x = logarithms(control, names)
+        criteria = self.criteria(control, names, whole=True)
+        search = Search(criteria, x, x)
+        found = search.judge(x)
+        if found is None:
+            raise UnstableError("the loop is unstable with these gains: take another rule, or let the goal search")
+        answers = criteria.answers(x)
+        certainty.require_covered(answers)
+        if self.noisy:
+            certainty.require_good(answers, 1.0)
+        self.evaluations += 1
+        return Best(
+            control, names, End(x, found, {}, search.broken(found)), criteria, 0.0, 0.0, 0.0, (x - 1.0, x + 1.0)
+        )
+
     def _begin(self, search: Search, x: np.ndarray, powers: np.ndarray) -> np.ndarray:
         """Where a search begins: at the values given if they are near, else at the best point as all gets slower."""
         here = search.judge(x)
