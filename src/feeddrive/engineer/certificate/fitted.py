@@ -86,9 +86,9 @@ def _solved(columns: np.ndarray, G: np.ndarray, weight: np.ndarray) -> tuple[np.
     left: list[np.ndarray] = []
     for response, w in zip(G, weight, strict=True):
         matrix = columns * w[:, None]
-        stacked = np.vstack([matrix.real, matrix.imag])
+        stacked = np.vstack([np.real(matrix), np.imag(matrix)])
         scale = np.linalg.norm(stacked, axis=0) + 1e-300
-        right = np.concatenate([(response * w).real, (response * w).imag])
+        right = np.concatenate([np.real(response * w), np.imag(response * w)])
         x = np.linalg.lstsq(stacked / scale, right, rcond=None)[0]
         factors.append(x / scale)
         left.append(stacked / scale @ x - right)
@@ -109,7 +109,7 @@ def _refined(f: np.ndarray, G: np.ndarray, weight: np.ndarray, T: float, count: 
         if poles.size < count:
             continue
         chosen = np.sort_complex(poles[np.argsort(-heights)[:count]])
-        ratio = np.clip(-chosen.real / np.abs(chosen), 1e-4, 0.9)
+        ratio = np.clip(-np.real(chosen) / np.abs(chosen), 1e-4, 0.9)
         for late in np.arange(0.0, 4.1, 1.0) * T:
             for corner in (0.05 * low, low):
                 begin = np.concatenate([np.log(np.abs(chosen)), np.log(ratio), [np.log(corner), late]])

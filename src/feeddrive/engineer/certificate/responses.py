@@ -94,10 +94,10 @@ class LoopResponse:
         """By which factor all discs could be wider, and the frequency in Hz that allows no more."""
         f = self.lines()
         if also:
-            spread = np.concatenate([x * np.geomspace(0.98, 1.02, 81) for x in also])
+            spread = np.concatenate([x * np.geomspace(0.98, 1.0 / 0.98, 81) for x in also])
             f = np.unique(np.concatenate([f, spread[spread <= f[-1]]]))
-        best = (np.inf, float(f[-1]))
         room = self._ratio(f)
+        best = float(np.min(room)), float(f[np.argmin(room)])  # it may lie on an edge of the radius
         # each local minimum is followed down between its neighbors
         inner = np.flatnonzero((room <= np.append(room[1:], np.inf)) & (room <= np.append(np.inf, room[:-1])))
         for i in inner[np.argsort(room[inner])][:8]:
