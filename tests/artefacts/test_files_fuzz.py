@@ -20,6 +20,7 @@ import h5py
 import numpy as np
 import pytest
 import scipy.io
+from mdf_files import mdf4
 
 from feeddrive.artefacts.files import machine
 from feeddrive.artefacts.files.frf import read_frf, read_frfs
@@ -156,6 +157,8 @@ SOURCES: dict[str, Callable[[Path], bytes]] = {
     "l.csv": lambda _: epos(),
     "m.csv": lambda _: twincat(),
     "n.uff": lambda _: universal(1),
+    "o.mf4": lambda _: mdf4(COLUMNS, 1e-3),
+    "p.mf4": lambda _: mdf4(COLUMNS, 1e-3, packed=True),
 }
 # what a log needs beside itself to be read
 NEEDS: dict[str, dict[str, Any]] = {"h.npy": {"mapping": {"time": "column_1"}}, "k.txt": {"sample_time": 1e-3}}

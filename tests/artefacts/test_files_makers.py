@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import builtins
 import io
-import zlib
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +10,7 @@ import pytest
 
 from feeddrive.artefacts.files.formats import read_columns
 from feeddrive.artefacts.files.log import read_arrays, read_log
-from feeddrive.language.errors import LogError, MissingExtraError
+from feeddrive.language.errors import LogError
 
 RNG = np.random.default_rng(3)
 X = np.round(np.cumsum(RNG.normal(size=(40, 2)), axis=0), 6)
@@ -294,50 +292,3 @@ def test_what_is_wrong_with_a_twincat_export(tmp_path: Path) -> None:
     with pytest.raises(LogError, match=r"column 'slow' \(force\) is not numbers but sampled every 5 ms"):
         read_log(write(tmp_path, "\n".join(lines)), {"position_load": "Axis 1.ActPos", "velocity_load":
                                                      "Axis 1.ActVelo", "force": "slow"})  # fmt: skip
-
-
-# MDF4
-
-
-def test_mdf4(tmp_path: Path) -> None:
-    asammdf = pytest.importorskip("asammdf", reason="NOT TESTED on MDF4 files: asammdf is not installed")
-    t = 1e-3 * np.arange(200)
-    for compression in (0, 1, 2):
-        with asammdf.MDF(version="4.10") as file:
-            file.append(
-                [asammdf.Signal(np.sin(t), t, unit="mm", name="x"), asammdf.Signal(np.cos(t), t, unit="N", name="f")]
-            )
-            file.append([asammdf.Signal(t[::5], t[::5], unit="A", name="i")])
-            path = Path(file.save(tmp_path / "a.mf4", overwrite=True, compression=compression))
-        log = read_log(path)
-        assert log.units == {"x": "mm", "f": "N"}
-        assert log.sample_time == 1e-3
-        np.testing.assert_array_equal(log["x"], np.sin(t))
-        assert log.left_out == {"i": "of another group, with a clock of its own"}
-        assert read_log(path, {"current": "i"}).sample_time == 5e-3
-        whole = path.read_bytes()
-        for cut in (200, 1000, len(whole) // 2):
-            path.write_bytes(whole[:cut])
-            with pytest.raises(LogError, match=r"damaged or cut off MDF4|without numbers"):
-                read_log(path)
-
-
-def test_packed_blocks_of_mdf4_are_measured_first() -> None:
-    pytest.importorskip("asammdf", reason="NOT TESTED on MDF4 files: asammdf is not installed")
-    packed = zlib.compress(bytes(1_000_000))
-    block = b"##DZ".ljust(8, b"\0") + bytes(24) + (1000).to_bytes(8, "little") + len(packed).to_bytes(8, "little")
-    with pytest.raises(LogError, match=r"its packed blocks hold more than they may"):
-        read_columns("a.mf4", b"MDF     4.10    ".ljust(64, b"\0") + block + packed, None)
-
-
-def test_without_asammdf_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    real = builtins.__import__
-
-    def absent(name: str, *rest: object) -> object:
-        if name == "asammdf":
-            raise ImportError
-        return real(name, *rest)  # type: ignore[arg-type]
-
-    monkeypatch.setattr(builtins, "__import__", absent)
-    with pytest.raises(MissingExtraError, match=r"needs the package 'asammdf'.*feeddrive\[mdf\]"):
-        read_columns("a.mf4", b"MDF     4.10    ", None)

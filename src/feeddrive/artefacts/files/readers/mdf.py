@@ -1,112 +1,213 @@
-"""MDF4 measurement files (ASAM MDF 4): the numeric channels of the group that has most of those that are wanted.
+"""MDF4 measurement files (ASAM MDF 4.0 to 4.2): the numeric channels of the group that has most of those wanted.
 
-Needs asammdf (the extra `mdf`, some 50 MB).  Up to 200 MB; packed blocks are measured before they are unpacked.
+Sorted files, records in rows, packed by zlib or not; conversions that are numbers.  Formulas are not executed.
 """
 
 from __future__ import annotations
 
-import contextlib
-import io
-import zlib
-from collections.abc import Iterator
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 
-from feeddrive.artefacts.files.columns import Columns, check_unpacked, is_wanted, most_unpacked, unit_of
-from feeddrive.language.errors import LogError, MissingExtraError
+from feeddrive.artefacts.files.columns import Columns, check_unpacked, is_wanted, unit_of
+from feeddrive.artefacts.files.readers.mdf_blocks import Block, Blocks, DamagedError
+from feeddrive.language.errors import LogError
 
 MOST_BYTES = 200_000_000
 STARTS = (b"MDF     4", b"UnFinMF 4")
-_PACKED = b"##DZ"  # a block: id, 4 free bytes, length, links; kind (8 bytes), length of the original, of what is packed
-_HEAD = 48
-_PIECE = 1_000_000
+_HEADER = 64  # address of the first block
+_FIXED, _MASTER, _VIRTUAL_MASTER = 0, 2, 3
+_TIME = 1  # what a master counts in
+_FLOATS = {16: "f2", 32: "f4", 64: "f8"}
+
+
+@dataclass(frozen=True, eq=False)
+class _Channel:
+    """A channel's name, unit, block, and why it is not read, if it is not."""
+
+    label: str
+    unit: str
+    block: Block
+    trouble: str
+
+    @property
+    def is_time(self) -> bool:
+        kind, counts = self.block.numbers("BB")
+        return kind in (_MASTER, _VIRTUAL_MASTER) and counts == _TIME
+
+
+@dataclass(frozen=True, eq=False)
+class _Group:
+    """Channels on one clock: `rows` records of `size` bytes from `data`, `before` bytes of an id in front of each."""
+
+    channels: tuple[_Channel, ...]
+    data: int
+    rows: int
+    before: int
+    kept: int  # bytes of values in a record
+    invalid: int  # bytes of flags behind them
+
+    @property
+    def size(self) -> int:
+        return self.before + self.kept + self.invalid
 
 
 def read_mdf(name: str, content: bytes, wanted: frozenset[str] | None) -> Columns:
-    """The channels of one group. Raises LogError if it is damaged, MissingExtraError without asammdf."""
-    try:
-        from asammdf import MDF  # pyright: ignore[reportMissingImports]  # an extra that `dev` does not bring
-    except ImportError:
-        raise MissingExtraError("asammdf", "mdf", f"{name}: reading an MDF4 file") from None
+    """The channels of one group. Raises LogError if the file is damaged, or stores records in a way not read."""
     if len(content) > MOST_BYTES:
         raise LogError(
             f"{name}: has {len(content) / 1e6:,.0f} MB, more than the {MOST_BYTES / 1e6:,.0f} MB of an MDF4 file that "
             "are read; export the channels that are needed"
         )
-    _check_packed(name, content)
+    blocks = Blocks(name, content)
     try:
-        # asammdf prints what it finds odd in a damaged file
-        with contextlib.redirect_stdout(io.StringIO()), MDF(io.BytesIO(content)) as file:
-            groups = [(k, list(_channels(file, k))) for k in range(len(file.groups))]
-            groups = [(k, channels) for k, channels in groups if channels]
-            if not groups:
-                raise LogError(f"{name}: is an MDF4 file without numbers; export its channels")
-            index, chosen = max(groups, key=lambda group: sum(is_wanted(label, wanted) for _, label in group[1]))
-            cycles = int(file.groups[index].channel_group.cycles_nr)
-            check_unpacked(name, cycles * (len(chosen) + 1), len(content))
-            return _columns(file, index, chosen, groups, wanted)
-    except LogError:
-        raise
-    except Exception:  # asammdf hands every kind of error through
+        groups = _groups(blocks)
+        useful = [group for group in groups if any(not c.trouble and not c.is_time for c in group.channels)]
+        if not useful:
+            raise LogError(f"{name}: is an MDF4 file without numbers; export its channels")
+        chosen = max(useful, key=lambda group: sum(is_wanted(c.label, wanted) for c in group.channels if not c.trouble))
+        check_unpacked(name, chosen.rows * len(chosen.channels), len(content))
+        return _columns(blocks, chosen, groups, wanted)
+    except DamagedError:
         raise LogError(f"{name}: is a damaged or cut off MDF4 file; export it again") from None
 
 
-def _channels(file: Any, group: int) -> Iterator[tuple[int, str]]:
-    """Place and name of the channels of a group that hold plain numbers, without its time."""
-    for place, channel in enumerate(file.groups[group].channels):
-        if int(channel.channel_type) == 0 and int(channel.data_type) <= 5:  # fixed length; integers and floats
-            yield place, str(channel.name)
+def _groups(blocks: Blocks) -> list[_Group]:
+    """All groups that hold records."""
+    found: list[_Group] = []
+    finished = bytes(blocks.content[:8]) == b"MDF     "
+    for data_group in blocks.chain(blocks.at(_HEADER, b"##HD").link(0), b"##DG"):
+        (before,) = data_group.numbers("B")
+        groups = list(blocks.chain(data_group.link(1), b"##CG"))
+        if len(groups) > 1:
+            raise LogError(
+                f"{blocks.name}: is an unsorted MDF4 file, with records of {len(groups)} groups mixed; save it sorted"
+            )
+        for group in groups:
+            _, rows, flags, _, kept, invalid = group.numbers("QQHH4xII")
+            if flags & 1 or not data_group.link(2):  # lengths of texts; nothing recorded
+                continue
+            size = before + kept + invalid
+            if not finished and rows == 0 and size:
+                rows = len(blocks.records(data_group.link(2))) // size
+            channels = _channels(blocks, group)
+            if rows and channels:
+                found.append(_Group(channels, data_group.link(2), rows, before, kept, invalid))
+    return found
 
 
-def _columns(
-    file: Any, index: int, chosen: list[tuple[int, str]], groups: list[Any], wanted: frozenset[str] | None
-) -> Columns:
+def _channels(blocks: Blocks, group: Block) -> tuple[_Channel, ...]:
+    found: list[_Channel] = []
+    seen: dict[str, int] = {}
+    for block in blocks.chain(group.link(1), b"##CN"):
+        kind, _, data, _ = block.numbers("BBBB")
+        label = blocks.text(block.link(2)) or f"channel_{len(found) + 1}"
+        seen[label] = seen.get(label, 0) + 1
+        label = label if seen[label] == 1 else f"{label}_{seen[label]}"
+        conversion = blocks.at(block.link(4), b"##CC") if block.link(4) else None
+        unit = blocks.text(block.link(6)) or ("" if conversion is None else blocks.text(conversion.link(1)))
+        trouble = "" if conversion is None or conversion.numbers("B")[0] in _CONVERSIONS else _TROUBLE
+        if kind not in (_FIXED, _MASTER, _VIRTUAL_MASTER) or (kind != _VIRTUAL_MASTER and data > 5) or block.link(1):
+            trouble = "no plain numbers"
+        found.append(_Channel(label, unit, block, trouble))
+    return tuple(found)
+
+
+def _columns(blocks: Blocks, chosen: _Group, groups: list[_Group], wanted: frozenset[str] | None) -> Columns:
     values: dict[str, np.ndarray] = {}
-    units: dict[str, str] = {"time": "s"}
-    left_out: dict[str, str] = {}
+    units: dict[str, str] = {}
+    left_out = {channel.label: channel.trouble for channel in chosen.channels if channel.trouble}
     unread: list[str] = []
-    for place, label in chosen:
-        if not is_wanted(label, wanted):
-            unread.append(label)
+    data = blocks.records(chosen.data)
+    if chosen.rows * chosen.size > len(data):
+        raise DamagedError
+    for channel in chosen.channels:
+        if channel.trouble:
             continue
-        signal = file.get(group=index, index=place, ignore_invalidation_bits=True)
-        numbers = np.asarray(signal.samples)
-        if numbers.ndim != 1 or numbers.dtype.kind not in "fiub":
-            left_out[label] = "no plain numbers"
+        if not channel.is_time and not is_wanted(channel.label, wanted):
+            unread.append(channel.label)
             continue
-        values.setdefault("time", np.asarray(signal.timestamps, dtype=np.float64))
-        values[label] = numbers.astype(np.float64)
-        if signal.unit:
-            units[label] = unit_of(str(signal.unit)) or str(signal.unit)
-    for k, channels in groups:
-        if k != index:
-            left_out |= {label: "of another group, with a clock of its own" for _, label in channels}
+        label = "time" if channel.is_time else channel.label
+        values[label] = _converted(blocks, channel.block, _raw(channel.block, chosen, data))
+        unit = channel.unit or ("s" if channel.is_time else "")
+        if unit:
+            units[label] = unit_of(unit) or unit
+    for group in groups:
+        if group is not chosen:
+            apart = {c.label: "of another group, with a clock of its own" for c in group.channels if not c.is_time}
+            left_out = apart | left_out
     return Columns("MDF4", values, units, unread=tuple(unread), left_out=left_out)
 
 
-def _check_packed(name: str, content: bytes) -> None:
-    """Raise LogError if the packed blocks hold more than they state, or more than is read."""
-    total, at = 0, content.find(_PACKED)
-    while at >= 0:
-        stated = int.from_bytes(content[at + 32 : at + 40], "little")
-        length = int.from_bytes(content[at + 40 : at + _HEAD], "little")
-        total += stated
-        if total > most_unpacked(len(content)) or _unpacks_to_more(content[at + _HEAD : at + _HEAD + length], stated):
-            raise LogError(f"{name}: its packed blocks hold more than they may; it is damaged or a bomb")
-        at = content.find(_PACKED, at + 4)
+def _raw(channel: Block, group: _Group, data: memoryview) -> np.ndarray:
+    """Numbers of a channel as they were recorded, NaN where its flag says that they are not valid."""
+    kind, _, form, shift, offset, bits, flags, flag_at = channel.numbers("BBBBIIII")
+    if kind == _VIRTUAL_MASTER:
+        return np.arange(group.rows, dtype=np.float64)
+    width = (shift + bits + 7) // 8
+    if not 0 < width <= 8 or offset + width > group.kept:
+        raise DamagedError
+    big = form in (1, 3, 5)
+    if form >= 4:
+        if bits not in _FLOATS or shift:
+            raise DamagedError
+        found = _strided(data, group, offset, (">" if big else "<") + _FLOATS[bits]).astype(np.float64)
+    else:
+        found = _integers(data, group, offset, width, big)
+        found = (found >> np.uint64(shift)) & np.uint64((1 << bits) - 1)
+        if form >= 2:  # two's complement: the highest bit counts negative
+            found = (found << np.uint64(64 - bits)).view(np.int64) >> np.int64(64 - bits)
+        found = found.astype(np.float64)
+    if flags & 1:
+        found[:] = np.nan
+    elif flags & 2:
+        if flag_at // 8 >= group.invalid:
+            raise DamagedError
+        flag = _strided(data, group, group.kept + flag_at // 8, "u1")
+        found[flag & np.uint8(1 << flag_at % 8) != 0] = np.nan
+    return found
 
 
-def _unpacks_to_more(packed: bytes, stated: int) -> bool:
-    """True if zlib makes more bytes of it than stated; nothing of them is kept."""
-    zip_ = zlib.decompressobj()
-    size, rest = 0, packed
-    try:
-        while rest and not zip_.eof:
-            size += len(zip_.decompress(rest, _PIECE))
-            if size > stated:
-                return True
-            rest = zip_.unconsumed_tail
-    except zlib.error:
-        return False  # damaged, which its reader will say
-    return False
+def _integers(data: memoryview, group: _Group, offset: int, width: int, big: bool) -> np.ndarray:
+    """`width` bytes of each record as an unsigned number."""
+    found = np.zeros(group.rows, dtype=np.uint64)
+    for k in range(width):
+        place = offset + (width - 1 - k if big else k)
+        found |= _strided(data, group, place, "u1").astype(np.uint64) << np.uint64(8 * k)
+    return found
+
+
+def _strided(data: memoryview, group: _Group, offset: int, dtype: str) -> np.ndarray:
+    """One number of each record, without copying the records."""
+    return np.ndarray((group.rows,), dtype, data, group.before + offset, (group.size,))
+
+
+_CONVERSIONS = (0, 1, 2, 4, 5)  # none, linear, rational, tables of values with and without interpolation
+_TROUBLE = "converted by a formula, a table of ranges or of texts"
+
+
+def _converted(blocks: Blocks, channel: Block, raw: np.ndarray) -> np.ndarray:
+    """In the channel's unit."""
+    if not channel.link(4):
+        return raw
+    block = blocks.at(channel.link(4), b"##CC")
+    kind, _, _, _, count = block.numbers("BBHHH")
+    numbers = block.floats(count, 24)
+    with np.errstate(all="ignore"):
+        match kind:
+            case 1 if count >= 2:
+                return numbers[0] + numbers[1] * raw
+            case 2 if count >= 6:
+                a, b, c, d, e, f = numbers[:6]
+                return ((a * raw + b) * raw + c) / ((d * raw + e) * raw + f)
+            case 4 | 5 if count >= 4 and count % 2 == 0:
+                keys, values = np.array(numbers[::2]), np.array(numbers[1::2])
+                if not np.all(np.diff(keys) > 0.0):
+                    raise DamagedError
+                if kind == 4:
+                    return np.interp(raw, keys, values)
+                return values[np.searchsorted(0.5 * (keys[1:] + keys[:-1]), raw)]
+            case 0:
+                return raw
+            case _:
+                raise DamagedError
