@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from feeddrive.artefacts import plot
+from feeddrive.artefacts.certificate.certificate_file import write_certificate
 from feeddrive.artefacts.files.blocks_to_toml import to_toml
 from feeddrive.artefacts.files.whole import new_directory
 from feeddrive.artefacts.report.content import Shown
@@ -18,6 +19,7 @@ from feeddrive.artefacts.report.page import definitions, header, page, picture
 from feeddrive.artefacts.report.tables import table
 from feeddrive.engineer.analysis.margins import Margins
 from feeddrive.engineer.analysis.stiffness import Stiffness
+from feeddrive.engineer.certificate.certificate import Certificate
 from feeddrive.engineer.tuning.judged_recipes import JudgedRecipe
 from feeddrive.engineer.tuning.shaping.figures import FIGURES, Figures
 from feeddrive.engineer.tuning.shaping.knobs import readable
@@ -42,8 +44,10 @@ class Story:
     today: str = "today"
 
 
-def write_tuned(found: ShapedLoop, machine: str | None, axis: str, out: str | Path, story: Story) -> Path:
-    """Write report, summary, the control and, if the tuning holds, the machine file into a directory.
+def write_tuned(
+    found: ShapedLoop, machine: str | None, axis: str, out: str | Path, story: Story, certificate: Certificate | None
+) -> Path:
+    """Write report, summary, the control and, if the tuning holds, machine file and certificate into a directory.
 
     The path of the report.  Raises FileError if `out` cannot be written.
     """
@@ -54,6 +58,8 @@ def write_tuned(found: ShapedLoop, machine: str | None, axis: str, out: str | Pa
             (folder / "control.toml").write_text(to_toml(found.control, f"axis.{axis}.control"), encoding="utf-8")
             if machine is not None:
                 (folder / "machine.toml").write_text(machine, encoding="utf-8")
+            if certificate is not None:
+                write_certificate(folder / "certificate.json", certificate)
     return Path(out) / "report.html"
 
 

@@ -6,6 +6,7 @@ import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 from rich.console import Console
 
@@ -13,8 +14,12 @@ from feeddrive.artefacts.certificate.certificate_page import FILE, write_certifi
 from feeddrive.artefacts.files.frf import encoders, read_frf, read_frfs
 from feeddrive.artefacts.files.machine import BUNDLED, Machine, read_machine
 from feeddrive.doors.cli.working import drawn
+from feeddrive.engineer.certificate.certificate import Certificate
 from feeddrive.engineer.certificate.certify import PlantLike, certify
-from feeddrive.language.errors import ParameterError
+from feeddrive.engineer.certificate.sites import site_plants
+from feeddrive.engineer.tuning.shaping.site import Site
+from feeddrive.language.errors import FeeddriveError, ParameterError
+from feeddrive.loop.control import Control
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.loop import Loop
 
@@ -59,6 +64,27 @@ def perform(asked: Asked) -> None:
         console.print(f"- Outside: {text}", markup=False)
     console.print(f"Certificate: {report.parent / FILE}", markup=False, soft_wrap=True)
     console.print(f"Report: {report}", markup=False, soft_wrap=True)
+
+
+def certified(
+    control: Control, sites: Sequence[Site | Loop], text: str | None, axis: str
+) -> tuple[Certificate | None, str]:
+    """The certificate of a tuned control at its sites, and what it says; None and the reason where there is none.
+
+    With the text of a machine file it is the control of that file, whose numbers have fewer digits.
+    """
+    of_file: dict[str, str] = {}
+    try:
+        if text is not None:
+            with TemporaryDirectory() as folder:
+                file = Path(folder) / "machine.toml"
+                file.write_text(text, encoding="utf-8")
+                machine = read_machine(file)
+            control, of_file = machine.loop(axis).control, source(machine)
+        found = certify(control, site_plants(sites), sample_time=float(sites[0].sample_time), machine=of_file)
+    except FeeddriveError as error:
+        return None, str(error)
+    return found, found.sentence()
 
 
 def source(machine: Machine) -> dict[str, str]:

@@ -17,9 +17,11 @@ from feeddrive.artefacts.files.machine import Machine, read_machine
 from feeddrive.artefacts.files.messages import nearest
 from feeddrive.artefacts.tuning.tune_page import Story, tables, write_tuned
 from feeddrive.artefacts.tuning.tuned_machine import machine_text
+from feeddrive.doors.cli.certify import certified
 from feeddrive.doors.cli.frf import frequencies
 from feeddrive.doors.cli.tune_sources import Measurement, machine_of, several, site_of
 from feeddrive.doors.cli.working import drawn
+from feeddrive.engineer.certificate.certificate import Certificate
 from feeddrive.engineer.tuning.designs import designs
 from feeddrive.engineer.tuning.judged_recipes import JudgedRecipe, judged_recipes
 from feeddrive.engineer.tuning.recipes import RECIPES, margin_goals
@@ -67,9 +69,10 @@ def perform(asked: Asked) -> None:
     with bar:
         task = bar.add_task("reading")
         step: Callable[[str], None] = lambda text: bar.update(task, description=escape(text))  # noqa: E731
-        found, story, text, name = _tuned(asked, step)
+        found, story, text, name, certificate = _tuned(asked, step)
         step("report")
-        report = write_tuned(found, text, name, asked.out or Path("results") / f"tune_{Path(asked.source).stem}", story)
+        out = asked.out or Path("results") / f"tune_{Path(asked.source).stem}"
+        report = write_tuned(found, text, name, out, story, certificate)
     _show(console, found, story, report, text is not None)
     if not found.holds:
         sys.stderr.write("feeddrive: the tuning does not hold what it should; no machine file was written\n")
@@ -88,7 +91,7 @@ def _check(asked: Asked) -> None:
         raise ParameterError(f"--recipe gives a cascade_ppi, not --law {asked.law}: leave one of them out")
 
 
-def _tuned(asked: Asked, step: Callable[[str], None]) -> tuple[ShapedLoop, Story, str | None, str]:
+def _tuned(asked: Asked, step: Callable[[str], None]) -> tuple[ShapedLoop, Story, str | None, str, Certificate | None]:
     machine = machine_of(asked.source)
     base = machine if asked.baseline is None else read_machine(asked.baseline)
     loop = None if base is None else base.loop(asked.axis)
@@ -125,7 +128,10 @@ def _tuned(asked: Asked, step: Callable[[str], None]) -> tuple[ShapedLoop, Story
         "In Python": _python(asked),
     }
     text = None if base is None or not found.holds else machine_text(base, name, found.control)
-    return found, Story(what, {k: v for k, v in facts.items() if v}, rules, tuple(said), begun or "today"), text, name
+    step("certificate")
+    certificate, facts["Certificate"] = certified(found.control, sites, text, name) if found.holds else (None, "")
+    story = Story(what, {k: v for k, v in facts.items() if v}, rules, tuple(said), begun or "today")
+    return found, story, text, name, certificate
 
 
 def _python(asked: Asked) -> str:

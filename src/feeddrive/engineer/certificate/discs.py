@@ -90,7 +90,7 @@ def _up(radius: float) -> float:
     if radius == 0.0:
         return 0.0
     unit = 10.0 ** (math.floor(math.log10(radius)) - 3)
-    return math.ceil(radius * (1.0 + 1e-9) / unit) * unit
+    return math.ceil(radius / unit - 1e-7) * unit
 
 
 def together(readings: Sequence[Sequence[tuple[float, float]]]) -> list[dict[str, Any]]:
