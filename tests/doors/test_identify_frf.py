@@ -97,8 +97,10 @@ def test_a_current_needs_its_force_constant_for_a_machine(tmp_path: Path) -> Non
 
 
 def test_encoders_must_be_told_apart(tmp_path: Path) -> None:
-    done = runner.invoke(app, ["identify", str(written(tmp_path))])
+    path = written(tmp_path)
+    path.write_text(path.read_text(encoding="utf-8").replace("_motor[", "_one[").replace("_load[", "_two["))
+    done = runner.invoke(app, ["identify", str(path)])
     assert isinstance(done.exception, ParameterError)
     assert "--motor NAME" in str(done.exception)
-    done = runner.invoke(app, ["identify", str(written(tmp_path)), "--motor", "mtor"])
-    assert "mtor" in str(done.exception)
+    done = runner.invoke(app, ["identify", str(path), "--motor", "oen"])
+    assert "did you mean one" in str(done.exception)

@@ -23,6 +23,12 @@ def nearest(name: str, allowed: Iterable[str]) -> str:
     return f"; there are: {', '.join(known[:20])}{', ...' if len(known) > 20 else ''}"
 
 
+def sentence(text: str) -> str:
+    """A remark as a sentence: a capital at the start, unless that is a name, and a full stop."""
+    first = text.split(" ", 1)[0].rstrip(":,;")
+    return f"{text[:1].upper() if first.isalpha() else text[:1]}{text[1:]}."
+
+
 def shown(value: Any) -> str:
     """A value as it may stand in a message: short, on one line."""
     if isinstance(value, bool):

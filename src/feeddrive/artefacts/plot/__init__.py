@@ -29,7 +29,7 @@ from feeddrive.artefacts.plot.over_frequency import bode, closed_loop, sensitivi
 from feeddrive.artefacts.plot.over_time import comparison, following_error, force, motion, run
 from feeddrive.artefacts.plot.prediction import replay
 from feeddrive.artefacts.plot.prefilter import prefilter_fit
-from feeddrive.artefacts.plot.response_fit import response_fit
+from feeddrive.artefacts.plot.response_fit import response_fit, response_nyquist, response_residuals
 
 __all__ = [
     "batch",
@@ -61,6 +61,8 @@ __all__ = [
     "replay",
     "residuals",
     "response_fit",
+    "response_nyquist",
+    "response_residuals",
     "rigid_fit",
     "run",
     "sensitivity",

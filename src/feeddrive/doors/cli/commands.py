@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from feeddrive.doors.cli.certify_command import certify, check
+from feeddrive.doors.cli.identify_command import channels, identify
 from feeddrive.doors.cli.tune_command import tune
 
 app = typer.Typer(
@@ -267,86 +268,8 @@ def excite(
     perform(machine, axis, band, out, asked)
 
 
-@app.command()
-def identify(
-    log: Annotated[
-        Path, typer.Argument(help="A log of position and force of one motion, or a file of frequency responses.")
-    ],
-    machine: Annotated[
-        str | None,
-        typer.Option("--machine", help="The machine file to start from; its comments are kept.", show_default=False),
-    ] = None,
-    axis: Annotated[str | None, typer.Option("--axis", help="Its axis, if it has several.", show_default=False)] = None,
-    friction: Annotated[str, typer.Option("--friction", help="best, symmetric or directional.")] = "best",
-    set_position: Annotated[
-        str | None, typer.Option("--set-position", help="Column of the set position, name:unit.", show_default=False)
-    ] = None,
-    position: Annotated[
-        str | None, typer.Option("--position", help="Column of the position, name:unit.", show_default=False)
-    ] = None,
-    force: Annotated[
-        str | None, typer.Option("--force", help="Column of the commanded force, name:unit.", show_default=False)
-    ] = None,
-    command: Annotated[
-        str | None, typer.Option("--command", help="Column of the command in the drive's unit.", show_default=False)
-    ] = None,
-    angle: Annotated[
-        str | None, typer.Option("--angle", help="Column of the motor's angle, name:unit.", show_default=False)
-    ] = None,
-    torque: Annotated[
-        str | None, typer.Option("--torque", help="Column of the motor's torque, name:unit.", show_default=False)
-    ] = None,
-    force_constant: Annotated[
-        float | None,
-        typer.Option("--force-constant", help="N at the table per unit of the command.", show_default=False),
-    ] = None,
-    lead: Annotated[
-        float | None, typer.Option("--lead", help="m; puts angles and torques at the table.", show_default=False)
-    ] = None,
-    gear: Annotated[float, typer.Option("--gear", help="Turns of the motor in one turn of the screw.")] = 1.0,
-    sample_time: Annotated[
-        float | None, typer.Option("--sample-time", help="s, of a log without a clock.", show_default=False)
-    ] = None,
-    model: Annotated[
-        str | None,
-        typer.Option("--model", help="Of frequency responses: two-mass, modal or modes.", show_default=False),
-    ] = None,
-    modes: Annotated[
-        int | None, typer.Option("--modes", help="How many; found if left out.", show_default=False)
-    ] = None,
-    motor: Annotated[
-        str | None, typer.Option("--motor", help="Response of the motor's encoder, by name.", show_default=False)
-    ] = None,
-    load: Annotated[
-        str | None, typer.Option("--load", help="Response of the load's encoder, by name.", show_default=False)
-    ] = None,
-    band: Annotated[
-        str | None, typer.Option("--band", help="Of frequency responses, as 5..300 in Hz.", show_default=False)
-    ] = None,
-    unit: Annotated[
-        str | None, typer.Option("--unit", help="Of responses that do not say theirs, as m/N.", show_default=False)
-    ] = None,
-    out: Out = None,
-) -> None:
-    """Find mass, friction and dead time in a log, or masses and modes in frequency responses; with errors."""
-    from feeddrive.doors.cli.identify_frf import Asked, responses_in
-
-    responses = responses_in(log)
-    if responses is not None:
-        from feeddrive.doors.cli.identify_frf import perform as perform_frf
-
-        asked = Asked(motor, load, model, modes, band, unit, force_constant, lead, gear, machine, axis, out)
-        perform_frf(log, responses, asked)
-        return
-    from feeddrive.doors.cli.identify import perform
-
-    columns = {
-        "setpoint_position": set_position, "position_load": position, "force": force, "command": command,
-        "angle_motor": angle, "torque": torque,
-    }  # fmt: skip
-    perform(log, machine, axis, friction, columns, force_constant, lead, gear, sample_time, out)
-
-
+app.command()(identify)
+app.command()(channels)
 app.command()(tune)
 app.command()(certify)
 app.command()(check)

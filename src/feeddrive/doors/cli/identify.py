@@ -7,13 +7,12 @@ from pathlib import Path
 
 from rich.console import Console
 
-from feeddrive.artefacts.files.guess import guess_roles
-from feeddrive.artefacts.files.log import read_log
 from feeddrive.artefacts.files.machine import Machine, read_machine
 from feeddrive.artefacts.files.measured import Log
-from feeddrive.artefacts.files.roles import Column
+from feeddrive.artefacts.files.messages import sentence
 from feeddrive.artefacts.measurement.identified_machine import machine_text
 from feeddrive.artefacts.measurement.identify_page import tables, write_identified
+from feeddrive.doors.cli.roles import mapped
 from feeddrive.doors.cli.working import drawn
 from feeddrive.engineer.identification.identify import identify
 from feeddrive.engineer.identification.motion_log import MotionLog
@@ -21,7 +20,7 @@ from feeddrive.language.errors import LogError, ParameterError
 from feeddrive.loop.loop import Loop
 
 _POSITIONS = ("position_load", "position_motor")  # the first that is there is taken
-_ROTARY = {"setpoint_position": "setpoint_angle", "position_load": "angle_motor", "force": "torque"}
+_WANTED = ("time", "setpoint_position", *_POSITIONS, "force", "command", "setpoint_angle", "angle_motor", "torque")
 
 
 def perform(
@@ -30,6 +29,7 @@ def perform(
     axis: str | None,
     friction: str,
     columns: Mapping[str, str | None],
+    channels: Path | None,
     force_constant: float | None,
     lead: float | None,
     gear: float,
@@ -40,13 +40,13 @@ def perform(
     console = Console(highlight=False)
     given = None if machine is None else read_machine(machine)
     loop = None if given is None else given.loop(axis)
-    measured, mapping = _read(log, columns, sample_time)
+    measured, mapping = mapped(log, columns, channels, _WANTED, sample_time, console)
     motion = _motion(log, measured, loop, force_constant)
     found = identify(motion, loop, friction=friction, lead=lead, gear=gear)
     for each in tables(found):
         console.print(drawn(each))
     for remark in found.remarks:
-        console.print(f"- {remark[:1].upper()}{remark[1:]}.", markup=False)
+        console.print(f"- {sentence(remark)}", markup=False)
     text = machine_text(found, given, _name(given, loop, axis))
     facts = {
         "Log": str(log),
@@ -65,19 +65,6 @@ def perform(
     console.print(f"Report: {report}", markup=False, soft_wrap=True)
 
 
-def _read(path: Path, named: Mapping[str, str | None], sample_time: float | None) -> tuple[Log, dict[str, Column]]:
-    """The log with roles: those that were named, else those that names and units suggest."""
-    whole = read_log(path, sample_time=sample_time)
-    mapping = dict(guess_roles(whole).mapping)
-    for role, text in named.items():
-        if text is not None:
-            name, _, unit = text.partition(":")
-            mapping[role] = Column(name=name, unit=unit)
-    wanted = ("setpoint_position", *_POSITIONS, "force", "command", "setpoint_angle", "angle_motor", "torque")
-    mapping = {role: column for role, column in mapping.items() if role in wanted}
-    return read_log(path, mapping, sample_time=sample_time), mapping
-
-
 def _motion(path: Path, log: Log, loop: Loop | None, force_constant: float | None) -> MotionLog:
     """Position and force of the log, along the table or round a shaft."""
     motor = None if loop is None else loop.axis.actuator.motor
@@ -88,7 +75,7 @@ def _motion(path: Path, log: Log, loop: Loop | None, force_constant: float | Non
     if rotary:
         position = channels["angle_motor"]
     if position is None:
-        raise LogError(f"{path}: has no position that is named as such: name its column with --position")
+        raise LogError(f"{path}: has no position that is named as such: name its column with --position{_there(log)}")
     set_position = channels.get("setpoint_angle" if rotary else "setpoint_position")
     force = channels.get("torque" if rotary else "force")
     if force is None and "command" in channels:
@@ -101,7 +88,9 @@ def _motion(path: Path, log: Log, loop: Loop | None, force_constant: float | Non
         constant = float(motor.force_per_unit()) if motor is not None and force_constant is None else force_constant
         force = constant * channels["command"]
     if force is None:
-        raise LogError(f"{path}: has no force that is named as such: name its column with --force or --command")
+        raise LogError(
+            f"{path}: has no force that is named as such: name its column with --force or --command{_there(log)}"
+        )
     return MotionLog(
         name=log.name, position=position, force=force, set_position=set_position, sample_time=log.sample_time,
         force_limit=None if limit is None or rotary else float(limit), rotary=rotary,
@@ -112,3 +101,8 @@ def _name(machine: Machine | None, loop: Loop | None, axis: str | None) -> str:
     if machine is None:
         return axis or "x"
     return next(name for name, each in machine.loops.items() if each is loop)
+
+
+def _there(log: Log) -> str:
+    names = [*log.channels]
+    return f"; with a role there are: {', '.join(names)}" if names else ""

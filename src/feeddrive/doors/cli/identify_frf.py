@@ -3,25 +3,30 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from rich.console import Console
+from rich.markup import escape
+from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
-from feeddrive.artefacts.files.frf import read_frfs
-from feeddrive.artefacts.files.machine import read_machine
-from feeddrive.artefacts.files.messages import nearest
-from feeddrive.artefacts.measurement.response_page import machine_text, recommendation, tables, write_fit
+from feeddrive.artefacts.files.frf import encoders, read_frfs
+from feeddrive.artefacts.files.machine import Machine, read_machine
+from feeddrive.artefacts.files.messages import nearest, sentence
+from feeddrive.artefacts.measurement.response_page import machine_text, recommendation, tables, told_by, write_fit
+from feeddrive.blocks.families import Plant
+from feeddrive.blocks.plant.two_mass import TwoMass
 from feeddrive.doors.cli.frf import frequencies
 from feeddrive.doors.cli.working import drawn
+from feeddrive.engineer.identification.fit_axis import AxisFits, fit_axis
 from feeddrive.engineer.identification.modal_fit import ModalFit, fit_modes
-from feeddrive.engineer.identification.plant_fit import PlantFit
-from feeddrive.engineer.identification.two_mass_fit import fit_modal_axis, fit_two_mass
+from feeddrive.language import tree, units
 from feeddrive.language.errors import FeeddriveError, ParameterError
+from feeddrive.loop.axis import Axis
 from feeddrive.loop.frequency_response import FRF
 
-MODELS = ("two-mass", "modal", "modes")
+MODELS = ("auto", "rigid", "machine", "two-mass", "modal", "modes")
 
 
 @dataclass(frozen=True)
@@ -34,6 +39,7 @@ class Asked:
     modes: int | None = None
     band: str | None = None
     unit: str | None = None
+    fix: Sequence[str] = ()
     force_constant: float | None = None
     lead: float | None = None
     gear: float = 1.0
@@ -53,73 +59,139 @@ def responses_in(path: Path) -> dict[str, FRF] | None:
 def perform(path: Path, found: Mapping[str, FRF], asked: Asked) -> None:
     """Choose, fit, show, write."""
     console = Console(highlight=False)
-    chosen = _chosen(path, found, asked)
-    fit = _fit(chosen, asked)
-    for each in tables(fit):
-        console.print(drawn(each))
-    said = list(fit.remarks)
-    if isinstance(fit, PlantFit):
-        said += [f"not identifiable: {name}: {why}" for name, why in fit.not_identifiable.items()]
-    for remark in said:
-        console.print(f"- {remark[:1].upper()}{remark[1:]}.", markup=False)
-    console.print(recommendation(fit), markup=False)
+    model = asked.model or ("modal" if asked.modes else "auto")
+    if model not in MODELS:
+        raise ParameterError(f"--model must be one of {', '.join(MODELS)}, not '{model}'")
+    chosen = _chosen(path, found, asked, model)
     machine = None if asked.machine is None else read_machine(asked.machine)
-    name = asked.axis or ("x" if machine is None else next(iter(machine.loops)))
-    text = machine_text(fit, machine, name) if isinstance(fit, PlantFit) and fit.units.si else None
-    facts = {
+    axis = None if machine is None else machine.loop(asked.axis).axis
+    bar = Progress(SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn(), console=console,
+                   transient=True)  # fmt: skip
+    with bar:
+        task = bar.add_task("")
+        step: Callable[[str], None] = lambda text: bar.update(task, description=escape(text))  # noqa: E731
+        result = _fit(chosen, asked, model, axis, step)
+        step("report")
+        fit = result.fit if isinstance(result, AxisFits) else result
+        name = _axis_name(machine, asked.axis)
+        reason = told_by(fit)
+        text = None if reason or isinstance(fit, ModalFit) else machine_text(fit, machine, name)
+        remarks = [*_silent(chosen), *fit.remarks]
+        facts = _facts(path, chosen, asked)
+        report = write_fit(
+            result, remarks, text, asked.out or Path("results") / f"identify_{path.name.split('.')[0]}", facts
+        )
+    for each in tables(result):
+        console.print(drawn(each, 4 if each.heads[0] == "structure" else None))
+    not_told = {} if isinstance(fit, ModalFit) else fit.not_identifiable
+    for remark in (*remarks, *(f"not identifiable: {name}: {why}" for name, why in not_told.items())):
+        console.print(f"- {sentence(remark)}", markup=False)
+    console.print(recommendation(result), markup=False)
+    if text is not None:
+        console.print(f"Machine: {report.parent / 'machine.toml'}", markup=False, soft_wrap=True)
+    elif reason:
+        console.print(f"- No machine file was written: {reason}.", markup=False)
+    console.print(f"Report: {report}", markup=False, soft_wrap=True)
+
+
+def _axis_name(machine: Machine | None, axis: str | None) -> str:
+    return axis or ("x" if machine is None else next(iter(machine.loops)))
+
+
+def _facts(path: Path, chosen: Mapping[str, FRF], asked: Asked) -> dict[str, str]:
+    weighted = any(frf.variance is not None for frf in chosen.values())
+    return {
         "File": str(path),
         "Responses": ", ".join(f"{role}: {frf.output}" for role, frf in chosen.items()),
         "Lines": ", ".join(
             f"{frf.frequency.size} from {frf.frequency[0]:.4g} to {frf.frequency[-1]:.4g} Hz" for frf in chosen.values()
         ),
         "Band": asked.band or "all lines",
-        "Cost": "weighted by the variance of each line"
-        if any(frf.variance is not None for frf in chosen.values())
-        else "complex logarithmic ratio",
+        "Known before": ", ".join(asked.fix) or "nothing",
+        "Cost": "weighted by the variance of each line" if weighted else "complex logarithmic ratio",
     }
-    report = write_fit(fit, text, asked.out or Path("results") / f"identify_{path.name.split('.')[0]}", facts)
-    if text is not None:
-        console.print(f"Machine: {report.parent / 'machine.toml'}", markup=False, soft_wrap=True)
-    elif isinstance(fit, PlantFit):
-        console.print(
-            f"- No machine file was written: the result is in {fit.units.of('kg')}; give --force-constant and --lead.",
-            markup=False,
-        )
-    console.print(f"Report: {report}", markup=False, soft_wrap=True)
 
 
-def _chosen(path: Path, found: Mapping[str, FRF], asked: Asked) -> dict[str, FRF]:
-    """The responses by role: those that were named, else one alone counts as the motor's."""
-    named = {role: name for role, name in (("motor", asked.motor), ("load", asked.load)) if name is not None}
-    for role, name in named.items():
-        if name not in found:
-            raise ParameterError(f"{path}: there is no response '{name}'{nearest(name, found)}: name one with --{role}")
-    if not named:
-        if len(found) > 1 and asked.model != "modes":
+def _silent(chosen: Mapping[str, FRF]) -> list[str]:
+    """What was taken for granted."""
+    silent = [role for role, frf in chosen.items() if not frf.unit]
+    if not silent:
+        return []
+    return [f"no unit is stated for {' and '.join(silent)}: m/N is taken; say another one with --unit, as (m/s)/N"]
+
+
+def _chosen(path: Path, found: Mapping[str, FRF], asked: Asked, model: str) -> dict[str, FRF]:
+    """The responses by role: those that were named, or in files of their own, else by their names."""
+    named: dict[str, FRF] = {}
+    for role, name in (("motor", asked.motor), ("load", asked.load)):
+        if name is None:
+            continue
+        elsewhere = responses_in(Path(name)) if name not in found and Path(name).is_file() else None
+        if elsewhere is not None and len(elsewhere) > 1:
+            elsewhere = {each: frf for each, frf in encoders(elsewhere).items() if each == role}
+        if elsewhere:
+            named[role] = next(iter(elsewhere.values()))
+        elif name in found:
+            named[role] = found[name]
+        else:
+            raise ParameterError(
+                f"{path}: there is no response '{name}'{nearest(name, found)}: name one of {', '.join(found)}, or a "
+                f"file with one, with --{role}"
+            )
+    if not named and model == "modes":
+        named = dict(found)
+    elif not named:
+        named = encoders(found)
+        if len(found) > len(named):
             raise ParameterError(
                 f"{path}: holds {len(found)} responses, {', '.join(found)}: say which encoder is which with --motor "
                 f"NAME and --load NAME, or take --model modes for all"
             )
-        named = {name if asked.model == "modes" else "motor": name for name in found}
-    units = {frf.unit for name in named.values() if (frf := found[name]).unit}
-    unit = asked.unit or (units.pop() if len(units) == 1 else None)
-    return {
-        role: replace(found[name], unit=found[name].unit if unit is None or found[name].unit else unit)
-        for role, name in named.items()
-    }
+    known = {frf.unit for frf in named.values() if frf.unit}
+    unit = asked.unit or (known.pop() if len(known) == 1 else None)
+    return {role: frf if unit is None or frf.unit else replace(frf, unit=unit) for role, frf in named.items()}
 
 
-def _fit(chosen: Mapping[str, FRF], asked: Asked) -> PlantFit | ModalFit:
-    model = asked.model or ("modal" if asked.modes else "two-mass")
-    if model not in MODELS:
-        raise ParameterError(f"--model must be one of {', '.join(MODELS)}, not '{model}'")
+def _fit(
+    chosen: Mapping[str, FRF], asked: Asked, model: str, axis: Axis | None, step: Callable[[str], None]
+) -> AxisFits | ModalFit:
     band = frequencies(asked.band)
     if model == "modes":
+        step("modes")
         return fit_modes(chosen, asked.modes, band=band)
-    travel = None if asked.lead is None else asked.lead / (2.0 * math.pi * asked.gear)
-    motor, load = chosen.get("motor"), chosen.get("load")
-    if model == "two-mass":
-        return fit_two_mass(motor, load, band=band, force_per_unit=asked.force_constant, travel_per_unit=travel)
-    return fit_modal_axis(
-        motor, load, asked.modes, band=band, force_per_unit=asked.force_constant, travel_per_unit=travel
+    if model == "machine" and axis is None:
+        raise ParameterError("--model machine needs a machine file with --machine")
+    return fit_axis(
+        chosen.get("motor"),
+        chosen.get("load"),
+        plant=None if axis is None else axis.plant,
+        actuator=None if axis is None else axis.actuator,
+        modes=asked.modes,
+        fixed=_fixed(asked.fix, None if axis is None else axis.plant),
+        structure=None if model == "auto" else model,
+        band=band,
+        force_per_unit=asked.force_constant,
+        travel_per_unit=None if asked.lead is None else asked.lead / (2.0 * math.pi * asked.gear),
+        step=step,
     )
+
+
+def _fixed(texts: Sequence[str], plant: Plant | None) -> dict[str, float]:
+    """`mass_motor=85` or `stiffness_N_per_um=150` as SI values by name. Raises ParameterError."""
+    of_all = [plant] if plant is not None else []
+    usual = TwoMass(mass_motor=1.0, mass_load=1.0, stiffness=1.0)
+    known = {name: tree.declaration(each, name).unit for each in (usual, *of_all) for name, _ in tree.leaves(each)}
+    found: dict[str, float] = {}
+    for text in texts:
+        key, _, number = text.partition("=")
+        key = key.strip()
+        name = key if key in known else max((n for n in known if key.startswith(f"{n}_")), key=len, default="")
+        if not name:
+            raise ParameterError(f"--fix {text}: there is no parameter '{key}'{nearest(key, known)}")
+        try:
+            value = float(number)
+        except ValueError:
+            raise ParameterError(f"--fix {text}: must be NAME=NUMBER, as mass_motor=85") from None
+        factor = 1.0 if key == name else units.factor(key.removeprefix(f"{name}_"), known[name])
+        found[name] = value * factor
+    return found

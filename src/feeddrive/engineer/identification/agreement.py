@@ -24,6 +24,7 @@ class Agreement(Result):
     spread       standard deviation of the weighted residual; near 1 if variances were measured and the model is as
                  good as they are
     model_error  share of the response by which the model is wrong beyond the noise; 0 where no variance is known
+    order        of the derivative of the position that was measured: 0, 1 for velocities, 2 for accelerations
     """
 
     measured: tuple[FRF, ...]
@@ -33,6 +34,7 @@ class Agreement(Result):
     unused: float
     spread: float
     model_error: float
+    order: int = 0
 
     def autocorrelation(self, lag: int = 1) -> float:
         """Of the residuals from line to line, over all responses: 0 for noise, near 1 where something is missing."""
@@ -104,11 +106,13 @@ class Agreement(Result):
         return frames.frame(np.concatenate([m.frequency for m in self.measured]), columns, "frequency")
 
 
-def agreement(model: Model, unknowns: Sequence[Unknown], responses: Sequence[FRF], found: Refined) -> Agreement:
+def agreement(
+    model: Model, unknowns: Sequence[Unknown], responses: Sequence[FRF], found: Refined, order: int = 0
+) -> Agreement:
     """Of a model that was refined."""
     used, unused = predicted(model, unknowns, responses, found)
     fitted = tuple(
         replace(frf, response=response, variance=None, coherence=None)
         for frf, (response, _) in zip(responses, model(found.values), strict=True)
     )
-    return Agreement(tuple(responses), fitted, found.residuals, used, unused, found.spread, found.model_error)
+    return Agreement(tuple(responses), fitted, found.residuals, used, unused, found.spread, found.model_error, order)

@@ -74,6 +74,7 @@ def fit_axis(
     band: tuple[float, float] | None = None,
     force_per_unit: float | None = None,
     travel_per_unit: float | None = None,
+    step: Callable[[str], None] = lambda _: None,
 ) -> AxisFits:
     """Fit the structures that an axis may have, from the simple to the rich, and take the one that predicts best.
 
@@ -82,6 +83,7 @@ def fit_axis(
     modes      how many, for modes in parallel; None: as many as unused lines tell
     fixed      parameters that are known; structures that lack one of them are not tried
     structure  "rigid", "machine", "two-mass" or "modal": that one alone
+    step       is told the name of each structure when it begins
 
     The rest is as in `fit_plant`.  Each structure predicts lines that its fit lacked; of those within a tenth of the
     least error the one with the fewest parameters is taken.  Modes in parallel are tried only where the residuals of
@@ -100,6 +102,7 @@ def fit_axis(
         if white and name == "modal":
             refused[name] = f"not tried: nothing regular is left by {white[-1]}"
             continue
+        step(name)
         try:
             found[name] = way()
         except FeeddriveError as error:

@@ -222,7 +222,7 @@ def _result(
         for each, v, e, o in zip(sought, refined.values, errors, plain, strict=True)
     ]
     k = model.modes
-    fit = agreement(model, sought, frfs, refined)
+    fit = agreement(model, sought, frfs, refined, units.order)
     low, high = min(frf.frequency[0] for frf in frfs), max(frf.frequency[-1] for frf in frfs)
     inside: list[FittedMode] = []
     beyond: list[FittedMode] = []

@@ -40,7 +40,7 @@ def estimates_table(title: str, estimates: tuple[Estimate, ...]) -> Table:
     """One row a parameter."""
     rows = [
         [each.name, each.unit, f"{each.value:.6g}", f"{each.error:.3g}", f"{each.ols:.3g}",
-         f"{each.interval[0]:.5g} .. {each.interval[1]:.5g}"]
+         f"{each.interval[0]:.4g} .. {each.interval[1]:.4g}"]
         for each in estimates
     ]  # fmt: skip
     return Table(title, ["parameter", "unit", "value", "standard error", "ols", "95 % interval"], rows)

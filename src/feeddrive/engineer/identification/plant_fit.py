@@ -203,7 +203,7 @@ def finished(task: Task, names: Sequence[str], neutral: Sequence[str] = ()) -> P
         # a dead time of zero within its error is an answer
         if each.name != "dead_time" and (bound or each.error > UNKNOWN * abs(each.value)):
             gone[each.name] = advice(each.name, task.band, float(task.plant.rigid_mass()), each.error, task.units)
-    fit = agreement(model, unknowns, task.frfs, found)
+    fit = agreement(model, unknowns, task.frfs, found, task.units.order)
     said = [*fit.remarks(), *entangled(names, found)]
     if not found.settled:
         said.append("the descent did not settle: cut the band to where the coherence is high")
