@@ -53,6 +53,8 @@ def table(heads: str, *columns: np.ndarray, separator: str = ",", decimal: str =
         ("f,magnitude,phase [rad]", (F, np.abs(G), np.angle(G))),
         ("f,Gain (dB),Phase (°)", (F, 20 * np.log10(np.abs(G)), np.degrees(np.angle(G)) - 360.0)),
         ("phase_rad,amplitude,f", (np.angle(G), np.abs(G), F)),
+        ("f,mag dB,phase deg", (F, 20 * np.log10(np.abs(G)), np.degrees(np.angle(G)))),
+        ("Frequenz [Hz],Betrag [dB],Phase [°]", (F, 20 * np.log10(np.abs(G)), np.degrees(np.angle(G)))),
     ],
 )
 def test_every_layout_gives_the_same_response(tmp_path: Path, heads: str, columns: Sequence[np.ndarray]) -> None:
@@ -84,6 +86,10 @@ def test_units_are_turned_into_si(tmp_path: Path) -> None:
     np.testing.assert_allclose(frf.response, 1e-6 * G, rtol=1e-15)
     assert frf.variance is not None
     np.testing.assert_allclose(frf.variance, 4e-12, rtol=1e-15)
+    stated = read_frf(write(tmp_path, f"# unit: um/N\n{table('f,re,im,variance', F, G.real, G.imag, np.full(4, 4.0))}"))
+    assert stated.unit == "m/N"
+    np.testing.assert_array_equal(stated.response, frf.response)
+    np.testing.assert_array_equal(stated.variance, frf.variance)
     frf = read_frf(write(tmp_path, table("f,mag [deg/A],phase_deg", F, np.abs(G), np.degrees(np.angle(G)))))
     assert frf.unit == "rad/A"
     np.testing.assert_allclose(frf.response, np.radians(1.0) * G, rtol=1e-13)
@@ -146,6 +152,7 @@ def test_a_line_at_0_hz_is_left_out(tmp_path: Path) -> None:
         ("f,mag,phase\n1,20,90\n2,0,0\n", r"the phase 'phase' has no unit; name the column phase_deg or phase_rad"),
         ("f,mag_dB\n1,20\n2,0\n", r"'mag_dB' is a magnitude without a phase; margins need both"),
         ("f,mag_dB,phase_deg\n1,20000,9\n2,0,0\n", r"column 'mag_dB' reaches 2e\+04 dB"),
+        ("f,re,im\n1,1,2\n2,1e300,3\n", r"a\.csv: the response reaches 1e\+300 at line 3, beyond 1e\+30"),
         ("f,x,y\n1,20,90\n2,0,0\n", r"no column is the real and imaginary part, or the magnitude, of a response"),
         ("t,re,im\n1,20,90\n2,0,0\n", r"has no column of frequency among 't', 're', 'im'"),
         ("f,freq,re,im\n1,1,20,90\n2,2,0,0\n", r"has 2 columns of frequency among"),

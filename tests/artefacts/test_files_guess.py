@@ -31,6 +31,10 @@ def log(units: Mapping[str, str], name: str = "a") -> Log:
         ("joint.0.motor-pos-cmd", ["joint", "0", "motor", "pos", "cmd"]),
         ("Axis1.ActVelo", ["axis1", "act", "velo"]),
         ("Lagesollwert", ["lage", "soll"]),
+        ("Sollposition", ["soll", "position"]),
+        ("IstDrehzahl", ["ist", "drehzahl"]),
+        ("x_Istposition", ["x", "ist", "position"]),
+        ("twist position", ["twist", "position"]),
         ("x_cmd_mm", ["x", "cmd", "mm"]),
     ],
 )
@@ -70,6 +74,14 @@ LOGS: list[tuple[dict[str, str], dict[str, str]]] = [
     (
         {"Lagesollwert": "mm", "Lageistwert": "mm", "Drehzahlistwert": "U/min", "Drehmoment": "N m"},
         {"setpoint_position": "Lagesollwert", "position_load": "Lageistwert", "torque": "Drehmoment"},
+    ),
+    (
+        {"Sollposition": "mm", "Istposition": "mm", "Sollkraft": "N", "Schleppabstand": "um"},
+        {"setpoint_position": "Sollposition", "position_load": "Istposition", "force": "Sollkraft"},
+    ),
+    (
+        {"phi_soll": "mdeg", "phi_ist": "mdeg", "M": "N m"},
+        {"setpoint_angle": "phi_soll", "angle_motor": "phi_ist", "torque": "M"},
     ),
     (
         {"x_motor": "mm", "x_table": "mm", "cutting force": "N", "F_cmd": "N", "table acceleration": "m/s2"},

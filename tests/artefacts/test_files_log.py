@@ -196,6 +196,25 @@ def test_numbers_that_are_none_are_named_with_their_row(tmp_path: Path) -> None:
         read_log(write(tmp_path, "t,x\n0,1\n.001,2\n.002,3\n.005,3\n.006,4\n"))
 
 
+def test_numbers_beyond_all_measure_are_named_with_their_row(tmp_path: Path) -> None:
+    """1.8e308 is how some recorders mark a missing value; its square would be infinite."""
+    path = write(tmp_path, "t [ms],x,y\n0,1,2\n1,2,1.7976931348623157e308\n2,3,4\n")
+    with pytest.raises(LogError, match=r"a\.csv: column 'y' reaches 1\.8e\+308 at line 3, beyond 1e\+30.*map only"):
+        read_log(path)
+    assert read_log(path, {"position_load": "x"})["position_load"][-1] == 3.0
+
+
+@pytest.mark.parametrize(
+    ("role", "unit", "factor"),
+    [("torque", "Nm", 1.0), ("torque", "mNm", 1e-3), ("torque", "Nmm", 1e-3), ("angle_motor", "mdeg", np.pi / 180e3),
+     ("angle_motor", "°", np.pi / 180), ("position_load", "µm", 1e-6), ("speed_motor", "1/min", np.pi / 30)],
+)  # fmt: skip
+def test_units_of_a_mapping_as_makers_write_them(tmp_path: Path, role: str, unit: str, factor: float) -> None:
+    path = write(tmp_path, "t [ms],y\n" + "".join(f"{k},{k}\n" for k in range(10)))
+    # two roundings: of the factor and of the product
+    np.testing.assert_allclose(read_log(path, {role: ("y", unit)})[role], factor * np.arange(10), rtol=4e-16)
+
+
 @pytest.mark.parametrize("given_time", [0.0, -1.0, float("nan"), float("inf")])
 def test_a_sample_time_that_is_none(tmp_path: Path, given_time: float) -> None:
     with pytest.raises(ParameterError, match=r"sample_time = .* must be > 0 s"):

@@ -39,6 +39,7 @@ _OTHER: dict[str, tuple[float, Dimension]] = {
     "h": (3600.0, (0, 0, 1, 0, 0)),
     "in": (0.0254, (1, 0, 0, 0, 0)),
     "deg": (math.pi / 180, (0, 0, 0, 0, 1)),
+    "mdeg": (math.pi / 180e3, (0, 0, 0, 0, 1)),
     "rev": (2 * math.pi, (0, 0, 0, 0, 1)),
     "rpm": (2 * math.pi / 60, (0, 0, -1, 0, 1)),
     "percent": (1e-2, _NONE),

@@ -24,7 +24,8 @@ _TIME = re.compile(r"(t|time|zeit|timestamp|time[_ ]?stamp)(_(s|ms|us|ns|min))?"
 # units that makers write in other ways than `language.units` does
 _SPELLINGS = {
     "%": "percent", "°": "deg", "Nm": "N m", "mNm": "mN m", "sec": "s", "msec": "ms", "usec": "us", "U/min": "rpm",
-    "r/min": "rpm", "grad": "deg", "Newton": "N", "-": "",
+    "r/min": "rpm", "1/min": "rpm", "min-1": "rpm", "grad": "deg", "Grad": "deg", "Newton": "N", "Nmm": "N mm",
+    "kNm": "kN m", "uNm": "uN m", "-": "",
 }  # fmt: skip
 
 

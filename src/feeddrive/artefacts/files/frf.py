@@ -15,12 +15,13 @@ from feeddrive.artefacts.files.formats import refuse_others, unpacked
 from feeddrive.artefacts.files.messages import nearest, plain
 from feeddrive.artefacts.files.readers import ast_xml, uff
 from feeddrive.artefacts.files.readers.csv_log import read_csv
-from feeddrive.artefacts.files.readers.frf_columns import Response, frequency_of, responses_of
+from feeddrive.artefacts.files.readers.frf_columns import Response, frequency_of, in_si, responses_of
 from feeddrive.artefacts.files.whole import read_whole, write_whole
 from feeddrive.language.errors import LogError, ParameterError
 from feeddrive.loop.frequency_response import FRF
 
 MOST_BYTES = 500_000_000
+_LARGEST = 1e30  # of a response: its powers must not overflow
 _READABLE = "CSV, UFF 58, AST XML, also packed by gzip"
 
 
@@ -94,17 +95,27 @@ def _responses(where: str, table: Columns, stated: Mapping[str, str]) -> dict[st
     step = _number(stated.get("sample_time"))
     found: dict[str, FRF] = {}
     for response in responses_of(where, table, label):
+        if not response.unit and "unit" in stated:
+            response.unit, response.factor = _stated_unit(where, stated["unit"])
         found[response.name or "frf"] = FRF(
             frequency[kept],
             response.factor * _complex(where, response, table)[kept],
             input=stated.get("input", "input"),
             output=stated.get("output", response.name or "output"),
-            unit=stated.get("unit", response.unit),
+            unit=response.unit,
             sample_time=step,
             coherence=_coherence(where, response, table, kept),
             variance=_variance(where, response, table, kept),
         )
     return found
+
+
+def _stated_unit(where: str, unit: str) -> tuple[str, float]:
+    """The unit of a line `# unit: um/N` in SI and the factor to it; one that is not known stays as it is."""
+    try:
+        return in_si(where, "unit", unit)
+    except LogError:
+        return unit, 1.0
 
 
 def _renamed(where: str, table: Columns, columns: Sequence[str]) -> Columns:
@@ -154,6 +165,18 @@ def _check_frequency(where: str, label: str, frequency: np.ndarray, table: Colum
 
 
 def _complex(where: str, response: Response, table: Columns) -> np.ndarray:
+    """The complex numbers of a response, none of which is beyond all measure."""
+    values = _from_parts(where, response, table)
+    size = np.abs(values)
+    if (most := float(np.max(size))) > _LARGEST:
+        raise LogError(
+            f"{where}: the response reaches {most:.3g} at {table.place(int(np.argmax(size)))}, beyond {_LARGEST:g}, "
+            "which no axis does: look at exponents and decimal mark"
+        )
+    return values
+
+
+def _from_parts(where: str, response: Response, table: Columns) -> np.ndarray:
     """The complex numbers of a response, from its parts or from magnitude and phase."""
     places = response.places
     if {"re", "im"} <= set(places):

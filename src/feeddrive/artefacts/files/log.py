@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from feeddrive.artefacts.files.clock import checked_clock
-from feeddrive.artefacts.files.columns import MOST_BYTES, Columns, is_time
+from feeddrive.artefacts.files.columns import MOST_BYTES, Columns, is_time, unit_of
 from feeddrive.artefacts.files.formats import read_columns
 from feeddrive.artefacts.files.measured import Log, write_log
 from feeddrive.artefacts.files.messages import nearest, plain
@@ -20,6 +21,7 @@ from feeddrive.language.errors import LogError, ParameterError
 
 # names of a constant that is the sampling rate in Hz
 _RATES = ("fs", "sampling_rate", "sample_rate", "samplerate", "fsample", "f_s")
+_LARGEST = 1e30  # of any number of a log: its powers must not overflow, and recorders mark a missing value by 1.8e308
 
 __all__ = ["ROLES", "Column", "Log", "Named", "read_log", "write_log"]
 
@@ -142,6 +144,7 @@ def _column(path: str, role: str, named: Named) -> Column:
             column = Column(name=name, unit=unit)
         case (name, factor):
             column = Column(name=name, factor=float(factor))
+    column = replace(column, unit=unit_of(column.unit) or column.unit)
     try:
         return column.checked(role)
     except ParameterError as error:
@@ -177,6 +180,13 @@ def _values(
         raise LogError(
             f"{path}: column '{column.name}' is {numbers[bad[0]]} at {place} ({bad.size} such rows); "
             "cut the log there, repair the row, or map only the columns that are needed"
+        )
+    if numbers.size and max(float(numbers.max()), -float(numbers.min())) > _LARGEST:
+        k = int(np.argmax(np.abs(numbers)))
+        raise LogError(
+            f"{path}: column '{column.name}' reaches {numbers[k]:.3g} at {columns.place(k)}, beyond {_LARGEST:g}, as "
+            "no measured quantity does: look at exponents and decimal mark, cut the log there, or map only the columns "
+            "that are needed"
         )
     unit = columns.units.get(column.name, "")
     as_it_is = role != "time" and role not in asked

@@ -19,7 +19,8 @@ _SET = {"cmd", "command", "commanded", "set", "setpoint", "ref", "reference", "d
 _MOTOR = {"motor", "mot", "mtr", "rotor", "enc1", "encoder1", "rotary", "mx"}
 _LOAD = {"load", "table", "linear", "scale", "slide", "arm", "enc2", "encoder2", "tool", "last", "tisch"}
 _OUTER = {"load", "cutting", "process", "external", "outer", "disturbance", "kistler", "dynamometer"}
-_ERROR = {"error", "err", "ferror", "diff", "difference", "deviation", "posdiff", "lag"}
+_ERROR = {"error", "err", "ferror", "diff", "difference", "deviation", "posdiff", "lag", "schleppabstand",
+          "schleppfehler", "regelabweichung", "abweichung", "fehler"}  # fmt: skip
 _MEASURED = {"fb", "feedback", "act", "actual", "ist", "measured", "meas"}
 _WORDS = {
     "excitation": {"excitation", "exc", "dither", "prbs", "chirp", "multisine", "injection", "perturbation"},
@@ -29,7 +30,7 @@ _WORDS = {
     "acceleration": {"acceleration", "acc", "accel", "beschleunigung"},
     "speed": {"omega", "rpm", "drehzahl"},
     "velocity": {"velocity", "vel", "velo", "speed", "geschwindigkeit"},
-    "angle": {"theta", "angle", "winkel"},
+    "angle": {"theta", "phi", "angle", "winkel"},
     "position": {"position", "pos", "lage", "weg", "stroke", "displacement", "setpos", "actpos"},
     "command": {"command", "output", "vir", "voltage", "control", "ctrl", "dac", "u"},
 }
@@ -41,6 +42,12 @@ _EXACT = {
 _QUANTITY_OF_UNIT = {"m": "position", "m/s": "velocity", "m/s2": "acceleration", "N": "force", "N m": "torque",
                      "A": "current", "V": "command", "rad": "angle", "rad/s": "speed"}  # fmt: skip
 _COUNTS = {"inc", "incs", "count", "counts", "cnt", "qc", "pulse", "pulses", "ticks"}
+# German compounds with set or actual before or behind: Sollposition, Lageistwert
+_BEHIND = re.compile(r"(soll|ist)wert")
+_BEFORE = re.compile(
+    r"(?<![a-zäöü])(soll|ist)(?=position|lage|weg|winkel|geschwindigkeit|drehzahl|beschleunigung|kraft|drehmoment|moment|strom)",
+    re.IGNORECASE,
+)
 _AXIS = re.compile(r"(?:joint|axis|achse|ax|j)[ ._-]*([0-9]{1,2}|[xyzabc])(?![a-z])", re.IGNORECASE)
 _SHORT = re.compile(r"(u|v|i|iq|f|pos|vel)_?([xyz])")
 
@@ -70,7 +77,7 @@ class Reading:
 
 def words_of(name: str) -> list[str]:
     """The words of a name, in small letters."""
-    cut = re.sub(r"(soll|ist)wert", r" \1", re.sub(r"([a-zäöü])([A-Z])", r"\1 \2", name))
+    cut = _BEFORE.sub(r"\1 ", _BEHIND.sub(r" \1", re.sub(r"([a-zäöü])([A-Z])", r"\1 \2", name)))
     return [word.lower() for word in re.findall(r"[A-Za-zÄÖÜäöü]+[0-9]?|[0-9]+", cut)]
 
 

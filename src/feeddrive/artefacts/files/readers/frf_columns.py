@@ -21,9 +21,10 @@ from feeddrive.language import units
 from feeddrive.language.errors import LogError, ParameterError
 
 _KINDS = {
-    "re": ("real", "re", "r"), "im": ("imaginary", "imag", "im", "i"), "magnitude": (
-        "magnitude", "mag", "amplitude", "amp", "gain", "abs"), "phase": ("phase", "phi", "angle", "arg", "pha"),
-    "coherence": ("coherence", "coh", "gamma2"), "variance": ("variance", "var"),
+    "re": ("real", "re", "r"), "im": ("imaginary", "imaginär", "imag", "im", "i"), "magnitude": (
+        "magnitude", "mag", "amplitude", "amp", "gain", "abs", "betrag"), "phase": (
+        "phase", "phi", "angle", "arg", "pha", "phasenwinkel", "winkel"),
+    "coherence": ("coherence", "coh", "gamma2", "kohärenz", "kohaerenz"), "variance": ("variance", "var", "varianz"),
 }  # fmt: skip
 _FREQUENCY = re.compile(r"(f|fr|freq|frequency|frequenz|omega|w)", re.IGNORECASE)
 _PLAIN = ("", "1", "-")
@@ -64,7 +65,7 @@ def named(column: str, unit: str) -> Named | None:
     if unit.lower() == "db" or re.search(r"[\s_.(\[]dB[)\]]?$|^dB$", rest):
         rest, unit, decibel = re.sub(r"[\s_.]*[(\[]?dB[)\]]?$", "", rest) or "magnitude", "", True
     if not unit:
-        for start in [k + 1 for k, letter in enumerate(rest) if letter == "_"]:
+        for start in [k + 1 for k, letter in enumerate(rest) if letter in "_ "]:
             found = unit_of(rest[start:])
             if found and ("per" in found or found in ("deg", "rad")):  # of one word it is a name: re_m, re_l
                 rest, unit = rest[: start - 1], found
@@ -153,7 +154,7 @@ def responses_of(name: str, columns: Columns, frequency: str) -> list[Response]:
         if taken.kind in ("re", "magnitude"):
             response.decibel = taken.decibel
             response.stated = taken.unit
-            response.unit, response.factor = _in_si(name, column, taken.unit)
+            response.unit, response.factor = in_si(name, column, taken.unit)
         if taken.kind == "phase":
             response.degrees = taken.degrees
     _share(found)
@@ -172,8 +173,8 @@ def responses_of(name: str, columns: Columns, frequency: str) -> list[Response]:
     return whole
 
 
-def _in_si(name: str, column: str, unit: str) -> tuple[str, float]:
-    """The unit in SI, and the factor to it: um/N is m/N times 1e-6."""
+def in_si(name: str, column: str, unit: str) -> tuple[str, float]:
+    """The unit in SI, and the factor to it: um/N is m/N times 1e-6. Raises LogError for one that is none."""
     if not unit:
         return "", 1.0
     words: list[str] = []
