@@ -106,6 +106,8 @@ def _place(loop: Loop, parameter: str) -> str | None:
     if parameter == "offset":
         return next((name for name, _ in tree.leaves(loop) if name.startswith("axis.forces.")), None)
     for part in ("plant", "friction_load"):
+        if part == "plant" and not isinstance(loop.axis.plant, Rigid):
+            continue
         name = f"axis.{part}.{parameter}"
         if any(leaf == name for leaf, _ in tree.leaves(loop)):
             return name

@@ -37,7 +37,7 @@ def response_fit(found: Agreement) -> Any:
         radius = _radius(measured)
         if radius is not None:
             shade = {"color": style.color(i), "alpha": 0.18, "linewidth": 0.0}
-            low, high = style.decibel(np.maximum(size - radius, 1e-3 * size)), style.decibel(size + radius)
+            low, high = style.decibel(np.maximum(size - radius, 0.1 * size)), style.decibel(size + radius)
             axes[0].fill_between(f, low, high, **shade)
             spread = np.degrees(np.arcsin(np.minimum(radius / size, 1.0)))
             axes[1].fill_between(f, beside - spread, beside + spread, **shade)
@@ -98,7 +98,7 @@ def response_nyquist(found: Agreement) -> Any:
     ax.set_aspect("equal", adjustable="datalim")
     ax.axhline(0.0, color=style.MUTED, linewidth=0.8)
     ax.axvline(0.0, color=style.MUTED, linewidth=0.8)
-    order = 1 - found.order
+    order, unit = 1 - found.order, found.measured[0].unit
     for i, (measured, fitted) in enumerate(zip(found.measured, found.fitted, strict=True)):
         name = measured.output if len(found.measured) > 1 else ""
         factor = (2j * np.pi * measured.frequency) ** order
@@ -106,8 +106,9 @@ def response_nyquist(found: Agreement) -> Any:
         dots = style.curve(i) | {"linestyle": "none", "marker": ".", "markersize": 3.5, "alpha": 0.6}
         ax.plot(np.real(points), np.imag(points), label=style.caption(name, "measured"), **dots)
         ax.plot(np.real(curve), np.imag(curve), label=style.caption(name, "fitted"), **style.curve(i))
-    unit = found.measured[0].unit
     said = f" ({_velocity(unit)})" if unit else ""
+    ax.locator_params(nbins=5)
+    ax.ticklabel_format(scilimits=(-3, 3))
     style.labels(ax, f"real part{said}", f"imaginary part{said}")
     style.legend(figure, ax, 2)
     return figure

@@ -54,6 +54,14 @@ def estimate_frf(
     if method not in ALL:
         raise ParameterError(f"method = {method!r} must be one of {', '.join(ALL)}")
     _belong(given)
+    shortest = min(map(len, given))
+    if period is not None and not 2 <= period <= shortest // _LEAST_PERIODS:
+        raise ParameterError(
+            f"period = {period} samples must be >= 2 and <= {shortest // _LEAST_PERIODS}, so that the shortest record "
+            f"holds {_LEAST_PERIODS} of them"
+        )
+    if skip is not None and skip < 0:
+        raise ParameterError(f"skip = {skip} periods must be >= 0")
     if band is not None:
         _check_band(given[0], band)
     if method in ("auto", "periodic"):

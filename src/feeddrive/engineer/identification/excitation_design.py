@@ -12,6 +12,7 @@ from feeddrive.blocks.reference.derivatives import Derivatives, product
 from feeddrive.blocks.reference.jerk_limited_move import JerkLimitedMove
 from feeddrive.blocks.reference.recorded import Recorded
 from feeddrive.blocks.reference.smooth_step import window
+from feeddrive.engineer.analysis.stability import require_stable
 from feeddrive.engineer.identification.excitation import Drawing, Excitation
 from feeddrive.engineer.identification.excitation_limits import advice, broken, limits
 from feeddrive.engineer.identification.multisine_design import (
@@ -22,6 +23,7 @@ from feeddrive.engineer.identification.multisine_design import (
     summed,
 )
 from feeddrive.language.errors import DivergedError, ParameterError
+from feeddrive.loop.guard import TRIPS
 from feeddrive.loop.linearize import linearize
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import simulate
@@ -32,6 +34,7 @@ _CLEAR = 1.5  # offset speed over the peak of the excited speed
 _SLIDING = 3.0  # Stribeck velocities that the axis stays faster by
 _RAMP = 0.15  # s, for the motion underneath to come to its speed
 _LONGEST_FADE = 0.25  # s
+_MOST_SAMPLES = 4_000_000  # of the periods of one realisation: some 1 GB while it is simulated
 _RECORD = ("force", "set_position", "reading_load", "reading_motor", "velocity_load", "velocity_motor", "trip")
 
 
@@ -92,9 +95,11 @@ def design_excitation(
     seed             of grid, phases and the noise of the encoders
 
     Raises ParameterError for a limit that breaks, with the amplitude or the number of periods that keeps it, for a band
-    beyond Nyquist, and for a loop that trips or diverges.
+    beyond Nyquist, for periods of more than four million samples in all, and for a loop that trips or diverges;
+    UnstableError for one that is unstable before anything is added to it.
     """
     _check(loop, band, amplitude, where, resolution, periods, realisations, flat)
+    require_stable(loop)
 
     def drawn(height: float) -> Excitation:
         return _drawn(
@@ -157,13 +162,23 @@ def _check(
         raise ParameterError(
             f"where = {where!r} must be one of {', '.join(WHERE)}, flat = {flat!r} of {', '.join(FLAT)}"
         )
-    for name, value in (("amplitude", amplitude), ("resolution", resolution)):
+    for name, value, unit in (
+        ("amplitude", amplitude, "N" if where == "force" else "m"),
+        ("resolution", resolution, "Hz"),
+    ):
         if not (np.isfinite(value) and value > 0.0):
-            raise ParameterError(f"{name} = {value:g} must be a finite number > 0")
+            raise ParameterError(f"{name} = {value:g} {unit} must be finite and > 0 {unit}")
     if resolution > band[1]:
         raise ParameterError(f"resolution = {resolution:g} Hz must be <= {band[1]:g} Hz, the upper end of the band")
     if periods < 2 or drawn < 1:
         raise ParameterError(f"periods = {periods} must be >= 2 and realisations = {drawn} >= 1")
+    if periods / (resolution * float(loop.sample_time)) > _MOST_SAMPLES:
+        fitting = periods / (_MOST_SAMPLES * float(loop.sample_time))
+        raise ParameterError(
+            f"resolution = {resolution:g} Hz asks for periods of {1.0 / resolution:.4g} s, {periods} of which are "
+            f"{periods / (resolution * float(loop.sample_time)):.3g} samples (at most {_MOST_SAMPLES:,}): take "
+            f"{fitting:.3g} Hz or more, or fewer periods"
+        )
 
 
 def _phases(lines: np.ndarray, sizes: np.ndarray, count: int, seed: int) -> list[np.ndarray]:
@@ -233,7 +248,7 @@ def _simulated(
     tripped = np.flatnonzero(run["trip"])
     if tripped.size:
         raise ParameterError(
-            f"the guard trips with code {run['trip'][tripped[0]]:g} at t = {t[tripped[0]]:.4g} s of the simulation: "
+            f"the guard trips by {TRIPS[float(run['trip'][tripped[0]])]} at t = {t[tripped[0]]:.4g} s of the simulation: "
             f"take less amplitude or a higher band, or widen the guard"
         )
     signals = dict(run.signals)

@@ -51,7 +51,9 @@ def broken(found: Excitation) -> str:
     assert worst.most is not None
     got, may = said(worst.got, worst.unit), said(worst.most, worst.unit)
     text = f"{worst.what} comes to {got} in the simulation and may be {may}"
-    return f"{text}, {100.0 * (share - 1.0):.3g} % too much" if np.isfinite(share) else text
+    if not np.isfinite(share):
+        return text
+    return f"{text}, {100.0 * (share - 1.0):.3g} % too much" if share < 3.0 else f"{text}, {share:.3g} times as much"
 
 
 def advice(found: Excitation, drawn: Callable[[float], Excitation]) -> str:

@@ -6,13 +6,12 @@ import dataclasses
 from dataclasses import dataclass
 from typing import Any
 
-from feeddrive.blocks.families import Force
-from feeddrive.blocks.force.gravity import Gravity
-from feeddrive.blocks.plant.rigid import Rigid
 from feeddrive.engineer.analysis.friction_map import FrictionMap, friction_map
 from feeddrive.engineer.identification.control_law import ControlFit, identify_control
 from feeddrive.engineer.identification.delay import DelayFit, find_delay
 from feeddrive.engineer.identification.frame import TABLE
+from feeddrive.engineer.identification.known_axis import is_richer, refined_names, with_rigid
+from feeddrive.engineer.identification.known_axis import remarks as known_axis_remarks
 from feeddrive.engineer.identification.motion_log import MotionLog
 from feeddrive.engineer.identification.output_error import Refinement, refine
 from feeddrive.engineer.identification.preparation import HOLD, Preparation
@@ -23,6 +22,7 @@ from feeddrive.loop.axis import Axis
 from feeddrive.loop.control import Control
 from feeddrive.loop.loop import Loop
 
+_CLEARLY = 1.02  # times the position residual of plain friction up to which the machine's own kind is kept
 POOR = 0.15  # share of the force that a rigid drive may leave before its values are advised against
 
 
@@ -119,7 +119,12 @@ def identify(
     loop = _loop(log, rigid, start, control)
     refinement = None
     if loop is not None and closed:
-        refinement = _attempted(lambda: refine(loop, log), remarks)
+        whole = loop
+        refinement = _attempted(lambda: refine(whole, log, refined_names(whole)), remarks)
+    if start is not None:
+        remarks += known_axis_remarks(start.axis, rigid)
+    if loop is not None and start is not None and is_richer(start.axis):
+        loop, refinement = _by_friction(log, start, rigid, loop, refinement, remarks)
     if refinement is not None and refinement.delay:
         late = refinement.delay
         rigid = _rigid(log, friction, how, known + late)
@@ -127,6 +132,38 @@ def identify(
     seen = friction_map(log.position, log.force, rigid["mass"].value, log.sample_time)
     final = loop if refinement is None else refinement.loop
     return Identified(log, rigid, delay, control, refinement, seen, final, tuple(remarks))
+
+
+def _by_friction(
+    log: MotionLog, start: Loop, rigid: RigidFit, loop: Loop, plain: Refinement | None, remarks: list[str]
+) -> tuple[Loop, Refinement | None]:
+    """The loop with the machine's own kind of friction, unless the log is met clearly better without it."""
+    kind, other = start.axis.friction_load, loop.axis.friction_load
+    assert kind is not None
+    assert other is not None
+    own = dataclasses.replace(start, axis=with_rigid(start.axis, rigid, richer=True))
+    if plain is None:
+        remarks.append(
+            f"friction stays {kind.kind} with the levels that were found: near standstill, where it differs from "
+            f"{other.kind}, a log without closed loop tells nothing; runs at constant speeds do"
+        )
+        return own, None
+    kept = _attempted(lambda: refine(own, log, refined_names(own)), remarks)
+    if kept is None:
+        remarks.append(f"friction is {other.kind} now, and no longer {kind.kind}: with that the fit failed")
+        return loop, plain
+    left, without = (1e6 * each.replay.rms("position_load") for each in (kept, plain))
+    if left <= _CLEARLY * without:
+        remarks.append(
+            f"friction stays {kind.kind}, with new levels: in closed loop it leaves {left:.4g} um RMS of the position, "
+            f"{other.kind} {without:.4g} um; what it does near standstill was not fitted"
+        )
+        return own, kept
+    remarks.append(
+        f"friction is {other.kind} now, and no longer {kind.kind}: in closed loop it leaves {without:.4g} um RMS of "
+        f"the position, {kind.kind} {left:.4g} um; runs at constant speeds tell a Stribeck curve (fit_friction)"
+    )
+    return loop, plain
 
 
 _SHAFT = "the log is that of a shaft and no lead is given: the result stays in N m and rad"
@@ -173,15 +210,3 @@ def _loop(log: MotionLog, rigid: RigidFit, start: Loop | None, control: ControlF
     axis = with_rigid(Axis(plant=rigid.plant()), rigid)
     delayed = dataclasses.replace(axis, actuator=dataclasses.replace(axis.actuator, dead_time=control.delay * T))
     return Loop(control=Control(law=control.law(), force_limit=log.force_limit), axis=delayed, sample_time=T)
-
-
-def with_rigid(axis: Axis, rigid: RigidFit) -> Axis:
-    """The axis with the mass, the friction and the constant force that were found.
-
-    A plant with several bodies keeps its own masses, which a rigid fit cannot tell apart.
-    """
-    plant = rigid.plant() if isinstance(axis.plant, Rigid) else axis.plant
-    others: tuple[Force, ...] = tuple(each for each in axis.forces if not isinstance(each, Gravity))
-    gravity = rigid.gravity()
-    forces = others if gravity is None else (*others, gravity)
-    return dataclasses.replace(axis, plant=plant, friction_load=rigid.friction_block(), forces=forces)

@@ -19,7 +19,8 @@ class Record:
 
     references  what was added from outside, shape (n,) each: the setpoint, or the force on top of the command.  In a
                 closed loop nothing else tells what noise did and what the drive did
-    Raises LogError for channels of different length, too short ones, constant ones, and for NaN.
+    Raises LogError for channels of different length, too short ones, constant ones, NaN, and an output that is the
+    input.
     """
 
     input: np.ndarray
@@ -48,6 +49,11 @@ class Record:
                 )
             if np.ptp(values) == 0.0:
                 raise LogError(f"{self.name}: '{name}' is constant at {values[0]:g}: it holds nothing to measure by")
+        if np.array_equal(self.input, self.output):
+            raise LogError(
+                f"{self.name}: input '{self.input_name}' and output '{self.output_name}' are the same numbers, whose "
+                "response is 1: name two different columns"
+            )
         for name in ("input", "output"):
             object.__setattr__(self, name, np.asarray(getattr(self, name), float))
         object.__setattr__(self, "references", tuple(np.asarray(each, float) for each in self.references))
