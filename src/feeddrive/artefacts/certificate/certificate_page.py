@@ -31,12 +31,14 @@ def build(found: Certificate, facts: Mapping[str, str]) -> str:
     """The page. Pure: the same certificate gives the same text."""
     drawn = list(_pictures(found))
     said = found.sentence()
+    name = found.document["machine"].get("name", "")
+    title = f"{name[:1].upper()}{name[1:]}: a certified loop" if name else "A certified loop"
     links = [("result", "Result"), *((f"figure-{each.key}", each.title) for each in drawn),
              ("outside", "What is outside"), ("facts", "What was certified")]  # fmt: skip
     shown = [found.table(), plants_table(found), control_table(found)]
     made = "".join(table(f"{each.title[:1].upper()}{each.title[1:]}.", each.heads, each.rows) for each in shown)
     parts = [
-        header("feeddrive certify", "A certified loop", [f"{said[:1].upper()}{said[1:]}."], links),
+        header("feeddrive certify", title, [f"{said[:1].upper()}{said[1:]}."], links),
         f'<section id="result">\n<h2>Result</h2>\n{made}\n</section>\n',
         f'<section id="pictures">\n<h2>Pictures</h2>\n{"".join(picture(each) for each in drawn)}</section>\n',
         f'<section id="outside">\n<h2>What is outside</h2>\n{_list(found.outside)}'
@@ -44,7 +46,7 @@ def build(found: Certificate, facts: Mapping[str, str]) -> str:
         f'<section id="facts">\n<h2>What was certified</h2>\n'
         f"{definitions([*facts.items(), *_words(found.document)])}\n</section>\n",
     ]
-    return page("A certified loop", parts)
+    return page(title, parts)
 
 
 def _list(texts: Sequence[str]) -> str:
@@ -75,9 +77,9 @@ def plants_table(found: Certificate) -> Table:
 def control_table(found: Certificate) -> Table:
     """The parameters of the control, as people read them."""
     control = found.document["control"]
-    rows = [[name, f"{value:.6g}"] for name, value in control["parameters"].items()]
+    rows = [[name, f"{value:.6g}", control["units"][name]] for name, value in control["parameters"].items()]
     title = f"control {control['law']}, {found.arithmetic} coefficients, every {found.document['sample_time_ms']:g} ms"
-    return Table(title, ["parameter", "SI value"], rows)
+    return Table(title, ["parameter", "value", "unit"], rows)
 
 
 def _pictures(found: Certificate) -> Iterator[Shown]:

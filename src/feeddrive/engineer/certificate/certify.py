@@ -97,6 +97,7 @@ def certify(
         "control": {
             "law": control.law.kind,
             "parameters": {name: float(value) for name, value in tree.leaves(control)},
+            "units": {name: tree.declaration(control, name).unit for name, _ in tree.leaves(control)},
             "readings": list(made.model.inputs),
             **_held(made.model),
         },

@@ -83,7 +83,13 @@ def deployed(control: Control, sample_time: float, arithmetic: str = "float64", 
         return near
 
     loop = Loop(control=bare, axis=axis, sample_time=sample_time)
-    whole = linearize(loop, ["cut", *READINGS], ["force"], velocity=velocity, stored=stored)
+    try:
+        whole = linearize(loop, ["cut", *READINGS], ["force"], velocity=velocity, stored=stored)
+    except ParameterError:
+        gone = [name for name, share in coarse.items() if share == 1.0]
+        if not gone:
+            raise
+        raise ParameterError(f"{arithmetic} has too few digits for this control: {gone[0]} becomes zero") from None
     own = [i for i, name in enumerate(whole.states) if name.startswith("control.")]
     model = StateSpace(
         whole.A[np.ix_(own, own)], whole.B[own][:, 1:], whole.C[:, own], whole.D[:, 1:], float(sample_time),

@@ -18,6 +18,7 @@ from feeddrive.loop.linearize import StateSpace, linearize
 from feeddrive.loop.loop import Loop
 
 _AVERAGES = 8  # behind a coherence that comes without a variance
+_SIZES = 1e-40, 1e20  # m/N
 _ZERO = 1e-9  # of the numbers that it is the difference of
 
 
@@ -105,6 +106,10 @@ def measured_plant(
             raise ParameterError(f"'{name}' is in {each.unit}: a plant of a certificate must be in m/N")
         if np.count_nonzero(each.frequency < 0.5 / sample_time) < 2:
             raise ParameterError(f"'{name}' has fewer than two lines below half the sample rate")
+        size = np.abs(each.response)
+        wrong = np.flatnonzero(~((size > _SIZES[0]) & (size < _SIZES[1])))
+        if wrong.size:
+            raise ParameterError(f"'{name}' is {size[wrong[0]]:.3g} m/N at {each.frequency[wrong[0]]:g} Hz: no axis is")
     chosen = [load if motor is None or each == READINGS[1] else motor for each in readings]
     taken = chosen[:1] if all(each is chosen[0] for each in chosen) else chosen
     lines = tuple(_lines(each, sample_time) for each in taken)
