@@ -166,6 +166,12 @@ def test_units_in_heads(head: str, name: str, unit: str) -> None:
     assert found.units.get(name, "") == unit
 
 
+def test_a_row_of_units_may_hold_counts() -> None:
+    found = read(";Position actual value;Torque\nms;qc;%\n0.000;161;0.5\n1.000;160;0.4\n2.000;158;0.3\n")
+    assert list(found.values) == ["time", "Position actual value", "Torque"]
+    assert found.units == {"time": "ms", "Position actual value": "qc", "Torque": "percent"}
+
+
 def test_a_recorder_file_with_a_preamble_of_the_same_width() -> None:
     """The last line of the preamble looks like a row of numbers; the heads below it say that it is none."""
     found = read("Max. samples:;500\nSampling period:;6.400\n;Velocity\nms;rpm\n0.000;161\n6.400;160\n12.800;158\n")

@@ -142,6 +142,20 @@ def test_a_picture_draws_with_units_and_no_legend_over_a_curve(name: str) -> Non
     assert any(labels)
 
 
+@pytest.mark.parametrize(
+    ("low", "high", "numbers"),
+    [(11.0, 250.0, {"20", "50", "100", "200"}), (1.0, 1000.0, {"1", "10", "100", "1000"}), (2.0, 9.0, {"2", "5"})],
+)
+def test_a_frequency_axis_of_less_than_two_decades_has_numbers_between(
+    low: float, high: float, numbers: set[str]
+) -> None:
+    figure, axes = style.picture(1)
+    style.frequency_axis(axes[0], low, high)
+    figure.canvas.draw()
+    shown = zip(axes[0].get_xticks(), axes[0].get_xticklabels(), strict=True)
+    assert {label.get_text() for at, label in shown if low <= at <= high} == numbers
+
+
 def test_curves_differ_in_dashes_as_well_as_in_color() -> None:
     looks = [style.curve(i) for i in range(6)]
     assert len({look["color"] for look in looks}) == len({str(look["linestyle"]) for look in looks}) == 6

@@ -18,7 +18,7 @@ from feeddrive.engineer.identification.multisine_design import (
     schroeder_phases,
     summed,
 )
-from feeddrive.language.errors import ParameterError
+from feeddrive.language.errors import ParameterError, UnstableError
 from feeddrive.loop.linearize import linearize
 
 T = 5e-4
@@ -120,8 +120,24 @@ def test_a_limit_that_breaks_is_named_with_what_keeps_it() -> None:
         designed(loop(), band=(10.0, 1200.0))
     guarded = loop()
     control = replace(guarded.control, guard=fd.Guard(following_error_limit=1e-6))
-    with pytest.raises(ParameterError, match="the guard trips with code 2"):
+    with pytest.raises(ParameterError, match="the guard trips by the following error at t = "):
         designed(replace(guarded, control=control))
+    with pytest.raises(ParameterError, match=r"may be 0\.01 mm, \d+ times as much"):
+        designed(loop(friction=True), travel=1e-5)
+    with pytest.raises(ParameterError, match="amplitude = -1 N must be finite and > 0 N"):
+        designed(loop(), amplitude=-1.0)
+
+
+def test_more_samples_than_can_be_drawn_are_refused_at_once() -> None:
+    """8 periods of 1e5 s at 2 kHz are 1.6e9 samples; 8/(4e6 T) = 0.004 Hz is the finest resolution."""
+    with pytest.raises(ParameterError, match=r"8 of which are 1\.6e\+09 samples \(at most 4,000,000\): take 0\.004 Hz"):
+        designed(loop(), resolution=1e-5, periods=8)
+
+
+def test_a_loop_that_is_unstable_by_itself_is_not_excited() -> None:
+    tame = loop()
+    with pytest.raises(UnstableError, match="unstable"):
+        designed(replace(tame, control=fd.Control(law=fd.CascadePPI(Kv=40.0, Kp=12e5, Tn=0.02), force_limit=4000.0)))
 
 
 def test_the_amplitude_that_the_refusal_names_keeps_the_limit() -> None:

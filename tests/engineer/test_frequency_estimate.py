@@ -246,5 +246,12 @@ def test_what_cannot_be_used_is_named() -> None:
         estimate_frf(record, method="h3")
     with pytest.raises(ParameterError, match=r"band 10 .. 900 Hz must rise and lie between 0 Hz and Nyquist, 500 Hz"):
         estimate_frf(record, band=(10.0, 900.0))
+    with pytest.raises(LogError, match="input 'force' and output 'force' are the same numbers"):
+        Record(input=good, output=good.copy(), sample_time=T, input_name="force", output_name="force")
+    for period in (0, 1, 8193):
+        with pytest.raises(ParameterError, match=rf"period = {period} samples must be >= 2 and <= 8192"):
+            estimate_frf(record, period=period)
+    with pytest.raises(ParameterError, match="skip = -1 periods must be >= 0"):
+        estimate_frf(record, period=512, skip=-1)
     with pytest.raises(LogError, match="repeats every 500 samples"):
         estimate_frf(measured(multisine(1), 1, gain=0.0), method="local_polynomial")

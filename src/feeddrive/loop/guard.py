@@ -9,6 +9,8 @@ from feeddrive.language.block import Block, Number, parameter
 
 # codes of `Signals.trip`
 TRIP_NONE, TRIP_READING, TRIP_FOLLOWING_ERROR, TRIP_VELOCITY, TRIP_TRAVEL = 0.0, 1.0, 2.0, 3.0, 4.0
+TRIPS = {TRIP_READING: "a broken reading", TRIP_FOLLOWING_ERROR: "the following error", TRIP_VELOCITY: "the velocity",
+         TRIP_TRAVEL: "the travel"}  # in words  # fmt: skip
 
 
 SMOOTHING = 1.0 / 32.0  # of the velocity at enable: a count that toggles at standstill must not look like motion

@@ -27,6 +27,8 @@ _SPELLINGS = {
     "r/min": "rpm", "1/min": "rpm", "min-1": "rpm", "grad": "deg", "Grad": "deg", "Newton": "N", "Nmm": "N mm",
     "kNm": "kN m", "uNm": "uN m", "-": "",
 }  # fmt: skip
+# what makers write for counts of an encoder: no unit, since only a factor makes a length or an angle of it
+COUNTS = frozenset({"inc", "incs", "count", "counts", "cnt", "qc", "pulse", "pulses", "ticks"})
 
 
 def _row(row: int) -> str:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 
-from feeddrive.artefacts.files.columns import unit_of
+from feeddrive.artefacts.files.columns import COUNTS, unit_of
 from feeddrive.artefacts.files.roles import ROLES
 from feeddrive.language import units
 from feeddrive.language.errors import ParameterError
@@ -41,7 +41,6 @@ _EXACT = {
 }  # fmt: skip
 _QUANTITY_OF_UNIT = {"m": "position", "m/s": "velocity", "m/s2": "acceleration", "N": "force", "N m": "torque",
                      "A": "current", "V": "command", "rad": "angle", "rad/s": "speed"}  # fmt: skip
-_COUNTS = {"inc", "incs", "count", "counts", "cnt", "qc", "pulse", "pulses", "ticks"}
 # German compounds with set or actual before or behind: Sollposition, Lageistwert
 _BEHIND = re.compile(r"(soll|ist)wert")
 _BEFORE = re.compile(
@@ -155,7 +154,7 @@ def _by_words(name: str, words: list[str]) -> str:
 
 def _by_unit(unit: str) -> str:
     """The quantity that a unit measures."""
-    if unit in _COUNTS:
+    if unit.lower() in COUNTS:
         return "position"
     for known, quantity in _QUANTITY_OF_UNIT.items():
         try:

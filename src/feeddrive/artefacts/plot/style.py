@@ -147,10 +147,14 @@ def note(ax: Axes, text: str, *, x: float = 1.0, align: str = "right", y: float 
 
 
 def frequency_axis(ax: Axes, low: float, high: float) -> None:
-    """A logarithmic axis in Hz with plain numbers."""
+    """A logarithmic axis in Hz with plain numbers: at decades, and at 2 and 5 if fewer than two lie inside."""
+    from matplotlib.ticker import LogLocator
+
     ax.set_xscale("log")
     ax.set_xlim(low, high)
     plain_decades(ax.xaxis)
+    if np.floor(np.log10(high) + 1e-9) - np.ceil(np.log10(low) - 1e-9) < 1:
+        ax.xaxis.set_major_locator(LogLocator(base=10, subs=(1.0, 2.0, 5.0)))
     ax.grid(True, which="minor", axis="x", color=GRID, linewidth=0.4)
 
 

@@ -11,7 +11,7 @@ import re
 from collections import Counter
 from dataclasses import dataclass, replace
 
-from feeddrive.artefacts.files.columns import unit_of
+from feeddrive.artefacts.files.columns import COUNTS, unit_of
 
 _SAMPLE = 400  # lines
 _LINE = 20_000  # characters of a line that are looked at
@@ -127,8 +127,8 @@ def _heads(above: list[str], separator: str, decimal: str, count: int) -> list[l
 def _names(heads: list[list[str]], count: int) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Names and units of the columns; the lower of two lines is one of units if all its cells are."""
     names, units = heads[-1] if heads else [""] * count, [""] * count
-    if len(heads) == 2 and all(unit_of(cell) is not None for cell in names):
-        names, units = heads[0], [unit_of(cell) or "" for cell in names]
+    if len(heads) == 2 and all(unit_of(cell) is not None or cell.lower() in COUNTS for cell in names):
+        names, units = heads[0], [cell if cell.lower() in COUNTS else unit_of(cell) or "" for cell in names]
     found: list[str] = []
     for k in range(count):
         name, unit = _named(names[k])
