@@ -248,8 +248,8 @@ def _simulated(
     tripped = np.flatnonzero(run["trip"])
     if tripped.size:
         raise ParameterError(
-            f"the guard trips by {TRIPS[float(run['trip'][tripped[0]])]} at t = {t[tripped[0]]:.4g} s of the simulation: "
-            f"take less amplitude or a higher band, or widen the guard"
+            f"the guard trips by {TRIPS[float(run['trip'][tripped[0]])]} at t = {t[tripped[0]]:.4g} s of the simulation"
+            f": take less amplitude or a higher band, or widen the guard"
         )
     signals = dict(run.signals)
     del signals["trip"]

@@ -82,8 +82,8 @@ def periodic(
         remarks.append("one realisation: the variance is that of noise alone")
     if any(each.dropped >= (each.dropped + each.periods) // 2 for each in drawn if each.dropped):
         remarks.append(
-            "half of the periods, the most that may be, were dropped: something at the start dies out so slowly that it "
-            "is still told from the noise; if the deviation is too large measure more periods, or wait longer before"
+            "half of the periods, the most that may be, were dropped: something at the start dies out so slowly that "
+            "it is still told from the noise; if the deviation is too large measure more periods, or wait longer before"
         )
     frf = FRF(frequency[lines], response, first.input_name, first.output_name, first.unit, first.sample_time,
               coherence_of(response, noise, freedom), variance)  # fmt: skip
