@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from feeddrive.artefacts.files.columns import Columns
+from feeddrive.artefacts.files.columns import Columns, is_time
 from feeddrive.artefacts.files.formats import refuse_others, unpacked
 from feeddrive.artefacts.files.messages import nearest, plain
 from feeddrive.artefacts.files.readers import ast_xml, uff
@@ -66,6 +66,18 @@ def read_frfs(path: str | Path, *, columns: Sequence[str] | None = None) -> dict
         raise type(error)(plain(str(error))) from None
     except MemoryError:
         raise LogError(f"{path}: does not fit into the memory") from None
+
+
+def names_frequency(path: str | Path) -> bool:
+    """True for a file that has a column of frequency and none of time: it is no log, even if its lines are wrong."""
+    where = str(path)
+    try:
+        tables = list(_tables(where, unpacked(where, read_whole(path, MOST_BYTES)), None))
+        for table, _ in tables:
+            frequency_of(where, table)
+        return bool(tables) and not any(is_time(name) for table, _ in tables for name in table.values)
+    except (LogError, ParameterError, MemoryError):
+        return False
 
 
 def _read_frfs(path: str | Path, columns: Sequence[str] | None) -> dict[str, FRF]:

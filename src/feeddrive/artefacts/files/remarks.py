@@ -39,10 +39,10 @@ def _clipped(name: str, values: np.ndarray) -> str:
         before = np.abs(values[starts[long] - 2] - limit) > np.abs(values[starts[long] - 1] - limit)
         long[long] = before  # on its way there already: a state jumps
         if np.count_nonzero(long) >= _TIMES and np.median(steps[starts[long] - 2]) > _ABRUPT * usual:
-            share = 100.0 * np.sum(lengths[long]) / values.size
+            share = 100.0 * np.mean(values == limit)
             return (
-                f"'{name}' is clipped: it stands at its {word} value {limit:.6g} {np.count_nonzero(long)} times, "
-                f"{share:.2g} % of the log; what is fitted there is wrong"
+                f"'{name}' is clipped: it stands at its {word} value {limit:.6g} {np.count_nonzero(long)} times for "
+                f"{_LONG} samples or more, and in {share:.2g} % of the log; what is fitted there is wrong"
             )
     return ""
 

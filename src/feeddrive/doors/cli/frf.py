@@ -8,10 +8,12 @@ from pathlib import Path
 import numpy as np
 from rich.console import Console
 
+from feeddrive.artefacts.files.guess import guess_roles
 from feeddrive.artefacts.files.log import read_log
 from feeddrive.artefacts.files.measured import Log
 from feeddrive.artefacts.files.messages import nearest
 from feeddrive.artefacts.measurement.frf_page import levels, sentences, write_estimates
+from feeddrive.doors.cli.roles import clock, requested, show
 from feeddrive.doors.cli.working import drawn
 from feeddrive.engineer.identification.estimate_frf import estimate_frf
 from feeddrive.engineer.identification.frequency_estimate import FrequencyEstimate
@@ -22,7 +24,9 @@ from feeddrive.language.errors import LogError, ParameterError
 # names that a column may have for each role, the first that is there is taken
 _INPUT = ("force", "torque", "current", "command", "iq")
 _REFERENCE = ("excitation", "added_force", "reference")
-_OUTPUTS = (("position_load", "reading_load"), ("position_motor", "reading_motor"))  # one of each encoder
+# of both encoders, the first kind that is there
+_OUTPUTS = (("position_load", "reading_load", "position_motor", "reading_motor"), ("angle_load", "angle_motor"),
+            ("velocity_load", "velocity_motor"), ("speed_load", "speed_motor"))  # fmt: skip
 _ONE_OUTPUT = ("position", "y", "x")
 _SI = ("m", "m/s", "m/s2", "N", "rad", "rad/s", "N m", "A")
 
@@ -30,11 +34,11 @@ _SI = ("m", "m/s", "m/s2", "N", "rad", "rad/s", "N m", "A")
 def perform(
     logs: Sequence[Path], input_: str | None, outputs: Sequence[str], references: Sequence[str], method: str,
     band: str | None, period: int | None, skip: int | None, segment: int | None, sample_time: float | None,
-    out: Path | None,
+    out: Path | None, channels: Path | None = None, time: str | None = None,
 ) -> None:  # fmt: skip
     """Read, estimate the response of each output, show, write."""
     console = Console(highlight=False)
-    read = [read_log(log, sample_time=sample_time) for log in logs]
+    read = _read(logs, input_ is None and not outputs, channels, time, sample_time, console)
     inside = frequencies(band)
     found: list[FrequencyEstimate] = []
     of_input = input_ or _input(read[0])
@@ -49,6 +53,11 @@ def perform(
             console.print(drawn(levels(estimate)))
         for sentence in (*sentences(estimate), *estimate.remarks):
             console.print(f"- {sentence}", markup=False)
+    used = {of_input, *(each.frf.output for each in found), *_references(read[0], references)}
+    for log in read:
+        for remark in log.remarks:
+            if any(f"'{name}'" in remark for name in used):
+                console.print(f"- {log.name}: {remark}", markup=False)
     if not _references(read[0], references):
         console.print(
             "- No reference was given: if the loop was closed, name what was added to it with --reference.",
@@ -59,6 +68,30 @@ def perform(
              "Sample time": f"{1e3 * read[0].sample_time:.6g} ms"}  # fmt: skip
     report = write_estimates(found, out or Path("results") / f"frf_{logs[0].name.split('.')[0]}", facts)
     console.print(f"Report: {report}, response: {report.parent / 'frf.csv'}", markup=False, soft_wrap=True)
+
+
+def _read(
+    logs: Sequence[Path],
+    unnamed: bool,
+    channels: Path | None,
+    time: str | None,
+    sample_time: float | None,
+    console: Console,
+) -> list[Log]:
+    """The logs, with the roles of a TOML file, or, where nothing was named and no name is usual, with guessed ones."""
+    if channels is not None:
+        requests = [requested(channels, log) for log in logs]
+        return [each.read() for each in requests]
+    clocks = [clock(log, time, sample_time) for log in logs]
+    read = [read_log(log, sample_time=step) for log, step in zip(logs, clocks, strict=True)]
+    usual = {*_INPUT} & {*read[0].channels} and {*_ONE_OUTPUT, *(n for kind in _OUTPUTS for n in kind)} & {
+        *read[0].channels
+    }
+    if not unnamed or usual:
+        return read
+    guess = guess_roles(read[0])
+    show(guess, logs[0], console)
+    return [read_log(log, guess.mapping, sample_time=step) for log, step in zip(logs, clocks, strict=True)]
 
 
 def frequencies(band: str | None) -> tuple[float, float] | None:
@@ -91,7 +124,8 @@ def _input(log: Log) -> str:
 
 def _outputs(log: Log) -> list[str]:
     """The columns that are named like an encoder: that of the load, that of the motor, or one position."""
-    both = [name for group in _OUTPUTS for name in group if name in log.channels]
+    kinds = [[name for name in kind if name in log.channels] for kind in _OUTPUTS]
+    both = next((kind for kind in kinds if kind), [])
     one = [name for name in _ONE_OUTPUT if name in log.channels]
     return both or one[:1] or [_missing(log, "output", _OUTPUTS[0][0])]
 

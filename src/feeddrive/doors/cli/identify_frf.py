@@ -7,11 +7,12 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
 from rich.console import Console
 from rich.markup import escape
 from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
-from feeddrive.artefacts.files.frf import encoders, read_frfs
+from feeddrive.artefacts.files.frf import encoders, names_frequency, read_frfs
 from feeddrive.artefacts.files.machine import Machine, read_machine
 from feeddrive.artefacts.files.messages import nearest, sentence
 from feeddrive.artefacts.measurement.response_page import machine_text, recommendation, tables, told_by, write_fit
@@ -49,16 +50,19 @@ class Asked:
 
 
 def responses_in(path: Path) -> dict[str, FRF] | None:
-    """The frequency responses of a file; None if it holds none, as a log does."""
+    """The frequency responses of a file; None if it holds none, as a log does. Raises what is wrong with its lines."""
     try:
         return read_frfs(path)
     except FeeddriveError:
+        if names_frequency(path):
+            raise
         return None
 
 
 def perform(path: Path, found: Mapping[str, FRF], asked: Asked) -> None:
     """Choose, fit, show, write."""
     console = Console(highlight=False)
+    positive(asked.force_constant, asked.lead, asked.gear)
     model = asked.model or ("modal" if asked.modes else "auto")
     if model not in MODELS:
         raise ParameterError(f"--model must be one of {', '.join(MODELS)}, not '{model}'")
@@ -92,6 +96,13 @@ def perform(path: Path, found: Mapping[str, FRF], asked: Asked) -> None:
     elif reason:
         console.print(f"- No machine file was written: {reason}.", markup=False)
     console.print(f"Report: {report}", markup=False, soft_wrap=True)
+
+
+def positive(force_constant: float | None, lead: float | None, gear: float) -> None:
+    """Raise ParameterError for a constant of the drive that cannot be."""
+    for name, value in (("--force-constant", force_constant), ("--lead", lead), ("--gear", gear)):
+        if value is not None and not 0.0 < value < math.inf:
+            raise ParameterError(f"{name} = {value:g} must be > 0")
 
 
 def _axis_name(machine: Machine | None, axis: str | None) -> str:
@@ -147,6 +158,11 @@ def _chosen(path: Path, found: Mapping[str, FRF], asked: Asked, model: str) -> d
                 f"{path}: holds {len(found)} responses, {', '.join(found)}: say which encoder is which with --motor "
                 f"NAME and --load NAME, or take --model modes for all"
             )
+    if len(named) == 2 and model != "modes" and np.array_equal(*(frf.response for frf in named.values())):
+        raise ParameterError(f"{path}: motor and load are the same response: name that of each encoder")
+    for role, frf in named.items():
+        if asked.unit is not None and frf.unit and frf.unit != asked.unit:
+            raise ParameterError(f"{path}: the response of {role} is in {frf.unit}, as its file says, not {asked.unit}")
     known = {frf.unit for frf in named.values() if frf.unit}
     unit = asked.unit or (known.pop() if len(known) == 1 else None)
     return {role: frf if unit is None or frf.unit else replace(frf, unit=unit) for role, frf in named.items()}

@@ -62,11 +62,18 @@ def taken(
 
     force_per_unit    N for each unit of the input, as the force constant of a motor in N/A
     travel_per_unit   m for each unit of the output, as lead/2π for an angle in rad
-    Raises ParameterError if none is there, if their units differ or if too few lines are left.
+    Raises ParameterError if none is there, if one is 0, if their units differ or if too few lines are left.
     """
     there = {name: as_frf(frf) for name, frf in responses.items() if frf is not None}
     if not there:
         raise ParameterError("a fit needs at least one frequency response, of the motor's or of the load's position")
+    for name, frf in there.items():
+        silent = np.flatnonzero(frf.response == 0.0)
+        if silent.size:
+            raise ParameterError(
+                f"the response of the {name} is 0 at {frf.frequency[silent[0]]:g} Hz ({silent.size} such lines), which "
+                f"no axis does: check its columns, and leave out lines on which nothing was measured"
+            )
     units = {name: response_units(frf) for name, frf in there.items()}
     first = next(iter(units.values()))
     for name, each in units.items():

@@ -89,7 +89,7 @@ def _groups(blocks: Blocks) -> list[_Group]:
                 continue
             size = before + kept + invalid
             if not finished and rows == 0 and size:
-                rows = len(blocks.records(data_group.link(2))) // size
+                rows = sum(len(piece) for piece in blocks.records(data_group.link(2))) // size
             channels = _channels(blocks, group)
             if rows and channels:
                 found.append(_Group(channels, data_group.link(2), rows, before, kept, invalid))
@@ -118,9 +118,7 @@ def _columns(blocks: Blocks, chosen: _Group, groups: list[_Group], wanted: froze
     units: dict[str, str] = {}
     left_out = {channel.label: channel.trouble for channel in chosen.channels if channel.trouble}
     unread: list[str] = []
-    data = blocks.records(chosen.data)
-    if chosen.rows * chosen.size > len(data):
-        raise DamagedError
+    data = _whole(blocks.records(chosen.data), chosen)
     for channel in chosen.channels:
         if channel.trouble:
             continue
@@ -139,7 +137,7 @@ def _columns(blocks: Blocks, chosen: _Group, groups: list[_Group], wanted: froze
     return Columns("MDF4", values, units, unread=tuple(unread), left_out=left_out)
 
 
-def _raw(channel: Block, group: _Group, data: memoryview) -> np.ndarray:
+def _raw(channel: Block, group: _Group, data: list[memoryview]) -> np.ndarray:
     """Numbers of a channel as they were recorded, NaN where its flag says that they are not valid."""
     kind, _, form, shift, offset, bits, flags, flag_at = channel.numbers("BBBBIIII")
     if kind == _VIRTUAL_MASTER:
@@ -151,13 +149,13 @@ def _raw(channel: Block, group: _Group, data: memoryview) -> np.ndarray:
     if form >= 4:
         if bits not in _FLOATS or shift:
             raise DamagedError
-        found = _strided(data, group, offset, (">" if big else "<") + _FLOATS[bits]).astype(np.float64)
+        found = _strided(data, group, offset, (">" if big else "<") + _FLOATS[bits]).astype(np.float64, copy=False)
     else:
         found = _integers(data, group, offset, width, big)
         found = (found >> np.uint64(shift)) & np.uint64((1 << bits) - 1)
         if form >= 2:  # two's complement: the highest bit counts negative
             found = (found << np.uint64(64 - bits)).view(np.int64) >> np.int64(64 - bits)
-        found = found.astype(np.float64)
+        found = found.astype(np.float64, copy=False)
     if flags & 1:
         found[:] = np.nan
     elif flags & 2:
@@ -168,7 +166,7 @@ def _raw(channel: Block, group: _Group, data: memoryview) -> np.ndarray:
     return found
 
 
-def _integers(data: memoryview, group: _Group, offset: int, width: int, big: bool) -> np.ndarray:
+def _integers(data: list[memoryview], group: _Group, offset: int, width: int, big: bool) -> np.ndarray:
     """`width` bytes of each record as an unsigned number."""
     found = np.zeros(group.rows, dtype=np.uint64)
     for k in range(width):
@@ -177,9 +175,24 @@ def _integers(data: memoryview, group: _Group, offset: int, width: int, big: boo
     return found
 
 
-def _strided(data: memoryview, group: _Group, offset: int, dtype: str) -> np.ndarray:
+def _strided(data: list[memoryview], group: _Group, offset: int, dtype: str) -> np.ndarray:
     """One number of each record, without copying the records."""
-    return np.ndarray((group.rows,), dtype, data, group.before + offset, (group.size,))
+    at, size = group.before + offset, group.size
+    return np.concatenate([np.ndarray((len(piece) // size,), dtype, piece, at, (size,)) for piece in data])
+
+
+def _whole(pieces: list[memoryview], group: _Group) -> list[memoryview]:
+    """Pieces of whole records: joined only if a record runs over the end of one. Raises DamagedError if some lack."""
+    size, length = group.size, group.rows * group.size
+    if size == 0 or length > sum(len(piece) for piece in pieces):
+        raise DamagedError
+    if any(len(piece) % size for piece in pieces[:-1]):
+        pieces = [memoryview(b"".join(pieces))]
+    found: list[memoryview] = []
+    for piece in pieces:
+        found.append(piece[: min(len(piece), length) // size * size])
+        length -= len(found[-1])
+    return [piece for piece in found if len(piece)]
 
 
 _CONVERSIONS = (0, 1, 2, 4, 5)  # none, linear, rational, tables of values with and without interpolation

@@ -88,33 +88,34 @@ class Blocks:
             text = "" if inside is None else inside[1]
         return " ".join(text.split())
 
-    def records(self, address: int) -> memoryview:
-        """The records of a data group: one block as it stands in the file, or the pieces of a list, joined.
+    def records(self, address: int) -> list[memoryview]:
+        """The pieces of a data group's records: as they stand in the file, or unpacked.
 
         Raises LogError for packed pieces that hold more than they may, and for ways to store that are not read.
         """
         if not address:
-            return memoryview(b"")
+            return []
         block = self.at(address, b"##DT", b"##DZ", b"##DL", b"##HL", b"##DV", b"##LD")
         if block.kind in (b"##DV", b"##LD"):
             raise LogError(f"{self.name}: is an MDF4 file that stores columns (4.2); save it as version 4.10 or 4.11")
         if block.kind == b"##HL":
             block = self.at(block.link(0), b"##DL")
-        if block.kind == b"##DT":
-            return block.data
-        joined = bytearray()
-        if block.kind == b"##DZ":
-            joined += self._unpacked(block, 0)
-            return memoryview(joined)
+        if block.kind in (b"##DT", b"##DZ"):
+            return [self._piece(block, 0)]
+        found: list[memoryview] = []
+        size = 0
         while True:
-            for piece in block.links[1:]:
-                if piece:
-                    part = self.at(piece, b"##DT", b"##DZ")
-                    joined += part.data if part.kind == b"##DT" else self._unpacked(part, len(joined))
-                    self._check(len(joined))
+            for address in block.links[1:]:
+                if address:
+                    found.append(self._piece(self.at(address, b"##DT", b"##DZ"), size))
+                    size += len(found[-1])
+                    self._check(size)
             if not block.link(0):
-                return memoryview(joined)
+                return found
             block = self.at(block.link(0), b"##DL")
+
+    def _piece(self, block: Block, before: int) -> memoryview:
+        return block.data if block.kind == b"##DT" else memoryview(self._unpacked(block, before))
 
     def _check(self, size: int) -> None:
         """A block that a list names many times is a bomb, too."""
