@@ -71,14 +71,14 @@ def test_columns_are_named_where_they_cannot_be_guessed(call) -> None:
     rng = np.random.default_rng(1)
     t = np.arange(4000) * 1e-3
     iq, angle = rng.standard_normal(4000), rng.standard_normal(4000).cumsum()
-    write_run_csv("log.csv", t, {"drive_current": iq, "angle": angle}, {"drive_current": "A", "angle": "rad"})
+    write_run_csv("log.csv", t, {"p7": iq, "p9": angle}, {"p7": "", "p9": ""})
     code, _, err = call("frf", "log.csv")
     assert code == 2
     assert "name it with --input" in " ".join(err.split())
-    code, out, err = call("frf", "log.csv", "--input", "drive_current", "--output", "angle", "--method", "h1")
+    code, out, err = call("frf", "log.csv", "--input", "p7:A", "--output", "p9:rad", "--method", "h1")
     assert code == 0, err
     assert "No reference was given" in out
     assert read_frf("results/frf_log/frf.csv").unit == "rad/A"
-    code, _, err = call("frf", "log.csv", "--input", "drive_current", "--output", "angle", "--band", "5-500")
+    code, _, err = call("frf", "log.csv", "--input", "p7:A", "--output", "p9:rad", "--band", "5-500")
     assert code == 2
     assert "as 5..500" in err

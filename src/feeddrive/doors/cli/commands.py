@@ -7,8 +7,8 @@ from typing import Annotated
 
 import typer
 
+from feeddrive.doors.cli import identify_command
 from feeddrive.doors.cli.certify_command import certify, check
-from feeddrive.doors.cli.identify_command import channels, identify
 from feeddrive.doors.cli.tune_command import tune
 
 app = typer.Typer(
@@ -228,12 +228,22 @@ def frf(
     sample_time: Annotated[
         float | None, typer.Option("--sample-time", help="s, for logs without time.", show_default=False)
     ] = None,
+    time: Annotated[
+        str | None, typer.Option("--time", help="Column of the time, name:unit.", show_default=False)
+    ] = None,
+    channels: Annotated[
+        Path | None,
+        typer.Option(
+            "--channels", help="Which column is what (TOML), as `feeddrive channels` writes it.", show_default=False
+        ),
+    ] = None,
     out: Out = None,
 ) -> None:
     """Estimate a frequency response with coherence, variance, noise and distortion from measured logs."""
     from feeddrive.doors.cli.frf import perform
 
-    perform(logs, input_, output or (), reference or (), method, band, period, skip, segment, sample_time, out)
+    names = (input_, output or (), reference or ())
+    perform(logs, *names, method, band, period, skip, segment, sample_time, out, channels, time)
 
 
 @app.command()
@@ -268,8 +278,8 @@ def excite(
     perform(machine, axis, band, out, asked)
 
 
-app.command()(identify)
-app.command()(channels)
+app.command()(identify_command.identify)
+app.command()(identify_command.channels)
 app.command()(tune)
 app.command()(certify)
 app.command()(check)

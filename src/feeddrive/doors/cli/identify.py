@@ -12,6 +12,7 @@ from feeddrive.artefacts.files.measured import Log
 from feeddrive.artefacts.files.messages import sentence
 from feeddrive.artefacts.measurement.identified_machine import machine_text
 from feeddrive.artefacts.measurement.identify_page import tables, write_identified
+from feeddrive.doors.cli.identify_frf import positive
 from feeddrive.doors.cli.roles import mapped
 from feeddrive.doors.cli.working import drawn
 from feeddrive.engineer.identification.identify import identify
@@ -38,6 +39,7 @@ def perform(
 ) -> None:
     """Read, fit, show, write."""
     console = Console(highlight=False)
+    positive(force_constant, lead, gear)
     given = None if machine is None else read_machine(machine)
     loop = None if given is None else given.loop(axis)
     measured, mapping = mapped(log, columns, channels, _WANTED, sample_time, console)

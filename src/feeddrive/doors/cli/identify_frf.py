@@ -158,7 +158,7 @@ def _chosen(path: Path, found: Mapping[str, FRF], asked: Asked, model: str) -> d
                 f"{path}: holds {len(found)} responses, {', '.join(found)}: say which encoder is which with --motor "
                 f"NAME and --load NAME, or take --model modes for all"
             )
-    if len(named) == 2 and model != "modes" and np.array_equal(*(frf.response for frf in named.values())):
+    if {"motor", "load"} <= set(named) and np.array_equal(named["motor"].response, named["load"].response):
         raise ParameterError(f"{path}: motor and load are the same response: name that of each encoder")
     for role, frf in named.items():
         if asked.unit is not None and frf.unit and frf.unit != asked.unit:

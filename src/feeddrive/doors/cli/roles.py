@@ -8,7 +8,7 @@ from pathlib import Path
 from rich.console import Console
 
 from feeddrive.artefacts.files.guess import Guess, guess_roles, write_roles
-from feeddrive.artefacts.files.job import read_request
+from feeddrive.artefacts.files.job import LogRequest, read_request
 from feeddrive.artefacts.files.log import read_log
 from feeddrive.artefacts.files.measured import Log
 from feeddrive.artefacts.files.roles import Column
@@ -43,18 +43,11 @@ def mapped(
     """
     told = {role: column(text) for role, text in named.items() if text is not None}
     if channels is not None:
-        if not channels.exists():
-            how = f"feeddrive channels {path} --out {channels} writes one to correct"
-            raise FileError(f"{channels}: no such file; {how}")
-        request = read_request(channels, path)
+        request = requested(channels, path)
         mapping = {role: each for role, each in {**request.channels, **told}.items() if role in wanted}
         log = read_log(path, mapping, optional=request.optional, sample_time=sample_time or request.sample_time)
         return log, mapping
-    if "time" in told:  # all columns on a clock of another name than the usual ones
-        clock = read_log(path, {"time": told["time"]}, sample_time=sample_time).sample_time
-    else:
-        clock = sample_time
-    guess = guess_roles(read_log(path, sample_time=clock))
+    guess = guess_roles(read_log(path, sample_time=clock(path, named.get("time"), sample_time)))
     guessed = {role: each for role, each in guess.mapping.items() if role in wanted and role not in told}
     # a column that was named for one role does not stand for another
     taken = {each.name for each in told.values()}
@@ -63,6 +56,19 @@ def mapped(
         show(guess, path, console)
     mapping = {role: each for role, each in {**guessed, **told}.items() if role in wanted}
     return read_log(path, mapping, sample_time=sample_time), mapping
+
+
+def requested(channels: Path, path: Path) -> LogRequest:
+    """The log with the roles of a TOML file. Raises FileError for a file that is not there, with how to make one."""
+    if not channels.exists():
+        how = f"feeddrive channels {path} --out {channels} writes one to correct"
+        raise FileError(f"{channels}: no such file; {how}")
+    return read_request(channels, path)
+
+
+def clock(path: Path, time: str | None, sample_time: float | None) -> float | None:
+    """The sample time of a log whose column of time has another name than the usual ones."""
+    return sample_time if time is None else read_log(path, {"time": column(time)}, sample_time=sample_time).sample_time
 
 
 def show(guess: Guess, path: Path, console: Console) -> None:

@@ -6,6 +6,8 @@ import dataclasses
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from feeddrive.engineer.analysis.friction_map import FrictionMap, friction_map
 from feeddrive.engineer.identification.control_law import ControlFit, identify_control
 from feeddrive.engineer.identification.delay import DelayFit, find_delay
@@ -106,7 +108,7 @@ def identify(
     Raises NotIdentifiableError with what to measure next, LogError for a log that cannot be used.
     """
     delay = find_delay(log, how=how)
-    remarks: list[str] = []
+    remarks: list[str] = [*_travel(log)]
     closed = log.set_position is not None and not log.rotary
     known = 0.0 if start is None else float(start.axis.actuator.dead_time) / log.sample_time
     late = 0 if closed or start is not None or not delay.clear else max(0, delay.nearest)
@@ -173,6 +175,14 @@ _NO_LOOP = "the log is that of a shaft: closed loop and friction over the travel
 def _rigid(log: MotionLog, friction: str, how: Preparation | None, delay: float) -> RigidFit:
     """The inverse dynamics with the force so many samples late besides its hold, unless `how` says otherwise."""
     return identify_rigid(log, friction=friction, how=how or Preparation(delay=HOLD + delay))
+
+
+def _travel(log: MotionLog) -> list[str]:
+    """A travel that no feed drive has is a unit or a factor that is wrong."""
+    travel = float(np.ptp(log.position))
+    if log.rotary or 1e-5 <= travel <= 100.0:
+        return []
+    return [f"the travel of the log is {travel:.3g} m: check unit and factor of the position before you use any value"]
 
 
 def _about(rigid: RigidFit, late: int) -> list[str]:

@@ -17,6 +17,7 @@ from feeddrive.language.errors import ParameterError
 from feeddrive.language.table import Result, Table
 from feeddrive.loop.frequency_response import FRF
 
+_MOST_ASKED = 40
 MOST = 8  # modes that are tried if nobody says how many
 _GAIN = 0.9  # what a mode more must bring the error down to
 _FURTHER = 3  # modes that are tried beyond a number that is good enough so far
@@ -116,6 +117,8 @@ def fit_modes(
     Raises ParameterError for units that differ and for too few lines.
     When not: for masses and stiffnesses; see `fit_two_mass` and `fit_modal_axis`.
     """
+    if modes is not None and not 0 <= modes <= _MOST_ASKED:
+        raise ParameterError(f"modes = {modes} must be >= 0 and <= {_MOST_ASKED}")
     named = _named(responses)
     chosen, units = taken(named, band, None, None)
     outputs = tuple(chosen)
