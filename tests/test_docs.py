@@ -176,6 +176,13 @@ def test_the_first_axis_prints_what_its_page_shows(tmp_path: Path):
     assert_prints(wrong, tmp_path, 2)
 
 
+def test_the_afternoon_goes_as_its_page_shows(tmp_path: Path):
+    """From excitation to certificate, one command after the other in one folder."""
+    for console in blocks(ROOT / "docs/afternoon.md", "console"):
+        assert_prints(console, tmp_path, 0)
+    assert (tmp_path / "tuned" / "report.html").exists()
+
+
 def assert_prints(console: str, folder: Path, code: int) -> None:
     """The first line is a command; it prints every other line, with the same words and numbers within 1 %."""
     first, *lines = console.strip().splitlines()
@@ -186,7 +193,7 @@ def assert_prints(console: str, folder: Path, code: int) -> None:
         *first.removeprefix("$ ").split()[1:],
     ]
     wide = {**os.environ, "COLUMNS": "160", "NO_COLOR": "1"}
-    done = subprocess.run(asked, cwd=folder, env=wide, capture_output=True, text=True, timeout=120, check=False)
+    done = subprocess.run(asked, cwd=folder, env=wide, capture_output=True, text=True, timeout=300, check=False)
     assert done.returncode == code, done.stderr
     printed = (done.stdout + done.stderr).splitlines()
     for line in lines:
