@@ -36,7 +36,7 @@ def test_a_machine_gets_a_certificate_and_a_report(tmp_path: Path) -> None:
     page = (out / "report.html").read_text()
     for word in ("Margin against the discs", "Discs in the complex plane", "What is outside", "Rouché", "Saturation"):
         assert word in page
-    assert "PROVEN: 1 plants" in run("check", str(out / "certificate.json"))
+    assert "PROVEN: plants: 1" in run("check", str(out / "certificate.json"))
     text = (out / "certificate.json").read_text().replace('"confidence": 0.95', '"confidence": 0.9')
     (tmp_path / "other.json").write_text(text)
     assert "REFUSED: its content is not what its SHA-256" in run("check", str(tmp_path / "other.json"), code=1)

@@ -199,6 +199,25 @@ def test_the_squared_size_is_a_polynomial_in_u() -> None:
     assert left[-1] == right[0]
 
 
+def test_stability_is_that_of_the_zeros() -> None:
+    """Polynomials of degree 1 to 13 with zeros near the circle, inside and outside, against their zeros."""
+    rng = np.random.default_rng(0)
+    verdicts: list[bool] = []
+    for _ in range(300):
+        n = int(rng.integers(1, 14))
+        zeros: list[complex] = [complex(rng.uniform(-1.02, 1.02))] if n % 2 else []
+        for _ in range(n // 2):
+            z = rng.uniform(0.7, 1.0 + 0.4 / n) * np.exp(1j * rng.uniform(0.0, np.pi))
+            zeros += [z, np.conj(z)]
+        F = [round(x * 10**15) for x in np.real(np.poly(zeros))[::-1]]
+        far = float(np.max(np.abs(np.roots([float(x) for x in reversed(F)]))))
+        if abs(far - 1.0) > 1e-6:
+            verdicts.append(far < 1.0)
+            assert check.stable(F) == verdicts[-1]
+            assert check.stable([-x for x in F]) == verdicts[-1]
+    assert 50 < sum(verdicts) < len(verdicts) - 50
+
+
 @pytest.mark.parametrize("machine", ["ball_screw", "emps", "linear_motor", "mill", "xy_table"])
 def test_bundled_machines_are_certified(machine: str) -> None:
     for loop in fd.read_machine(machine).loops.values():

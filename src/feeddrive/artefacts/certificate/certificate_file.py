@@ -28,6 +28,6 @@ def read_certificate(path: str | Path) -> Certificate:
         check.verified(document)
     except check.RefusedError as error:
         raise FileError(f"{path}: refused: {error}") from None
-    except (LookupError, TypeError, AttributeError, ValueError, ArithmeticError) as error:
+    except check.BROKEN as error:
         raise FileError(f"{path}: refused: it is not built as a certificate is: {error}") from None
     return Certificate(document)

@@ -12,7 +12,8 @@ from feeddrive.engineer.certificate.responses import LoopResponse
 
 _MOST = 6  # rows of one picture
 _DECADES = 3.0  # below the nearest place that are shown
-_DISCS = 90  # drawn in the complex plane
+_DISCS = 500  # drawn in the complex plane
+_SHADE = "#f6dbc8"
 
 
 def certificate(found: Certificate) -> Any:
@@ -80,9 +81,10 @@ def certificate_discs(found: Certificate) -> Any:
     walked = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(L[near])))])
     keep = np.unique(np.searchsorted(walked, np.linspace(0.0, walked[-1], _DISCS)).clip(0, walked.size - 1))
     circles = [Circle((x.real, x.imag), r) for x, r in zip(L[near][keep], taken[near][keep], strict=True)]
-    ax.add_collection(PatchCollection(circles, facecolor=style.color(1), alpha=0.10, edgecolor="none"))
+    # one light color without transparency: where discs overlap nothing is more likely
+    ax.add_collection(PatchCollection(circles, facecolor=_SHADE, edgecolor="none", zorder=0.5))
     ax.plot(np.clip(L.real, -20, 20), np.clip(L.imag, -20, 20), label="L of the model", **style.curve(0))
-    ax.plot([], [], color=style.color(1), linewidth=6, alpha=0.4, label="where L may lie")
+    ax.plot([], [], color=_SHADE, linewidth=6, label="where L may lie")
     ax.plot([-1.0], [0.0], "+", color=style.ALERT, markersize=11, markeredgewidth=1.8)
     style.labels(ax, "real part of L", "imaginary part of L")
     style.note(ax, style.caption(plant["name"]) or "")

@@ -98,7 +98,7 @@ class Certificate(Result):
             rows.append([
                 each["name"], f"{min(r):.4g} .. {max(r):.4g}" if min(r) < max(r) else f"{r[0]:.4g}", f"{peak:.4g}",
                 "-" if each["reserve"] is None else f"{each['reserve']:.4g}", f"{each['reserve_at_Hz']:.4g}",
-                f"{each['largest_pole_of_the_loop']:.6f}", str(sum(len(lines) for lines in each["lines"])),
+                f"{loop.growth:.6f}", str(sum(len(lines) for lines in each["lines"])),
             ])  # fmt: skip
         heads = ["plant", "r", "max |L/(1+L)|", "discs wider by", "at Hz", "largest |z|", "lines inside"]
         return Table(self.sentence(), heads, rows)
@@ -117,6 +117,6 @@ class Certificate(Result):
         columns = {
             "reserve": [np.nan if each["reserve"] is None else each["reserve"] for each in plants],
             "frequency": [each["reserve_at_Hz"] for each in plants],
-            "largest_pole": [each["largest_pole_of_the_loop"] for each in plants],
+            "largest_pole": [self.loops[each["name"]].growth for each in plants],
         }
         return frames.frame([each["name"] for each in plants], columns, "plant")

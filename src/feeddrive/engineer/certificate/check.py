@@ -35,7 +35,8 @@ Polynomials = tuple[Poly, Numerators]
 
 FORMAT, VERSION, MOST_BYTES = "feeddrive certificate", 1, 64_000_000
 KEPT = Fraction(999, 1000)  # of a claimed reserve that is proven
-NODES, DEPTH = 60_000, 160  # stretches of u before the check gives up
+NODES, DEPTH = 20_000, 160  # stretches of u before the check gives up
+BROKEN = (LookupError, TypeError, AttributeError, ValueError, ArithmeticError, RecursionError)
 HEX = re.compile(r"-?0x[01](\.[0-9a-f]{1,13})?p[+-]\d{1,4}")
 
 
@@ -48,7 +49,7 @@ class RefusedError(Exception):
 
 
 def need(condition: Any, reason: str, frequency: float | None = None) -> None:
-    """Refuse, unless the condition holds."""
+    """Refuse unless the condition holds."""
     if not condition:
         raise RefusedError(reason, frequency)
 
@@ -77,11 +78,6 @@ def row(value: Any, length: int | None, what: str) -> list[Any]:
     return value
 
 
-def matrix(value: Any, rows: int, columns: int, what: str) -> Matrix:
-    """Rows of numbers in hexadecimal."""
-    return [[exact(x, what) for x in row(line, columns, what)] for line in row(value, rows, what)]
-
-
 def system(given: Any, what: str) -> dict[str, Matrix]:
     """A, B, C, D of a linear system."""
     need(isinstance(given, dict) and {"A", "B", "C", "D"} <= set(given), f"{what} has no matrices A, B, C, D")
@@ -90,7 +86,10 @@ def system(given: Any, what: str) -> dict[str, Matrix]:
     inputs = len(row(given["D"], outputs, what)[0]) if outputs and isinstance(given["D"][0], list) else 0
     need(1 <= inputs <= 2 and 1 <= outputs <= 2 and n <= 60, f"{what} is empty or too large")
     sizes = {"A": (n, n), "B": (n, inputs), "C": (outputs, n), "D": (outputs, inputs)}
-    return {name: matrix(given[name], *size, f"{what}.{name}") for name, size in sizes.items()}
+    return {
+        name: [[exact(x, what) for x in row(line, n, what)] for line in row(given[name], m, what)]
+        for name, (m, n) in sizes.items()
+    }
 
 
 def whole(values: Matrix) -> tuple[list[Poly], int]:
@@ -347,6 +346,8 @@ def verified(document: Mapping[str, Any]) -> list[str]:
         need(represented(exact(x, name), arithmetic), f"{name} is not a number of {arithmetic}")
     control = system(document["control"], "control")
     need(len(control["C"]) == 1, "the control must have one output, the force")
+    outside = " ".join(document["outside"])
+    need("saturation" in outside and "friction" in outside, "it does not say that saturation and friction are outside")
     answers, plants, said = polynomials(control), row(document["plants"], None, "plants"), []
     need(0 < len(plants) <= 100, "there is no plant, or more than a hundred")
     confidence = plain(document["confidence"], "confidence", 0.0, 1.0 - 1e-12)
@@ -377,11 +378,12 @@ def main(arguments: list[str]) -> int:
         said = [*verified(document), f"outside: {'; '.join(document['outside'])}"]
     except (OSError, RefusedError) as error:
         said = [f"REFUSED: {error}"]
-    except (LookupError, TypeError, AttributeError, ValueError, ArithmeticError) as error:
+    except BROKEN as error:
         said = [f"REFUSED: it is not built as a certificate is: {type(error).__name__} {error}"]
     else:
-        said.append(f"PROVEN: {len(said) - 1} plants, {document['arithmetic']} coefficients")
-    sys.stdout.write("\n".join(" ".join(line.split()) for line in said) + "\n")
+        said.append(f"PROVEN: plants: {len(said) - 1}, coefficients: {document['arithmetic']}")
+    shown = ("".join(c if c.isprintable() and c.isascii() else "?" for c in " ".join(line.split())) for line in said)
+    sys.stdout.write("\n".join(shown) + "\n")
     return 0 if said[-1].startswith("PROVEN") else 1
 
 

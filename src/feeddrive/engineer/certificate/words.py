@@ -29,6 +29,10 @@ BETWEEN = (
     "above the last line the radius is an assumption. The errors of the lines are complex normal with the variances of "
     "the list; they may hang together."
 )
+NOT_CHECKED = [
+    "what stands there for people: machine, law, parameters, units, states, source, dead_time_s, sample_time_ms",
+    "that the matrices are those of this control with these numbers: feeddrive traced it and says so",
+]
 OUTSIDE = [
     "saturation: force limit, current limit, anti-windup in action",
     "friction other than its slope at the stated velocity: stick, stiction, reversal; backlash",
