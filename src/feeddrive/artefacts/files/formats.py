@@ -21,6 +21,7 @@ from feeddrive.artefacts.files.readers.uff import STARTS as _UFF
 from feeddrive.artefacts.files.readers.uff import read_uff
 from feeddrive.language.errors import LogError
 
+_PIECE = 10_000_000  # bytes that gzip unpacks at a time: a bomb is noticed one piece beyond what is read
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 _READABLE = "MATLAB (.mat), CSV, Parquet, numpy (.npy), UFF 58, MDF4, also packed by gzip"
 
@@ -112,12 +113,14 @@ def _unpacked(name: str, content: bytes) -> bytes:
     try:
         while content:
             zip_ = zlib.decompressobj(wbits=31)
-            parts.append(zip_.decompress(content, most - size + 1))
-            size += len(parts[-1])
-            if size > most:
-                raise LogError(f"{name}: holds more than the {most / 1e6:,.0f} MB that are read, once unpacked")
-            if not zip_.eof:
-                raise LogError(f"{name}: is packed by gzip and cut off; copy it again")
+            while not zip_.eof:
+                parts.append(zip_.decompress(content, _PIECE))
+                content = zip_.unconsumed_tail
+                size += len(parts[-1])
+                if size > most:
+                    raise LogError(f"{name}: holds more than the {most / 1e6:,.0f} MB that are read, once unpacked")
+                if not parts[-1] and not zip_.eof:
+                    raise LogError(f"{name}: is packed by gzip and cut off; copy it again")
             content = zip_.unused_data.lstrip(b"\0")
     except zlib.error:
         raise LogError(f"{name}: is packed by gzip and damaged; copy it again") from None
