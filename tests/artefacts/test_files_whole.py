@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from feeddrive.artefacts.files import whole
-from feeddrive.artefacts.files.whole import new_directory, read_whole, write_whole, written_whole
+from feeddrive.artefacts.files.whole import check_directory, new_directory, read_whole, write_whole, written_whole
 from feeddrive.language.errors import FileError
 
 
@@ -148,6 +148,23 @@ def test_an_own_directory_is_replaced_a_foreign_one_is_not(tmp_path: Path) -> No
     with pytest.raises(FileError, match="is a symbolic link"), new_directory(tmp_path / "link"):
         pytest.fail("the work must not start")
     assert listing(tmp_path / "foreign") == ["thesis.tex"]
+
+
+def test_a_place_for_a_directory_is_checked_without_touching_it(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("mine")
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "x").write_text("mine")
+    (tmp_path / "link").symlink_to(tmp_path / "mine")
+    with new_directory(tmp_path / "ours") as folder:
+        (folder / "report.html").write_text("old")
+    before = listing(tmp_path)
+    check_directory(tmp_path / "ours")
+    check_directory(tmp_path / "new" / "and" / "deep")
+    for name, reason in (("file", "is a file"), ("mine", "was not written by feeddrive"), ("link", "symbolic link"),
+                         ("file/below", "a directory|a part of its path")):  # fmt: skip
+        with pytest.raises(FileError, match=reason):
+            check_directory(tmp_path / name)
+    assert listing(tmp_path) == before
 
 
 @pytest.mark.parametrize("marker", ["", "[]", "{}", '{"files": 3}', '{"files": [[]]}', "\ud800"])

@@ -205,6 +205,14 @@ def test_a_place_that_cannot_be_written(run) -> None:
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="NOT RUN: signals work otherwise on Windows")
+def test_a_place_that_cannot_be_written_is_named_before_the_work(run) -> None:
+    """The log that is missing is not even looked for."""
+    Path("mine").mkdir()
+    Path("mine/thesis.txt").write_text("years of work", encoding="utf-8")
+    for words in (("frf", "missing.csv"), ("excite", "missing.toml", "--band", "5..50", "--amplitude", "1")):
+        assert "mine: exists and was not written by feeddrive" in refused(run, *words, "--out", "mine")
+
+
 def test_ctrl_c_ends_with_one_line_and_nothing_written(tmp_path) -> None:
     env = {**os.environ, "COLUMNS": "200"}
     command = [sys.executable, "-c", "from feeddrive.doors.cli import main; main()", "run", "emps", "--out", "d"]

@@ -155,6 +155,21 @@ def new_directory(path: str | Path) -> Generator[Path]:
                     folder.rmdir()
 
 
+def check_directory(path: str | Path) -> None:
+    """Raise FileError if `new_directory` could not write there, as far as can be seen without writing."""
+    _check_name(path)
+    target = Path(os.path.abspath(path))
+    try:
+        _check_replaceable(path, target)
+        there = next(folder for folder in target.parents if folder.exists())
+        if not there.is_dir():
+            raise NotADirectoryError(errno.ENOTDIR, os.strerror(errno.ENOTDIR))
+        if not os.access(there, os.W_OK | os.X_OK):
+            raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
+    except OSError as error:
+        raise refusal(path, "written", error) from None
+
+
 def _seen(name: object, temporary: Path, target: Path) -> Path | None:
     """The file of an error under the name that it would have had."""
     if not isinstance(name, str | Path):

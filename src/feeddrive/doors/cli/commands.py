@@ -9,6 +9,7 @@ import typer
 
 from feeddrive.doors.cli import identify_command
 from feeddrive.doors.cli.certify_command import certify, check
+from feeddrive.doors.cli.out import Out
 from feeddrive.doors.cli.tune_command import tune
 
 app = typer.Typer(
@@ -17,13 +18,6 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     help="Feed drives of machine tools: from a machine file or a measured log to a servo loop that is proven.",
 )
-
-Out = Annotated[
-    Path | None,
-    typer.Option(
-        "--out", "-o", help="Directory to write; one that feeddrive wrote before is replaced.", show_default=False
-    ),
-]
 
 
 def _version(wanted: bool) -> None:
