@@ -118,6 +118,49 @@ def test_encirclement_says_what_poles_say(screw: fd.Loop, placement: fd.Loop) ->
     assert min(counts) > 10
 
 
+def test_encirclement_counts_what_integrates_on_a_measured_axis(screw: fd.Loop) -> None:
+    """A law with two integrals on an axis measured from 1 Hz on: four in all, where half a turn is one more."""
+    design = next(each for each in designs(screw)[0] if each.name == "P-PI + recovery")
+    loop = design.loop
+    found = responses(screw, np.arange(1.0, 2001.0), 0.02, 1)
+    site = measured_site(found["cut", "reading_load"], found["cut", "reading_motor"], sample_time=5e-5)
+    random, counts = np.random.default_rng(1), [0, 0]
+    for _ in range(40):
+        changes = {n: float(tree.get(loop, n)) * float(np.exp(random.uniform(-3.0, 0.7))) for n in design.knobs}
+        other = tree.vary(loop, changes)
+        largest = float(np.abs(opened(other).closed.poles()[0]))
+        if abs(largest - 1.0) < 1e-4:
+            continue  # slower than the lines: 0.3 Hz
+        response = ControlResponse(other.control, 5e-5, ()).at((), site.frequency)
+        assert encircles(answer(site, response)) is not (largest < 1.0), changes
+        backward = replace(site, by_force=-site.by_force)
+        assert encircles(answer(backward, response)), "an axis that moves against its force"
+        counts[largest < 1.0] += 1
+    assert min(counts) >= 3
+
+
+def test_margins_know_the_noise_of_their_crossover(screw: fd.Loop) -> None:
+    """The deviation of the lowest margin of each kind against 100 measurements: 20 % are three of its deviations."""
+    lines = np.geomspace(2.0, 1500.0, 120)
+    limits = Limits(None, gain_margin_dB=6.0, phase_margin_deg=25.0, delay_margin_samples=15.0)
+    response = ControlResponse(screw.control, 5e-5, ())
+    slacks: dict[str, list[float]] = {}
+    said: dict[str, float] = {}
+    for seed in range(100):
+        found = responses(screw, lines, 0.01, seed)
+        bare = {key: replace(frf, variance=None) for key, frf in found.items()}
+        site = measured_site(bare["cut", "reading_load"], bare["cut", "reading_motor"], sample_time=5e-5)
+        site = replace(site, variance=(0.01 * np.abs(site.by_force)) ** 2)
+        bounds = Criteria((site,), response, "bandwidth", limits, (0.0, np.inf))(np.zeros(0)).bounds
+        for kind in {bound.kind for bound in bounds}:
+            lowest = min((bound for bound in bounds if bound.kind == kind), key=lambda bound: bound.frequency)
+            slacks.setdefault(kind, []).append(lowest.slack)
+            said[kind] = said.get(kind, 0.0) + lowest.deviation
+    assert set(slacks) == {"phase margin", "delay margin", "gain margin"}
+    for kind, values in slacks.items():
+        assert np.std(values) == pytest.approx(said[kind] / len(values), rel=0.2), kind
+
+
 def test_a_smoothed_response_knows_its_error(screw: fd.Loop) -> None:
     """Mean of |error|²/variance is 1; the variance is a fraction of the raw one, and resonances are kept."""
     lines = np.arange(1.0, 2001.0)
@@ -190,6 +233,9 @@ def test_notches_come_where_they_pay(screw: fd.Loop) -> None:
     assert placed.holds, placed.proof
     assert any("taken" in text and "not taken" not in text for text in placed.notches)
     assert placed.after[0].rope_snap < 0.97 * free.after[0].rope_snap
+    for i, block in enumerate(placed.control.filters):
+        if isinstance(block, fd.Notch):
+            assert block.damping_zero <= block.damping_pole, f"filters.{i} raises"
     assert np.isnan(placed.started["filters.1.frequency"])
 
 

@@ -65,7 +65,7 @@ def perform(asked: Asked) -> None:
     console = Console(highlight=False)
     _check(asked)
     bar = Progress(SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn(), console=console,
-                   transient=True)  # fmt: skip
+                   transient=True, disable=not console.is_terminal)  # fmt: skip
     with bar:
         task = bar.add_task("reading")
         step: Callable[[str], None] = lambda text: bar.update(task, description=escape(text))  # noqa: E731
@@ -157,7 +157,8 @@ def _show(console: Console, found: ShapedLoop, story: Story, report: Path, writt
         console.print(f"- notch {sentence}", markup=False)
     console.print(found.recommendation(), markup=False)
     if written:
-        console.print(f"Machine: {report.parent / 'machine.toml'}", markup=False, soft_wrap=True)
+        kind = "Machine, with values that are not recommended" if found.not_worth else "Machine"
+        console.print(f"{kind}: {report.parent / 'machine.toml'}", markup=False, soft_wrap=True)
     console.print(f"Report: {report}", markup=False, soft_wrap=True)
 
 

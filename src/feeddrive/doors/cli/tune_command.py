@@ -53,6 +53,14 @@ def tune(
     reading_noise: Annotated[
         float, typer.Option("--reading-noise", help="Noise of the readings in nm RMS, white.")
     ] = 0.0,
+    step_force: Annotated[
+        float | None,
+        typer.Option(
+            "--step-force",
+            help="N on the table: a step of it may not drive the command to the force limit of the control.",
+            show_default=False,
+        ),
+    ] = None,
     band: Annotated[
         str | None, typer.Option("--band", help="Of the stiffness, as 1..30 in Hz.", show_default=False)
     ] = None,
@@ -105,12 +113,17 @@ def tune(
     """Tune gains and filters of an axis within limits; write a machine file and a report before against after."""
     from feeddrive.doors.cli.tune import Asked, perform
     from feeddrive.engineer.tuning.shaping.limits import Limits
+    from feeddrive.language.errors import ParameterError
 
-    limits = Limits(
-        sensitivity_peak=max_ms, gain_margin_dB=gain_margin, phase_margin_deg=phase_margin,
-        delay_margin_samples=delay_margin, compliance_peak=None if max_compliance is None else 1e-6 * max_compliance,
-        force_noise=max_noise, reading_noise=(1e-9 * reading_noise, 1e-9 * reading_noise),
-    )  # fmt: skip
+    try:
+        limits = Limits(
+            sensitivity_peak=max_ms, gain_margin_dB=gain_margin, phase_margin_deg=phase_margin,
+            delay_margin_samples=delay_margin,
+            compliance_peak=None if max_compliance is None else 1e-6 * max_compliance,
+            force_noise=max_noise, reading_noise=(1e-9 * reading_noise, 1e-9 * reading_noise), snap_force=step_force,
+        )  # fmt: skip
+    except ParameterError as error:
+        raise ParameterError(_by_option(str(error))) from None
     perform(
         Asked(
             source=source, others=at or (), motor=motor or (), disturbance=disturbance,
@@ -119,3 +132,20 @@ def tune(
             limits=limits, starts=starts, seed=seed, out=out,
         )
     )  # fmt: skip
+
+
+def _by_option(text: str) -> str:
+    """A sentence on a limit with the name of its option."""
+    for field, option in (
+        ("sensitivity_peak", "--max-ms, sensitivity_peak"),
+        ("gain_margin_dB", "--gain-margin, gain_margin_dB"),
+        ("phase_margin_deg", "--phase-margin, phase_margin_deg"),
+        ("delay_margin_samples", "--delay-margin, delay_margin_samples"),
+        ("compliance_peak", "--max-compliance, compliance_peak in m/N"),
+        ("force_noise needs reading_noise", "--max-noise needs --reading-noise (in nm)"),
+        ("force_noise", "--max-noise, force_noise"),
+        ("snap_force", "--step-force, snap_force"),
+    ):
+        if text.startswith(field):
+            return text.replace(field, option, 1)
+    return text

@@ -16,7 +16,7 @@ _POOR = 0.5  # of the distance to -1 that the noise may take
 _BEYOND = 3.0  # times the crossover: up to there the measurement must be good
 _LOW = 0.3  # |L| at the last line that may be left
 _BEFORE = 2.0  # times the first line: the lowest crossover must lie above
-_GAP = 1.35  # ratio of two lines beside each other around a crossover
+_GAP = 1.6  # ratio of two lines beside each other around a crossover
 
 
 def distances(bounds: Sequence[Bound]) -> np.ndarray:
@@ -57,8 +57,8 @@ def needed(bounds: Sequence[Bound], sure: float, confidence: float) -> float:
 def require_covered(answers: Sequence[Answer]) -> None:
     """Raise NotIdentifiableError, with the band, where lines are missing that a tuning stands on.
 
-    Below: the lowest crossover must lie above twice the first line.  Around it, from a third to three times, two lines
-    may not be further apart than a factor 1.35.  Above: the loop gain must have fallen to 0.3 at the last line, unless
+    Below: the lowest crossover must lie above twice the first line.  Around it, from half to twice, two lines
+    may not be further apart than a factor 1.6.  Above: the loop gain must have fallen to 0.3 at the last line, unless
     the lines go up to three times the highest crossover, or nearly to half the sample rate.
     """
     for each in answers:
@@ -80,7 +80,7 @@ def require_covered(answers: Sequence[Answer]) -> None:
             )
         first = float(f[below[0]]) if below.size else crossover
         for k in np.flatnonzero(f[1:] / f[:-1] > _GAP):
-            if f[k + 1] > first / _BEYOND and f[k] < _BEYOND * crossover:
+            if f[k + 1] > first / _BEFORE and f[k] < _BEFORE * crossover:
                 raise NotIdentifiableError(
                     f"{again} has no lines from {f[k]:.4g} to {f[k + 1]:.4g} Hz, and the crossover lies near, at "
                     f"{first if f[k] < first else crossover:.4g} Hz; measure this band too"

@@ -123,7 +123,9 @@ def _run(name: str, loop: Loop, both: Opened, limits: Limits, velocity: float, s
         return Checked(what, False, str(error))
     tripped = np.flatnonzero(runs[0]["trip"])
     if tripped.size:
-        return Checked(what, False, f"the guard trips {1e3 * (tripped[0] - settle) * T:.4g} ms after the force")
+        late = 1e3 * (tripped[0] - settle) * T
+        said = f"{late:.4g} ms after the force" if late >= 0.0 else "already before the force, as the axis moves off"
+        return Checked(what, False, f"the guard trips {said}")
     largest = float(np.max(np.abs(runs[0]["requested"][settle:])))
     if limit is not None and largest > limit:
         return Checked(what, False, f"{force:g} N on the table ask for {largest:.4g} N, the limit is {limit:g} N")

@@ -39,6 +39,8 @@ class Limits:
             bound = least.get(field.name, 0.0)
             if not (math.isfinite(value) and value > bound):
                 raise ParameterError(f"{field.name} = {value:g} must be a finite number > {bound:g}")
+        if self.phase_margin_deg is not None and not self.phase_margin_deg < 180.0:
+            raise ParameterError(f"phase_margin_deg = {self.phase_margin_deg:g} must be < 180")
         if self.force_noise is not None and not any(value > 0.0 for value in self.reading_noise):
             raise ParameterError("force_noise needs reading_noise: the errors of the two readings in m RMS")
 

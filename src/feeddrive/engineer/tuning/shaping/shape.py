@@ -105,7 +105,7 @@ def _work(
     if not 0.5 <= confidence < 1.0:
         raise ParameterError(f"confidence = {confidence:g} must be >= 0.5 and < 1")
     if not 0.0 <= band[0] < band[1]:
-        raise ParameterError(f"the band from {band[0]:g} to {band[1]:g} Hz is none")
+        raise ParameterError(f"the band from {band[0]:g} to {band[1]:g} Hz is empty: the lower frequency comes first")
     given = (sites,) if isinstance(sites, (Site, Loop)) else tuple(sites)
     made = tuple(
         modelled_site(each, f"axis {i + 1}" if len(given) > 1 else "model", velocity=velocity)

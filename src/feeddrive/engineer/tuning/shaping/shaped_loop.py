@@ -95,6 +95,11 @@ class ShapedLoop(Result):
             return None
         return words.goal_of(self, self.before) / words.goal_of(self, self.after)
 
+    @property
+    def not_worth(self) -> bool:
+        """Whether today's control keeps the limits and the new one is hardly better."""
+        return words.recommendation(self).startswith("Leave") or " Leave the control" in words.recommendation(self)
+
     def recommendation(self) -> str:
         """What to do and why, with what is worse than today."""
         return words.recommendation(self)

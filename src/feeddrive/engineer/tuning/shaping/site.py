@@ -20,6 +20,7 @@ _BESIDE = np.linspace(-4.0, 4.0, 65)  # half widths of a resonance at which line
 _STEP, _BEND = 0.035, 0.12  # of ln f, and of the response: what two lines of a search may differ by
 _FINEST = 0.003  # of ln f: lines of a measurement with variance keep this distance after smoothing
 _CLOSEST = 3e-4  # the same of lines without variance, which only a measurement of very many lines has
+_LEAST, _MOST = 1e-30, 1e6  # m/N, of a response that an axis can have
 _WIDTH = 5  # lines over which a noisy curve is averaged before its bends are counted
 _AVERAGES = 8  # behind a coherence that comes without a variance
 
@@ -139,6 +140,13 @@ def measured_site(
             raise ParameterError("the measured responses stand on different lines: measure or interpolate them alike")
         if each.unit not in ("", "m/N"):
             raise ParameterError(f"the response from {each.input} to {each.output} is in {each.unit}: it must be m/N")
+        bad = np.flatnonzero(~((np.abs(each.response) > _LEAST) & (np.abs(each.response) < _MOST)))
+        if bad.size:
+            raise ParameterError(
+                f"the response from {each.input} to {each.output} is {np.abs(each.response[bad[0]]):.3g} m/N at "
+                f"{each.frequency[bad[0]]:.4g} Hz ({bad.size} such lines), no axis does that: check columns and unit, "
+                f"and leave out lines on which nothing was measured"
+            )
     inside = load.frequency < 0.5 / sample_time
     if np.count_nonzero(inside) < 10:
         raise ParameterError(

@@ -193,7 +193,7 @@ class Work:
         beyond = 100.0 * (search.sure * worst.deviation - worst.slack)
         where = f" at {worst.frequency:.4g} Hz" if worst.frequency > 0.0 else ""
         others = {b.kind for b in end.judged.bounds if search.room(b) - b.slack > 0.5 * search.broken(end.judged)}
-        against = f" against {', '.join(sorted(others - {worst.kind}))}" if others - {worst.kind} else ""
+        against = f", at odds with {', '.join(sorted(others - {worst.kind}))}" if others - {worst.kind} else ""
         found = [self._reachable(search, end, kind) for kind in (worst.kind, *sorted(others - {worst.kind}))]
         reached = [each for each in found if each]
         best = f"; within reach, each with the other limits kept: {' or '.join(reached)}" if reached else ""
@@ -218,7 +218,7 @@ class Work:
                 return False
             return other.broken(other.descend(end.x).judged) <= 2e-3
 
-        factors = [1.1, 1.3, 1.7, 2.5, 4.0, 8.0]
+        factors = [1.1, 1.3, 1.7, 2.5, 4.0, 8.0, 20.0, 100.0]
         wide = next((i for i, factor in enumerate(factors) if eased(factor)), None)
         if wide is None:
             return ""
