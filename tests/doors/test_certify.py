@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 from pathlib import Path
 
@@ -77,3 +78,14 @@ def test_what_cannot_be_certified_is_not_written(tmp_path: Path) -> None:
         run("certify", "ball_screw", "--fit", "--out", str(out))
     with pytest.raises(FeeddriveError, match="arithmetic is float64"):
         run("certify", "ball_screw", "--arithmetic", "double", "--out", str(out))
+
+
+def test_a_tuning_brings_the_certificate_of_the_file_that_it_writes(tmp_path: Path) -> None:
+    """The numbers of the machine file have seven digits; it is they that are certified."""
+    run("tune", "linear_motor", "--filters", "kept", "--starts", "1", "--out", str(tmp_path / "out"))
+    document = fd.read_certificate(tmp_path / "out" / "certificate.json").document
+    machine = tmp_path / "out" / "machine.toml"
+    assert document["machine"]["sha256"] == hashlib.sha256(machine.read_bytes()).hexdigest()
+    loop = fd.read_machine(machine).loop("x")
+    assert document["control"]["parameters"]["law.Kp"] == fd.get(loop, "control.law.Kp")
+    assert document["control"] == fd.certify(loop).document["control"]
