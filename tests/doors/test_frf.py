@@ -56,6 +56,7 @@ def test_what_is_sent_comes_back_as_the_model(call) -> None:
     assert np.max(np.abs(frf.response / model.response - 1.0)[low]) < 0.01
     page = Path("measured/report.html").read_text(encoding="utf-8")
     assert "coherence" in page
+    assert "Frequency response, force to reading_load and reading_motor" in page  # columns under their own names
     assert "odd and even distortion" in page
     assert page.count("<figure") == 2  # one for each encoder
 
@@ -78,6 +79,8 @@ def test_columns_are_named_where_they_cannot_be_guessed(call) -> None:
     code, out, err = call("frf", "log.csv", "--input", "p7:A", "--output", "p9:rad", "--method", "h1")
     assert code == 0, err
     assert "No reference was given" in out
+    page = Path("results/frf_log/report.html").read_text(encoding="utf-8")
+    assert "No reference was given" in page
     assert read_frf("results/frf_log/frf.csv").unit == "rad/A"
     code, _, err = call("frf", "log.csv", "--input", "p7:A", "--output", "p9:rad", "--band", "5-500")
     assert code == 2

@@ -31,7 +31,7 @@ def checked_clock(name: str, time: np.ndarray, place: Callable[[int], str], samp
     Raises LogError that names the file, the first bad row, its stamps, and what to do.
     """
     if time.size < LEAST_ROWS:
-        raise LogError(f"{name}: has {time.size} rows; a log needs at least {LEAST_ROWS}")
+        raise LogError(f"{name}: has {time.size} row{'s' * (time.size != 1)}; a log needs at least {LEAST_ROWS}")
     if sample_time is not None:
         return _fitted(name, time, place, sample_time)
     steps = np.diff(time)

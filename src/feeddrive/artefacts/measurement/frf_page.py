@@ -30,10 +30,9 @@ def write_estimates(found: Sequence[FrequencyEstimate], out: str | Path, facts: 
 
 def build(found: Sequence[FrequencyEstimate], facts: Mapping[str, str]) -> str:
     """The page, a section for each response. Pure: the same estimates give the same text."""
-    names = [each.frf.output.replace("_", " ") for each in found]
-    title = f"Frequency response, {found[0].frf.input} to {' and '.join(names)}".replace("_", " ")
+    heads = [each.frf.output for each in found]  # columns under the names that their owner gave them
+    title = f"Frequency response, {found[0].frf.input} to {' and '.join(heads)}"
     keys = [f"response{'abcdefghijkl'[k]}" for k in range(len(found))]
-    heads = [name[:1].upper() + name[1:] for name in names]
     lead = [
         sentence if len(found) == 1 else f"{name}: {sentence}"
         for name, each in zip(heads, found, strict=True)

@@ -58,13 +58,15 @@ def perform(
         for remark in log.remarks:
             if any(f"'{name}'" in remark for name in used):
                 console.print(f"- {log.name}: {remark}", markup=False)
-    if not _references(read[0], references):
-        console.print(
-            "- No reference was given: if the loop was closed, name what was added to it with --reference.",
-            markup=False,
-        )
+    named = _references(read[0], references)
+    reference = ", ".join(map(_plain, named)) or (
+        "No reference was given: if the loop was closed, name what was added to it with --reference."
+    )
+    if not named:
+        console.print(f"- {reference}", markup=False)
     facts = {"Logs": ", ".join(str(log) for log in logs), "Input": found[0].frf.input,
              "Output": ", ".join(each.frf.output for each in found),
+             "Reference": reference,
              "Sample time": f"{1e3 * read[0].sample_time:.6g} ms"}  # fmt: skip
     report = write_estimates(found, out or Path("results") / f"frf_{logs[0].name.split('.')[0]}", facts)
     console.print(f"Report: {report}, response: {report.parent / 'frf.csv'}", markup=False, soft_wrap=True)
@@ -143,18 +145,30 @@ def _missing(log: Log, role: str, usual: str) -> str:
 
 
 def _plain(name: str) -> str:
-    return name.partition(":")[0]
+    return _parts(name)[0]
 
 
 def _values(log: Log, named: str) -> tuple[np.ndarray, str]:
-    """A channel, `name` or `name:unit`, and its unit in SI."""
-    name, _, stated = named.partition(":")
+    """A channel, `name`, `name:unit`, `name*factor` or `name*factor:unit`, and its unit in SI."""
+    name, factor, stated = _parts(named)
     if name not in log.channels:
         raise LogError(f"{log.name}: there is no column '{name}'{nearest(name, log.channels)}")
     unit = stated or log.units.get(name, "")
     for si in _SI:
         try:
-            return log[name] * units.factor(unit, si), si
+            return log[name] * (factor * units.factor(unit, si)), si
         except ParameterError:
             continue
-    return log[name], unit
+    return log[name] * factor, unit
+
+
+def _parts(named: str) -> tuple[str, float, str]:
+    """Name, factor and unit of `theta*-1:rad`. Raises ParameterError for a factor that is no number."""
+    name, _, unit = named.partition(":")
+    plain, star, number = name.partition("*")
+    if not star:
+        return name, 1.0, unit
+    try:
+        return plain, float(number), unit
+    except ValueError:
+        raise ParameterError(f"'{named}': the factor after * must be a number, as in theta*-1:rad") from None
