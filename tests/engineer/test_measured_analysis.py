@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+import feeddrive as fd
 from feeddrive.blocks.actuator.actuator import Actuator
 from feeddrive.blocks.controller.cascade_ppi import CascadePPI
 from feeddrive.blocks.plant.two_mass import TwoMass
@@ -99,9 +100,9 @@ def test_a_loop_gain_through_minus_one_is_refused() -> None:
 
 @pytest.mark.parametrize(("lines", "noise"), [(300, 0.05), (1200, 0.03)])
 def test_intervals_hold_the_true_margins(lines: int, noise: float) -> None:
-    """120 measurements of a P-PI loop on two masses: each 95 % interval holds the truth in 87 % or more.
+    """120 measurements of a P-PI loop on two masses: each 95 % interval holds the truth in 89 % or more.
 
-    Intervals of a true 95 % would do so in 91 % or more of 120; the rest is the bias of a least distance.
+    Measured over 300 of each it is 92.7 to 98.3 %, and the deviation of a share of 120 is 2 %.
     """
     made = opened(loop(60.0, 2.5e4, 0.02))
     fine = np.geomspace(2.0, 1000.0, 20000)
@@ -120,7 +121,8 @@ def test_intervals_hold_the_true_margins(lines: int, noise: float) -> None:
         for name, value in wanted.items():
             inside[name] += name in found.intervals and found[name].low <= value <= found[name].high
     assert len(wanted) >= 5
-    assert min(inside.values()) >= 0.87 * runs, inside
+    assert min(inside.values()) >= 0.89 * runs, inside
+    assert np.mean(list(inside.values())) <= 0.985 * runs, inside
 
 
 def test_intervals_shrink_with_the_noise_and_repeat_with_the_seed() -> None:
@@ -183,3 +185,47 @@ def test_a_variance_that_is_zero_leaves_no_room() -> None:
     distance = found["modulus_margin"]
     assert distance.high - distance.low < 1e-6
     assert distance.value == pytest.approx(margins(replace(FRF(F, exact))).modulus_margin, rel=1e-3)
+
+
+def test_a_line_that_is_zero_at_nyquist_does_not_end_the_smoothing() -> None:
+    """A sampled loop gain may vanish there, and its noise with it: 28 powers of ten between two neighbors."""
+    made = opened(loop(60.0, 2.5e4, 0.02))
+    f = np.geomspace(2.0, 2000.0, 400)
+    L = made.loop_gain(f)
+    zero = replace(L, response=np.append(L.response[:-1], 1e-23))
+    found = margin_intervals(replace(zero, variance=(0.02 * zero.magnitude) ** 2), draws=40)
+    assert found["modulus_margin"].value == pytest.approx(margins(L).modulus_margin, rel=0.02)
+
+
+def test_a_delay_margin_that_jumps_is_not_sure() -> None:
+    """A resonance that just reaches |L| = 1 has a delay margin of its own or none; the interval holds both."""
+    made = opened(loop(60.0, 6e4, 0.02))
+    f = np.geomspace(2.0, 1000.0, 500)
+    L = made.loop_gain(f)
+    first, last = (c.delay_margin for c in (lambda all_: (all_[0], all_[-1]))(margins(L).gain_crossovers))
+    noisy = FRF(f, L.response, sample_time=L.sample_time, variance=(0.03 * L.magnitude) ** 2)
+    found = margin_intervals(noisy, seed=1)["delay_margin"]
+    assert not found.sure
+    assert found.low <= min(first, last)
+    assert found.high >= max(first, last)
+
+
+def test_the_variance_of_two_encoders_is_the_most_that_it_can_be() -> None:
+    """With errors of both readings that hang together in any way, the loop gain deviates by no more than it says."""
+    control = fd.read_machine("ball_screw").loop("x").control
+    f = np.geomspace(2.0, 2000.0, 200)
+    s = 2j * np.pi * f
+    G = 1.0 / (300.0 * s**2 + 900.0 * s)
+    size = 0.01 * np.abs(G)
+
+    def gain(load: np.ndarray, motor: np.ndarray) -> FRF:
+        load_, motor_ = (FRF(f, each, variance=size**2) for each in (load, motor))
+        return fd.measured_loop(control, 5e-5, load_, motor_).loop_gain
+
+    exact = gain(G, G)
+    assert exact.deviation is not None
+    random = np.random.default_rng(0)
+    for _ in range(20):
+        turn = np.exp(2j * np.pi * random.random((2, f.size)))
+        off = np.abs(gain(G + size * turn[0], G + size * turn[1]).response - exact.response)
+        assert np.all(off <= exact.deviation * (1.0 + 1e-9))

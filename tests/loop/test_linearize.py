@@ -187,6 +187,8 @@ def test_names_and_frequencies_that_are_not_there_are_refused() -> None:
     loop = ball_screw()
     with pytest.raises(ParameterError, match="there is no input 'load'"):
         linearize(loop, ["load"], ["force"])
+    with pytest.raises(ParameterError, match="an input is named twice in cut, cut"):
+        linearize(loop, ["cut", "cut"], ["force"])
     with pytest.raises(ParameterError, match="there is no signal 'forces'"):
         linearize(loop, ["load_force"], ["forces"])
     with pytest.raises(ParameterError, match="beyond Nyquist, 10000 Hz"):

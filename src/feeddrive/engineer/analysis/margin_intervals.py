@@ -149,10 +149,12 @@ def margin_intervals(L: FRF, *, level: float = 0.95, draws: int = DRAWS, seed: i
 
 
 def _settled(drawn: np.ndarray) -> bool:
-    """Whether nearly all draws lie around one value: within four deviations, by the median of |deviation|."""
-    off = np.abs(drawn - np.median(drawn))
-    deviation = 1.4826 * np.median(off)
-    return bool(np.mean(off <= 4.0 * deviation + 1e-9 * np.abs(np.median(drawn))) >= _SURE)
+    """Whether nearly all draws lie around one value: no gap in their midst is wider than both parts' deviations."""
+    ordered = np.sort(drawn)
+    beyond = int(np.ceil((1.0 - _SURE) * ordered.size))  # so many on one side are no second value
+    place = beyond + int(np.argmax(np.diff(ordered)[beyond - 1 : ordered.size - beyond]))
+    low, high = ordered[:place], ordered[place:]
+    return bool(high[0] - low[-1] <= np.std(low) + np.std(high) + 1e-9 * abs(high[0]))
 
 
 def _two_sided(level: float) -> float:
