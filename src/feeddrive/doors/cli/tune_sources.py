@@ -29,7 +29,7 @@ LOAD = ("reading_load", "position_load", "load")
 MOTOR = ("reading_motor", "position_motor", "motor")
 _NONE = "none"  # --motor none: the axis has one encoder
 _SIZE = 3.0  # by which a response may differ from the baseline's plant before its unit is doubted
-_LATE, _EARLY = math.radians(-150.0), math.radians(45.0)  # phase of velocity over force at the lowest lines
+_BACKWARD = (math.radians(45.0), math.radians(150.0))  # phase of velocity over force that only a wrong sign gives
 _OF_A_FIT = 250  # lines
 _APART = 0.25  # by which motor and load move differently where one encoder is not enough
 
@@ -147,7 +147,7 @@ def _check_sign(path: str, frf: FRF) -> None:
     """A force pushes the axis its own way: its velocity lags by 90° for a free mass, by 0° where friction holds it."""
     lines = slice(0, max(5, frf.frequency.size // 20))
     turned = np.angle(np.sum(frf.frequency[lines] ** 2 * frf.response[lines] * 1j / frf.frequency[lines]))
-    if not _LATE < turned < _EARLY:
+    if _BACKWARD[0] < turned < _BACKWARD[1]:
         raise ParameterError(
             f"{path}: the axis moves against the force ({np.degrees(turned):.3g} deg from force to velocity at "
             f"{frf.frequency[0]:.4g} Hz): the sign of force or position is reversed; multiply the response by -1"
