@@ -122,20 +122,25 @@ def test_two_masses_from_both_encoders_with_noise() -> None:
 
 
 def test_the_errors_cover_the_truth() -> None:
-    """Of 40 measurements each 95 % interval holds the truth in 82 % or more: by chance 34 to 40 of 40 do."""
+    """Of 200 measurements 95 % intervals hold the truth in 92 to 98 % over all parameters, each one in 90 % at least.
+
+    By chance a parameter's share of 200 lies within 3 % of 95 % in 19 of 20 cases; for seven that hang together the
+    bounds on their mean are what was asked for, and below 90 % one comes in one case of a thousand.
+    """
     plant = replace(SCREW, viscous_load=800.0)
     names = ("mass_motor", "mass_load", "stiffness", "damping", "viscous_motor", "viscous_load", "dead_time")
     truth = {**dict(tree.leaves(plant)), "dead_time": 2e-4}
     inside = dict.fromkeys(names, 0)
-    runs = 40
+    runs = 200
     for seed in range(runs):
         motor, load = responses(plant, noise=0.03, seed=seed, late=2e-4, variance=seed % 2 == 0)
         fit = fit_plant(plant, motor, load)
         for name in names:
             low, high = fit[name].interval
             inside[name] += low <= truth[name] <= high
-    for name, count in inside.items():
-        assert count >= 0.82 * runs, (name, count)
+    share = {name: count / runs for name, count in inside.items()}
+    assert min(share.values()) >= 0.90, share
+    assert 0.92 <= sum(share.values()) / len(share) <= 0.98, share
 
 
 def test_known_variances_make_a_better_fit_and_are_believed() -> None:
@@ -177,15 +182,42 @@ def test_a_mode_that_is_missing_is_said_and_widens_the_errors() -> None:
     assert own["coupling_stiffness"].error < 0.03 * 2.352e8
 
 
-def test_a_structure_that_two_encoders_cannot_tell_is_said() -> None:
-    """Encoders on screw and table do not tell how the mass behind the coupling is split off."""
+@pytest.mark.parametrize("seed", range(3))
+def test_a_structure_that_two_encoders_cannot_tell_is_said(seed: int) -> None:
+    """Encoders on screw and table do not tell how the mass behind the coupling is split off.
+
+    Along such a valley a fit stays where it began, to a thousandth or two, whatever the noise and the rounding are.
+    """
     chain = ThreeMassChain(
         mass_motor=85.0, mass_screw=45.0, mass_load=33.0, coupling_stiffness=2.352e8, coupling_damping=2496.0,
         stiffness=1.8e7, damping=700.0, viscous_motor=700.0, viscous_screw=700.0,
     )  # fmt: skip
-    fit = fit_plant(chain, *responses(chain, np.linspace(5.0, 700.0, 200), noise=0.01, variance=True))
+    fit = fit_plant(chain, *responses(chain, np.linspace(5.0, 700.0, 200), noise=0.01, variance=True, seed=seed))
     assert {"mass_motor", "mass_screw", "coupling_stiffness"} <= set(fit.not_identifiable)
     assert any("coupling_stiffness" in said and "told apart only by" in said for said in fit.remarks)
+    for name in ("mass_motor", "mass_screw", "coupling_stiffness"):
+        assert fit[name].value == pytest.approx(tree.get(chain, name), rel=0.02)
+        assert fit[name].error > tree.get(chain, name)
+
+
+def test_what_nothing_tells_has_an_error_without_end() -> None:
+    """With the load's encoder alone the split of the masses moves nothing at all: not even rounding makes it known."""
+    _, load = responses(SCREW, noise=0.01, variance=True)
+    fit = fit_plant(SCREW, load=load)
+    assert {"mass_motor", "mass_load", "stiffness"} <= set(fit.not_identifiable)
+    assert fit["mass_load"].error > 10.0 * 33.0
+
+
+@pytest.mark.parametrize("band", [(5.0, 100.0), (5.0, 120.0), (100.0, 250.0), (140.0, 250.0), (140.0, 200.0)])
+def test_a_resonance_at_the_edge_of_the_lines_or_beyond_is_found(band: tuple[float, float]) -> None:
+    """Antiresonance 117.5 Hz, resonance 131.6 Hz: neither need have its top among the lines."""
+    motor, _ = responses(SCREW, noise=0.01, variance=True)
+    fit = fit_two_mass(motor, band=band)
+    for name, truth in (("mass_motor", 130.0), ("mass_load", 33.0), ("stiffness", 1.8e7)):
+        assert abs(fit[name].value - truth) < 4.0 * fit[name].error + 1e-9
+        assert fit[name].error < 0.1 * truth
+    beyond = [said for said in fit.remarks if "lies beyond the lines" in said]
+    assert bool(beyond) == (not band[0] <= 131.63 <= band[1])
 
 
 def test_unused_lines_are_predicted_as_well_as_used_ones() -> None:

@@ -84,6 +84,15 @@ class TomlEdit:
             self.text = "".join([*lines[:begin], *kept, *lines[end:]])
         self._check()
 
+    def silence(self, key: Key, unit: str = "") -> None:
+        """Turn the line of a key, in whatever unit it stands, into a comment; nothing if it is not there."""
+        spans = spans_of_values(self.text)
+        found, _ = self._find(spans, key, unit)
+        if found is not None:
+            begin = self.text.rfind("\n", 0, spans[found][0]) + 1
+            self.text = f"{self.text[:begin]}# {self.text[begin:]}"
+            self._check()
+
     def comment(self, key: Key, words: str) -> None:
         """Add words to the comment behind a value; older ones at its end that begin with the same word are replaced."""
         _, end = spans_of_values(self.text)[key]

@@ -157,6 +157,9 @@ def machine_text(fit: PlantFit, machine: Machine | None, axis: str) -> str:
                     edit.set((*place, each.name), each.value, each.unit)
         else:
             edit.replace(place, section)
+        if "current_loop" in fit.not_identifiable and actuator.current_loop is None:
+            before = replace(before, actuator=replace(before.actuator, current_loop=None))
+            edit.silence(("axis", axis, "actuator", "current_loop"), "Hz")
         _actuator(edit, axis, before.actuator, actuator)
     for each in fit.estimates:
         parts = [int(part) if part.isdigit() else part for part in each.name.split(".")]

@@ -74,6 +74,7 @@ def response_residuals(found: Agreement) -> Any:
         axes[0].plot(f, np.imag(scaled), marker="x", label=style.caption(name, "imaginary"), **look)
     across = [found.autocorrelation(int(lag)) for lag in lags]
     axes[1].vlines(lags, 0.0, across, color=style.color(0), linewidth=1.4)
+    axes[1].set_xlim(0.0, float(lags[-1]) + 1.0)
     bound = 1.96 / np.sqrt(2.0 * sum(r.size for r in found.residuals))
     for each in (-bound, bound):
         axes[1].axhline(each, color=style.MUTED, linewidth=1.0, linestyle=(0, (4, 3)))

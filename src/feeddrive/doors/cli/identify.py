@@ -46,7 +46,7 @@ def perform(
     motion = _motion(log, measured, loop, force_constant)
     found = identify(motion, loop, friction=friction, lead=lead, gear=gear)
     for each in tables(found):
-        console.print(drawn(each))
+        console.print(drawn(each, 5 if each.heads[-1] == "95 % interval" else None))
     for remark in found.remarks:
         console.print(f"- {sentence(remark)}", markup=False)
     text = machine_text(found, given, _name(given, loop, axis))

@@ -85,6 +85,10 @@ def identify(
         list[str] | None,
         typer.Option("--fix", help="A parameter that is known, as mass_motor=85; may be repeated.", show_default=False),
     ] = None,
+    measured_input: Annotated[
+        bool,
+        typer.Option("--measured-input", help="The responses lead from a measured force or current, not a command."),
+    ] = False,
     unit: Annotated[
         str | None, typer.Option("--unit", help="Of responses that do not say theirs, as m/N.", show_default=False)
     ] = None,
@@ -98,8 +102,9 @@ def identify(
         from feeddrive.doors.cli.identify_frf import perform as perform_frf
 
         asked = Asked(
-            motor, load, model, modes, band, unit, tuple(fix or ()), force_constant, lead, gear, machine, axis, out
-        )
+            motor, load, model, modes, band, unit, tuple(fix or ()), measured_input, force_constant, lead, gear,
+            machine, axis, out,
+        )  # fmt: skip
         perform_frf(log, responses, asked)
         return
     from feeddrive.doors.cli.identify import perform

@@ -27,6 +27,7 @@ from feeddrive.language.errors import FeeddriveError, ParameterError
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.frequency_response import FRF
 
+_WRAPPED = {"structure": 4, "95 % interval": 5}  # columns that may break their lines
 MODELS = ("auto", "rigid", "machine", "two-mass", "modal", "modes")
 
 
@@ -41,6 +42,7 @@ class Asked:
     band: str | None = None
     unit: str | None = None
     fix: Sequence[str] = ()
+    measured_input: bool = False
     force_constant: float | None = None
     lead: float | None = None
     gear: float = 1.0
@@ -86,7 +88,7 @@ def perform(path: Path, found: Mapping[str, FRF], asked: Asked) -> None:
             result, remarks, text, asked.out or Path("results") / f"identify_{path.name.split('.')[0]}", facts
         )
     for each in tables(result):
-        console.print(drawn(each, 4 if each.heads[0] == "structure" else None))
+        console.print(drawn(each, _WRAPPED.get(each.heads[-1] or each.heads[0])))
     not_told = {} if isinstance(fit, ModalFit) else fit.not_identifiable
     for remark in (*remarks, *(f"not identifiable: {name}: {why}" for name, why in not_told.items())):
         console.print(f"- {sentence(remark)}", markup=False)
@@ -185,6 +187,7 @@ def _fit(
         modes=asked.modes,
         fixed=_fixed(asked.fix, None if axis is None else axis.plant),
         structure=None if model == "auto" else model,
+        held=not asked.measured_input,
         band=band,
         force_per_unit=asked.force_constant,
         travel_per_unit=None if asked.lead is None else asked.lead / (2.0 * math.pi * asked.gear),

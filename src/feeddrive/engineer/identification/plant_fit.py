@@ -22,6 +22,7 @@ from feeddrive.language.table import Result, Table
 from feeddrive.loop.frequency_response import FRF
 
 UNKNOWN = 0.5  # standard error over value from which a parameter counts as not identifiable
+_IDEAL = 20.0  # times the highest line: a current loop beyond is ideal
 DRIVE = ("dead_time", "current_loop")  # of the actuator
 
 
@@ -184,6 +185,13 @@ def finished(task: Task, names: Sequence[str], neutral: Sequence[str] = ()) -> P
             for name, value, e, bound in zip(names, found.values, error, found.bound, strict=True)
             if bound or e > UNKNOWN * abs(value)
         }
+        if "current_loop" in weak and (task.actuator.current_loop or 0.0) > _IDEAL * task.band[1]:
+            # faster than the lines can tell: it would stand for nothing, and no drive has such a one
+            gone["current_loop"] = f"it is faster than {_IDEAL:g} times the highest line; left out, it acts at once"
+            names.remove("current_loop")
+            task = replace(task, actuator=replace(task.actuator, current_loop=None))
+            task, found = solve(task, names, logarithmic=True)
+            continue
         first = next((name for name in neutral if name in weak), None)
         if first is None:
             break
@@ -192,7 +200,7 @@ def finished(task: Task, names: Sequence[str], neutral: Sequence[str] = ()) -> P
         task = replace(task, plant=tree.vary(task.plant, {first: 0.0}))
         task, found = solve(task, names, logarithmic=True)
     model, unknowns = task.model(names), task.unknowns(names)
-    covariance = _covariance(task, names, found, weighted, tuple(gone))
+    covariance = _covariance(task, names, found, weighted, tuple(name for name in gone if name != "current_loop"))
     found = replace(found, covariance=covariance[0], ols=covariance[1])
     error, plain = (np.sqrt(np.maximum(np.diag(c), 0.0)) for c in (found.covariance, found.ols))
     estimates = tuple(
@@ -211,8 +219,8 @@ def finished(task: Task, names: Sequence[str], neutral: Sequence[str] = ()) -> P
     if late is not None and late.value < -3.0 * late.error:
         said.append(
             f"the dead time comes out as {1e3 * late.value:.3g} ms: the position was logged that much later than "
-            f"the force, the input is a measured current (held=False), or a mode above the band is missing; it counts "
-            f"as 0"
+            f"the force, the input is a measured current (held=False, --measured-input), or a mode above the band is "
+            f"missing; it counts as 0"
         )
     return PlantFit(task.plant, task.actuator, estimates, found.covariance, (), gone, fit, task.units, tuple(said))
 
