@@ -236,6 +236,25 @@ def test_ctrl_c_ends_with_one_line_and_nothing_written(tmp_path) -> None:
     assert not any(tmp_path.iterdir()), "nothing half-written"
 
 
+@pytest.mark.parametrize(
+    ("place", "words"),
+    [
+        ("feeddrive.doors.cli.working.perform", ("demo",)),
+        ("feeddrive.doors.cli.frf.perform", ("frf", "a.csv")),
+        ("feeddrive.doors.cli.identify.perform", ("identify", "a.csv")),
+        ("feeddrive.doors.cli.tune.perform", ("tune", "ball_screw")),
+        ("feeddrive.doors.cli.reproduce.perform", ("reproduce", "all")),
+    ],
+)
+def test_ctrl_c_within_a_command_says_that_it_stopped(run, monkeypatch, place, words) -> None:
+    def stopped(*_args: object, **_options: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(place, stopped)
+    code, _, errors = run(*words)
+    assert (code, errors) == (130, "feeddrive: stopped; nothing was written\n")
+
+
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="NOT RUN: there is no /dev/full to stand for a full disk")
 def test_a_full_disk_is_named(run, monkeypatch) -> None:
     from feeddrive.artefacts.study import results

@@ -7,8 +7,16 @@ Every error a user can cause ends in one line on the error stream and an exit co
 from __future__ import annotations
 
 import sys
+from typing import NoReturn
 
 from feeddrive.language.errors import DivergedError, FeeddriveError, UnstableError
+
+STOPPED = 130
+
+
+def _stopped() -> NoReturn:
+    sys.stderr.write("feeddrive: stopped; nothing was written\n")
+    sys.exit(STOPPED)
 
 
 def main() -> None:
@@ -24,8 +32,11 @@ def main() -> None:
         sys.stderr.write("feeddrive: error: more memory is needed than there is: shorten the work, or sample slower\n")
         sys.exit(1)
     except KeyboardInterrupt:
-        sys.stderr.write("feeddrive: stopped; nothing was written\n")
-        sys.exit(130)
+        _stopped()
+    except SystemExit as ended:  # typer turns Ctrl-C within a command into this code, without a word
+        if ended.code == STOPPED:
+            _stopped()
+        raise
     except BrokenPipeError:
         sys.exit(141)
     except OSError as error:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 
 from rich.console import Console
@@ -19,11 +18,7 @@ from feeddrive.loop.runner import cores
 def perform(machine: str, axis: str | None, laws: list[str] | None, starts: int, out: Path | None) -> None:
     """Tune all laws, run them, write the report, and show the figures and who loses where."""
     console = Console(highlight=False)
-    try:
-        found, report = _run(console, machine, axis, laws or None, starts, out)
-    except KeyboardInterrupt:
-        sys.stderr.write("feeddrive: stopped; nothing was written\n")
-        raise SystemExit(130) from None
+    found, report = _run(console, machine, axis, laws or None, starts, out)
     console.print(drawn(found.table()))
     console.print(f"- rule: {found.rule}", markup=False)
     for remark in found.remarks:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 
 from rich.console import Console
@@ -20,13 +19,9 @@ def perform(paper: str, out: Path | None) -> None:
     names = chosen(paper)
     console = Console(highlight=False)
     out = out or Path("results") / paper
-    try:
-        with new_directory(out) as folder:  # before the work: a place that cannot be written is refused at once
-            reproduced = _run(names, console)
-            fill(folder, reproduced)
-    except KeyboardInterrupt:
-        sys.stderr.write("feeddrive: stopped; nothing was written\n")
-        raise SystemExit(130) from None
+    with new_directory(out) as folder:  # before the work: a place that cannot be written is refused at once
+        reproduced = _run(names, console)
+        fill(folder, reproduced)
     for each in reproduced:
         rows = [[claim.key, claim.claim, claim.bounds, claim.shown, claim.cells()[-1]] for claim in each.claims]
         console.print(drawn(Table(each.title, ["row", "claim", "expected", "got", "holds?"], rows), wrapped=1))

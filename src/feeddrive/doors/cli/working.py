@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 
 from rich.box import SIMPLE_HEAD
@@ -20,14 +19,6 @@ from feeddrive.language.table import Table
 
 def perform(job: str, log: Path | None, out: Path) -> None:
     """Read a job, run it, write its results, and show a short table and the path of the report."""
-    try:
-        _perform(job, log, out)
-    except KeyboardInterrupt:
-        sys.stderr.write("feeddrive: stopped; nothing was written\n")
-        raise SystemExit(130) from None
-
-
-def _perform(job: str, log: Path | None, out: Path) -> None:
     console = Console(highlight=False)
     asked = read_job(job, log)
     bar = Progress(TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn(), console=console, transient=True)
