@@ -241,7 +241,7 @@ def test_ctrl_c_ends_with_one_line_and_nothing_written(tmp_path) -> None:
     [
         ("feeddrive.doors.cli.working.perform", ("demo",)),
         ("feeddrive.doors.cli.frf.perform", ("frf", "a.csv")),
-        ("feeddrive.doors.cli.identify.perform", ("identify", "a.csv")),
+        ("feeddrive.doors.cli.excite.perform", ("excite", "emps", "--band", "5..50", "--amplitude", "1")),
         ("feeddrive.doors.cli.tune.perform", ("tune", "ball_screw")),
         ("feeddrive.doors.cli.reproduce.perform", ("reproduce", "all")),
     ],
