@@ -176,3 +176,18 @@ def test_margins_of_a_measured_axis_hold_the_true_one(capsys: pytest.CaptureFixt
     # one interval of 95 %, of a seed that is fixed
     assert low <= float(true[1]) <= high < 1.1 * low
     assert text.count("the closed loop is stable") == 2
+
+
+def test_masses_come_out_and_what_no_line_tells_is_said(capsys: pytest.CaptureFixture[str]) -> None:
+    text = said("identify_masses.py", capsys)
+    found = {name: (float(value), float(error)) for name, value, error in
+             re.findall(r"^(mass_motor|mass_load|stiffness) +\S+ +(\S+) +(\S+)", text, re.MULTILINE)}  # fmt: skip
+    for name, truth in (("mass_motor", 130.0), ("mass_load", 33.0), ("stiffness", 1.8e7)):
+        value, error = found[name]
+        assert abs(value - truth) < 4.0 * error
+    assert re.search(r"two-mass .* taken", text)
+    assert "not identifiable: viscous_load" in text
+    assert re.search(r"^1 +131\.6", text, re.MULTILINE)
+    open_ = text.split("to 30 Hz with one encoder: ")[1].splitlines()[0]
+    assert "stiffness" in open_
+    assert "mass_load" in open_

@@ -95,6 +95,11 @@ _PLACES: dict[str, str] = {
     "identify_cogging": "engineer.identification.identify_cogging",
     "identify_control": "engineer.identification.control_law",
     "identify_rigid": "engineer.identification.rigid",
+    "fit_axis": "engineer.identification.fit_axis",
+    "fit_modal_axis": "engineer.identification.two_mass_fit",
+    "fit_modes": "engineer.identification.modal_fit",
+    "fit_plant": "engineer.identification.two_mass_fit",
+    "fit_two_mass": "engineer.identification.two_mass_fit",
     "iterate": "engineer.tuning.iterative_feedforward",
     "iterate_trials": "engineer.tuning.trials",
     "kv_rule": "engineer.tuning.recipes",
@@ -275,12 +280,14 @@ if TYPE_CHECKING:
     from feeddrive.engineer.identification.estimate_frf import estimate_frf as estimate_frf
     from feeddrive.engineer.identification.excitation import Excitation as Excitation
     from feeddrive.engineer.identification.excitation_design import design_excitation as design_excitation
+    from feeddrive.engineer.identification.fit_axis import fit_axis as fit_axis
     from feeddrive.engineer.identification.frequency_estimate import FrequencyEstimate as FrequencyEstimate
     from feeddrive.engineer.identification.friction_curve import FrictionCurve as FrictionCurve
     from feeddrive.engineer.identification.friction_curve import fit_friction as fit_friction
     from feeddrive.engineer.identification.identify import Identified as Identified
     from feeddrive.engineer.identification.identify import identify as identify
     from feeddrive.engineer.identification.identify_cogging import identify_cogging as identify_cogging
+    from feeddrive.engineer.identification.modal_fit import fit_modes as fit_modes
     from feeddrive.engineer.identification.motion_log import MotionLog as MotionLog
     from feeddrive.engineer.identification.output_error import Refinement as Refinement
     from feeddrive.engineer.identification.output_error import refine as refine
@@ -291,6 +298,9 @@ if TYPE_CHECKING:
     from feeddrive.engineer.identification.steady_runs import SteadyRuns as SteadyRuns
     from feeddrive.engineer.identification.steady_runs import runs_of as runs_of
     from feeddrive.engineer.identification.steady_runs import steady_runs as steady_runs
+    from feeddrive.engineer.identification.two_mass_fit import fit_modal_axis as fit_modal_axis
+    from feeddrive.engineer.identification.two_mass_fit import fit_plant as fit_plant
+    from feeddrive.engineer.identification.two_mass_fit import fit_two_mass as fit_two_mass
     from feeddrive.engineer.observe import Observation as Observation
     from feeddrive.engineer.observe import observe as observe
     from feeddrive.engineer.replay import Replay as Replay

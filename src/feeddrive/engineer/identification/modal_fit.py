@@ -42,7 +42,7 @@ class FittedMode(Result):
 class ModalFit(Result):
     """What was found in frequency responses; `values` and `covariance` in the order of `unknowns`.
 
-    modes      by frequency, only those within the lines; what lies beyond them stands in `beyond`
+    modes      by frequency, only those that ring, within the lines; all other terms stand in `beyond`
     estimates  every parameter that was sought, with its standard errors
     remarks    what the residuals and the errors say, in sentences
     """
@@ -233,7 +233,8 @@ def _result(
         places = [model.common + j * model.own for j in range(len(outputs))]
         residues = tuple(complex(refined.values[p + 1 + i], refined.values[p + 1 + k + i]) for p in places)
         mode = FittedMode(every[i], every[k + i], residues)
-        (inside if low <= mode.frequency.value <= high else beyond).append(mode)
+        rings = mode.damping_ratio.value < 1.0
+        (inside if rings and low <= mode.frequency.value <= high else beyond).append(mode)
     said = fit.remarks()
     for mode in inside:
         if mode.damping_ratio.error > 0.5 * mode.damping_ratio.value:
@@ -243,8 +244,15 @@ def _result(
                 f"({mode.damping_ratio.value:.2g} ± {mode.damping_ratio.error:.2g}): measure next at least five lines "
                 f"within {max(width, 0.002 * mode.frequency.value):.2g} Hz around it"
             )
-    if beyond:
-        places = ", ".join(f"{mode.frequency.value:.4g}" for mode in beyond)
+    lags = [mode for mode in beyond if mode.damping_ratio.value >= 1.0]
+    if lags:
+        places = ", ".join(f"{mode.frequency.value:.4g}" for mode in lags)
+        said.append(
+            f"terms at {places} Hz do not ring (damping ratio of 1 or more): they stand for a lag, as that of the "
+            f"current loop, or for friction, and are no modes"
+        )
+    if len(beyond) > len(lags):
+        places = ", ".join(f"{mode.frequency.value:.4g}" for mode in beyond if mode not in lags)
         said.append(
             f"resonances at {places} Hz stand for what lies beyond the lines ({low:.4g} to {high:.4g} Hz): not "
             f"identifiable; measure next up to {2.0 * high:.4g} Hz"
