@@ -118,8 +118,9 @@ def _refined(f: np.ndarray, G: np.ndarray, weight: np.ndarray, T: float, count: 
         return np.inf, np.concatenate([np.full(2 * count, -1.0), [np.log(low), 0.0]])
     begin = min(starts, key=lambda each: each[0])[1]
     least = np.concatenate([np.full(count, np.log(0.3 * low)), np.full(count, np.log(1e-5)), [np.log(1e-6 * low), 0.0]])
+    # a mode beyond the last line would be made of noise
     most = np.concatenate(
-        [np.full(count, np.log(np.pi / T)), np.full(count, np.log(2.0)), [np.log(10.0 * low), 30 * T]]
+        [np.full(count, np.log(2.0 * np.pi * f[-1])), np.full(count, np.log(2.0)), [np.log(10.0 * low), 30 * T]]
     )
     found = least_squares(
         lambda x: _solved(_columns(x, s, T), G, weight)[1], np.clip(begin, least + 1e-9, most - 1e-9),

@@ -88,7 +88,8 @@ class LoopResponse:
         spread = np.geomspace(_LOWEST * nyquist, nyquist, round(-np.log10(_LOWEST) * _PER_DECADE))
         edges = np.array([band["to_Hz"] for band in self.bands])
         every = np.unique(np.concatenate([spread, near, edges]))
-        return every[(every >= spread[0]) & (every <= nyquist)]
+        every = every[(every >= spread[0]) & (every <= nyquist)]
+        return every[np.append(np.diff(every) > 1e-13 * every[:-1], True)]
 
     def reserve(self, also: Sequence[float] = ()) -> tuple[float, float]:
         """By which factor all discs could be wider, and the frequency in Hz that allows no more."""
@@ -103,12 +104,12 @@ class LoopResponse:
         for i in inner[np.argsort(room[inner])][:8]:
             low, high = f[max(i - 1, 0)], f[min(i + 1, f.size - 1)]
             for _ in range(_REFINED):
-                fine = np.linspace(low, high, 21)
+                fine = np.unique(np.linspace(low, high, 21))
                 values = self._ratio(fine)
                 k = int(np.argmin(values))
                 if values[k] < best[0]:
                     best = float(values[k]), float(fine[k])
-                low, high = fine[max(k - 1, 0)], fine[min(k + 1, 20)]
+                low, high = fine[max(k - 1, 0)], fine[min(k + 1, fine.size - 1)]
         return best
 
     def _ratio(self, f: np.ndarray) -> np.ndarray:
