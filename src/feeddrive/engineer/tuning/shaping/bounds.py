@@ -18,6 +18,7 @@ from feeddrive.loop.control import Control
 
 NOTCH = "notch"  # the bound that keeps a notch from raising
 _NEAR = 0.7  # of a logarithm: bounds with more slack on a line are not written down
+_POINTS, _POLE = 41, 0.2  # between two neighbors of a line; and how near to a pole nothing is said
 _STRETCH = 0.08  # of ln f on both sides of a crossover, over which its slopes are taken
 
 
@@ -40,7 +41,7 @@ def bounds_of(i: int, each: Answer, limits: Limits) -> list[Bound]:
     spread = np.sqrt(0.5 * each.gain_variance)  # of the part along one direction
     if limits.sensitivity_peak is not None:
         away = np.abs(1.0 + L)
-        slack = _at_vertex(np.log(f), np.log(away * limits.sensitivity_peak))
+        slack = _between_lines(np.log(f), 1.0 + L, np.log(away * limits.sensitivity_peak))
         for k in np.flatnonzero(slack < _NEAR).tolist():
             slope = (dL[k] / (1.0 + L[k])).real
             found.append(Bound("Ms", i, float(f[k]), float(slack[k]), slope, float(spread[k] / away[k]), ("Ms", i, k)))
@@ -73,6 +74,26 @@ def notches_stay_notches(control: Control, knobs: Sequence[str], x: np.ndarray) 
                 slope[place], values[k] = sign, x[place]
         found.append(Bound(NOTCH, 0, 0.0, float(values[1] - values[0]), slope, 0.0, (NOTCH, i, 0)))
     return found
+
+
+def _between_lines(x: np.ndarray, w: np.ndarray, slack: np.ndarray) -> np.ndarray:
+    """The slacks, at each line that has less than its neighbors the least that |w| reaches between them.
+
+    w = (w0 + b u)/(1 + c u) through the three lines, u = ln f - ln f0: a resonance is a circle, and its nearest point
+    may lie well off the lines.
+    """
+    out = slack.copy()
+    for k in np.flatnonzero((slack[1:-1] < slack[:-2]) & (slack[1:-1] < slack[2:])) + 1:
+        if slack[k] >= _NEAR:
+            continue
+        u = x[[k - 1, k + 1]] - x[k]
+        sides = w[[k - 1, k + 1]]
+        b, c = np.linalg.solve(np.stack([u, -u * sides], axis=1), sides - w[k])
+        way = np.linspace(u[0], u[1], _POINTS)
+        under = np.abs(1.0 + c * way)
+        if np.min(under) > _POLE:
+            out[k] += min(float(np.min(np.log(np.abs((w[k] + b * way) / (1.0 + c * way))))) - np.log(np.abs(w[k])), 0.0)
+    return out
 
 
 def _at_vertex(x: np.ndarray, slack: np.ndarray) -> np.ndarray:
