@@ -85,3 +85,19 @@ def test_columns_are_named_where_they_cannot_be_guessed(call) -> None:
     code, _, err = call("frf", "log.csv", "--input", "p7:A", "--output", "p9:rad", "--band", "5-500")
     assert code == 2
     assert "as 5..500" in err
+
+
+def test_columns_that_need_a_factor_are_named(call) -> None:
+    """Counts and percent: the guess says which factor, the error which columns there are, and `*factor` takes them."""
+    rng = np.random.default_rng(2)
+    t, torque = np.arange(4000) * 1e-3, rng.standard_normal(4000)
+    columns = {"Torque": torque, "Position": np.round(1e3 * torque.cumsum())}
+    write_run_csv("log.csv", t, columns, {"Torque": "%", "Position": "counts"})
+    code, out, err = call("frf", "log.csv")
+    assert code == 2
+    assert "m per counts" in out
+    assert "Torque, Position" in err
+    assert "name it with --input" in err
+    code, _, err = call("frf", "log.csv", "--input", "Torque*0.1:N", "--output", "Position*2e-8:m", "--method", "h1")
+    assert code == 0, err
+    assert read_frf("results/frf_log/frf.csv").unit == "m/N"

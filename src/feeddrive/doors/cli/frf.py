@@ -93,6 +93,8 @@ def _read(
         return read
     guess = guess_roles(read[0])
     show(guess, logs[0], console)
+    if not guess.mapping:  # all need a factor: the columns as they are, so that what is missing is named among them
+        return read
     return [read_log(log, guess.mapping, sample_time=step) for log, step in zip(logs, clocks, strict=True)]
 
 
