@@ -12,7 +12,7 @@ from feeddrive.artefacts.files.measured import Log
 from feeddrive.artefacts.files.messages import sentence
 from feeddrive.artefacts.measurement.identified_machine import machine_text
 from feeddrive.artefacts.measurement.identify_page import tables, write_identified
-from feeddrive.doors.cli.identify_frf import positive
+from feeddrive.doors.cli.identify_frf import narrow, positive
 from feeddrive.doors.cli.roles import mapped
 from feeddrive.doors.cli.working import drawn
 from feeddrive.engineer.identification.identify import identify
@@ -46,7 +46,7 @@ def perform(
     motion = _motion(log, measured, loop, force_constant)
     found = identify(motion, loop, friction=friction, lead=lead, gear=gear)
     for each in tables(found):
-        console.print(drawn(each, 5 if each.heads[-1] == "95 % interval" else None))
+        console.print(drawn(narrow(each)))
     for remark in found.remarks:
         console.print(f"- {sentence(remark)}", markup=False)
     text = machine_text(found, given, _name(given, loop, axis))

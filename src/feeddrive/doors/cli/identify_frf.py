@@ -24,10 +24,10 @@ from feeddrive.engineer.identification.fit_axis import AxisFits, fit_axis
 from feeddrive.engineer.identification.modal_fit import ModalFit, fit_modes
 from feeddrive.language import tree, units
 from feeddrive.language.errors import FeeddriveError, ParameterError
+from feeddrive.language.table import Table
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.frequency_response import FRF
 
-_WRAPPED = {"structure": 4, "95 % interval": 5}  # columns that may break their lines
 MODELS = ("auto", "rigid", "machine", "two-mass", "modal", "modes")
 
 
@@ -88,7 +88,7 @@ def perform(path: Path, found: Mapping[str, FRF], asked: Asked) -> None:
             result, remarks, text, asked.out or Path("results") / f"identify_{path.name.split('.')[0]}", facts
         )
     for each in tables(result):
-        console.print(drawn(each, _WRAPPED.get(each.heads[-1] or each.heads[0])))
+        console.print(drawn(narrow(each), 4 if each.heads[0] == "structure" else None))
     not_told = {} if isinstance(fit, ModalFit) else fit.not_identifiable
     for remark in (*remarks, *(f"not identifiable: {name}: {why}" for name, why in not_told.items())):
         console.print(f"- {sentence(remark)}", markup=False)
@@ -98,6 +98,14 @@ def perform(path: Path, found: Mapping[str, FRF], asked: Asked) -> None:
     elif reason:
         console.print(f"- No machine file was written: {reason}.", markup=False)
     console.print(f"Report: {report}", markup=False, soft_wrap=True)
+
+
+def narrow(table: Table) -> Table:
+    """A table of estimates without its intervals, which the report has: a terminal of 80 columns holds it whole."""
+    if table.heads[-1] != "95 % interval":
+        return table
+    rows = [[*row[:-1], "unknown" if row[-1].startswith("not") else ""] for row in table.rows]
+    return Table(table.title, [*table.heads[:-1], ""], rows)
 
 
 def positive(force_constant: float | None, lead: float | None, gear: float) -> None:

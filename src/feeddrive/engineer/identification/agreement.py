@@ -8,10 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from feeddrive.engineer.identification.response_fit import Model, Refined, Unknown, predicted
+from feeddrive.engineer.identification.response_fit import Model, Refined, Unknown, refine
 from feeddrive.language.table import Result, Table
 from feeddrive.loop.frequency_response import FRF
 
+_FEW = 15  # steps where the start is a fit of nearly all lines
+_FOLDS = 5
+_OPEN_LINE = 0.3  # relative deviation of a line that is left open
 _DECIBEL = 20.0 / np.log(10.0)
 _MOST_HANGING = 0.5  # autocorrelation from line to line from which something regular is left
 
@@ -116,3 +119,32 @@ def agreement(
         for frf, (response, _) in zip(responses, model(found.values), strict=True)
     )
     return Agreement(tuple(responses), fitted, found.residuals, used, unused, found.spread, found.model_error, order)
+
+
+def predicted(
+    model: Model, unknowns: Sequence[Unknown], responses: Sequence[FRF], found: Refined
+) -> tuple[float, float]:
+    """RMS of ln(G/Gm) on the lines that were used, and on lines that a fit of the others lacked.
+
+    Every fifth line is left out, then its neighbor, and so on, so that each line is once predicted.  Lines that noise
+    leaves open by more than 30 % say nothing of a model and do not count.
+    """
+    own, other = [], []
+    for fold in range(_FOLDS):
+        out = [np.arange(frf.frequency.size) % _FOLDS == fold for frf in responses]
+        part = refine(
+            model, unknowns, responses, use=[~each for each in out], start=found.values, steps=_FEW,
+            model_error=found.model_error,
+        )  # fmt: skip
+        for (response, _), frf, left in zip(model(part.values), responses, out, strict=True):
+            apart, known = np.abs(np.log(response / frf.response)) ** 2, _known(frf)
+            other.append(apart[left & known])
+            own.append(apart[~left & known])
+    return float(np.sqrt(np.mean(np.concatenate(own)))), float(np.sqrt(np.mean(np.concatenate(other))))
+
+
+def _known(frf: FRF) -> np.ndarray:
+    """Lines that are more than noise; all of them if there are hardly any."""
+    share = np.zeros(frf.frequency.size) if frf.variance is None else frf.variance / frf.magnitude**2
+    known = share < _OPEN_LINE**2
+    return known if np.count_nonzero(known) >= 2 * _FOLDS else np.ones(known.size, bool)

@@ -67,8 +67,9 @@ class PlantFit(Result):
         """One row a parameter, and one for each that is not identifiable."""
         title = f"{self.plant.kind}; unused lines are predicted within {8.686 * self.agreement.unused:.3f} dB RMS"
         found = estimates_table(title, (*self.estimates, *self.derived))
-        rows = [list(row) for row in found.rows]
-        rows += [[name, "", "not identifiable", "", "", ""] for name in self.not_identifiable]
+        rows = [[*row[:5], "not identifiable" if row[0] in self.not_identifiable else row[5]] for row in found.rows]
+        there = {row[0] for row in rows}
+        rows += [[name, "", "0", "", "", "not identifiable"] for name in self.not_identifiable if name not in there]
         return Table(title, found.heads, rows)
 
     def plot(self) -> Any:

@@ -84,7 +84,7 @@ def entangled(names: Sequence[str], found: Refined) -> list[str]:
             break
         together = [names[i] for i, share in zip(seen, row, strict=True) if share > 0.3 * row.max()]
         said.append(
-            f"{' and '.join(together)} are told apart only by {100.0 * value:.2g} % of what each does to the "
+            f"{', '.join(together)} are told apart only by {100.0 * value:.2g} % of what each does to the "
             f"responses: fix one of them, or measure over a wider band"
         )
     return said

@@ -20,8 +20,6 @@ _ROUNDING = 3e-7  # of a singular value of unit columns: its square is still wel
 STEPS = 100
 _FLAT = 1e-7  # share of the cost by which a step must still lower it: far less than a standard error moves it
 _LITTLE = 1e-3  # of a squared residual: two steps in a row that lower the cost by less do not move an error
-_FEW = 15  # steps where the start is a fit of nearly all lines
-_FOLDS = 5
 
 
 @dataclass(frozen=True)
@@ -180,27 +178,6 @@ def _told(normal: np.ndarray, inner: np.ndarray, noise: float) -> np.ndarray:
     ways[np.flatnonzero(inner), : told.shape[1]] = told
     ways[np.flatnonzero(other), told.shape[1] :] = np.eye(int(np.sum(other)))
     return ways
-
-
-def predicted(
-    model: Model, unknowns: Sequence[Unknown], responses: Sequence[FRF], found: Refined
-) -> tuple[float, float]:
-    """RMS of ln(G/Gm) on the lines that were used, and on lines that a fit of the others lacked.
-
-    Every fifth line is left out, then its neighbor, and so on, so that each line is once predicted.
-    """
-    own, other = [], []
-    for fold in range(_FOLDS):
-        out = [np.arange(frf.frequency.size) % _FOLDS == fold for frf in responses]
-        part = refine(
-            model, unknowns, responses, use=[~each for each in out], start=found.values, steps=_FEW,
-            model_error=found.model_error,
-        )  # fmt: skip
-        for (response, _), frf, left in zip(model(part.values), responses, out, strict=True):
-            apart = np.abs(np.log(response / frf.response)) ** 2
-            other.append(apart[left])
-            own.append(apart[~left])
-    return float(np.sqrt(np.mean(np.concatenate(own)))), float(np.sqrt(np.mean(np.concatenate(other))))
 
 
 def _inner(unknowns: Sequence[Unknown], values: np.ndarray) -> np.ndarray:
