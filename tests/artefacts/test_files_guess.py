@@ -12,7 +12,7 @@ from feeddrive.artefacts.files.guess import guess_roles, write_roles
 from feeddrive.artefacts.files.job import read_request
 from feeddrive.artefacts.files.log import Log, read_log
 from feeddrive.artefacts.files.roles import Column
-from feeddrive.artefacts.files.words import read_name, words_of
+from feeddrive.artefacts.files.words import read_name, unit_in_name, words_of
 from feeddrive.language.errors import ParameterError
 
 T = 1e-3
@@ -40,6 +40,15 @@ def log(units: Mapping[str, str], name: str = "a") -> Log:
 )
 def test_words(name: str, words: list[str]) -> None:
     assert words_of(name) == words
+
+
+@pytest.mark.parametrize(
+    ("name", "unit"),
+    [("pos_act_mm", "mm"), ("force_N", "N"), ("x_m", ""), ("pos_m", "m"), ("speed rpm", "rpm"), ("u_in", ""),
+     ("iq_A", "A"), ("theta_mx", ""), ("N", ""), ("force", "")],
+)  # fmt: skip
+def test_units_in_names(name: str, unit: str) -> None:
+    assert unit_in_name(name) == unit
 
 
 # the names of makers and papers, and what they stand for

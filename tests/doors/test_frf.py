@@ -101,3 +101,26 @@ def test_columns_that_need_a_factor_are_named(call) -> None:
     code, _, err = call("frf", "log.csv", "--input", "Torque*0.1:N", "--output", "Position*2e-8:m", "--method", "h1")
     assert code == 0, err
     assert read_frf("results/frf_log/frf.csv").unit == "m/N"
+
+
+def test_units_by_name_by_option_and_by_nothing(call) -> None:
+    """A response of mm that passed for one of m would be a thousand times off in the tuning."""
+    rng = np.random.default_rng(3)
+    t, force = np.arange(4000) * 1e-3, rng.standard_normal(4000)
+    write_run_csv("log.csv", t, {"force_N": force, "pos_act_mm": force.cumsum(), "p9": force.cumsum()}, {})
+    asked = ("frf", "log.csv", "--method", "h1", "--input")
+    code, _, err = call(*asked, "force_N", "--output", "pos_act_mm", "--out", "a")
+    assert code == 0, err
+    code, _, err = call(*asked, "force_N:kN", "--output", "p9:mm", "--out", "b")
+    assert code == 0, err
+    named, told = read_frf("a/frf.csv"), read_frf("b/frf.csv")
+    assert named.unit == told.unit == "m/N"
+    np.testing.assert_allclose(named.response, 1e3 * told.response, rtol=1e-12)
+    code, out, err = call(*asked, "force_N", "--output", "p9", "--out", "c")
+    assert code == 0, err
+    assert "No unit of 'p9' is known" in out
+    assert "--output p9:mm" in Path("c/report.html").read_text(encoding="utf-8")
+    assert read_frf("c/frf.csv").unit == ""
+    code, _, err = call(*asked, "force_N:foo", "--output", "p9")
+    assert code == 2
+    assert "'force_N:foo': the unit 'foo' is not known" in err

@@ -119,6 +119,18 @@ def read_name(name: str, unit: str) -> Reading:
     return Reading(quantity, is_set, side, axis, unit, "", f"{why}, by its {'unit' if by_unit else 'name'}")
 
 
+def unit_in_name(name: str) -> str:
+    """The unit that a name ends with, `pos_act_mm`, `force_N`: one letter only if it measures what the name says.
+
+    `u_in` is an input and no inch.
+    """
+    found = _unit_at_the_end(name, [])[0]
+    if found:
+        return "" if found == "in" else found
+    last = name.rpartition("_")[2]
+    return last if last in {"force": "N", "position": "m", "current": "A"}.get(read_name(name, "").quantity, ()) else ""
+
+
 def _unit_at_the_end(name: str, words: list[str]) -> tuple[str, list[str]]:
     """The unit that a name ends with, `x_cmd_mm`, and its other words; a single letter is none."""
     for start in [k + 1 for k, letter in enumerate(name) if letter in "_ "]:

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 from rich.console import Console
 
+from feeddrive.artefacts.files.columns import unit_of
 from feeddrive.artefacts.files.guess import guess_roles
 from feeddrive.artefacts.files.log import read_log
 from feeddrive.artefacts.files.measured import Log
 from feeddrive.artefacts.files.messages import nearest
+from feeddrive.artefacts.files.words import unit_in_name
 from feeddrive.artefacts.measurement.frf_page import levels, sentences, write_estimates
 from feeddrive.doors.cli.roles import clock, requested, show
 from feeddrive.doors.cli.working import drawn
@@ -28,7 +30,7 @@ _REFERENCE = ("excitation", "added_force", "reference")
 _OUTPUTS = (("position_load", "reading_load", "position_motor", "reading_motor"), ("angle_load", "angle_motor"),
             ("velocity_load", "velocity_motor"), ("speed_load", "speed_motor"))  # fmt: skip
 _ONE_OUTPUT = ("position", "y", "x")
-_SI = ("m", "m/s", "m/s2", "N", "rad", "rad/s", "N m", "A")
+_SI = ("m", "m/s", "m/s2", "N", "rad", "rad/s", "N m", "A", "V")
 
 
 def perform(
@@ -58,16 +60,14 @@ def perform(
         for remark in log.remarks:
             if any(f"'{name}'" in remark for name in used):
                 console.print(f"- {log.name}: {remark}", markup=False)
-    named = _references(read[0], references)
-    reference = ", ".join(map(_plain, named)) or (
-        "No reference was given: if the loop was closed, name what was added to it with --reference."
-    )
-    if not named:
-        console.print(f"- {reference}", markup=False)
+    doubts = _doubts(read[0], {"input": [of_input], "output": outputs or _outputs(read[0])}, references)
+    for doubt in doubts:
+        console.print(f"- {doubt}", markup=False)
     facts = {"Logs": ", ".join(str(log) for log in logs), "Input": found[0].frf.input,
              "Output": ", ".join(each.frf.output for each in found),
-             "Reference": reference,
-             "Sample time": f"{1e3 * read[0].sample_time:.6g} ms"}  # fmt: skip
+             "Reference": ", ".join(map(_plain, _references(read[0], references))) or "none",
+             "Sample time": f"{1e3 * read[0].sample_time:.6g} ms",
+             **({"In doubt": " ".join(doubts)} if doubts else {})}  # fmt: skip
     report = write_estimates(found, out or Path("results") / f"frf_{logs[0].name.split('.')[0]}", facts)
     console.print(f"Report: {report}, response: {report.parent / 'frf.csv'}", markup=False, soft_wrap=True)
 
@@ -140,6 +140,21 @@ def _references(log: Log, told: Sequence[str]) -> list[str]:
     return [name for name in named if name != "none"]
 
 
+def _doubts(log: Log, columns: Mapping[str, Sequence[str]], references: Sequence[str]) -> list[str]:
+    """What was not said and matters, in sentences: a reference, and the units of input and output."""
+    said: list[str] = []
+    for option, names in columns.items():
+        said += [
+            f"No unit of '{_plain(name)}' is known, so that the response is in its numbers: name it, as "
+            f"--{option} {_plain(name)}:{'N' if option == 'input' else 'mm'}."
+            for name in names
+            if not _values(log, name)[1]
+        ]
+    if not _references(log, references):
+        said.append("No reference was given: if the loop was closed, name what was added to it with --reference.")
+    return said
+
+
 def _missing(log: Log, role: str, usual: str) -> str:
     raise LogError(
         f"{log.name}: has no column that is named like an {role}{nearest(usual, log.channels)}: name it with --{role}"
@@ -155,13 +170,21 @@ def _values(log: Log, named: str) -> tuple[np.ndarray, str]:
     name, factor, stated = _parts(named)
     if name not in log.channels:
         raise LogError(f"{log.name}: there is no column '{name}'{nearest(name, log.channels)}")
-    unit = stated or log.units.get(name, "")
+    unit = _known(named, stated) if stated else log.units.get(name, "") or unit_in_name(name)
     for si in _SI:
         try:
             return log[name] * (factor * units.factor(unit, si)), si
         except ParameterError:
             continue
     return log[name] * factor, unit
+
+
+def _known(named: str, unit: str) -> str:
+    """A unit of the command line as `language.units` writes it. Raises ParameterError for one that is none."""
+    found = unit_of(unit)
+    if found is None:
+        raise ParameterError(f"'{named}': the unit '{unit}' is not known; give one as mm, N, Nm, A, mdeg or rad")
+    return found
 
 
 def _parts(named: str) -> tuple[str, float, str]:
