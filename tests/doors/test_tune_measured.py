@@ -85,7 +85,7 @@ def test_several_places_hold_together(tmp_path: Path, screw: fd.Loop, both: Path
     path = tmp_path / "heavy.csv"
     fd.write_frf(path, response(heavy, "reading_load", seed=2), response(heavy, "reading_motor", seed=3))
     said = command(*fast(str(both), "--at", str(path), "--out", str(tmp_path / "out")))
-    assert "figures at heavy" in said
+    assert "figures of the closed loop at heavy" in said
     tuned = fd.read_machine(tmp_path / "out" / "machine.toml").loop("x")
     for axis in (screw, heavy):
         gain = fd.loop_gain(replace(axis, control=tuned.control), np.geomspace(1.0, 9999.0, 6000))

@@ -67,7 +67,12 @@ def build(found: ShapedLoop, story: Story) -> str:
     """The page. Pure: the same tuning gives the same text."""
     drawn = list(_pictures(found, story))
     made = "".join(
-        table(f"{each.title[:1].upper()}{each.title[1:]}.", each.heads, each.rows) for each in tables(found, story)
+        table(
+            f"{each.title[:1].upper()}{each.title[1:]}.",
+            [_printed(head) for head in each.heads],
+            [[_printed(cell) for cell in row] for row in each.rows],
+        )
+        for each in tables(found, story)
     )
     links = [("result", "Result"), *((f"figure-{each.key}", each.title) for each in drawn), ("facts", "What was tuned")]
     title = f"{story.what}: {found.rule.split(' subject to ')[0].split(';')[0]}"
@@ -84,7 +89,17 @@ def build(found: ShapedLoop, story: Story) -> str:
 
 def _printed(text: str) -> str:
     """Units as they are printed, in place of what every terminal can show."""
-    for plain, shown in (("um/N", "µm/N"), ("N/um", "N/µm"), ("s^1/2", "s^½"), (" -&gt; ", " → ")):
+    for plain, shown in (
+        ("um/N", "µm/N"),
+        ("N/um", "N/µm"),
+        ("nm s^1/2/N", "nm √s/N"),
+        (" -> ", " → "),
+        (" -&gt; ", " → "),
+        ("<= ", "≤ "),
+        ("&lt;= ", "≤ "),
+        (">= ", "≥ "),
+        ("&gt;= ", "≥ "),
+    ):
         text = text.replace(plain, shown)
     return text
 
@@ -112,7 +127,7 @@ def tables(found: ShapedLoop, story: Story) -> list[Table]:
         ]
         for name, value in found.knobs.items()
     ]  # fmt: skip
-    made = [Table("values", ["parameter", story.today, "new", "change", "unit"], rows)]
+    made = [Table("values of the control, old and new", ["parameter", story.today, "new", "change", "unit"], rows)]
     for i, after in enumerate(found.after):
         before = found.before[i] if found.before else None
         made.append(_figures(before, after, len(found.after) > 1, story.today))
@@ -137,7 +152,7 @@ def _figures(before: Figures | None, after: Figures, several: bool, today: str) 
             rows.append([head, *cells, unit])
     against = ", against a force at the drive" if after.at_drive else ""
     place = f" at {after.site}" if several else ""
-    return Table(f"figures{place}{against}", ["what", today, "new", "unit"], rows)
+    return Table(f"figures of the closed loop{place}{against}", ["what", today, "new", "unit"], rows)
 
 
 def _compared(found: ShapedLoop, story: Story) -> Table:

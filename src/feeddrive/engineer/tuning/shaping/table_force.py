@@ -73,8 +73,8 @@ def with_table_force(site: Site, loop: Loop, source: str, velocity: float = 0.05
     ratio = None if site.ratio is None else np.array([site.ratio[0], by_load[0] / by_load[1]])
     moved = np.array([site.moved[0], by_load[1]])
     shown = (
-        f"the force on the table is by {source}, which agrees with the response '{site.name}' to {100.0 * off:.2g} %; "
-        f"a hammer on the table (--disturbance) would prove it"
+        f"the force on the table is by {source}, which agrees with the response '{site.name}' within "
+        f"{100.0 * max(off, 1e-3):.2g} %; a hammer on the table (--disturbance) would prove it"
     )
     return (
         replace(site, by_load=by_load, moved=moved, load_variance=variance, at_drive=False, ratio=ratio),
