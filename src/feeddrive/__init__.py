@@ -70,7 +70,6 @@ _PLACES: dict[str, str] = {
     "Tuned": "engineer.tuning.tuned",
     "arena": "artefacts.arena.arena",
     "as_frf": "engineer.analysis.conversion",
-    "assess": "engineer.tuning.shaping.shape",
     "begin_compensation": "engineer.tuning.compensated",
     "certify": "engineer.certificate.certify",
     "compare": "artefacts.study.comparison",
@@ -324,7 +323,6 @@ if TYPE_CHECKING:
     from feeddrive.engineer.tuning.recipes import margin_goals as margin_goals
     from feeddrive.engineer.tuning.recipes import symmetric_optimum as symmetric_optimum
     from feeddrive.engineer.tuning.shaping.limits import Limits as Limits
-    from feeddrive.engineer.tuning.shaping.shape import assess as assess
     from feeddrive.engineer.tuning.shaping.shape import shape as shape
     from feeddrive.engineer.tuning.shaping.shaped_loop import ShapedLoop as ShapedLoop
     from feeddrive.engineer.tuning.shaping.site import Site as Site
