@@ -214,6 +214,15 @@ def test_a_force_at_its_own_sample_spoils_the_viscous_friction() -> None:
     assert abs(ours["viscous"].value - TRUTH["viscous"]) < 0.5 * abs(published["viscous"].value - TRUTH["viscous"])
 
 
+def test_a_log_of_channels_is_refused_with_how_to_make_a_motion_of_it() -> None:
+    class Log:
+        sample_time = T
+
+    for take in (identify, identify_rigid, find_delay):
+        with pytest.raises(ParameterError, match=r"takes a MotionLog, not a Log: MotionLog\(name=log\.name, position="):
+            take(Log())  # type: ignore[arg-type]
+
+
 def test_rows_are_needed() -> None:
     few = set_positions()[500:550]
     with pytest.raises(LogError, match="at least 100"):

@@ -77,7 +77,14 @@ class Prepared:
 
 
 def prepare(log: MotionLog, how: Preparation) -> Prepared:
-    """The rows of least squares. Raises LogError for a log that is too short for its filters."""
+    """The rows of least squares. Raises LogError for a log that is too short for its filters, ParameterError for one
+    that is no MotionLog.
+    """
+    if not isinstance(log, MotionLog):  # pyright: ignore[reportUnnecessaryIsInstance]  what `read_log` gives is tempting
+        raise ParameterError(
+            f"identification takes a MotionLog, not a {type(log).__name__}: MotionLog(name=log.name, position=log["
+            "'position_load'], force=log['force'], set_position=log['setpoint_position'], sample_time=log.sample_time)"
+        )
     T = log.sample_time
     if how.acceleration not in ("second", "twice"):
         raise ParameterError(f"acceleration = {how.acceleration!r} must be 'second' or 'twice'")
