@@ -19,6 +19,7 @@ from feeddrive.engineer.identification.identify import identify
 from feeddrive.engineer.identification.known_axis import own_viscous
 from feeddrive.engineer.identification.motion_log import MotionLog
 from feeddrive.language import tree
+from feeddrive.language.errors import ParameterError
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import simulate
 
@@ -108,3 +109,11 @@ def test_friction_on_both_bodies_stays_as_it_is() -> None:
     assert found.loop is not None
     assert repr(found.loop.axis.friction_motor) == repr(start.axis.friction_motor)
     assert any("friction acts on both bodies" in said for said in found.remarks)
+
+
+def test_a_travel_that_no_axis_has_and_a_log_of_another_kind_are_named() -> None:
+    log = simulated(size=0.5)
+    found = identify(replace(log, position=1e5 * log.position, set_position=None), friction="symmetric")
+    assert any("check unit and factor of the position" in said for said in found.remarks)
+    with pytest.raises(ParameterError, match="takes a MotionLog"):
+        identify({"position": log.position})  # type: ignore[arg-type]
