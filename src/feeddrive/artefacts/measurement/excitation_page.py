@@ -21,6 +21,7 @@ from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.linearize import linearize
 from feeddrive.loop.loop import Loop
 
+_USELESS = 30.0  # %, deviation of a line from which it carries no tuning
 WARNING = (
     "The axis moves by itself while this is sent. Keep the travel clear, keep a hand on the stop, and begin with a "
     "tenth of the amplitude."
@@ -55,6 +56,18 @@ def rehearsed(found: Excitation, loop: Loop, output: str = "reading_load") -> tu
     return estimate, model.response(np.geomspace(estimate.frequency[0], estimate.frequency[-1], 1000))
 
 
+def _lost(frequency: np.ndarray, share: np.ndarray) -> str:
+    """How many lines hold too much noise, from where on, and what to do; empty if none do."""
+    good = np.flatnonzero(share < _USELESS)
+    lost = share.size - good.size
+    if lost == 0:
+        return ""
+    ends = good.size and good[-1] < share.size - 1
+    above = f", all above {frequency[good[-1]]:.4g} Hz among them" if ends else ""
+    remedy = f"take more amplitude or more periods{', or end the band there' if ends else ''}"
+    return f" {lost} of {share.size} lines are not known to {_USELESS:g} %{above}: {remedy}."
+
+
 def build(found: Excitation, loop: Loop, facts: Mapping[str, str]) -> str:
     """The page."""
     estimate, model = rehearsed(found, loop)
@@ -65,8 +78,9 @@ def build(found: Excitation, loop: Loop, facts: Mapping[str, str]) -> str:
         f"{found.lines.size} lines from {found.frequency[0]:.4g} to {found.frequency[-1]:.4g} Hz on the {found.where}, "
         f"peak {said(found.amplitude, found.unit)}, crest factor {found.crest:.3f}; all limits that were stated hold "
         f"in the simulation.",
-        f"Expect a deviation of {np.median(share):.2g} % in the middle and {np.max(share):.2g} % at worst, if noise "
-        f"and friction of the machine are those of its file.",
+        f"Expect a deviation of {np.median(share):.2g} % in the middle and {np.max(share):.3g} % at worst, at "
+        f"{estimate.frequency[int(np.argmax(share))]:.4g} Hz, if noise and friction of the machine are those of its "
+        f"file.{_lost(estimate.frequency, share)}",
         WARNING,
     ]
     pictures = [
