@@ -121,8 +121,8 @@ def default(block: type[Block], name: str) -> str:
 def python() -> str:
     """The public functions and results."""
     lines = ["# Python", "", "Names of the package `feeddrive`; every [block](index.md) is one too.", ""]
-    places = feeddrive._PLACES
-    public = [name for name in sorted(places) if name not in LOOP]
+    blocks = {block.__name__ for members in catalogue().values() for block in members.values()}
+    public = [name for name in feeddrive._PLACES if name not in {*LOOP, *blocks}]
     for name in sorted(public, key=lambda name: (name[:1].isupper(), name)):
         thing = getattr(feeddrive, name)
         lines += [f"## {name}", "", f"`{signature(name, thing)}`", "", docstring(thing), ""]
