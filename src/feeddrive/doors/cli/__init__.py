@@ -6,6 +6,7 @@ Every error a user can cause ends in one line on the error stream and an exit co
 
 from __future__ import annotations
 
+import os
 import sys
 from typing import NoReturn
 
@@ -21,6 +22,8 @@ def _stopped() -> NoReturn:
 
 def main() -> None:
     """Run the command line and exit."""
+    # Before numpy is there: its threads share out matrices that are too small for it, and wait longer than they work.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     try:
         from feeddrive.doors.cli.commands import app
 

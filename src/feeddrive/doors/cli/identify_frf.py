@@ -183,8 +183,7 @@ def _fit(
 ) -> AxisFits | ModalFit:
     band = frequencies(asked.band)
     if model == "modes":
-        step("modes")
-        return fit_modes(chosen, asked.modes, band=band)
+        return fit_modes(chosen, asked.modes, band=band, step=step)
     if model == "machine" and axis is None:
         raise ParameterError("--model machine needs a machine file with --machine")
     return fit_axis(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -21,6 +21,7 @@ _MOST_ASKED = 40
 MOST = 8  # modes that are tried if nobody says how many
 _GAIN = 0.9  # what a mode more must bring the error down to
 _FURTHER = 3  # modes that are tried beyond a number that is good enough so far
+_GOOD = 0.1  # mean |ln(fitted/measured)|: above it the count goes on, however little the next modes bring
 _STARTS = 3  # that are followed further
 _FIRST = 20  # steps after which the best of several starts is chosen
 
@@ -97,6 +98,7 @@ def fit_modes(
     proportional: bool = False,
     rest: bool = False,
     dead_time: float | None = None,
+    step: Callable[[str], None] = lambda _: None,
 ) -> ModalFit:
     """Modes that several responses to one input have in common.
 
@@ -131,12 +133,13 @@ def fit_modes(
         )
         if sum(frf.frequency.size for frf in frfs) < 2 * (model.common + len(frfs) * model.own):
             break
+        step(f"{count} modes")
         poles = Poles(model, [frf.response for frf in frfs], dead_time) if poles is None else poles
         begin = _begun(model, frfs, outputs, units, dead_time, poles)
         if begin is not None:
             found.append((begin[0], model, *begin[1:]))
         best = _simplest(found)
-        if best is not None and count >= best[1].modes + _FURTHER:
+        if best is not None and best[0] < _GOOD and count >= best[1].modes + _FURTHER:
             break
     best = _simplest(found)
     if best is None:
@@ -144,6 +147,7 @@ def fit_modes(
             f"the responses do not hold {modes} resonances: ask for fewer, or give a band in which they stand out"
         )
     _, model, sought, begun_at = best
+    step(f"{model.modes} modes, to the end")
     refined = refine(model, sought, frfs, start=begun_at.values)
     return _result(model, sought, refined, frfs, outputs, units)
 
