@@ -15,6 +15,7 @@ from feeddrive.artefacts.plot.frequency_estimate import excitation, frequency_es
 from feeddrive.artefacts.plot.friction_curve import friction
 from feeddrive.artefacts.plot.identification import (
     cogging,
+    cogging_over_turn,
     control_fit,
     delay_fit,
     identified_friction,
@@ -38,6 +39,7 @@ __all__ = [
     "certificate_discs",
     "closed_loop",
     "cogging",
+    "cogging_over_turn",
     "comparison",
     "control_fit",
     "delay_fit",

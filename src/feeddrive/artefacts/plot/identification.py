@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -9,9 +10,11 @@ import numpy as np
 from feeddrive.artefacts.plot import style
 from feeddrive.artefacts.plot.envelope import envelope
 from feeddrive.engineer.identification.cogging import CoggingFit
+from feeddrive.engineer.identification.cogging_run import CoggingRun
 from feeddrive.engineer.identification.control_law import ControlFit
 from feeddrive.engineer.identification.delay import DelayFit
 from feeddrive.engineer.identification.friction_curve import FrictionCurve
+from feeddrive.engineer.identification.parameters import NORMAL
 from feeddrive.engineer.identification.residuals import Residuals
 from feeddrive.engineer.identification.rigid import RigidFit
 from feeddrive.engineer.identification.steady_runs import SteadyRuns
@@ -96,7 +99,7 @@ def steady_runs(runs: SteadyRuns) -> Any:
 
 
 def identified_friction(curve: FrictionCurve) -> Any:
-    """The runs, the curve, and what it leaves."""
+    """The runs, the curve with its 95 % band, and what it leaves."""
     figure, axes = style.picture(2, height=4.2, ratios=(2, 1))
     _points(axes[0], curve.runs)
     top = float(np.max(np.abs(curve.runs.velocity)))
@@ -106,6 +109,11 @@ def identified_friction(curve: FrictionCurve) -> Any:
     for sign in (-1.0, 1.0):
         v = sign * top * np.geomspace(1e-4, 1.0, 300)
         axes[0].plot(factor * v, force * curve.at(v), label=label, **style.curve(0))
+        half = NORMAL * curve.error(v)
+        axes[0].fill_between(
+            factor * v, force * (curve.at(v) - half), force * (curve.at(v) + half), color=style.color(0), alpha=0.18,
+            linewidth=0.0, label=None if label is None else "95 % band of the curve",
+        )  # fmt: skip
         label = None
     axes[1].axhline(0.0, color=style.MUTED, linewidth=0.8)
     axes[1].plot(factor * curve.runs.velocity, force * curve.residual, "o-", markersize=3.5, color=style.color(1),
@@ -134,6 +142,28 @@ def cogging(fit: CoggingFit) -> Any:
     style.plain_decades(ax.yaxis)
     ax.margins(x=0.03)
     style.labels(ax, "order", f"amplitude ({fit.unit})")
+    style.legend(figure, ax)
+    return figure
+
+
+def cogging_over_turn(fit: CoggingFit, runs: Sequence[CoggingRun]) -> Any:
+    """Measured force over one period by direction, and what of it is cogging."""
+    figure, (ax,) = style.picture(1, height=3.4)
+    for i, (sign, label) in enumerate(((1, "forward"), (-1, "backward"))):
+        for run in (each for each in runs if each.direction == sign):
+            order = np.argsort(np.mod(run.turns, 1.0))
+            x, y = envelope(np.mod(run.turns, 1.0)[order], run.force[order])
+            ax.plot(x, y, ".", markersize=2.0, color=style.color(i + 1), alpha=0.5, label=label)
+            label = None
+    both = fit.coulomb is not None
+    x = np.linspace(0.0, 1.0, 2001)
+    y = np.full(x.size, fit.offset.value)
+    for each in fit.significant:
+        found = each.even if each.even is not None else each.forward or each.backward
+        assert found is not None
+        y += found.value * np.sin(2.0 * np.pi * each.order * x + (each.even_phase if both else each.phase))
+    ax.plot(x, y, label="cogging and offset" if both else "significant orders", **style.curve(0))
+    style.labels(ax, "position (periods)", f"force ({fit.unit})")
     style.legend(figure, ax)
     return figure
 

@@ -9,6 +9,8 @@ import typer
 
 from feeddrive.doors.cli import identify_command
 from feeddrive.doors.cli.certify_command import certify, check
+from feeddrive.doors.cli.cogging_command import cogging
+from feeddrive.doors.cli.friction_command import friction
 from feeddrive.doors.cli.out import Out
 from feeddrive.doors.cli.tune_command import tune
 
@@ -274,6 +276,8 @@ def excite(
 
 app.command()(identify_command.identify)
 app.command()(identify_command.channels)
+app.command()(friction)
+app.command()(cogging)
 app.command()(tune)
 app.command()(certify)
 app.command()(check)

@@ -11,19 +11,27 @@ from feeddrive.artefacts.files.guess import Guess, guess_roles, write_roles
 from feeddrive.artefacts.files.job import LogRequest, read_request
 from feeddrive.artefacts.files.log import read_log
 from feeddrive.artefacts.files.measured import Log
-from feeddrive.artefacts.files.roles import Column
+from feeddrive.artefacts.files.roles import OWN_UNIT, ROLES, Column
 from feeddrive.doors.cli.working import drawn
+from feeddrive.language import units
 from feeddrive.language.errors import FileError, ParameterError
 
 
-def column(text: str) -> Column:
-    """`name`, `name:unit` or `name*factor` of the command line. Raises ParameterError for a factor that is none."""
+def column(text: str, role: str = "") -> Column:
+    """`name`, `name:unit`, `name*factor` (to SI) or, for a known role, `name*factor:unit` of the command line.
+
+    Raises ParameterError for a factor that is none.
+    """
     name, star, number = text.rpartition("*")
     if star:
+        number, _, unit = number.partition(":")
         try:
-            return Column(name=name, factor=float(number))
+            factor = float(number)
         except ValueError:
             raise ParameterError(f"'{text}': the factor after * must be a number, as in act*2e-8") from None
+        if role in OWN_UNIT:
+            return Column(name=name, unit=unit, factor=factor)
+        return Column(name=name, factor=factor * (units.factor(unit, ROLES.get(role, unit)) if unit else 1.0))
     name, _, unit = text.partition(":")
     return Column(name=name, unit=unit)
 
@@ -41,7 +49,7 @@ def mapped(
     named     role -> text of the command line; what is named goes before all else
     channels  a TOML file with [log.channels]; without it roles that are not named are guessed, and the guess is shown
     """
-    told = {role: column(text) for role, text in named.items() if text is not None}
+    told = {role: column(text, role) for role, text in named.items() if text is not None}
     if channels is not None:
         request = requested(channels, path)
         mapping = {role: each for role, each in {**request.channels, **told}.items() if role in wanted}
@@ -68,7 +76,11 @@ def requested(channels: Path, path: Path) -> LogRequest:
 
 def clock(path: Path, time: str | None, sample_time: float | None) -> float | None:
     """The sample time of a log whose column of time has another name than the usual ones."""
-    return sample_time if time is None else read_log(path, {"time": column(time)}, sample_time=sample_time).sample_time
+    return (
+        sample_time
+        if time is None
+        else read_log(path, {"time": column(time, "time")}, sample_time=sample_time).sample_time
+    )
 
 
 def show(guess: Guess, path: Path, console: Console) -> None:

@@ -22,6 +22,7 @@ from feeddrive.language.table import Result, Table
 
 _GRID = 60  # Stribeck velocities that are tried before the best is refined
 EQUAL = 2.0  # difference of the criterion that is not worth a mention: the simpler model is taken then
+_SAME = 1.02  # ratio of two mean speeds from which they count as two
 CLEAR = 6.0  # difference of the criterion that counts as strong evidence (Kass & Raftery 1995)
 
 
@@ -39,9 +40,10 @@ class Compared:
 class FrictionCurve(Result):
     """The friction model that constant-speed runs support best.
 
-    compared  all that were tried, the best first
-    memory    autocorrelation of the residual from speed to speed
-    remarks   what a reader must know
+    compared    all that were tried, the best first
+    memory      autocorrelation of the residual from speed to speed
+    remarks     what a reader must know
+    covariance  of the estimates, with that memory, in their order
     """
 
     model: Candidate
@@ -51,6 +53,7 @@ class FrictionCurve(Result):
     memory: float
     compared: tuple[Compared, ...]
     remarks: tuple[str, ...]
+    covariance: np.ndarray
 
     def __getitem__(self, parameter: str) -> Estimate:
         for each in self.estimates:
@@ -71,6 +74,11 @@ class FrictionCurve(Result):
     def at(self, velocity: np.ndarray) -> np.ndarray:
         """Friction against the motion, with the offset, at velocities other than 0."""
         return _predicted(self.model, self.values, velocity)
+
+    def error(self, velocity: np.ndarray) -> np.ndarray:
+        """Standard error of the curve at velocities other than 0: √(j Σ jᵀ), j = d force / d parameters."""
+        columns = _slopes(self.model, self.values, np.asarray(velocity, dtype=np.float64))
+        return np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", columns, self.covariance, columns), 0.0))
 
     def table(self) -> Table:
         """Parameters with both standard errors."""
@@ -151,14 +159,13 @@ def fit_friction(runs: SteadyRuns, candidates: Sequence[Candidate] = CANDIDATES)
     listed = sorted([*others, *(each for each in separate if each is not None)], key=lambda each: each.criterion)
     remarks = _remarks(compared, listed, others, runs)
     rho = likely_memory(residual, _sides(runs))
-    return FrictionCurve(
-        model, _estimates(runs, model, values, residual, rho), runs, residual, rho, tuple(listed), remarks
-    )
+    estimates, covariance = _estimates(runs, model, values, residual, rho)
+    return FrictionCurve(model, estimates, runs, residual, rho, tuple(listed), remarks, covariance)
 
 
 def _check(runs: SteadyRuns) -> None:
     v, unit = runs.velocity, runs.frame.velocity
-    forward, backward = np.unique(v[v > 0.0]).size, np.unique(v[v < 0.0]).size
+    forward, backward = _speeds(v[v > 0.0]), _speeds(-v[v < 0.0])
     if forward < 3 or backward < 3:
         top = float(np.max(np.abs(v), initial=0.0))
         raise NotIdentifiableError(
@@ -166,6 +173,15 @@ def _check(runs: SteadyRuns) -> None:
             f"backward; record next runs at {0.02 * top:.2g}, {0.1 * top:.2g}, {0.3 * top:.2g} and {top:.2g} {unit} in "
             f"both directions"
         )
+
+
+def _speeds(speeds: np.ndarray) -> int:
+    """How many speeds there are: means of the same set speed differ a little, and count once."""
+    count, last = 0, 0.0
+    for speed in np.sort(speeds):
+        if speed > _SAME * last:
+            count, last = count + 1, float(speed)
+    return count
 
 
 def _sides(runs: SteadyRuns) -> tuple[slice, slice]:
@@ -262,11 +278,9 @@ def _remarks(best: Compared, listed: list[Compared], others: list[Compared], run
 
 def _estimates(
     runs: SteadyRuns, model: Candidate, values: dict[str, float], residual: np.ndarray, rho: float
-) -> tuple[Estimate, ...]:
-    """Errors to first order: (JᵀJ)⁻¹ Jᵀ Σ J (JᵀJ)⁻¹ with Σ(i, j) = s² rho^|i - j| within a direction."""
-    columns = model.columns(runs.velocity, values.get("stribeck_velocity", 1.0))
-    if model.exponent:
-        columns = np.column_stack([columns, model.slope(runs.velocity, values)])
+) -> tuple[tuple[Estimate, ...], np.ndarray]:
+    """Estimates and their covariance. Errors to first order: (JᵀJ)⁻¹ Jᵀ Σ J (JᵀJ)⁻¹ with Σ(i, j) = s² rho^|i - j| within a direction."""
+    columns = _slopes(model, values, runs.velocity)
     n, p = columns.shape
     inverse = np.linalg.pinv(columns.T @ columns, hermitian=True)
     s2 = float(residual @ residual) / (n - p)
@@ -274,14 +288,22 @@ def _estimates(
     for side in _sides(runs):
         k = np.arange(n)[side]
         shared[side, side] = rho ** np.abs(k[:, None] - k[None, :])
-    robust = errors(s2 * inverse @ columns.T @ shared @ columns @ inverse)
+    covariance = s2 * inverse @ columns.T @ shared @ columns @ inverse
+    robust = errors(covariance)
     ols = errors(s2 * inverse)
     frame = runs.frame
     units = [_unit(name, frame) for name in model.parameters]
-    return tuple(
+    found = tuple(
         Estimate(*each)
         for each in zip(model.parameters, values.values(), units, map(float, robust), map(float, ols), strict=True)
     )
+    return found, covariance
+
+
+def _slopes(model: Candidate, values: dict[str, float], v: np.ndarray) -> np.ndarray:
+    """d force / d parameter in the order of the parameters, shape (n, p)."""
+    columns = model.columns(v, values.get("stribeck_velocity", 1.0))
+    return np.column_stack([columns, model.slope(v, values)]) if model.exponent else columns
 
 
 def _unit(name: str, frame: Frame) -> str:
