@@ -60,6 +60,8 @@ def test_from_a_run_to_a_tuned_loop(tmp_path: Path, screw: fd.Loop) -> None:
         *fast(str(tmp_path / "frf" / "frf.csv"), "--max-compliance", "0.2", "--out", str(tmp_path / "tuned"))
     )
     assert "the force on the table is by the plant of the baseline" in said
+    proof = json.loads((tmp_path / "tuned" / "summary.json").read_text())["proof"]
+    assert proof["frf, on the baseline's axis: run with friction, counts and limit"]["holds"] is True
     tuned = fd.read_machine(tmp_path / "tuned" / "machine.toml").loop("x")
     lines = np.geomspace(1.0, 9999.0, 6000)
     # 95 % and not certainty, from a run with friction and counts: a per cent over the limits is within it
@@ -94,7 +96,11 @@ def test_several_places_hold_together(tmp_path: Path, screw: fd.Loop, both: Path
 
 def test_without_a_plant_it_says_at_the_drive(tmp_path: Path, both: Path) -> None:
     said = command("tune", str(both), "--filters", "kept", "--starts", "1", "--out", str(tmp_path / "out"))
-    assert "Judged against a force at the drive only" in said
+    assert "Against a force at the drive the new values" in said
+    assert "Take the new values" not in said
+    assert "Nothing is known of a force on the table" in said
+    proof = json.loads((tmp_path / "out" / "summary.json").read_text())["proof"]
+    assert proof["frf: run with friction, counts and limit"]["holds"] is None
     assert "rule margins-robust" in (tmp_path / "out" / "report.html").read_text()
     assert json.loads((tmp_path / "out" / "summary.json").read_text())["against"] == "a force at the drive"
 

@@ -27,6 +27,7 @@ from feeddrive.loop.loop import Loop
 
 LOAD = ("reading_load", "position_load", "load")
 MOTOR = ("reading_motor", "position_motor", "motor")
+_BASELINE = "the plant of the baseline"
 _NONE = "none"  # --motor none: the axis has one encoder
 _SIZE = 3.0  # by which a response may differ from the baseline's plant before its unit is doubted
 _BACKWARD = (math.radians(45.0), math.radians(150.0))  # phase of velocity over force that only a wrong sign gives
@@ -87,6 +88,9 @@ def site_of(
             _check_encoders(given.load, loop)
     if site.at_drive:
         site, said = _on_the_table(site, loop, load, motor, step)
+    elif loop is not None:
+        site, words = with_table_force(site, loop, _BASELINE)
+        said += [words] if words else []
     if not load.unit and unit is None:
         said.append(f"{given.load} does not say its unit: it counts as m/N (--unit)")
     return site, said
@@ -190,7 +194,7 @@ def _on_the_table(site: Site, loop: Loop | None, load: FRF, motor: FRF | None, s
     """The site with a force on the table by the baseline's plant, else by a fit of modes to both encoders."""
     said: list[str] = []
     if loop is not None:
-        made, words = with_table_force(site, loop, "the plant of the baseline")
+        made, words = with_table_force(site, loop, _BASELINE)
         if not made.at_drive:
             return made, [words]
         said.append(words)
@@ -201,7 +205,7 @@ def _on_the_table(site: Site, loop: Loop | None, load: FRF, motor: FRF | None, s
         plant, actuator = fit.blocks()
         control = Control(law=margin_goals(site).law) if loop is None else loop.control
         fitted = Loop(control=control, axis=Axis(plant=plant, actuator=actuator), sample_time=step)
-        made, words = with_table_force(site, fitted, f"a fit of {len(getattr(plant, 'modes', ()))} modes")
+        made, words = with_table_force(site, fitted, f"a fit of {len(getattr(plant, 'modes', ()))} modes", run=False)
     except FeeddriveError as error:
         return site, [*said, f"no plant could be fitted for a force on the table: {error}"]
     return made, [words] if not made.at_drive else [*said, words]

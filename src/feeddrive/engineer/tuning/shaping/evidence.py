@@ -18,8 +18,10 @@ from feeddrive.engineer.analysis.recovery import rope_snap
 from feeddrive.engineer.analysis.stability import stability
 from feeddrive.engineer.tuning.shaping.figures import Figures
 from feeddrive.engineer.tuning.shaping.limits import Limits
+from feeddrive.engineer.tuning.shaping.site import Site
 from feeddrive.engineer.tuning.tuned import Checked
 from feeddrive.language.errors import FeeddriveError
+from feeddrive.loop.control import Control
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import simulate
 
@@ -28,6 +30,7 @@ _ROOM = 2e-3  # of a bound: what lines may differ by
 _LONGEST = 400_000  # samples of a run
 _DECAYS = 10.0  # time constants of the slowest motion that the run covers
 _APART = 0.1  # by which share run and linear model may differ: friction, counts and the guard are in the run only
+_RUN = "run with friction, counts and limit"
 _USUAL_FORCE = 100.0  # N on the table, if the limits name none
 
 
@@ -39,6 +42,22 @@ def of_measurement(found: Sequence[Figures], limits: Limits) -> tuple[Checked, .
         checks.append(Checked(f"{each.site}: Nyquist", each.stable, f"{said}, {each.loop_gain.frequency.size} lines"))
         if each.stable:
             checks.append(_kept(each.site, limits, each))
+    return tuple(checks)
+
+
+def of_known(site: Site, control: Control, limits: Limits, velocity: float) -> tuple[Checked, ...]:
+    """A measured axis run as the loop that agrees with it: stable by its poles, and with friction, counts and limit.
+
+    The limits are those of the measurement, which that loop meets to some per cent only, and are not asked of it again.
+    """
+    if site.known_as is None:
+        said = "no loop is known that agrees with the response: give the machine, as identify writes it, as --baseline"
+        return (Checked(f"{site.name}: {_RUN}", None, said),)
+    loop, name = replace(site.known_as, control=control), f"{site.name}, on the baseline's axis"
+    poles = stability(loop, velocity=velocity)
+    checks = [Checked(f"{name}: poles", poles.stable, f"largest |z| {poles.growth:.6f}")]
+    if poles.stable:
+        checks.append(_run(name, loop, opened(loop, velocity=velocity), limits, velocity, poles.time_constant))
     return tuple(checks)
 
 
@@ -93,7 +112,7 @@ def _run(name: str, loop: Loop, both: Opened, limits: Limits, velocity: float, s
     Its answer is what two runs with and without it differ by, both without counts and noise, which two runs do not
     share; a third run has them too, and must neither trip nor ask for more than the limit.
     """
-    what, T = f"{name}: run with friction, counts and limit", float(loop.sample_time)
+    what, T = f"{name}: {_RUN}", float(loop.sample_time)
     expected = rope_snap(both.closed)
     settle = 1 if slowest is None else math.ceil(_DECAYS * slowest / T) + 1
     if not math.isfinite(expected):

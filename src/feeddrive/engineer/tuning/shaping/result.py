@@ -35,7 +35,9 @@ def result(work: Work, best: Best, today: Control, tried: tuple[str, ...], recip
         [each for each, site in zip(after, work.sites, strict=True) if site.loop is None], work.limits
     )
     for site in work.sites:
-        if site.loop is not None:
+        if site.loop is None:
+            proof += evidence.of_known(site, control, work.limits, work.velocity)
+        else:
             loop = replace(site.loop, control=control)
             proof += evidence.of_model(site.name, loop, work.limits, work.velocity)
     cascades = [cascade_loops(each, work.sites[0]) for each in (today, control)] if before else []

@@ -98,7 +98,7 @@ class ShapedLoop(Result):
     @property
     def not_worth(self) -> bool:
         """Whether today's control keeps the limits and the new one is hardly better."""
-        return words.recommendation(self).startswith("Leave") or " Leave the control" in words.recommendation(self)
+        return words.recommendation(self).startswith("Leave")
 
     def recommendation(self) -> str:
         """What to do and why, with what is worse than today."""

@@ -39,6 +39,7 @@ class Site:
                  encoder; NaN where both were measured on their own.  With a ratio the motor's row of a variance is what
                  the ratio leaves open
     loop         the loop of a model
+    known_as     a loop that agrees with what was measured (`with_table_force`), on which what is tuned is run
     """
 
     name: str
@@ -52,6 +53,7 @@ class Site:
     at_drive: bool = False
     ratio: np.ndarray | None = None
     loop: Loop | None = None
+    known_as: Loop | None = None
 
     def chosen(self, keep: np.ndarray) -> Site:
         """The site on some of its lines, by index."""

@@ -1,4 +1,4 @@
-"""What a force on the table does, where nobody struck it: from a plant that agrees with what was measured."""
+"""What a plant that agrees with a measurement adds to it: the force on the table, and an axis with friction to run."""
 
 from __future__ import annotations
 
@@ -39,21 +39,26 @@ def disagreement(site: Site, loop: Loop, velocity: float = 0.05) -> float:
     return max(off)
 
 
-def with_table_force(site: Site, loop: Loop, source: str, velocity: float = 0.05) -> tuple[Site, str]:
+def with_table_force(
+    site: Site, loop: Loop, source: str, velocity: float = 0.05, *, run: bool = True
+) -> tuple[Site, str]:
     """The site with the responses of a plant to a force on the table, and how far it can be trusted in words.
 
     The plant must agree with the measured responses to 20 % (`disagreement`); by how much it does not is taken for the
-    standard deviation of its answer, if the measurement has one.  A site that was struck, or that the plant does not
-    fit, comes back as it is.
+    standard deviation of its answer, if the measurement has one.  A site that the plant does not fit comes back as it
+    is.  One that was struck keeps its responses.
+
+    run  what is tuned is also run on the loop, with its friction, counts and limits (`Site.known_as`)
     """
-    if not site.at_drive:
-        return site, ""
     off = disagreement(site, loop, velocity)
     if off > _WORST:
-        return site, (
-            f"{source} is {100.0 * off:.3g} % off the response '{site.name}', and so it says nothing on a force on the "
-            f"table"
-        )
+        nothing = "a force on the table, nor can the new control be run on it" if run else "a force on the table"
+        apart = f"{source} is {100.0 * off:.3g} % off the response '{site.name}'"
+        return site, f"{apart}, and so it says nothing on {nothing}"
+    if run:
+        site = replace(site, known_as=replace(loop, sample_time=site.sample_time))
+    if not site.at_drive:
+        return site, ""
     model = linearize(loop, ["cut", "load_force"], READINGS, velocity=velocity)
     found = {
         source: np.array([model.response(site.frequency, each, source).response for each in READINGS])

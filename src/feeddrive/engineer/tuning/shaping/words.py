@@ -41,39 +41,46 @@ def recommendation(found: ShapedLoop) -> str:
     if failed:
         return f"Do not use this tuning: {failed[0].what} does not hold ({failed[0].said})."
     worse = _worse(found)
-    return f"{_drive(found)}{_advised(found)}" + (f" Worse than today: {worse}." if worse else "")
+    return _advised(found) + (f" Worse than today: {worse}." if worse else "") + _of_the_table(found)
 
 
-def _drive(found: ShapedLoop) -> str:
+def _of_the_table(found: ShapedLoop) -> str:
     if not found.at_drive:
         return ""
     return (
-        "Judged against a force at the drive only, since nothing is known of a force on the table, which may well "
-        "become softer there: strike the table or give a machine with its plant before cutting with it. "
+        " Nothing is known of a force on the table, which may well become softer there: strike the table or give a "
+        "machine with its plant before cutting with it."
     )
 
 
 def _advised(found: ShapedLoop) -> str:
     limit = f"; {found.held[0].what} holds it back" if found.held else ""
     gained = found.gained()
-    limits = found.limits.sentence()
+    limits, new = found.limits.sentence(), _new_values(found)
     if gained is None:
         state = "there is no control to compare with" if not found.before else "today's loop is unstable"
-        return f"Take the new values: they keep {limits}, and {state}{limit}."
+        return f"{new} keep {limits}, and {state}{limit}."
     less = found.goal == "rope-snap"
     change = 100.0 * (1.0 - 1.0 / gained if less else gained - 1.0)
     word = ("less" if less else "more") if change >= 0.0 else ("more" if less else "less")
-    what = _WHAT[found.goal] + (" against a force at the drive" if found.at_drive and found.goal != "bandwidth" else "")
+    what = _WHAT[found.goal]
     broken = broken_limits(found.before, found.limits)
     if broken:
-        kept = f"the new ones keep {limits} with {abs(change):.3g} % {word} {what}{limit}"
-        return f"Take the new values: today's {broken}; {kept}."
+        return f"{new} keep {limits} with {abs(change):.3g} % {word} {what}, and today's {broken}{limit}."
+    drive = " against a force at the drive" if found.at_drive and found.goal != "bandwidth" else ""
     if found.recipe and change < 0.0:
-        return f"Leave the control as it is: this rule gives {abs(change):.3g} % {word} {what}{limit}."
+        return f"Leave the control as it is: this rule gives {abs(change):.3g} % {word} {what}{drive}{limit}."
     if change < _NOT_WORTH:
         best = "this rule" if found.recipe else "the best that was found"
-        return f"Leave the control as it is: {best} has only {change:.2g} % {word} {what}{limit}."
-    return f"Take the new values: they give {change:.3g} % {word} {what} within {limits}{limit}."
+        return f"Leave the control as it is: {best} has only {change:.2g} % {word} {what}{drive}{limit}."
+    return f"{new} give {change:.3g} % {word} {what} within {limits}{limit}."
+
+
+def _new_values(found: ShapedLoop) -> str:
+    """Taken without reserve only where a force on the table is known."""
+    if not found.at_drive:
+        return "Take the new values: they"
+    return "The new values" if found.goal == "bandwidth" else "Against a force at the drive the new values"
 
 
 def _worse(found: ShapedLoop) -> str:
