@@ -121,6 +121,7 @@ from feeddrive.engineer.analysis.stiffness import stiffness as stiffness
 from feeddrive.engineer.certificate.certificate import Certificate as Certificate
 from feeddrive.engineer.certificate.certify import certify as certify
 from feeddrive.engineer.identification.cogging import CoggingFit as CoggingFit
+from feeddrive.engineer.identification.cogging_passes import cogging_passes as cogging_passes
 from feeddrive.engineer.identification.cogging_run import CoggingRun as CoggingRun
 from feeddrive.engineer.identification.control_law import ControlFit as ControlFit
 from feeddrive.engineer.identification.control_law import identify_control as identify_control

@@ -95,13 +95,14 @@ def recommendation(fit: CoggingFit) -> str:
     odd = sum(each.odd.value**2 for each in fit.significant if each.odd is not None)
     turned = [each for each in strong if each not in taken]
     rest = (
-        f"; do not compensate {_listed(turned)} by position alone: that changes its sign with the direction"
+        f"; do not compensate what changes its sign with it ({np.sqrt(0.5 * odd):.3g}{unit} RMS, {_listed(turned)}) by "
+        f"position alone, for that would double it one way"
         if turned
         else ""
     )
     return (
-        f"Take {_listed(taken)} as cogging: it has {np.sqrt(0.5 * even):.3g}{unit} RMS and does not know the "
-        f"direction, what changes its sign has {np.sqrt(0.5 * odd):.3g}{unit}{rest}."
+        f"Take {_listed(taken)} as cogging, {np.sqrt(0.5 * even):.3g}{unit} RMS that is the same in both "
+        f"directions{rest}."
     )
 
 
@@ -152,8 +153,8 @@ def _pictures(fit: CoggingFit, runs: Sequence[CoggingRun]) -> Iterator[Shown]:
     yield Shown(
         "turn",
         "Force over one period",
-        "Points: what was measured, by direction; half of their distance is Coulomb friction. Line: what does not "
-        "change with the direction, which is cogging."
+        "Points: what was measured, by direction; half of the distance of their means is Coulomb friction. "
+        "Line: what does not change with the direction, which is cogging."
         if fit.coulomb is not None
         else "Points: what was measured in the one direction. Line: the significant orders, friction among them.",
         "Measured force over one period by direction, and the fitted cogging.",

@@ -111,10 +111,10 @@ def recommendation(curve: FrictionCurve) -> str:
     unknown = [e for e in curve.estimates if not e.name.startswith(("viscous", "offset")) and e.error > _OPEN * e.value]
     if unknown:
         worst = max(unknown, key=lambda each: each.error / max(each.value, 1e-300))
+        open_ = 100.0 * worst.error / max(worst.value, 1e-300)
         return (
             f"Measure more before you take this curve ({curve.model.name}): {worst.name} is known to "
-            f"{100.0 * worst.error / max(worst.value, 1e-300):.2g} % only; record next runs at {_next(curve, worst.name)} "
-            f"in both directions."
+            f"{open_:.2g} % only; record next runs at {_next(curve, worst.name)} in both directions."
         )
     kind = "this curve"
     if curve.frame is not SHAFT:

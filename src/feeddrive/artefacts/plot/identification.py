@@ -114,6 +114,7 @@ def identified_friction(curve: FrictionCurve) -> Any:
             factor * v, force * (curve.at(v) - half), force * (curve.at(v) + half), color=style.color(0), alpha=0.18,
             linewidth=0.0, label=None if label is None else "95 % band of the curve",
         )  # fmt: skip
+        axes[1].fill_between(factor * v, -force * half, force * half, color=style.color(0), alpha=0.18, linewidth=0.0)
         label = None
     axes[1].axhline(0.0, color=style.MUTED, linewidth=0.8)
     axes[1].plot(factor * curve.runs.velocity, force * curve.residual, "o-", markersize=3.5, color=style.color(1),

@@ -21,7 +21,7 @@ from feeddrive.artefacts.measurement.cogging_page import (
     recommendation,
     write_cogging,
 )
-from feeddrive.doors.cli.drive_logs import Drive, chosen, columns_said, drive_of, read_logs, stem
+from feeddrive.doors.cli.drive_logs import Drive, chosen, columns_said, drive_of, logs_said, read_logs, stem
 from feeddrive.doors.cli.roles import column
 from feeddrive.doors.cli.working import drawn
 from feeddrive.engineer.identification.cogging_passes import cogging_passes
@@ -29,9 +29,11 @@ from feeddrive.engineer.identification.cogging_run import CoggingRun
 from feeddrive.engineer.identification.identify_cogging import identify_cogging
 from feeddrive.language import units
 from feeddrive.language.errors import LogError, NotIdentifiableError, ParameterError
+from feeddrive.language.table import Table
 
 _POSITIONS = ("position_motor", "position_load", "angle_motor")
 _FORCES = ("force", "torque", "current", "command")
+_ANY_CLOCK = 1e-3  # s, of a file without one
 _MOST = 1000  # orders that may be asked for
 
 
@@ -78,12 +80,14 @@ def perform(logs: Sequence[Path], asked: Asked) -> None:
     table = _at_table(seen, drive)
     why = kept_away(fit, table)
     text = None if why or table is None else machine_text(fit, table, drive.machine, drive.axis)
-    console.print(drawn(fit.table()))
+    found = fit.table()
+    # the chance of each is in the report: a terminal of 80 columns holds the rest whole
+    console.print(drawn(Table(found.title, found.heads[:-1], [row[:-1] for row in found.rows])))
     for remark in fit.remarks:
         console.print(f"- {sentence(remark)}", markup=False)
     ways = [sum(run.direction == sign for run in seen.runs) for sign in (1, -1)]
     facts = {
-        "Logs": ", ".join(str(path) for path in (*logs, *asked.backward)),
+        "Logs": logs_said([*logs, *asked.backward]),
         "Runs": f"{ways[0]} forward, {ways[1]} backward, {sum(run.turns.size for run in seen.runs)} rows",
         "Period": f"{math.degrees(seen.period):.6g} deg" if seen.turning else f"{1e3 * seen.period:.6g} mm",
         "Columns": seen.columns,
@@ -124,7 +128,7 @@ def _clock(path: Path, asked: Asked) -> float | None:
     """Of a file without any: cogging is a matter of places, so any will do."""
     if asked.sample_time is not None or asked.named.get("time") is not None or asked.channels is not None:
         return asked.sample_time
-    return None if any(is_time(name) for name in read_arrays(path)) else 1.0
+    return None if any(is_time(name) for name in read_arrays(path)) else _ANY_CLOCK
 
 
 def _maps(paths: Sequence[Path], asked: Asked, drive: Drive) -> _Seen:
@@ -199,6 +203,6 @@ def _at_table(seen: _Seen, drive: Drive) -> AtTable | None:
     """Period in m and N per unit of the force at the table, if both are known."""
     r = drive.lever
     constants = {"force": 1.0, "torque": None if r is None else 1.0 / r}
-    constant = constants[seen.role] if seen.role in constants else drive.force_constant
+    constant = constants.get(seen.role, drive.force_constant)
     period = seen.period if not seen.turning else None if r is None else seen.period * r
     return None if constant is None or period is None else AtTable(period, constant)

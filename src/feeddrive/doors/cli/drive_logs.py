@@ -91,6 +91,15 @@ def stem(paths: Sequence[Path]) -> str:
     return name if len(paths) == 1 else f"{name}_and_{len(paths) - 1}"
 
 
+def logs_said(paths: Sequence[Path]) -> str:
+    """Names of the logs, and once the folder in which all of them are."""
+    names = ", ".join(path.name for path in paths)
+    folders = {str(path.parent) for path in paths}
+    if folders == {"."}:
+        return names
+    return f"{names} in {folders.pop()}" if len(folders) == 1 else ", ".join(map(str, paths))
+
+
 def columns_said(mapping: Mapping[str, Column]) -> str:
     """Which column is what, for the facts of a report."""
     return ", ".join(f"{role}: {each.name}" for role, each in mapping.items())

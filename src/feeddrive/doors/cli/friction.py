@@ -18,7 +18,7 @@ from feeddrive.artefacts.measurement.friction_page import (
     tables,
     write_friction,
 )
-from feeddrive.doors.cli.drive_logs import Drive, chosen, columns_said, drive_of, read_logs, stem
+from feeddrive.doors.cli.drive_logs import Drive, chosen, columns_said, drive_of, logs_said, read_logs, stem
 from feeddrive.doors.cli.identify_frf import narrow
 from feeddrive.doors.cli.working import drawn
 from feeddrive.engineer.identification.frame import SHAFT
@@ -44,14 +44,15 @@ def perform(
     runs, without = _runs(logs, read, named, drive)
     curve = fit_friction(runs)
     said = [*remarks(curve, drive.loop), *without]
-    for each in tables(curve):
-        console.print(drawn(narrow(each)))
+    compared, parameters = tables(curve)
+    console.print(drawn(compared, 0))
+    console.print(drawn(narrow(parameters)))
     for remark in said:
         console.print(f"- {sentence(remark)}", markup=False)
     why = kept_away(curve, drive.loop)
     text = None if why else machine_text(curve, drive.machine, drive.axis)
     facts = {
-        "Logs": ", ".join(str(path) for path in logs),
+        "Logs": logs_said(logs),
         "Runs": f"{runs.velocity.size} of {int(np.min(runs.rows))} to {int(np.max(runs.rows))} rows",
         "Columns": columns_said(mapping),
         "Lead": "none given" if drive.lead is None else f"{1e3 * drive.lead:.6g} mm, gear {drive.gear:g}",

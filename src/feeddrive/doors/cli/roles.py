@@ -60,7 +60,7 @@ def mapped(
     # a column that was named for one role does not stand for another
     taken = {each.name for each in told.values()}
     guessed = {role: each for role, each in guessed.items() if each.name not in taken}
-    if guessed or guess.needs:
+    if guessed or any(role not in told for role in guess.needs):
         show(guess, path, console)
     mapping = {role: each for role, each in {**guessed, **told}.items() if role in wanted}
     return read_log(path, mapping, sample_time=sample_time), mapping

@@ -279,7 +279,10 @@ def _remarks(best: Compared, listed: list[Compared], others: list[Compared], run
 def _estimates(
     runs: SteadyRuns, model: Candidate, values: dict[str, float], residual: np.ndarray, rho: float
 ) -> tuple[tuple[Estimate, ...], np.ndarray]:
-    """Estimates and their covariance. Errors to first order: (JᵀJ)⁻¹ Jᵀ Σ J (JᵀJ)⁻¹ with Σ(i, j) = s² rho^|i - j| within a direction."""
+    """Estimates and their covariance to first order.
+
+    (JᵀJ)⁻¹ Jᵀ Σ J (JᵀJ)⁻¹,   Σ(i, j) = s² rho^|i - j| within a direction
+    """
     columns = _slopes(model, values, runs.velocity)
     n, p = columns.shape
     inverse = np.linalg.pinv(columns.T @ columns, hermitian=True)
