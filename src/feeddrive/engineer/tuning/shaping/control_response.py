@@ -155,9 +155,12 @@ class ControlResponse:
         z = np.exp(2j * np.pi * frequency * self.T)
         x, w = _resolved(A, B, c, z)
         value = np.einsum("i,lik->kl", c, x) + d[:, None]
-        moved = np.einsum("ijp,ljk->likp", slopes[:n, :n], x, optimize=True) + slopes[None, :n, n:]
-        slope = np.einsum("li,likp->klp", w, moved, optimize=True)
-        slope += np.einsum("ip,lik->klp", slopes[n, :n], x, optimize=True) + slopes[n, n:][:, None, :]
+        # line by line: products so small that they stay in one thread, which many in a row could not pay
+        count, knobs = frequency.size, len(self.knobs)
+        by_row = slopes[:n, :n].transpose(0, 2, 1).reshape(n * knobs, n)
+        moved = (by_row @ x).reshape(count, n, 2 * knobs) + slopes[:n, n:].transpose(0, 2, 1).reshape(n, 2 * knobs)
+        through = (w[:, None, :] @ moved).reshape(count, knobs, 2) + slopes[n, :n].T @ x
+        slope = through.transpose(2, 0, 1) + slopes[n, n:][:, None, :]
         poles = np.linalg.eigvals(A) if n else np.zeros(0)
         return Response(value, slope, np.abs(np.log(poles[np.abs(poles) > 1.0 + 1e-7])) / self.T)
 
@@ -183,7 +186,8 @@ def _resolved(A: np.ndarray, B: np.ndarray, c: np.ndarray, z: np.ndarray) -> tup
     for i in range(n):
         w[i] /= z - S[i, i]
         w[i + 1 :] += S[i, i + 1 :, None] * w[i]
-    return np.einsum("ij,jkl->lik", Z * scale[:, None], x, optimize=True), (w.T @ Z.conj().T) / scale
+    forth, back = Z * scale[:, None], Z.conj().T / scale
+    return forth @ x.transpose(2, 0, 1), (w.T[:, None, :] @ back)[:, 0]
 
 
 def _needed(traced: Traced) -> list[int]:
