@@ -11,8 +11,8 @@ def least_quadratic(H: np.ndarray, g: np.ndarray, A: np.ndarray, b: np.ndarray) 
 
     Source: Lawson & Hanson 1974, chapter 23 (least distance programming).
     """
-    # a few knobs and hundreds of bounds: the inverse is small, and products with it do not wake the threads of the BLAS,
-    # which a triangular solve does
+    # a few knobs, hundreds of bounds: products with the small inverse do not wake the threads of the BLAS, as a
+    # triangular solve does
     inverse = np.linalg.inv(np.linalg.cholesky(H))
     shift, G = inverse @ g, A @ inverse.T
     h = b + G @ shift
