@@ -107,6 +107,24 @@ def test_several_logs_and_a_position_that_is_differenced_give_the_same_curve(tmp
     assert '[axis.x.friction_load]\nkind = "stribeck"' in section
 
 
+def test_friction_goes_where_the_axis_has_it(tmp_path: Path) -> None:
+    log = written(tmp_path, both())
+    output = " ".join(called(log, *NAMED, "--machine", "ball_screw", "--out", str(tmp_path / "out")).split())
+    made = (tmp_path / "out" / "machine.toml").read_text(encoding="utf-8")
+    assert "[axis.x.friction_motor]         # bearings and nut" in made
+    found = read_machine(tmp_path / "out" / "machine.toml").loop("x").axis.friction_motor
+    assert isinstance(found, Stribeck)
+    # the bundled plant has 1520 N s/m of its own, more than the 200 of these runs
+    assert float(found.viscous) == 0.0
+    assert "less than the 1520 N s/m that the plant has of its own" in output
+    two = tmp_path / "two.toml"
+    text = (BUNDLED / "machines" / "ball_screw.toml").read_text(encoding="utf-8")
+    two.write_text(f'{text}\n[axis.x.friction_load]\nkind = "coulomb"\ncoulomb = 5\n', encoding="utf-8")
+    output = " ".join(called(log, *NAMED, "--machine", str(two), "--out", str(tmp_path / "both")).split())
+    assert "constant speeds tell their sum only" in output
+    assert not (tmp_path / "both" / "machine.toml").exists()
+
+
 def test_a_log_without_a_constant_speed_is_left_out_and_named(tmp_path: Path) -> None:
     ramp = tmp_path / "ramp.csv"
     v = np.linspace(0.0, 100.0, 500)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from feeddrive.engineer.identification.cogging_passes import cogging_passes
 from feeddrive.engineer.identification.cogging_run import CoggingRun
 from feeddrive.engineer.identification.identify_cogging import identify_cogging
 from feeddrive.language.errors import LogError, NotIdentifiableError, ParameterError
@@ -60,6 +61,24 @@ def test_the_block_balances_what_was_measured() -> None:
     )
     # the force that held the axis is the opposite of what pulled it, 0.5 A at 40 N/A
     np.testing.assert_allclose(made, -20.0 * np.sin(2.0 * np.pi * 12 * TURNS + 0.7), atol=1e-9)
+
+
+def test_a_long_log_is_cut_at_its_reversals_and_averaged() -> None:
+    way = np.linspace(0.0, 3.2, 100_000)
+    x = np.concatenate([way, np.full(500, 3.2), way[::-1], way[:20_000]])
+    direction = np.repeat([1.0, 1.0, -1.0, 1.0], [100_000, 500, 100_000, 20_000])
+    force = 0.3 * direction + np.sin(2.0 * np.pi * 20 * x)
+    made = cogging_passes(np.mod(x, 1.0), force, highest=20)
+    # the last way is 0.64 periods and is left out
+    assert [run.direction for run in made] == [1, -1]
+    assert all(run.turns.size <= 32 * 20 * 3.2 for run in made)
+    fit = identify_cogging(made, range(1, 21))
+    even = fit.order(20).even
+    assert even is not None
+    # a mean over 1/32 of a wave has sin(π/32) / (π/32) = 0.9984 of its amplitude
+    assert even.value == pytest.approx(0.9984, abs=2e-4)
+    assert fit.coulomb is not None
+    assert fit.coulomb.value == pytest.approx(0.3, abs=1e-3)
 
 
 def test_what_runs_cannot_tell_is_said() -> None:

@@ -18,6 +18,7 @@ from feeddrive.artefacts.files.toml_lines import parse_toml
 from feeddrive.language import units
 from feeddrive.language.errors import FileError, ParameterError
 
+_HEADER_COMMENT = re.compile(r"^[ \t]*\[[^\]#\"']*\]+([ \t]*#[^\n]*)")
 _HEADER = re.compile(r"^[ \t]*\[", re.MULTILINE)
 
 
@@ -53,7 +54,8 @@ class TomlEdit:
     def replace(self, key: Key, section: str) -> None:
         """Put a section, with its header, in the place of [key] and all that is under it; add it if there is none.
 
-        Comments that stand alone on a line within the old section stay, above the new one.
+        Comments that stand alone on a line within the old section stay, above the new one, and so does that behind the
+        old header.
         """
         places = self._sections(key)
         if not places:
@@ -66,7 +68,13 @@ class TomlEdit:
         made: list[str] = []
         for i, line in enumerate(lines):
             if i == gone[0]:
-                made += [*kept, section.strip() + "\n", "\n"]
+                header, _, rest = section.strip().partition("\n")
+                said = _HEADER_COMMENT.match(lines[gone[0]])
+                made += [
+                    *kept,
+                    f"{header}{said[1] if said and '#' not in header else ''}\n{rest}".rstrip() + "\n",
+                    "\n",
+                ]
             if i not in inside:
                 made.append(line)
         self.text = "".join(made)

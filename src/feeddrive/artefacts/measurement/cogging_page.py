@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from html import escape
 from pathlib import Path
 
@@ -21,6 +21,7 @@ from feeddrive.artefacts.report.tables import table
 from feeddrive.blocks.force.cogging import Cogging
 from feeddrive.engineer.identification.cogging import CoggingFit, CoggingOrder
 from feeddrive.engineer.identification.cogging_run import CoggingRun
+from feeddrive.language.block import Number
 
 _NAMED = 6  # orders that a sentence names
 _STRONG = 0.05  # share of the strongest from which an order is named
@@ -108,7 +109,7 @@ def recommendation(fit: CoggingFit) -> str:
 
 def machine_text(fit: CoggingFit, at_table: AtTable, machine: Machine | None, axis: str) -> str:
     """A machine file with the cogging among its forces, comments kept; without one, the section alone."""
-    block = fit.block(at_table.period, force_per_unit=at_table.force_per_unit)
+    block = _rounded(fit.block(at_table.period, force_per_unit=at_table.force_per_unit))
     section = _section(block, axis)
     if machine is None:
         head = "# cogging of an axis, from slow runs; add plant, control, limits and encoders\n\n"
@@ -125,6 +126,16 @@ def machine_text(fit: CoggingFit, at_table: AtTable, machine: Machine | None, ax
     error = at_table.force_per_unit * strongest.error
     edit.comment(("axis", axis, "forces", index, "force"), f"standard error {error:.2g} N")
     return edit.text
+
+
+def _rounded(block: Cogging) -> Cogging:
+    """To six digits, far beyond what the errors leave."""
+    harmonics = tuple(replace(each, share=_short(each.share), phase=_short(each.phase)) for each in block.harmonics)
+    return replace(block, force=_short(block.force), harmonics=harmonics)
+
+
+def _short(value: Number) -> float:
+    return float(f"{float(value):.6g}")
 
 
 def _section(block: Cogging, axis: str) -> str:

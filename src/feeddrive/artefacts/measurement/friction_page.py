@@ -79,7 +79,13 @@ def remarks(curve: FrictionCurve, loop: Loop | None) -> list[str]:
     if axis is None:
         return said
     own = own_viscous(axis)
-    if own > 0.0:
+    found = min(value for name, value in curve.values.items() if name.startswith("viscous"))
+    if found < own:
+        said.append(
+            f"the runs show {found:.4g} N s/m of viscous friction, less than the {own:.4g} N s/m that the plant has of "
+            f"its own: the block has none, and the plant's must be lowered by hand"
+        )
+    elif own > 0.0:
         said.append(f"the plant has {own:.4g} N s/m of its own, which is taken off the viscous friction")
     weight = next((each for each in axis.forces if isinstance(each, Gravity)), None)
     if weight is not None and not curve.model.offset:

@@ -120,7 +120,8 @@ def _passes(paths: Sequence[Path], asked: Asked, drive: Drive, orders: Sequence[
         try:
             found += cogging_passes(log[moving] / period, log[role], highest=max(orders or (128,)))
         except NotIdentifiableError as error:
-            raise NotIdentifiableError(f"{path}: {error}") from None
+            unit = ROLES[moving]
+            raise NotIdentifiableError(f"{path}: with a period of {period:.4g} {unit} {error}") from None
     return _Seen(found, role, units_there, period, moving == "angle_motor", columns_said(mapping))
 
 
