@@ -97,6 +97,7 @@ def test_a_given_sample_time_forgives_rounded_stamps_and_nothing_else() -> None:
         checked_clock("a", rounded, row)
     with pytest.raises(LogError, match=r"row 3 should be at 0\.0008 s, not at 0\.001 s"):
         checked_clock("a", np.array([0.0, 0.0004, 0.0010, 0.0012]), row, T)
+    assert checked_clock("a", 50e-6 * np.arange(1000), row, 50 * 1e-6).sample_time == 5e-5 != 50 * 1e-6
     fine = np.round(T * np.arange(1000), 4) + 1e-5 * (np.arange(1000) % 2)
     assert checked_clock("a", fine, row, T).sample_time == T
     with pytest.raises(LogError, match=r"row 501 should be at 0.2 s, not at 0.2004 s; give the right sample time"):
@@ -106,9 +107,18 @@ def test_a_given_sample_time_forgives_rounded_stamps_and_nothing_else() -> None:
 # columns and roles
 
 
+def test_a_column_of_an_input_is_not_in_inches(tmp_path: Path) -> None:
+    rows = "".join(f"{2 * k},{k},{k}\n" for k in range(10))
+    log = read_log(write(tmp_path, f"t [ms],x_in,y [in]\n{rows}"), {"position_load": "x_in", "position_motor": "y"})
+    np.testing.assert_array_equal(log["position_load"], np.arange(10.0))
+    np.testing.assert_allclose(log["position_motor"], 0.0254 * np.arange(10), rtol=1e-15)
+    stated = read_log(tmp_path / "a.csv", {"position_load": ("x_in", "in")})
+    np.testing.assert_allclose(stated["position_load"], 0.0254 * np.arange(10), rtol=1e-15)
+
+
 def test_every_column_in_the_unit_of_the_file(tmp_path: Path) -> None:
     log = read_log(write(tmp_path, TEXT))
-    assert log.name == "a"
+    assert log.name == str(tmp_path / "a.csv")
     assert list(log.channels) == ["x", "f"]
     assert log.units == {"x": "mm", "f": ""}
     assert log.sample_time == 2e-3
@@ -252,7 +262,7 @@ def test_the_content_decides_not_the_ending(tmp_path: Path) -> None:
 
 def test_packed_by_gzip(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     packed = gzip.compress(TEXT.encode())
-    assert read_log(write(tmp_path, packed, "a.csv.gz")).name == "a"
+    assert read_log(write(tmp_path, packed, "a.csv.gz"))["x"].size == 10
     halves = gzip.compress(TEXT[:50].encode()) + gzip.compress(TEXT[50:].encode()) + b"\0\0"
     assert len(read_log(write(tmp_path, halves, "b.csv.gz"))) == 10
     with pytest.raises(LogError, match="is packed by gzip and cut off; copy it again"):

@@ -67,10 +67,11 @@ def log(change: str) -> str:
     ],
 )
 def test_a_channel_that_is_wrong_is_named_and_its_line(call, command: str, change: str, said: str) -> None:
-    Path("log.csv").write_text(log(change))
-    code, text = call(command, "log.csv")
+    Path("logs").mkdir()
+    Path("logs/log.csv").write_text(log(change))
+    code, text = call(command, "logs/log.csv")
     assert code == 2
-    assert "feeddrive: error: " in text
+    assert "feeddrive: error: logs/log.csv: " in text
     assert said in text
 
 
@@ -79,7 +80,7 @@ def test_a_saturated_channel_is_named(call) -> None:
     Path("log.csv").write_text(log("saturated"))
     code, text = call("identify", "log.csv")
     assert code == 2
-    assert "the force sits at 30 N in" in text
+    assert "error: log.csv: the force sits at 30 N in" in text
     code, text = call("frf", "log.csv", "--method", "h1")
     assert code == 0
     assert "'force' is clipped: it stands at its largest value 30" in text
@@ -89,6 +90,7 @@ def test_channels_of_two_clocks_are_named(call) -> None:
     Path("log.csv").write_text(log("shifted"))
     code, text = call("identify", "log.csv")
     assert code == 2
+    assert "error: log.csv: force and position are not synchronised" in text
     assert "record both channels with one recorder and one trigger" in text
 
 

@@ -13,7 +13,7 @@ from engineer.drive_logs import TRUTH, T, changed, simulated
 from feeddrive.artefacts.files.machine import BUNDLED, read_machine
 from feeddrive.doors.cli.commands import app
 from feeddrive.language import tree
-from feeddrive.language.errors import NotIdentifiableError, ParameterError
+from feeddrive.language.errors import FeeddriveError, NotIdentifiableError, ParameterError
 
 runner = CliRunner()
 
@@ -78,3 +78,16 @@ def test_what_is_missing_is_named(tmp_path: Path) -> None:
     done = runner.invoke(app, ["identify", str(path)])
     assert isinstance(done.exception, NotIdentifiableError)
     assert "to and fro" in str(done.exception)
+
+
+def test_an_out_that_cannot_be_written_is_refused_before_the_work(tmp_path: Path) -> None:
+    """The log is not even there, and it is the directory that is named."""
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "notes.txt").write_text("mine")
+    with pytest.raises(FeeddriveError, match="mine"):
+        runner.invoke(
+            app,
+            ["identify", "none.csv", "--out", str(tmp_path / "mine")],
+            catch_exceptions=False,
+            standalone_mode=False,
+        )

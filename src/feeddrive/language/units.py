@@ -92,7 +92,11 @@ def factor(given: str, declared: str) -> float:
     declared_size, declared_dimension = measure(declared)
     if dimension != declared_dimension:
         raise ParameterError(f"unit '{given}' does not measure the same thing as '{declared or 'a plain number'}'")
-    ratio = size / declared_size
     # kHz to Hz is 1000, not the 999.9999999999999 of its way over rad/s
-    decimal = float(f"{ratio:.12g}")
-    return decimal if abs(decimal - ratio) <= 4 * math.ulp(ratio) else ratio
+    return decimal(size / declared_size)
+
+
+def decimal(value: float) -> float:
+    """The number of twelve digits that only rounding tells from `value`, if there is one: 50 times 1e-6 is 5e-05."""
+    near = float(f"{value:.12g}")
+    return near if abs(near - value) <= 4 * math.ulp(value) else value

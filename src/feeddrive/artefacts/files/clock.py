@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from feeddrive.language import units
 from feeddrive.language.errors import LogError
 
 LEAST_ROWS = 3
@@ -80,7 +81,7 @@ def _fitted(name: str, time: np.ndarray, place: Callable[[int], str], sample_tim
             f"{time[0] + k * sample_time:.9g} s, not at {time[k]:.9g} s; "
             "give the right sample time, or cut the log there"
         )
-    return Clock(sample_time, float(np.max(np.abs(np.diff(off)))))
+    return Clock(units.decimal(sample_time), float(np.max(np.abs(np.diff(off)))))
 
 
 def _check_plausible(name: str, sample_time: float) -> None:
@@ -102,4 +103,4 @@ def _decimal(mean: float, time: np.ndarray) -> float:
         near = float(f"{mean:.{digits}g}")
         if abs(near - mean) * (n - 1) <= scatter + 1e-9 * mean * n:
             return near
-    return mean
+    return units.decimal(mean)

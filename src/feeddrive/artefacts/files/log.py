@@ -41,7 +41,7 @@ def read_log(
                  unit; a column that is named like time need not be mapped
     optional     the same for columns that may be missing
     sample_time  s, for a file without a column of time, or whose stamps are rounded
-    name         of the log; default: that of the file
+    name         of the log, by which errors call it; default: that which the file holds, else the path as given
 
     Raises FileError (no such file, ...) or LogError (of another kind, damaged, empty, NaN, gaps, a clock that is not
     uniform, a column that is missing or in another unit), each with file, row and what to do.
@@ -112,7 +112,7 @@ def _read_log(
     clock = checked_clock(where, time, columns.place, step)
     origin = columns.metadata.get("provenance")
     return Log(
-        name=name or str(columns.metadata.get("name") or Path(path).name.split(".")[0]),
+        name=name or str(columns.metadata.get("name") or where),
         time=time,
         channels=channels,
         units={role: values[role][1] for role in channels},
@@ -199,7 +199,10 @@ def _values(
 
 
 def _factor(path: str, role: str, column: Column, unit: str) -> float:
-    """From the column's unit to that of its role: as given, else as the file says, else by the end of its name."""
+    """From the column's unit to that of its role: as given, else as the file says, else by the end of its name.
+
+    A name that ends with `_in` says input and not inch.
+    """
     if column.factor is not None or role in OWN_UNIT:
         return 1.0 if column.factor is None else column.factor
     if column.unit:
@@ -214,7 +217,7 @@ def _factor(path: str, role: str, column: Column, unit: str) -> float:
             ) from None
     for start in [k + 1 for k, letter in enumerate(column.name) if letter == "_"]:
         try:
-            return units.factor(column.name[start:], ROLES[role])
+            return units.factor(column.name[start:], ROLES[role]) if column.name[start:] != "in" else 1.0
         except ParameterError:
             continue
     return 1.0

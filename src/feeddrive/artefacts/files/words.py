@@ -126,17 +126,17 @@ def unit_in_name(name: str) -> str:
     """
     found = _unit_at_the_end(name, [])[0]
     if found:
-        return "" if found == "in" else found
+        return found
     last = name.rpartition("_")[2]
     return last if last in {"force": "N", "position": "m", "current": "A"}.get(read_name(name, "").quantity, ()) else ""
 
 
 def _unit_at_the_end(name: str, words: list[str]) -> tuple[str, list[str]]:
-    """The unit that a name ends with, `x_cmd_mm`, and its other words; a single letter is none."""
+    """The unit that a name ends with, `x_cmd_mm`, and its other words; a single letter is none, nor is `in`."""
     for start in [k + 1 for k, letter in enumerate(name) if letter in "_ "]:
         end = name[start:].replace(" ", "_")
         found = unit_of(re.sub(r"^(u?m?m|rad|deg)_(s2?)$", r"\1/\2", end))  # rad_s is rad/s in a name
-        if found and len(end) > 1:
+        if found and len(end) > 1 and end != "in":
             return found, words_of(name[:start])
     return "", words
 

@@ -85,7 +85,7 @@ def _read(
         requests = [requested(channels, log) for log in logs]
         return [each.read() for each in requests]
     clocks = [clock(log, time, sample_time) for log in logs]
-    read = [read_log(log, sample_time=step) for log, step in zip(logs, clocks, strict=True)]
+    read = [read_log(log, sample_time=step, name=str(log)) for log, step in zip(logs, clocks, strict=True)]
     usual = {*_INPUT} & {*read[0].channels} and {*_ONE_OUTPUT, *(n for kind in _OUTPUTS for n in kind)} & {
         *read[0].channels
     }
@@ -95,7 +95,9 @@ def _read(
     show(guess, logs[0], console)
     if not guess.mapping:  # all need a factor: the columns as they are, so that what is missing is named among them
         return read
-    return [read_log(log, guess.mapping, sample_time=step) for log, step in zip(logs, clocks, strict=True)]
+    return [
+        read_log(log, guess.mapping, sample_time=step, name=str(log)) for log, step in zip(logs, clocks, strict=True)
+    ]
 
 
 def frequencies(band: str | None) -> tuple[float, float] | None:

@@ -94,7 +94,7 @@ def _motion(path: Path, log: Log, loop: Loop | None, force_constant: float | Non
             f"{path}: has no force that is named as such: name its column with --force or --command{_there(log)}"
         )
     return MotionLog(
-        name=log.name, position=position, force=force, set_position=set_position, sample_time=log.sample_time,
+        name=str(path), position=position, force=force, set_position=set_position, sample_time=log.sample_time,
         force_limit=None if limit is None or rotary else float(limit), rotary=rotary,
     )  # fmt: skip
 

@@ -7,12 +7,7 @@ from typing import Annotated
 
 import typer
 
-Out = Annotated[
-    Path | None,
-    typer.Option(
-        "--out", "-o", help="Directory to write; one that feeddrive wrote before is replaced.", show_default=False
-    ),
-]
+from feeddrive.doors.cli.out import Out
 
 
 def identify(

@@ -157,7 +157,7 @@ def _trial(log: Path, loop: Loop, named: Mapping[str, str | None], smoothing: in
         force = float(motor.force_per_unit()) * measured["command"]
     return measured_trial(
         loop, measured["setpoint_position"], measured["position_load"], sample_time=measured.sample_time, force=force,
-        smoothing=smoothing, name=log.name,
+        smoothing=smoothing, name=str(log),
     )  # fmt: skip
 
 
