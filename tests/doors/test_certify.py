@@ -76,7 +76,7 @@ def test_what_cannot_be_certified_is_not_written(tmp_path: Path) -> None:
     assert not out.exists()
     with pytest.raises(ParameterError, match="need --measured"):
         run("certify", "ball_screw", "--fit", "--out", str(out))
-    with pytest.raises(FeeddriveError, match="arithmetic is float64"):
+    with pytest.raises(FeeddriveError, match="arithmetic = 'double' must be float64"):
         run("certify", "ball_screw", "--arithmetic", "double", "--out", str(out))
 
 

@@ -266,10 +266,14 @@ def test_what_cannot_be_certified_says_where_by_how_much_and_what_to_do() -> Non
         fd.certify(loop.control, {"x": loop})
     with pytest.raises(ParameterError, match=r"every 1 ms, not 0\.05 ms"):
         fd.certify(loop, {"x": fd.read_machine("emps").loop("x")})
-    with pytest.raises(ParameterError, match="radius"):
+    with pytest.raises(ParameterError, match=r"radius = -0\.1"):
         fd.certify(loop, radius=-0.1)
-    with pytest.raises(ParameterError, match="confidence"):
+    with pytest.raises(ParameterError, match=r"confidence = 95 must .* 0\.95 is 95 %"):
+        fd.certify(loop, confidence=95.0)
+    with pytest.raises(ParameterError, match=r"confidence = 1 "):
         fd.certify(loop, confidence=1.0)
+    with pytest.raises(ParameterError, match="velocity = nan m/s"):
+        fd.certify(loop, velocity=np.nan)
 
 
 def test_a_radius_over_frequency_and_several_plants() -> None:
@@ -341,8 +345,20 @@ def test_a_line_outside_of_every_model_makes_its_disc_wide() -> None:
     s, w = 2j * np.pi * f, 2.0 * np.pi * 200.0
     extra = 1.0 + 6.0 * s * s / (s * s + 0.04 * w * s + w * w)
     frf = fd.FRF(f, P.response * extra, "force", "reading_load", "m/N", float(loop.sample_time), None, 0.0 * f)
-    with pytest.raises(NotCertifiedError, match="fit the plant better around"):
+    with pytest.raises(NotCertifiedError, match=r"fit the plant better around .* with --fit from the lines alone"):
         fd.certify(loop, {"other": [loop, frf]})
+
+
+def test_a_response_with_the_wrong_sign_is_named() -> None:
+    """A force that pushes backward: the loop drifts away, and lower gains would not help."""
+    loop = fd.read_machine("linear_motor").loop("x")
+    f = np.arange(5.0, 1500.0, 5.0)
+    P = fd.linearize(loop, ["cut"], ["reading_load"]).response(f)
+    frf = fd.FRF(
+        f, -P.response, "force", "reading_load", "m/N", float(loop.sample_time), None, 1e-6 * np.abs(P.response) ** 2
+    )
+    with pytest.raises(NotCertifiedError, match=r"a drift grows .* multiply the response by -1"):
+        fd.certify(loop, {"backward": [frf]})
 
 
 def test_the_certificate_shows_itself() -> None:

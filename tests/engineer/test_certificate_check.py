@@ -246,6 +246,12 @@ def test_what_is_no_certificate_is_refused_in_one_line(damage: Callable[[str], s
         fd.read_certificate(path)
 
 
+def test_a_file_that_is_not_there_is_named(tmp_path: Path) -> None:
+    code, words = said(tmp_path / "none.json")
+    assert code == 1
+    assert "none.json cannot be read: " in words
+
+
 def test_what_is_built_otherwise_is_refused_in_one_line(text: str, tmp_path: Path) -> None:
     path = tmp_path / "loop.json"
     for name in ("plants", "control", "numbers", "outside", "confidence"):

@@ -69,9 +69,11 @@ def certify(
     if T is None or not (math.isfinite(T) and 0.0 < T < 10.0):
         raise ParameterError("a control alone needs its sample_time, in s, above 0")
     if not 0.0 < confidence < 1.0 - 1e-9:
-        raise ParameterError(f"the confidence must lie between 0 and 1, not {confidence:g}")
+        raise ParameterError(f"confidence = {confidence:g} must lie between 0 and 1; 0.95 is 95 %")
     if not (math.isfinite(beyond) and beyond >= 0.0):
-        raise ParameterError(f"beyond, the radius above the last line, must be >= 0, not {beyond:g}")
+        raise ParameterError(f"beyond = {beyond:g}, the radius above the last line, must be a finite number >= 0")
+    if not math.isfinite(velocity):
+        raise ParameterError(f"velocity = {velocity:g} m/s, at which the axes move, must be a finite number")
     if plants is None:
         if not isinstance(loop, Loop):
             raise ParameterError("a control alone has no plant: give `plants`")

@@ -362,7 +362,8 @@ def verified(document: Mapping[str, Any]) -> list[str]:
             raise RefusedError(f"'{name}': {error}", error.frequency) from None
         room = "" if plant["reserve"] is None else f"; the discs could be {plant['reserve']:.4g} times as wide"
         said.append(
-            f"'{name}': stable, and |1 + L| > r|L| at all frequencies for r up to {max(map(max, bands.radii)):.4g}"
+            f"'{name}': stable, and |1 + L| > r|L| at all frequencies, with discs of r = "
+            f"{min(map(min, bands.radii)):.4g} to {max(map(max, bands.radii)):.4g}"
             f"{room}; {degree} poles, {nodes} stretches, {lines} measured lines inside"
         )
     return said
@@ -376,7 +377,9 @@ def main(arguments: list[str]) -> int:
             content = file.read(MOST_BYTES + 1)
         document = parse(content)
         said = [*verified(document), f"outside: {'; '.join(document['outside'])}"]
-    except (OSError, RefusedError) as error:
+    except OSError as error:
+        said = [f"REFUSED: {arguments[0]} cannot be read: {error.strerror}"]
+    except RefusedError as error:
         said = [f"REFUSED: {error}"]
     except BROKEN as error:
         said = [f"REFUSED: it is not built as a certificate is: {type(error).__name__} {error}"]

@@ -52,7 +52,7 @@ def rounded(value: float, arithmetic: str) -> float:
         places = int(arithmetic[5:])
         return float(np.ldexp(np.rint(np.ldexp(float(value), places)), -places))
     raise ParameterError(
-        f"the arithmetic is float64, float32, or fixedN with N binary places, as fixed24, not '{arithmetic}'"
+        f"arithmetic = '{arithmetic}' must be float64, float32, or fixedN with N binary places, as fixed24"
     )
 
 

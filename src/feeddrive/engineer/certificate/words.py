@@ -30,7 +30,8 @@ BETWEEN = (
     "the list; they may hang together."
 )
 NOT_CHECKED = [
-    "what stands there for people: machine, law, parameters, units, states, source, dead_time_s, sample_time_ms",
+    "what stands there for people: claim, theorem, assumed, machine, law, parameters, units, readings, states, the "
+    "plants' names and source, dead_time_s, sample_time_ms",
     "that the matrices are those of this control with these numbers: feeddrive traced it and says so",
 ]
 OUTSIDE = [
@@ -54,9 +55,12 @@ def refusal(made: Deployed, plant: NominalPlant, loop: LoopResponse, place: floa
         motion = f"an oscillation of {turning:.4g} Hz" if turning > 0.0 else "a drift"
         grows = "grows" if loop.growth > 1.0 else "does not die out"
         rounded = "" if made.arithmetic == "float64" else f" with {made.arithmetic} coefficients"
+        remedy = "lower the gains, or put a notch there" if turning > 0.0 else "lower the gains"
+        if plant.lines and turning == 0.0:
+            remedy += ", or multiply the response by -1 if its sign is reversed"
         return (
             f"not certified: '{plant.name}': the nominal loop{rounded} is not stable: {motion} {grows} "
-            f"(|z| = {loop.growth:.9g}): lower the gains, or put a notch there{lost}"
+            f"(|z| = {loop.growth:.9g}): {remedy}{lost}"
         )
     at = np.array([place])
     distance, taken = (float(each[0]) for each in loop.room(at))
@@ -81,7 +85,10 @@ def _remedy(plant: NominalPlant, place: float) -> str:
         noise, misfit = np.sqrt(lines.variance[i]), abs(lines.response[i] - model)
         if noise > misfit:
             return f"measure longer around {place:.4g} Hz, where noise makes the disc wide, or lower the gains"
-        return f"lower the gains, or fit the plant better around {place:.4g} Hz, where the model misses the lines"
+        better = "" if "fitted" in plant.source else ", with --fit from the lines alone"
+        return (
+            f"lower the gains, or fit the plant better around {place:.4g} Hz, where the model misses the lines{better}"
+        )
     modes = np.array([p for p in plant.model.poles() if abs(p) > 0.5 and np.imag(p) > 0.0])
     if modes.size:
         near = np.angle(modes) / (2.0 * np.pi * T)
