@@ -33,6 +33,7 @@ from feeddrive.language.table import Table
 
 _POSITIONS = ("position_motor", "position_load", "angle_motor")
 _FORCES = ("force", "torque", "current", "command")
+_NAME_IT = "--position or --angle (or give --map, if each row is a place)"
 _ANY_CLOCK = 1e-3  # s, of a file without one
 _MOST = 1000  # orders that may be asked for
 
@@ -113,7 +114,7 @@ def _passes(paths: Sequence[Path], asked: Asked, drive: Drive, orders: Sequence[
     role = moving = ""
     period, units_there = 0.0, ""
     for path, log in zip(paths, read, strict=True):
-        moving = chosen(path, log, asked.named, _POSITIONS, "position", "--position or --angle")
+        moving = chosen(path, log, asked.named, _POSITIONS, "position", _NAME_IT)
         role = chosen(path, log, asked.named, _FORCES, "force", "--force, --torque, --current or --command")
         period = _period(asked.period, ROLES[moving], drive)
         units_there = log.units.get(role, "")

@@ -14,7 +14,7 @@ from feeddrive.artefacts.files.measured import Log
 from feeddrive.artefacts.files.roles import OWN_UNIT, ROLES, Column
 from feeddrive.doors.cli.working import drawn
 from feeddrive.language import units
-from feeddrive.language.errors import FileError, ParameterError
+from feeddrive.language.errors import FileError, LogError, ParameterError
 
 
 def column(text: str, role: str = "") -> Column:
@@ -63,6 +63,12 @@ def mapped(
     if guessed or any(role not in told for role in guess.needs):
         show(guess, path, console)
     mapping = {role: each for role, each in {**guessed, **told}.items() if role in wanted}
+    if not set(mapping) - {"time"}:
+        names = ", ".join([*guess.unused, *(each.name for each in guess.mapping.values())][:20])
+        raise LogError(
+            f"{path}: no column says by its name or unit what is wanted here; there are: {names}. Name them, as "
+            f"with --position 'x:mm' --force 'f:N', or give them with --channels"
+        )
     return read_log(path, mapping, sample_time=sample_time), mapping
 
 
