@@ -13,7 +13,7 @@ from feeddrive.blocks.families import Plant
 from feeddrive.engineer.identification.agreement import Agreement, agreement
 from feeddrive.engineer.identification.parameters import Estimate, estimates_table
 from feeddrive.engineer.identification.plant_response import Asked, PlantResponse
-from feeddrive.engineer.identification.response_advice import advice, entangled
+from feeddrive.engineer.identification.response_advice import advice, blind, entangled
 from feeddrive.engineer.identification.response_fit import STEPS, Refined, Unknown, beside, refine
 from feeddrive.engineer.identification.response_units import ResponseUnits
 from feeddrive.language import tree
@@ -212,6 +212,7 @@ def finished(task: Task, names: Sequence[str], neutral: Sequence[str] = ()) -> P
         # a dead time of zero within its error is an answer
         if each.name != "dead_time" and (bound or each.error > UNKNOWN * abs(each.value)):
             gone[each.name] = advice(each.name, task.band, float(task.plant.rigid_mass()), each.error, task.units)
+    gone = {**blind(estimates, found), **gone}
     fit = agreement(model, unknowns, task.frfs, found, task.units.order)
     said = [*fit.remarks(), *entangled(names, found)]
     if not found.settled:

@@ -11,6 +11,8 @@ from feeddrive.engineer.identification.response_fit import Refined
 from feeddrive.engineer.identification.response_units import ResponseUnits
 
 _TIED = 0.995  # correlation of two parameters from which they count as one
+_BLIND = 0.01  # share of what parameters do that tells them apart: below, what the model lacks moves them as well
+_SURE = 0.1  # standard error over value up to which a parameter of such a combination still counts as known
 
 
 def advice(name: str, band: tuple[float, float], mass: float, error: float, units: ResponseUnits) -> str:
@@ -70,6 +72,34 @@ def entangled(names: Sequence[str], found: Refined) -> list[str]:
     The slopes are scaled to columns of length one; a singular value near zero is a direction in which all parameters of
     the row may move together and nothing is seen.
     """
+    return [
+        f"{', '.join(together)} are told apart only by {100.0 * share:.2g} % of what each does to the "
+        f"responses: fix one of them, or measure over a wider band"
+        for share, together in _combinations(names, found)
+    ]
+
+
+def blind(estimates: Sequence[Estimate], found: Refined) -> dict[str, str]:
+    """Parameters of a combination that is all but invisible, known to no better than a tenth: why they do not count.
+
+    A standard error there holds only as long as the model lacks nothing, to a hundredth of what each parameter does.
+    """
+    gone: dict[str, str] = {}
+    for share, together in _combinations([each.name for each in estimates], found):
+        for each in estimates:
+            if share < _BLIND and each.name in together and each.error > _SURE * abs(each.value):
+                others = ", ".join(name for name in together if name != each.name)
+                gone.setdefault(
+                    each.name,
+                    f"it is told from {others} by {100.0 * share:.2g} % of what it does to the responses, less than a "
+                    f"model is right: its standard error of {each.error:.2g} {each.unit} is too good; fix one of them "
+                    f"(--fix), from a data sheet",
+                )
+    return gone
+
+
+def _combinations(names: Sequence[str], found: Refined) -> list[tuple[float, list[str]]]:
+    """Parameters of which the lines tell only a combination, and the share of their effect that tells them apart."""
     loose = [i for i in range(len(names)) if not found.bound[i]]
     size = np.linalg.norm(found.slopes[:, loose], axis=0)
     seen = [i for i, s in zip(loose, size, strict=True) if s > 0.0]
@@ -77,14 +107,11 @@ def entangled(names: Sequence[str], found: Refined) -> list[str]:
         return []
     columns = found.slopes[:, seen] / np.linalg.norm(found.slopes[:, seen], axis=0)
     _, values, rows = np.linalg.svd(columns, full_matrices=False)
-    said: list[str] = []
+    combined: list[tuple[float, list[str]]] = []
     for value, row in zip(values[::-1], np.abs(rows[::-1]), strict=True):
         # two columns of correlation r have singular values √(1 ± r)
         if value > np.sqrt(1.0 - _TIED):
             break
         together = [names[i] for i, share in zip(seen, row, strict=True) if share > 0.3 * row.max()]
-        said.append(
-            f"{', '.join(together)} are told apart only by {100.0 * value:.2g} % of what each does to the "
-            f"responses: fix one of them, or measure over a wider band"
-        )
-    return said
+        combined.append((float(value), together))
+    return combined
