@@ -125,6 +125,16 @@ def test_friction_goes_where_the_axis_has_it(tmp_path: Path) -> None:
     assert not (tmp_path / "both" / "machine.toml").exists()
 
 
+def test_what_to_measure_next_is_said_with_speeds(tmp_path: Path) -> None:
+    """Without runs below the Stribeck velocity its level at standstill is not seen."""
+    log = written(tmp_path, both((0.02, 0.025, 0.03, 0.04, 0.05, 0.07, 0.1, 0.15, 0.2)))
+    output = " ".join(called(log, *NAMED, "--out", str(tmp_path / "out")).split())
+    assert "Measure more before you take this curve" in output
+    assert "so shape and breakaway level are a guess" in output
+    assert not (tmp_path / "out" / "machine.toml").exists()
+    assert re.search(r"record next runs at 0\.00\d+, 0\.00\d+, 0\.0\d+, 0\.0\d+ m/s in both directions", output)
+
+
 def test_a_log_without_a_constant_speed_is_left_out_and_named(tmp_path: Path) -> None:
     ramp = tmp_path / "ramp.csv"
     v = np.linspace(0.0, 100.0, 500)

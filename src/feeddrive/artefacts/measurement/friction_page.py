@@ -29,6 +29,7 @@ from feeddrive.loop.axis import Axis
 from feeddrive.loop.loop import Loop
 
 _POOR = 0.15  # share of the force's RMS that a curve may leave before it is advised against
+_SLOW = 2  # runs in each direction that must be slower than the Stribeck velocity for its level to be seen
 _OPEN = 0.5  # standard error over value from which a parameter counts as not known
 
 
@@ -101,6 +102,9 @@ def kept_away(curve: FrictionCurve, loop: Loop | None) -> str:
         return "the curve is that of a shaft; give --lead and --gear to put it at the table"
     if _share(curve) > _POOR:
         return f"the curve leaves {100.0 * _share(curve):.3g} % of the force"
+    missing, _ = _missing(curve)
+    if missing:
+        return missing
     if loop is not None and loop.axis.friction_motor is not None and loop.axis.friction_load is not None:
         return "friction acts on both bodies of the axis, and constant speeds tell their sum only: both stay"
     return ""
@@ -114,13 +118,11 @@ def recommendation(curve: FrictionCurve) -> str:
             f"Do not use this curve: the best model, {curve.model.name}, leaves {share:.3g} % of the force, so it is "
             f"no function of the velocity; warm the axis up, let each speed settle, and measure again."
         )
-    unknown = [e for e in curve.estimates if not e.name.startswith(("viscous", "offset")) and e.error > _OPEN * e.value]
-    if unknown:
-        worst = max(unknown, key=lambda each: each.error / max(each.value, 1e-300))
-        open_ = 100.0 * worst.error / max(worst.value, 1e-300)
+    missing, parameter = _missing(curve)
+    if missing:
         return (
-            f"Measure more before you take this curve ({curve.model.name}): {worst.name} is known to "
-            f"{open_:.2g} % only; record next runs at {_next(curve, worst.name)} in both directions."
+            f"Measure more before you take this curve ({curve.model.name}): {missing}; record next runs at "
+            f"{_next(curve, parameter)} in both directions."
         )
     kind = "this curve"
     if curve.frame is not SHAFT:
@@ -223,6 +225,25 @@ def _against(curve: FrictionCurve) -> str:
     return f"the runs speak {strength}against the next one, {best.name} (criterion worse by {gap:.1f})"
 
 
+def _missing(curve: FrictionCurve) -> tuple[str, str]:
+    """What the runs leave open of the curve, and the parameter that it is about; empty if nothing."""
+    unknown = [e for e in curve.estimates if not e.name.startswith(("viscous", "offset")) and e.error > _OPEN * e.value]
+    if unknown:
+        worst = max(unknown, key=lambda each: each.error / max(each.value, 1e-300))
+        return f"{worst.name} is known to {100.0 * worst.error / max(worst.value, 1e-300):.2g} % only", worst.name
+    vs = curve.values.get("stribeck_velocity")
+    if vs is None:
+        return "", ""
+    v = curve.runs.velocity
+    slow = min(int(np.sum((sign * v > 0.0) & (sign * v < vs))) for sign in (1.0, -1.0))
+    if slow >= _SLOW:
+        return "", ""
+    return (
+        f"fewer than {_SLOW} runs in a direction are slower than the Stribeck velocity, {vs:.2g} "
+        f"{curve.frame.velocity}, so shape and breakaway level are a guess"
+    ), "stribeck_velocity"
+
+
 def _next(curve: FrictionCurve, name: str) -> str:
     """Speeds at which a parameter shows."""
     unit = curve.frame.velocity
@@ -234,7 +255,7 @@ def _next(curve: FrictionCurve, name: str) -> str:
     elif name.startswith("breakaway"):
         speeds = [0.1 * min(vs, slow), 0.3 * min(vs, slow), min(vs, slow)]
     else:
-        speeds = [0.25 * vs, 0.5 * vs, vs, 2.0 * vs]
+        speeds = [0.1 * vs, 0.25 * vs, 0.5 * vs, vs]
     return f"{', '.join(f'{speed:.2g}' for speed in speeds)} {unit}"
 
 
