@@ -13,6 +13,7 @@ from typing import Any
 from feeddrive.artefacts import plot
 from feeddrive.artefacts.certificate.certificate_file import write_certificate
 from feeddrive.artefacts.files.blocks_to_toml import to_toml
+from feeddrive.artefacts.files.messages import sentence
 from feeddrive.artefacts.files.whole import new_directory
 from feeddrive.artefacts.report.content import Shown
 from feeddrive.artefacts.report.page import definitions, header, page, picture
@@ -78,7 +79,7 @@ def build(found: ShapedLoop, story: Story) -> str:
     title = f"{story.what}: {found.rule.split(' subject to ')[0].split(';')[0]}"
     parts = [
         header(
-            "feeddrive tune", title, [found.recommendation(), f"Rule: {found.rule}.", *map(_full, story.said)], links
+            "feeddrive tune", title, [found.recommendation(), f"Rule: {found.rule}.", *map(sentence, story.said)], links
         ),
         f'<section id="result">\n<h2>Result</h2>\n{made}{_said(found)}\n</section>\n',
         f'<section id="pictures">\n<h2>Pictures</h2>\n{"".join(picture(each) for each in drawn)}</section>\n',
@@ -104,13 +105,9 @@ def _printed(text: str) -> str:
     return text
 
 
-def _full(text: str) -> str:
-    return f"{text[:1].upper()}{text[1:]}."
-
-
 def _said(found: ShapedLoop) -> str:
     said = [f"Held back by {each.sentence()}." for each in found.held]
-    said += [_full(text) for text in found.advice]
+    said += [sentence(text) for text in found.advice]
     said += [f"Notch {text}." for text in found.notches]
     listed = "".join(f"<li>{escape(text)}</li>" for text in said)
     return (

@@ -5,7 +5,7 @@ from __future__ import annotations
 from feeddrive.artefacts.files.blocks_to_toml import to_toml
 from feeddrive.artefacts.files.machine import Machine
 from feeddrive.artefacts.files.toml_edit import TomlEdit
-from feeddrive.language import tree
+from feeddrive.language import tree, units
 from feeddrive.language.block import Block
 from feeddrive.loop.control import Control
 
@@ -56,7 +56,13 @@ def _numbers(edit: TomlEdit, key: tuple[str | int, ...], old: Block, new: Block)
             unit = tree.declaration(new, name).unit
             written = edit.set((*key, *_path(name)), float(value), unit, _DIGITS)
             if name in before:  # what a comment says of the old number shall not be read of the new one
-                edit.comment(written, f"was {before[name]:.7g}")
+                edit.comment(written, f"was {before[name] / _scale(str(written[-1]), _path(name)[-1], unit):.7g}")
+
+
+def _scale(written: str, name: str | int, unit: str) -> float:
+    """What a number of a file counts in its declared unit: 1000 for Kp_kN_s_per_m, 1 for Kp."""
+    stated = written.removeprefix(f"{name}_")
+    return 1.0 if stated == written else units.factor(stated, unit)
 
 
 def _path(name: str) -> tuple[str | int, ...]:
