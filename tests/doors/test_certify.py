@@ -62,6 +62,7 @@ def test_measured_responses_and_other_positions(tmp_path: Path) -> None:
         "--out", str(tmp_path / "out"),
     )  # fmt: skip
     assert "stable for 3 plants" in said
+    assert said.count(" 600 ") == 2  # no value of the table is cut at 80 columns
     document = json.loads((tmp_path / "out" / "certificate.json").read_text())
     assert [each["name"] for each in document["plants"]] == ["axis", "ball_screw", "axis 2"]
     assert "fitted to 600 measured lines" in document["plants"][0]["source"]

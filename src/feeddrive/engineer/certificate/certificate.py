@@ -100,7 +100,7 @@ class Certificate(Result):
                 "-" if each["reserve"] is None else f"{each['reserve']:.4g}", f"{each['reserve_at_Hz']:.4g}",
                 f"{loop.growth:.6f}", str(sum(len(lines) for lines in each["lines"])),
             ])  # fmt: skip
-        heads = ["plant", "r", "max |L/(1+L)|", "discs wider by", "at Hz", "largest |z|", "lines inside"]
+        heads = ["plant", "r", "max |L/(1+L)|", "wider by", "at Hz", "max |z|", "lines"]
         return Table(self.sentence(), heads, rows)
 
     def plot(self) -> Any:
