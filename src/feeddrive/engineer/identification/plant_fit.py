@@ -69,7 +69,12 @@ class PlantFit(Result):
         found = estimates_table(title, (*self.estimates, *self.derived))
         rows = [[*row[:5], "not identifiable" if row[0] in self.not_identifiable else row[5]] for row in found.rows]
         there = {row[0] for row in rows}
-        rows += [[name, "", "0", "", "", "not identifiable"] for name in self.not_identifiable if name not in there]
+        held = dict(tree.leaves(self.plant))
+        rows += [
+            [name, "", f"{float(held.get(name, 0.0)):.6g}", "", "", "not identifiable"]
+            for name in self.not_identifiable
+            if name not in there
+        ]
         return Table(title, found.heads, rows)
 
     def plot(self) -> Any:
@@ -167,19 +172,22 @@ def solve(task: Task, names: Sequence[str], *, logarithmic: bool, steps: int = S
     return replace(task, plant=plant, actuator=actuator), found
 
 
-def finished(task: Task, names: Sequence[str], neutral: Sequence[str] = ()) -> PlantFit:
-    """Fit to the end, fix at zero what of `neutral` the lines do not tell, and say what they do not tell else.
+def finished(
+    task: Task, names: Sequence[str], neutral: Sequence[str] = (), known: Mapping[str, float] | None = None
+) -> PlantFit:
+    """Fit to the end, fix what of `neutral` the lines do not tell, and say what they do not tell else.
 
-    `neutral` names parameters, in the order in which they are given up, that a plant can do without.  The errors of
-    all others count them as unknown.
+    `neutral` names parameters, in the order in which they are given up, that a plant can do without; they are fixed at
+    zero, or at a value that is `known` of them before.  The errors of all others count them as unknown.
     """
+    kept = {name: (known or {}).get(name, 0.0) for name in neutral}
     names, gone = list(names), {}
     task, found = solve(task, names, logarithmic=True)
     weighted = any(frf.variance is not None for frf in task.frfs)
     while True:
         if weighted:
             task, found = solve(task, names, logarithmic=False)
-        covariance = _covariance(task, names, found, weighted, ())
+        covariance = _covariance(task, names, found, weighted, {})
         error = np.sqrt(np.maximum(np.diag(covariance[0]), 0.0))
         weak = {
             name: float(e)
@@ -198,10 +206,10 @@ def finished(task: Task, names: Sequence[str], neutral: Sequence[str] = ()) -> P
             break
         gone[first] = advice(first, task.band, float(task.plant.rigid_mass()), weak[first], task.units)
         names.remove(first)
-        task = replace(task, plant=tree.vary(task.plant, {first: 0.0}))
+        task = replace(task, plant=tree.vary(task.plant, {first: kept[first]}))
         task, found = solve(task, names, logarithmic=True)
     model, unknowns = task.model(names), task.unknowns(names)
-    covariance = _covariance(task, names, found, weighted, tuple(name for name in gone if name != "current_loop"))
+    covariance = _covariance(task, names, found, weighted, {name: kept[name] for name in gone if name in kept})
     found = replace(found, covariance=covariance[0], ols=covariance[1])
     error, plain = (np.sqrt(np.maximum(np.diag(c), 0.0)) for c in (found.covariance, found.ols))
     estimates = tuple(
@@ -228,11 +236,11 @@ def finished(task: Task, names: Sequence[str], neutral: Sequence[str] = ()) -> P
 
 
 def _covariance(
-    task: Task, names: Sequence[str], found: Refined, weighted: bool, gone: Sequence[str]
+    task: Task, names: Sequence[str], found: Refined, weighted: bool, gone: Mapping[str, float]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Robust and plain, of all that was sought; what was given up, at zero, counts as unknown."""
+    """Robust and plain, of all that was sought; what was given up, at its value, counts as unknown."""
     every = [*names, *gone]
-    at = np.concatenate([found.values, np.zeros(len(gone))])
+    at = np.concatenate([found.values, [*gone.values()]])
     both = beside(
         task.model(every), task.unknowns(every), task.frfs, at,
         logarithmic=not weighted, model_error=found.model_error,

@@ -43,7 +43,7 @@ def fit_plant(
 
     motor, load        position (or velocity, acceleration, by their unit) over the drive's force, one of them or both
     fixed              parameters that are known, by name; they keep that value
-    absent             parameters that the plant can do without: fixed at zero where the lines do not tell them
+    absent             parameters, as friction, that keep the value of `plant` where the lines do not tell them
     dead_time          s; None: it is found.  Of a sampled response, one with a sample time, the hold is no part of it
     held               whether the input of a sampled response is a command, held over each sample; False for a current
                        or force that was measured
@@ -65,7 +65,8 @@ def fit_plant(
     names += ["dead_time"] if dead_time is None else []
     names += ["current_loop"] if find_current_loop else []
     start = tree.vary(plant, known)
-    return finished(Task(start, actuator, {}, responses, units, held), names, absent)
+    stated = {name: float(tree.get(start, name)) for name in absent}
+    return finished(Task(start, actuator, {}, responses, units, held), names, absent, stated)
 
 
 def fit_two_mass(
