@@ -73,6 +73,7 @@ def test_every_law_on_a_measurement(screw: fd.Loop, site: Site, name: str) -> No
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(1200)
 def test_what_a_law_cannot_keep_is_refused_with_what_it_can(screw: fd.Loop) -> None:
     """The other tuner, on poles and sums, finds the same law soft: 66 nm √s/N with Ms <= 2 alone."""
     loop = design_of(screw, REFUSED).loop
