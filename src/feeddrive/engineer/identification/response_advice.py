@@ -92,8 +92,8 @@ def blind(estimates: Sequence[Estimate], found: Refined) -> dict[str, str]:
                 gone.setdefault(
                     each.name,
                     f"it is told from {others} by {100.0 * share:.2g} % of what it does to the responses, less than a "
-                    f"model is right: its standard error of {each.error:.2g} {each.unit} is too good; fix one of them "
-                    f"(--fix), from a data sheet",
+                    f"model is right, and its standard error is {each.error:.2g} {each.unit}; fix one of them (--fix), "
+                    f"from a data sheet",
                 )
     return gone
 
