@@ -22,8 +22,8 @@ SNAP = {
     "P-PI": 9.08,
     "P-PI + compensator": 9.08,
     "P-PI + recovery": 8.91,
-    "DADSC": 29.2,
-    "DADSC + recovery": 22.8,
+    "DADSC": 29.4,
+    "DADSC + recovery": 23.1,
     "GPI, 1 Taylor state": 7.78,
     "pole placement": 6.88,
 }

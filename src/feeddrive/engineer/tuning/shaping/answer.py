@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from feeddrive.engineer.tuning.shaping.below import Recovery
 from feeddrive.engineer.tuning.shaping.control_response import Response
 from feeddrive.engineer.tuning.shaping.site import Site
 
@@ -14,7 +15,10 @@ _LOWEST, _FEWEST = 2.5, 5  # lines up to so many times the first one, and at lea
 
 @dataclass(frozen=True, eq=False)
 class Answer:
-    """The closed loop of a site on its lines, with slopes (lines, knobs) and variances (lines,)."""
+    """The closed loop of a site on its lines, with slopes (lines, knobs) and variances (lines,).
+
+    below   the compliance below the first line, with the axis as a free mass; None if nobody asks
+    """
 
     site: Site
     response: Response
@@ -24,9 +28,17 @@ class Answer:
     compliance: np.ndarray
     compliance_slope: np.ndarray
     compliance_variance: np.ndarray
+    below: Recovery | None = None
+
+    def recovery(self) -> Recovery:
+        """From far below the first line on."""
+        own = Recovery(self.site.frequency, self.compliance, self.compliance_slope)
+        if self.below is None:
+            return own
+        return Recovery(*(np.concatenate(pair) for pair in zip(self.below, own, strict=True)))
 
 
-def answer(site: Site, response: Response) -> Answer:
+def answer(site: Site, response: Response, below: Recovery | None = None) -> Answer:
     """L = -C·X_u and the compliance y = y_d + y_u (C·X_d)/(1 + L), with slopes, and variances to first order."""
     C, dC = response.value, response.slope
     xu, xd = site.by_force, site.by_load
@@ -39,7 +51,7 @@ def answer(site: Site, response: Response) -> Answer:
     dy = (yu * S)[:, None] * (dback - (back * S)[:, None] * dL)
     zero = np.zeros(site.frequency.size)
     gain_variance = zero if site.variance is None else _through(site, 0, C)
-    return Answer(site, response, L, dL, gain_variance, y, dy, _of_compliance(site, C, back, S))
+    return Answer(site, response, L, dL, gain_variance, y, dy, _of_compliance(site, C, back, S), below)
 
 
 def _through(site: Site, source: int, factors: np.ndarray) -> np.ndarray:

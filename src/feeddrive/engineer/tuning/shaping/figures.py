@@ -55,6 +55,7 @@ def figures(answer: Answer, reading_noise: tuple[float, float]) -> Figures:
     L = FRF(f, answer.gain, "cut", "force", "N/N", T, variance=None if site.variance is None else answer.gain_variance)
     C = FRF(f, answer.compliance, "load_force", "position_load", "m/N", T)
     stable = not encircles(answer)
+    lines, y, _ = answer.recovery()
     away = np.abs(1.0 + answer.gain)
     k = int(np.argmin(away))
     level = -20.0 * np.log10(away)
@@ -69,7 +70,7 @@ def figures(answer: Answer, reading_noise: tuple[float, float]) -> Figures:
         stable=stable,
         loop_gain=L,
         compliance=C,
-        rope_snap=float(np.sqrt(np.sum(snap_weights(f, T) * np.abs(answer.compliance) ** 2))) if stable else np.inf,
+        rope_snap=float(np.sqrt(np.sum(snap_weights(lines, T) * np.abs(y) ** 2))) if stable else np.inf,
         bandwidth=width if stable else None,
         force_noise=force_noise(answer, reading_noise)[0] if any(reading_noise) else None,
         deviation=float(np.sqrt(0.5 * answer.gain_variance[k]) / away[k] ** 2),
