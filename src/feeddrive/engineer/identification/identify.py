@@ -18,7 +18,7 @@ from feeddrive.engineer.identification.motion_log import MotionLog
 from feeddrive.engineer.identification.output_error import Refinement, refine
 from feeddrive.engineer.identification.preparation import HOLD, Preparation
 from feeddrive.engineer.identification.rigid import RigidFit, identify_rigid
-from feeddrive.language.errors import FeeddriveError, ParameterError
+from feeddrive.language.errors import FeeddriveError
 from feeddrive.language.table import Result, Table
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.control import Control
@@ -107,11 +107,6 @@ def identify(
     Each step that is not possible leaves a remark and not an error; only the rigid drive itself must be identifiable.
     Raises NotIdentifiableError with what to measure next, LogError for a log that cannot be used.
     """
-    if not isinstance(log, MotionLog):  # type: ignore[unreachable]
-        raise ParameterError(
-            f"identify takes a MotionLog(name=..., position=log['position_load'], force=log['force'], "
-            f"set_position=log['setpoint_position'], sample_time=log.sample_time), not a {type(log).__name__}"
-        )
     delay = find_delay(log, how=how)
     remarks: list[str] = [*_travel(log)]
     closed = log.set_position is not None and not log.rotary
