@@ -5,8 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 from rich.box import SIMPLE_HEAD
-from rich.console import Console, Group
+from rich.console import Console, ConsoleOptions, RenderResult
 from rich.markup import escape
+from rich.measure import Measurement
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table as Shown
 from rich.text import Text
@@ -38,13 +39,27 @@ def perform(job: str, log: Path | None, out: Path) -> None:
     console.print(f"Report: {report}", markup=False, soft_wrap=True)
 
 
-def drawn(table: Table, wrapped: int | None = None) -> Group:
+def drawn(table: Table, wrapped: int | None = None) -> Drawn:
     """A table for the terminal: heads may break their lines, and so may the column `wrapped`; no value is cut."""
-    made = Shown(box=SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0))
-    for i, head in enumerate(table.heads):
-        left = i == 0 or i == wrapped
-        widest = None if i == wrapped else max((len(row[i]) for row in table.rows), default=None)
-        made.add_column(head, justify="left" if left else "right", min_width=widest)
-    for row in table.rows:
-        made.add_row(*map(escape, row))
-    return Group(Text(table.title, "italic"), made)
+    return Drawn(table, wrapped)
+
+
+class Drawn:
+    """What `drawn` gives; where the terminal is narrower than the values, the rows go on in the next line."""
+
+    def __init__(self, table: Table, wrapped: int | None) -> None:
+        self.table, self.made = table, Shown(box=SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0))
+        for i, head in enumerate(table.heads):
+            left = i == 0 or i == wrapped
+            widest = None if i == wrapped else max((len(row[i]) for row in table.rows), default=None)
+            self.made.add_column(head, justify="left" if left else "right", min_width=widest)
+        for row in table.rows:
+            self.made.add_row(*map(escape, row))
+
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
+        needed = Measurement.get(console, options.update_width(10_000), self.made).minimum
+        if needed > options.max_width:
+            yield Text(str(self.table), overflow="fold")
+        else:
+            yield Text(self.table.title, "italic")
+            yield self.made
