@@ -69,6 +69,7 @@ def test_a_measured_response_with_and_without_a_baseline(tmp_path: Path) -> None
     said = tune(str(tmp_path / "axis.csv"), "--baseline", "linear_motor", "--goal", "stiffness", "--band", "1..50",
                 "--filters", "kept", "--out", str(tmp_path / "one"))  # fmt: skip
     assert "dynamic stiffness" in said
+    assert "certificate.json" in said
     tuned = fd.read_machine(tmp_path / "one" / "machine.toml").loop("x")
     m = fd.margins(fd.loop_gain(tuned, np.geomspace(1.0, 4999.0, 4000)))
     assert m.sensitivity_peak <= 2.01
@@ -78,6 +79,8 @@ def test_a_measured_response_with_and_without_a_baseline(tmp_path: Path) -> None
 
 
 def test_what_does_not_fit_is_said(tmp_path: Path) -> None:
+    with pytest.raises(FeeddriveError, match=r"--sample-time 0\.01 s is not that of the machine file, 0\.0001 s"):
+        tune("linear_motor", "--sample-time", "0.01")
     with pytest.raises(FeeddriveError, match="neither a file nor"):
         tune("bal_screw")
     with pytest.raises(FeeddriveError, match=r"pole_placement.*is not on this axis"):

@@ -95,6 +95,11 @@ def _tuned(asked: Asked, step: Callable[[str], None]) -> tuple[ShapedLoop, Story
     machine = machine_of(asked.source)
     base = machine if asked.baseline is None else read_machine(asked.baseline)
     loop = None if base is None else base.loop(asked.axis)
+    if loop is not None and asked.sample_time and abs(asked.sample_time / float(loop.sample_time) - 1.0) > 1e-6:
+        raise ParameterError(
+            f"--sample-time {asked.sample_time:g} s is not that of the machine file, {float(loop.sample_time):g} s: "
+            f"leave it out, or change sample_time there"
+        )
     name = _name(base, loop, asked.axis)
     sites, said = _sites(asked, machine, loop, step)
     control, begun = _control(asked, loop, sites)
@@ -159,6 +164,8 @@ def _show(console: Console, found: ShapedLoop, story: Story, report: Path, writt
     if written:
         kind = "Machine, with values that are not recommended" if found.not_worth else "Machine"
         console.print(f"{kind}: {report.parent / 'machine.toml'}", markup=False, soft_wrap=True)
+    if (report.parent / "certificate.json").exists():
+        console.print(f"Certificate: {report.parent / 'certificate.json'}", markup=False, soft_wrap=True)
     console.print(f"Report: {report}", markup=False, soft_wrap=True)
 
 
