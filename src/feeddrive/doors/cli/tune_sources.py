@@ -201,7 +201,9 @@ def _on_the_table(site: Site, loop: Loop | None, load: FRF, motor: FRF | None, s
     if motor is None:
         return site, said
     try:
-        fit = fit_modal_axis(_fewer(motor), _fewer(load))
+        # what a control reads and commands is sampled and held, also where a file does not say so
+        at_motor, at_load = (replace(_fewer(each), sample_time=step) for each in (motor, load))
+        fit = fit_modal_axis(at_motor, at_load)
         plant, actuator = fit.blocks()
         control = Control(law=margin_goals(site).law) if loop is None else loop.control
         fitted = Loop(control=control, axis=Axis(plant=plant, actuator=actuator), sample_time=step)
