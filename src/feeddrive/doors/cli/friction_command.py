@@ -7,6 +7,20 @@ from typing import Annotated
 
 import typer
 
+from feeddrive.doors.cli.options import (
+    AxisName,
+    Channels,
+    Command,
+    Current,
+    Force,
+    ForceConstant,
+    Gear,
+    Lead,
+    MachineToWrite,
+    SampleTime,
+    Time,
+    Torque,
+)  # fmt: skip
 from feeddrive.doors.cli.out import Out
 
 
@@ -25,46 +39,18 @@ def friction(
     angle: Annotated[
         str | None, typer.Option("--angle", help="The motor's angle instead, to be differenced.", show_default=False)
     ] = None,
-    force: Annotated[
-        str | None, typer.Option("--force", help="Column of the force, name:unit.", show_default=False)
-    ] = None,
-    torque: Annotated[
-        str | None, typer.Option("--torque", help="Column of the motor's torque, name:unit.", show_default=False)
-    ] = None,
-    current: Annotated[
-        str | None, typer.Option("--current", help="Column of the current, name:unit.", show_default=False)
-    ] = None,
-    command: Annotated[
-        str | None, typer.Option("--command", help="Column of the command in the drive's unit.", show_default=False)
-    ] = None,
-    force_constant: Annotated[
-        float | None,
-        typer.Option("--force-constant", help="N at the table per unit of command or current.", show_default=False),
-    ] = None,
-    lead: Annotated[
-        float | None, typer.Option("--lead", help="m; puts speeds and torques at the table.", show_default=False)
-    ] = None,
-    gear: Annotated[
-        float | None,
-        typer.Option("--gear", help="Turns of the motor in one turn of the screw; 1.", show_default=False),
-    ] = None,
-    machine: Annotated[
-        str | None,
-        typer.Option("--machine", help="The machine file to write into; its comments are kept.", show_default=False),
-    ] = None,
-    axis: Annotated[str | None, typer.Option("--axis", help="Its axis, if it has several.", show_default=False)] = None,
-    channels: Annotated[
-        Path | None,
-        typer.Option(
-            "--channels", help="Which column is what (TOML), as `feeddrive channels` writes it.", show_default=False
-        ),
-    ] = None,
-    time: Annotated[
-        str | None, typer.Option("--time", help="Column of the time, name:unit.", show_default=False)
-    ] = None,
-    sample_time: Annotated[
-        float | None, typer.Option("--sample-time", help="s, of logs without a clock.", show_default=False)
-    ] = None,
+    force: Force = None,
+    torque: Torque = None,
+    current: Current = None,
+    command: Command = None,
+    force_constant: ForceConstant = None,
+    lead: Lead = None,
+    gear: Gear = None,
+    machine: MachineToWrite = None,
+    axis: AxisName = None,
+    channels: Channels = None,
+    time: Time = None,
+    sample_time: SampleTime = None,
     out: Out = None,
 ) -> None:
     """Find the friction curve in runs of constant speed: models compared by evidence, parameters with errors."""
