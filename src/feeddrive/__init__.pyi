@@ -40,7 +40,9 @@ from feeddrive.blocks.controller.active_disturbance_rejection import (
 )
 from feeddrive.blocks.controller.cascade_ppi import CascadePPI as CascadePPI
 from feeddrive.blocks.controller.dadsc import DADSC as DADSC
+from feeddrive.blocks.controller.linuxcnc_pid import LinuxcncPid as LinuxcncPid
 from feeddrive.blocks.controller.pole_placement import PolePlacement as PolePlacement
+from feeddrive.blocks.controller.stock_pid import StockPid as StockPid
 from feeddrive.blocks.cutting.helical_cutter import HelicalCutter as HelicalCutter
 from feeddrive.blocks.feedforward.disturbance_compensator import DisturbanceCompensator as DisturbanceCompensator
 from feeddrive.blocks.feedforward.friction_feedforward import FrictionFeedforward as FrictionFeedforward

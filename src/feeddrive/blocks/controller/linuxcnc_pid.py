@@ -1,0 +1,115 @@
+"""The stock `pid` route of LinuxCNC: one pid on the position, or two in cascade."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+from feeddrive.blocks.controller.stock_pid import StockPid
+from feeddrive.blocks.families import Law
+from feeddrive.blocks.signals import Reading, Setpoint
+from feeddrive.language.block import Number, choice, parameter, part
+
+
+class LinuxcncPid(Law):
+    """What LinuxCNC computes with the components that it has: `pid`, `ddt` and `sum2`, wired as the export wires them.
+
+        command  = units x_set,   feedback = units x_load
+        motor    = (units x_motor - units x_motor,₋₁)/T                                      ddt
+        forward  = acceleration_gain · units a_set + velocity_gain · units v_set + bias      sum2
+        output   = position(command, feedback)                        one pid, `forward` at its pin `bias`
+        output   = velocity(position(command, feedback), motor)       two pids, `forward` at the second one's `bias`
+        force    = force_per_output · output
+
+    The two pids are a P-PI cascade if the first has Pgain = Kv and FF1 = velocity_feedforward, the second
+    Pgain = Kp/c and Igain = Kp/(c Tn), c = units · force_per_output, and `error_previous_target` is off in both.
+    One pid is the same for one encoder and Kp, Kv, Tn by Pgain = Kp (Kv + 1/Tn)/c, Igain = Kp Kv/(c Tn), Dgain = Kp/c.
+    What differs from `CascadePPI` either way is how the integral behaves at the limit.
+    The limit is the pid's `maxoutput`; a control around this law needs none.
+
+    When to use: to see what a stock LinuxCNC will make of a design before it is there.  When not: the component that
+    the export target `linuxcnc` writes computes the design itself.
+    Source: LinuxCNC manual pages pid(9), ddt(9), sum2(9), motion(9).
+    """
+
+    feeds = ("acceleration", "velocity")
+
+    position: StockPid = part("pid on the position of the load")
+    velocity: StockPid | None = part("pid on the velocity of the motor; absent for one pid alone", default=None)
+    units: Number = parameter("1/m", "machine units in a meter: 1000 for mm", above=0, default=1000)
+    force_per_output: Number = parameter("N", "force at the table per unit of the output", above=0, default=1)
+    acceleration_gain: Number | None = parameter(
+        "", "output per set acceleration in machine units; absent for none", default=None
+    )
+    velocity_gain: Number | None = parameter(
+        "", "output per set velocity in machine units; absent for none", default=None
+    )
+    command_derivative: str = choice(
+        "what the first pid takes for the derivative of its command: its own difference, or the joint's set velocity",
+        options=("difference", "joint"),
+        default="difference",
+    )
+    feedback_derivative: str = choice(
+        "what the first pid takes for the derivative of its feedback: its own difference, or the motor's velocity",
+        options=("difference", "motor"),
+        default="difference",
+    )
+
+    class Prepared(NamedTuple):
+        """The sample time in s."""
+
+        T: Number
+
+    class State(NamedTuple):
+        """Of the pids, and the motor's position in machine units."""
+
+        position: Any
+        velocity: tuple[Any, ...]
+        motor: Number
+
+    def prepare(self, T: Number) -> Prepared:
+        """The sample time, for a start in motion."""
+        return self.Prepared(T)
+
+    def start(self, prepared: Prepared, setpoint: Setpoint, reading: Reading) -> State:
+        """As pids that were disabled until now: differences go on, integrals are empty."""
+        before = setpoint.shifted(-prepared.T)
+        position = self.position.start(self.units * before.position, self.units * reading.position_load)
+        motor = self.units * reading.position_motor
+        zero = motor - motor
+        velocity = () if self.velocity is None else (self.velocity.start(zero, self.units * reading.velocity),)
+        return self.State(position, velocity, motor)
+
+    def step(
+        self, prepared: object, state: State, setpoint: Setpoint, reading: Reading, T: Number
+    ) -> tuple[State, Number]:
+        """The functions in the order of the thread: ddt, sum2, the pid on the position, the pid on the velocity."""
+        motor = self.units * reading.position_motor
+        speed = (motor - state.motor) / T
+        forward = self._forward(setpoint)
+        position, output = self.position.step(
+            state.position,
+            self.units * setpoint.position,
+            self.units * reading.position_load,
+            T,
+            bias=forward if self.velocity is None else None,
+            command_deriv=self.units * setpoint.velocity if self.command_derivative == "joint" else None,
+            feedback_deriv=speed if self.feedback_derivative == "motor" else None,
+        )
+        velocity = state.velocity
+        if self.velocity is not None:
+            held, output = self.velocity.step(velocity[0], output, speed, T, bias=forward)
+            velocity = (held,)
+        return self.State(position, velocity, motor), self.force_per_output * output
+
+    def _forward(self, setpoint: Setpoint) -> Number | None:
+        """What sum2 gives to the pin `bias` of the last pid; None if nothing is wired there."""
+        if self.acceleration_gain is None and self.velocity_gain is None:
+            return None
+        last = self.position if self.velocity is None else self.velocity
+        acceleration = self.acceleration_gain if self.acceleration_gain is not None else 0.0
+        velocity = self.velocity_gain if self.velocity_gain is not None else 0.0
+        return (
+            (self.units * setpoint.acceleration) * acceleration
+            + (self.units * setpoint.velocity) * velocity
+            + last.bias
+        )

@@ -1,0 +1,132 @@
+"""The `pid` component of LinuxCNC, as it is."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from feeddrive.language import ops
+from feeddrive.language.block import Block, Number, choice, parameter
+
+
+class StockPid(Block):
+    """One `pid` of LinuxCNC's HAL, bit for bit, traps included.  Its gains have the units of output per command.
+
+        e  = command - feedback, or (previous command) - feedback with `error_previous_target`
+        e  held to ±maxerror, then drawn towards 0 by `deadband`
+        I  = I + e T, unless the last output was at a limit and e has the sign of that limit; held to ±maxerrorI
+        v  = (command - previous command)/T,  w = (feedback - previous feedback)/T, or the pins for them
+        D  = v - w held to ±maxerrorD
+        v, (v - v₋₁)/T, ... held to ±maxcmdD, ±maxcmdDD, ±maxcmdDDD give d1, d2, d3
+        output = (bias + Pgain e + Igain I + Dgain D) + (FF0 command + FF1 d1 + FF2 d2 + FF3 d3), held to ±maxoutput
+
+    A limit of 0 is no limit.  What surprises: `error_previous_target` is on unless it is switched off; the limit on e
+    comes before the dead band; D sees neither of the two and is no derivative of e; while a limit acts the integral
+    stands still and what it holds is not taken back; a NaN in `feedback` stays in the integral until `enable` falls.
+    Without `enable` the output is 0 and the integral is cleared; the differences go on.  In the sample in which
+    `index_enable` falls v and w keep their last values, and the error is taken against the new command.
+
+    Source: LinuxCNC manual page pid(9), and the answers of the component itself where the page is silent or differs.
+    """
+
+    Pgain: Number = parameter("", "output per error", default=1)
+    Igain: Number = parameter("", "output per error times second", default=0)
+    Dgain: Number = parameter("", "output per error per second", default=0)
+    FF0: Number = parameter("", "output per command", default=0)
+    FF1: Number = parameter("", "output per first derivative of the command", default=0)
+    FF2: Number = parameter("", "output per second derivative of the command", default=0)
+    FF3: Number = parameter("", "output per third derivative of the command", default=0)
+    bias: Number = parameter("", "constant part of the output", default=0)
+    deadband: Number = parameter("", "error that is ignored", least=0, default=0)
+    maxerror: Number = parameter("", "limit of the error; 0 for none", least=0, default=0)
+    maxerrorI: Number = parameter("", "limit of the integral of the error; 0 for none", least=0, default=0)
+    maxerrorD: Number = parameter("", "limit of the derivative of the error; 0 for none", least=0, default=0)
+    maxcmdD: Number = parameter("", "limit of the first derivative of the command; 0 for none", least=0, default=0)
+    maxcmdDD: Number = parameter("", "limit of the second derivative of the command; 0 for none", least=0, default=0)
+    maxcmdDDD: Number = parameter("", "limit of the third derivative of the command; 0 for none", least=0, default=0)
+    maxoutput: Number = parameter("", "limit of the output; 0 for none", least=0, default=0)
+    error_previous_target: bool = choice(
+        "whether the error is taken against the command of one sample before", options=(False, True), default=True
+    )
+
+    class State(NamedTuple):
+        """Command, feedback and their derivatives one sample before; the integral; -1, 0 or 1 for the limit."""
+
+        command: Number
+        feedback: Number
+        command_deriv: Number
+        feedback_deriv: Number
+        commandD: Number
+        commandDD: Number
+        errorI: Number
+        limited: Number
+        index_enable: Number
+
+    def start(self, command: Number, feedback: Number, errorI: Number = 0.0) -> State:
+        """At rest for ever at a command and a feedback, with an integral; all zeros are what HAL loads."""
+        zero = command - command
+        return self.State(command, feedback, zero, zero, zero, zero, zero + errorI, zero, zero)
+
+    def step(
+        self,
+        state: State,
+        command: Number,
+        feedback: Number,
+        T: Number,
+        *,
+        bias: Number | None = None,
+        command_deriv: Number | None = None,
+        feedback_deriv: Number | None = None,
+        enable: Number | None = None,
+        index_enable: Number | None = None,
+    ) -> tuple[State, Number]:
+        """One call of do-pid-calcs.  A pin that is None is not connected; `enable` is then on; `bias` replaces."""
+        per_second = 1.0 / T
+        falls = None if index_enable is None else ops.both(state.index_enable > 0.5, ops.no(index_enable > 0.5))
+
+        error = command - feedback
+        if self.error_previous_target:
+            error = _unless(falls, error, state.command - feedback)
+        error = _held(error, self.maxerror)
+        error = ops.where(
+            error > self.deadband,
+            error - self.deadband,
+            ops.where(error < -self.deadband, error + self.deadband, 0.0),
+        )
+
+        errorI = ops.where(error * state.limited <= 0.0, state.errorI + error * T, state.errorI)
+        errorI = _held(errorI, self.maxerrorI)
+
+        if command_deriv is None:
+            command_deriv = _unless(falls, state.command_deriv, (command - state.command) * per_second)
+        if feedback_deriv is None:
+            feedback_deriv = _unless(falls, state.feedback_deriv, (feedback - state.feedback) * per_second)
+        errorD = _held(command_deriv - feedback_deriv, self.maxerrorD)
+        commandD = _held(command_deriv, self.maxcmdD)
+        commandDD = _held((commandD - state.commandD) * per_second, self.maxcmdDD)
+        commandDDD = _held((commandDD - state.commandDD) * per_second, self.maxcmdDDD)
+
+        constant = self.bias if bias is None else bias
+        feedback_part = constant + self.Pgain * error + self.Igain * errorI + self.Dgain * errorD
+        forward_part = command * self.FF0 + commandD * self.FF1 + commandDD * self.FF2 + commandDDD * self.FF3
+        wanted = feedback_part + forward_part
+        output = _held(wanted, self.maxoutput)
+        limited = ops.where(wanted > output, 1.0, ops.where(wanted < output, -1.0, 0.0))
+        if enable is not None:
+            runs = enable > 0.5
+            output, limited = ops.where(runs, output, 0.0), ops.where(runs, limited, 0.0)
+            errorI = ops.where(runs, errorI, 0.0)
+        index = command - command if index_enable is None else index_enable
+        after = self.State(
+            command, feedback, command_deriv, feedback_deriv, commandD, commandDD, errorI, limited, index
+        )
+        return after, output
+
+
+def _held(value: Number, most: Number) -> Number:
+    """The value within ±most; 0 is no limit."""
+    return ops.where(most > 0.0, ops.clip(value, -most, most), value)
+
+
+def _unless(falls: object, held: Number, value: Number) -> Number:
+    """`held` in the sample in which the index enable falls, else the value."""
+    return value if falls is None else ops.where(falls, held, value)
