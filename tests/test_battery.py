@@ -143,7 +143,7 @@ def _law(block: Any, x: Inputs) -> Answers:
         setpoint = x.setpoint().shifted(float(step) * x.T)
         state, force = block.step(prepared, state, setpoint, _reading(x, step), x.T)
         outputs.append(force)
-    return Answers(start, block.retune(state, prepared, prepared), tuple(outputs))
+    return Answers(start, block.retune(state, block, prepared, prepared), tuple(outputs))
 
 
 def _compensation(block: Any, x: Inputs) -> Answers:

@@ -114,10 +114,16 @@ def test_a_reading_that_is_not_a_number_stops_the_loop_before_the_law_sees_it() 
     setpoint = Setpoint(np.float64(0.0))
     state = made.start(prepared, setpoint, np.float64(0.0), np.float64(0.0))
     state, command = made.step(prepared, state, setpoint, np.float64(1e-6), np.float64(1e-6), 1.0, np.float64(T))
-    assert command.applied != 0.0
+    last = command.applied
+    assert last != 0.0
     for broken in (np.nan, np.inf, -np.inf, 1e9):
         after, command = made.step(
             prepared, state, setpoint, np.float64(broken), np.float64(broken), 1.0, np.float64(T)
+        )
+        assert command.applied == command.requested == last, "the command is held"
+        assert command.trip == codes.TRIP_NONE
+        after, command = made.step(
+            prepared, after, setpoint, np.float64(broken), np.float64(broken), 1.0, np.float64(T)
         )
         assert command.applied == 0.0
         assert command.trip == codes.TRIP_READING

@@ -7,6 +7,8 @@ comes out.
     prepare(T)   work that depends on parameters only, done once per run; returns a named tuple of numbers
     start(...)   the state of a block that has been at rest for ever
     step(...)    one sample
+    retune(...)  the state after a live change of parameters: forces and estimates go on, so that the command has no
+                 bump but the one that the new gains themselves demand; with the same parameters not a bit changes
 """
 
 from __future__ import annotations
@@ -157,8 +159,8 @@ class Law(Block, ABC):
     def step(self, prepared: Any, state: Any, setpoint: Setpoint, reading: Reading, T: Number) -> tuple[Any, Number]:
         """One sample: the new state and the force in N."""
 
-    def retune(self, state: Any, old: Any, new: Any) -> Any:
-        """The state after a live change of parameters (empty hook)."""
+    def retune(self, state: Any, old: Any, old_prepared: Any, prepared: Any) -> Any:
+        """The state after a live change from the block `old` to this one, without a bump (empty hook)."""
         return state
 
     def period(self) -> int:
@@ -186,6 +188,10 @@ class Filter(Block, ABC):
     @abstractmethod
     def step(self, prepared: Any, state: Any, value: Number) -> tuple[Any, Number]:
         """One sample: the new state and the output."""
+
+    def retune(self, state: Any, old: Any, old_prepared: Any, prepared: Any) -> Any:
+        """The state after a live change from the block `old` to this one, without a bump (empty hook)."""
+        return state
 
 
 FEEDS = ("acceleration", "velocity", "friction")  # what of the set motion can be fed forward
@@ -219,6 +225,10 @@ class Prefilter(Block, ABC):
     def step(self, state: Any, setpoint: Setpoint, T: Number) -> tuple[Any, Setpoint]:
         """One sample: the new state and the setpoint."""
 
+    def retune(self, state: Any, old: Any) -> Any:
+        """The state after a live change from the block `old` to this one, without a bump (empty hook)."""
+        return state
+
 
 class Observer(Block, ABC):
     """Estimates what is not measured, from the reading and `applied`; part of a law or of a compensation."""
@@ -234,6 +244,10 @@ class Observer(Block, ABC):
     @abstractmethod
     def step(self, prepared: Any, state: Any, reading: Reading, T: Number) -> tuple[Any, Estimate]:
         """One sample: the new state and the estimate at kT."""
+
+    def retune(self, state: Any, old: Any, old_prepared: Any, prepared: Any) -> Any:
+        """The state after a live change from the block `old` to this one, without a bump (empty hook)."""
+        return state
 
     def lag(self, prepared: Any, T: Number) -> Number:
         """s by which the estimate of a slow disturbance comes late; 0.0 where it is not known (empty hook)."""
@@ -262,6 +276,10 @@ class Compensation(Block, ABC):
         self, prepared: Any, state: Any, setpoint: Setpoint, reading: Reading, T: Number
     ) -> tuple[Any, Setpoint, Number]:
         """One sample: the new state, the setpoint for law and feedforward, and a force in N behind the filters."""
+
+    def retune(self, state: Any, old: Any, old_prepared: Any, prepared: Any) -> Any:
+        """The state after a live change from the block `old` to this one, without a bump (empty hook)."""
+        return state
 
     def settled(self) -> Compensation:
         """As it is after a long time, when what blends in has done so; linear models take this (empty hook)."""

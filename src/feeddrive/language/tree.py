@@ -170,3 +170,32 @@ def structure(tree: Any) -> Any:
     if isinstance(tree, tuple):
         return (type(tree), *(structure(child) for _, child in _children(tree)))
     return tree is None
+
+
+def difference(a: Any, b: Any, prefix: str = "") -> str | None:
+    """Where two trees first differ in structure, in words; None where they differ in numbers at most."""
+    if isinstance(a, Block) and type(a) is type(b):
+        for name, declared in declarations(type(a)).items():
+            path = f"{prefix}.{name}" if prefix else name
+            old, new = getattr(a, name), getattr(b, name)
+            if declared.role == "part":
+                found = difference(old, new, path)
+                if found is not None:
+                    return found
+            elif declared.role == "choice" and old != new:
+                return f"{path} would go from {old!r} to {new!r}"
+            elif (old is None) != (new is None):
+                return f"{path} would {'come in' if old is None else 'be left out'}"
+            elif declared.role == "table" and old is not None and not np.array_equal(old, new):
+                return f"the table {path} would change"
+        return None
+    if isinstance(a, tuple) and isinstance(b, tuple) and len(a) == len(b):
+        pairs = (difference(x, y, f"{prefix}.{i}") for i, (x, y) in enumerate(zip(a, b, strict=True)))
+        return next((found for found in pairs if found is not None), None)
+    return None if a is None and b is None else f"{prefix} would go from {_kind(a)} to {_kind(b)}"
+
+
+def _kind(tree: Any) -> str:
+    if isinstance(tree, tuple):
+        return f"{len(tree)} blocks"
+    return "nothing" if tree is None else tree.kind

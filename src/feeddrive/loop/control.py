@@ -36,6 +36,7 @@ class Control(Block):
         law: Any
         compensation: tuple[Any, ...]
         filters: tuple[Any, ...]
+        guard: Any
 
     class Memory(NamedTuple):
         """What a reset brings back to where the axis is."""
@@ -54,7 +55,7 @@ class Control(Block):
         guard: Any
 
     class Command(NamedTuple):
-        """Forces in N: commanded, wanted before the limit, and its three parts; and the trip code."""
+        """Forces in N: commanded, wanted before the limit, its three parts; the trip code; 1 while the loop runs."""
 
         applied: Number
         requested: Number
@@ -62,6 +63,7 @@ class Control(Block):
         feedforward: Number
         compensation: Number
         trip: Number
+        running: Number
 
     def check(self) -> None:
         """Nothing of the set motion may be fed forward twice."""
@@ -89,16 +91,24 @@ class Control(Block):
             self.law.prepare(T),
             tuple(part.prepare(T) for part in self.compensation),
             tuple(part.prepare(T) for part in self.filters),
+            Nothing() if self.guard is None else self.guard.prepare(T),
         )
 
     def start(
         self, prepared: Prepared, setpoint: Setpoint, motor: Number, load: Number, velocity: Number = 0.0
     ) -> State:
-        """Where the axis is one sample before the first step, moving with `velocity` (m/s), without force."""
+        """Where the axis is one sample before the first step, moving with `velocity` (m/s).
+
+        The force that acts then is the guard's safe force; without a guard there is none.
+        """
         zero = load - load
         moving = zero + velocity
-        guard = Nothing() if self.guard is None else self.guard.start(motor, load, moving)
-        return self.State(self._memory(prepared, setpoint, Reading(motor, load, zero, zero, moving)), zero, zero, guard)
+        if self.guard is None:
+            guard, force = Nothing(), zero
+        else:
+            guard, force = self.guard.start(prepared.guard, setpoint, motor, load, moving), zero + self.guard.safe_force
+        memory = self._memory(prepared, setpoint, Reading(motor, load, force, force, moving))
+        return self.State(memory, force, force, guard)
 
     def _memory(self, prepared: Prepared, setpoint: Setpoint, reading: Reading) -> Memory:
         compensation = zip(self.compensation, prepared.compensation, strict=True)
@@ -124,19 +134,40 @@ class Control(Block):
         if self.guard is None:
             memory, command = self._run(prepared, state.memory, setpoint, self._reading(state, motor, load), T)
             return self.State(memory, command.applied, command.requested, state.guard), command
-        guard, verdict = self.guard.step(state.guard, setpoint.position, motor, load, enable, T)
+        guard, verdict = self.guard.step(prepared.guard, state.guard, setpoint, motor, load, enable)
         reading = self._reading(state, verdict.position_motor, verdict.position_load)
         fresh = self._memory(
             prepared,
-            setpoint,
+            verdict.setpoint,
             Reading(verdict.before_motor, verdict.before_load, state.applied, state.requested, verdict.velocity),
         )
         live = tree.select(verdict.ran, state.memory, fresh)
-        memory, command = self._run(prepared, live, setpoint, reading, T)
-        applied = ops.where(verdict.runs, command.applied, 0.0)
-        requested = ops.where(verdict.runs, command.requested, 0.0)
-        command = command._replace(applied=applied, requested=requested, trip=guard.trip)
+        memory, command = self._run(prepared, live, verdict.setpoint, reading, T)
+        guard, applied, requested = self.guard.command(
+            guard, verdict, state.applied, command.applied, command.requested
+        )
+        command = command._replace(applied=applied, requested=requested, trip=guard.trip, running=guard.running)
         return self.State(memory, applied, requested, guard), command
+
+    def retune(self, state: State, old: Control, old_prepared: Prepared, prepared: Prepared) -> State:
+        """The state after a live change from `old` to this control, between two samples, without a bump.
+
+        Only numbers may differ: raises StructureError where a block, a choice or the presence of a parameter does.
+        """
+        differs = tree.difference(old, self, "control")
+        if differs is not None:
+            raise StructureError(
+                f"{differs}: a live change takes other numbers only; to change the structure, begin a new run"
+            )
+        held = state.memory
+        memory = self.Memory(
+            held.prefilter if self.prefilter is None else self.prefilter.retune(held.prefilter, old.prefilter),
+            tuple(map(_retuned, self.compensation, held.compensation, old.compensation, old_prepared.compensation,
+                      prepared.compensation)),
+            self.law.retune(held.law, old.law, old_prepared.law, prepared.law),
+            tuple(map(_retuned, self.filters, held.filters, old.filters, old_prepared.filters, prepared.filters)),
+        )  # fmt: skip
+        return state._replace(memory=memory)
 
     def _reading(self, state: State, motor: Number, load: Number) -> Reading:
         return Reading(motor, load, state.applied, state.requested)
@@ -169,5 +200,9 @@ class Control(Block):
         applied = requested
         if self.force_limit is not None:
             applied = ops.clip(requested, -self.force_limit, self.force_limit)
-        command = self.Command(applied, requested, feedback, forward, added, 0.0)
+        command = self.Command(applied, requested, feedback, forward, added, 0.0, 1.0)
         return self.Memory(prefilter, tuple(compensation), law, tuple(filters)), command
+
+
+def _retuned(block: Any, state: Any, old: Any, old_prepared: Any, prepared: Any) -> Any:
+    return block.retune(state, old, old_prepared, prepared)

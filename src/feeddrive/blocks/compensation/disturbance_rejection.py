@@ -11,6 +11,8 @@ from feeddrive.language import ops
 from feeddrive.language.block import Number, parameter, part
 from feeddrive.language.errors import StructureError
 
+_LEAST = 1e-30  # of a share: no division by 0
+
 
 class DisturbanceRejection(Compensation):
     """Subtracts what an observer believes the disturbance to be, behind the filters of the law.
@@ -75,3 +77,14 @@ class DisturbanceRejection(Compensation):
             return self.State(observer, ()), setpoint, force
         reached = ops.minimum(state.reached[0] + prepared.rise[0], 1.0)
         return self.State(observer, (reached,)), setpoint, state.reached[0] * force
+
+    def retune(self, state: State, old: DisturbanceRejection, old_prepared: Prepared, prepared: Prepared) -> State:
+        """A share that grows does so in `blend_time` from the part that has been reached; one that falls does at once.
+
+        Without a `blend_time` the new share acts at once.
+        """
+        observer = self.observer.retune(state.observer, old.observer, old_prepared.observer, prepared.observer)
+        if not state.reached:
+            return self.State(observer, ())
+        ratio = ops.where(ops.equal(old.share, self.share), 1.0, old.share / ops.maximum(self.share, _LEAST))
+        return self.State(observer, (ops.minimum(ratio * state.reached[0], 1.0),))

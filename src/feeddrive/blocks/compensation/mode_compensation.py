@@ -119,6 +119,11 @@ class ModeCompensation(Compensation):
         velocity = () if self.friction is None else (moved.velocity,)
         return self.State(observer, tuple(after), velocity), moved, 0.0
 
+    def retune(self, state: State, old: ModeCompensation, old_prepared: Prepared, prepared: Prepared) -> State:
+        """That of the observer; position and velocity of the modes go on."""
+        observer = self.observer.retune(state.observer, old.observer, old_prepared.observer, prepared.observer)
+        return state._replace(observer=observer)
+
 
 def _hold(mode: MachineMode, span: Number) -> Matrix:
     """Two rows (Φ - 1, Γ) of x'' + 2ζω x' + ω² x = F/m over `span` in s; inside, velocities are in ω x."""

@@ -68,6 +68,10 @@ class ActiveDisturbanceRejection(Law):
         force = self.mass * (acceleration - slower - nearer) - self.share * estimate.disturbance
         return self.State(observer), force
 
+    def retune(self, state: State, old: ActiveDisturbanceRejection, old_prepared: Any, prepared: Any) -> State:
+        """That of the observer."""
+        return self.State(self.observer.retune(state.observer, old.observer, old_prepared, prepared))
+
     def fits(self, sample_time: float) -> None:
         """The observer can run, and the loop on a rigid axis of this mass is stable, with the dead time it knows of."""
         if all(isinstance(value, float) for _, value in tree.leaves(self)):  # variants are checked as single laws

@@ -93,6 +93,10 @@ class DADSC(Law):
         force = m * (acceleration + self.reaching_rate * s + self.tracking_rate * e_v) - estimate + b * v
         return self.State(position, s, estimate), force
 
+    def retune(self, state: State, old: DADSC, old_prepared: Prepared, prepared: Prepared) -> State:
+        """What (5) has summed up beyond -g2 s(k) is an integral, a force: it goes on; -g2 s(k) takes the new g2."""
+        return state._replace(estimate=state.estimate + (old_prepared.g2 - prepared.g2) * state.sliding)
+
     def fits(self, sample_time: float) -> None:
         """The sampled loop around m x'' = F, without any dead time, is stable at this sample time."""
         rates = (self.tracking_rate, self.reaching_rate, self.adaptation_rate)

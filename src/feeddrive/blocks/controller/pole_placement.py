@@ -78,8 +78,13 @@ class PolePlacement(Law):
         relaxed: tuple[Number, Number]
         lead: tuple[Number, Number]
 
+    class Series(NamedTuple):
+        """Of the series: the lead of the last sample (m), for a live change."""
+
+        position: Number
+
     class State(NamedTuple):
-        """Last readings (m), their difference at the start (m), Σ T e and its last term (m s), the exact lag."""
+        """Last readings (m), their difference at the start (m), Σ T e and its last term (m s), the screw's lead."""
 
         position_motor: Number
         position_load: Number
@@ -160,6 +165,8 @@ class PolePlacement(Law):
         lead: Any = Nothing()
         if self.commands == "exact":
             lead = self.Lead((zero, zero), (zero, zero))
+        elif self.commands == "series":
+            lead = self.Series(zero)
         offset = reading.position_motor - reading.position_load
         held = reading.applied / prepared.gains.Ki
         return self.State(reading.position_motor, reading.position_load, offset, held, zero, lead)
@@ -181,12 +188,28 @@ class PolePlacement(Law):
         elif self.commands == "series":
             ahead = series(two_bodies(self.kind, self.model), setpoint)
             e1, ev1 = e1 + ahead.position, ev1 + ahead.velocity
+            lead = self.Series(ahead.position)
         free = ops.equal(reading.applied, reading.requested)
         added = T * e
         integral = ops.where(free, state.integral, state.integral - state.added) + added
         force = K1 * e1 + K2 * e + K3 * ev1 + K4 * ev2 + Ki * integral
         after = self.State(reading.position_motor, reading.position_load, state.offset, integral, added, lead)
         return after, force
+
+    def retune(self, state: State, old: PolePlacement, old_prepared: Prepared, prepared: Prepared) -> State:
+        """Ki Σ T e goes on as a force, which also takes over what K1 holds of the wound spring.
+
+        At standstill under load the error of the screw is not 0 but what the spring gives, and K1 acts on it.
+        """
+        before, now = old_prepared.gains, prepared.gains
+        stretch = state.position_load - (state.position_motor - state.offset)
+        if self.commands == "exact":
+            stretch = stretch + state.lead.lead[0]
+        elif self.commands == "series":
+            stretch = stretch + state.lead.position
+        ratio = before.Ki / now.Ki
+        integral = ratio * state.integral + ((before.K1 - now.K1) / now.Ki) * stretch
+        return state._replace(integral=integral, added=ratio * state.added)
 
     def _followed(self, prepared: Prepared, state: Lead, setpoint: Setpoint) -> Lead:
         """One sample of (c s + k) lead = k relaxed, for the lead and its derivative, inputs straight in between."""

@@ -20,10 +20,11 @@ class Section(NamedTuple):
 
 
 class Delayed(NamedTuple):
-    """The two delayed sums of a section."""
+    """The two delayed sums of a section, and its last output, which a live change starts from."""
 
     first: Number
     second: Number
+    output: Number
 
 
 class Polynomial(NamedTuple):
@@ -68,7 +69,7 @@ def notch_section(frequency: Number, damping_zero: Number, damping_pole: Number,
 
 def settled(made: Section, value: Number) -> Delayed:
     """The state after a constant input of a section with H(1) = 1."""
-    return Delayed((1.0 - made.b0) * value, (made.b2 - made.a2) * value)
+    return Delayed((1.0 - made.b0) * value, (made.b2 - made.a2) * value, value)
 
 
 def advance(made: Section, state: Delayed, value: Number) -> tuple[Delayed, Number]:
@@ -78,7 +79,18 @@ def advance(made: Section, state: Delayed, value: Number) -> tuple[Delayed, Numb
         first = made.b1 * (value - output) + state.second
     else:
         first = made.b1 * value - made.a1 * output + state.second
-    return Delayed(first, made.b2 * value - made.a2 * output), output
+    return Delayed(first, made.b2 * value - made.a2 * output, output), output
+
+
+def retuned(state: Delayed, old: Section, new: Section) -> Delayed:
+    """The state after a live change of the section: what is steady moves from the old `settled` state to the new one.
+
+    The output goes on: with an input equal to the last output, the next one is that of the old section.
+    """
+    steady = state.output
+    first = state.first + (old.b0 - new.b0) * steady
+    second = state.second + ((new.b2 - new.a2) - (old.b2 - old.a2)) * steady
+    return Delayed(first, second, steady)
 
 
 def check_below_nyquist(where: str, frequency: Number, sample_time: float) -> None:

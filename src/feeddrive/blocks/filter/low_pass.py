@@ -27,9 +27,10 @@ class LowPass(Filter):
         a: Number
 
     class State(NamedTuple):
-        """b x₋₁ - a y₋₁."""
+        """b x₋₁ - a y₋₁, and y₋₁, which a live change starts from."""
 
         delayed: Number
+        output: Number
 
     def fits(self, sample_time: float) -> None:
         """The corner lies below half the sample rate."""
@@ -42,9 +43,14 @@ class LowPass(Filter):
 
     def start(self, prepared: Any, value: Number) -> State:
         """At rest with output = input = value."""
-        return self.State((prepared.b - prepared.a) * value)
+        return self.State((prepared.b - prepared.a) * value, value)
 
     def step(self, prepared: Any, state: Any, value: Number) -> tuple[State, Number]:
         """One sample."""
         output = prepared.b * value + state.delayed
-        return self.State(prepared.b * value - prepared.a * output), output
+        return self.State(prepared.b * value - prepared.a * output, output), output
+
+    def retune(self, state: State, old: LowPass, old_prepared: Prepared, prepared: Prepared) -> State:
+        """The output goes on: what is steady moves from the old start state to the new one."""
+        steady = (prepared.b - prepared.a) - (old_prepared.b - old_prepared.a)
+        return state._replace(delayed=state.delayed + steady * state.output)

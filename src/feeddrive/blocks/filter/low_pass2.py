@@ -12,6 +12,7 @@ from feeddrive.blocks.filter.biquad import (
     advance,
     check_below_nyquist,
     prewarped,
+    retuned,
     section,
     settled,
     tustin,
@@ -46,3 +47,7 @@ class LowPass2(Filter):
     def step(self, prepared: Any, state: Any, value: Number) -> tuple[Delayed, Number]:
         """One sample."""
         return advance(prepared, state, value)
+
+    def retune(self, state: Any, old: LowPass2, old_prepared: Any, prepared: Any) -> Delayed:
+        """The output goes on."""
+        return retuned(state, old_prepared, prepared)

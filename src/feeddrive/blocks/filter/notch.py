@@ -5,7 +5,15 @@ from __future__ import annotations
 from typing import Any
 
 from feeddrive.blocks.families import Filter
-from feeddrive.blocks.filter.biquad import Delayed, Section, advance, check_below_nyquist, notch_section, settled
+from feeddrive.blocks.filter.biquad import (
+    Delayed,
+    Section,
+    advance,
+    check_below_nyquist,
+    notch_section,
+    retuned,
+    settled,
+)
 from feeddrive.language.block import Number, parameter
 
 
@@ -37,3 +45,7 @@ class Notch(Filter):
     def step(self, prepared: Any, state: Any, value: Number) -> tuple[Delayed, Number]:
         """One sample."""
         return advance(prepared, state, value)
+
+    def retune(self, state: Any, old: Notch, old_prepared: Any, prepared: Any) -> Delayed:
+        """The output goes on."""
+        return retuned(state, old_prepared, prepared)

@@ -11,6 +11,7 @@ from feeddrive.blocks.filter.biquad import (
     advance,
     check_below_nyquist,
     prewarped,
+    retuned,
     section,
     settled,
     tustin,
@@ -50,3 +51,7 @@ class SecondOrder(Filter):
     def step(self, prepared: Any, state: Any, value: Number) -> tuple[Delayed, Number]:
         """One sample."""
         return advance(prepared, state, value)
+
+    def retune(self, state: Any, old: SecondOrder, old_prepared: Any, prepared: Any) -> Delayed:
+        """The output goes on."""
+        return retuned(state, old_prepared, prepared)

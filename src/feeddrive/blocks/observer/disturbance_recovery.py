@@ -12,6 +12,7 @@ from feeddrive.blocks.filter.biquad import (
     advance,
     check_below_nyquist,
     prewarped,
+    retuned,
     section,
     settled,
     tustin,
@@ -101,6 +102,12 @@ class DisturbanceRecovery(Observer):
             kept = (delayed,)
         after = self.State(position, velocity, commands[: self.delay_samples], kept)
         return after, Estimate(position, velocity, force)
+
+    def retune(self, state: State, old: DisturbanceRecovery, old_prepared: Prepared, prepared: Prepared) -> State:
+        """The filtered force goes on."""
+        if not prepared.section:
+            return state
+        return state._replace(filter=(retuned(state.filter[0], old_prepared.section[0], prepared.section[0]),))
 
     def lag(self, prepared: Prepared, T: Number) -> Number:
         """1.5 T of the double difference, and of the filter α/(1 - α) T or the slope of its phase at 0 Hz."""

@@ -139,6 +139,15 @@ class GpiObserver(Observer):
         state = self.State(z, y, commands[:-1], tuple(y - y for _ in state.brake))
         return state, Estimate(y + z[0], self.omega_o * z[1], disturbance)
 
+    def retune(self, state: State, old: GpiObserver, old_prepared: Prepared, prepared: Prepared) -> State:
+        """Velocity in m/s, disturbance in N and its derivatives go on: z_i omega_o^i, the disturbance's times mass."""
+        slower, lighter = old.omega_o / self.omega_o, old.mass / self.mass
+        z, scale = [state.z[0], slower * state.z[1]], lighter * slower * slower
+        for held in state.z[2:]:
+            z.append(scale * held)
+            scale = scale * slower
+        return state._replace(z=tuple(z))
+
     def lag(self, prepared: Prepared, T: Number) -> Number:
         """That of a disturbance that rises evenly: 0.0 but for a single Taylor state, which takes it for constant."""
         coefficients = self.polynomial()
