@@ -1,1 +1,1 @@
-"""What runs elsewhere: one step function as text for C compilers, LinuxCNC, simulation tools and PLCs."""
+"""What was designed, in the form that a target runs: C, LinuxCNC, FMU, microcontroller, PLC, parameter files."""

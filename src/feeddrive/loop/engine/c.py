@@ -14,92 +14,9 @@ from __future__ import annotations
 import re
 from collections import Counter
 
-from feeddrive.language.graph import ELEMENTARY, arguments
-from feeddrive.language.primitives import MIX, STRIDES
+from feeddrive.language.graph import arguments
+from feeddrive.loop.engine.c_words import CALLS, FLUSH, FUNCTIONS, RESERVED, WIDTH, bare, expression, number
 from feeddrive.loop.engine.plan import Plan
-
-_INFIX = {"add": "+", "sub": "-", "mul": "*", "div": "/", "lt": "<", "le": "<=", "eq": "==", "and": "&&", "or": "||"}
-_CALLS = {"abs": "fabs", "sqrt": "sqrt", "floor": "floor"} | {name: name for name in ELEMENTARY}
-_WIDTH = 72  # an expression longer than this is cut by giving a part of it a name
-# words of C, and names that the text itself uses
-_RESERVED = re.findall(
-    r"\w+",
-    "auto break case char const constants continue count default do double else enum extern first float for goto if "
-    "inline inputs int k long mode outputs register restrict return short signed sizeof states static struct switch "
-    "tables typedef union unsigned void volatile while INFINITY flush restore",
-)
-
-# What C has no operator for; the bits of a double are read and written by memcpy.
-_FUNCTIONS = {
-    "power_of_two": """\
-/* 2^k: k + 1.5 * 2^52 holds the whole number k in its low bits; k + 1023 goes to where a double keeps its exponent. */
-static double power_of_two(double k)
-{
-    double x = k + 6755399441055744.0;
-    uint64_t bits;
-    memcpy(&bits, &x, sizeof bits);
-    bits = (bits + 1023u) << 52;
-    memcpy(&x, &bits, sizeof bits);
-    return x;
-}
-""",
-    "exponent": """\
-/* The whole number k with 2^k <= |x| < 2^(k+1). */
-static double exponent(double x)
-{
-    uint64_t bits;
-    memcpy(&bits, &x, sizeof bits);
-    return (double)((bits >> 52) & 0x7FFu) - 1023.0;
-}
-""",
-    "uniform": f"""\
-/* A random number in (0, 1) that depends on three whole numbers only: the finaliser of SplitMix64, once over each. */
-static double uniform(double seed, double sample, double channel)
-{{
-    const double given[3] = {{seed, sample, channel}};
-    const uint64_t strides[3] = {{{", ".join(f"UINT64_C(0x{stride:X})" for stride in STRIDES)}}};
-    uint64_t bits = 0;
-    for (int i = 0; i < 3; i++) {{
-        bits = (bits + (uint64_t)given[i] + 1u) * strides[i];
-        bits = (bits ^ (bits >> 30)) * UINT64_C(0x{MIX[0]:X});
-        bits = (bits ^ (bits >> 27)) * UINT64_C(0x{MIX[1]:X});
-        bits ^= bits >> 31;
-    }}
-    return ((double)(bits >> 12) + 0.5) * 0x1p-52;
-}}
-""",
-}
-
-# Numbers below the normal ones count as 0, as in the native code: they are slow and mean nothing here.
-_FLUSH = """\
-#if defined(__SSE2__) || defined(_M_X64)
-#include <xmmintrin.h>
-static uint64_t flush(void) { unsigned int mode = _mm_getcsr(); _mm_setcsr(mode | 0x8040u); return mode; }
-static void restore(uint64_t mode) { _mm_setcsr((unsigned int)mode); }
-#elif defined(__aarch64__) && defined(__GNUC__)
-static uint64_t flush(void)
-{
-    uint64_t mode;
-    __asm__ __volatile__("mrs %0, fpcr" : "=r"(mode));
-    __asm__ __volatile__("msr fpcr, %0" : : "r"(mode | (UINT64_C(1) << 24)));
-    return mode;
-}
-static void restore(uint64_t mode) { __asm__ __volatile__("msr fpcr, %0" : : "r"(mode)); }
-#else
-static uint64_t flush(void) { return 0; }
-static void restore(uint64_t mode) { (void)mode; }
-#endif
-"""
-
-
-def number(value: float) -> str:
-    """A double as C writes it: short decimals that are exact as such, all others by their bits."""
-    if value in (float("inf"), float("-inf")):
-        return "INFINITY" if value > 0.0 else "(-INFINITY)"
-    text = repr(value)
-    if abs(value) >= 1e6 or (16.0 * value) % 1.0 != 0.0:
-        text = re.sub(r"\.?0*p", "p", value.hex())
-    return f"({text})" if text.startswith("-") else text
 
 
 class _Writer:
@@ -109,7 +26,7 @@ class _Writer:
         self.plan = plan
         self.lines: list[str] = []
         self.texts: dict[int, str] = {}
-        self.names = {*_RESERVED, *_CALLS.values(), *_FUNCTIONS}
+        self.names = {*RESERVED, *CALLS.values(), *FUNCTIONS}
         self.uses = Counter(i for index in plan.order for i in arguments(plan.graph.nodes[index]))
         self.uses.update(node for _, node in plan.outputs)
         self.uses.update(2 * [state.after for state in plan.states])  # what is carried on has a name
@@ -139,38 +56,12 @@ class _Writer:
         if node[0] == "truth":
             self.texts[index] = "1" if node[1] else "0"
             return
-        text = self.expression(node[0], [self.texts[i] for i in arguments(node)])
+        text = expression(node[0], [self.texts[i] for i in arguments(node)])
         hoisted = not self.plan.kinds.moving[index]  # may be used inside the loop: worth a name
-        if self.uses[index] > 1 or len(text) > _WIDTH or hoisted:
-            self.declare(index, f"v{index}", _bare(text))
+        if self.uses[index] > 1 or len(text) > WIDTH or hoisted:
+            self.declare(index, f"v{index}", bare(text))
         else:
             self.texts[index] = text
-
-    def expression(self, name: str, values: list[str]) -> str:
-        """An operation as text, in parentheses where it has an operator."""
-        if name in _INFIX:
-            return f"({values[0]} {_INFIX[name]} {values[1]})"
-        if name in _CALLS:
-            return f"{_CALLS[name]}({_bare(values[0])})"
-        if name == "select":
-            return f"({values[0]} ? {values[1]} : {values[2]})"
-        if name == "gather":
-            return f"{values[0]}[(int64_t){values[1]}]"
-        if name in ("neg", "not"):
-            return f"({'-' if name == 'neg' else '!'}{values[0]})"
-        if name in _FUNCTIONS:
-            return f"{name}({', '.join(map(_bare, values))})"
-        raise AssertionError(f"no text for the operation '{name}'")
-
-
-def _bare(text: str) -> str:
-    """The text without the parentheses around it, if the first one closes with the last one."""
-    depth = 0
-    for place, character in enumerate(text):
-        depth += (character == "(") - (character == ")")
-        if depth == 0:
-            return text[1:-1] if place == len(text) - 1 and place > 0 else text
-    return text
 
 
 def text(plan: Plan, name: str) -> str:
@@ -222,8 +113,8 @@ def text(plan: Plan, name: str) -> str:
         "#include <string.h>",
         "",
         *([] if plan.arithmetic == "fma" else ["#pragma STDC FP_CONTRACT OFF /* gcc: -ffp-contract=off */", ""]),
-        _FLUSH,
-        *(_FUNCTIONS[function] for function in sorted(used & set(_FUNCTIONS))),
+        FLUSH,
+        *(FUNCTIONS[function] for function in sorted(used & set(FUNCTIONS))),
         f"void {name}(int64_t count, int64_t first, const double *constants, const double *inputs, double *states,",
         f"{' ' * (6 + len(name))}double *outputs, const double *const *tables)",
         "{",

@@ -31,11 +31,12 @@ def lower(graph: Graph, roots: Sequence[int], arithmetic: str) -> tuple[Graph, d
             case "table":
                 place[index] = lowered.table(node[1], node[2])
             case name:
-                place[index] = _composed(lowered, name, [place[i] for i in arguments(node)], arithmetic)
+                place[index] = composed(lowered, name, [place[i] for i in arguments(node)], arithmetic)
     return lowered, {old: symbol.index for old, symbol in place.items()}
 
 
-def _composed(graph: Graph, name: str, values: list[Symbol], arithmetic: str) -> Any:
+def composed(graph: Graph, name: str, values: list[Symbol], arithmetic: str) -> Any:
+    """One operation on symbols, in plain arithmetic where a printer has no word for it."""
     if name in ELEMENTARY and arithmetic != "libm":
         return getattr(mathematics, name)(*values)
     if name == "quantise":

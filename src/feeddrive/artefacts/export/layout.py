@@ -1,0 +1,245 @@
+"""Where every number of a routine lives on a target: what `configure` computes once, and what a step computes anew.
+
+A number that depends on parameters only is computed by `configure` and kept in the design, if a step or a reset reads
+it; all else moves.  In single precision `configure` still computes in double precision, and its results are rounded
+once, so that a controller with few digits has the best numbers that it can store.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import NamedTuple, TypeVar
+
+import numpy as np
+
+from feeddrive.language.errors import ParameterError
+from feeddrive.language.graph import TRUTH, Graph, Symbol, arguments, reachable
+from feeddrive.language.naming import Name
+from feeddrive.loop.engine.lower import composed
+from feeddrive.loop.routine import Function, Retune, Routine, target_name
+
+Word = TypeVar("Word")
+PRECISIONS = ("double", "float")
+
+
+class Field(NamedTuple):
+    """A number that `configure` leaves behind: its name, its node, and whether it is a truth value."""
+
+    name: str
+    node: int
+    truth: bool
+
+
+@dataclass(frozen=True, eq=False)
+class Layout:
+    """A routine in the operations that printers know.
+
+    leaves   node -> (kind, index): kind is "parameter", "sample_time", "input", "state" or "table"
+    moving   whether a node changes from sample to sample; the others are computed by `configure`
+    truth    whether a node is a truth value
+    design   what `configure` leaves for reset, step and retune
+    names    words of the law's text for nodes
+    makers   dotted names of the blocks that compute the nodes
+    prepared the prepared numbers, in their order, as nodes
+    retune   the live change, in plain arithmetic, and which of its nodes are truth values
+    """
+
+    routine: Routine
+    precision: str
+    graph: Graph
+    leaves: dict[int, tuple[str, int]]
+    moving: list[bool]
+    truth: list[bool]
+    design: tuple[Field, ...]
+    names: dict[int, Name]
+    makers: dict[int, str]
+    reset: Function
+    step: Function
+    prepared: tuple[tuple[str, int], ...]
+    retune: Retune | None
+    retune_truth: list[bool]
+
+    def order(self, roots: Iterable[int], *, moving: bool) -> list[int]:
+        """The operations below some nodes, those that move or those that do not, in the order of the text."""
+        return [
+            index
+            for index in reachable(self.graph, list(roots))
+            if self.moving[index] == moving and self.graph.nodes[index][0] not in ("const", "truth")
+        ]
+
+
+def layout(routine: Routine, precision: str = "double") -> Layout:
+    """The layout of a routine. Raises ParameterError for an unknown precision and for a table that is too long."""
+    if precision not in PRECISIONS:
+        raise ParameterError(f"precision = '{precision}' must be one of {', '.join(PRECISIONS)}")
+    roots = [
+        *(v.node for v in (*routine.parameters, *routine.inputs, *routine.states)),
+        *(node for _, node, _ in routine.tables),
+        *routine.reset.states, *routine.reset.outputs, *routine.step.states, *routine.step.outputs,
+        *(node for _, node in routine.prepared),
+    ]  # fmt: skip
+    given = {routine.sample_time_node: ("sample_time", 0)}
+    for kind, nodes in (
+        ("parameter", [v.node for v in routine.parameters]),
+        ("input", [v.node for v in routine.inputs]),
+        ("state", [v.node for v in routine.states]),
+        ("table", [node for _, node, _ in routine.tables]),
+    ):
+        given.update({node: (kind, i) for i, node in enumerate(nodes)})
+    graph, place = _lowered(routine.graph, roots)
+    leaves = {place[node]: kind for node, kind in given.items() if node in place}
+    moving = _moving(graph, {node for node, (kind, _) in leaves.items() if kind in ("input", "state")})
+    names, makers = _moved(routine.names, place), _moved(routine.makers, place)
+    prepared = tuple((name, place[node]) for name, node in routine.prepared)
+    reset, step = (_placed(each, place) for each in (routine.reset, routine.step))
+    ends = (*reset.states, *reset.outputs, *step.states, *step.outputs)
+    wanted = {i for index in reachable(graph, ends) if moving[index] for i in arguments(graph.nodes[index])}
+    wanted |= set(ends)
+    if routine.retune is not None:
+        read = {i for kind, i in routine.retune.leaves.values() if kind.endswith("prepared")}
+        wanted |= {prepared[place][1] for place, leaf in enumerate(routine.prepared_leaves) if leaf in read}
+    truth = truths(graph)
+    kept = sorted(i for i in wanted if not moving[i] and graph.nodes[i][0] not in ("const", "truth", "table"))
+    design = _fields(routine, graph, kept, leaves, {n: t for t, n in prepared}, names, truth, moving)
+    retune = None if routine.retune is None else _lowered_retune(routine.retune)
+    retune_truth = [] if retune is None else truths(retune.graph)
+    return Layout(
+        routine,
+        precision,
+        graph,
+        leaves,
+        moving,
+        truth,
+        design,
+        names,
+        makers,
+        reset,
+        step,
+        prepared,
+        retune,
+        retune_truth,
+    )
+
+
+def _lowered_retune(retune: Retune) -> Retune:
+    """`configure` and `retune` compute in double precision always."""
+    graph, place = _lowered(retune.graph, [*retune.states, *retune.leaves])
+    leaves = {place[node]: leaf for node, leaf in retune.leaves.items()}
+    states = tuple(place[i] for i in retune.states)
+    return Retune(graph, leaves, states, _moved(retune.names, place), _moved(retune.makers, place))
+
+
+def _moved(words: Mapping[int, Word], place: Mapping[int, int]) -> dict[int, Word]:
+    """What is said of nodes, said of where they went; of two that went to one place the first holds."""
+    return {place[node]: word for node, word in sorted(words.items(), reverse=True) if node in place}
+
+
+def _placed(function: Function, place: dict[int, int]) -> Function:
+    return Function(tuple(place[i] for i in function.states), tuple(place[i] for i in function.outputs))
+
+
+def _moving(graph: Graph, given: set[int]) -> list[bool]:
+    """Whether a node depends on an input or a state."""
+    moving: list[bool] = []
+    for index, node in enumerate(graph.nodes):
+        moving.append(index in given or any(moving[i] for i in arguments(node)))
+    return moving
+
+
+def truths(graph: Graph) -> list[bool]:
+    """Whether each node is a truth value."""
+    truth: list[bool] = []
+    for node in graph.nodes:
+        truth.append(node[0] in TRUTH or node[0] == "truth" or (node[0] == "select" and truth[node[2]]))
+    return truth
+
+
+def _lowered(graph: Graph, roots: list[int]) -> tuple[Graph, dict[int, int]]:
+    """The graph below the roots in operations that printers know; elementary functions stay, since they are printed."""
+    lowered = Graph()
+    place: dict[int, Symbol] = {}
+    for index in reachable(graph, roots):
+        node = graph.nodes[index]
+        match node[0]:
+            case "const":
+                place[index] = lowered.constant(float.fromhex(node[1]))
+            case "truth":
+                place[index] = lowered.constant(node[1])
+            case "input":
+                place[index] = lowered.input(node[1])
+            case "table":
+                place[index] = lowered.table(node[1], node[2])
+            case name:
+                place[index] = composed(lowered, name, [place[i] for i in arguments(node)], "libm")
+    return lowered, {old: symbol.index for old, symbol in place.items()}
+
+
+def _fields(
+    routine: Routine,
+    graph: Graph,
+    nodes: list[int],
+    leaves: dict[int, tuple[str, int]],
+    prepared: dict[int, str],
+    names: dict[int, Name],
+    truth: list[bool],
+    moving: list[bool],
+) -> tuple[Field, ...]:
+    """Names of the design numbers: those of parameters and prepared numbers, else the law's words.
+
+    A number that the text does not name is called after the first named number that it makes: `law_integral_factor`.
+    """
+    taken: set[str] = set()
+    found: list[Field] = []
+    made = _named_results(graph, nodes, names, moving)
+    for node in nodes:
+        kind, place = leaves.get(node, ("", 0))
+        if kind == "parameter":
+            wanted = routine.parameters[place].name
+        elif kind == "sample_time":
+            wanted = "sample_time"
+        elif node in prepared:
+            wanted = target_name(prepared[node])
+        elif node in names:
+            wanted = word(names[node])
+        else:
+            wanted = f"{made.get(node, 'a')}_factor"
+        name, count = wanted, 2
+        while name in taken:
+            name, count = f"{wanted}_{count}", count + 1
+        taken.add(name)
+        found.append(Field(name, node, truth[node]))
+    return tuple(found)
+
+
+def _named_results(graph: Graph, nodes: list[int], names: Mapping[int, Name], moving: list[bool]) -> dict[int, str]:
+    """For nodes, the first named number that moves and is made from them."""
+    wanted, found = set(nodes), dict[int, str]()
+    reaches: dict[int, set[int]] = {node: {node} for node in nodes}
+    for index, node in enumerate(graph.nodes):
+        if not moving[index]:
+            continue
+        below = set[int]().union(*(reaches.get(i, set()) for i in arguments(node))) & (wanted - found.keys())
+        if index in names:
+            found.update(dict.fromkeys(below, word(names[index])))
+        elif below:
+            reaches[index] = below
+    return found
+
+
+def word(name: Name) -> str:
+    """`law_velocity`, or `velocity` where it is the whole control that speaks."""
+    owner = target_name(name.owner)
+    return f"{owner}_{name.word}" if owner else name.word
+
+
+def rounded(layout: Layout, values: dict[str, float]) -> None:
+    """Raise ParameterError for a design number that float cannot hold; `values` are those of double precision."""
+    for name, value in values.items():
+        with np.errstate(over="ignore"):
+            if np.isfinite(value) and not np.isfinite(np.float32(value)):
+                raise ParameterError(
+                    f"{layout.routine.name}: {re.sub('_', '.', name, count=1)} = {value:g} is beyond float, which "
+                    f"ends at 3.4e38: export with --precision double, or change the parameter"
+                )

@@ -1,0 +1,88 @@
+"""The names that a law's text gives to its numbers, read while it runs on symbols.
+
+A law says `velocity = (position - state.position) / T`.  The graph of its step keeps the operation; `Names` keeps the
+word, so that code printed from the graph can be read beside the law.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Mapping
+from types import FrameType, TracebackType
+from typing import Any, NamedTuple
+
+from feeddrive.language.block import Block
+from feeddrive.language.graph import Graph, Symbol
+
+_OWN = __name__.rpartition(".")[0]  # the floor of the language: its words are those of no law
+
+
+class Name(NamedTuple):
+    """The dotted name of the block in whose text a number first had a word, and the word."""
+
+    owner: str
+    word: str
+
+
+class Names:
+    """While it is entered, every symbol of a graph that a local variable of a block's method holds is given its word.
+
+    with Names(graph, {id(block): "control.law", ...}) as names:
+        ...
+    names.found    node -> Name; the first word wins
+    names.makers   node -> dotted name of the block in whose text it was computed
+
+    A field of a named tuple is named after both: `middle.velocity` is `middle_velocity`.  Arithmetic is not touched.
+    """
+
+    def __init__(self, graph: Graph, owners: Mapping[int, str]) -> None:
+        self.graph = graph
+        self.owners = owners
+        self.found: dict[int, Name] = {}
+        self.makers: dict[int, str] = {}
+        self._seen = 0
+        self._before: Any = None
+
+    def __enter__(self) -> Names:
+        self._before = sys.gettrace()
+        sys.settrace(self._called)
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        sys.settrace(self._before)
+
+    def _called(self, frame: FrameType, event: str, argument: Any) -> Any:
+        """What watches a function: nothing inside the language itself."""
+        inside = str(frame.f_globals.get("__name__", "")).startswith(_OWN)
+        return None if inside else self._line
+
+    def _line(self, frame: FrameType, event: str, argument: Any) -> Any:
+        """After each line: what do the local variables hold?"""
+        if event in ("line", "return"):
+            owner = self._owner(frame)
+            if owner is not None:
+                self.makers.update(dict.fromkeys(range(self._seen, len(self.graph.nodes)), owner))
+                self._seen = len(self.graph.nodes)
+                for word, value in frame.f_locals.items():
+                    self._take(owner, word, value)
+        return self._line
+
+    def _owner(self, frame: FrameType | None) -> str | None:
+        """The block whose method runs, or calls the function that runs."""
+        while frame is not None:
+            owner = self.owners.get(id(frame.f_locals.get("self")))
+            if owner is not None:
+                return owner
+            frame = frame.f_back
+        return None
+
+    def _take(self, owner: str, word: str, value: Any) -> None:
+        if isinstance(value, Symbol):
+            if value.graph is self.graph:
+                self.found.setdefault(value.index, Name(owner, word.strip("_")))
+        elif isinstance(value, tuple) and not isinstance(value, Block):
+            for field, each in zip(getattr(value, "_fields", ()), value, strict=False):
+                if isinstance(each, Symbol) and each.graph is self.graph:
+                    self.found.setdefault(each.index, Name(owner, f"{word.strip('_')}_{field}"))

@@ -1,0 +1,343 @@
+"""What runs on a target: the control, or the axis, of a loop as four functions of named numbers.
+
+    configure   parameters -> numbers that depend on parameters only
+    reset       inputs -> the state where the axis is, disabled
+    step        state, inputs -> state, outputs: one sample
+    retune      state, parameters before and after -> state
+
+All four are traced from the text that is simulated: `prepare`, `start`, `step` and `retune` of the blocks.  What prints
+code for a target reads them here, and so does nobody derive a law a second time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple, cast
+
+import numpy as np
+
+from feeddrive.blocks.signals import Noise, Setpoint
+from feeddrive.language import ops, tree
+from feeddrive.language.block import Block, Number, part
+from feeddrive.language.graph import Graph
+from feeddrive.language.naming import Name, Names
+from feeddrive.loop.axis import Axis
+from feeddrive.loop.control import Control
+from feeddrive.loop.guard import Guard
+from feeddrive.loop.loop import Loop
+from feeddrive.loop.trace import SETPOINT
+
+MEANINGS = {
+    "set_position": ("m", "where the axis should be"),
+    "set_velocity": ("m/s", "its derivative"),
+    "set_acceleration": ("m/s2", "its second derivative"),
+    "set_jerk": ("m/s3", "its third derivative"),
+    "set_snap": ("m/s4", "its fourth derivative"),
+    "reading": ("m", "position that the encoder reads"),
+    "reading_motor": ("m", "position that the motor's encoder reads, seen at the table"),
+    "reading_load": ("m", "position that the load's encoder reads"),
+    "enable": ("", "on if above 0.5"),
+    "force": ("N", "commanded force at the table, within the limit"),
+    "trip": ("", "0, or the code of the guard: see its documentation"),
+    "enabled": ("", "1 while the loop runs, 0 while it is off or tripped"),
+    "load_force": ("N", "force of the process on the table"),
+    "position_motor": ("m", "true position of the motor's body"),
+    "position_load": ("m", "true position of the table"),
+    "velocity_motor": ("m/s", "true velocity of the motor's body"),
+    "velocity_load": ("m/s", "true velocity of the table"),
+    "start_position": ("m", "where the axis stands at a reset"),
+    "sample": ("", "index of the sample, for noise and forces that depend on time"),
+}
+
+
+class Variable(NamedTuple):
+    """A number at the border of a routine: its name on the target, its dotted name, what it is, and its node."""
+
+    name: str
+    path: str
+    unit: str
+    meaning: str
+    node: int
+    value: float = 0.0  # where it is a parameter
+
+
+class Function(NamedTuple):
+    """Nodes of what a function of a routine gives back, in the order of `states` and `outputs`."""
+
+    states: tuple[int, ...]
+    outputs: tuple[int, ...] = ()
+
+
+class Retune(NamedTuple):
+    """The state after a live change, in a graph of its own, whose leaves are parameters and prepared numbers, old and
+    new, and the state: node -> ("old" | "new" | "old_prepared" | "new_prepared" | "state", index).
+    """
+
+    graph: Graph
+    leaves: dict[int, tuple[str, int]]
+    states: tuple[int, ...]
+    names: dict[int, Name]
+    makers: dict[int, str]
+
+
+@dataclass(frozen=True, eq=False)
+class Routine:
+    """Four functions of named numbers in one graph; see the module.
+
+    origin    the loop, with its guard
+    prepared  the named numbers that the blocks call prepared, and `prepared_leaves` their places among the leaves of
+              what `prepare` returns
+    tables    rows of numbers: dotted name, node, numbers
+    names     words of the law's text for nodes
+    makers    dotted names of the blocks that compute the nodes
+    memory    what holds the state: "controller" or "plant"
+    blocks    by dotted name, outermost first
+    """
+
+    name: str
+    origin: Loop
+    parameters: tuple[Variable, ...]
+    inputs: tuple[Variable, ...]
+    outputs: tuple[Variable, ...]
+    states: tuple[Variable, ...]
+    graph: Graph
+    sample_time_node: int
+    prepared: tuple[tuple[str, int], ...]
+    prepared_leaves: tuple[int, ...]
+    reset: Function
+    step: Function
+    retune: Retune | None
+    tables: tuple[tuple[str, int, np.ndarray], ...]
+    names: dict[int, Name]
+    makers: dict[int, str]
+    memory: str
+    blocks: tuple[tuple[str, Block], ...]
+
+    @property
+    def sample_time(self) -> float:
+        """s."""
+        return float(self.origin.sample_time)
+
+
+class Controller(Block):
+    """The control of an axis, and the motor that turns its force into the drive's unit."""
+
+    control: Control = part("all that runs on the controller")
+    motor: Any = part("what makes the force", default=None)
+
+
+def guarded(loop: Loop) -> Loop:
+    """The loop as it is exported: with a guard, since a target must know what it does with a reading that is none."""
+    if loop.control.guard is not None:
+        return loop
+    return replace(loop, control=replace(loop.control, guard=Guard()))
+
+
+def controller_routine(loop: Loop, name: str) -> Routine:
+    """The control of a loop. A control without a guard is given `Guard()`, which bounds nothing but broken numbers.
+
+    Raises StructureError if a part leaves the language of `ops`.
+    """
+    loop = guarded(loop)
+    traced = _Traced(Controller(control=loop.control, motor=loop.axis.actuator.motor), loop)
+    given = [*SETPOINT, *(("reading_motor", "reading_load") if loop.axis.encoders() == 2 else ("reading",)), "enable"]
+    inputs = {each: traced.given(each) for each in given}
+    T, both = traced.T, traced.symbolic
+    with traced.words:
+        made = both.control.prepare(T)
+        limit = both.control.guard.reading_limit
+        sound = [ops.where(ops.absolute(x) <= limit, x, 0.0) for x in _readings(inputs)]  # a reset knows no last one
+        begun = both.control.start(made, _setpoint(inputs), *sound)
+        names = [each for each, _ in tree.leaves(begun)]
+        before = tree.rebuild(begun, (traced.graph.input(f"state.{each}") for each in names))
+        after, command = both.control.step(
+            made, before, _setpoint(inputs), *_readings(inputs), cast(Number, inputs["enable"]), T
+        )
+        outputs = {"force": ("N", MEANINGS["force"][1], command.applied)}
+        motor = loop.axis.actuator.motor
+        if motor is not None:
+            scaled = command.applied / both.motor.force_per_unit()
+            outputs["command"] = (motor.unit, f"the same in the unit of the drive, {motor.unit}", scaled)
+        outputs["trip"] = ("", MEANINGS["trip"][1], command.trip)
+        outputs["enabled"] = ("", MEANINGS["enabled"][1], after.guard.running)
+    return traced.routine(name, loop, made, inputs, names, begun, after, outputs, _retune(loop.control, made, begun))
+
+
+def _setpoint(inputs: Mapping[str, Any]) -> Setpoint:
+    return Setpoint(*(inputs[each] for each in SETPOINT))
+
+
+def _readings(inputs: Mapping[str, Any]) -> tuple[Any, Any]:
+    """Of motor and load; a single encoder gives both."""
+    single = inputs.get("reading")
+    return (inputs["reading_motor"], inputs["reading_load"]) if single is None else (single, single)
+
+
+def plant_routine(loop: Loop, name: str, seed: int = 0) -> Routine:
+    """The axis of a loop: a step moves it from kT to (k+1)T under a force, and its outputs are those of (k+1)T.
+
+    `reset` takes `start_position` and the readings there; noise is that of `seed`.
+    """
+    traced = _Traced(loop.axis, loop)
+    inputs = {each: traced.given(each) for each in ("force", "load_force", "start_position")}
+    T, axis, timing = traced.T, traced.symbolic, loop.timing()
+    zero = inputs["start_position"] - inputs["start_position"]
+
+    def seen(state: Any, sample: Any) -> tuple[Any, list[Any]]:
+        state, motor, load = axis.read(state, Noise(float(seed), sample), T)
+        return state, [motor, load, *axis.motion(state)]
+
+    with traced.words:
+        made = axis.prepare(T, timing)
+        begun, at_start = seen(axis.start(cast(Number, inputs["start_position"]), zero, timing), zero)
+        names = [each for each, _ in tree.leaves(begun)]
+        before = tree.rebuild(begun, (traced.graph.input(f"state.{each}") for each in names))
+        sample = traced.graph.input("state.sample")
+        force, load_force = cast(Number, inputs["force"]), cast(Number, inputs["load_force"])
+        moved, _ = axis.advance(made, before, force, load_force, cast(Number, sample * T), T)
+        after, values = seen(moved, sample + 1.0)
+    readings: tuple[str, ...] = (
+        "reading_motor",
+        "reading_load",
+        "position_motor",
+        "position_load",
+        "velocity_motor",
+        "velocity_load",
+    )
+    outputs = {each: (*MEANINGS[each], value) for each, value in zip(readings, values, strict=True)}
+    first: dict[str, Any] = dict(zip(readings, at_start, strict=True))
+    return traced.routine(
+        name, loop, made, inputs, [*names, "sample"], (begun, zero), (after, sample + 1.0), outputs, None, first
+    )
+
+
+class _Traced:
+    """A block on symbols, and what its trace collects."""
+
+    def __init__(self, block: Any, loop: Loop) -> None:
+        self.graph = Graph()
+        self.loop = loop
+        self.block = block
+        self.T = cast(Number, self.graph.input("sample_time"))
+        rows = {name: self.graph.table(name, len(row)) for name, row in tree.tables(block)}
+        self.tables = tuple((name, rows[name].index, row) for name, row in tree.tables(block))
+        paths = [name for name, _ in tree.leaves(block)]
+        self.parameters = [(name, self.graph.input(name)) for name in paths]
+        symbolic = tree.rebuild(block, iter([symbol for _, symbol in self.parameters]))
+        self.symbolic: Any = tree.with_tables(symbolic, rows)
+        self.owners = tuple(_owners(self.symbolic))
+        self.words = Names(self.graph, {id(each): path for path, each in self.owners})
+
+    def given(self, name: str) -> Any:
+        """An input."""
+        return self.graph.input(name)
+
+    def routine(
+        self,
+        name: str,
+        loop: Loop,
+        made: Any,
+        inputs: Mapping[str, Any],
+        states: list[str],
+        begun: Any,
+        after: Any,
+        outputs: Mapping[str, tuple[str, str, Any]],
+        retune: Retune | None,
+        first: Mapping[str, Any] | None = None,
+    ) -> Routine:
+        """All of it with names, units and meanings."""
+        values = dict(tree.leaves(self.block))
+        node = self.graph.symbol
+        for each, (_, _, value) in outputs.items():
+            self.words.found.setdefault(node(value).index, Name("", each))
+        after_nodes = tuple(node(value).index for _, value in tree.leaves(after))
+        begun_nodes = tuple(node(value).index for _, value in tree.leaves(begun))
+        leaves = [
+            (i, f"prepared.{each}", value.index)
+            for i, (each, value) in enumerate(tree.leaves(made))
+            if type(value) is not float and not self._is_text(value.index)
+        ]
+        first_nodes = tuple(node((first or {})[each]).index for each in outputs) if first else ()
+        return Routine(
+            name=name,
+            origin=loop,
+            parameters=tuple(
+                Variable(target_name(path), path, *_declared(self.block, path), symbol.index, float(values[path]))
+                for path, symbol in self.parameters
+            ),
+            inputs=tuple(Variable(each, each, *MEANINGS[each], s.index) for each, s in inputs.items()),
+            outputs=tuple(
+                Variable(each, each, unit, meaning, node(value).index)
+                for each, (unit, meaning, value) in outputs.items()
+            ),
+            states=tuple(
+                Variable(target_name(each), each, "", "", self.graph.input(f"state.{each}").index) for each in states
+            ),
+            graph=self.graph,
+            sample_time_node=node(self.T).index,
+            prepared=tuple((each, index) for _, each, index in leaves),
+            prepared_leaves=tuple(i for i, _, _ in leaves),
+            reset=Function(begun_nodes, first_nodes),
+            step=Function(after_nodes, tuple(node(value).index for _, _, value in outputs.values())),
+            retune=retune,
+            tables=self.tables,
+            names=self.words.found,
+            makers=self.words.makers,
+            memory="plant" if isinstance(self.block, Axis) else "controller",
+            blocks=tuple((path, each) for path, each in _owners(self.block)),
+        )
+
+    def _is_text(self, index: int) -> bool:
+        return self.graph.nodes[index][0] in ("const", "truth")
+
+
+def _retune(control: Control, made: Any, begun: Any) -> Retune:
+    """`retune` of a control on symbols."""
+    graph = Graph()
+    leaves: dict[int, tuple[str, int]] = {}
+
+    def symbols(values: Any, kind: str) -> Iterator[Any]:
+        """A leaf for each number; a number that stands in the text stays there."""
+        for i, (_, value) in enumerate(tree.leaves(values)):
+            if type(value) is float and kind.endswith("prepared"):
+                yield value
+                continue
+            symbol = graph.input(f"{kind}.{i}")
+            leaves[symbol.index] = (kind, i)
+            yield symbol
+
+    old = tree.rebuild(control, symbols(control, "old"))
+    new = tree.rebuild(control, symbols(control, "new"))
+    old_made = tree.rebuild(made, symbols(made, "old_prepared"))
+    new_made = tree.rebuild(made, symbols(made, "new_prepared"))
+    state = tree.rebuild(begun, symbols(begun, "state"))
+    names = Names(graph, {id(each): path for path, each in _owners(new, "control")})
+    with names:
+        after = new.retune(state, old, old_made, new_made)
+    states = tuple(graph.symbol(value).index for _, value in tree.leaves(after))
+    return Retune(graph, leaves, states, names.found, names.makers)
+
+
+def _owners(block: Any, path: str = "") -> Iterator[tuple[str, Block]]:
+    """Dotted name and block of every block of a tree, outermost first."""
+    if isinstance(block, Block):
+        yield path, block
+        parts = {name: getattr(block, name) for name, d in tree.declarations(type(block)).items() if d.role == "part"}
+        for name, inner in parts.items():
+            yield from _owners(inner, f"{path}.{name}" if path else name)
+    elif isinstance(block, tuple):
+        for i, inner in enumerate(block):
+            yield from _owners(inner, f"{path}.{i}")
+
+
+def _declared(block: Block, path: str) -> tuple[str, str]:
+    """Unit and meaning of a parameter."""
+    found = tree.declaration(block, path)
+    return found.unit, found.meaning
+
+
+def target_name(path: str) -> str:
+    """`control.law.Kv` -> `law_Kv`: the name of a number on a target."""
+    words = [word for word in path.split(".") if word not in ("control", "memory", "prepared")]
+    return "_".join(words)
