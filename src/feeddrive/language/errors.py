@@ -39,6 +39,10 @@ class NotCertifiedError(FeeddriveError):
     """A loop that cannot be certified; the message says at which frequency, by how much, and what to do."""
 
 
+class BusError(FeeddriveError):
+    """A drive on a field bus that is not there, is not what was declared, or does not do what it was asked to."""
+
+
 class MissingExtraError(FeeddriveError):
     """An optional dependency is needed and not installed; the message holds the install command."""
 
@@ -46,3 +50,10 @@ class MissingExtraError(FeeddriveError):
         super().__init__(
             f"{purpose} needs the package '{package}', which is not installed: run  pip install 'feeddrive[{extra}]'"
         )
+
+
+class MissingProgramError(FeeddriveError):
+    """A program of the system is needed and not found; the message holds the name of its package."""
+
+    def __init__(self, program: str, package: str, purpose: str) -> None:
+        super().__init__(f"{purpose} needs the program '{program}', which is not found: run  apt-get install {package}")

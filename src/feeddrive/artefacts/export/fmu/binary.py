@@ -1,0 +1,63 @@
+"""A shared library for this machine, out of the sources of an FMU, by the compiler that is there."""
+
+from __future__ import annotations
+
+import importlib.util
+import platform
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from feeddrive.language.errors import FileError, MissingProgramError
+
+_FLAGS = (
+    "-std=c99", "-O2", "-ffp-contract=off", "-fno-math-errno", "-fvisibility=hidden", "-shared",
+)  # fmt: skip
+
+
+def compiler() -> list[str]:
+    """The words that start the C compiler: gcc, cc or clang, else that of the package ziglang.
+
+    Raises MissingProgramError if there is none.
+    """
+    for name in ("gcc", "cc", "clang"):
+        found = shutil.which(name)
+        if found is not None:
+            return [found]
+    if importlib.util.find_spec("ziglang") is not None:
+        return [sys.executable, "-m", "ziglang", "cc"]
+    raise MissingProgramError("gcc", "gcc libc6-dev", "an FMU with a binary for this machine")
+
+
+def library_place(version: int) -> str:
+    """The folder of the FMU in which a tool on this machine looks, and the ending of a library: `linux64/*.so`."""
+    system = {"Linux": "linux", "Darwin": "darwin", "Windows": "windows"}.get(platform.system(), "linux")
+    wide = sys.maxsize > 2**32
+    ending = {"linux": "so", "darwin": "dylib", "windows": "dll"}[system]
+    if version == 2:
+        return f"{system.replace('windows', 'win')}{64 if wide else 32}/*.{ending}"
+    arm = platform.machine().lower() in ("aarch64", "arm64")
+    return f"{'aarch64' if arm else 'x86_64' if wide else 'x86'}-{system}/*.{ending}"
+
+
+def compiled(files: Mapping[str, str], sources: Sequence[str]) -> bytes:
+    """The shared library made of some of the files.
+
+    Raises MissingProgramError without a compiler and FileError with its first message if it refuses.
+    """
+    words = compiler()
+    with tempfile.TemporaryDirectory(prefix="feeddrive-") as folder:
+        for name, text in files.items():
+            (Path(folder) / name).write_text(text, encoding="utf-8")
+        position = () if platform.system() == "Windows" else ("-fPIC",)
+        done = subprocess.run(
+            [*words, *_FLAGS, *position, "-s", "-o", "library", *sources, "-lm"],
+            cwd=folder, capture_output=True, text=True, check=False,
+        )  # fmt: skip
+        if done.returncode != 0:
+            first = (done.stderr.strip() or "it says nothing").splitlines()[0]
+            raise FileError(f"the C compiler ({words[0]}) cannot make a shared library: {first}")
+        return (Path(folder) / "library").read_bytes()
