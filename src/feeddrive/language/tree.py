@@ -186,7 +186,7 @@ def difference(a: Any, b: Any, prefix: str = "") -> str | None:
                 return f"{path} would go from {old!r} to {new!r}"
             elif (old is None) != (new is None):
                 return f"{path} would {'come in' if old is None else 'be left out'}"
-            elif declared.role == "table" and old is not None and not np.array_equal(old, new):
+            elif declared.role == "table" and old is not new and not np.array_equal(old, new):
                 return f"the table {path} would change"
         return None
     if isinstance(a, tuple) and isinstance(b, tuple) and len(a) == len(b):

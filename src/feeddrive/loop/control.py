@@ -101,6 +101,8 @@ class Control(Block):
 
         The force that acts then is the guard's safe force; without a guard there is none.
         """
+        if self.guard is not None:
+            setpoint, motor, load = self.guard.sound(setpoint, motor, load)
         zero = load - load
         moving = zero + velocity
         if self.guard is None:
@@ -149,16 +151,20 @@ class Control(Block):
         command = command._replace(applied=applied, requested=requested, trip=guard.trip, running=guard.running)
         return self.State(memory, applied, requested, guard), command
 
-    def retune(self, state: State, old: Control, old_prepared: Prepared, prepared: Prepared) -> State:
-        """The state after a live change from `old` to this control, between two samples, without a bump.
-
-        Only numbers may differ: raises StructureError where a block, a choice or the presence of a parameter does.
-        """
+    def check_live(self, old: Control) -> None:
+        """Raise StructureError, with the first place, if this control differs from `old` by more than numbers."""
         differs = tree.difference(old, self, "control")
         if differs is not None:
             raise StructureError(
                 f"{differs}: a live change takes other numbers only; to change the structure, begin a new run"
             )
+
+    def retune(self, state: State, old: Control, old_prepared: Prepared, prepared: Prepared) -> State:
+        """The state after a live change from `old` to this control, between two samples, without a bump.
+
+        Only numbers may differ: raises StructureError where a block, a choice or the presence of a parameter does.
+        """
+        self.check_live(old)
         held = state.memory
         memory = self.Memory(
             held.prefilter if self.prefilter is None else self.prefilter.retune(held.prefilter, old.prefilter),

@@ -104,6 +104,15 @@ class Guard(Block):
         """The bound of the velocity as one of the motion in a sample."""
         return self.Prepared(T, () if self.velocity_limit is None else (self.velocity_limit * T,))
 
+    def sound(self, setpoint: Setpoint, motor: Number, load: Number) -> tuple[Setpoint, Number, Number]:
+        """What to start from: a broken reading is 0 there, a broken setpoint is where the axis stands."""
+        one = motor is load
+        load = ops.where(ops.absolute(load) <= self.reading_limit, load, 0.0)
+        motor = load if one else ops.where(ops.absolute(motor) <= self.reading_limit, motor, 0.0)
+        good = ops.absolute(_sum(setpoint)) <= SETPOINT_LIMIT
+        rest = (load, 0.0, 0.0, 0.0, 0.0)
+        return Setpoint(*(ops.where(good, x, y) for x, y in zip(setpoint, rest, strict=True))), motor, load
+
     def start(self, prepared: Prepared, setpoint: Setpoint, motor: Number, load: Number, velocity: Number) -> State:
         """Disabled, without a trip, at the readings of one sample before the first step."""
         zero = motor - motor

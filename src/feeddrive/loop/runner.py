@@ -39,7 +39,7 @@ class Prepared:
         self.timing = loop.timing()
         if partial:
             self.timing = self.timing._replace(partial=True)
-        plain = concrete(loop)
+        plain = self._plain = concrete(loop)
         position, velocity = (setpoint.position, setpoint.velocity) if start is None else start
         with np.errstate(all="ignore"):
             made = plain.prepare(self.timing)
@@ -99,6 +99,16 @@ class Prepared:
         """First states by name, in the order of the machine code."""
         first = {s.name: self.first.get(s.name, None) for s in made.plan.states}
         return {name: begin(name) if value is None else value for name, value in first.items()}
+
+    def retune(self, old: Prepared, made: Native, states: np.ndarray) -> None:
+        """The states of the control of a single run after a live change from the loop `old` to this one, in place."""
+        before, after = old._plain.control, self._plain.control
+        rows = {state.name: i for i, state in enumerate(made.plan.states)}
+        chosen = [rows[name] for name, _ in tree.leaves(self._begun.control, "control")]
+        state = tree.rebuild(self._begun.control, iter(states[chosen, 0]))
+        with np.errstate(all="ignore"):
+            state = after.retune(state, before, old._made.control, self._made.control)
+        states[chosen, 0] = [value for _, value in tree.leaves(state)]
 
     def rows(self, made: Native) -> list[np.ndarray]:
         """Tables in the order of the machine code."""

@@ -12,11 +12,12 @@ import numpy as np
 from feeddrive.blocks.families import Load, Reference
 from feeddrive.language.errors import DivergedError, ParameterError
 from feeddrive.language.table import Result, Table, shown
+from feeddrive.loop.changes import Changes, Course, changed_loops
 from feeddrive.loop.engine.lower import ARITHMETIC
 from feeddrive.loop.engine.native import Native
 from feeddrive.loop.groups import grouped
 from feeddrive.loop.loop import UNITS, Loop, Signals
-from feeddrive.loop.runner import Prepared, Work, cores, recorded
+from feeddrive.loop.runner import Prepared, Work, cores
 from feeddrive.loop.statistics import LEFT, gathered
 
 CHUNK = 20_000  # samples that are in memory at once
@@ -88,6 +89,7 @@ def simulate(
     load: Load | None = None,
     added_force: Load | None = None,
     enable: np.ndarray | None = None,
+    changes: Changes | None = None,
     duration: float | None = None,
     start: tuple[float, float] | None = None,
     seed: int = 0,
@@ -102,6 +104,8 @@ def simulate(
     added_force force on top of what the control commands, behind its limit, N: the excitation of a measurement.  The
                 signal `force` is without it
     enable      1 or 0 for each sample, shape (n,), for a loop with a guard; the last value holds on
+    changes     live changes of parameters: by sample (int) or time in s (float), a `Control`, or values by name such as
+                {"control.law.Kv": 80.0}.  The states follow without a bump (`Control.retune`)
     duration    s; default: that of the reference
     start       position (m) and velocity (m/s) of the axis at t = 0; default: those of the setpoint
     seed        of the noise, a whole number
@@ -109,12 +113,13 @@ def simulate(
     arithmetic  "exact" (default: the same bits everywhere), "libm" or "fma"
     bound       m; default: the larger of 1 m and 100 times the travel
 
-    Raises DivergedError with the sample at which |tracking error| left `bound` or became NaN, and ParameterError for a
-    signal or an arithmetic that is not known.
+    Raises DivergedError with the sample at which |tracking error| left `bound` or became NaN, ParameterError for a
+    signal or an arithmetic that is not known and for a change with a bad place, name or value, and StructureError for a
+    change of more than numbers.
     """
     whole = stream(
-        loop, reference, load=load, added_force=added_force, enable=enable, duration=duration, start=start, seed=seed,
-        record=record, arithmetic=arithmetic, bound=bound, chunk=None, name=name,
+        loop, reference, load=load, added_force=added_force, enable=enable, changes=changes, duration=duration,
+        start=start, seed=seed, record=record, arithmetic=arithmetic, bound=bound, chunk=None, name=name,
     )  # fmt: skip
     return next(whole)
 
@@ -255,6 +260,7 @@ def stream(
     load: Load | None = None,
     added_force: Load | None = None,
     enable: np.ndarray | None = None,
+    changes: Changes | None = None,
     duration: float | None = None,
     start: tuple[float, float] | None = None,
     seed: int = 0,
@@ -283,8 +289,10 @@ def stream(
     program = prepared.program(load=load is not None, enable=enable is not None, probes=probes)
     made = prepared.native(program, record=record, bounded="tracking_error", arithmetic=arithmetic)
     states = prepared.states(made)
+    later = changed_loops(loop, changes, count)
+    course = Course(prepared, [(at, Prepared(changed, work.first(), start, seed, limit)) for at, changed in later])
     for first in range(0, count, chunk):
         size = min(chunk, count - first)
-        rows = recorded(prepared, made, work, states, first, size)
+        rows = course.advance(made, work, states, first, size)
         _check_inside(states[-1, 0], limit, work.T)
         yield Run(name, (first + np.arange(size)) * work.T, dict(zip(record, rows, strict=True)), work.T, first)

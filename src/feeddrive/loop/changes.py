@@ -1,0 +1,108 @@
+"""Live changes of parameters in a run: from which sample on which control runs."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping
+from typing import Any, TypeAlias
+
+import numpy as np
+
+from feeddrive.language import tree
+from feeddrive.language.errors import ParameterError, StructureError
+from feeddrive.loop.control import Control
+from feeddrive.loop.engine.native import Native
+from feeddrive.loop.loop import Loop
+from feeddrive.loop.runner import Prepared, Work, recorded
+
+# by sample (int) or time in s (float): a whole control, or values of some of its parameters by dotted name
+Changes: TypeAlias = Mapping[int | float, Control | Mapping[str, float]]
+
+_CONTROL = "control."
+
+
+def changed_loops(loop: Loop, changes: Changes | None, count: int) -> list[tuple[int, Loop]]:
+    """(sample, loop from it on) of every change in a run of `count` samples, in order of time.
+
+    A change acts between two samples: sample k is the first one that runs with the new values.  A time is taken up to
+    the first sample at or after it.  Values by name change the control as it is then.
+
+    Raises ParameterError for a sample or time outside the run or named twice, a name outside the control, a value out
+    of its bounds, and StructureError for a change that is more than one of numbers.
+    """
+    placed: dict[int, Control | Mapping[str, float]] = {}
+    for key, change in (changes or {}).items():
+        sample = _sample(key, float(loop.sample_time), count)
+        if sample in placed:
+            raise ParameterError(f"changes: there are two at sample {sample}, the second at {_shown(key)}; join them")
+        placed[sample] = change
+    found = []
+    for sample in sorted(placed):
+        try:
+            loop = _changed(loop, placed[sample])
+        except (ParameterError, StructureError) as error:
+            raise type(error)(f"changes at sample {sample}: {error}") from None
+        found.append((sample, loop))
+    return found
+
+
+def _sample(key: int | float, T: float, count: int) -> int:
+    if isinstance(key, (int, np.integer)) and not isinstance(key, bool):
+        sample = int(key)
+    elif isinstance(key, (float, np.floating)) and math.isfinite(key):
+        sample = math.ceil(float(key) / T * (1.0 - 1e-12) - 1e-9)
+    else:
+        raise ParameterError(f"changes: {key!r} must be a sample (whole number) or a time in s (float)")
+    if not 0 <= sample < count:
+        raise ParameterError(
+            f"changes: {_shown(key)} is outside of the run, which has {count} samples, "
+            f"0 ... {count - 1} (0 ... {(count - 1) * T:g} s)"
+        )
+    return sample
+
+
+def _shown(key: int | float) -> str:
+    return f"{key:g} s" if isinstance(key, (float, np.floating)) else f"sample {key}"
+
+
+def _changed(loop: Loop, change: Any) -> Loop:
+    """The loop with another control, or with other values in it."""
+    if isinstance(change, Control):
+        found = dataclasses.replace(loop, control=change)
+    elif isinstance(change, Mapping):
+        for name, value in change.items():
+            if not isinstance(name, str) or not name.startswith(_CONTROL):
+                raise ParameterError(
+                    f"'{name}' is no parameter of the control, such as control.law.Kv: the axis does not change live"
+                )
+            if isinstance(value, (list, tuple, np.ndarray)):
+                raise ParameterError(f"{name} must be one number: a batch of variants cannot be changed live")
+        found = tree.vary(loop, change)
+    else:
+        raise ParameterError(f"{change!r} must be a Control, or values by name such as {{'control.law.Kv': 80.0}}")
+    if any(isinstance(value, np.ndarray) for _, value in tree.leaves(found.control)):
+        raise ParameterError("the control holds arrays of variants: a batch of variants cannot be changed live")
+    found.control.check_live(loop.control)
+    return found
+
+
+class Course:
+    """A run that is simulated on and on, and changes its control where it has to."""
+
+    def __init__(self, prepared: Prepared, later: list[tuple[int, Prepared]]) -> None:
+        """`later` holds the sample from which on each of the changed loops runs, in order."""
+        self._now, self._later = prepared, list(later)
+
+    def advance(self, made: Native, work: Work, states: np.ndarray, first: int, count: int) -> np.ndarray:
+        """Samples first .. first + count - 1 from `states` on, which move on; the recorded signals as rows."""
+        work.sampled(first, count)
+        pieces, at, end = [], first, first + count
+        while at < end:
+            while self._later and self._later[0][0] == at:
+                old, self._now = self._now, self._later.pop(0)[1]
+                self._now.retune(old, made, states)
+            until = min(end, self._later[0][0]) if self._later else end
+            pieces.append(recorded(self._now, made, work, states, at, until - at))
+            at = until
+        return pieces[0] if len(pieces) == 1 else np.concatenate(pieces, axis=1)
