@@ -1,0 +1,198 @@
+"""The pids of LinuxCNC: bit for bit those of a running HAL, and a P-PI cascade where no limit acts."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from feeddrive.blocks.controller.cascade_ppi import CascadePPI
+from feeddrive.blocks.controller.linuxcnc_pid import LinuxcncPid
+from feeddrive.blocks.controller.stock_pid import StockPid
+from feeddrive.blocks.signals import Reading, Setpoint
+from feeddrive.language.block import declarations
+from hal_session import needs_hal, run_hal
+
+PERIOD = 50_000  # ns
+T = PERIOD * 1e-9
+
+# each gain of a size at which it matters beside the others, for commands of size 1
+SIZES = {
+    "Pgain": 2.0, "Igain": 2e3, "Dgain": 1e-3, "FF0": 1.0, "FF1": 1e-3, "FF2": 1e-7, "FF3": 1e-11, "bias": 1.0,
+    "deadband": 0.2, "maxerror": 1.0, "maxerrorI": 1e-4, "maxerrorD": 1e4, "maxcmdD": 1e4, "maxcmdDD": 1e8,
+    "maxcmdDDD": 1e12, "maxoutput": 3.0,
+}  # fmt: skip
+TRAPS: dict[str, dict[str, Any]] = {
+    "the defaults": {},
+    "the error against the command of now": {"error_previous_target": False, "Igain": 100.0},
+    "a dead band behind a limit": {"deadband": 0.3, "maxerror": 0.8},
+    "a limit of the integral": {"Igain": 2e3, "maxerrorI": 1e-4},
+    "a limit of the output": {"Igain": 9e3, "maxoutput": 1.5},
+    "limits of the derivatives": {"Dgain": 1e-3, "FF1": 1e-3, "FF2": 1e-7, "FF3": 1e-11, "maxerrorD": 1e4,
+                                  "maxcmdD": 1e4, "maxcmdDD": 1e8, "maxcmdDDD": 1e12},
+    "negative feedforward": {"FF1": -1e-3, "FF2": -1e-7},
+}  # fmt: skip
+
+
+def random_pid(rng: np.random.Generator) -> StockPid:
+    """Any gains and limits: some of them 0, feedforward of either sign."""
+    given: dict[str, Any] = {}
+    for name, size in SIZES.items():
+        if rng.random() < 0.6:
+            sign = -1.0 if name.startswith("FF") and rng.random() < 0.2 else 1.0
+            given[name] = float(sign * size * rng.lognormal())
+    return StockPid(**given, error_previous_target=bool(rng.random() < 0.5))
+
+
+def settings(pid: StockPid, name: str) -> dict[str, float | int]:
+    """The pins of a pid as HAL sets them."""
+    numbers = {f"{name}.{each}": getattr(pid, each) for each in SIZES}
+    return {**numbers, f"{name}.error-previous-target": int(pid.error_previous_target)}
+
+
+def bits(values: Any) -> np.ndarray:
+    """The bits of doubles; every NaN is the same."""
+    numbers = np.asarray(values, dtype=np.float64)
+    return np.where(np.isnan(numbers), np.nan, numbers).view(np.int64)
+
+
+def against_hal(folder: Path, pid: StockPid, rows: np.ndarray, wired: tuple[str, ...]) -> None:
+    """The pid on rows of command, feedback, enable, index-enable and what else is wired, here and in a HAL."""
+    pins = ("command", "feedback", "enable", "index-enable", *wired)
+    kinds = ["bit" if "enable" in pin else "float" for pin in pins]
+    found = run_hal(
+        folder,
+        rows,
+        load=["loadrt pid names=p"],
+        functions=["p.do-pid-calcs"],
+        wires=[(kind, f"s-{pin}", f"p.{pin}") for kind, pin in zip(kinds, pins, strict=True)],
+        outputs=["p.output"],
+        settings=settings(pid, "p"),
+        period=PERIOD,
+    )
+    state, outputs = pid.start(0.0, 0.0), []
+    for row in rows:
+        given = dict(zip((pin.replace("-", "_") for pin in pins), map(np.float64, row), strict=True))
+        with np.errstate(invalid="ignore"):
+            state, output = pid.step(state, given.pop("command"), given.pop("feedback"), T, **given)
+        outputs.append(output)
+    assert np.array_equal(bits(found[:, 0]), bits(outputs))
+
+
+def random_rows(rng: np.random.Generator, count: int, wired: tuple[str, ...]) -> np.ndarray:
+    columns = [rng.normal(size=count), rng.normal(size=count), rng.random(count) < 0.9, rng.random(count) < 0.3]
+    return np.column_stack([*columns, *(1e4 * rng.normal(size=count) for _ in wired)])
+
+
+@needs_hal
+class TestAgainstARunningHal:
+    """Every output is equal to the last bit."""
+
+    @pytest.mark.parametrize("trap", TRAPS)
+    def test_each_trap(self, trap: str, tmp_path: Path) -> None:
+        rng = np.random.default_rng(7)
+        against_hal(tmp_path, StockPid(**TRAPS[trap]), random_rows(rng, 500, ()), ())
+
+    @pytest.mark.parametrize("seed", range(12))
+    def test_random_gains_limits_and_pins(self, seed: int, tmp_path: Path) -> None:
+        rng = np.random.default_rng(seed)
+        wired = tuple(pin for pin in ("command-deriv", "feedback-deriv") if rng.random() < 0.5)
+        against_hal(tmp_path, random_pid(rng), random_rows(rng, 1000, wired), wired)
+
+    def test_nan_and_infinity_pass_as_they_do_there(self, tmp_path: Path) -> None:
+        rows = random_rows(np.random.default_rng(3), 300, ())
+        rows[50, 1], rows[120, 0], rows[200, 1] = np.nan, np.inf, -np.inf
+        pid = StockPid(Igain=50.0, Dgain=1e-3, maxerror=0.5, maxoutput=1.0, maxerrorD=1e3)
+        against_hal(tmp_path, pid, rows, ())
+
+    @pytest.mark.parametrize("two", [True, False], ids=["two pids", "one pid"])
+    @pytest.mark.parametrize("joint", [True, False], ids=["derivatives from pins", "differences"])
+    def test_the_law_is_what_its_wiring_computes(self, two: bool, joint: bool, tmp_path: Path) -> None:
+        rng = np.random.default_rng(11)
+        count = 800
+        law = LinuxcncPid(
+            position=StockPid(Pgain=80.0, Igain=3.0 * (not two), FF1=0.9, FF2=1e-5, error_previous_target=False),
+            velocity=StockPid(Pgain=0.7, Igain=90.0, maxoutput=40.0, error_previous_target=False) if two else None,
+            force_per_output=3.5,
+            acceleration_gain=1e-3,
+            velocity_gain=0.02,
+            command_derivative="joint" if joint else "difference",
+            feedback_derivative="motor" if joint else "difference",
+        )
+        x = 1e-3 * np.cumsum(rng.normal(size=(count, 3)), axis=0)  # set, load, motor, m
+        v, a = 0.1 * rng.normal(size=count), 5.0 * rng.normal(size=count)
+        x[0] = 0.0  # where every component of a fresh HAL stands
+        v[0] = a[0] = 0.0
+        wires = [
+            ("float", "set", "position.command"),
+            ("float", "load", "position.feedback"),
+            ("float", "motor", "speed.in"),
+            ("float", "set-velocity", "forward.in1" + (" position.command-deriv" if joint else "")),
+            ("float", "set-acceleration", "forward.in0"),
+            ("bit", "on", "position.enable" + (" velocity.enable" if two else "")),
+        ]
+        last = "velocity" if two else "position"
+        nets = [f"net bias forward.out => {last}.bias"]
+        speed = [pin for pin, there in (("velocity.feedback", two), ("position.feedback-deriv", joint)) if there]
+        nets += [f"net speed speed.out => {' '.join(speed)}"] * bool(speed)
+        nets += ["net wanted position.output => velocity.command"] * two
+        given = settings(law.position, "position") | (settings(law.velocity, "velocity") if law.velocity else {})
+        found = run_hal(
+            tmp_path,
+            np.column_stack([1000.0 * x, 1000.0 * v, 1000.0 * a, np.ones(count)]),
+            load=["loadrt ddt names=speed", "loadrt sum2 names=forward", "loadrt pid names=position,velocity"],
+            functions=["speed", "forward", "position.do-pid-calcs", *["velocity.do-pid-calcs"] * two],
+            wires=wires,
+            outputs=[f"{last}.output"],
+            settings={
+                **{pin: value for pin, value in given.items() if pin != f"{last}.bias"},
+                "forward.gain0": 1e-3,
+                "forward.gain1": 0.02,
+            },
+            period=PERIOD,
+            always=nets,
+        )
+        state = law.start(law.prepare(T), Setpoint(0.0), Reading(0.0, 0.0))
+        forces = []
+        for (set_, load, motor), speed_, acceleration in zip(x, v, a, strict=True):
+            setpoint = Setpoint(set_, speed_, acceleration)
+            state, force = law.step(None, state, setpoint, Reading(motor, load), T)
+            forces.append(force)
+        assert np.array_equal(bits(3.5 * found[:, 0]), bits(forces))
+        if two:
+            assert np.any(np.abs(found[:, 0]) == 40.0)  # the limit was met
+
+
+def test_a_pid_has_the_names_of_the_component() -> None:
+    assert set(declarations(StockPid)) == {*SIZES, "error_previous_target"}
+
+
+@pytest.mark.parametrize("Tn", [5e-3, None])
+@pytest.mark.parametrize("share", [1.0, 0.6])
+def test_two_pids_are_the_cascade_where_no_limit_acts(Tn: float | None, share: float) -> None:
+    """Equal gains, two encoders, an axis that wanders: forces differ by rounding only."""
+    Kv, Kp, c = 60.0, 4e4, 1000.0 * 250.0
+    cascade = CascadePPI(Kv=Kv, Kp=Kp, Tn=Tn, velocity_feedforward=share)
+    pids = LinuxcncPid(
+        position=StockPid(Pgain=Kv, FF1=share, error_previous_target=False),
+        velocity=StockPid(Pgain=Kp / c, Igain=0.0 if Tn is None else Kp / (c * Tn), error_previous_target=False),
+        force_per_output=250.0,
+    )
+    rng = np.random.default_rng(2)
+    positions = 1e-5 * np.cumsum(rng.normal(size=(300, 2)), axis=0)
+    t = T * np.arange(300)
+    w = 2 * np.pi * 20.0
+    there = Setpoint(0.01 * np.sin(w * t), 0.01 * w * np.cos(w * t), -0.01 * w**2 * np.sin(w * t),
+                     -0.01 * w**3 * np.cos(w * t), 0.01 * w**4 * np.sin(w * t))  # fmt: skip
+    rest = Setpoint(0.0, 0.01 * w, 0.0, -0.01 * w**3, 0.0)
+    states = [law.start(law.prepare(T), rest, Reading(0.0, 0.0)) for law in (cascade, pids)]
+    found = []
+    for k, (motor, load) in enumerate(positions):
+        setpoint, reading = Setpoint(*(each[k] for each in there)), Reading(motor, load)
+        states[0], expected = cascade.step(None, states[0], setpoint, reading, T)
+        states[1], force = pids.step(None, states[1], setpoint, reading, T)
+        found.append(force - expected)
+    # the sets are differenced here, and expanded to the snap there: 5th derivative T⁴/120, times Kp, is below 1e-6 N
+    assert np.max(np.abs(found[1:])) < 1e-3  # N, of forces around 1 kN
