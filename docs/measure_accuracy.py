@@ -21,6 +21,8 @@ sys.path.insert(0, str(ROOT / "tests"))
 import feeddrive as fd  # noqa: E402
 from axis_runs import Dry, EventDriven, matrices, move  # noqa: E402
 from feeddrive.language import ops  # noqa: E402
+from feeddrive.language.graph import Graph  # noqa: E402
+from feeddrive.language.single_values import single_values  # noqa: E402
 from feeddrive.loop.hold import Timing, hold  # noqa: E402
 from feeddrive.loop.runner import Prepared, Work  # noqa: E402
 from feeddrive.loop.trace import SETPOINT, evaluate  # noqa: E402
@@ -58,6 +60,40 @@ def functions(count: int) -> None:
                 errors.append(abs(float((mpmath.mpf(float(got)) - true) / math.ulp(float(true)))))
             print(
                 f"{name:6s} {len(errors)} arguments: {max(errors):.2f} ulp at most, {np.mean(errors):.2f} in the mean"
+            )
+
+
+def single_functions(count: int) -> None:
+    """The same of the functions in single precision, against 30-digit arithmetic; next to multiples of π/2, too."""
+    random = np.random.default_rng(1)
+    half, quarter = count // 2, count // 4
+
+    def decades(least: float, most: float, n: int) -> np.ndarray:
+        return np.sign(random.uniform(-1, 1, n)) * 10.0 ** random.uniform(least, most, n)
+
+    turns = random.integers(1, 6366, quarter) * (math.pi / 2)
+    wave = np.concatenate([random.uniform(-10, 10, half), random.uniform(-1e4, 1e4, quarter), turns])
+    arguments = {
+        "exp": random.uniform(-86.6, 88.3, count),
+        "expm1": np.concatenate([random.uniform(-20, 88.3, half), decades(-30, 0, half)]),
+        "log": np.concatenate([np.abs(decades(-37.8, 38.5, half)), random.uniform(0.5, 2, half)]),
+        "sin": wave,
+        "cos": wave,
+        "tanh": np.concatenate([random.uniform(-12, 12, half), decades(-30, 0, half)]),
+        "atan": np.concatenate([random.uniform(-3, 3, half), decades(-30, 30, half)]),
+    }
+    with mpmath.workdps(30):
+        for name, values in arguments.items():
+            graph = Graph()
+            node = graph.apply(name, graph.input("x")).index
+            x = values.astype(np.float32)
+            errors = []
+            for argument, got in zip(x, single_values(graph, [node], {"x": x})[0], strict=True):
+                true = getattr(mpmath, name)(mpmath.mpf(float(argument)))
+                unit = float(np.spacing(np.float32(abs(float(true)))))
+                errors.append(abs(float((mpmath.mpf(float(got)) - true) / unit)))
+            print(
+                f"single {name:6s} {len(errors)} arguments: {max(errors):.2f} ulp at most, {np.mean(errors):.2f} in mean"
             )
 
 
@@ -281,3 +317,4 @@ if __name__ == "__main__":
     for measure in (standstill, holds, friction, gradients, bits, emps):
         measure()
     functions(asked.points)
+    single_functions(asked.points)

@@ -1,0 +1,171 @@
+"""Elementary functions for targets that compute in single precision: `mathematics.py` with 24 bits instead of 53.
+
+The same range reductions with shorter constants and shorter series, cut where the next term is below 2⁻²⁷ of the
+result.  Every constant is a float, so that a printed program and the oracle in `single_values.py` hold the same ones.
+They run on the symbols of a graph whose operations mean those of float: `exponent` and `power_of_two` are of 32 bits.
+
+Measured against 30-digit arithmetic: see docs/accuracy.md.  Valid everywhere; sin and cos return NaN beyond 1e4 rad,
+where neighbouring floats are a thousandth of a radian apart.  Numbers below the normal ones count as 0.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from feeddrive.language.mathematics import series
+from feeddrive.language.primitives import (
+    absolute,
+    clip,
+    either,
+    equal,
+    exponent,
+    floor,
+    maximum,
+    minimum,
+    power_of_two,
+    sqrt,
+    where,
+)
+
+
+def held(value: float) -> float:
+    """The float nearest to a double."""
+    return float(np.float32(value))
+
+
+# ln 2 and π/2 as sums of shorter and shorter numbers: k times a high part is exact for every k that can occur, up to
+# 2⁸ and 2¹³.
+LN2_HIGH = float.fromhex("0x1.62e4p-1")
+LN2_LOW = held(float.fromhex("0x1.7f7d1cf79abcap-20"))
+HALF_PI = tuple(map(float.fromhex, ("0x1.920p+0", "0x1.fb4p-12", "0x1.444p-24", "0x1.68c234p-39")))
+
+# Beyond these arguments eˣ is taken as infinite (2¹²⁷·⁵) and as 0 (2⁻¹²⁵).
+EXP_MOST = held(127.5 * math.log(2.0) - 1e-4)
+EXP_LEAST = held(-125.0 * math.log(2.0))
+PER_LN2 = held(1.0 / math.log(2.0))
+PER_QUARTER = held(2.0 / math.pi)
+ROOT_TWO = held(math.sqrt(2.0))
+TAN_PI_8 = held(math.sqrt(2.0) - 1.0)
+MOST_ANGLE = 1e4  # rad
+LEAST_NORMAL = 2.0**-126
+LARGEST = float(np.finfo(np.float32).max)
+
+_EXP = [held(1.0 / math.factorial(i)) for i in range(8)]
+_ATANH = [held(2.0 / (2 * i + 1)) for i in range(1, 5)]
+_SIN = [held((-1.0) ** i / math.factorial(2 * i + 1)) for i in range(1, 5)]
+_COS = [held((-1.0) ** i / math.factorial(2 * i)) for i in range(2, 6)]
+_ATAN = [held((-1.0) ** i / (2 * i + 1)) for i in range(1, 10)]
+# the two halves of π/2 and of π/4, since one float alone would cost a third of a last digit
+_HALF_HIGH = held(0.5 * math.pi)
+_HALF_LOW = held(0.5 * math.pi - _HALF_HIGH)
+
+
+def _reduced_exp(x: Any) -> tuple[Any, Any]:
+    """k and p with eˣ = 2ᵏ (1 + p) and |p| <= √2 - 1."""
+    k = floor(x * PER_LN2 + 0.5)
+    r = (x - k * LN2_HIGH) - k * LN2_LOW
+    return k, r + (r * r) * series(r, _EXP[2:])
+
+
+def exp(x: Any) -> Any:
+    """eˣ = 2ᵏ (1 + p). Results below 2⁻¹²⁵ are 0, above 2¹²⁷·⁵ infinite."""
+    k, p = _reduced_exp(x)
+    scale = power_of_two(k)  # means nothing beyond the bounds, where it is not selected
+    result = (1.0 + p) * scale  # p · scale alone could be below the normal numbers
+    return where(x > EXP_MOST, math.inf, where(x < EXP_LEAST, 0.0, result))
+
+
+def expm1(x: Any) -> Any:
+    """eˣ - 1 = 2ᵏ p + (2ᵏ - 1)."""
+    k, p = _reduced_exp(clip(x, -20.0, EXP_MOST))
+    scale = power_of_two(k)
+    result = scale * p + (scale - 1.0)
+    return where(x > EXP_MOST, math.inf, result)
+
+
+def tanh(x: Any) -> Any:
+    """m / (m + 2) with m = e²ˣ - 1, for |x|; then the sign of x."""
+    m = expm1(2.0 * minimum(absolute(x), 10.0))
+    size = m / (m + 2.0)
+    return where(x < 0.0, -size, size)
+
+
+def log(x: Any) -> Any:
+    """With x = 2ᵏ m, √½ <= m < √2 and f = (m - 1)/(m + 1):  ln x = k ln 2 + 2 (f + f³/3 + f⁵/5 + ...)."""
+    k = exponent(x)
+    m = (0.5 * x) * power_of_two(1.0 - k)  # in two factors, since 2⁻¹²⁷ is no normal number
+    m = where(x < 2.0 * LEAST_NORMAL, x * 2.0**126, m)  # here the half would be none
+    high = m > ROOT_TWO
+    m = where(high, 0.5 * m, m)
+    k = where(high, k + 1.0, k)
+    f = (m - 1.0) / (m + 1.0)
+    square = f * f
+    # 2f = (m - 1) - f (m - 1) keeps the bits of m - 1, which is exact
+    tail = f * (square * series(square, _ATANH))
+    result = k * LN2_HIGH + ((m - 1.0) - (f * (m - 1.0) - (tail + k * LN2_LOW)))
+    result = where(x > LARGEST, math.inf, result)
+    result = where(x < LEAST_NORMAL, where(x < 0.0, sqrt(-1.0 - absolute(x)), -math.inf), result)
+    return where(equal(x, x), result, x)
+
+
+def _reduced_angle(x: Any) -> tuple[Any, Any]:
+    """k and r with x = k π/2 + r and |r| <= π/4, by the four parts of π/2 (Cody & Waite 1980)."""
+    r = where(absolute(x) <= MOST_ANGLE, x, 0.0)
+    k = floor(r * PER_QUARTER + 0.5)
+    for piece in HALF_PI:
+        r = r - k * piece
+    return k, r
+
+
+def _sine_part(r: Any) -> Any:
+    square = r * r
+    return r + r * (square * series(square, _SIN))
+
+
+def _cosine_part(r: Any) -> Any:
+    square = r * r
+    return 1.0 - (0.5 * square - (square * square) * series(square, _COS))
+
+
+def _wave(x: Any, quarter: float) -> Any:
+    """sin(x + quarter · π/2)."""
+    k, r = _reduced_angle(x)
+    turn = k + quarter
+    place = turn - 4.0 * floor(0.25 * turn)  # 0, 1, 2 or 3
+    odd = either(equal(place, 1.0), equal(place, 3.0))
+    size = where(odd, _cosine_part(r), _sine_part(r))
+    value = where(place >= 2.0, -size, size)
+    return where(absolute(x) <= MOST_ANGLE, value, sqrt(-1.0 - absolute(x)))
+
+
+def sin(x: Any) -> Any:
+    """sin x by quarter turns."""
+    return _wave(x, 0.0)
+
+
+def cos(x: Any) -> Any:
+    """cos x by quarter turns."""
+    return _wave(x, 1.0)
+
+
+def atan(x: Any) -> Any:
+    """By |x| -> 1/|x| above 1 and z = (y - 1)/(y + 1) above tan π/8:  z - z³/3 + z⁵/5 - ..."""
+    size = absolute(x)
+    inverted = size > 1.0
+    y = where(inverted, 1.0 / maximum(size, 1.0), size)
+    turned = y > TAN_PI_8
+    z = where(turned, (y - 1.0) / (y + 1.0), y)
+    square = z * z
+    angle = z + z * (square * series(square, _ATAN))
+    angle = where(turned, (angle + 0.5 * _HALF_LOW) + 0.5 * _HALF_HIGH, angle)
+    angle = where(inverted, _HALF_HIGH - (angle - _HALF_LOW), angle)
+    return where(x < 0.0, -angle, angle)
+
+
+FUNCTIONS: dict[str, Callable[[Any], Any]] = {
+    "exp": exp, "expm1": expm1, "log": log, "sin": sin, "cos": cos, "tanh": tanh, "atan": atan,
+}  # fmt: skip
