@@ -92,9 +92,8 @@ def single_functions(count: int) -> None:
                 true = getattr(mpmath, name)(mpmath.mpf(float(argument)))
                 unit = float(np.spacing(np.float32(abs(float(true)))))
                 errors.append(abs(float((mpmath.mpf(float(got)) - true) / unit)))
-            print(
-                f"single {name:6s} {len(errors)} arguments: {max(errors):.2f} ulp at most, {np.mean(errors):.2f} in mean"
-            )
+            worst, mean = max(errors), np.mean(errors)
+            print(f"single {name:6s} {len(errors)} arguments: {worst:.2f} ulp at most, {mean:.2f} in the mean")
 
 
 def two_mass(random: np.random.Generator) -> fd.Axis:
