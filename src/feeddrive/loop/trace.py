@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple, cast
+from typing import Any, NamedTuple, TypeVar, cast
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from feeddrive.language.block import Number
 from feeddrive.language.graph import Graph, arguments, reachable
 from feeddrive.loop.loop import Loop, Probe, Signals
 
+Whole = TypeVar("Whole")
 SETPOINT = tuple(f"set_{name}" for name in Setpoint._fields)
 
 
@@ -59,8 +60,8 @@ class Program:
         )
 
 
-def concrete(loop: Loop) -> Loop:
-    """The loop with numpy numbers as leaves: division by zero and overflow follow IEEE 754, as in native code."""
+def concrete(loop: Whole) -> Whole:
+    """A loop, or a part of it, with numpy numbers as leaves: division by zero and overflow follow IEEE 754, as in native code."""
     return tree.rebuild(loop, (v if isinstance(v, np.ndarray) else np.float64(v) for _, v in tree.leaves(loop)))
 
 

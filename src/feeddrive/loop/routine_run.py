@@ -1,0 +1,133 @@
+"""The simulator's own answers to the inputs of a routine: what every target must give, bit for bit.
+
+The step is traced anew, with prepared numbers as given and not as computed, and run by the engine that runs a
+simulation; `prepare`, `start` and `retune` run on plain numbers.  Nothing of what is printed for a target is used.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, cast
+
+import numpy as np
+
+from feeddrive.blocks.signals import Setpoint
+from feeddrive.language import tree
+from feeddrive.language.block import Number
+from feeddrive.language.errors import ParameterError
+from feeddrive.language.graph import Graph
+from feeddrive.loop.engine.native import Native, native
+from feeddrive.loop.engine.plan import plan
+from feeddrive.loop.routine import Controller, Routine
+from feeddrive.loop.trace import SETPOINT, Carried, Program, concrete, numbers
+
+Changes = Mapping[int, Mapping[str, float]]
+
+
+class ControllerRun:
+    """The control of a routine as the simulator runs it, from a reset on; `step` may be called again and again."""
+
+    def __init__(self, routine: Routine, first: np.ndarray) -> None:
+        """`first` are the inputs with which it is reset, shape (inputs,)."""
+        if routine.memory != "controller":
+            raise ParameterError(f"{routine.name} is an axis; its answers are those of `simulate`")
+        self.routine = routine
+        self.T = np.float64(routine.sample_time)
+        motor = routine.origin.axis.actuator.motor
+        self._both = Controller(control=routine.origin.control, motor=motor)
+        self._prepare()
+        given = dict(zip((v.name for v in routine.inputs), map(np.float64, first), strict=True))
+        limit = self._plain.control.guard.reading_limit
+        sound = [x if abs(x) <= limit else np.float64(0.0) for x in _readings(given)]
+        with np.errstate(all="ignore"):
+            self.state = self._plain.control.start(self._made, Setpoint(*(given[each] for each in SETPOINT)), *sound)
+        self._native = self._compiled()
+
+    def _prepare(self) -> None:
+        self._plain = concrete(self._both)
+        with np.errstate(all="ignore"):
+            self._made = self._plain.control.prepare(self.T)
+        self._numbers = {**dict(tree.leaves(self._plain)), **dict(numbers(self._made, "prepared")), "T": self.T}
+
+    def _compiled(self) -> Native:
+        """One sample as machine code."""
+        graph = Graph()
+        constants: dict[str, int] = {}
+        inputs: dict[str, int] = {}
+
+        def symbol(name: str, found: dict[str, int]) -> Any:
+            made = graph.input(name)
+            found[name] = made.index
+            return made
+
+        rows = {name: graph.table(name, len(row)) for name, row in tree.tables(self._both)}
+        leaves = iter([symbol(name, constants) for name, _ in tree.leaves(self._both)])
+        both: Any = tree.with_tables(tree.rebuild(self._both, leaves), rows)
+        made = tree.rebuild(
+            self._made,
+            (v if type(v) is float else symbol(name, constants) for name, v in tree.leaves(self._made, "prepared")),
+        )
+        names = [name for name, _ in tree.leaves(self.state)]
+        before = tree.rebuild(self.state, (graph.input(f"state.{name}") for name in names))
+        given = {v.name: symbol(v.name, inputs) for v in self.routine.inputs}
+        T = cast(Number, symbol("T", constants))
+        setpoint = Setpoint(*(given[each] for each in SETPOINT))
+        after, command = both.control.step(made, before, setpoint, *_readings(given), given["enable"], T)
+        values = {"force": command.applied, "trip": command.trip, "enabled": after.guard.running}
+        if both.motor is not None:
+            values["command"] = command.applied / both.motor.force_per_unit()
+        carried = zip(names, (value for _, value in tree.leaves(after)), strict=True)
+        program = Program(
+            graph=graph,
+            constants=constants,
+            inputs=inputs,
+            states=tuple(
+                Carried(name, graph.input(f"state.{name}").index, graph.symbol(value).index) for name, value in carried
+            ),
+            outputs={v.name: graph.symbol(values[v.name]).index for v in self.routine.outputs},
+            sample=None,
+            tables={name: row.index for name, row in rows.items()},
+        )
+        return native(plan(program))
+
+    def step(self, inputs: np.ndarray) -> np.ndarray:
+        """The outputs of some samples: inputs (n, inputs), outputs (n, outputs), in the order of the routine."""
+        made = self._native
+        given = np.ascontiguousarray(inputs, dtype=np.float64)
+        values = dict(tree.leaves(self.state))
+        states = np.array([[values[each.name]] for each in made.plan.states], dtype=np.float64)
+        constants = np.array([[self._numbers[name]] for name, _ in made.plan.constants], dtype=np.float64)
+        rows = dict(tree.tables(self._both))
+        out = np.empty((len(given), len(self.routine.outputs)))
+        made.run(len(given), 0, constants, given, states, out, [rows[name] for name, _ in made.plan.tables])
+        values |= {each.name: np.float64(states[i, 0]) for i, each in enumerate(made.plan.states)}
+        self.state = tree.rebuild(self.state, iter(values[name] for name, _ in tree.leaves(self.state)))
+        return out
+
+    def retune(self, changes: Mapping[str, float]) -> None:
+        """Other parameters, by their dotted names, from the next sample on. Raises ParameterError as the blocks do."""
+        before, made = self._plain.control, self._made
+        self._both = tree.vary(self._both, changes)
+        self._prepare()
+        with np.errstate(all="ignore"):
+            self.state = self._plain.control.retune(self.state, before, made, self._made)
+
+
+def run(routine: Routine, inputs: np.ndarray, changes: Changes | None = None) -> np.ndarray:
+    """The outputs of a controller from a reset with the first inputs on: inputs (n, inputs), outputs (n, outputs).
+
+    `changes` are other parameters, by sample and dotted name, which hold from that sample on.
+    """
+    held = ControllerRun(routine, inputs[0])
+    pieces, start = [], 0
+    for place in sorted(changes or {}):
+        pieces.append(held.step(inputs[start:place]))
+        held.retune((changes or {})[place])
+        start = place
+    return np.vstack([*pieces, held.step(inputs[start:])])
+
+
+def _readings(given: Mapping[str, Any]) -> tuple[Any, Any]:
+    """Of motor and load; a single encoder gives both."""
+    single = given.get("reading")
+    return (given["reading_motor"], given["reading_load"]) if single is None else (single, single)
