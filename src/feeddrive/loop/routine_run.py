@@ -37,7 +37,9 @@ class ControllerRun:
         self._both = Controller(control=routine.origin.control, motor=motor)
         self._prepare()
         given = dict(zip((v.name for v in routine.inputs), map(np.float64, first), strict=True))
-        limit = self._plain.control.guard.reading_limit
+        guard = self._plain.control.guard
+        assert guard is not None, "what is exported has a guard"
+        limit = guard.reading_limit
         sound = [x if abs(x) <= limit else np.float64(0.0) for x in _readings(given)]
         with np.errstate(all="ignore"):
             self.state = self._plain.control.start(self._made, Setpoint(*(given[each] for each in SETPOINT)), *sound)

@@ -61,7 +61,7 @@ class Program:
 
 
 def concrete(loop: Whole) -> Whole:
-    """A loop, or a part of it, with numpy numbers as leaves: division by zero and overflow follow IEEE 754, as in native code."""
+    """A loop, or a part of it, with numpy numbers as leaves: division by zero and overflow follow IEEE 754."""
     return tree.rebuild(loop, (v if isinstance(v, np.ndarray) else np.float64(v) for _, v in tree.leaves(loop)))
 
 

@@ -52,19 +52,16 @@ class LayoutRun:
     def _configured(self) -> dict[int, Any]:
         """What `configure` leaves behind, by node, rounded once."""
         routine, layout = self.layout.routine, self.layout
-        values = {
-            node: np.float64(
-                self.parameters[routine.parameters[i].path] if kind == "parameter" else routine.sample_time
-            )
-            for node, (kind, i) in layout.leaves.items()
-            if kind in ("parameter", "sample_time")
-        } | self._tables(np.float64)
+        values = self._tables(np.float64)
+        for node, (kind, i) in layout.leaves.items():
+            if kind == "parameter":
+                values[node] = np.float64(self.parameters[routine.parameters[i].path])
+            elif kind == "sample_time":
+                values[node] = np.float64(routine.sample_time)
         nodes = [field.node for field in layout.design]
         found = evaluated(layout.graph, nodes, values, np.float64)
-        return {
-            node: value if isinstance(value, bool) else self._rounded(value)
-            for node, value in zip(nodes, found, strict=True)
-        }
+        kept = (value if isinstance(value, bool) else self._rounded(value) for value in found)
+        return dict(zip(nodes, kept, strict=True))
 
     def _rounded(self, value: Any) -> Any:
         with np.errstate(over="ignore", under="ignore"):

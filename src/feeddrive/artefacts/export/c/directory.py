@@ -30,7 +30,7 @@ def c_files(design: Design, *, single_header: bool = False) -> dict[str, str]:
         files[f"{P}_selftest.c"], files[f"{P}_vectors.h"] = self_test(design.layout)
         files["Makefile"] = _makefile(P, sources)
     files["CMakeLists.txt"] = _cmake(P, sources, tested=design.what == CONTROL)
-    files["README.md"] = _readme(design, sources)
+    files["README.md"] = _readme(design)
     return files
 
 
@@ -88,7 +88,7 @@ endif()
 {test if tested else ""}"""
 
 
-def _readme(design: Design, sources: list[str]) -> str:
+def _readme(design: Design) -> str:
     P, routine = design.name, design.routine
     parts = [f"# {design.title}", design.made_by, _READ.format(P=P)]
     if design.what == CONTROL:
@@ -106,17 +106,14 @@ def _readme(design: Design, sources: list[str]) -> str:
 
 def _table(variables: tuple[Variable, ...], *, values: bool = False) -> str:
     head = "| name | unit | meaning |" + (" value |" if values else "")
-    rows = [
-        f"| `{v.name}` | {v.unit} | {v.meaning.replace('|', chr(92) + '|')} |"
-        + (f" {v.value:.10g} |" if values else "")
-        for v in variables
-    ]
+    said = {v.name: v.meaning.replace("|", "\\|") for v in variables}
+    rows = [f"| `{v.name}` | {v.unit} | {said[v.name]} |" + (f" {v.value:.10g} |" if values else "") for v in variables]
     return "\n".join([head, "|---|---|---|" + ("---|" if values else ""), *rows])
 
 
 _READ = """\
-`{P}.h` says what goes in and out. The numbers are those of `machine.toml`, which is in this directory. Positions, forces
-and all else are in SI; forces and velocities are those of the table."""
+`{P}.h` says what goes in and out. The numbers are those of `machine.toml`, which is in this directory. Positions,
+forces and all else are in SI; forces and velocities are those of the table."""
 
 _CONTROL = """\
 **Before this moves an axis**: check sign and unit of every reading and of the command with the drive switched off; make
@@ -137,13 +134,14 @@ static {P}_controller controller;
 {P}_step(&controller, &inputs, &outputs);
 ```
 
-- `outputs.force` is limited and never NaN. `outputs.enabled` drops when the loop is off or tripped: let it drop the drive.
+- `outputs.force` is limited and never NaN. `outputs.enabled` drops when the loop is off or tripped: let it drop
+  the drive.
 - A trip is latched. Take `enable` away and give it again: the loop takes over where the axis is.
 - `{P}_retune` changes parameters between two samples. Do not write into `controller` by hand.
 - The step takes {T} µs as its sample time: call it at that period.
 - Compile with `{flags}`, never with `-ffast-math`.
-- Numbers below the normal ones count as zero in the simulation. `{P}_flush_begin` and `{P}_flush_end` around the step do
-  the same on x86-64 and AArch64; on a Cortex-M set the flush-to-zero bit once.
+- Numbers below the normal ones count as zero in the simulation. `{P}_flush_begin` and `{P}_flush_end` around the step
+  do the same on x86-64 and AArch64; on a Cortex-M set the flush-to-zero bit once.
 
 ## Is it right?
 

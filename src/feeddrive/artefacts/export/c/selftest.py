@@ -23,10 +23,8 @@ def self_test(layout: Layout, seed: int = 0) -> tuple[str, str]:
     """
     routine, P = layout.routine, layout.routine.name
     tried = trial(routine, SAMPLES, seed, change_every=CHANGE_EVERY, broken=0.004)
-    if layout.precision == "double":
-        expected = run(routine, tried.inputs, tried.changes)
-    else:
-        expected = stepped(layout, tried)
+    double = layout.precision == "double"
+    expected = run(routine, tried.inputs, tried.changes) if double else stepped(layout, tried)
     retuned = _parameter_rows(layout, tried)
     program = _PROGRAM.format(
         P=P, real=layout.precision, bits="uint64_t" if layout.precision == "double" else "uint32_t",
