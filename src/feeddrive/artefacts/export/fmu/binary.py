@@ -14,7 +14,7 @@ from pathlib import Path
 from feeddrive.language.errors import FileError, MissingProgramError
 
 _FLAGS = (
-    "-std=c99", "-O2", "-ffp-contract=off", "-fno-math-errno", "-fvisibility=hidden", "-shared",
+    "-std=c99", "-ffp-contract=off", "-fno-math-errno", "-fvisibility=hidden", "-fno-sanitize=undefined",
 )  # fmt: skip
 
 
@@ -46,18 +46,25 @@ def library_place(version: int) -> str:
 def compiled(files: Mapping[str, str], sources: Sequence[str]) -> bytes:
     """The shared library made of some of the files.
 
+    What runs once, `*_configure.c`, is translated as it stands: to optimise its thousands of lines takes seconds.
+
     Raises MissingProgramError without a compiler and FileError with its first message if it refuses.
     """
     words = compiler()
+    flags = _FLAGS if platform.system() == "Windows" else (*_FLAGS, "-fPIC")
     with tempfile.TemporaryDirectory(prefix="feeddrive-") as folder:
         for name, text in files.items():
             (Path(folder) / name).write_text(text, encoding="utf-8")
-        position = () if platform.system() == "Windows" else ("-fPIC",)
-        done = subprocess.run(
-            [*words, *_FLAGS, *position, "-s", "-o", "library", *sources, "-lm"],
-            cwd=folder, capture_output=True, text=True, check=False,
-        )  # fmt: skip
-        if done.returncode != 0:
-            first = (done.stderr.strip() or "it says nothing").splitlines()[0]
-            raise FileError(f"the C compiler ({words[0]}) cannot make a shared library: {first}")
+        objects = [f"{name}.o" for name in sources]
+        for name, made in zip(sources, objects, strict=True):
+            effort = "-O0" if name.endswith("_configure.c") else "-O2"
+            _run([*words, *flags, effort, "-c", name, "-o", made], folder)
+        _run([*words, "-shared", "-s", "-o", "library", *objects, "-lm"], folder)
         return (Path(folder) / "library").read_bytes()
+
+
+def _run(words: Sequence[str], folder: str) -> None:
+    done = subprocess.run(words, cwd=folder, capture_output=True, text=True, check=False)
+    if done.returncode != 0:
+        first = (done.stderr.strip() or "it says nothing").splitlines()[0]
+        raise FileError(f"the C compiler ({words[0]}) cannot make a shared library: {first}")

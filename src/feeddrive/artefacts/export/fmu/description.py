@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import contextlib
 import re
+import sys
 from collections.abc import Sequence
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
 
 from feeddrive.artefacts.export.fmu.variables import TRIP_NAMES, FmuVariable
+from feeddrive.language.errors import ParameterError
 from feeddrive.language.units import measure
 
 _BASE = ("m", "kg", "s", "A", "rad")  # in the order of `units.Dimension`
@@ -91,9 +94,10 @@ def _units(root: Element, variables: Sequence[FmuVariable]) -> None:
     definitions = SubElement(root, "UnitDefinitions")
     for name in found:
         unit = SubElement(definitions, "Unit", name=name)
-        factor, dimension = measure(name)
-        powers = {base: str(power) for base, power in zip(_BASE, dimension, strict=True) if power}
-        SubElement(unit, "BaseUnit", powers | ({} if factor == 1.0 else {"factor": repr(factor)}))
+        with contextlib.suppress(ParameterError):  # a drive's own unit, "A or V", has no base units
+            factor, dimension = measure(name)
+            powers = {base: str(power) for base, power in zip(_BASE, dimension, strict=True) if power}
+            SubElement(unit, "BaseUnit", powers | ({} if factor == 1.0 else {"factor": repr(factor)}))
         if name in _DISPLAYED:
             shown, times = _DISPLAYED[name]
             SubElement(unit, "DisplayUnit", name=shown, factor=repr(times))
@@ -128,11 +132,16 @@ def _variables(parent: Element, three: bool, variables: Sequence[FmuVariable]) -
         if each.unit:
             inner.set("unit", each.unit)
         if each.least > float("-inf"):
-            inner.set("min", repr(each.least))
+            inner.set("min", _bound(each.least))
         if each.most < float("inf"):
-            inner.set("max", repr(each.most))
+            inner.set("max", _bound(each.most))
         if each.start is not None:
             inner.set("start", repr(each.start) if each.kind == "number" else "false")
+
+
+def _bound(value: float) -> str:
+    """The smallest normal number stands for "above zero", which no tool needs to see."""
+    return repr(0.0 if abs(value) == sys.float_info.min else value)
 
 
 def _variability(variable: FmuVariable) -> str:
@@ -146,19 +155,14 @@ def _variability(variable: FmuVariable) -> str:
 
 def _structure(parent: Element, three: bool, variables: Sequence[FmuVariable]) -> None:
     """Outputs are those of the last step, so that none depends on an input of the same instant."""
-    starts = [str(i) for i, each in enumerate(variables) if each.group in ("start", "parameter")]
-    first = {"dependencies": " ".join(starts)} if any(each.group == "start" for each in variables) else {}
     outputs = [i for i, each in enumerate(variables) if each.group == "output"]
     if three:
         for i in outputs:
             SubElement(parent, "Output", valueReference=str(i), dependencies="")
         for i in outputs:
-            SubElement(parent, "InitialUnknown", {"valueReference": str(i), "dependencies": "", **first})
+            SubElement(parent, "InitialUnknown", valueReference=str(i))
         return
-    listed = SubElement(parent, "Outputs")
+    listed, unknown = SubElement(parent, "Outputs"), SubElement(parent, "InitialUnknowns")
     for i in outputs:
         SubElement(listed, "Unknown", index=str(i + 1), dependencies="")
-    unknown = SubElement(parent, "InitialUnknowns")
-    places = {"dependencies": " ".join(str(int(i) + 1) for i in starts)} if first else {}
-    for i in outputs:
-        SubElement(unknown, "Unknown", {"index": str(i + 1), "dependencies": "", **places})
+        SubElement(unknown, "Unknown", index=str(i + 1))

@@ -22,9 +22,10 @@ _HERE = Path(__file__).parent
 _SHARED = "fmu_instance.h"
 # files beside which the model's own stand, and headers of the C library that they would hide
 _TAKEN = (
-    "fmu_model fmu_instance fmi2 fmi3 fmi2functions fmi2functiontypes fmi2typesplatform fmi3functions "
-    "fmi3functiontypes fmi3platformtypes math stdarg stdbool stddef stdint stdio stdlib string xmmintrin"
-).split()
+    "fmu_model", "fmu_instance", "fmi2", "fmi3", "fmi2functions", "fmi2functiontypes", "fmi2typesplatform",
+    "fmi3functions", "fmi3functiontypes", "fmi3platformtypes", "math", "stdarg", "stdbool", "stddef", "stdint",
+    "stdio", "stdlib", "string", "xmmintrin",
+)  # fmt: skip
 
 
 def fmu(routine: Routine, version: int = 2, *, title: str = "", source: str = "", binary: bool = True) -> bytes:

@@ -42,12 +42,14 @@ struct variable {{
 static const struct variable VARIABLES[] = {{
 """
 _CONTROLLER = """
-/* What the outputs are before the first step: no force, off. */
+/* What the outputs are before the first step: those of a sample in which the loop is off. */
 static void model_first(MODEL_CORE *core, const MODEL(inputs) *inputs, MODEL(outputs) *outputs)
 {
-    (void)core;
-    (void)inputs;
-    memset(outputs, 0, sizeof *outputs);
+    MODEL_CORE copy = *core;
+    MODEL(inputs) off = *inputs;
+    off.enable = 0.0;
+    MODEL(reset)(&copy, &off);
+    MODEL(step)(&copy, &off, outputs);
 }
 
 /* At the first step: off, without a trip, where the axis is. */

@@ -40,7 +40,7 @@ class FmuVariable(NamedTuple):
 
 def is_plant(routine: Routine) -> bool:
     """Whether the routine is the axis and not its control."""
-    return routine.retune is None
+    return routine.memory == "plant"
 
 
 def variables(routine: Routine) -> tuple[FmuVariable, ...]:
@@ -65,9 +65,10 @@ def variables(routine: Routine) -> tuple[FmuVariable, ...]:
                 most,
             )
         )
-    for each in routine.inputs:
-        group = "start" if each.name.startswith("start_") else "input"
-        found.append(FmuVariable(each.name, group, _kind(each.name), each.unit, each.meaning, 0.0))
+    found += [
+        FmuVariable(i.name, "start" if i.name.startswith("start_") else "input", _kind(i.name), i.unit, i.meaning, 0.0)
+        for i in routine.inputs
+    ]
     for each in routine.outputs:
         found.append(FmuVariable(each.name, "output", _kind(each.name), each.unit, each.meaning, None))
     return tuple(found)

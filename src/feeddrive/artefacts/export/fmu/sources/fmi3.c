@@ -5,9 +5,9 @@
 /* A function's address through memcpy: ISO C has no cast from `void *` to a function. */
 static fmi3LogMessageCallback logger(const void *kept)
 {
-    fmi3LogMessageCallback found;
-    memcpy(&found, &kept, sizeof found);
-    return found;
+    fmi3LogMessageCallback function;
+    memcpy(&function, &kept, sizeof function);
+    return function;
 }
 
 static int tell(const instance *one, int status, const char *category, const char *form, ...)
