@@ -103,7 +103,7 @@ def wrapped(body: str, declared: str = "") -> str:
     return (
         "TYPE pair :\nSTRUCT\n    a : LREAL := 1.0;\nEND_STRUCT\nEND_TYPE\n"
         f"FUNCTION_BLOCK fb\nVAR_INPUT\n    x : LREAL;\n    go : BOOL;\n    k : DINT;\nEND_VAR\n"
-        f"VAR_OUTPUT\n    y : LREAL;\nEND_VAR\nVAR\n    p : pair;\n    w : LREAL;\n{declared}END_VAR\n{body}\n"
+        f"VAR_OUTPUT\n    y : LREAL;\nEND_VAR\nVAR\n    both : pair;\n    w : LREAL;\n{declared}END_VAR\n{body}\n"
         "END_FUNCTION_BLOCK\n"
     )
 
@@ -119,8 +119,8 @@ def wrapped(body: str, declared: str = "") -> str:
         ("y := x * 0.1;", "needs its type"),
         ("y := x * REAL#0.5;", "REAL where LREAL"),
         ("x := 1.0;", "is an input"),
-        ("y := p.b;", "pair has no b"),
-        ("y := p;", "pair where LREAL"),
+        ("y := both.b;", "pair has no b"),
+        ("y := both;", "pair where LREAL"),
         ("IF x THEN\n    y := x;\nEND_IF;", "LREAL where BOOL"),
         ("y := EXP(x);", "no EXP"),
         ("y := k[LREAL_TO_DINT(x)];", "no elements"),
@@ -146,7 +146,9 @@ def test_the_machine_refuses_what_was_never_written() -> None:
 
 
 def test_the_machine_computes() -> None:
-    block = program(wrapped("w := x / 0.0;\nIF go AND (x > 1.0) THEN\n    y := p.a - x;\nELSE\n    y := -w;\nEND_IF;"))
+    block = program(
+        wrapped("w := x / 0.0;\nIF go AND (x > 1.0) THEN\n    y := both.a - x;\nELSE\n    y := -w;\nEND_IF;")
+    )
     instance = block.blocks["fb"].instance()
     assert instance.call(x=3.0, go=True, k=0).y == -2.0
     assert instance.call(x=1.0).y == -np.inf

@@ -10,12 +10,12 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 
+from feeddrive.artefacts.export.structured_text.units import INDENT
 from feeddrive.artefacts.export.structured_text.words import bare, expression, literal
 from feeddrive.language.graph import TRUTH, Graph, arguments
 
 WIDTH = 84  # an expression longer than this is cut by giving a part of it a name
 LEAVES = ("input", "const", "truth", "table")
-INDENT = "    "
 
 
 @dataclass
@@ -24,7 +24,8 @@ class Assignment:
 
     target: str
     text: str
-    needs: frozenset[int]  # nodes whose variables it reads
+    needs: frozenset[int] = frozenset()  # nodes whose variables it reads
+    owner: str | None = None  # the block in whose text it stands
 
     def lines(self) -> list[str]:
         """As text."""
@@ -39,6 +40,7 @@ class Choice:
     then: list[Assignment | Choice]
     otherwise: list[Assignment | Choice]
     needs: frozenset[int]
+    owner: str | None = None
     makes: set[int] = field(default_factory=set)
 
     def lines(self) -> list[str]:
@@ -71,6 +73,7 @@ class Statements:
         named: Iterable[int],
         prefix: str,
         real: str = "LREAL",
+        makers: Mapping[int, str] | None = None,
     ) -> None:
         self.graph = graph
         self.texts = dict(texts)
@@ -78,6 +81,9 @@ class Statements:
         self.named = set(named)
         self.prefix = prefix
         self.real = real
+        self.makers = makers or {}
+        self.bounds: set[int] = set()  # numbers that stand behind in a comparison, as constants do
+        self.used: set[str] = set()  # operations
         self.done: list[Assignment | Choice] = []
         self._reads: dict[int, frozenset[int]] = {}  # nodes whose variables a node's text reads
         self._inside: set[int] = set()  # choices that stand inside another choice
@@ -126,9 +132,10 @@ class Statements:
                 if index not in self._inside:
                     self._choice(index)
             case name:
+                self.used.add(name)
                 values = arguments(node)
                 text = expression(name, [self.texts[i] for i in values], self.prefix, self.real)
-                if name in ("lt", "le") and self.graph.nodes[values[0]][0] == "const":
+                if name in ("lt", "le") and (values[0] in self.bounds or self.graph.nodes[values[0]][0] == "const"):
                     text = f"({self.texts[values[1]]} {'>' if name == 'lt' else '>='} {self.texts[values[0]]})"
                 reads = self._all_reads(values)
                 trivial = (
@@ -138,7 +145,7 @@ class Statements:
                     self._hold(index, text, reads)
                     return
                 target = self._variable(index, "BOOL" if name in TRUTH else self.real)
-                self._add(index, Assignment(target, text, reads))
+                self._add(Assignment(target, text, reads, self.makers.get(index)))
 
     def _hold(self, index: int, text: str, reads: frozenset[int]) -> None:
         self.texts[index] = text
@@ -152,7 +159,7 @@ class Statements:
     def _all_reads(self, values: Iterable[int]) -> frozenset[int]:
         return frozenset().union(*(self._reads.get(i, frozenset({i})) for i in values))
 
-    def _add(self, index: int, statement: Assignment) -> None:
+    def _add(self, statement: Assignment) -> None:
         """Behind what is there; before the choice at the end if that is none of its business, so that choices meet."""
         last = self.done[-1] if self.done else None
         place = (
@@ -184,7 +191,7 @@ class Statements:
         condition, *sides = arguments(self.graph.nodes[index])
         then, otherwise = (self._branch(side, target) for side in sides)
         needs = self._all_reads([condition]) | then.needs | otherwise.needs
-        return Choice(self.texts[condition], [then], [otherwise], needs)
+        return Choice(self.texts[condition], [then], [otherwise], needs, self.makers.get(index))
 
     def _branch(self, side: int, target: str) -> Assignment | Choice:
         if side in self._inside:

@@ -58,8 +58,13 @@ def expression(name: str, values: list[str], prefix: str, real: str = "LREAL") -
     if name == "gather":
         return f"{values[0]}[{real}_TO_DINT({bare(values[1])})]"
     if name in OWN:
-        return f"{prefix}_{name}({', '.join(map(bare, values))})"
+        return f"{own(prefix, name, real)}({', '.join(map(bare, values))})"
     raise AssertionError(f"no text for the operation '{name}'")
+
+
+def own(prefix: str, name: str, real: str) -> str:
+    """The name of a function that is printed with the block: `axis_x_exp`, or `axis_x_exp_real` for short reals."""
+    return f"{prefix}_{name}{'' if real == 'LREAL' else '_real'}"
 
 
 def bare(text: str) -> str:
