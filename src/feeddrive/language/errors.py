@@ -43,6 +43,10 @@ class BusError(FeeddriveError):
     """A drive on a field bus that is not there, is not what was declared, or does not do what it was asked to."""
 
 
+class AbortedError(BusError):
+    """A motion on a real or virtual drive that was ended before its end; the message says by what."""
+
+
 class MissingExtraError(FeeddriveError):
     """An optional dependency is needed and not installed; the message holds the install command."""
 

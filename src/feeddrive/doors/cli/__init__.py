@@ -1,7 +1,8 @@
 """The command line: `feeddrive`.
 
 Every error a user can cause ends in one line on the error stream and an exit code that is not 0:
-2 for what was given (a file, a key, a value), 1 for what came out (a loop that diverges), 130 for Ctrl-C.
+2 for what was given (a file, a key, a value), 1 for what came out (a loop that diverges, a motion that was aborted),
+130 for Ctrl-C.
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ import os
 import sys
 from typing import NoReturn
 
-from feeddrive.language.errors import DivergedError, FeeddriveError, UnstableError
+from feeddrive.language.errors import AbortedError, DivergedError, FeeddriveError, UnstableError
 
 STOPPED = 130
 
@@ -30,7 +31,7 @@ def main() -> None:
         app()
     except FeeddriveError as error:
         sys.stderr.write(f"feeddrive: error: {error}\n")
-        sys.exit(1 if isinstance(error, (DivergedError, UnstableError)) else 2)
+        sys.exit(1 if isinstance(error, (AbortedError, DivergedError, UnstableError)) else 2)
     except MemoryError:
         sys.stderr.write("feeddrive: error: more memory is needed than there is: shorten the work, or sample slower\n")
         sys.exit(1)

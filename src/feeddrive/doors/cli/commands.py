@@ -12,7 +12,9 @@ from feeddrive.doors.cli.certify_command import certify, check
 from feeddrive.doors.cli.cogging_command import cogging
 from feeddrive.doors.cli.friction_command import friction
 from feeddrive.doors.cli.out import Out
+from feeddrive.doors.cli.play_command import listen, play
 from feeddrive.doors.cli.tune_command import tune
+from feeddrive.doors.cli.virtual_drive_command import virtual_drive
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -281,3 +283,6 @@ app.command()(cogging)
 app.command()(tune)
 app.command()(certify)
 app.command()(check)
+app.command()(play)
+app.command()(listen)
+app.command("virtual-drive")(virtual_drive)

@@ -1,0 +1,1 @@
+"""Drives on a field bus by CiA 402: what to send, what comes back, and a virtual drive to try it on."""

@@ -1,0 +1,145 @@
+"""The objects of a CiA 402 drive that are used here: index, type and name, for client and virtual drive alike.
+
+Names and indices are those of IEC 61800-7-201 (CiA 402); positions count in increments, velocities in increments a
+second, torques in thousandths of the rated torque.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+_CODES = {"u8": "B", "i8": "b", "u16": "H", "i16": "h", "u32": "I", "i32": "i"}
+_BITS = {"u8": 8, "i8": 8, "u16": 16, "i16": 16, "u32": 32, "i32": 32}
+
+
+class Object(NamedTuple):
+    """One entry of an object dictionary."""
+
+    name: str
+    index: int  # type: ignore[assignment]  # what a tuple calls so is not needed
+    subindex: int
+    type: str
+    meaning: str
+
+    @property
+    def bits(self) -> int:
+        """Its size."""
+        return _BITS[self.type]
+
+    @property
+    def code(self) -> str:
+        """Its letter in `struct`."""
+        return _CODES[self.type]
+
+    @property
+    def mapped(self) -> int:
+        """The word that stands for it in a mapping object: index, subindex, bits."""
+        return self.index << 16 | self.subindex << 8 | self.bits
+
+    @property
+    def place(self) -> str:
+        """`0x607D:01`, as manuals write it."""
+        return f"0x{self.index:04X}:{self.subindex:02X}"
+
+    def encode(self, value: int) -> bytes:
+        """Little endian, as both buses have it. Raises struct.error for a value that does not fit."""
+        return struct.pack("<" + self.code, value)
+
+    def decode(self, content: bytes) -> int:
+        """The value of as many bytes as the type has."""
+        return int(struct.unpack("<" + self.code, content[: self.bits // 8])[0])
+
+    def bounds(self) -> tuple[int, int]:
+        """Least and largest value."""
+        if self.type[0] == "u":
+            return 0, (1 << self.bits) - 1
+        return -(1 << (self.bits - 1)), (1 << (self.bits - 1)) - 1
+
+
+OBJECTS: Mapping[str, Object] = {
+    each.name: each
+    for each in (
+        Object("device_type", 0x1000, 0, "u32", "profile 402, servo drive"),
+        Object("vendor", 0x1018, 1, "u32", "maker"),
+        Object("product", 0x1018, 2, "u32", "product code"),
+        Object("revision", 0x1018, 3, "u32", "revision"),
+        Object("serial", 0x1018, 4, "u32", "serial number"),
+        Object("error_code", 0x603F, 0, "u16", "of the last fault"),
+        Object("controlword", 0x6040, 0, "u16", "what the drive is asked to do"),
+        Object("statusword", 0x6041, 0, "u16", "state of the drive"),
+        Object("quick_stop_option", 0x605A, 0, "i16", "what a quick stop does"),
+        Object("mode", 0x6060, 0, "i8", "mode of operation that is wanted"),
+        Object("mode_display", 0x6061, 0, "i8", "mode of operation that runs"),
+        Object("position", 0x6064, 0, "i32", "actual position, increments"),
+        Object("following_error_window", 0x6065, 0, "u32", "largest following error, increments"),
+        Object("velocity", 0x606C, 0, "i32", "actual velocity, increments/s"),
+        Object("target_torque", 0x6071, 0, "i16", "for cyclic synchronous torque, 0.1 % of rated"),
+        Object("max_torque", 0x6072, 0, "u16", "largest torque, 0.1 % of rated"),
+        Object("rated_torque", 0x6076, 0, "u32", "mN m, or mN of a linear motor"),
+        Object("torque", 0x6077, 0, "i16", "actual torque, 0.1 % of rated"),
+        Object("target_position", 0x607A, 0, "i32", "for cyclic synchronous position, increments"),
+        Object("position_least", 0x607D, 1, "i32", "lower software limit, increments"),
+        Object("position_most", 0x607D, 2, "i32", "upper software limit, increments"),
+        Object("quick_stop_deceleration", 0x6085, 0, "u32", "increments/s²"),
+        Object("encoder_increments", 0x608F, 1, "u32", "position encoder resolution: increments"),
+        Object("encoder_turns", 0x608F, 2, "u32", "position encoder resolution: in so many turns of the motor"),
+        Object("gear_motor_turns", 0x6091, 1, "u32", "gear ratio: turns of the motor"),
+        Object("gear_shaft_turns", 0x6091, 2, "u32", "gear ratio: in so many turns of the shaft"),
+        Object("velocity_offset", 0x60B1, 0, "i32", "added to the velocity command, increments/s"),
+        Object("torque_offset", 0x60B2, 0, "i16", "added to the torque command, 0.1 % of rated"),
+        Object("cycle_value", 0x60C2, 1, "u8", "bus cycle: value"),
+        Object("cycle_exponent", 0x60C2, 2, "i8", "bus cycle: power of ten of its unit in s"),
+        Object("second_position", 0x60E4, 1, "i32", "additional position: the other encoder, increments"),
+        Object("following_error", 0x60F4, 0, "i32", "target - actual position, increments"),
+        Object("target_velocity", 0x60FF, 0, "i32", "for cyclic synchronous velocity, increments/s"),
+        Object("supported_modes", 0x6502, 0, "u32", "bit n - 1: mode n"),
+    )
+}
+AT: Mapping[tuple[int, int], Object] = {(each.index, each.subindex): each for each in OBJECTS.values()}
+DEVICE_NAME = (0x1008, 0)  # a text, and so none of the above
+
+# what goes in every cycle, by process data objects of at most 8 bytes, so that CAN takes the same as EtherCAT
+SENT = (
+    ("controlword", "mode", "target_position"),
+    ("target_velocity", "velocity_offset"),
+    ("target_torque", "torque_offset"),
+)
+TOLD = (
+    ("statusword", "mode_display", "position"),
+    ("velocity", "following_error"),
+    ("torque", "error_code", "second_position"),
+)
+NEEDED = ("controlword", "mode", "statusword", "mode_display", "position", "torque")  # a drive without them is refused
+
+
+class Layout:
+    """Process data of one direction: groups of objects, each group one process data object."""
+
+    def __init__(self, groups: Sequence[Sequence[str]]) -> None:
+        self.groups = tuple(tuple(group) for group in groups if group)
+        self.names = tuple(name for group in self.groups for name in group)
+        self._struct = struct.Struct("<" + "".join(OBJECTS[name].code for name in self.names))
+
+    @property
+    def size(self) -> int:
+        """Bytes of all groups together."""
+        return self._struct.size
+
+    def part(self, group: int) -> slice:
+        """Where a group stands among the bytes of all."""
+        sizes = [sum(OBJECTS[name].bits for name in names) // 8 for names in self.groups]
+        return slice(sum(sizes[:group]), sum(sizes[: group + 1]))
+
+    def keeping(self, there: Sequence[str]) -> Layout:
+        """Without the objects that are not there."""
+        return Layout([[name for name in group if name in there] for group in self.groups])
+
+    def pack(self, values: Mapping[str, int]) -> bytes:
+        """All groups. Raises struct.error for a value that does not fit."""
+        return self._struct.pack(*[values[name] for name in self.names])
+
+    def unpack(self, content: bytes) -> dict[str, int]:
+        """Values by name."""
+        return dict(zip(self.names, self._struct.unpack_from(content), strict=True))

@@ -1,0 +1,93 @@
+"""The clock of the exchange: wait for the next cycle, and count how late the cycles were."""
+
+from __future__ import annotations
+
+import contextlib
+import gc
+import os
+import time
+from collections.abc import Generator
+from typing import NamedTuple
+
+import numpy as np
+
+_PRIORITY = 60  # SCHED_FIFO, below the interrupts of a real-time kernel
+
+
+class Lateness(NamedTuple):
+    """How late cycles began, in s: median, 99 %, most; how many by more than a cycle; and how much the clock slipped.
+
+    It is information on the computer, not on the drive.
+    """
+
+    median: float
+    often: float
+    most: float
+    missed: int
+    slipped: float
+
+
+class Pace:
+    """Begins cycle k at start + k · cycle_time on the monotonic clock; without one, as fast as the drive answers.
+
+    What is late by more than a cycle is not made up by sending faster, as a drive would be given jumps: the schedule
+    slips, the motion pauses for that long, and the count of such cycles stands in the log.
+    """
+
+    def __init__(self, cycle_time: float | None) -> None:
+        self.cycle_time = cycle_time
+        self._next = 0.0
+        self._late: list[float] = []
+        self._missed, self._slipped = 0, 0.0
+
+    def begin(self) -> None:
+        """Count from now on."""
+        self._late, self._missed, self._slipped = [], 0, 0.0
+
+    def wait(self) -> None:
+        """Until the next cycle is due."""
+        if self.cycle_time is None:
+            return
+        now = time.monotonic()
+        if self._next == 0.0:
+            self._next = now
+        if now < self._next:
+            time.sleep(self._next - now)
+            now = time.monotonic()
+        late = max(0.0, now - self._next)
+        self._late.append(late)
+        if late > self.cycle_time:
+            self._missed += 1
+            self._slipped += late
+            self._next = now
+        self._next += self.cycle_time
+
+    def lateness(self) -> Lateness | None:
+        """Since `begin`; None without a clock."""
+        if not self._late:
+            return None
+        median, often, most = np.quantile(self._late, [0.5, 0.99, 1.0]).tolist()
+        return Lateness(median, often, most, self._missed, self._slipped)
+
+
+@contextlib.contextmanager
+def urgent(wanted: bool) -> Generator[bool]:
+    """Within it the process is scheduled in real time if that is permitted, and no garbage is collected.
+
+    Gives whether it was permitted.
+    """
+    before = None
+    if wanted and hasattr(os, "sched_setscheduler"):
+        with contextlib.suppress(OSError):
+            before = os.sched_getscheduler(0), os.sched_getparam(0)
+            os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(_PRIORITY))
+    collected = gc.isenabled()
+    gc.disable()
+    try:
+        yield before is not None
+    finally:
+        if collected:
+            gc.enable()
+        if before is not None:
+            with contextlib.suppress(OSError):
+                os.sched_setscheduler(0, *before)

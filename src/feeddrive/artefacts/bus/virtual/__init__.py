@@ -1,0 +1,1 @@
+"""A drive that does not exist: the firmware of CiA 402 around a simulated axis, on EtherCAT or CANopen."""

@@ -1,0 +1,87 @@
+"""A virtual drive on a CAN bus: SDO and NMT by the canopen package, process data with every SYNC."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import Any
+
+from feeddrive.artefacts.bus.can_lines import opened_network, packages
+from feeddrive.artefacts.bus.objects import Layout
+from feeddrive.artefacts.bus.virtual.firmware import Firmware, SdoAbortError
+from feeddrive.artefacts.bus.virtual.process_map import INVALID, ProcessMap
+
+_SYNC = 0x80
+_PATIENCE = 0.05  # s between looks at `stopped`
+
+
+def serve_canopen(
+    firmware: Firmware,
+    interface: str,
+    station: int,
+    *,
+    ready: Callable[[], None],
+    stopped: Callable[[], bool],
+    bitrate: int | None = None,
+    lose: Callable[[int], bool] = lambda _cycle: False,
+) -> None:
+    """Serve node `station` on a bus that python-can knows until `stopped`; `lose` swallows the answer of a cycle.
+
+    With a SYNC the values of the last cycle are sent, then the plant moves on by one bus cycle.  Raises BusError for a
+    bus that cannot be opened, MissingExtraError without the packages.
+    """
+    canopen = packages()
+    objects = ProcessMap(firmware, lambda: node.nmt.state == "PRE-OPERATIONAL")
+
+    class Node(canopen.LocalNode):
+        """Its object dictionary is the firmware's."""
+
+        def get_data(self, index: int, subindex: int, check_readable: bool = False) -> bytes:
+            try:
+                return objects.read(index, subindex)
+            except SdoAbortError as refused:
+                raise canopen.SdoAbortedError(refused.code) from None
+
+        def set_data(self, index: int, subindex: int, data: bytes, check_writable: bool = False) -> None:
+            try:
+                objects.write(index, subindex, bytes(data))
+            except SdoAbortError as refused:
+                raise canopen.SdoAbortedError(refused.code) from None
+
+    network = opened_network(interface, bitrate)
+    try:
+        node = Node(station, canopen.ObjectDictionary())
+        network.add_node(node)
+        arrived: dict[int, bytes] = {}
+
+        def arrive(identifier: int, content: bytearray, _stamp: float) -> None:
+            arrived[identifier] = bytes(content)
+
+        for k in range(4):
+            network.subscribe(0x200 + 0x100 * k + station, arrive)
+
+        def sync(*_: Any) -> None:
+            operational = node.nmt.state == "OPERATIONAL"
+            losing = lose(firmware.cycles)
+            for k in range(4):
+                message = objects.messages[0x1800 + k]
+                if operational and not message & INVALID and not losing:
+                    told = Layout([objects.names(0x1A00 + k)])
+                    network.send_message(message & 0x7FF, told.pack(firmware.values))
+            for k in range(4):
+                message = objects.messages[0x1400 + k]
+                content = arrived.pop(message & 0x7FF, None)
+                if operational and not message & INVALID and content is not None:
+                    firmware.take(Layout([objects.names(0x1600 + k)]).unpack(content))
+            firmware.cycle()
+
+        network.subscribe(_SYNC, sync)
+        nmt: Any = node.nmt
+        nmt.state = "PRE-OPERATIONAL"
+        ready()
+        while not stopped():
+            time.sleep(_PATIENCE)
+            if nmt.state != "OPERATIONAL":
+                firmware.lost()
+    finally:
+        network.disconnect()

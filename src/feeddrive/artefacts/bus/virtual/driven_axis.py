@@ -1,0 +1,105 @@
+"""The loop of a machine file, a few samples a call: under its own control, its velocity loop alone, or a bare force."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from feeddrive.blocks.controller.cascade_ppi import CascadePPI
+from feeddrive.blocks.signals import Setpoint
+from feeddrive.language.errors import StructureError
+from feeddrive.loop.engine.native import Native
+from feeddrive.loop.guard import Guard
+from feeddrive.loop.loop import Loop
+from feeddrive.loop.runner import Prepared
+
+_RECORD = ("reading_load", "reading_motor", "force", "trip")
+
+
+class Sample(NamedTuple):
+    """The last sample of a call: readings (m), force that acts from it on (N), code of the guard."""
+
+    position: float
+    second: float
+    force: float
+    trip: float
+
+
+class DrivenAxis:
+    """Plant and control as `simulate` runs them, from the same native code, one call at a time.
+
+    A control without a guard gets one without limits, since a drive is switched on and off.
+    """
+
+    def __init__(self, loop: Loop, position: float = 0.0, seed: int = 0) -> None:
+        if loop.control.guard is None:
+            loop = replace(loop, control=replace(loop.control, guard=Guard()))
+        self.loop = loop
+        self.sample = 0
+        begin = Setpoint(np.float64(position), *[np.float64(0.0)] * 4)
+        prepared = Prepared(loop, begin, (position, 0.0), seed)
+        self._closed = self._native(prepared, "added_force")
+        self._open = self._native(prepared, "cut")
+        if [s.name for s in self._closed.plan.states] != [s.name for s in self._open.plan.states]:
+            raise StructureError("the axis has other states when its loop is open: it cannot be driven by force")
+        self._states = prepared.states(self._closed)
+        self._constants = prepared.constants(self._closed)
+        self._of_open = prepared.constants(self._open)
+        self._velocity = self._constants.copy()
+        for name, value in (("control.law.Kv", 0.0), ("control.law.velocity_feedforward", 1.0)):
+            for row, (each, _) in enumerate(self._closed.plan.constants):
+                if each == name:
+                    self._velocity[row] = value
+        self._tables = prepared.rows(self._closed), prepared.rows(self._open)
+        motor, load = loop.axis.still(position)
+        self.last = Sample(float(load), float(motor), 0.0, 0.0)
+
+    @property
+    def encoders(self) -> int:
+        """How many positions are read."""
+        return self.loop.axis.encoders()
+
+    @property
+    def has_velocity_loop(self) -> bool:
+        """Whether the law is a cascade, whose velocity loop runs alone when its position gain is 0."""
+        return isinstance(self.loop.control.law, CascadePPI)
+
+    @staticmethod
+    def _native(prepared: Prepared, probe: str) -> Native:
+        program = prepared.program(load=False, enable=True, probes=(probe,))
+        return prepared.native(program, record=_RECORD)
+
+    def follow(
+        self, position: np.ndarray, velocity: np.ndarray, added_force: float, enable: bool, alone: bool = False
+    ) -> Sample:
+        """As many samples as there are set positions (m) and velocities (m/s), with a force (N) behind the limit.
+
+        With `alone` only the velocity loop runs.  Disabled, no force acts.
+        """
+        values = {"set_position": position, "set_velocity": velocity, "added_force": added_force * enable}
+        return self._run(self._closed, self._velocity if alone else self._constants, values, enable, position.size, 0)
+
+    def push(self, force: float, samples: int) -> Sample:
+        """The force (N) straight to the axis; the control is off."""
+        found = self._run(self._open, self._of_open, {"cut": force}, False, samples, 1)
+        self.last = found._replace(force=force)
+        return self.last
+
+    def _run(
+        self, made: Native, constants: np.ndarray, values: Mapping[str, Any], enable: bool, count: int, table: int
+    ) -> Sample:
+        inputs = np.zeros((count, len(made.plan.inputs)))
+        for column, (name, _) in enumerate(made.plan.inputs):
+            inputs[:, column] = float(enable) if name == "enable" else values.get(name, 0.0)
+        outputs = np.empty((count, len(_RECORD)))
+        made.run(count, self.sample, constants, inputs, self._states, outputs, self._tables[table])
+        self.sample += count
+        names = [name for name, _ in made.plan.outputs]
+        row = dict(zip(names, outputs[-1].tolist(), strict=True))
+        trip = max(outputs[:, names.index("trip")])
+        added = float(inputs[-1, [n for n, _ in made.plan.inputs].index("added_force")]) if table == 0 else 0.0
+        self.last = Sample(row["reading_load"], row["reading_motor"], row["force"] + added, float(trip))
+        return self.last

@@ -1,0 +1,49 @@
+"""A virtual drive on an Ethernet interface: frames in, frames back, and one bus cycle of the plant for each of them."""
+
+from __future__ import annotations
+
+import contextlib
+import socket
+import time
+from collections.abc import Callable
+
+from feeddrive.artefacts.bus.interfaces import opened_socket
+from feeddrive.artefacts.bus.virtual.esc import ETHERTYPE, OP, SlaveController
+from feeddrive.artefacts.bus.virtual.firmware import Firmware
+
+_WATCHDOG = 0x001B  # AL status code: sync manager watchdog
+_PATIENCE = 0.1  # s between looks at `stopped` where nothing comes
+
+
+def serve_ethercat(
+    firmware: Firmware,
+    interface: str,
+    *,
+    ready: Callable[[], None],
+    stopped: Callable[[], bool],
+    watchdog: float | None = None,
+    lose: Callable[[int], bool] = lambda _cycle: False,
+) -> None:
+    """Serve until `stopped`.
+
+    watchdog  s without process data after which an enabled drive goes into fault, by the clock on the wall; None: the
+              time of the plant is that of the frames, and stands still without them
+    lose      whether the answer of a cycle is swallowed, for tests of a client
+
+    Raises BusError for an interface that is not there or not permitted.
+    """
+    controller = SlaveController(firmware)
+    line = opened_socket(interface, ETHERTYPE)
+    with contextlib.closing(line):
+        line.settimeout(_PATIENCE if watchdog is None else min(_PATIENCE, watchdog))
+        ready()
+        last = time.monotonic()
+        while not stopped():
+            with contextlib.suppress(socket.timeout):
+                answered = controller.passed(line.recv(2048))
+                if answered is not None and not lose(firmware.cycles):
+                    line.send(answered)
+                if controller.advance():
+                    last = time.monotonic()
+            if watchdog is not None and controller.state == OP and time.monotonic() - last > watchdog:
+                controller.fall(_WATCHDOG)
