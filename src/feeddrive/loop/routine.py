@@ -18,7 +18,7 @@ from typing import Any, NamedTuple, cast
 import numpy as np
 
 from feeddrive.blocks.signals import Noise, Setpoint
-from feeddrive.language import ops, tree
+from feeddrive.language import tree
 from feeddrive.language.block import Block, Number, part
 from feeddrive.language.graph import Graph
 from feeddrive.language.naming import Name, Names
@@ -146,9 +146,7 @@ def controller_routine(loop: Loop, name: str) -> Routine:
     T, both = traced.T, traced.symbolic
     with traced.words:
         made = both.control.prepare(T)
-        limit = both.control.guard.reading_limit
-        sound = [ops.where(ops.absolute(x) <= limit, x, 0.0) for x in _readings(inputs)]  # a reset knows no last one
-        begun = both.control.start(made, _setpoint(inputs), *sound)
+        begun = both.control.start(made, _setpoint(inputs), *_readings(inputs))
         names = [each for each, _ in tree.leaves(begun)]
         before = tree.rebuild(begun, (traced.graph.input(f"state.{each}") for each in names))
         after, command = both.control.step(
@@ -160,7 +158,7 @@ def controller_routine(loop: Loop, name: str) -> Routine:
             scaled = command.applied / both.motor.force_per_unit()
             outputs["command"] = (motor.unit, f"the same in the unit of the drive, {motor.unit}", scaled)
         outputs["trip"] = ("", MEANINGS["trip"][1], command.trip)
-        outputs["enabled"] = ("", MEANINGS["enabled"][1], after.guard.running)
+        outputs["enabled"] = ("", MEANINGS["enabled"][1], command.running)
     return traced.routine(name, loop, made, inputs, names, begun, after, outputs, _retune(loop.control, made, begun))
 
 

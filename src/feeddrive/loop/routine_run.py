@@ -37,12 +37,9 @@ class ControllerRun:
         self._both = Controller(control=routine.origin.control, motor=motor)
         self._prepare()
         given = dict(zip((v.name for v in routine.inputs), map(np.float64, first), strict=True))
-        guard = self._plain.control.guard
-        assert guard is not None, "what is exported has a guard"
-        limit = guard.reading_limit
-        sound = [x if abs(x) <= limit else np.float64(0.0) for x in _readings(given)]
+        setpoint = Setpoint(*(given[each] for each in SETPOINT))
         with np.errstate(all="ignore"):
-            self.state = self._plain.control.start(self._made, Setpoint(*(given[each] for each in SETPOINT)), *sound)
+            self.state = self._plain.control.start(self._made, setpoint, *_readings(given))
         self._native = self._compiled()
 
     def _prepare(self) -> None:
@@ -75,7 +72,7 @@ class ControllerRun:
         T = cast(Number, symbol("T", constants))
         setpoint = Setpoint(*(given[each] for each in SETPOINT))
         after, command = both.control.step(made, before, setpoint, *_readings(given), given["enable"], T)
-        values = {"force": command.applied, "trip": command.trip, "enabled": after.guard.running}
+        values = {"force": command.applied, "trip": command.trip, "enabled": command.running}
         if both.motor is not None:
             values["command"] = command.applied / both.motor.force_per_unit()
         carried = zip(names, (value for _, value in tree.leaves(after)), strict=True)

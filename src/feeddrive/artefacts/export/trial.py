@@ -22,43 +22,52 @@ class Trial:
     changes: Mapping[int, Mapping[str, float]]
 
 
-def trial(routine: Routine, count: int, seed: int = 0, *, change_every: int = 2000, broken: float = 0.002) -> Trial:
+def trial(routine: Routine, count: int, seed: int = 0, *, changes: int = 50, broken: float = 2e-4) -> Trial:
     """`count` samples of a wandering axis under a wandering set motion, from a seed.
 
-    The reading follows the set position with errors from a count of an encoder to more than any bound, so that limits,
-    trips and a quiet loop all occur; `broken` is the share of readings and setpoints that are no numbers or absurd.
-    The enable is taken away now and then, which clears trips.  Every `change_every` samples up to three parameters
-    move by up to a quarter, where their bounds and their block allow it.
+    The reading follows the set position with an error and a jitter whose sizes change every 200 samples, from less than
+    a count of an encoder to more than any bound, so that a quiet loop, limits and trips all occur; `broken` is the
+    share of numbers that are none, or absurd.  Every 25 samples the enable may be taken away, which clears trips.
+    At `changes` places up to three parameters move by up to a quarter, where their bounds and their block allow it.
     """
     random = np.random.default_rng(seed)
     T = routine.sample_time
-    speed = np.cumsum(random.normal(0.0, 0.02, count)) * 0.99
-    speed = 0.5 * np.sin(speed)
+    guard = routine.origin.control.guard
+    assert guard is not None, "what is exported has a guard"
+    far = 1e-3 if guard.following_error_limit is None else float(guard.following_error_limit)
+    fast = 1.0 if guard.velocity_limit is None else float(guard.velocity_limit)
+
+    def held(values: np.ndarray, samples: int) -> np.ndarray:
+        return np.repeat(values, samples)[:count]
+
+    blocks = count // 200 + 1
+    speed = 0.4 * fast * np.sin(0.002 * np.cumsum(random.normal(0.0, 1.0, count)))
     position = np.cumsum(speed * T)
-    acceleration = np.gradient(speed, T) if count > 1 else np.zeros(count)
-    scale = 10.0 ** np.repeat(random.uniform(-8.0, -3.0, count // 200 + 1), 200)[:count]
+    error = held(far * 10.0 ** random.uniform(-6.0, 0.1, blocks), 200) * np.sin(0.03 * np.arange(count))
+    jitter = held(fast * T * 10.0 ** random.uniform(-6.0, -0.3, blocks), 200)
     rows: dict[str, np.ndarray] = {
         "set_position": position,
         "set_velocity": speed,
-        "set_acceleration": np.clip(acceleration, -50.0, 50.0),
+        "set_acceleration": random.normal(0.0, 5.0, count),
         "set_jerk": random.normal(0.0, 100.0, count),
         "set_snap": random.normal(0.0, 1e4, count),
-        "enable": np.where(np.repeat(random.random(count // 50 + 1) < 0.05, 50)[:count], 0.0, 1.0),
+        "enable": np.where(held(random.random(count // 25 + 1) < 0.15, 25), 0.0, 1.0),
     }
     for name in ("reading", "reading_motor", "reading_load"):
-        rows[name] = position + scale * np.cumsum(random.normal(0.0, 0.2, count)) / (1.0 + np.arange(count) % 200)
+        rows[name] = position + error + jitter * random.normal(0.0, 1.0, count)
     inputs = np.column_stack([rows[variable.name] for variable in routine.inputs])
     holes = random.random(inputs.shape) < broken
     inputs[holes] = random.choice(np.array(BROKEN), int(holes.sum()))
-    return Trial(inputs, _changes(routine, count, change_every, random))
+    places = sorted({int(k) for k in np.linspace(0, count, changes + 2)[1:-1]} - {0})
+    return Trial(inputs, _changes(routine, places, random))
 
 
-def _changes(routine: Routine, count: int, every: int, random: np.random.Generator) -> dict[int, dict[str, float]]:
+def _changes(routine: Routine, places: list[int], random: np.random.Generator) -> dict[int, dict[str, float]]:
     """Parameters that move by up to a quarter, where the block still holds together."""
     both = Controller(control=routine.origin.control, motor=routine.origin.axis.actuator.motor)
     first = {variable.path: variable for variable in routine.parameters}
     found: dict[int, dict[str, float]] = {}
-    for sample in range(every, count, every):
+    for sample in places:
         chosen = random.choice(len(first), size=min(3, len(first)), replace=False)
         moved = {variable.path: _moved(variable, random) for variable in (list(first.values())[i] for i in chosen)}
         try:

@@ -12,7 +12,7 @@ from feeddrive.artefacts.export.trial import Trial, trial
 from feeddrive.loop.engine.c_words import number
 from feeddrive.loop.routine_run import run
 
-SAMPLES, CHANGE_EVERY = 400, 90
+SAMPLES, CHANGES, BROKEN = 400, 4, 2e-3
 
 
 def self_test(layout: Layout, seed: int = 0) -> tuple[str, str]:
@@ -22,7 +22,7 @@ def self_test(layout: Layout, seed: int = 0) -> tuple[str, str]:
     Python, each rounded to single precision.  The tolerance is none: all bits count.
     """
     routine, P = layout.routine, layout.routine.name
-    tried = trial(routine, SAMPLES, seed, change_every=CHANGE_EVERY, broken=0.004)
+    tried = trial(routine, SAMPLES, seed, changes=CHANGES, broken=BROKEN)
     double = layout.precision == "double"
     expected = run(routine, tried.inputs, tried.changes) if double else stepped(layout, tried)
     retuned = _parameter_rows(layout, tried)

@@ -1,0 +1,151 @@
+"""The proof of an export, run again: its C by this machine's compiler against the simulator, bit for bit."""
+
+from __future__ import annotations
+
+import platform
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+import feeddrive
+from feeddrive.artefacts.export.c.directory import c_files
+from feeddrive.artefacts.export.c.selftest import stepped
+from feeddrive.artefacts.export.c.stream import FLAGS, Streamed, streamed
+from feeddrive.artefacts.export.design import CONTROL, MACHINE_FILE, Design, read_design
+from feeddrive.artefacts.export.manifest import Manifest, changed_files, read_manifest
+from feeddrive.artefacts.export.trial import Trial, trial
+from feeddrive.language.errors import FileError, ParameterError
+from feeddrive.language.table import Result, Table
+from feeddrive.loop.routine_run import run
+
+SAMPLES = 1_000_000
+SAMPLES_FLOAT = 5_000  # in Python, operation by operation
+CHANGES = 50
+
+
+@dataclass(frozen=True, eq=False)
+class Verified(Result):
+    """What came out of a verification.
+
+    worst      largest difference of an output, by its name, in its unit; 0 where all bits agree
+    differing  how many outputs have other bits
+    altered    files of the export that are missing or not as they were written
+    """
+
+    name: str
+    target: str
+    precision: str
+    machine: str
+    digest: str
+    compiler: str
+    flags: Sequence[str]
+    samples: int
+    changes: int
+    trips: int
+    limited: int
+    seed: int
+    differing: int
+    worst: Mapping[str, float]
+    against: str
+    altered: Sequence[str] = field(default=())
+
+    @property
+    def holds(self) -> bool:
+        """All bits agree, and no file was altered."""
+        return self.differing == 0 and not self.altered
+
+    def table(self) -> Table:
+        """The certificate."""
+        worst = ", ".join(f"{name} {value:.3g}" for name, value in self.worst.items())
+        rows = [
+            ["export", f"{self.name}, target {self.target}, {self.precision} precision"],
+            ["machine file", f"{self.machine}, SHA-256 {self.digest}"],
+            ["files as written", "yes" if not self.altered else "no: " + ", ".join(self.altered)],
+            ["compiler", self.compiler],
+            ["flags", " ".join(self.flags)],
+            ["on", f"{platform.machine()}, {platform.system()}, feeddrive {feeddrive.__version__}"],
+            ["against", self.against],
+            ["samples", f"{self.samples}, seed {self.seed}"],
+            ["with", f"{self.changes} live changes, {self.trips} trips, {self.limited} samples at the force limit"],
+            ["outputs with other bits", str(self.differing)],
+            ["worst difference", worst],
+            ["result", "EQUAL, bit for bit" if self.holds else "NOT EQUAL"],
+        ]
+        return Table(f"what runs against what was simulated: {self.name}", ["", ""], rows)
+
+
+def verify(
+    directory: Path, *, samples: int | None = None, seed: int = 1, flags: Sequence[str] = (), command: str | None = None
+) -> Verified:
+    """Run the equality proof of an export on this machine.
+
+    samples  of the trial; absent: 1 000 000 in double precision, 5 000 in single
+    flags    for the compiler besides -std=c99 -O2 -ffp-contract=off; `command` names another compiler
+
+    The C is that of the export; the answers come from its machine file by this feeddrive's simulator, and for single
+    precision from the same operations in Python, each rounded to it.
+    Raises FileError for a directory that is no export or whose C does not compile, MissingProgramError without a
+    compiler, and ParameterError for a target without C.
+    """
+    manifest = read_manifest(directory)
+    design = _design(directory, manifest)
+    layout = design.layout
+    count = samples or (SAMPLES if layout.precision == "double" else SAMPLES_FLOAT)
+    tried = trial(design.routine, count, seed, changes=CHANGES)
+    given = _sources(directory, manifest, design)
+    answer = streamed(layout, given, tried, flags=(*FLAGS, *flags), command=command)
+    double = layout.precision == "double"
+    wanted = run(design.routine, tried.inputs, tried.changes) if double else stepped(layout, tried)
+    return _compared(design, manifest, changed_files(directory, manifest), tried, seed, answer, wanted)
+
+
+def _design(directory: Path, manifest: Manifest) -> Design:
+    """What the export says that it is of."""
+    if manifest.what != CONTROL:
+        raise ParameterError(f"{directory}: is the export of an axis; it is tried by running it beside `simulate`")
+    file = directory / MACHINE_FILE
+    if not file.is_file():
+        raise FileError(f"{file}: is missing; export again")
+    return read_design(file, manifest.axis, name=manifest.name, precision=manifest.precision)
+
+
+def _sources(directory: Path, manifest: Manifest, design: Design) -> dict[str, str]:
+    """The C of the export; of a target that keeps it elsewhere, what this feeddrive would write."""
+    P = manifest.name
+    names = [name for name in (f"{P}.h", f"{P}.c", f"{P}_configure.c") if (directory / name).is_file()]
+    if f"{P}.h" not in names:
+        if f"{P}.h" in manifest.files:
+            raise FileError(f"{directory / f'{P}.h'}: is missing; export again")
+        return c_files(design)
+    return {name: (directory / name).read_text(encoding="utf-8") for name in names}
+
+
+def _compared(
+    design: Design,
+    manifest: Manifest,
+    altered: list[str],
+    tried: Trial,
+    seed: int,
+    answer: Streamed,
+    wanted: np.ndarray,
+) -> Verified:
+    names = [variable.name for variable in design.routine.outputs]
+    found = answer.outputs
+    bits = np.ascontiguousarray(found).view(np.uint64) != np.ascontiguousarray(wanted).view(np.uint64)
+    bits &= ~(np.isnan(found) & np.isnan(wanted))
+    with np.errstate(invalid="ignore"):
+        apart = np.where(bits, np.abs(found - wanted), 0.0).max(axis=0)
+    trip = wanted[:, names.index("trip")]
+    limit = design.routine.origin.control.force_limit
+    trips = int(np.sum((trip[1:] > 0.0) & (trip[:-1] == 0.0)))
+    limited = 0 if limit is None else int(np.sum(np.abs(wanted[:, 0]) >= 0.75 * float(limit)))
+    double = design.layout.precision == "double"
+    return Verified(
+        name=design.name, target=manifest.target, precision=design.layout.precision, machine=design.machine.name,
+        digest=design.digest, compiler=answer.compiler, flags=answer.flags, samples=len(found),
+        changes=len(tried.changes), trips=trips, limited=limited, seed=seed,
+        differing=int(bits.sum()), worst=dict(zip(names, apart.tolist(), strict=True)),
+        against="the simulator" if double else "the same operations in Python, in single precision", altered=altered,
+    )  # fmt: skip
