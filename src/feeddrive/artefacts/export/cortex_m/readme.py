@@ -1,0 +1,118 @@
+"""The README of a bundle: how the current loop calls the step, and the traps of the floating-point unit."""
+
+from __future__ import annotations
+
+from feeddrive.artefacts.export.cortex_m.builds import FLAGS, PACKAGES
+from feeddrive.artefacts.export.cortex_m.cores import Core
+from feeddrive.artefacts.export.design import Design
+from feeddrive.loop.guard import TRIPS
+
+
+def readme(design: Design, core: Core) -> str:
+    """The text."""
+    codes = "\n".join(f"| {code:g} | {text} |" for code, text in TRIPS.items())
+    return _TEXT.format(
+        title=design.title, made_by=design.made_by, P=design.name, core=core.name, said=core.said,
+        flags=f"{core.flags} -mthumb -mfloat-abi=hard {FLAGS}", rate=f"{1.0 / design.routine.sample_time:g}",
+        period=f"{1e6 * design.routine.sample_time:g}", packages=" ".join(PACKAGES.values()), codes=codes,
+        given=", ".join(f"`{v.name}`" + (f" ({v.unit})" if v.unit else "") for v in design.routine.inputs),
+        taken=", ".join(f"`{v.name}`" + (f" ({v.unit})" if v.unit else "") for v in design.routine.outputs),
+        real=design.layout.precision,
+    )  # fmt: skip
+
+
+_TEXT = """\
+# {title}
+
+For a {said}. {made_by}
+
+**Before this moves an axis**: check sign and unit of every reading and of the command with the power stage off; make
+the first moves with a reduced force limit, the emergency stop in reach, and a hanging axis held from below. This text
+was proven to compute what was simulated; nobody proved that the machine is the one that was simulated.
+
+| file | what it is |
+|---|---|
+| `{P}.h`, `{P}.c` | `{P}_reset` and `{P}_step`: no heap, no globals, no library but a few instructions of `<math.h>` |
+| `{P}_configure.c` | defaults, configure and retune: what depends on parameters only, in double precision |
+| `Makefile`, `CMakeLists.txt`, `cortex-m.cmake` | builds |
+| `selftest/` | start-up code, memory map and programs for the emulated boards of qemu: not for your board |
+| `{P}_vectors.h` | stored samples and the answers that are expected |
+
+In: {given}.
+Out: {taken}.
+Numbers are {real} and SI; the parameters are double and SI, with their units in `{P}.h`.
+
+## Call it from the interrupt of the current loop
+
+```c
+#include "{P}.h"
+
+static {P}_controller controller;
+
+void start(void)                            /* in thread mode, before the interrupt is enabled */
+{{
+    {P}_parameters parameters;
+    {P}_inputs inputs = read_axis();
+    SCB->CPACR |= 0xFu << 20;               /* floating-point unit on, before any code that uses it */
+    FPU->FPDSCR |= 3u << 24;                /* flush to zero and default NaN, for interrupts */
+    __DSB();
+    __ISB();
+    __set_FPSCR(__get_FPSCR() | 3u << 24);  /* the same for thread mode */
+    {P}_defaults(&parameters);
+    {P}_configure(&controller, &parameters);
+    {P}_reset(&controller, &inputs);
+}}
+
+void TIM1_UP_IRQHandler(void)               /* {rate} Hz: every {period} µs */
+{{
+    {P}_inputs inputs = read_axis();
+    {P}_outputs outputs;
+    {P}_step(&controller, &inputs, &outputs);
+    if (outputs.enabled < 0.5f) {{
+        drop_power_stage();
+    }}
+    set_current(outputs.force);
+}}
+```
+
+Order within the sample: latch the encoder in hardware, read, step, write. The command then acts with the dead time that
+the simulation was given; writing it at the start of the next sample adds a whole one.
+
+## Traps
+
+- **CPACR.** The unit is off after reset; the first instruction of it is a usage fault. Switch it on in the reset
+  handler, in assembly or in a function without a floating-point register of its own: a compiler may push one on entry.
+- **FPSCR in an interrupt.** At the entry of an interrupt that uses the unit FPSCR is loaded from **FPDSCR**, not taken
+  over from thread mode. Bit 24 flushes numbers below the normal ones to zero, as the simulation does; without it a
+  velocity that dies out ends in numbers of other bits. Bit 25 makes every NaN the default one.
+- **Lazy stacking** (FPCCR.LSPEN and ASPEN, on after reset). The processor reserves room for 17 words at entry and
+  writes them when the handler first uses the unit: the step costs these cycles once when thread mode was computing with
+  floats. Count on 26 words of stack for the frame. Do not clear ASPEN unless no other code uses the unit.
+- **Priorities.** `{P}_step` is not to be entered twice with one controller. `{P}_retune` goes between two samples: in
+  the same interrupt, or with it masked. `{P}_configure` and `{P}_retune` compute in double precision, on a core without
+  it in software: some ten thousand instructions. Retune a copy in thread mode and swap:
+  a controller is plain data.
+- **Fused multiply-add.** `-ffp-contract=off` keeps gcc from `vfma`, which rounds once where the simulation rounds
+  twice. Never `-ffast-math`.
+
+Compile with
+
+    {flags}
+
+## What `trip` says
+
+| code | tripped by |
+|---|---|
+| 0 | nothing |
+{codes}
+
+A trip is latched. Take `enable` away and give it again: the loop takes over where the axis is.
+
+## Is it right, and what does it cost?
+
+    make selftest   # every output of the stored samples, bit for bit, on an emulated core
+    make report     # memory, and executed instructions of a step
+
+These need `apt-get install {packages}`. Instructions are no cycles: a division takes 14, most others 1, and flash wait
+states come on top. `feeddrive verify .` proves it with more samples.
+"""
