@@ -1,0 +1,1 @@
+"""A component, its wiring and its desk trial for LinuxCNC."""

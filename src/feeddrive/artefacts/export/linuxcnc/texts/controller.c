@@ -1,0 +1,88 @@
+#include <float.h>
+#include <stdlib.h>
+#include <string.h>
+
+/* One instance: the law of one axis, with the machine's own numbers in it. */
+static ${P}_controller core;
+static ${P}_parameters acting;  /* the parameters that act */
+static bool started, was_on, was_reset, bad;
+static double scale;           /* length units in a metre */
+static int fault_now;          /* code of the fault, kept until the next rising edge of enable or reset */
+static long long called;       /* time of the last call, ns */
+
+/* Least and most of every parameter, in the order of ${P}_parameters. */
+static const double bounds[][2] = {
+${bounds}
+};
+enum { PARAMETERS = sizeof bounds / sizeof bounds[0] };
+typedef char one_number_each[sizeof(${P}_parameters) == PARAMETERS * sizeof(double) ? 1 : -1];
+
+/* False for a number out of its bounds, and for one that is none. */
+static bool admitted(const double *wanted)
+{
+    for (int i = 0; i < PARAMETERS; i++)
+        if (!(wanted[i] >= bounds[i][0] && wanted[i] <= bounds[i][1]))
+            return false;
+    return true;
+}
+
+FUNCTION(_)
+{
+    const double wanted[] = {${wanted}};
+    const bool changed = !started || memcmp(wanted, &acting, sizeof acting) != 0;
+    const long long now = rtapi_get_time();
+    const bool pressed = reset && !was_reset && !enable; /* a reset alone must not start a motion */
+    bool on = enable;
+
+    if (changed && !hold_parameters)
+        bad = !admitted(wanted);
+    else if (!changed)
+        bad = false;
+
+    if ((on && !was_on) || pressed)
+        fault_now = on && bad ? ${parameter_fault} : 0;
+    was_on = on;
+    was_reset = reset;
+    /* watchdog: the law is made for one period, and an axis must not be left alone with an old command */
+    if (labs(period - ${period}L) > (long)period_tolerance)
+        fault_now = ${period_fault};
+    else if (started && on && late_limit > 0 && now - called > (long long)late_limit && fault_now == 0)
+        fault_now = ${late_fault};
+    called = now;
+    on = on && fault_now < ${period_fault}; /* the guard latches its own trips */
+
+    /* numbers below the normal ones count as zero, as in the simulation */
+    const uint64_t mode = ${P}_flush_begin();
+    if (!started) {
+        scale = units_per_m > 0.0 && units_per_m <= DBL_MAX ? units_per_m : 1000.0;
+        if (bad || hold_parameters)
+            ${P}_defaults(&acting);
+        else
+            memcpy(&acting, wanted, sizeof acting);
+        ${P}_configure(&core, &acting);
+    } else if (changed && !bad && !hold_parameters) {
+        memcpy(&acting, wanted, sizeof acting);
+        ${P}_retune(&core, &acting);
+        retunes = retunes + 1;
+    }
+
+    const ${P}_inputs given = {${inputs}};
+    ${P}_outputs result;
+    if (!started)
+        ${P}_reset(&core, &given);
+    ${P}_step(&core, &given, &result);
+    ${P}_flush_end(mode);
+    started = true;
+
+    force_cmd = result.force;
+${drive}    running = result.enabled > 0.5;
+    trip_code = (int)result.trip;
+    if (fault_now == 0)
+        fault_now = trip_code;
+    fault = fault_now != 0;
+    fault_code = fault_now;
+    ok = fault_now == 0;
+    if (fault_now == 0)
+        heartbeat = !heartbeat;
+    parameter_bad = bad;
+}
