@@ -101,3 +101,10 @@ def test_what_cannot_be_changed_is_said() -> None:
         edit.add("[axis.x.plant]\nmass = 1.0")
     with pytest.raises(FileError):
         TomlEdit("a = ", "m.toml")
+
+
+def test_a_section_that_has_no_header_but_that_of_its_part_gets_one() -> None:
+    text = 'name = "x"\n\n# the motor\n[axis.x.actuator.motor] # of 1999\nkind = "direct"\n'
+    edit = TomlEdit(text, "m.toml")
+    edit.set(("axis", "x", "actuator", "dead_time"), 1e-3, "s")
+    assert edit.text == text.replace("# the motor", "[axis.x.actuator]\ndead_time = 0.001\n\n# the motor")

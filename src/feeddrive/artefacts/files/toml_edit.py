@@ -150,6 +150,11 @@ class TomlEdit:
             raise ParameterError(f"{self.name}: there is no section [{'.'.join(map(str, section))}]")
         after = max([*own, lines.get(section, 0)])
         rows = self.text.splitlines(keepends=True)
+        if not own and any(line == after and len(each) > len(section) for each, line in lines.items()):
+            # the section has no header but that of a part of it: it gets one of its own, before that
+            while after > 1 and rows[after - 2].lstrip().startswith("#"):
+                after -= 1
+            rows[after - 1 : after - 1] = [f"[{'.'.join(map(str, section))}]\n", "\n"]
         if not rows[after - 1].endswith("\n"):
             rows[after - 1] += "\n"
         rows.insert(after, f"{key[-1]} = {_written(value, digits)}\n")
