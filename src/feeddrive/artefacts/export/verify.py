@@ -20,7 +20,7 @@ from feeddrive.language.errors import FileError, ParameterError
 from feeddrive.language.table import Result, Table
 from feeddrive.loop.routine_run import run
 
-SAMPLES = 1_000_000
+SAMPLES, MOST = 1_000_000, 20_000_000
 SAMPLES_FLOAT = 5_000  # in Python, operation by operation
 CHANGES = 50
 
@@ -55,6 +55,12 @@ class Verified(Result):
     def holds(self) -> bool:
         """All bits agree, and no file was altered."""
         return self.differing == 0 and not self.altered
+
+    def sentences(self) -> str:
+        """The certificate as text."""
+        table = self.table()
+        wide = max(len(row[0]) for row in table.rows)
+        return "\n".join([table.title, *(f"  {row[0]:<{wide}}  {row[1]}" for row in table.rows)])
 
     def table(self) -> Table:
         """The certificate."""
