@@ -217,10 +217,8 @@ class Client:
         self._mode = raw["mode_display"]
         return self.told
 
-    def command(
-        self, *, position: float | None = None, velocity: float = 0.0, force: float = 0.0
-    ) -> tuple[float, float, float]:
-        """What the next cycle sends, in SI; the same as it is sent, in whole increments and thousandths.
+    def command(self, *, position: float | None = None, velocity: float = 0.0, force: float = 0.0) -> float:
+        """What the next cycle sends, in SI; the position in whole increments (m), as it is sent.
 
         csp  position, with velocity and force fed forward where the drive has objects for them
         csv  velocity, with a force fed forward
@@ -245,8 +243,9 @@ class Client:
                     f"{most}: look at [scaling] of the drive file"
                 )
             values[name] = value
-        there = wanted.get("target_position", 0) * scaling.metre
-        return there, speed * scaling.metre, torque * scaling.newton
+        if self.mode == CSP:
+            return wanted["target_position"] * scaling.metre
+        return self._here * scaling.metre if position is None else position
 
     def _follow(self, controlword: int | None = None) -> Told | None:
         """A cycle in which nothing is wanted but to stay."""

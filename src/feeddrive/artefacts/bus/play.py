@@ -127,17 +127,20 @@ def listened(client: Client, seconds: float) -> Played:
 
 
 def _target(client: Client, profile: Profile, i: int, start: float, *, rest: bool) -> Mapping[str, float]:
-    """Command row i, or hold the last position; what is sent, in SI."""
+    """Command row i, or hold the last position; what is sent, in SI.
+
+    The excitation is that of the profile and not what rounding makes of it: its lines are those that were designed, and
+    what really acted is in the force.
+    """
     excitation = 0.0 if rest else float(profile.excitation[i])
-    position, velocity = float(profile.set_position[i]), 0.0 if rest else float(profile.velocity[i])
+    position, velocity = start + float(profile.set_position[i]), 0.0 if rest else float(profile.velocity[i])
     if profile.unit == "N":
-        there, _, force = client.command(position=start + position, velocity=velocity, force=excitation)
-        return {"set_position": there, "excitation": force}
-    if profile.unit == "m":
-        there, _, _ = client.command(position=start + position + excitation, velocity=velocity)
-        return {"set_position": there, "excitation": there - start - position}
-    _, speed, _ = client.command(velocity=velocity + excitation)
-    return {"set_position": start + position, "excitation": speed - velocity}
+        position = client.command(position=position, velocity=velocity, force=excitation)
+    elif profile.unit == "m":
+        position = client.command(position=position + excitation, velocity=velocity)
+    else:
+        client.command(velocity=velocity + excitation)
+    return {"set_position": position, "excitation": excitation}
 
 
 def _beyond(client: Client, start: float, told: Told | None, sent: Mapping[str, float]) -> str:

@@ -11,7 +11,7 @@ from feeddrive.artefacts.bus.objects import Layout
 from feeddrive.artefacts.bus.virtual.firmware import Firmware, SdoAbortError
 from feeddrive.artefacts.bus.virtual.process_map import INVALID, ProcessMap
 
-_SYNC = 0x80
+_SYNC, _HEARTBEAT = 0x80, 0x1017
 _PATIENCE = 0.05  # s between looks at `stopped`
 
 
@@ -34,15 +34,20 @@ def serve_canopen(
     objects = ProcessMap(firmware, lambda: node.nmt.state == "PRE-OPERATIONAL")
 
     class Node(canopen.LocalNode):
-        """Its object dictionary is the firmware's."""
+        """Its object dictionary is the firmware's, but for the heartbeat, which the package looks after."""
 
         def get_data(self, index: int, subindex: int, check_readable: bool = False) -> bytes:
+            if index == _HEARTBEAT:
+                return super().get_data(index, subindex, check_readable)
             try:
                 return objects.read(index, subindex)
             except SdoAbortError as refused:
                 raise canopen.SdoAbortedError(refused.code) from None
 
         def set_data(self, index: int, subindex: int, data: bytes, check_writable: bool = False) -> None:
+            if index == _HEARTBEAT:
+                super().set_data(index, subindex, data, check_writable)
+                return
             try:
                 objects.write(index, subindex, bytes(data))
             except SdoAbortError as refused:
@@ -50,9 +55,16 @@ def serve_canopen(
 
     network = opened_network(interface, bitrate)
     try:
-        node = Node(station, canopen.ObjectDictionary())
+        dictionary = canopen.ObjectDictionary()
+        heartbeat = canopen.objectdictionary.ODVariable("producer heartbeat time", _HEARTBEAT)
+        heartbeat.data_type, heartbeat.default = canopen.objectdictionary.UNSIGNED16, 0
+        dictionary.add_object(heartbeat)
+        node = Node(station, dictionary)
         network.add_node(node)
         arrived: dict[int, bytes] = {}
+
+        def operational() -> bool:
+            return node.nmt.state == "OPERATIONAL"
 
         def arrive(identifier: int, content: bytearray, _stamp: float) -> None:
             arrived[identifier] = bytes(content)
@@ -61,27 +73,25 @@ def serve_canopen(
             network.subscribe(0x200 + 0x100 * k + station, arrive)
 
         def sync(*_: Any) -> None:
-            operational = node.nmt.state == "OPERATIONAL"
             losing = lose(firmware.cycles)
             for k in range(4):
                 message = objects.messages[0x1800 + k]
-                if operational and not message & INVALID and not losing:
+                if operational() and not message & INVALID and not losing:
                     told = Layout([objects.names(0x1A00 + k)])
                     network.send_message(message & 0x7FF, told.pack(firmware.values))
             for k in range(4):
                 message = objects.messages[0x1400 + k]
                 content = arrived.pop(message & 0x7FF, None)
-                if operational and not message & INVALID and content is not None:
+                if operational() and not message & INVALID and content is not None:
                     firmware.take(Layout([objects.names(0x1600 + k)]).unpack(content))
             firmware.cycle()
 
         network.subscribe(_SYNC, sync)
-        nmt: Any = node.nmt
-        nmt.state = "PRE-OPERATIONAL"
+        node.nmt.state = "PRE-OPERATIONAL"
         ready()
         while not stopped():
             time.sleep(_PATIENCE)
-            if nmt.state != "OPERATIONAL":
+            if not operational():
                 firmware.lost()
     finally:
         network.disconnect()
