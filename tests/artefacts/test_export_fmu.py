@@ -14,14 +14,18 @@ import pytest
 
 import feeddrive
 from feeddrive import SnapLimitedMove, simulate
+from feeddrive.artefacts.export import toolchain
+from feeddrive.artefacts.export.design import CONTROL, PLANT, read_design
 from feeddrive.artefacts.export.fmu import binary
+from feeddrive.artefacts.export.fmu.directory import write_fmu
 from feeddrive.artefacts.export.fmu.fmu import fmu
-from feeddrive.artefacts.export.fmu.write import write_fmu
+from feeddrive.artefacts.export.layout import layout
+from feeddrive.artefacts.export.verify import verify
 from feeddrive.artefacts.files.machine import BUNDLED, read_machine
 from feeddrive.language import tree
 from feeddrive.language.errors import FileError, MissingProgramError, ParameterError
 from feeddrive.loop.loop import Loop
-from feeddrive.loop.routine import controller_routine, plant_routine
+from feeddrive.loop.routine import Routine, controller_routine, plant_routine
 from feeddrive.loop.routine_run import run
 
 fmpy = pytest.importorskip("fmpy", reason="FMUs are run by FMPy: pip install 'feeddrive[fmu]'")
@@ -30,7 +34,7 @@ from fmpy.validation import validate_fmu  # noqa: E402
 from fmus import Played  # noqa: E402
 
 try:
-    binary.compiler()
+    toolchain.compiler()
 except MissingProgramError as missing:
     pytest.skip(str(missing), allow_module_level=True)
 
@@ -48,9 +52,13 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Controller and plant of an axis with two encoders, in both versions."""
     folder = tmp_path_factory.mktemp("fmus")
     for version in VERSIONS:
-        (folder / f"control{version}.fmu").write_bytes(fmu(controller_routine(ball_screw(), "axis_x"), version))
-        (folder / f"plant{version}.fmu").write_bytes(fmu(plant_routine(ball_screw(), "axis_x_plant"), version))
+        (folder / f"control{version}.fmu").write_bytes(packed(controller_routine(ball_screw(), "axis_x"), version))
+        (folder / f"plant{version}.fmu").write_bytes(packed(plant_routine(ball_screw(), "axis_x_plant"), version))
     return folder
+
+
+def packed(routine: Routine, version: int, *, title: str = "an axis", binary: bool = True) -> bytes:
+    return fmu(layout(routine), version, title=title, made_by="Made by a test.", binary=binary)
 
 
 def bits(values: np.ndarray) -> np.ndarray:
@@ -92,7 +100,7 @@ def test_every_bundled_axis_is_described_by_the_rules(machine: str, version: int
     for axis, loop in read_machine(machine).loops.items():
         for routine in (controller_routine(loop, f"axis_{axis}"), plant_routine(loop, f"axis_{axis}_plant")):
             path = tmp_path / f"{routine.name}.fmu"
-            path.write_bytes(fmu(routine, version, title=f'<{machine}> & "axis" \x01 {axis}', binary=False))
+            path.write_bytes(packed(routine, version, title=f'<{machine}> & "axis" \x01 {axis}', binary=False))
             assert validate_fmu(str(path)) == []
             found = {each.name: each for each in fmpy.read_model_description(str(path)).modelVariables}
             for parameter in routine.parameters:
@@ -307,7 +315,7 @@ def test_a_source_fmu_is_compiled_by_fmpy(made: Path, tmp_path: Path, version: i
     """Without a binary; CMake and the local compiler make one, and it gives the same bits."""
     pytest.importorskip("cmake", reason="`fmpy compile` needs CMake: pip install cmake")
     path = tmp_path / f"control{version}.fmu"
-    path.write_bytes(fmu(controller_routine(ball_screw(), "axis_x"), version, binary=False))
+    path.write_bytes(packed(controller_routine(ball_screw(), "axis_x"), version, binary=False))
     assert not [name for name in zipfile.ZipFile(path).namelist() if name.startswith("binaries")]
     done = subprocess.run([sys.executable, "-m", "fmpy", "compile", str(path)], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
@@ -342,45 +350,52 @@ def test_units_have_their_base_units(made: Path) -> None:
 
 
 def test_the_same_machine_gives_the_same_bytes(tmp_path: Path) -> None:
-    machine = read_machine("emps")
-    one, two = (write_fmu(machine, None, tmp_path / name, version=3, name="x") for name in ("one", "two"))
+    design = read_design("emps", name="x")
+    one, two = (write_fmu(design, tmp_path / name, version=3).parent for name in ("one", "two"))
     assert (one / "x.fmu").read_bytes() == (two / "x.fmu").read_bytes()
-    assert "a sample of dead time" in (one / "README.md").read_text()
     tokens = {fmpy.read_model_description(str(one / "x.fmu")).guid}
-    loop = machine.loop(None)
-    slower = replace(loop, sample_time=0.5 * loop.sample_time)
-    for changed in (loop, slower):
+    slower = replace(design.loop, sample_time=0.5 * design.loop.sample_time)
+    for changed in (design.loop, slower):
         for version in VERSIONS:
             path = tmp_path / "again.fmu"
-            path.write_bytes(fmu(controller_routine(changed, "x"), version, binary=False))
+            path.write_bytes(packed(controller_routine(changed, "x"), version, binary=False))
             tokens.add(fmpy.read_model_description(str(path)).guid)
     assert len(tokens) == 5  # another title, sample time or version is another FMU
 
 
+def test_an_export_is_a_directory_that_can_be_verified(tmp_path: Path) -> None:
+    readme = write_fmu(read_design("ball_screw", name="x"), tmp_path / "control", version=2)
+    assert "a sample of\n  dead time" in readme.read_text()
+    assert validate_fmu(str(tmp_path / "control" / "x.fmu")) == []
+    verified = verify(tmp_path / "control", samples=2000)
+    assert verified.holds
+    readme = write_fmu(read_design("ball_screw", name="x", what=PLANT), tmp_path / "plant", version=3)
+    assert "start_position" in readme.read_text()
+    assert validate_fmu(str(tmp_path / "plant" / "x.fmu")) == []
+
+
 def test_bad_input_is_named_and_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    machine = read_machine("emps")
-    with pytest.raises(ParameterError, match="double"):
-        write_fmu(machine, None, tmp_path / "a", name="double")
+    design = read_design("emps", name="x", what=CONTROL)
     with pytest.raises(ParameterError, match="take 2 or 3"):
-        write_fmu(machine, None, tmp_path / "a", version=1)
-    with pytest.raises(ParameterError, match="math_x"):
-        fmu(controller_routine(machine.loop(None), "math"))
-    with pytest.raises(ParameterError, match="axis 'q'"):
-        write_fmu(machine, "q", tmp_path / "a")
+        write_fmu(design, tmp_path / "a", version=1)
+    with pytest.raises(ParameterError, match="double precision"):
+        write_fmu(read_design("emps", precision="float"), tmp_path / "a")
+    with pytest.raises(ParameterError, match="stdint_x"):
+        write_fmu(read_design("emps", name="stdint"), tmp_path / "a")
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "thesis.txt").write_text("")
     with pytest.raises(FileError, match="was not written by feeddrive"):
-        write_fmu(machine, None, tmp_path / "mine")
+        write_fmu(design, tmp_path / "mine")
     monkeypatch.setattr(binary, "compiler", lambda: [sys.executable, "-c", "import sys; sys.exit('no such flag')"])
     with pytest.raises(FileError, match="no such flag"):
-        write_fmu(machine, None, tmp_path / "a")
+        write_fmu(design, tmp_path / "a")
     monkeypatch.undo()
-    monkeypatch.setattr(binary.shutil, "which", lambda _: None)
-    monkeypatch.setattr(binary.importlib.util, "find_spec", lambda _: None)
+    monkeypatch.setattr(toolchain.shutil, "which", lambda _: None)
+    monkeypatch.setattr(toolchain.importlib.util, "find_spec", lambda _: None)
     with pytest.raises(MissingProgramError, match="apt-get install gcc"):
-        write_fmu(machine, None, tmp_path / "a")
+        write_fmu(design, tmp_path / "a")
     assert sorted(each.name for each in tmp_path.iterdir()) == ["mine"]
-    write_fmu(machine, None, tmp_path / "sources", binary=False)  # needs no compiler
+    write_fmu(design, tmp_path / "sources", binary=False)  # needs no compiler
     assert "sources only" in (tmp_path / "sources" / "README.md").read_text()
 
 

@@ -57,9 +57,23 @@ def _cortex_m(design: Design, out: Path, asked: Asked) -> Path:
     return write_cortex_m(design, out, core=asked.core)
 
 
+def _fmu2(design: Design, out: Path, asked: Asked) -> Path:
+    from feeddrive.artefacts.export.fmu.directory import write_fmu
+
+    return write_fmu(design, out, version=2)
+
+
+def _fmu3(design: Design, out: Path, asked: Asked) -> Path:
+    from feeddrive.artefacts.export.fmu.directory import write_fmu
+
+    return write_fmu(design, out, version=3)
+
+
 TARGETS: dict[str, Target] = {
     "c": Target(_c, ("header_only", "plant", "precision")),
     "linuxcnc": Target(_linuxcnc, ("joint",)),
+    "fmu2": Target(_fmu2, ("plant",)),
+    "fmu3": Target(_fmu3, ("plant",)),
     "cortex-m": Target(_cortex_m, ("core", "precision"), "float"),
 }
 _FLAGS = {
@@ -86,5 +100,6 @@ def perform(asked: Asked) -> None:
     )  # fmt: skip
     out = asked.out or Path("results") / f"export_{Path(asked.source).stem}_{design.axis}_{asked.target}"
     readme = target.write(design, out, asked)
-    console.print(f"{design.title}: {asked.target}, sample time {1e6 * design.routine.sample_time:g} µs", markup=False)
+    said = f"{design.title}: {asked.target}, sample time {1e6 * design.routine.sample_time:g} µs"
+    console.print(said, markup=False, soft_wrap=True)
     console.print(f"Read first: {readme}", markup=False, soft_wrap=True)

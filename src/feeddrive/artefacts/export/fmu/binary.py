@@ -2,34 +2,19 @@
 
 from __future__ import annotations
 
-import importlib.util
 import platform
-import shutil
 import subprocess
 import sys
 import tempfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from feeddrive.language.errors import FileError, MissingProgramError
+from feeddrive.artefacts.export.toolchain import compiler
+from feeddrive.language.errors import FileError
 
 _FLAGS = (
     "-std=c99", "-ffp-contract=off", "-fno-math-errno", "-fvisibility=hidden", "-fno-sanitize=undefined",
 )  # fmt: skip
-
-
-def compiler() -> list[str]:
-    """The words that start the C compiler: gcc, cc or clang, else that of the package ziglang.
-
-    Raises MissingProgramError if there is none.
-    """
-    for name in ("gcc", "cc", "clang"):
-        found = shutil.which(name)
-        if found is not None:
-            return [found]
-    if importlib.util.find_spec("ziglang") is not None:
-        return [sys.executable, "-m", "ziglang", "cc"]
-    raise MissingProgramError("gcc", "gcc libc6-dev", "an FMU with a binary for this machine")
 
 
 def library_place(version: int) -> str:

@@ -12,10 +12,9 @@ from feeddrive.artefacts.export.c.text import texts
 from feeddrive.artefacts.export.fmu.binary import compiled, library_place
 from feeddrive.artefacts.export.fmu.description import build_description, model_description
 from feeddrive.artefacts.export.fmu.model_header import model_header
-from feeddrive.artefacts.export.fmu.variables import is_plant, variables
-from feeddrive.artefacts.export.layout import layout
+from feeddrive.artefacts.export.fmu.variables import variables
+from feeddrive.artefacts.export.layout import Layout
 from feeddrive.language.errors import ParameterError
-from feeddrive.loop.routine import Routine
 
 VERSIONS = (2, 3)
 _HERE = Path(__file__).parent
@@ -28,21 +27,24 @@ _TAKEN = (
 )  # fmt: skip
 
 
-def fmu(routine: Routine, version: int = 2, *, title: str = "", source: str = "", binary: bool = True) -> bytes:
-    """The FMU of a routine, for co-simulation by FMI 2.0 or 3.0; the same routine gives the same bytes.
+def fmu(layout: Layout, version: int, *, title: str, made_by: str, binary: bool = True) -> bytes:
+    """The FMU of a laid-out routine, for co-simulation by FMI 2.0 or 3.0; the same routine gives the same bytes.
 
-    title    what it is, in a line; source: the file it was made from; both stand in the description and the C
-    binary   with a library for this machine; without, tools compile it from the sources that it holds
+    title, made_by   what it is, and which program made it from which file; both stand in its texts
+    binary           with a library for this machine; without one, tools compile it from the sources that it holds
 
-    Raises ParameterError for another version or a name that the archive needs itself, and as `binary.compiled`.
+    Raises ParameterError for another version, single precision or a name that the archive needs itself, FileError and
+    MissingProgramError as `binary.compiled`.
     """
+    routine = layout.routine
     if version not in VERSIONS:
-        raise ParameterError(f"there is no FMI {version} for co-simulation with exported C: take 2 or 3")
+        raise ParameterError(f"there is no export to FMI {version}: take 2 or 3")
+    if layout.precision != "double":
+        raise ParameterError("an FMU computes in double precision: leave --precision out")
     if routine.name.lower() in _TAKEN:
         raise ParameterError(f"an FMU cannot be named '{routine.name}': a header has that name; take {routine.name}_x")
-    title = title or f"{'plant' if is_plant(routine) else 'controller'} {routine.name}"
     tool = f"feeddrive {feeddrive.__version__}"
-    own = texts(layout(routine), title, f"Made by {tool}{f' from {source}' if source else ''}.")
+    own = texts(layout, title, made_by)
     P = routine.name
     files = {f"{P}.h": own.header, f"{P}.c": own.source, f"{P}_configure.c": own.configure}
     files |= {name: _read("sources", name) for name in (f"fmi{version}.c", _SHARED)}
