@@ -1,12 +1,9 @@
 """A control as structures and function blocks: the law in one block, what is done once in three others.
 
-    axis_x             one sample; a reset in the first cycle, and a retune at a rising edge
-    axis_x_configure   parameters -> design numbers
-    axis_x_reset       design, inputs -> state: disabled, where the axis is
-    axis_x_retune      state, parameters and design before and after -> state
-
-What takes more than `MOST_OPERATIONS` to configure, such as a matrix exponential, is not computed on the PLC: its
-design numbers stand as first values in the structure, and the parameters that they depend on are fixed.
+axis_x             one sample; a reset in the first cycle, and a retune at a rising edge
+axis_x_configure   parameters -> design numbers
+axis_x_reset       design, inputs -> state: off, where the axis is
+axis_x_retune      state, parameters and design before and after -> state
 """
 
 from __future__ import annotations
@@ -16,10 +13,11 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 from feeddrive.artefacts.export.identifiers import ST_WORDS, identifier
-from feeddrive.artefacts.export.layout import Field, Layout, word
-from feeddrive.artefacts.export.layout_run import LayoutRun
-from feeddrive.artefacts.export.structured_text.functions import functions, huge
-from feeddrive.artefacts.export.structured_text.statements import Assignment, Statements
+from feeddrive.artefacts.export.layout import Field, Layout
+from feeddrive.artefacts.export.structured_text.fixed import Fixed, fixed
+from feeddrive.artefacts.export.structured_text.functions import functions
+from feeddrive.artefacts.export.structured_text.section import Section
+from feeddrive.artefacts.export.structured_text.statements import Assignment
 from feeddrive.artefacts.export.structured_text.units import (
     CONSTANTS,
     INPUTS,
@@ -29,50 +27,23 @@ from feeddrive.artefacts.export.structured_text.units import (
     Structure,
     Unit,
 )
-from feeddrive.artefacts.export.structured_text.words import HUGE, decimal, literal
-from feeddrive.language.errors import StructureError
-from feeddrive.language.graph import Graph, reachable
+from feeddrive.artefacts.export.structured_text.words import decimal, literal
+from feeddrive.language.graph import Graph
 from feeddrive.language.naming import Name
+from feeddrive.loop.guard import TRIPS
 from feeddrive.loop.routine import Variable
 
-MOST_OPERATIONS = 2000  # of one design number: some 20 us on a PLC, once
-MOST_ENTRIES = 10_000  # of a table: an array with its first values in the source
-CYCLE_TOLERANCE = 1e-6  # of the sample time: a task's cycle is known to 100 ns or better
-
-
-@dataclass(frozen=True)
-class Frozen:
-    """What is fixed by the export: design numbers with their values, and the parameters behind them."""
-
-    fields: Mapping[str, float]
-    parameters: tuple[Variable, ...]
-
-
-def frozen(layout: Layout) -> Frozen:
-    """The design numbers that take too many operations, and what depends on the same parameters alone."""
-    leaves = layout.leaves
-    fixed: set[int] = set()
-    below = {field.name: set(reachable(layout.graph, [field.node])) for field in layout.design}
-    for nodes in below.values():
-        if len(nodes) > MOST_OPERATIONS:
-            fixed |= {node for node in nodes if leaves.get(node, ("", 0))[0] == "parameter"}
-    values = LayoutRun(layout).design
-    found: dict[str, float] = {}
-    for field in layout.design:
-        given = {node for node in below[field.name] if leaves.get(node, ("", 0))[0] == "parameter"}
-        if given & fixed and given <= fixed:
-            found[field.name] = float(values[field.node])
-    routine = layout.routine
-    return Frozen(found, tuple(routine.parameters[leaves[node][1]] for node in sorted(fixed)))
+CYCLE_TOLERANCE = 1e-6  # of the sample time: a task's cycle is known better
 
 
 @dataclass(frozen=True)
 class Program:
-    """All that is printed, in the order in which it must be read."""
+    """All that is printed, in the order in which it must be read; `names` are those of parameters by dotted name."""
 
     structures: tuple[Structure, ...]
     units: tuple[Unit, ...]
-    frozen: Frozen
+    fixed: Fixed
+    names: Mapping[str, str]
 
     @property
     def block(self) -> Unit:
@@ -84,26 +55,34 @@ class Program:
         return "\n".join(each.text() for each in (*self.structures, *self.units))
 
 
-class Printer:
+def program(layout: Layout, said: str) -> Program:
+    """The program of a controller; `said` is the comment above its function block.
+
+    Raises StructureError for a table with too many entries.
+    """
+    return _Printer(layout, said).program()
+
+
+class _Printer:
     """Prints a layout; names of fields are made legal once, and used everywhere."""
 
     def __init__(self, layout: Layout, said: str) -> None:
         self.layout, self.said = layout, said
         self.routine, self.name = layout.routine, layout.routine.name
         self.real = "LREAL" if layout.precision == "double" else "REAL"
-        self.frozen = frozen(layout)
-        fixed = {variable.path for variable in self.frozen.parameters}
-        self.parameters = _legal((v.path, v.name) for v in self.routine.parameters if v.path not in fixed)
+        self.fixed = fixed(layout)
+        self.values = {variable.path: variable.value for variable in self.fixed.parameters}
+        self.parameters = _legal((v.path, v.name) for v in self.routine.parameters if v.path not in self.values)
         self.design = _legal((f.name, f.name) for f in layout.design)
         self.states = _legal((v.path, v.name) for v in self.routine.states)
         self.used: dict[str, set[str]] = {"LREAL": set(), "REAL": set()}
-        self._reset_inputs: list[str] = []
 
     def program(self) -> Program:
         """Structures, functions and function blocks."""
-        blocks = [self._configure(), self._reset(), self._retune(), self._step()]
+        reset = self._reset()
+        blocks = [self._configure(), reset, self._retune(), self._step(reset.sections[INPUTS][1:])]
         own = [unit for real, used in self.used.items() for unit in functions(used, self.name, real)]
-        return Program(self._structures(), (*own, *blocks), self.frozen)
+        return Program(self._structures(), (*own, *blocks), self.fixed, self.parameters)
 
     def _structures(self) -> tuple[Structure, ...]:
         parameters = [
@@ -111,46 +90,48 @@ class Printer:
             for v in self.routine.parameters
             if v.path in self.parameters
         ]
-        design = [Declared(self.design[f.name], self._kind(f), self._frozen_value(f)) for f in self.layout.design]
+        design = [Declared(self.design[f.name], self._kind(f), self._fixed_value(f)) for f in self.layout.design]
         states = [Declared(self.states[v.path], self.real) for v in self.routine.states]
         return (
-            Structure(f"{self.name}_parameters", "What can be changed while the loop runs; see retune.", parameters),
-            Structure(f"{self.name}_design", "Numbers that depend on parameters only.", design),
+            Structure(f"{self.name}_parameters", "What can be changed while the loop runs, by retune.", parameters),
+            Structure(f"{self.name}_design", self._said_of_design(), design),
             Structure(f"{self.name}_state", "What is remembered from sample to sample.", states),
         )
+
+    def _said_of_design(self) -> str:
+        """What is fixed stands above its numbers."""
+        lines = ["Numbers that depend on parameters only."]
+        if self.fixed.parameters:
+            lines += ["", "Those with a value are fixed by the export. They were computed for these parameters:"]
+            lines += [f"  {v.path} = {decimal(v.value)} {v.unit}".rstrip() for v in self.fixed.parameters]
+        return "\n".join(lines)
 
     def _kind(self, field: Field) -> str:
         return "BOOL" if field.truth else self.real
 
-    def _frozen_value(self, field: Field) -> str:
-        value = self.frozen.fields.get(field.name)
+    def _fixed_value(self, field: Field) -> str:
+        value = self.fixed.fields.get(field.name)
         if value is None:
             return ""
         return ("TRUE" if value else "FALSE") if field.truth else decimal(value, self.real)
 
-    # the four blocks
-
     def _configure(self) -> Unit:
         """Always in long reals: the design has the best numbers that a short one can store."""
-        wanted = [field for field in self.layout.design if field.name not in self.frozen.fields]
-        fixed = {v.path: v.value for v in self.frozen.parameters}
-        leaves = {}
+        wanted = [field for field in self.layout.design if field.name not in self.fixed.fields]
+        leaves: dict[int, str] = {}
         for node, (kind, i) in self.layout.leaves.items():
             if kind == "sample_time":
                 leaves[node] = literal(self.routine.sample_time)
             elif kind == "parameter":
-                path = self.routine.parameters[i].path
-                leaves[node] = literal(fixed[path]) if path in fixed else f"parameters.{self.parameters[path]}"
-        layout = self.layout
-        section = _Section(self, layout.graph, leaves, layout.names, layout.makers, "LREAL", ["parameters", "design"])
-        if self.real == "LREAL":
-            section.places = {field.node: f"design.{self.design[field.name]}" for field in wanted}
-        lines = section.compute([field.node for field in wanted])
+                leaves[node] = self._parameter("parameters", i)
+        section = self._section(leaves, ["parameters", "design"], "LREAL")
+        places = {field.node: f"design.{self.design[field.name]}" for field in wanted}
+        section.places = places if self.real == "LREAL" else {}
+        lines = self._computed(section, places)
         for field in wanted:
-            text, place = section.statements.texts[field.node], f"design.{self.design[field.name]}"
-            short = self.real == "REAL" and not field.truth
+            text, place = section.statements.texts[field.node], places[field.node]
             if text != place:
-                lines += Assignment(place, f"LREAL_TO_REAL({text})" if short else text).lines()
+                lines += Assignment(place, text if field.truth else self._narrow(text)).lines()
         return Unit(
             f"{self.name}_configure", "What depends on parameters only: once, not in every sample.",
             sections={
@@ -158,20 +139,25 @@ class Printer:
                 OUTPUTS: [Declared("design", f"{self.name}_design")],
                 VARIABLES: section.variables,
             },
-            body=lines or [";"],
+            body=lines,
         )  # fmt: skip
+
+    def _parameter(self, struct: str, i: int) -> str:
+        path = self.routine.parameters[i].path
+        return literal(self.values[path]) if path in self.values else f"{struct}.{self.parameters[path]}"
 
     def _reset(self) -> Unit:
         inputs = self._inputs()
         section = self._sampled([each.name for each in inputs])
-        lines = section.compute(self.layout.reset.states)
+        lines = self._computed(section, self.layout.reset.states)
         lines += section.assign(self._targets(self.layout.reset.states))
-        inputs = self._read(inputs, lines)
-        self._reset_inputs = [each.name for each in inputs]
+        words = set(re.findall(r"\w+", "\n".join(lines)))
         return Unit(
             f"{self.name}_reset", "The state of a loop that is off and has no trip, where the axis is.",
             sections={
-                INPUTS: [Declared("design", f"{self.name}_design"), *inputs],
+                INPUTS: [
+                    Declared("design", f"{self.name}_design"), *(each for each in inputs if each.name in words)
+                ],
                 OUTPUTS: [Declared("state", f"{self.name}_state")],
                 VARIABLES: section.variables,
                 CONSTANTS: section.constants(),
@@ -179,78 +165,61 @@ class Printer:
             body=lines,
         )  # fmt: skip
 
-    def _read(self, inputs: list[Declared], lines: list[str]) -> list[Declared]:
-        """The inputs that statements read."""
-        words = set(re.findall(r"\w+", "\n".join(lines)))
-        return [each for each in inputs if each.name in words]
-
     def _retune(self) -> Unit:
         """In long reals, as configure."""
         retune = self.layout.retune
-        assert retune is not None, "only a control is printed"
-        short = self.real == "REAL"
-        fixed = {v.path: v.value for v in self.frozen.parameters}
-        fields = {field.node: field.name for field in self.layout.design}
+        assert retune is not None, "a control can be retuned, an axis is not printed"
+        states = [f"state.{self.states[v.path]}" for v in self.routine.states]
         leaves: dict[int, str] = {}
         for node, (kind, i) in retune.leaves.items():
             if kind == "state":
-                text = f"state.{self.states[self.routine.states[i].path]}"
-                leaves[node] = f"REAL_TO_LREAL({text})" if short else text
+                leaves[node] = self._wide(states[i])
             elif kind in ("old", "new"):
-                path = self.routine.parameters[i].path
-                held = "before" if kind == "old" else "after"
-                leaves[node] = literal(fixed[path]) if path in fixed else f"{held}.{self.parameters[path]}"
+                leaves[node] = self._parameter("before" if kind == "old" else "after", i)
             elif i in self.routine.prepared_leaves:
                 made = self.layout.prepared[self.routine.prepared_leaves.index(i)][1]
-                constant = self.layout.graph.nodes[made]
-                held = "design_before" if kind == "old_prepared" else "design_after"
-                if constant[0] == "const":
-                    leaves[node] = literal(float.fromhex(constant[1]))
-                elif made in fields:
-                    text = f"{held}.{self.design[fields[made]]}"
-                    leaves[node] = f"REAL_TO_LREAL({text})" if short else text
+                leaves[node] = self._prepared("design_before" if kind == "old_prepared" else "design_after", made)
         taken = ["before", "after", "design_before", "design_after", "state", "retuned"]
-        section = _Section(self, retune.graph, leaves, retune.names, retune.makers, "LREAL", taken)
+        section = self._section(leaves, taken, "LREAL", (retune.graph, retune.names, retune.makers))
         changed = [
-            (variable, node)
-            for variable, node in zip(self.routine.states, retune.states, strict=True)
-            if retune.leaves.get(node) != ("state", self.routine.states.index(variable))
+            (f"retuned.{self.states[variable.path]}", node)
+            for i, (variable, node) in enumerate(zip(self.routine.states, retune.states, strict=True))
+            if retune.leaves.get(node) != ("state", i)
         ]
-        lines = section.compute([node for _, node in changed])
-        lines += ["retuned := state;"]
-        lines += [
-            line
-            for variable, node in changed
-            for text in [section.statements.texts[node]]
-            for line in Assignment(
-                f"retuned.{self.states[variable.path]}", f"LREAL_TO_REAL({text})" if short else text
-            ).lines()
-        ]
+        lines = self._computed(section, [node for _, node in changed])
+        lines.append("retuned := state;")
+        for place, node in changed:
+            lines += Assignment(place, self._narrow(section.statements.texts[node])).lines()
+        structs = {"before": "parameters", "after": "parameters", "design_before": "design", "design_after": "design"}
         return Unit(
             f"{self.name}_retune", "The state after a live change: forces and estimates go on without a jump.",
             sections={
-                INPUTS: [
-                    Declared("before", f"{self.name}_parameters"), Declared("after", f"{self.name}_parameters"),
-                    Declared("design_before", f"{self.name}_design"), Declared("design_after", f"{self.name}_design"),
-                    Declared("state", f"{self.name}_state"),
-                ],
+                INPUTS: [Declared(n, f"{self.name}_{kind}") for n, kind in (structs | {"state": "state"}).items()],
                 OUTPUTS: [Declared("retuned", f"{self.name}_state")],
                 VARIABLES: section.variables,
             },
             body=lines,
         )  # fmt: skip
 
-    def _step(self) -> Unit:
-        inputs, T = self._inputs(), literal(self.routine.sample_time, self.real)
-        extra = [
-            Declared("cycle_time", self.real, decimal(self.routine.sample_time, self.real),
+    def _prepared(self, struct: str, made: int) -> str:
+        """A prepared number: one of the text, or one of the design; what nobody reads is none."""
+        constant = self.layout.graph.nodes[made]
+        if constant[0] == "const":
+            return literal(float.fromhex(constant[1]))
+        name = next((field.name for field in self.layout.design if field.node == made), None)
+        return "" if name is None else self._wide(f"{struct}.{self.design[name]}")
+
+    def _step(self, reset_inputs: list[Declared]) -> Unit:
+        inputs, T = self._inputs(), self.routine.sample_time
+        more = [
+            Declared("cycle_time", self.real, decimal(T, self.real),
                      "s: cycle of the calling task; the loop stays off unless it is the sample time"),
             Declared("reset", "BOOL", "FALSE", "TRUE: start anew where the axis is, off and without a trip"),
             Declared("retune", "BOOL", "FALSE", "rising edge: take the parameters over while the loop runs"),
-            Declared("parameters", f"{self.name}_parameters", "", "taken over by the first cycle, reset and retune"),
+            Declared("parameters", f"{self.name}_parameters", "", "read in the first cycle, at a reset and a retune"),
         ]  # fmt: skip
         outputs = [self._output(v) for v in self.routine.outputs]
-        outputs.append(Declared("cycle_wrong", "BOOL", "", "TRUE: the task has another cycle than the sample time"))
+        outputs.append(Declared("cycle_wrong", "BOOL", "", "TRUE: the cycle of the task is not the sample time"))
         own = [
             Declared("started", "BOOL", "FALSE", "whether there is a state"),
             Declared("retuned", "BOOL", "FALSE", "retune in the cycle before"),
@@ -260,47 +229,61 @@ class Printer:
             Declared("configuring", f"{self.name}_configure"), Declared("resetting", f"{self.name}_reset"),
             Declared("retuning", f"{self.name}_retune"),
         ]  # fmt: skip
-        section = self._sampled([each.name for each in (*inputs, *extra, *outputs, *own)])
+        section = self._sampled([each.name for each in (*inputs, *more, *outputs, *own)])
         step = self.layout.step
-        lines = section.compute([*step.states, *step.outputs])
-        lines += ["", "(* outputs, and what the next sample remembers *)"]
+        lines = self._computed(section, [*step.states, *step.outputs])
+        lines += ["", "(* what comes out, and what the next sample remembers *)"]
         for variable, node in zip(self.routine.outputs, step.outputs, strict=True):
-            text = section.statements.texts[node]
-            if variable.name == "trip":
-                lines.append(f"trip := {self.real}_TO_INT({text});")
-            elif variable.name == "enabled":
-                lines.append(f"enabled := {text} > {literal(0.5, self.real)};")
-            else:
-                lines += Assignment(variable.name, text).lines()
+            lines += self._put(variable.name, section.statements.texts[node])
         lines += section.assign(self._targets(step.states))
-        given = "".join(f",\n            {name} := {name}" for name in self._reset_inputs)
-        tolerance = literal(CYCLE_TOLERANCE * self.routine.sample_time, self.real)
-        first = _FIRST.format(inputs=given, T=T, tolerance=tolerance).splitlines()
+        first = _FIRST.format(
+            inputs="".join(f",\n            {each.name} := {each.name}" for each in reset_inputs),
+            T=literal(T, self.real), tolerance=literal(CYCLE_TOLERANCE * T, self.real),
+        )  # fmt: skip
         return Unit(
             self.name, self.said,
             sections={
-                INPUTS: [*inputs, *extra], OUTPUTS: outputs,
+                INPUTS: [*inputs, *more], OUTPUTS: outputs,
                 VARIABLES: [*own, *section.variables], CONSTANTS: section.constants(),
             },
-            body=[*first, *lines],
+            body=[*first.splitlines(), *lines],
         )  # fmt: skip
 
     def _inputs(self) -> list[Declared]:
-        return [
-            Declared(v.name, "BOOL" if v.name == "enable" else self.real, "",
-                     "TRUE: the loop shall run" if v.name == "enable" else _meaning(v))
-            for v in self.routine.inputs
-        ]  # fmt: skip
+        special = {"enable": Declared("enable", "BOOL", "FALSE", "TRUE: the loop shall run")}
+        return [special.get(v.name, Declared(v.name, self.real, "", _meaning(v))) for v in self.routine.inputs]
 
     def _output(self, variable: Variable) -> Declared:
+        codes = ", ".join(f"{code:.0f} {text}" for code, text in TRIPS.items())
         special = {
-            "trip": ("INT", "0 none, 1 reading, 2 following error, 3 velocity, 4 travel, 5 command is no number"),
+            "trip": ("INT", f"0 none, {codes}"),
             "enabled": ("BOOL", "TRUE while the loop runs, FALSE while it is off or tripped"),
         }
         kind, meaning = special.get(variable.name, (self.real, _meaning(variable)))
         return Declared(variable.name, kind, "", meaning)
 
-    def _sampled(self, taken: Iterable[str]) -> _Section:
+    def _put(self, name: str, text: str) -> list[str]:
+        """An output, as the type that a PLC's program expects."""
+        if name == "trip":
+            return [f"trip := {self.real}_TO_INT({text});"]
+        if name == "enabled":
+            return [f"enabled := {text} > {literal(0.5, self.real)};"]
+        return Assignment(name, text).lines()
+
+    def _wide(self, text: str) -> str:
+        """A stored number where long reals are computed."""
+        return text if self.real == "LREAL" else f"REAL_TO_LREAL({text})"
+
+    def _narrow(self, text: str) -> str:
+        """A long real where it is stored."""
+        return text if self.real == "LREAL" else f"LREAL_TO_REAL({text})"
+
+    def _computed(self, section: Section, nodes: Iterable[int]) -> list[str]:
+        lines = section.compute(nodes)
+        self.used[section.real] |= section.statements.used
+        return lines
+
+    def _sampled(self, taken: Iterable[str]) -> Section:
         """A section that reads inputs, state and design."""
         layout, routine = self.layout, self.routine
         fields = {field.node: f"design.{self.design[field.name]}" for field in layout.design}
@@ -310,9 +293,7 @@ class Printer:
                 leaves[node] = routine.inputs[i].name
             elif kind == "state":
                 leaves[node] = f"state.{self.states[routine.states[i].path]}"
-        leaves |= fields
-        taken = [*taken, "state", "design"]
-        section = _Section(self, layout.graph, leaves, layout.names, layout.makers, self.real, taken)
+        section = self._section(leaves | fields, [*taken, "state", "design"], self.real)
         section.statements.bounds = set(fields)
         for node, (kind, i) in layout.leaves.items():
             if kind == "table":
@@ -320,6 +301,17 @@ class Printer:
             elif kind == "input" and routine.inputs[i].name == "enable":
                 section.switch(node)
         return section
+
+    def _section(
+        self,
+        leaves: Mapping[int, str],
+        taken: Iterable[str],
+        real: str,
+        traced: tuple[Graph, Mapping[int, Name], Mapping[int, str]] | None = None,
+    ) -> Section:
+        layout = self.layout
+        graph, names, makers = traced or (layout.graph, layout.names, layout.makers)
+        return Section(self.name, dict(self.routine.blocks), graph, leaves, names, makers, real, taken)
 
     def _targets(self, nodes: Iterable[int]) -> list[tuple[str, int]]:
         pairs = zip(self.routine.states, nodes, strict=True)
@@ -354,97 +346,6 @@ retuned := retune;
 cycle_wrong := NOT (ABS(cycle_time - {T}) <= {tolerance});
 switched_on := enable AND (NOT cycle_wrong);
 """
-
-
-class _Section:
-    """The statements of one block, and the variables that they need."""
-
-    def __init__(
-        self,
-        printer: Printer,
-        graph: Graph,
-        leaves: Mapping[int, str],
-        names: Mapping[int, Name],
-        makers: Mapping[int, str],
-        real: str,
-        taken: Iterable[str],
-    ) -> None:
-        self.printer, self.graph, self.names, self.real = printer, graph, names, real
-        self.variables: list[Declared] = []
-        self.places: dict[int, str] = {}  # where a number goes that needs no variable of its own
-        self._tables: dict[str, Declared] = {}
-        self._taken = {HUGE, *taken}
-        self._lines: list[str] = []
-        self.statements = Statements(graph, leaves, self._declare, names, printer.name, real, makers)
-
-    def _declare(self, index: int, kind: str) -> str:
-        if index in self.places:
-            return self.places[index]
-        name = identifier(self._wanted(index), self._taken, ST_WORDS)
-        self.variables.append(Declared(name, kind))
-        return name
-
-    def _wanted(self, index: int) -> str:
-        """The law's word; that of the state for one that may have been reset; else a number."""
-        if index in self.names:
-            return word(self.names[index])
-        node = self.graph.nodes[index]
-        kept = self.statements.texts.get(node[2], "") if node[0] == "select" else ""
-        return kept.removeprefix("state.") if kept.startswith("state.") else f"v{len(self.variables) + 1}"
-
-    def table(self, node: int, path: str, row: list[float]) -> None:
-        """A table as an array that is constant."""
-        if len(row) > MOST_ENTRIES:
-            raise StructureError(
-                f"{path} has {len(row)} entries, more than the {MOST_ENTRIES} that fit into a Structured Text array; "
-                f"leave it out, or export another target"
-            )
-        name = identifier(path.removeprefix("control."), self._taken, ST_WORDS)
-        values = ", ".join(decimal(value, self.real) for value in row)
-        self._tables[name] = Declared(name, f"ARRAY[0..{len(row) - 1}] OF {self.real}", f"[{values}]")
-        self.statements.texts[node] = name
-
-    def switch(self, node: int) -> None:
-        """Enable is a BOOL: its comparison with one half stands for it."""
-        for index, each in enumerate(self.graph.nodes):
-            if each[0] == "lt" and each[2] == node and self.graph.nodes[each[1]] == ("const", (0.5).hex()):
-                self.statements.texts[index] = "switched_on"
-
-    def compute(self, nodes: Iterable[int]) -> list[str]:
-        """Statements for some nodes, under the names of the blocks in whose text they stand."""
-        found = self.statements.compute(nodes, nodes)
-        self.printer.used[self.real] |= self.statements.used
-        self._lines = []
-        titles, owner = dict(self.printer.routine.blocks), None
-        for each in found:
-            if each.owner is not None and each.owner != owner:
-                owner = each.owner
-                kind = titles[owner].kind if owner in titles else ""
-                shown = owner if not kind or owner.endswith(kind) else f"{owner}: {kind}"
-                self._lines += [*([""] if self._lines else []), f"(* {shown or 'the loop'} *)"]
-            self._lines += each.lines()
-        if any(HUGE in line for line in self._lines):
-            self.variables.append(huge(self.real))
-        return self._lines
-
-    def constants(self) -> list[Declared]:
-        """The tables that the statements read."""
-        return [each for name, each in self._tables.items() if any(f"{name}[" in line for line in self._lines)]
-
-    def assign(self, targets: Iterable[tuple[str, int]]) -> list[str]:
-        """`place := number;` for each, at once: what is overwritten and still wanted is taken first."""
-        moved = [(place, self.statements.texts[index]) for place, index in targets]
-        moved = [(place, text) for place, text in moved if place != text]
-        places = {place for place, _ in moved}
-        lines: list[str] = []
-        held: dict[str, str] = {}
-        for _, text in moved:
-            if text in places and text not in held:
-                name = identifier(f"last_{text.rpartition('.')[2]}", self._taken, ST_WORDS)
-                self.variables.append(Declared(name, self.real))
-                held[text] = name
-                lines.append(f"{name} := {text};")
-        return lines + [line for place, text in moved for line in Assignment(place, held.get(text, text)).lines()]
 
 
 def _legal(names: Iterable[tuple[str, str]]) -> dict[str, str]:

@@ -28,10 +28,13 @@ class Structure:
     said: str
     fields: Sequence[Declared]
 
+    def declared(self) -> Sequence[Declared]:
+        """Its fields; a structure without any is not legal, so one stands there."""
+        return self.fields or [Declared("none", "BOOL", "", "nothing is kept here")]
+
     def text(self) -> str:
-        """As it stands in a source file; a structure without fields is not legal, so one stands there."""
-        fields = self.fields or [Declared("none", "BOOL", "", "nothing is kept here")]
-        lines = [f"TYPE {self.name} :", "STRUCT", *_declared(fields), "END_STRUCT", "END_TYPE"]
+        """As it stands in a source file."""
+        lines = [f"TYPE {self.name} :", "STRUCT", *_declared(self.declared()), "END_STRUCT", "END_TYPE"]
         return _joined([*comment(self.said), *lines])
 
 
@@ -60,8 +63,8 @@ class Unit:
         return _joined(lines)
 
     def implementation(self) -> str:
-        """The statements."""
-        return _joined(self.body)
+        """The statements; an empty one where there is nothing to do."""
+        return _joined(self.body or [";"])
 
     def text(self) -> str:
         """As it stands in a source file."""
