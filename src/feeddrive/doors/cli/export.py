@@ -69,12 +69,19 @@ def _fmu3(design: Design, out: Path, asked: Asked) -> Path:
     return write_fmu(design, out, version=3)
 
 
+def _structured_text(design: Design, out: Path, asked: Asked) -> Path:
+    from feeddrive.artefacts.export.structured_text.directory import write_structured_text
+
+    return write_structured_text(design, out)
+
+
 TARGETS: dict[str, Target] = {
     "c": Target(_c, ("header_only", "plant", "precision")),
     "linuxcnc": Target(_linuxcnc, ("joint",)),
     "fmu2": Target(_fmu2, ("plant",)),
     "fmu3": Target(_fmu3, ("plant",)),
     "cortex-m": Target(_cortex_m, ("core", "precision"), "float"),
+    "st": Target(_structured_text, ("precision",)),
 }
 _FLAGS = {
     "header_only": "--header-only", "plant": "--plant", "precision": "--precision", "joint": "--joint",
