@@ -65,6 +65,15 @@ def select(condition: Any, a: Tree, b: Tree) -> Tree:
     return rebuild(a, chosen)
 
 
+def cases(*pairs: tuple[Any, Any], otherwise: Any) -> Any:
+    """The tree of the first pair (condition, tree) whose condition is true; all have the same leaves."""
+    rows = [[value for _, value in leaves(given)] for _, given in pairs]
+    chosen = [value for _, value in leaves(otherwise)]
+    for (condition, _), row in zip(reversed(pairs), reversed(rows), strict=True):
+        chosen = [x if x is y else ops.where(condition, x, y) for x, y in zip(row, chosen, strict=True)]
+    return rebuild(pairs[0][1], iter(chosen))
+
+
 def declaration(block: Block, name: str) -> Declaration:
     """The declaration of the leaf with a dotted name. Raises ParameterError for a name that is not there."""
     owner, last = _owner(block, name)

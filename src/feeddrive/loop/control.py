@@ -143,13 +143,10 @@ class Control(Block):
             verdict.setpoint,
             Reading(verdict.before_motor, verdict.before_load, state.applied, state.requested, verdict.velocity),
         )
-        live = tree.select(verdict.ran, state.memory, fresh)
+        live = self.guard.live(verdict, state.memory, fresh)
         memory, command = self._run(prepared, live, verdict.setpoint, reading, T)
-        guard, applied, requested = self.guard.command(
-            guard, verdict, state.applied, command.applied, command.requested
-        )
-        command = command._replace(applied=applied, requested=requested, trip=guard.trip, running=guard.running)
-        return self.State(memory, applied, requested, guard), command
+        guard, outcome = self.guard.command(guard, verdict, state.applied, command.applied, command.requested)
+        return self.State(memory, outcome.applied, outcome.requested, guard), command._replace(**outcome._asdict())
 
     def check_live(self, old: Control) -> None:
         """Raise StructureError, with the first place, if this control differs from `old` by more than numbers."""

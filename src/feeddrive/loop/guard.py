@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Iterator
+from typing import NamedTuple, TypeVar
 
 from feeddrive.blocks.signals import Setpoint
 from feeddrive.language import ops
 from feeddrive.language.block import Block, Number, parameter
+from feeddrive.language.tree import cases
+
+Memory = TypeVar("Memory")
 
 # codes of `Signals.trip`
 TRIP_NONE, TRIP_READING, TRIP_FOLLOWING_ERROR, TRIP_VELOCITY, TRIP_TRAVEL, TRIP_COMMAND = 0.0, 1.0, 2.0, 3.0, 4.0, 5.0
@@ -14,7 +18,7 @@ TRIPS = {TRIP_READING: "a broken reading or setpoint", TRIP_FOLLOWING_ERROR: "th
          TRIP_VELOCITY: "the velocity", TRIP_TRAVEL: "the travel",
          TRIP_COMMAND: "a command that is no number"}  # in words  # fmt: skip
 
-SMOOTHING = 1.0 / 32.0  # of the velocity: a count that toggles at standstill must not look like motion
+SMOOTHING = 1.0 / 32.0  # of the velocity at enable: a count that toggles at standstill must not look like motion
 SETPOINT_LIMIT = 1e12  # of a setpoint's five numbers in SI, summed: no axis comes near it, not in its snap
 COMMAND_LIMIT = 1e18  # N, before the limit: a law that asks for more has overflowed
 
@@ -24,8 +28,9 @@ class Guard(Block):
 
     A reading that is NaN or beyond `reading_limit` is broken, and so is a setpoint with a NaN or infinite number in it.
     For at most `hold_samples` in a row the last command is held, and law and observers see an axis that goes on: the
-    last good reading plus its velocity times T, the last good setpoint likewise.  Then the loop trips.  It trips at
-    once on a following error, a velocity or a position beyond its bound, and on a command that is no number.
+    last good reading plus the motion of the sample before, the setpoint likewise.  Then the loop trips.  It trips at
+    once on a following error, a velocity or a position beyond its bound, on a command that is no number, and when it is
+    enabled on a broken reading.
 
     A trip is latched; taking `enable` away clears it, giving it again resets the law, its filters and observers to
     where the axis is.  An `enable` that is NaN counts as taken away.
@@ -34,7 +39,7 @@ class Guard(Block):
     opened: a law takes over from the force that acts.
     When two encoders are read, the motor's is aligned to the load's at enable, so that their offset cannot act.
     An axis that moves at enable is taken over as it moves: law and observers start from the readings of one sample
-    before, and observers from the velocity, which is smoothed over some 32 samples.
+    before, and observers from the velocity, which is smoothed over some 32 samples while the loop does not run.
 
         velocity T = travel(k) = travel(k-1) + (x(k) - x(k-1) - travel(k-1)) / 32
     """
@@ -64,41 +69,45 @@ class Guard(Block):
     class State(NamedTuple):
         """What the guard remembers of the sample before.
 
-        running       whether the loop ran, 0 or 1
-        trip          code of the trip
-        broken        broken samples in a row
+        mode          1 + broken samples in a row while the loop runs, 0 disabled, -code tripped
         position      last readings of motor and load, m; where one was broken, where the axis went on to
         offset        between the two encoders, m
-        travel        smoothed motion in a sample, m
-        set_position  last good setpoint, m and m/s
+        travel        motion in the last sample, m; smoothed while the loop does not run
+        set_position  last good one, m; where it was broken, where it went on to
         """
 
-        running: Number
-        trip: Number
-        broken: Number
+        mode: Number
         position_motor: Number
         position_load: Number
         offset: Number
         travel: Number
         set_position: Number
-        set_velocity: Number
 
     class Verdict(NamedTuple):
         """What the law may see, and whether its command counts.
 
-        runs, ran, held are truth values: whether the loop may run in this sample, whether it did in the last one, and
-        whether the last command is held.  The readings before are for a start.
+        usual         the loop runs on, nothing is broken or beyond its bound: a truth value, as are the next two
+        ran, good     the loop ran in the last sample; readings and setpoint are whole
+        before, velocity  readings in m and velocity in m/s one sample before, for a start
         """
 
-        runs: object
+        usual: object
         ran: object
-        held: object
+        good: object
         setpoint: Setpoint
         position_motor: Number
         position_load: Number
         before_motor: Number
         before_load: Number
         velocity: Number
+
+    class Outcome(NamedTuple):
+        """Forces in N to apply and as requested; the trip code, and 1 while the loop runs."""
+
+        applied: Number
+        requested: Number
+        trip: Number
+        running: Number
 
     def prepare(self, T: Number) -> Prepared:
         """The bound of the velocity as one of the motion in a sample."""
@@ -110,84 +119,104 @@ class Guard(Block):
         load = ops.where(ops.absolute(load) <= self.reading_limit, load, 0.0)
         motor = load if one else ops.where(ops.absolute(motor) <= self.reading_limit, motor, 0.0)
         good = ops.absolute(_sum(setpoint)) <= SETPOINT_LIMIT
-        rest = (load, 0.0, 0.0, 0.0, 0.0)
+        rest = (load, *(load - load for _ in setpoint[1:]))
         return Setpoint(*(ops.where(good, x, y) for x, y in zip(setpoint, rest, strict=True))), motor, load
 
     def start(self, prepared: Prepared, setpoint: Setpoint, motor: Number, load: Number, velocity: Number) -> State:
         """Disabled, without a trip, at the readings of one sample before the first step."""
-        zero = motor - motor
         travel = velocity * prepared.T
-        return self.State(
-            zero, zero, zero, motor, load, motor - load, travel, setpoint.position, zero + setpoint.velocity
-        )
+        return self.State(motor - motor, motor, load, motor - load, travel, setpoint.position)
 
     def step(
         self, prepared: Prepared, state: State, setpoint: Setpoint, motor: Number, load: Number, enable: Number
     ) -> tuple[State, Verdict]:
-        """Before the law: broken numbers, following error, velocity, travel, in this order of precedence."""
-        ran = state.running > 0.5
+        """Before the law: broken numbers, following error, velocity, travel, in this order of precedence.
+
+        Whatever hangs on a condition asks first whether all is as usual: compiled, this is the one branch of nearly
+        every sample.
+        """
         one = motor is load  # one encoder: nothing to align
+        ran, enabled = state.mode > 0.5, enable > 0.5
         # written so that NaN, which compares as false, is bad
-        good_motor = ops.absolute(motor) <= self.reading_limit
         good_load = ops.absolute(load) <= self.reading_limit
+        good_motor = good_load if one else ops.absolute(motor) <= self.reading_limit
         good_setpoint = ops.absolute(_sum(setpoint)) <= SETPOINT_LIMIT
         good = ops.both(good_load if one else ops.both(good_motor, good_load), good_setpoint)
-        goes_on = ops.where(ran, state.travel, 0.0)
-        load = ops.where(good_load, load, state.position_load + goes_on)
-        motor = load if one else ops.where(good_motor, motor, state.position_motor + goes_on)
-        setpoint = self._setpoint(prepared, state, setpoint, good_setpoint)
-        broken = ops.where(good, 0.0, state.broken + 1.0)
-        found = ops.where(broken > self.hold_samples, TRIP_READING, TRIP_NONE)
-        if self.following_error_limit is not None:
-            far = ops.absolute(setpoint.position - load) > self.following_error_limit
-            found = _first(found, far, TRIP_FOLLOWING_ERROR)
-        moved = load - state.position_load
-        if prepared.fastest:
-            found = _first(found, ops.absolute(moved) > prepared.fastest[0], TRIP_VELOCITY)
-        if self.travel_least is not None:
-            found = _first(found, load < self.travel_least, TRIP_TRAVEL)
-        if self.travel_most is not None:
-            found = _first(found, load > self.travel_most, TRIP_TRAVEL)
-        enabled = enable > 0.5
-        trip = ops.where(enabled, ops.where(state.trip > 0.0, state.trip, found), TRIP_NONE)
-        runs = ops.both(enabled, trip <= 0.0)
-        offset = state.offset if one else ops.where(ran, state.offset, motor - load)
-        travel = state.travel + SMOOTHING * (moved - state.travel)
-        after = self.State(
-            ops.where(runs, 1.0, 0.0), trip, broken, motor, load, offset, travel, setpoint.position, setpoint.velocity
+        usual = ops.both(ops.both(good, enabled), ran)
+
+        load = cases((usual, load), (good_load, load), otherwise=state.position_load + state.travel)
+        if one:
+            motor = load
+        else:
+            motor = cases((usual, motor), (good_motor, motor), otherwise=state.position_motor + state.travel)
+        setpoint = cases(
+            (usual, setpoint),
+            (good_setpoint, setpoint),
+            otherwise=(state.set_position + state.travel, state.travel / prepared.T, 0.0, 0.0, 0.0),
         )
+        mode = cases(
+            (usual, 1.0),
+            (
+                enabled,
+                cases(
+                    (state.mode < 0.0, state.mode),
+                    (good, 1.0),
+                    (ops.both(ran, state.mode <= self.hold_samples), state.mode + 1.0),
+                    otherwise=-TRIP_READING,
+                ),
+            ),
+            otherwise=0.0,
+        )
+        moved = load - state.position_load
+        for code, beyond in self._beyond(prepared, setpoint, load, moved):
+            mode = ops.where(ops.both(mode > 0.5, beyond), -code, mode)
+            usual = ops.both(usual, ops.no(beyond))
+        offset = state.offset
+        if not one:
+            offset = cases((usual, offset), (ran, offset), otherwise=motor - load)
+        travel = cases((usual, moved), (ran, moved), otherwise=state.travel + SMOOTHING * (moved - state.travel))
         aligned = load if one else motor - offset
         before = state.position_load if one else state.position_motor - offset
         velocity = travel / prepared.T
-        verdict = self.Verdict(runs, ran, ops.no(good), setpoint, aligned, load, before, state.position_load, velocity)
-        return after, verdict
+        after = self.State(mode, motor, load, offset, travel, setpoint.position)
+        return after, self.Verdict(usual, ran, good, setpoint, aligned, load, before, state.position_load, velocity)
 
-    def _setpoint(self, prepared: Prepared, state: State, setpoint: Setpoint, good: object) -> Setpoint:
-        """The setpoint, or where the last good one went on to."""
-        gone_on = state.set_position + prepared.T * state.set_velocity
-        return Setpoint(
-            ops.where(good, setpoint.position, gone_on),
-            ops.where(good, setpoint.velocity, state.set_velocity),
-            *(ops.where(good, value, 0.0) for value in setpoint[2:]),
-        )
+    def _beyond(
+        self, prepared: Prepared, setpoint: Setpoint, load: Number, moved: Number
+    ) -> Iterator[tuple[float, object]]:
+        """Codes of the bounds that are given, and whether they are broken."""
+        if self.following_error_limit is not None:
+            yield TRIP_FOLLOWING_ERROR, ops.absolute(setpoint.position - load) > self.following_error_limit
+        if prepared.fastest:
+            yield TRIP_VELOCITY, ops.absolute(moved) > prepared.fastest[0]
+        if self.travel_least is not None:
+            yield TRIP_TRAVEL, load < self.travel_least
+        if self.travel_most is not None:
+            yield TRIP_TRAVEL, load > self.travel_most
+
+    def live(self, verdict: Verdict, memory: Memory, fresh: Memory) -> Memory:
+        """The memory that the law goes on with: a fresh one if the loop did not run."""
+        return cases((verdict.usual, memory), (verdict.ran, memory), otherwise=fresh)
 
     def command(
         self, after: State, verdict: Verdict, last: Number, applied: Number, requested: Number
-    ) -> tuple[State, Number, Number]:
-        """Behind the law: the force to apply and that requested, in N, and the state with the last kind of trip."""
+    ) -> tuple[State, Outcome]:
+        """Behind the law, whose command of the last sample was `last` in N: the force, and the last kind of trip."""
         sound = ops.absolute(requested) <= COMMAND_LIMIT
-        runs = ops.both(verdict.runs, sound)
-        trip = ops.where(ops.both(verdict.runs, ops.no(sound)), TRIP_COMMAND, after.trip)
-        kept = (ops.where(verdict.held, last, value) for value in (applied, requested))
-        applied, requested = (ops.where(runs, value, self.safe_force) for value in kept)
-        return after._replace(running=ops.where(runs, 1.0, 0.0), trip=trip), applied, requested
+        usual = ops.both(verdict.usual, sound)
+        mode = cases((usual, 1.0), (ops.both(after.mode > 0.5, ops.no(sound)), -TRIP_COMMAND), otherwise=after.mode)
+        runs = mode > 0.5
+        applied, requested = cases(
+            (usual, (applied, requested)),
+            (runs, cases((verdict.good, (applied, requested)), otherwise=(last, last))),
+            otherwise=(self.safe_force, self.safe_force),
+        )
+        trip = cases((usual, TRIP_NONE), (mode < 0.0, -mode), otherwise=TRIP_NONE)
+        running = cases((usual, 1.0), (runs, 1.0), otherwise=0.0)
+        return after._replace(mode=mode), self.Outcome(applied, requested, trip, running)
 
 
 def _sum(setpoint: Setpoint) -> Number:
     """NaN or infinite if one of the five numbers is."""
     x, v, a, j, s = setpoint
     return x + v + a + j + s
-
-
-def _first(found: Number, broken: object, code: float) -> Number:
-    return ops.where(found > 0.0, found, ops.where(broken, code, TRIP_NONE))
