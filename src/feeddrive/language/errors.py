@@ -61,3 +61,7 @@ class MissingProgramError(FeeddriveError):
 
     def __init__(self, program: str, package: str, purpose: str) -> None:
         super().__init__(f"{purpose} needs the program '{program}', which is not found: run  apt-get install {package}")
+
+
+class FmuError(FeeddriveError):
+    """An FMU that cannot be loaded, has not what is asked of it, or refuses a call; the message repeats what it said."""

@@ -41,6 +41,7 @@ class ControllerRun:
         with np.errstate(all="ignore"):
             self.state = self._plain.control.start(self._made, setpoint, *_readings(given))
         self._native = self._compiled()
+        self._load()
 
     def _prepare(self) -> None:
         self._plain = concrete(self._both)
@@ -89,27 +90,35 @@ class ControllerRun:
         )
         return native(plan(program))
 
+    def _load(self) -> None:
+        """State, constants and tables in the order of the machine code, where steps find and leave them."""
+        plan, values, rows = self._native.plan, dict(tree.leaves(self.state)), dict(tree.tables(self._both))
+        self._states = np.array([[values[each.name]] for each in plan.states], dtype=np.float64)
+        self._constants = np.array([[self._numbers[name]] for name, _ in plan.constants], dtype=np.float64)
+        self._rows = [rows[name] for name, _ in plan.tables]
+
+    def _unload(self) -> None:
+        """The state as the blocks know it."""
+        values = dict(tree.leaves(self.state))
+        values |= {each.name: np.float64(self._states[i, 0]) for i, each in enumerate(self._native.plan.states)}
+        self.state = tree.rebuild(self.state, iter(values[name] for name, _ in tree.leaves(self.state)))
+
     def step(self, inputs: np.ndarray) -> np.ndarray:
         """The outputs of some samples: inputs (n, inputs), outputs (n, outputs), in the order of the routine."""
-        made = self._native
         given = np.ascontiguousarray(inputs, dtype=np.float64)
-        values = dict(tree.leaves(self.state))
-        states = np.array([[values[each.name]] for each in made.plan.states], dtype=np.float64)
-        constants = np.array([[self._numbers[name]] for name, _ in made.plan.constants], dtype=np.float64)
-        rows = dict(tree.tables(self._both))
         out = np.empty((len(given), len(self.routine.outputs)))
-        made.run(len(given), 0, constants, given, states, out, [rows[name] for name, _ in made.plan.tables])
-        values |= {each.name: np.float64(states[i, 0]) for i, each in enumerate(made.plan.states)}
-        self.state = tree.rebuild(self.state, iter(values[name] for name, _ in tree.leaves(self.state)))
+        self._native.run(len(given), 0, self._constants, given, self._states, out, self._rows)
         return out
 
     def retune(self, changes: Mapping[str, float]) -> None:
         """Other parameters, by their dotted names, from the next sample on. Raises ParameterError as the blocks do."""
+        self._unload()
         before, made = self._plain.control, self._made
         self._both = tree.vary(self._both, changes)
         self._prepare()
         with np.errstate(all="ignore"):
             self.state = self._plain.control.retune(self.state, before, made, self._made)
+        self._load()
 
 
 def run(routine: Routine, inputs: np.ndarray, changes: Changes | None = None) -> np.ndarray:

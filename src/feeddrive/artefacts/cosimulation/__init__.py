@@ -1,0 +1,1 @@
+"""An FMU of somebody else as the plant of a loop."""
