@@ -167,6 +167,10 @@ class Law(Block, ABC):
         """After how many samples the law repeats itself; more than 1 for a law with a slow part (empty hook)."""
         return 1
 
+    def settled(self) -> Law:
+        """As it is while no limit of its own acts; linear models take this (empty hook)."""
+        return self
+
     def fits(self, sample_time: float) -> None:
         """Raise ParameterError if the law cannot run at this sample time (empty hook)."""
 

@@ -143,16 +143,16 @@ def linearize(
 
     A law that repeats itself only after n samples gives the model from period to period: sample time nT, inputs held
     over a period, outputs at its first sample.
-    The quantisers count as straight lines; guard and force limit are left out: inside their bounds they do nothing.
+    The quantisers count as straight lines; guard and limits of the force are left out: inside them they do nothing.
     What blends in after the start counts as there.
     Raises ParameterError for a name that is not known, an input that is named twice, and parameters with which the
     model overflows.
     """
-    compensation = tuple(part.settled() for part in loop.control.compensation)
     held = loop.control
-    there = any(new is not old for new, old in zip(compensation, held.compensation, strict=True))
+    law, compensation = held.law.settled(), tuple(part.settled() for part in held.compensation)
+    there = any(new is not old for new, old in zip((law, *compensation), (held.law, *held.compensation), strict=True))
     if there or held.guard is not None or held.force_limit is not None:
-        control = dataclasses.replace(held, compensation=compensation, guard=None, force_limit=None)
+        control = dataclasses.replace(held, law=law, compensation=compensation, guard=None, force_limit=None)
         loop = dataclasses.replace(loop, control=control)
     for name in inputs:
         _place(list(INPUT_UNITS), name, "input")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 from feeddrive.blocks.controller.stock_pid import StockPid
@@ -70,13 +71,23 @@ class LinuxcncPid(Law):
         """The sample time, for a start in motion."""
         return self.Prepared(T)
 
+    def settled(self) -> LinuxcncPid:
+        """Without the limits of its pids."""
+        velocity = None if self.velocity is None else self.velocity.unlimited()
+        return replace(self, position=self.position.unlimited(), velocity=velocity)
+
     def start(self, prepared: Prepared, setpoint: Setpoint, reading: Reading) -> State:
-        """As pids that were disabled until now: differences go on, integrals are empty."""
-        before = setpoint.shifted(-prepared.T)
-        position = self.position.start(self.units * before.position, self.units * reading.position_load)
-        motor = self.units * reading.position_motor
+        """As pids that were disabled until now: differences went on, integrals are empty."""
+        before, units = setpoint.shifted(-prepared.T), self.units
+        motor, moved = units * reading.position_motor, units * reading.velocity
+        position = self.position.start(
+            units * before.position,
+            units * reading.position_load,
+            units * setpoint.backward_velocity(prepared.T),
+            moved,
+        )
         zero = motor - motor
-        velocity = () if self.velocity is None else (self.velocity.start(zero, self.units * reading.velocity),)
+        velocity = () if self.velocity is None else (self.velocity.start(zero, moved, zero, zero),)
         return self.State(position, velocity, motor)
 
     def step(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import NamedTuple
 
 from feeddrive.language import ops
@@ -61,10 +62,17 @@ class StockPid(Block):
         limited: Number
         index_enable: Number
 
-    def start(self, command: Number, feedback: Number, errorI: Number = 0.0) -> State:
-        """At rest for ever at a command and a feedback, with an integral; all zeros are what HAL loads."""
+    def start(self, command: Number, feedback: Number, commandD: Number = 0.0, feedbackD: Number = 0.0) -> State:
+        """At a command and a feedback that have moved at constant rates, disabled; all zeros are what HAL loads."""
         zero = command - command
-        return self.State(command, feedback, zero, zero, zero, zero, zero + errorI, zero, zero)
+        rate, back = zero + commandD, zero + feedbackD
+        return self.State(command, feedback, rate, back, _held(rate, self.maxcmdD), zero, zero, zero, zero)
+
+    def unlimited(self) -> StockPid:
+        """The same without its limits; the dead band stays."""
+        return replace(
+            self, maxerror=0.0, maxerrorI=0.0, maxerrorD=0.0, maxcmdD=0.0, maxcmdDD=0.0, maxcmdDDD=0.0, maxoutput=0.0
+        )
 
     def step(
         self,
@@ -87,11 +95,9 @@ class StockPid(Block):
         if self.error_previous_target:
             error = _unless(falls, error, state.command - feedback)
         error = _held(error, self.maxerror)
-        error = ops.where(
-            error > self.deadband,
-            error - self.deadband,
-            ops.where(error < -self.deadband, error + self.deadband, 0.0),
-        )
+        # without a dead band the error itself, so that a linear model at error 0 has its slope
+        inside = ops.clip(error, -self.deadband, self.deadband)
+        error = ops.where(self.deadband > 0.0, error - inside, error)
 
         errorI = ops.where(error * state.limited <= 0.0, state.errorI + error * T, state.errorI)
         errorI = _held(errorI, self.maxerrorI)

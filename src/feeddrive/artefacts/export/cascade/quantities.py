@@ -1,0 +1,171 @@
+"""The quantities of a P-PI design in SI, seen at the table, and how they look from the motor's shaft."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from feeddrive.blocks.actuator.screw import Screw
+from feeddrive.blocks.controller.cascade_ppi import CascadePPI
+from feeddrive.blocks.feedforward.disturbance_compensator import DisturbanceCompensator
+from feeddrive.blocks.feedforward.inertia import Inertia
+from feeddrive.blocks.feedforward.inverse_dynamics import InverseDynamics
+from feeddrive.blocks.plant.transmission import radians_per_metre
+from feeddrive.blocks.plant.two_bodies import two_bodies
+from feeddrive.language import units
+from feeddrive.language.errors import ParameterError, StructureError
+from feeddrive.loop.loop import Loop
+
+
+class Quantity(NamedTuple):
+    """A kind of number: its unit at the table, at the motor's shaft, and the power of r between the two.
+
+    With r = gear · 2π / lead in rad/m, value at the shaft = value at the table · r^power.
+    """
+
+    table: str
+    shaft: str
+    power: int
+    path: str
+
+
+QUANTITIES: Mapping[str, Quantity] = {
+    "Kv": Quantity("1/s", "1/s", 0, "control.law.Kv"),
+    "Kp": Quantity("N s/m", "N m s/rad", -2, "control.law.Kp"),
+    "Kp/Tn": Quantity("N/m", "N m/rad", -2, "control.law.Kp / control.law.Tn"),
+    "Tn": Quantity("s", "s", 0, "control.law.Tn"),
+    "velocity_feedforward": Quantity("", "", 0, "control.law.velocity_feedforward"),
+    "mass": Quantity("kg", "kg m2", -2, "control.feedforward, mass"),
+    "viscous": Quantity("N s/m", "N m s/rad", -2, "control.feedforward, viscous"),
+    "force_limit": Quantity("N", "N m", -1, "control.force_limit"),
+    "following_error_limit": Quantity("m", "m", 0, "control.guard.following_error_limit"),
+    "velocity_limit": Quantity("m/s", "rad/s", 1, "control.guard.velocity_limit"),
+    "velocity_limit_of_the_table": Quantity("m/s", "m/s", 0, "control.guard.velocity_limit"),
+    "travel_least": Quantity("m", "m", 0, "control.guard.travel_least"),
+    "travel_most": Quantity("m", "m", 0, "control.guard.travel_most"),
+    "weight": Quantity("N", "N m", -1, "control.guard.safe_force"),
+    "lead": Quantity("m", "m", 0, "axis.actuator.motor.lead"),
+    "gear": Quantity("", "", 0, "axis.actuator.motor.gear"),
+}
+
+
+@dataclass(frozen=True)
+class DriveTrain:
+    """Between motor and table: a screw with a gear, or a linear motor, whose lead is None."""
+
+    lead: float | None  # m
+    gear: float = 1.0
+    source: str = ""
+
+    @property
+    def rotary(self) -> bool:
+        """Whether the motor turns."""
+        return self.lead is not None
+
+    @property
+    def radians_per_metre(self) -> float:
+        """r = gear · 2π / lead in rad/m of the motor's shaft; 1 for a linear motor."""
+        return 1.0 if self.lead is None else float(self.gear * radians_per_metre(self.lead))
+
+
+@dataclass(frozen=True)
+class Cascade:
+    """The design: its loop, the law, what connects motor and table, and its quantities in SI, seen at the table.
+
+    A quantity that the design does not have is None.
+    """
+
+    loop: Loop
+    law: CascadePPI
+    train: DriveTrain
+    values: Mapping[str, float | None]
+
+    def value(self, quantity: str, unit: str) -> float | None:
+        """A quantity in a unit that `language.units` knows, at the shaft if the motor turns."""
+        value = self.values[quantity]
+        if value is None:
+            return None
+        kind = QUANTITIES[quantity]
+        if not self.train.rotary:
+            return value / units.factor(unit, kind.table)
+        return value * self.train.radians_per_metre**kind.power / units.factor(unit, kind.shaft)
+
+
+def read_cascade(loop: Loop, *, lead: float | None = None, gear: float | None = None) -> Cascade:
+    """The P-PI design of a loop.
+
+    lead, gear  of the screw (m, and turns of the motor in one turn of the screw), where the machine file does not
+                state them in its motor or its plant
+
+    Raises StructureError if the law is not a `cascade_ppi`, and ParameterError for a lead or gear that is none.
+    """
+    law = loop.control.law
+    if not isinstance(law, CascadePPI):
+        raise StructureError(
+            f"control.law: {law.kind} is no P-PI cascade, and there are no parameters for anything else: export it "
+            f"with the target c or linuxcnc, which carry the law itself, or give the axis a cascade_ppi"
+        )
+    mass, viscous = _fed(loop)
+    guard, train = loop.control.guard, drive_train(loop, lead, gear)
+    weight = None if guard is None or guard.safe_force == 0.0 else guard.safe_force
+    speed = None if guard is None else guard.velocity_limit
+    values: dict[str, float | None] = {
+        "Kv": law.Kv,
+        "Kp": law.Kp,
+        "Kp/Tn": None if law.Tn is None else law.Kp / law.Tn,
+        "Tn": law.Tn,
+        "velocity_feedforward": law.velocity_feedforward,
+        "mass": mass or None,
+        "viscous": viscous or None,
+        "force_limit": loop.control.force_limit,
+        "following_error_limit": None if guard is None else guard.following_error_limit,
+        "velocity_limit": speed,
+        "velocity_limit_of_the_table": speed,
+        "travel_least": None if guard is None else guard.travel_least,
+        "travel_most": None if guard is None else guard.travel_most,
+        "weight": weight,
+        "lead": train.lead,
+        "gear": train.gear if train.rotary else None,
+    }
+    return Cascade(loop, law, train, values)
+
+
+def _fed(loop: Loop) -> tuple[float, float]:
+    """Mass in kg and viscous friction in N s/m that are fed forward."""
+    mass = viscous = 0.0
+    for block in loop.control.feedforward:
+        if isinstance(block, Inertia | DisturbanceCompensator):
+            mass, viscous = mass + (block.mass or 0.0), viscous + (block.viscous or 0.0)
+        elif isinstance(block, InverseDynamics):
+            bodies = two_bodies(block.kind, block.model)
+            mass = mass + bodies.m11 + 2.0 * bodies.m12 + bodies.m22
+            viscous = viscous + bodies.c11 + 2.0 * bodies.c12 + bodies.c22
+    return float(mass), float(viscous)
+
+
+def drive_train(loop: Loop, lead: float | None = None, gear: float | None = None) -> DriveTrain:
+    """What connects motor and table: as given, else from the motor, else from the plant, else a linear motor.
+
+    Raises ParameterError for a lead or gear that is not positive, and where nothing says what moves the table.
+    """
+    for name, value in (("lead", lead), ("gear", gear)):
+        if value is not None and not 0.0 < value < float("inf"):
+            raise ParameterError(f"{name} = {value:g} must be positive and finite")
+    motor, plant = loop.axis.actuator.motor, loop.axis.plant
+    if lead is not None:
+        return DriveTrain(lead, gear or 1.0, "given with the export")
+    if gear is not None:
+        raise ParameterError("gear is given without lead: a gear alone says nothing; give the lead of the screw too")
+    if isinstance(motor, Screw):
+        return DriveTrain(motor.lead, motor.gear, "axis.actuator.motor")
+    found = getattr(plant, "lead", None)
+    if isinstance(found, float):
+        return DriveTrain(found, getattr(plant, "gear", 1.0), "axis.plant")
+    if motor is None:
+        raise ParameterError(
+            "axis.actuator.motor is not there, and neither motor nor plant states a lead: the makers' units are those "
+            'of the motor\'s shaft, so give the axis a motor (kind = "screw" with lead_mm, or "direct" for a linear '
+            "motor), or give lead and gear with the export"
+        )
+    return DriveTrain(None, source="axis.actuator.motor is direct: taken for a linear motor")

@@ -1,0 +1,145 @@
+"""Which gains of LinuxCNC's `pid` make a P-PI design, by one pid or by two, and what they cannot make.
+
+With c = units · force_per_output (machine units in a meter, N per unit of the output), α = velocity_feedforward, b the
+law's own `viscous`, and m, d the mass and viscous friction that are fed forward:
+
+    two pids   position  Pgain = Kv, FF1 = α                       its output is a velocity
+               velocity  Pgain = (Kp - b)/c, FF0 = b/c, Igain = Kp/(c Tn), maxoutput = force_limit / force_per_output
+                         bias = (m + d T/2)/c · joint acceleration + d/c · joint velocity      by sum2
+    one pid    Pgain = (Kp Kv + Kp/Tn)/c, Igain = Kp Kv/(c Tn), Dgain = (Kp - b)/c, FF1 = (α - 1) Kp/c + b/c + d/c,
+               FF2 = m/c
+
+One pid takes one encoder, since its D differences what P reads.  The integral of the velocity error is then that of the
+position error plus the position error itself, which needs α = 1 where there is a Tn.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from feeddrive.artefacts.export.cascade.beside import Lost, lost
+from feeddrive.artefacts.export.cascade.quantities import Cascade
+from feeddrive.blocks.controller.linuxcnc_pid import LinuxcncPid
+from feeddrive.blocks.controller.stock_pid import StockPid
+from feeddrive.language.errors import ParameterError, StructureError
+from feeddrive.loop.control import Control
+from feeddrive.loop.loop import Loop
+
+ROUTES = ("two", "one")
+_PER_PERIOD = "a pid differences over one period"
+HELD = (
+    "inertia",
+    "viscous_feedforward",
+    "viscous",
+    "force_limit",
+    "following_error_limit",
+    "travel",
+)
+OUTSIDE = {
+    "velocity_samples": (_PER_PERIOD, ""),
+    "velocity_encoder": ("the second pid is wired to the motor's encoder", "wire the load's encoder to ddt by hand"),
+    "position_every": ("both pids run in one thread", "the position loop runs every sample: margins are larger"),
+    "back_calculation": (
+        "a pid stops its integral while the last output was at the limit and the error has its sign",
+        "",
+    ),
+    "half_sample": (
+        "the joint's acceleration and velocity are those of the sample",
+        "the force for the acceleration comes half a sample late: an error of mass · jerk · T/2 in N",
+    ),
+    "filters": ("a pid has no filters; a `biquad` behind it would sit outside its limit and its anti-windup", ""),
+    "velocity_limit": ("LinuxCNC limits what it commands, not what is measured", ""),
+    "broken_readings": (
+        "a pid computes with whatever it reads",
+        "a NaN stays in the integral until the axis is disabled: let the encoder's fault disable it",
+    ),
+    "alignment": (
+        "the pids read two encoders side by side",
+        "home both encoders to one zero, or the offset acts as a following error",
+    ),
+}
+_LATE = (
+    "FF2 differences the command twice",
+    "the force for the acceleration comes one and a half samples late: an error of mass · jerk · 3T/2 in N",
+)
+
+
+def stock_law(cascade: Cascade, *, route: str = "two", units: float = 1000.0) -> LinuxcncPid:
+    """The pids of a design.
+
+    route  "two" pids in cascade or "one"
+    units  machine units in a meter: 1000 for mm, 1/0.0254 for inches
+
+    Raises ParameterError for an unknown route, and StructureError where one pid cannot hold the design.
+    """
+    if route not in ROUTES:
+        raise ParameterError(f"route = '{route}' must be one of {', '.join(ROUTES)}")
+    law, control, value = cascade.law, cascade.loop.control, cascade.values
+    motor = cascade.loop.axis.actuator.motor
+    per_output = 1.0 if motor is None else float(motor.force_per_unit())
+    c = units * per_output
+    back = law.viscous or 0.0
+    mass, viscous = value["mass"] or 0.0, value["viscous"] or 0.0
+    integral = value["Kp/Tn"] or 0.0
+    limit = 0.0 if control.force_limit is None else control.force_limit / per_output
+    if route == "two":
+        half = 0.5 * cascade.loop.sample_time
+        return LinuxcncPid(
+            position=StockPid(Pgain=law.Kv, FF1=law.velocity_feedforward, error_previous_target=False),
+            velocity=StockPid(
+                Pgain=(law.Kp - back) / c,
+                Igain=integral / c,
+                FF0=back / c,
+                maxoutput=limit,
+                error_previous_target=False,
+            ),
+            units=units,
+            force_per_output=per_output,
+            acceleration_gain=(mass + half * viscous) / c,
+            velocity_gain=viscous / c,
+        )
+    _check_one(cascade)
+    share = law.velocity_feedforward
+    return LinuxcncPid(
+        position=StockPid(
+            Pgain=(law.Kp * law.Kv + integral) / c,
+            Igain=law.Kv * integral / c,
+            Dgain=(law.Kp - back) / c,
+            FF1=((share - 1.0) * law.Kp + back + viscous) / c,
+            FF2=mass / c,
+            maxoutput=limit,
+            error_previous_target=False,
+        ),
+        units=units,
+        force_per_output=per_output,
+    )
+
+
+def _check_one(cascade: Cascade) -> None:
+    """One pid can hold the design. Raises StructureError that says why it cannot."""
+    law = cascade.law
+    if cascade.loop.axis.encoders() == 2:
+        raise StructureError(
+            "the axis has two encoders, and one pid differences what it reads: the velocity loop would close on the "
+            "table; take route = two"
+        )
+    if law.Tn is not None and law.velocity_feedforward != 1.0:
+        raise StructureError(
+            f"control.law.velocity_feedforward = {law.velocity_feedforward:g} under an integral needs FF0, which pulls "
+            f"the axis towards position 0: take route = two, or velocity_feedforward = 1"
+        )
+
+
+def stock_loop(cascade: Cascade, *, route: str = "two", units: float = 1000.0) -> Loop:
+    """The loop with LinuxCNC's pids in the place of its control, on the same axis; its guard stays.
+
+    Raises what `stock_law` raises.
+    """
+    law = stock_law(cascade, route=route, units=units)
+    return replace(cascade.loop, control=Control(law=law, guard=cascade.loop.control.guard))
+
+
+def left_out(cascade: Cascade, route: str = "two") -> tuple[Lost, ...]:
+    """What LinuxCNC's pids do not hold of a design."""
+    outside = OUTSIDE if route == "two" else OUTSIDE | {"half_sample": _LATE}
+    return lost(cascade, HELD, outside)
