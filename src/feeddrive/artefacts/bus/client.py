@@ -63,7 +63,7 @@ class Client:
         self._values = dict.fromkeys([name for group in SENT for name in group], 0)
         self._sent, self._back = Layout(SENT), Layout(TOLD)
         self._timeout = max(2e-3, 2.0 * drive.cycle_time) if paced else 1.0
-        self._operating = False
+        self._operating = self._unreachable = False
 
     def __enter__(self) -> Client:
         try:
@@ -77,10 +77,13 @@ class Client:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         try:
-            if self._operating and self.state is PowerState.ENABLED:
+            if self._operating and not self._unreachable and self.state is PowerState.ENABLED:
                 self.stop()
-            if self._operating:
+            elif self._operating:
                 self._switch_off()
+        except BusError:
+            if error is None:
+                raise
         finally:
             self.transport.close()
 
@@ -280,6 +283,9 @@ class Client:
         stopping = {PowerState.ENABLED: QUICK_STOP, PowerState.QUICK_STOP: QUICK_STOP}
         try:
             self._until(PowerState.SWITCH_ON_DISABLED, stopping, ending=(PowerState.FAULT, PowerState.READY))
+        except BusError:
+            self._unreachable = True
+            raise
         finally:
             self._switch_off()
 

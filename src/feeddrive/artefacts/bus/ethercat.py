@@ -33,6 +33,7 @@ class EtherCAT:
             raise MissingExtraError("pysoem", "bus", "EtherCAT") from None
         check_interface(self.interface)
         self._soem = pysoem
+        pysoem.settings.always_release_gil = True  # other threads of the process go on while it waits for a frame
         self._master = pysoem.Master()
         try:
             self._master.open(self.interface)

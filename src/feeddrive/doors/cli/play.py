@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import contextlib
+from collections.abc import Generator, Sequence
 from pathlib import Path
 
 import typer
@@ -18,7 +19,7 @@ from feeddrive.artefacts.files.measured import write_log
 from feeddrive.artefacts.files.whole import new_directory
 from feeddrive.artefacts.measurement.excitation_page import WARNING
 from feeddrive.doors.cli.working import drawn
-from feeddrive.language.errors import AbortedError, FeeddriveError
+from feeddrive.language.errors import AbortedError, BusError, FeeddriveError
 
 
 def perform(
@@ -31,7 +32,7 @@ def perform(
     profiles = [read_profile(path, file.drive, share=share, ramp=ramp) for path in paths]
     done: list[Played] = []
     trouble: FeeddriveError | None = None
-    with _client(file, unpaced) as client:
+    with _named(file), _client(file, unpaced) as client:
         _greet(console, client)
         if not (yes or client.is_virtual):
             console.print(f"- {WARNING}", markup=False)
@@ -64,7 +65,7 @@ def perform_listening(drive_path: Path, seconds: float, unpaced: bool, out: Path
     """A log of the drive as it stands, or as somebody else moves it."""
     console = Console(highlight=False)
     file = read_drive(drive_path)
-    with _client(file, unpaced) as client:
+    with _named(file), _client(file, unpaced) as client:
         _greet(console, client)
         heard = listened(client, seconds)
     _report(console, heard, _write(out, [heard])[0])
@@ -72,6 +73,15 @@ def perform_listening(drive_path: Path, seconds: float, unpaced: bool, out: Path
 
 def _client(file: DriveFile, unpaced: bool) -> Client:
     return Client(opened(file.drive, file.interface, file.bitrate), file.drive, paced=not unpaced)
+
+
+@contextlib.contextmanager
+def _named(file: DriveFile) -> Generator[None]:
+    """An error of the bus begins with the drive file."""
+    try:
+        yield
+    except BusError as error:
+        raise BusError(f"{file.name}: {error}") from None
 
 
 def _greet(console: Console, client: Client) -> None:

@@ -21,7 +21,7 @@ NAME = "feeddrive virtual drive"
 VENDOR, PRODUCT, REVISION = 0, 0x66656564, 1  # vendor 0: nobody's
 _TRIPPED = {TRIP_READING: 0x7305, TRIP_FOLLOWING_ERROR: 0x8611, TRIP_VELOCITY: 0x8400, TRIP_TRAVEL: 0x8612}
 _NO_WINDOW = 0xFFFFFFFF
-_STANDSTILL = 0.05  # s that a quick stop holds the axis after its ramp
+_STANDSTILL = 0.2  # s that a quick stop holds the axis after its ramp
 _WRITABLE = {
     "controlword", "quick_stop_option", "mode", "following_error_window", "target_torque", "max_torque",
     "target_position", "position_least", "position_most", "quick_stop_deceleration", "velocity_offset",

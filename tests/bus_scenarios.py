@@ -1,0 +1,242 @@
+"""What is tried on a virtual drive over either bus; each scenario gives plain figures for a test to judge.
+
+As a program it runs all of them over EtherCAT, with one end of a pair of interfaces each, and prints JSON.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import sys
+import time
+import traceback
+from typing import Any
+
+import numpy as np
+
+from bus_bench import LIMITS, SCALING, T, bench_loop, client, drive, powered, with_law
+from feeddrive.artefacts.bus.client import Client
+from feeddrive.artefacts.bus.objects import OBJECTS
+from feeddrive.artefacts.bus.play import listened, play
+from feeddrive.artefacts.bus.power_states import FAULT_RESET
+from feeddrive.artefacts.bus.profile import Profile
+from feeddrive.artefacts.bus.scaling import Scaling
+from feeddrive.artefacts.bus.transport import write_object
+from feeddrive.blocks.controller.pole_placement import PolePlacement
+from feeddrive.blocks.load.recorded_force import RecordedForce
+from feeddrive.blocks.reference.recorded import Recorded
+from feeddrive.language.errors import FeeddriveError
+from feeddrive.loop.simulate import simulate
+
+N = 800
+
+
+def profile(rows: int = N, distance: float = 0.02, peak: float = 100.0, unit: str = "N") -> Profile:
+    """Out by 20 mm with a chirp of 100 N on top that swells and fades."""
+    t = np.arange(rows) * T
+    s = t / t[-1]
+    position = distance * s**3 * (10.0 - 15.0 * s + 6.0 * s * s)
+    excitation = peak * np.sin(np.pi * s) ** 2 * np.sin(2 * np.pi * (5.0 + 40.0 * s) * t)
+    return Profile("chirp", "", T, unit, excitation, position, np.gradient(position, T))
+
+
+def exact(bus: str) -> dict[str, float]:
+    """csp against `simulate` of the same setpoints, rounded as the bus rounds them: largest differences."""
+    sent = profile()
+    with powered(bus) as bench, client(drive(bus), bench.interface) as master:
+        played = play(master, sent)
+    log, metre, newton = played.log, SCALING.metre, SCALING.newton
+    target = np.array([SCALING.increments(x) * metre for x in sent.set_position])
+    velocity = np.array([SCALING.increments(v) * metre for v in sent.velocity])
+    force = np.array([SCALING.per_mille(f) * newton for f in sent.excitation])
+    truth = simulate(
+        bench_loop(), Recorded(position=target, velocity=velocity, sample_time=T),
+        added_force=RecordedForce(force=force, sample_time=T), start=(0.0, 0.0),
+    )  # fmt: skip
+    return {
+        "rows": len(log), "lost": played.lost, "aborted": float(played.aborted is not None),
+        "target": float(np.max(np.abs(log["set_position"] - target))),
+        "load_increments": float(np.max(np.abs(log["reading_load"] - truth["reading_load"]))) / metre,
+        "motor_increments": float(np.max(np.abs(log["reading_motor"] - truth["reading_motor"]))) / metre,
+        "force_per_mille": float(np.max(np.abs(log["force"] - truth["force"] - force))) / newton,
+        "moved": float(np.ptp(log["reading_load"])),
+    }  # fmt: skip
+
+
+def torque(bus: str) -> dict[str, float]:
+    """cst: 60 N on 100 kg with 300 N s/m for 0.3 s."""
+    force = SCALING.per_mille(60.0) * SCALING.newton
+    with powered(bus) as bench, client(drive(bus, mode="cst"), bench.interface) as master:
+        master.enable()
+        start = master.told.position  # type: ignore[union-attr]
+        for _ in range(300):
+            master.command(force=60.0)
+            told = master.cycle()
+        assert told is not None
+        return {"moved": told.position - start, "force": told.force, "sent": force}
+
+
+def speed(bus: str) -> dict[str, float]:
+    """csv: 50 mm/s for a second, through the velocity loop with its integral."""
+    with powered(bus) as bench, client(drive(bus, mode="csv"), bench.interface) as master:
+        master.enable()
+        for _ in range(1000):
+            master.command(velocity=0.05)
+            told = master.cycle()
+        assert told is not None
+        assert told.velocity is not None
+        return {"velocity": told.velocity}
+
+
+def losses(bus: str) -> dict[str, Any]:
+    """Two frames in a row are lost, and go unpunished; then five, and the motion ends."""
+    found: dict[str, Any] = {}
+    for name, few in (("few", 2), ("many", 5)):
+        with powered(bus) as bench:
+            master = client(drive(bus), bench.interface)
+            master._timeout = 0.2
+            with master:
+                master.enable()
+                bench.lose(100, few)
+                played = play(master, profile())
+                found[name] = {
+                    "aborted": played.aborted, "lost": played.lost, "rows": len(played.log),
+                    "marked": float(np.sum(played.log["lost"])) if "lost" in played.log.channels else 0.0,
+                    "finite": bool(np.all(np.isfinite(played.log["reading_load"]))),
+                    "state": bench.state,
+                }  # fmt: skip
+    return found
+
+
+def faults(bus: str) -> dict[str, Any]:
+    """A target far away trips the drive; it is refused until it is reset, and then runs."""
+    found: dict[str, Any] = {}
+    with powered(bus) as bench, client(drive(bus), bench.interface) as master:
+        master.enable()
+        master.command(position=0.1)
+        for _ in range(3):
+            master.cycle()
+        found["trouble"] = master.trouble()
+        found["state"] = bench.state
+        found["refused"] = said(master.enable)
+        # the bit alone does not reset: it must rise
+        master._values["controlword"] = FAULT_RESET
+        master.reset_fault()
+        found["after"] = bench.state
+        master.enable()
+        found["again"] = bench.state
+        master.disable()
+        found["off"] = bench.state
+    return found
+
+
+def limits(bus: str) -> dict[str, Any]:
+    """A following error beyond its limit, and Ctrl-C: quick stop, standstill, switched off, and a log of what was."""
+    found: dict[str, Any] = {}
+    tight = LIMITS.__class__(travel=0.2, velocity=0.5, force=2000.0, following_error=2e-5)
+    with powered(bus) as bench:
+        described = drive(bus).__class__(
+            bus=bus, station=drive(bus).station, cycle_time=T, scaling=SCALING, limits=tight
+        )  # fmt: skip
+        with client(described, bench.interface) as master:
+            # the drive's own window is taken away, so that the limit of the client is what ends the motion
+            write_object(master.transport, "following_error_window", 0xFFFFFFFF)
+            played = play(master, profile(peak=600.0))
+        found["aborted"], found["state"], found["rows"] = played.aborted, bench.state, len(played.log)
+    with powered(bus) as bench, client(drive(bus), bench.interface) as master:
+
+        def press(rows: int, count: int) -> None:
+            if rows >= 300:
+                os.kill(os.getpid(), signal.SIGINT)
+
+        played = play(master, profile(), progress=press)
+        found["pressed"], found["pressed_state"] = played.aborted, bench.state
+        before = bench.place
+        for _ in range(50):
+            master.cycle()
+        found["drift"] = abs(bench.place - before)
+    return found
+
+
+def wrong(bus: str) -> dict[str, str]:
+    """What does not fit the drive, each as the sentence that comes of it."""
+    found: dict[str, str] = {}
+    turn = Scaling(counts_per_turn=2e6, lead=0.01, rated_torque=1.0)
+    strong = Scaling(counts_per_turn=1e6, lead=0.01, rated_torque=10.0)
+    geared = Scaling(counts_per_turn=1e6, lead=0.01, gear=2.0, rated_torque=1.0)
+    with powered(bus) as bench:
+        for name, scaling in (("counts", turn), ("torque", strong), ("gear", geared)):
+            found[name] = said(lambda s=scaling: client(drive(bus, scaling=s), bench.interface).__enter__())
+        found["unpaced"] = _unpaced(bus, bench.interface)
+    law = PolePlacement(model=bench_loop().axis.plant, bandwidth=20.0)
+    with powered(bus, with_law(bench_loop(), law)) as bench:
+        found["mode"] = said(lambda: client(drive(bus, mode="csv"), bench.interface).__enter__())
+    return found
+
+
+def _unpaced(bus: str, interface: str) -> str:
+    """Another make of drive may not be run without a clock."""
+    master = client(drive(bus), interface)
+    Client.is_virtual = property(lambda _: False)  # type: ignore[assignment]
+    try:
+        return said(master.__enter__)
+    finally:
+        Client.is_virtual = property(lambda made: made.identity.get("name") == "feeddrive virtual drive")  # type: ignore[assignment]
+
+
+def refusals(bus: str) -> dict[str, str]:
+    """Objects that cannot be read or written."""
+    found: dict[str, str] = {}
+    with powered(bus) as bench, client(drive(bus), bench.interface) as master:
+        line = master.transport
+        found["missing"] = said(lambda: line.read(0x5000, 0))
+        found["read_only"] = said(lambda: write_object(line, "statusword", 1))
+        found["length"] = said(lambda: line.write(OBJECTS["max_torque"].index, 0, b"\1\2\3\4"))
+        found["mapping"] = said(lambda: line.write(0x1600, 0, b"\0"))
+        found["mode"] = said(lambda: write_object(line, "mode", 3))
+        found["subindex"] = said(lambda: line.read(0x1018, 9))
+    return found
+
+
+def silence(bus: str) -> dict[str, Any]:
+    """The master pauses for longer than the watchdog (EtherCAT): the drive leaves OP, and says why."""
+    with powered(bus, watchdog=0.3) as bench, client(drive(bus), bench.interface) as master:
+        master._timeout = 0.2
+        master.enable()
+        time.sleep(1.0)
+        trouble = ""
+        for _ in range(10):
+            master.command()
+            master.cycle()
+            trouble = master.trouble()
+        unreachable = said(master.stop)
+        return {"trouble": trouble, "state": bench.state, "code": bench.error_code, "unreachable": unreachable}
+
+
+def hearing(bus: str) -> dict[str, Any]:
+    """A log of a drive that stays switched off."""
+    with powered(bus) as bench, client(drive(bus), bench.interface) as master:
+        heard = listened(master, 0.2)
+        return {"rows": len(heard.log), "channels": sorted(heard.log.channels), "state": bench.state}
+
+
+def said(asked: Any) -> str:
+    """The sentence of the FeeddriveError that it raises; empty if it raises none."""
+    try:
+        asked()
+    except FeeddriveError as error:
+        return f"{type(error).__name__}: {error}"
+    return ""
+
+
+SCENARIOS = (exact, torque, speed, losses, faults, limits, wrong, refusals, silence, hearing)
+
+if __name__ == "__main__":
+    results: dict[str, Any] = {}
+    for scenario in SCENARIOS:
+        try:
+            results[scenario.__name__] = scenario("ethercat")
+        except Exception:  # one that fails is the failure of its own test only
+            results[scenario.__name__] = {"failed": traceback.format_exc()}
+    sys.stdout.write(json.dumps(results) + "\n")
