@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
 
@@ -11,6 +12,7 @@ from feeddrive.language.graph import ELEMENTARY, Graph, arguments
 from feeddrive.language.naming import Name
 from feeddrive.loop.engine.c_words import CALLS, FUNCTIONS, WIDTH, bare, expression, number
 
+_LINE = 112  # characters of a line, indented by 4
 # words that the functions themselves use
 _TAKEN = frozenset({"controller", "plant", "parameters", "design", "state", "inputs", "outputs", "old", "before"})
 
@@ -63,7 +65,9 @@ class Body:
                 text = expression(node[0], values, self.real)
             self.used.add(node[0])
             named = self.names.get(index)
-            if named is not None or self._counts[index] > 1 or len(text) > WIDTH:
+            # what a `?:` chooses stays in it, however long: with a name it would be computed in every sample
+            long = len(text) > WIDTH and node[0] != "select"
+            if named is not None or self._counts[index] > 1 or long:
                 self._declare(index, named, bare(text))
             else:
                 self.texts[index] = text
@@ -75,7 +79,10 @@ class Body:
             self.lines += ["", f"/* {self.titles(owner)} */"]
         name = f"v{index}" if named is None else identifier(word(named), self._taken, C_WORDS)
         self.texts[index] = name
-        self.lines.append(f"const {'bool' if self.truth[index] else self.real} {name} = {text};")
+        line = f"const {'bool' if self.truth[index] else self.real} {name} = {text};"
+        self.lines += textwrap.wrap(
+            line, _LINE, subsequent_indent="    ", break_long_words=False, break_on_hyphens=False
+        )
 
     def assign(self, targets: Iterable[tuple[str, int]], cast: str = "") -> None:
         """`place = number;` for each, at once: what is overwritten and still wanted is taken first."""
