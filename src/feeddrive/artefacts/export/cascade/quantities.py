@@ -41,7 +41,7 @@ QUANTITIES: Mapping[str, Quantity] = {
     "force_limit": Quantity("N", "N m", -1, "control.force_limit"),
     "following_error_limit": Quantity("m", "m", 0, "control.guard.following_error_limit"),
     "velocity_limit": Quantity("m/s", "rad/s", 1, "control.guard.velocity_limit"),
-    "velocity_limit_of_the_table": Quantity("m/s", "m/s", 0, "control.guard.velocity_limit"),
+    "table_velocity_limit": Quantity("m/s", "m/s", 0, "control.guard.velocity_limit"),
     "travel_least": Quantity("m", "m", 0, "control.guard.travel_least"),
     "travel_most": Quantity("m", "m", 0, "control.guard.travel_most"),
     "weight": Quantity("N", "N m", -1, "control.guard.safe_force"),
@@ -71,35 +71,15 @@ class DriveTrain:
 
 @dataclass(frozen=True)
 class Cascade:
-    """The design: its loop, the law, what connects motor and table, and its quantities in SI, seen at the table.
-
-    A quantity that the design does not have is None.
-    """
+    """The design: its loop, the law, and its quantities in SI, seen at the table; None is one that it does not have."""
 
     loop: Loop
     law: CascadePPI
-    train: DriveTrain
     values: Mapping[str, float | None]
 
-    def value(self, quantity: str, unit: str) -> float | None:
-        """A quantity in a unit that `language.units` knows, at the shaft if the motor turns."""
-        value = self.values[quantity]
-        if value is None:
-            return None
-        kind = QUANTITIES[quantity]
-        if not self.train.rotary:
-            return value / units.factor(unit, kind.table)
-        return value * self.train.radians_per_metre**kind.power / units.factor(unit, kind.shaft)
 
-
-def read_cascade(loop: Loop, *, lead: float | None = None, gear: float | None = None) -> Cascade:
-    """The P-PI design of a loop.
-
-    lead, gear  of the screw (m, and turns of the motor in one turn of the screw), where the machine file does not
-                state them in its motor or its plant
-
-    Raises StructureError if the law is not a `cascade_ppi`, and ParameterError for a lead or gear that is none.
-    """
+def read_cascade(loop: Loop) -> Cascade:
+    """The P-PI design of a loop. Raises StructureError if the law is not a `cascade_ppi`."""
     law = loop.control.law
     if not isinstance(law, CascadePPI):
         raise StructureError(
@@ -107,28 +87,40 @@ def read_cascade(loop: Loop, *, lead: float | None = None, gear: float | None = 
             f"with the target c or linuxcnc, which carry the law itself, or give the axis a cascade_ppi"
         )
     mass, viscous = _fed(loop)
-    guard, train = loop.control.guard, drive_train(loop, lead, gear)
-    weight = None if guard is None or guard.safe_force == 0.0 else guard.safe_force
+    guard = loop.control.guard
     speed = None if guard is None else guard.velocity_limit
-    values: dict[str, float | None] = {
-        "Kv": law.Kv,
-        "Kp": law.Kp,
-        "Kp/Tn": None if law.Tn is None else law.Kp / law.Tn,
-        "Tn": law.Tn,
-        "velocity_feedforward": law.velocity_feedforward,
-        "mass": mass or None,
-        "viscous": viscous or None,
-        "force_limit": loop.control.force_limit,
-        "following_error_limit": None if guard is None else guard.following_error_limit,
-        "velocity_limit": speed,
-        "velocity_limit_of_the_table": speed,
-        "travel_least": None if guard is None else guard.travel_least,
-        "travel_most": None if guard is None else guard.travel_most,
-        "weight": weight,
-        "lead": train.lead,
-        "gear": train.gear if train.rotary else None,
-    }
-    return Cascade(loop, law, train, values)
+    return Cascade(
+        loop,
+        law,
+        {
+            "Kv": law.Kv,
+            "Kp": law.Kp,
+            "Kp/Tn": None if law.Tn is None else law.Kp / law.Tn,
+            "Tn": law.Tn,
+            "velocity_feedforward": law.velocity_feedforward,
+            "mass": mass or None,
+            "viscous": viscous or None,
+            "force_limit": loop.control.force_limit,
+            "following_error_limit": None if guard is None else guard.following_error_limit,
+            "velocity_limit": speed,
+            "table_velocity_limit": speed,
+            "travel_least": None if guard is None else guard.travel_least,
+            "travel_most": None if guard is None else guard.travel_most,
+            "weight": None if guard is None else guard.safe_force or None,
+        },
+    )
+
+
+def at_shaft(cascade: Cascade, train: DriveTrain, quantity: str, unit: str) -> float | None:
+    """A quantity in a unit that `language.units` knows, at the shaft if the motor turns; None if there is none."""
+    own = {"lead": train.lead, "gear": train.gear if train.rotary else None}
+    value = own[quantity] if quantity in own else cascade.values[quantity]
+    if value is None:
+        return None
+    kind = QUANTITIES[quantity]
+    if not train.rotary:
+        return value / units.factor(unit, kind.table)
+    return value * train.radians_per_metre**kind.power / units.factor(unit, kind.shaft)
 
 
 def _fed(loop: Loop) -> tuple[float, float]:

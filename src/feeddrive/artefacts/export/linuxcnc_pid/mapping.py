@@ -130,12 +130,8 @@ def _check_one(cascade: Cascade) -> None:
         )
 
 
-def stock_loop(cascade: Cascade, *, route: str = "two", units: float = 1000.0) -> Loop:
-    """The loop with LinuxCNC's pids in the place of its control, on the same axis; its guard stays.
-
-    Raises what `stock_law` raises.
-    """
-    law = stock_law(cascade, route=route, units=units)
+def stock_loop(cascade: Cascade, law: LinuxcncPid) -> Loop:
+    """The loop with LinuxCNC's pids in the place of its control, on the same axis; its guard stays."""
     return replace(cascade.loop, control=Control(law=law, guard=cascade.loop.control.guard))
 
 
