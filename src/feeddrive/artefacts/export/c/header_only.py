@@ -28,5 +28,6 @@ def _pieces(text: str, P: str) -> list[str]:
     """The comment on top, and each function with its comment; without includes."""
     lines = [line for line in text.splitlines() if not line.startswith("#include")]
     body = re.sub(rf"^void {P}_", f"static inline void {P}_", "\n".join(lines), flags=re.MULTILINE)
-    pieces = re.split(r"(?<=^\})\n+", body, flags=re.MULTILINE)
+    top, rest = body.split("*/\n", 1)
+    pieces = [f"{top}*/", *re.split(r"(?<=^\})\n+", rest, flags=re.MULTILINE)]
     return [piece.strip("\n") + "\n" for piece in pieces if piece.strip()]

@@ -5,26 +5,30 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Mapping, Sequence
 
+from feeddrive.artefacts.export.c.header_only import header_only
 from feeddrive.artefacts.export.c.text import Texts
 from feeddrive.artefacts.export.linuxcnc.names import Item, plain
 
 # LinuxCNC's flags do not forbid a fused multiply-add, which processors other than x86 would take.
-_EXACT = '#pragma GCC optimize("fp-contract=off")'
+_EXACT = '#pragma GCC optimize("fp-contract=off")\n\n'
+_AS_IT_STANDS = """\
+#pragma GCC push_options
+#pragma GCC optimize("O0")
+#pragma GCC diagnostic ignored "-Wframe-larger-than="
+"""
 
 
 def core(name: str, parts: Texts) -> str:
-    """Header, step and configure in one text, which a component includes; they share the names of the header only."""
-    first = _own(parts.source)
-    own = [each for each in _own(parts.configure) if each in first]
-    apart = [f"#define {each} configure_{each}" for each in own]
-    back = [f"#undef {each}" for each in own]
-    text = "\n".join([_EXACT, "", parts.header, parts.source, *apart, parts.configure, *back, ""])
-    return re.sub(rf'#include "{name}\.h"\n+', "", text)
+    """The header that a component includes: all of a routine.
 
-
-def _own(text: str) -> list[str]:
-    """Names of the static functions of a C text."""
-    return re.findall(r"^static (?:inline )?\w+ (\w+)\(", text, re.MULTILINE)
+    What runs once or at a change of parameters may be thousands of lines: it is compiled as it stands, in a tenth of
+    the time.
+    """
+    once = re.compile(
+        rf"^static inline void {name}_(configure|retune)\([^;{{]*\)\n\{{.*?^\}}\n", re.DOTALL | re.MULTILINE
+    )
+    whole = header_only(name, parts)
+    return _EXACT + once.sub(lambda found: f"{_AS_IT_STANDS}{found[0]}#pragma GCC pop_options\n", whole)
 
 
 def component(

@@ -34,6 +34,11 @@ _INPUTS = {
 _UNITS = {"m": "mm", "m/s": "mm/s", "m/s2": "mm/s2", "m/s3": "mm/s3", "m/s4": "mm/s4"}
 
 
+def input_pin(name: str) -> str:
+    """The pin of an input of the routine."""
+    return "enable" if name == "enable" else _INPUTS[name][0]
+
+
 def reading(routine: Routine) -> str:
     """The pin of the position that is controlled."""
     return _INPUTS["reading_load" if any(v.name == "reading_load" for v in routine.inputs) else "reading"][0]

@@ -5,16 +5,17 @@ from __future__ import annotations
 from pathlib import Path
 
 from feeddrive.artefacts.export.c.text import texts
-from feeddrive.artefacts.export.design import Design
+from feeddrive.artefacts.export.design import CONTROL, MACHINE_FILE, Design
 from feeddrive.artefacts.export.identifiers import check_name
-from feeddrive.artefacts.export.layout import Layout, layout
+from feeddrive.artefacts.export.layout import layout
 from feeddrive.artefacts.export.linuxcnc.component import core
 from feeddrive.artefacts.export.linuxcnc.controller import controller_comp
 from feeddrive.artefacts.export.linuxcnc.limits import limits
 from feeddrive.artefacts.export.linuxcnc.plant import plant_comp
 from feeddrive.artefacts.export.linuxcnc.readme import readme
 from feeddrive.artefacts.export.linuxcnc.wiring import LETTERS, axis_hal, axis_ini, desk_hal, desk_ini
-from feeddrive.artefacts.files.whole import check_directory, new_directory, write_whole
+from feeddrive.artefacts.export.manifest import FILE, manifest_text
+from feeddrive.artefacts.files.whole import check_directory, new_directory
 from feeddrive.language.errors import ParameterError
 from feeddrive.loop.routine import plant_routine
 
@@ -25,11 +26,15 @@ def write_linuxcnc(design: Design, out: str | Path, *, joint: int | None = None)
     joint  number of the joint in LinuxCNC; absent: the place of the axis in the machine file
 
     The directory holds `<name>.comp` with `<name>.h`, `<name>.hal`, `<name>.ini`, the axis as `<name>_plant.comp`,
-    `desk.ini` and `desk.hal`, and a README.  It is written whole or not at all.
-    Raises ParameterError for a name or a sample time that LinuxCNC cannot have, a precision other than double, a joint
-    that is none, or a loop that cannot follow LinuxCNC's motion; FileError for a directory that cannot be written.
+    `desk.ini` and `desk.hal`, and a README, which is returned.  It is written whole or not at all.
+    Raises ParameterError for an axis instead of a control, for a name or a sample time that LinuxCNC cannot have, a
+    precision other than double, a joint that is none, or a loop that cannot follow LinuxCNC's motion; FileError for a
+    directory that cannot be written.
     """
+    out = Path(out)
     check_directory(out)
+    if design.what != CONTROL:
+        raise ParameterError("linuxcnc: export the control; the axis comes with it, for the desk")
     if design.layout.precision != "double":
         raise ParameterError("LinuxCNC computes in double precision: export without single precision")
     place = list(design.machine.loops).index(design.axis)
@@ -44,20 +49,18 @@ def write_linuxcnc(design: Design, out: str | Path, *, joint: int | None = None)
     limit = limits(design.loop)
     files = {
         f"{design.name}.comp": controller_comp(routine, title, made_by),
-        f"{design.name}.h": _core(design.layout, title, made_by),
+        f"{design.name}.h": core(design.name, texts(design.layout, title, made_by)),
         f"{design.name}.hal": axis_hal(routine, number, title, made_by),
         f"{design.name}.ini": axis_ini(routine, number, letter, limit, title, made_by),
         f"{design.name}_plant.comp": plant_comp(plant.routine, physics, made_by),
-        f"{design.name}_plant.h": _core(plant, physics, made_by),
+        f"{design.name}_plant.h": core(plant.routine.name, texts(plant, physics, made_by)),
         "desk.hal": desk_hal(routine, plant.routine, number),
         "desk.ini": desk_ini(routine, number, letter),
         "README.md": readme(routine, plant.routine, number, limit, title, made_by),
     }
+    files[MACHINE_FILE] = design.machine.file.text
+    files[FILE] = manifest_text(design, "linuxcnc", files, joint=number)
     with new_directory(out) as folder:
         for name, text in files.items():
-            write_whole(folder / name, text)
-    return Path(out)
-
-
-def _core(made: Layout, title: str, made_by: str) -> str:
-    return core(made.routine.name, texts(made, title, made_by))
+            (folder / name).write_text(text, encoding="utf-8")
+    return out / "README.md"

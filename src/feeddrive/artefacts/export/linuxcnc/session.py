@@ -1,0 +1,89 @@
+"""Programs of LinuxCNC, alone on the machine: with components just built, and nothing of it left behind.
+
+HAL's shared memory is one for the whole machine, `halcompile --install` writes where all components are, and a killed
+real-time process stays: so a session has its own IPC, mounts, processes and network.  A LinuxCNC that runs beside it,
+and what is installed, are not touched.  As an ordinary user it needs a kernel that allows user namespaces.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+import subprocess
+from collections.abc import Sequence
+from pathlib import Path
+
+from feeddrive.language.errors import FeeddriveError, MissingProgramError
+
+MODULES = "/usr/lib/linuxcnc/modules"
+_PACKAGES = {
+    "halrun": "linuxcnc-uspace",
+    "halcompile": "linuxcnc-uspace-dev",
+    "gcc": "gcc",
+    "make": "make",
+    "unshare": "util-linux",
+    "/usr/bin/python3": "python3",
+}
+
+
+class HalError(FeeddriveError):
+    """LinuxCNC did not take a component, failed, or did not end; the message holds what it said."""
+
+
+def check_programs() -> None:
+    """Raise MissingProgramError, with the packages, unless LinuxCNC and what compiles for it are installed."""
+    missing = [program for program in _PACKAGES if shutil.which(program) is None]
+    if missing:
+        packages = " ".join(dict.fromkeys(_PACKAGES[program] for program in missing))
+        raise MissingProgramError("', '".join(missing), packages, "running a component in LinuxCNC")
+
+
+def session(folder: Path, components: Sequence[Path], run: str, patience: float = 60.0) -> str:
+    """Install components, run a line of bash in a folder, and give back what was printed.
+
+    components  .comp files, each with the files that it includes beside it; they are copied into the folder
+    patience    s until all of it is killed
+
+    Raises MissingProgramError without LinuxCNC, and HalError if it fails or does not end in time.
+    """
+    check_programs()
+    for each in components:
+        for file in each.parent.iterdir():
+            if file.suffix in (".comp", ".h") and file.parent != folder:
+                shutil.copy(file, folder / file.name)
+    names = " ".join(each.name for each in components)
+    script = folder / "session.sh"
+    script.write_text(_SESSION.format(modules=MODULES, components=names, run=run))
+    root = [] if os.geteuid() == 0 else ["--user", "--map-root-user"]
+    apart = ["--ipc", "--mount", "--net", "--pid", "--fork", "--kill-child", "--mount-proc"]
+    program = subprocess.Popen(
+        ["unshare", *root, *apart, "bash", script.name], cwd=folder, text=True, errors="replace",
+        stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, start_new_session=True,
+    )  # fmt: skip
+    try:
+        printed, _ = program.communicate(timeout=patience)
+    except BaseException as error:
+        os.killpg(program.pid, signal.SIGKILL)
+        printed, _ = program.communicate()
+        if isinstance(error, subprocess.TimeoutExpired):
+            raise HalError(f"LinuxCNC did not end within {patience:g} s; it said:\n{printed[-2000:]}") from None
+        raise
+    if program.returncode != 0:
+        advice = "; run it as root, or allow user namespaces" if "unshare failed" in printed else ""
+        raise HalError(f"LinuxCNC failed with status {program.returncode}{advice}; it said:\n{printed[-3000:]}")
+    return printed
+
+
+# A tmpfs over the folder of the components holds copies of them, what is installed, and the socket of its processes.
+_SESSION = """\
+set -e
+mkdir -p stock
+cp {modules}/*.so stock
+mount -t tmpfs -o mode=1777 feeddrive {modules}
+cp stock/*.so {modules}
+rm -r stock
+for each in {components}; do halcompile --install $each; done
+export RTAPI_UID=65534 RTAPI_FIFO_PATH={modules}/socket HOME=$PWD
+{run}
+"""
