@@ -60,7 +60,7 @@ def same_bits(a, b):
 def test_controller_in_hal_has_the_simulators_bits(exported, tmp_path, machine, axis):
     """Random samples with NaN, denormals, trips and saturation, as a stream through a real halrun."""
     design, place = exported(machine, axis)
-    inputs = trial(design.routine, 10_000, 7).inputs
+    inputs = trial(design.routine, 10_000, 7, changes=0).inputs
     for k in range(500, 10_000, 1000):
         inputs[k : k + 3, -2] = np.nan  # longer than a reading is held
     inputs[:, -1] = inputs[:, -1] > 0.5
@@ -113,7 +113,7 @@ def test_lengths_in_mm_are_divided_once(exported, tmp_path):
     """In a machine in mm the law gets pin / 1000: the bits of the simulator on that number."""
     design, place = exported("emps")
     routine = design.routine
-    inputs = trial(routine, 4000, 3, broken=0.0).inputs
+    inputs = trial(routine, 4000, 3, changes=0, broken=0.0).inputs
     inputs[:, -1] = inputs[:, -1] > 0.5
     got = answers(routine, place, tmp_path, inputs, units_per_m=1000.0).rows
     rounded = inputs.copy()
