@@ -32,7 +32,7 @@ _OPERATIONS: dict[str, Callable[..., Any]] = {
     "not": lambda a: not a,
     "select": lambda condition, a, b: a if condition else b,
     "power_of_two": lambda k: type(k)(np.ldexp(1.0, int(k))),
-    "exponent": lambda x: type(x)(np.frexp(x)[1] - 1 if x != 0.0 else -np.inf),
+    "exponent": lambda x: type(x)(np.frexp(x)[1] - 1 if x != 0.0 else np.finfo(type(x)).minexp - 1),
     "gather": lambda row, place: row[int(place)],
 }
 

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from feeddrive.language import tree
 from feeddrive.language.errors import FeeddriveError
+from feeddrive.loop.guard import Guard
 from feeddrive.loop.routine import Controller, Routine, Variable
 
+_DRAWS = 5  # until a change is one that the block allows
 BROKEN = (np.nan, np.inf, -np.inf, 1e300, -1e200, 5e-324, 1e-310)  # what no encoder should say, and what few do
 
 
@@ -25,9 +28,10 @@ class Trial:
 def trial(routine: Routine, count: int, seed: int = 0, *, changes: int = 50, broken: float = 2e-4) -> Trial:
     """`count` samples of a wandering axis under a wandering set motion, from a seed.
 
-    The reading follows the set position with an error and a jitter whose sizes change every 200 samples, from less than
-    a count of an encoder to more than any bound, so that a quiet loop, limits and trips all occur; `broken` is the
-    share of numbers that are none, or absurd.  Every 25 samples the enable may be taken away, which clears trips.
+    The reading follows the set position with an error and a jitter whose sizes change every 40 samples, from less than
+    a count of an encoder to more than any bound, so that a quiet loop, limits and trips all occur; `broken` is how
+    often a number turns into none, or an absurd one, for one to four samples.  Every 20 samples the enable may be taken
+    away for two of them, which clears trips.
     At `changes` places up to three parameters move by up to a quarter, where their bounds and their block allow it.
     """
     random = np.random.default_rng(seed)
@@ -40,26 +44,34 @@ def trial(routine: Routine, count: int, seed: int = 0, *, changes: int = 50, bro
     def held(values: np.ndarray, samples: int) -> np.ndarray:
         return np.repeat(values, samples)[:count]
 
-    blocks = count // 200 + 1
-    speed = 0.4 * fast * np.sin(0.002 * np.cumsum(random.normal(0.0, 1.0, count)))
-    position = np.cumsum(speed * T)
-    error = held(far * 10.0 ** random.uniform(-6.0, 0.1, blocks), 200) * np.sin(0.03 * np.arange(count))
-    jitter = held(fast * T * 10.0 ** random.uniform(-6.0, -0.3, blocks), 200)
+    blocks = count // 40 + 1
+    least, most = (0.5 * sign if end is None else float(end) for sign, end in _ends(guard))
+    middle, half = 0.5 * (least + most), 0.502 * (most - least)  # a little beyond the travel
+    turning = 0.4 * fast / half * np.sin(0.002 * np.cumsum(random.normal(0.0, 1.0, count)))
+    angle = T * np.cumsum(turning)
+    position, speed = middle + half * np.sin(angle), half * turning * np.cos(angle)
+    error = held(far * 10.0 ** random.uniform(-6.0, 0.05, blocks), 40) * np.sin(0.03 * np.arange(count))
+    jitter = held(fast * T * 10.0 ** random.uniform(-6.0, -0.4, blocks), 40)
     rows: dict[str, np.ndarray] = {
         "set_position": position,
         "set_velocity": speed,
         "set_acceleration": random.normal(0.0, 5.0, count),
         "set_jerk": random.normal(0.0, 100.0, count),
         "set_snap": random.normal(0.0, 1e4, count),
-        "enable": np.where(held(random.random(count // 25 + 1) < 0.15, 25), 0.0, 1.0),
+        "enable": np.where(held(random.random(count // 20 + 1) < 0.4, 20) & (np.arange(count) % 20 < 2), 0.0, 1.0),
     }
     for name in ("reading", "reading_motor", "reading_load"):
         rows[name] = position + error + jitter * random.normal(0.0, 1.0, count)
     inputs = np.column_stack([rows[variable.name] for variable in routine.inputs])
-    holes = random.random(inputs.shape) < broken
-    inputs[holes] = random.choice(np.array(BROKEN), int(holes.sum()))
+    for column in range(inputs.shape[1]):
+        for place in np.flatnonzero(random.random(count) < broken):
+            inputs[place : place + random.integers(1, 5), column] = random.choice(np.array(BROKEN))
     places = sorted({int(k) for k in np.linspace(0, count, changes + 2)[1:-1]} - {0})
     return Trial(inputs, _changes(routine, places, random))
+
+
+def _ends(guard: Guard) -> tuple[tuple[float, Any], tuple[float, Any]]:
+    return (-1.0, guard.travel_least), (1.0, guard.travel_most)
 
 
 def _changes(routine: Routine, places: list[int], random: np.random.Generator) -> dict[int, dict[str, float]]:
@@ -68,14 +80,16 @@ def _changes(routine: Routine, places: list[int], random: np.random.Generator) -
     first = {variable.path: variable for variable in routine.parameters}
     found: dict[int, dict[str, float]] = {}
     for sample in places:
-        chosen = random.choice(len(first), size=min(3, len(first)), replace=False)
-        moved = {variable.path: _moved(variable, random) for variable in (list(first.values())[i] for i in chosen)}
-        try:
-            both = tree.vary(both, moved)
-            both.control.fits(routine.sample_time)
-        except FeeddriveError:
-            continue
-        found[sample] = moved
+        for _ in range(_DRAWS):
+            chosen = random.choice(len(first), size=min(3, len(first)), replace=False)
+            moved = {variable.path: _moved(variable, random) for variable in (list(first.values())[i] for i in chosen)}
+            try:
+                after = tree.vary(both, moved)
+                after.control.fits(routine.sample_time)
+            except FeeddriveError:
+                continue
+            both, found[sample] = after, moved
+            break
     return found
 
 

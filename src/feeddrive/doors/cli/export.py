@@ -57,13 +57,13 @@ def _cortex_m(design: Design, out: Path, asked: Asked) -> Path:
     return write_cortex_m(design, out, core=asked.core)
 
 
-def _fmu2(design: Design, out: Path, asked: Asked) -> Path:
+def _fmu2(design: Design, out: Path, _: Asked) -> Path:
     from feeddrive.artefacts.export.fmu.directory import write_fmu
 
     return write_fmu(design, out, version=2)
 
 
-def _fmu3(design: Design, out: Path, asked: Asked) -> Path:
+def _fmu3(design: Design, out: Path, _: Asked) -> Path:
     from feeddrive.artefacts.export.fmu.directory import write_fmu
 
     return write_fmu(design, out, version=3)

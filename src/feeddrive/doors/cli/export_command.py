@@ -29,7 +29,7 @@ def export(
     precision: Annotated[
         str | None,
         typer.Option(
-            "--precision", help="double or float; cortex-m takes float, all others double.", show_default=False
+            "--precision", help="double or float; default: double, cortex-m float.", show_default=False
         ),
     ] = None,
     plant: Annotated[

@@ -43,6 +43,27 @@ static double exponent(double x)
     return (double)((bits >> 52) & 0x7FFu) - 1023.0;
 }
 """,
+    "power_of_twof": """\
+/* 2^k: k + 1.5 * 2^23 holds the whole number k in its low bits; k + 127 goes to where a float keeps its exponent. */
+static float power_of_twof(float k)
+{
+    float x = k + 12582912.0f;
+    uint32_t bits;
+    memcpy(&bits, &x, sizeof bits);
+    bits = (bits + 127u) << 23;
+    memcpy(&x, &bits, sizeof bits);
+    return x;
+}
+""",
+    "exponentf": """\
+/* The whole number k with 2^k <= |x| < 2^(k+1). */
+static float exponentf(float x)
+{
+    uint32_t bits;
+    memcpy(&bits, &x, sizeof bits);
+    return (float)((bits >> 23) & 0xFFu) - 127.0f;
+}
+""",
     "uniform": f"""\
 /* A random number in (0, 1) that depends on three whole numbers only: the finaliser of SplitMix64, once over each. */
 static double uniform(double seed, double sample, double channel)

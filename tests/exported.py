@@ -1,0 +1,134 @@
+"""Every law, filter, feedforward, observer, compensation and prefilter in a loop that is exported: for all targets."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+import feeddrive as fd
+
+T = 1e-4
+MASS, VISCOUS = 163.0, 1520.0
+MODEL = fd.TwoMass(
+    mass_motor=130.0, mass_load=33.0, stiffness=1.8e7, damping=700.0, viscous_motor=1500.0, viscous_load=20.0
+)
+MOTOR = fd.Screw(torque_constant=1.2, lead=0.02, peak_current=24.0, continuous_current=9.0)
+TWO = fd.Axis(
+    plant=MODEL,
+    actuator=fd.Actuator(dead_time=1e-4, current_loop=1500.0, motor=MOTOR),
+    friction_load=fd.Coulomb(coulomb=30.0),
+    encoder_motor=fd.Encoder(resolution=1e-8),
+    encoder_load=fd.Encoder(resolution=1e-8),
+)
+ONE = fd.Axis(
+    plant=fd.Rigid(mass=MASS),
+    friction_load=fd.Stribeck(coulomb=30.0, breakaway=50.0, stribeck_velocity=2e-3),
+    encoder_load=fd.Encoder(resolution=1e-8),
+)
+GUARD = fd.Guard(following_error_limit=2e-3, velocity_limit=2.0, travel_least=-0.5, travel_most=0.5, safe_force=20.0)
+GPI = fd.GpiObserver(mass=MASS, omega_o=150.0)
+PPI = fd.CascadePPI(Kv=80.0, Kp=4e4, Tn=0.01)
+
+
+def loop(axis: fd.Axis, law: object, **parts: object) -> fd.Loop:
+    control = {"force_limit": 9000.0, "guard": GUARD, **parts}
+    return fd.Loop(control=fd.Control(law=law, **control), axis=axis, sample_time=T)  # type: ignore[arg-type]
+
+
+def mode_compensation(observer: object) -> fd.ModeCompensation:
+    mode = fd.MachineMode(frequency=25.0, damping_ratio=0.05, stiffness=2e7)
+    return fd.ModeCompensation(modes=(mode,), observer=observer)  # type: ignore[arg-type]
+
+
+DADSC = fd.DADSC(mass=MASS, viscous=VISCOUS, tracking_rate=120.0, reaching_rate=120.0, adaptation_rate=60.0)
+FILTERS = (
+    fd.Notch(frequency=460.0, damping_zero=0.06, damping_pole=0.6),
+    fd.LowPass2(frequency=2500.0),
+    fd.LowPass(frequency=3000.0),
+)
+# the plain laws of the papers, and then all that can stand beside them
+LAWS: dict[str, fd.Loop] = {
+    "cascade_ppi": loop(TWO, PPI),
+    "pole_placement": loop(TWO, fd.PolePlacement(model=MODEL, bandwidth=30.0, rigid_damping=0.6)),
+    "dadsc": loop(ONE, DADSC),
+    "active_disturbance_rejection": loop(ONE, fd.ActiveDisturbanceRejection(mass=MASS, omega_c=80.0, observer=GPI)),
+}
+LOOPS: dict[str, fd.Loop] = {
+    **LAWS,
+    "cascade_ppi, no guard": loop(TWO, PPI, guard=None),
+    "cascade_ppi, plain": loop(ONE, fd.CascadePPI(Kv=80.0, Kp=4e4), force_limit=None, guard=None),
+    "cascade_ppi, slow position loop": loop(
+        ONE, fd.CascadePPI(Kv=30.0, Kp=2e4, Tn=0.02, position_every=4, velocity_samples=3, viscous=200.0)
+    ),
+    "cascade_ppi, filters and inertia": loop(
+        TWO, PPI, filters=FILTERS, feedforward=(fd.Inertia(mass=MASS, viscous=VISCOUS),)
+    ),
+    "cascade_ppi, inverse dynamics, friction and prefilter": loop(
+        TWO,
+        PPI,
+        feedforward=(
+            fd.InverseDynamics(model=MODEL),
+            fd.FrictionFeedforward(
+                coulomb_positive=30.0, coulomb_negative=28.0, breakaway=45.0, stribeck_velocity=2e-3, smoothing=1e-4
+            ),
+        ),
+        prefilter=fd.TrajectoryPrefilter(theta1=1e-5, theta2=1e-7, theta3=1e-10, theta4=1e-13),
+    ),
+    "cascade_ppi, compensator": loop(
+        ONE,
+        PPI,
+        feedforward=(
+            fd.DisturbanceCompensator(
+                mass=MASS, viscous=VISCOUS, coulomb_positive=30.0, coulomb_negative=30.0, stribeck=10.0,
+                stribeck_velocity=2e-3, jerk_feedforward=0.1, snap_feedforward=1e-4,
+            ),
+        ),
+    ),
+    "cascade_ppi, recovery": loop(
+        ONE,
+        PPI,
+        compensation=(
+            fd.DisturbanceRejection(
+                observer=fd.DisturbanceRecovery(mass=MASS, viscous=VISCOUS, frequency=10.0), share=0.5, blend_time=0.1
+            ),
+        ),
+    ),
+    "cascade_ppi, kalman": loop(
+        ONE,
+        PPI,
+        compensation=(
+            fd.DisturbanceRejection(
+                observer=fd.KalmanRecovery(mass=MASS, viscous=VISCOUS, resolution=1e-8, force_step=0.01), share=0.5
+            ),
+        ),
+    ),
+    "cascade_ppi, learned force": loop(
+        ONE, PPI, compensation=(fd.LearnedForce(force=np.concatenate([50.0 * np.sin(np.arange(300.0)), [0.0]])),)
+    ),
+    "dadsc, mode": loop(
+        ONE, DADSC, compensation=(mode_compensation(fd.DisturbanceRecovery(mass=MASS, frequency=10.0)),)
+    ),
+    "pole_placement, exact commands": loop(
+        TWO, fd.PolePlacement(model=MODEL, bandwidth=30.0, commands="exact"), filters=FILTERS[:1]
+    ),
+    "pole_placement, series commands": loop(TWO, fd.PolePlacement(model=MODEL, bandwidth=30.0, commands="series")),
+    **{
+        f"active_disturbance_rejection, {states} taylor states": loop(
+            ONE,
+            fd.ActiveDisturbanceRejection(
+                mass=MASS, omega_c=60.0, observer=dataclasses.replace(GPI, taylor_states=states, omega_o=100.0)
+            ),
+        )
+        for states in (0, 1, 2, 3)
+    },
+    "active_disturbance_rejection, hanging": loop(
+        ONE,
+        fd.ActiveDisturbanceRejection(
+            mass=MASS, omega_c=60.0,
+            observer=dataclasses.replace(
+                GPI, start_disturbance=-300.0, delay_samples=2, hold="zero_order", omega_o=9.0
+            ),
+        ),
+    ),
+}  # fmt: skip
