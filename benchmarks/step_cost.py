@@ -1,0 +1,278 @@
+"""Instructions of an exported step: against C by hand on x86-64, and executed on emulated Cortex-M cores.
+
+python benchmarks/step_cost.py
+
+Counts of valgrind's callgrind and of qemu, not times: the same on every machine with the same compiler.  Needs gcc,
+valgrind, gcc-arm-none-eabi, libnewlib-arm-none-eabi and qemu-system-arm.
+"""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import tempfile
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+import feeddrive as fd
+from feeddrive.artefacts.export.c.directory import c_files
+from feeddrive.artefacts.export.cortex_m.bundle import write_cortex_m
+from feeddrive.artefacts.export.cortex_m.emulator import Cost, step_cost
+from feeddrive.artefacts.export.design import CONTROL, Design
+from feeddrive.artefacts.export.layout import layout
+from feeddrive.artefacts.export.layout_run import LayoutRun
+from feeddrive.artefacts.files.machine import read_machine
+from feeddrive.blocks.families import Law
+from feeddrive.loop.routine import controller_routine
+
+BY_HAND = Path(__file__).parent / "hand_written"
+FLAGS = ["-std=c99", "-O2", "-ffp-contract=off", "-fno-math-errno"]
+COUNTED = 40  # samples of each situation
+LIMIT = 9000.0  # N
+
+LAWS: dict[str, Law] = {
+    "p_pi": fd.CascadePPI(Kv=100.0, Kp=6.8e4, Tn=5.4e-3),
+    "pole_placement": fd.PolePlacement(
+        model=fd.TwoMass(mass_motor=130.0, mass_load=33.0, stiffness=1.8e7, damping=700.0), bandwidth=30.0
+    ),
+    "gpi": fd.ActiveDisturbanceRejection(
+        mass=163.0, omega_c=40.0, observer=fd.GpiObserver(mass=163.0, omega_o=400.0, taylor_states=5)
+    ),
+}
+
+
+def design(law: Law, precision: str = "double", filters: tuple[fd.Notch, ...] = ()) -> Design:
+    """A law with the default guard and a limit, on the bundled ball screw with its two encoders."""
+    machine = read_machine("ball_screw")
+    control = fd.Control(law=law, filters=filters, force_limit=LIMIT, guard=fd.Guard())
+    loop = replace(machine.loop("x"), control=control)
+    return Design(machine, "x", loop, CONTROL, layout(controller_routine(loop, "axis_x"), precision))
+
+
+def motion(count: int) -> np.ndarray:
+    """Inputs of a slow sine with small following errors, enabled: shape (count, 8)."""
+    t = np.arange(count) * 5e-5
+    w = 2 * np.pi * 2.0
+    waves = [np.sin(w * t), w * np.cos(w * t), -(w**2) * np.sin(w * t), -(w**3) * np.cos(w * t), w**4 * np.sin(w * t)]
+    set_ = 0.05 * np.array(waves).T
+    reading = set_[:, :1] - 2e-6 * np.cos(3 * w * t)[:, None]
+    return np.hstack([set_, reading + 1e-3, reading, np.ones((count, 1))])
+
+
+def situations() -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    """By name: inputs, and which samples count; before them the loop was enabled and ran for some samples."""
+    begun, count = 10, 10 + 4 * COUNTED
+    rows, place = motion(count), np.arange(count)
+    every = (place >= begun) & (place % 4 == 2)
+    NAN, found = np.nan, dict[str, tuple[np.ndarray, np.ndarray]]()
+
+    def add(name: str, change: Mapping[int, object], where: np.ndarray, counted: np.ndarray = every) -> None:
+        given = rows.copy()
+        for column, value in change.items():
+            given[where, column] = value
+        found[name] = (given, counted)
+
+    after = place >= begun
+    add("usual", {}, after)
+    add("saturated", {5: rows[after, 5] - 1.0, 6: rows[after, 6] - 1.0}, after)
+    add("subnormal setpoint", {3: 1e-310, 4: -1e-310}, after)
+    add("reading NaN, command held", {6: NAN}, every)
+    add("both readings NaN, held", {5: NAN, 6: NAN}, every)
+    add("reading infinite, held", {6: np.inf}, every)
+    add("setpoint NaN, held", {0: NAN}, every)
+    add("tripped", {6: NAN}, after & (place < begun + 3), every & (place > begun + 4))
+    add("disabled", {7: 0.0}, after)
+    add("enabled anew", {7: 0.0}, after & ~every)
+    add("enable is NaN", {7: NAN}, after)
+    return found
+
+
+DRIVER = """\
+#include <string.h>
+#include <valgrind/callgrind.h>
+#define ROWS(name) static const double name[][8]
+{samples}
+static const struct {{ const double (*rows)[8]; const unsigned char *counted; int count; const char *name; }} all[] = {{
+{table}
+}};
+void nothing({controller} *c, const {inputs} *in, {outputs} *out);
+int main(void)
+{{
+    {controller} none;
+    {inputs} in = {{0.0}};
+    {outputs} out;
+    CALLGRIND_TOGGLE_COLLECT;
+    nothing(&none, &in, &out);
+    CALLGRIND_TOGGLE_COLLECT;
+    CALLGRIND_DUMP_STATS_AT("nothing");
+    for (unsigned s = 0; s < sizeof all / sizeof all[0]; s++) {{
+        {controller} c = begin(all[s].rows[0]);
+        for (int k = 0; k < all[s].count; k++) {{
+            memcpy(&in, all[s].rows[k], sizeof in);
+            if (all[s].counted[k]) {{
+                CALLGRIND_TOGGLE_COLLECT;
+                {step}(&c, &in, &out);
+                CALLGRIND_TOGGLE_COLLECT;
+            }} else {{
+                {step}(&c, &in, &out);
+            }}
+        }}
+        CALLGRIND_DUMP_STATS_AT(all[s].name);
+    }}
+    return 0;
+}}
+"""
+
+
+def number(value: float) -> str:
+    """As C writes it."""
+    if value != value or abs(value) == np.inf:
+        return '__builtin_nan("")' if value != value else ("-" if value < 0 else "") + "__builtin_inf()"
+    return value.hex()
+
+
+def driver(begin: str, controller: str, inputs: str, outputs: str, step: str) -> str:
+    """The program that is counted: every situation from a fresh controller on, with a dump behind it."""
+    samples, table = [], []
+    for i, (name, (rows, counted)) in enumerate(situations().items()):
+        body = ",\n".join("{" + ", ".join(map(number, map(float, row))) + "}" for row in rows)
+        samples.append(f"ROWS(rows_{i}) = {{\n{body}}};")
+        samples.append(f"static const unsigned char counted_{i}[] = {{{', '.join(str(int(x)) for x in counted)}}};")
+        table.append(f'    {{rows_{i}, counted_{i}, {len(rows)}, "{name}"}},')
+    return begin + DRIVER.format(
+        samples="\n".join(samples), table="\n".join(table), controller=controller, inputs=inputs, outputs=outputs,
+        step=step,
+    )  # fmt: skip
+
+
+def counted(folder: Path, sources: list[str]) -> dict[str, float]:
+    """Instructions of a step in each situation, without call and return, which an empty function has, too."""
+    (folder / "nothing.c").write_text("void nothing(void) {}\n")
+    subprocess.run(["gcc", *FLAGS, "-o", "counted", "nothing.c", *sources, "-lm"], cwd=folder, check=True)
+    command = ["valgrind", "--tool=callgrind", "--collect-atstart=no", "--callgrind-out-file=dump", "./counted"]
+    subprocess.run(command, cwd=folder, check=True, capture_output=True)
+    dumps = [file for file in folder.glob("dump.*") if file.suffix[1:].isdigit()]
+    nothing, *totals = map(_total, sorted(dumps, key=lambda file: int(file.suffix[1:])))
+    return {
+        name: total / int(chosen.sum()) - nothing
+        for (name, (_, chosen)), total in zip(situations().items(), totals, strict=True)
+    }
+
+
+def _total(dump: Path) -> int:
+    found = re.search(r"^(?:totals|summary): (\d+)", dump.read_text(), re.MULTILINE)
+    assert found is not None, f"{dump} has no total"
+    return int(found[1])
+
+
+def generated_counts(made: Design) -> dict[str, float]:
+    """Of the exported C."""
+    with tempfile.TemporaryDirectory() as name:
+        folder, P = Path(name), made.name
+        for file, text in c_files(made).items():
+            (folder / file).write_text(text)
+        begin = f"""#include "{P}.h"
+static {P}_controller begin(const double *row)
+{{
+    {P}_controller c;
+    {P}_parameters parameters;
+    {P}_inputs in;
+    __builtin_memcpy(&in, row, sizeof in);
+    {P}_defaults(&parameters);
+    {P}_configure(&c, &parameters);
+    {P}_reset(&c, &in);
+    return c;
+}}
+"""
+        text = driver(begin, f"{P}_controller", f"{P}_inputs", f"{P}_outputs", f"{P}_step")
+        (folder / "driver.c").write_text(text)
+        return counted(folder, ["driver.c", f"{P}.c", f"{P}_configure.c"])
+
+
+def hand_numbers(made: Design, first: np.ndarray) -> np.ndarray:
+    """The controller by hand as its numbers in their order, those of the guard first, as a reset leaves it."""
+    run = LayoutRun(made.layout)
+    of = {field.name: float(run.design[field.node]) for field in made.layout.design}
+    T = made.routine.sample_time
+    guard = [T, of["guard_reading_limit"], of["guard_hold_samples"], of["guard_safe_force"], of["command_factor"]]
+    motor, load = first[5], first[6]
+    at = [0.0, motor, load, motor - load, 0.0, first[0], 0.0, 0.0]
+    law = made.loop.control.law
+    match law:
+        case fd.CascadePPI():
+            own = [law.Kv, law.Kp, law.velocity_feedforward, LIMIT, of["law_integral_factor"]]
+        case fd.PolePlacement():
+            gains = [of[f"law_gains_{name}"] for name in ("K1", "K2", "K3", "K4", "Ki")]
+            own = [*gains, LIMIT, of["law_per_acceleration"], of["law_per_velocity"], of["law_late"]]
+        case _:
+            order = range(7)
+            rows = [of[f"law_F_{i}_{j}"] for i in order for j in order]
+            columns = [of[f"law_{name}_{i}"] for name in ("Gu", "Gy") for i in order]
+            factors = ("slower_factor", "nearer_factor", "observer_omega_o", "observer_disturbance_factor")
+            own = [*rows, *columns, of["law_mass"], of["law_share"], LIMIT, *(of[f"law_{name}"] for name in factors)]
+    numbers = np.zeros(128)
+    values = [*guard, *at, *own]
+    numbers[: len(values)] = values
+    return numbers
+
+
+def hand_begin(made: Design) -> str:
+    """The controller by hand, for the driver."""
+    values = ", ".join(number(float(x)) for x in hand_numbers(made, motion(1)[0]))
+    return f"""typedef struct {{ double values[128]; }} controller;
+typedef struct {{ double values[8]; }} inputs;
+typedef struct {{ double values[4]; }} outputs;
+void hand_step(controller *, const inputs *, outputs *);
+static controller begin(const double *row)
+{{
+    (void)row;
+    controller c = {{{{{values}}}}};
+    return c;
+}}
+"""
+
+
+def hand_counts(law: str, made: Design) -> dict[str, float]:
+    """Of the C by hand."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        text = driver(hand_begin(made), "controller", "inputs", "outputs", "hand_step")
+        (folder / "driver.c").write_text(text)
+        return counted(folder, ["driver.c", str(BY_HAND / f"{law}.c")])
+
+
+def core_cost(made: Design, optimise: str = "-O2") -> Cost:
+    """Executed instructions on an emulated core, over the stored random samples of the bundle."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name) / "bundle"
+        write_cortex_m(made, folder)
+        return step_cost(folder, optimise)
+
+
+def main() -> None:
+    """Both tables."""
+    print("| law | situation | exported | by hand | ratio |\n|---|---|---|---|---|")
+    for name, law in LAWS.items():
+        made = design(law)
+        ours, theirs = generated_counts(made), hand_counts(name, made)
+        for situation, count in ours.items():
+            other = theirs[situation]
+            print(f"| {name} | {situation} | {count:.6g} | {other:.6g} | {count / other:.2f} |")
+    print("\n| law | core | -O | least | most | flash | configure | RAM |\n|---|---|---|---|---|---|---|---|")
+    for name, law in LAWS.items():
+        for filters in ((), (fd.Notch(frequency=400.0),)):
+            for precision, core in (("float", "M4F"), ("double", "M7")):
+                for optimise in ("-O2", "-Os"):
+                    cost = core_cost(design(law, precision, filters), optimise)
+                    called = f"{name} + {len(filters)} biquad" if filters else name
+                    print(
+                        f"| {called} | {core} {precision} | {optimise} | {cost.least} | {cost.most} | {cost.flash} | "
+                        f"{cost.configure} | {cost.memory} |"
+                    )
+
+
+if __name__ == "__main__":
+    main()
