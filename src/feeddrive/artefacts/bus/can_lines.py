@@ -36,5 +36,6 @@ def opened_network(interface: str, bitrate: int | None) -> Any:
             "(ip link set can0 up type can bitrate 1000000)?"
         ) from None
     network = canopen.Network(line)
+    network.NOTIFIER_CYCLE = 0.1  # s that its end may have to wait for
     network.connect()
     return network

@@ -127,9 +127,9 @@ class SlaveController:
                 "<IHBBHBBB", self._memory, _FMMU + 16 * k
             )
             low, high = max(begin, logical), min(begin + length, logical + size)
-            if not active & 1 or low >= high:
-                continue
             there, here = start + low - logical, physical + low - begin
+            if not active & 1 or low >= high or here + high - low > len(self._memory):
+                continue
             if kind & 1 and command != 11:
                 read.append((there, bytes(self._memory[here : here + high - low])))
                 counted |= 1

@@ -132,7 +132,7 @@ class Firmware:
         if len(content) != found.bits // 8:
             raise SdoAbortError(WRONG_LENGTH)
         value = found.decode(content)
-        if found.name == "mode" and value and not self.values["supported_modes"] >> (value - 1) & 1:
+        if found.name == "mode" and value and not (value > 0 and self.values["supported_modes"] >> (value - 1) & 1):
             raise SdoAbortError(TOO_LARGE)
         self.values[found.name] = value
 

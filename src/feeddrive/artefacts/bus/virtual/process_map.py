@@ -98,7 +98,7 @@ class ProcessMap:
             found = AT.get((value >> 16, value >> 8 & 0xFF))
             if found is None or not self.firmware.has(found.name) or found.mapped != value:
                 raise SdoAbortError(_NOT_MAPPABLE)
-        elif value not in self._lists:
+        elif value not in self._lists or value >= 0x1C00:
             raise SdoAbortError(NO_OBJECT)
         entries += [entries[0] if entries else value] * (subindex - len(entries))
         entries[subindex - 1] = value
