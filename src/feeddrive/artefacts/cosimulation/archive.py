@@ -55,7 +55,7 @@ def opened(path: str | Path) -> Generator[Archive]:
         except FmuError:
             raise
         except Exception as error:  # a ZIP or an XML file can be broken in ways that only their readers know
-            raise FmuError(f"{path}: is not an FMU: {_first_line(error)}") from None
+            raise FmuError(f"{path}: is no sound FMU: {_first_line(error)}") from None
         yield _checked(str(path), description, Path(folder))
 
 

@@ -34,10 +34,11 @@ class Instance:
 
         kind = fmpy.fmi3.FMU3Slave if archive.three else fmpy.fmi2.FMU2Slave
         try:
-            self.fmu: Any = kind(
-                guid=archive.description.guid, modelIdentifier=archive.model, unzipDirectory=str(archive.folder),
-                instanceName="plant", libraryPath=str(archive.library),
-            )  # fmt: skip
+            with contextlib.chdir(archive.folder):  # FMPy goes elsewhere and does not come back if it fails
+                self.fmu: Any = kind(
+                    guid=archive.description.guid, modelIdentifier=archive.model, unzipDirectory=str(archive.folder),
+                    instanceName="plant", libraryPath=str(archive.library),
+                )  # fmt: skip
             if archive.three:
                 self.fmu.instantiate(loggingOn=True, logMessage=self._heard3)
             else:

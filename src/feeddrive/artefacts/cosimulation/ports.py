@@ -62,9 +62,7 @@ def _port(archive: Archive, known: Mapping[str, Any], signal: str, text: str, co
     variable = known[name]
     causalities = _causalities(signal)
     if variable.causality not in causalities:
-        raise FmuError(
-            f"{archive.name}: '{name}' is of causality {variable.causality}; {signal} needs {causalities[0]}"
-        )
+        raise FmuError(f"{archive.name}: '{name}' is {variable.causality}, but {signal} needs an {causalities[0]}")
     if variable.type not in _REALS or variable.dimensions:
         raise FmuError(f"{archive.name}: '{name}' is no single number of 64 bits, which {signal} needs")
     if signal == "command" and command_unit is None:
@@ -78,7 +76,7 @@ def _port(archive: Archive, known: Mapping[str, Any], signal: str, text: str, co
 
 def _causalities(signal: str) -> tuple[str, ...]:
     if signal == "start_position":
-        return ("parameter", "input")
+        return ("input", "parameter")
     return ("input",) if signal in GIVEN else ("output", "local")
 
 
@@ -104,12 +102,15 @@ def _factor(archive: Archive, variable: Any, given: str, declared: str) -> float
     return float(base.factor if base.factor is not None else 1.0) / size
 
 
-def needed(found: Mapping[str, Port], signals: Iterable[str], archive: Archive) -> None:
-    """Raise FmuError unless all of these signals have a port."""
-    missing = [signal for signal in signals if signal not in found]
-    if missing:
-        have = ", ".join(each.name for each in archive.description.modelVariables if each.causality == "output")
-        raise FmuError(
-            f"{archive.name}: no variable is named for {missing[0]}, which the control needs; name one, as in "
-            f'{missing[0]} = "x" or "x:mm"; its outputs are: {have or "none"}'
-        )
+def needed(found: Mapping[str, Port], signals: Iterable[str], archive: Archive, who: str) -> None:
+    """Raise FmuError unless all of these signals, which `who` needs, have a port."""
+    missing = next((signal for signal in signals if signal not in found), None)
+    if missing is None:
+        return
+    kind = "input" if missing in GIVEN else "output"
+    have = ", ".join(each.name for each in archive.description.modelVariables if each.causality == kind)
+    example = f'"x" or "x:{"N" if kind == "input" else "mm"}"'
+    raise FmuError(
+        f"{archive.name}: {who} needs {missing}, but no variable is named for it: name one, as {example}; "
+        f"the FMU's {kind}s are: {have or 'none'}"
+    )

@@ -118,7 +118,8 @@ def _wired(archive: Archive, found: Mapping[str, Port], readings: list[str], loa
     spare = "reading_load" if readings == ["reading"] else "reading"
     readings = [spare if each not in found and spare in found else each for each in readings]
     drive = "command" if "command" in found else "force"
-    needed(found, [*readings, drive, *(["load_force"] if load else [])], archive)
+    needed(found, [*readings, drive], archive, "the control")
+    needed(found, ["load_force"] if load else [], archive, "the load")
     taken = [port for signal, port in found.items() if signal in TAKEN]
     places = [[port.signal for port in taken].index(signal) for signal in readings]
     return _Wired(taken, places, found[drive], [found["load_force"]] if load else [])

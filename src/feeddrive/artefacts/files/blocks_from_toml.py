@@ -27,6 +27,10 @@ from feeddrive.language.block import Block, Declaration, checked, declarations
 from feeddrive.language.errors import ParameterError, StructureError
 
 B = TypeVar("B", bound=Block)
+_A_PROGRAM = (
+    "an FMU is a program with no linear model, and nothing that a file names is executed; give the plant that it "
+    "resembles, for margins and tuning, and run the FMU by  feeddrive cosimulate JOB FMU"
+)
 
 
 def read_block(
@@ -92,6 +96,8 @@ def _kind(hint: Hint, section: Section) -> type[Block]:
         if hint.single():
             return hint.classes[0]
         raise section.error(f"{_prefix(section)}kind is missing; there are: {', '.join(fitting) or 'none'}")
+    if given == "fmu":
+        raise section.error(f"{section.dotted('kind')} = 'fmu': {_A_PROGRAM}", "kind")
     if not isinstance(given, str) or given not in fitting:
         raise section.error(
             f"{section.dotted('kind')} = {shown(given)} is not known{nearest(str(given), fitting)}", "kind"

@@ -29,7 +29,8 @@ def run(run: Run) -> Any:
     style.labels(axes[0], None, "following error\n(µm)")
     _draw(axes[1], run.time, run["force"], style.curve(1) | {"linestyle": "-"})
     style.labels(axes[1], None, "force\n(N)")
-    _draw(axes[2], run.time, 1e3 * run["velocity_load"], style.curve(2) | {"linestyle": "-"}, "actual")
+    if "velocity_load" in run.signals:  # an FMU need not tell it
+        _draw(axes[2], run.time, 1e3 * run["velocity_load"], style.curve(2) | {"linestyle": "-"}, "actual")
     _draw(axes[2], run.time, 1e3 * set_velocity(run), _set_line(), "set")
     style.labels(axes[2], "time (s)", "velocity\n(mm/s)")
     style.row_legend(axes[2])

@@ -10,6 +10,7 @@ import typer
 from feeddrive.doors.cli import identify_command
 from feeddrive.doors.cli.certify_command import certify, check
 from feeddrive.doors.cli.cogging_command import cogging
+from feeddrive.doors.cli.cosimulate_command import cosimulate
 from feeddrive.doors.cli.export_command import export, verify
 from feeddrive.doors.cli.friction_command import friction
 from feeddrive.doors.cli.out import Out
@@ -289,3 +290,4 @@ app.command()(verify)
 app.command()(play)
 app.command()(listen)
 app.command("virtual-drive")(virtual_drive)
+app.command()(cosimulate)
