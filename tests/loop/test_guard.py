@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import Any
+
 import numpy as np
 import pytest
 
+from feeddrive import Recorded, StepForce
 from feeddrive.blocks.controller.cascade_ppi import CascadePPI
-from feeddrive.blocks.families import Load, Reference
+from feeddrive.blocks.families import Law, Load, Reference
 from feeddrive.blocks.plant.rigid import Rigid
 from feeddrive.blocks.signals import Setpoint
 from feeddrive.language import tree
@@ -106,28 +110,146 @@ def test_taking_enable_away_clears_a_trip_and_giving_it_again_resets_the_law() -
     assert run["force"][720] == 0.0
 
 
-def test_a_reading_that_is_not_a_number_stops_the_loop_before_the_law_sees_it() -> None:
-    plain = loop()
-    control = plain.control
-    made = tree.rebuild(control, (np.float64(v) for _, v in tree.leaves(control)))
-    prepared = made.prepare(np.float64(T))
-    setpoint = Setpoint(np.float64(0.0))
-    state = made.start(prepared, setpoint, np.float64(0.0), np.float64(0.0))
-    state, command = made.step(prepared, state, setpoint, np.float64(1e-6), np.float64(1e-6), 1.0, np.float64(T))
-    last = command.applied
-    assert last != 0.0
-    for broken in (np.nan, np.inf, -np.inf, 1e9):
-        after, command = made.step(
-            prepared, state, setpoint, np.float64(broken), np.float64(broken), 1.0, np.float64(T)
+class Stepped:
+    """A control that is stepped by hand, at rest at 0 unless told otherwise."""
+
+    def __init__(self, law: Law | None = None, *, velocity: float = 0.0, **guard: float) -> None:
+        control = Control(law=law or guarded_law(), force_limit=5000, guard=Guard(**guard))
+        self.control = tree.rebuild(control, (np.float64(v) for _, v in tree.leaves(control)))
+        self.prepared = self.control.prepare(np.float64(T))
+        self.state = self.control.start(
+            self.prepared, Setpoint(*np.zeros(5)), np.float64(0.0), np.float64(0.0), np.float64(velocity)
         )
-        assert command.applied == command.requested == last, "the command is held"
-        assert command.trip == codes.TRIP_NONE
-        after, command = made.step(
-            prepared, after, setpoint, np.float64(broken), np.float64(broken), 1.0, np.float64(T)
-        )
-        assert command.applied == 0.0
-        assert command.trip == codes.TRIP_READING
-        assert all(np.isfinite(value) for _, value in tree.leaves(after)), "nothing broken is remembered"
+
+    def __call__(self, reading: float = 0.0, setpoint: Sequence[float] = (0.0,) * 5, enable: float = 1.0) -> Any:
+        with np.errstate(all="ignore"):
+            given = np.float64(reading), np.float64(reading), np.float64(enable), np.float64(T)
+            self.state, command = self.control.step(
+                self.prepared, self.state, Setpoint(*map(np.float64, setpoint)), *given
+            )
+        return command
+
+    def finite(self) -> bool:
+        return all(np.isfinite(value) for _, value in tree.leaves(self.state))
+
+
+BROKEN_READINGS = (np.nan, np.inf, -np.inf, 1e9, -1001.0)
+
+
+@pytest.mark.parametrize("hold", [0, 1, 3])
+@pytest.mark.parametrize("broken", BROKEN_READINGS)
+def test_a_command_is_held_over_broken_readings_and_then_the_loop_trips(broken: float, hold: int) -> None:
+    step = Stepped(hold_samples=hold, safe_force=70.0)
+    last = step(1e-6).applied
+    assert last == pytest.approx(70.0 - 2e4 * (1 + T / 0.02) * (1e-6 / T + 30 * 1e-6))  # begun with the safe force
+    for _ in range(hold):
+        command = step(broken)
+        assert (command.applied, command.requested, command.trip, command.running) == (last, last, 0.0, 1.0)
+    for reading in (broken, 1e-6):
+        command = step(reading)
+        assert (command.applied, command.requested, command.running) == (70.0, 70.0, 0.0)
+        assert command.trip == codes.TRIP_READING, "a trip is latched"
+        assert step.finite(), "nothing broken is remembered"
+
+
+def test_good_readings_in_between_begin_the_count_anew() -> None:
+    step = Stepped(hold_samples=2)
+    for _ in range(5):
+        assert [step(x).trip for x in (1e-6, np.nan, np.nan)] == [0.0, 0.0, 0.0]
+    step(1e-6)
+    assert [step(np.nan).trip for _ in range(3)] == [0.0, 0.0, codes.TRIP_READING]
+
+
+@pytest.mark.parametrize("place", range(5))
+@pytest.mark.parametrize("broken", [np.nan, np.inf, -np.inf, 1e30])
+def test_a_broken_setpoint_counts_like_a_broken_reading(broken: float, place: int) -> None:
+    step = Stepped()
+    last = step(1e-6).applied
+    setpoint = [0.0] * 5
+    setpoint[place] = broken
+    assert (step(1e-6, setpoint).applied, step(1e-6, setpoint).trip) == (last, codes.TRIP_READING)
+    assert step.finite()
+
+
+def _moving(x: np.ndarray, setpoints: np.ndarray, law: Law | None = None) -> np.ndarray:
+    step = Stepped(law, velocity=0.1)
+    return np.array([step(reading, setpoint).requested for reading, setpoint in zip(x, setpoints, strict=True)])
+
+
+@pytest.mark.parametrize("lost", ["reading", "setpoint"])
+def test_the_axis_goes_on_while_a_command_is_held(lost: str) -> None:
+    """At 0.1 m/s and 5 m/s². A law that saw the last reading twice would jump by Kp v = 2000 N, and again back."""
+    t = T * np.arange(1, 60)
+    x, v = 0.1 * t + 2.5 * t * t, 0.1 + 5.0 * t
+    setpoints = np.column_stack([x + 1e-5, v, np.full_like(t, 5.0), np.zeros_like(t), np.zeros_like(t)])
+    whole = _moving(x, setpoints)
+    holed_x, holed_setpoints = x.copy(), setpoints.copy()
+    (holed_x if lost == "reading" else holed_setpoints)[40] = np.nan
+    holed = _moving(holed_x, holed_setpoints)
+    assert np.array_equal(holed[:40], whole[:40])
+    assert holed[40] == whole[39]
+    # what is missed is a T² = 5 um of motion, which is Kp a T = 100 N once for a reading and Kp/Tn of it from then on
+    assert np.max(np.abs(holed[41:] - whole[41:])) < (110.0 if lost == "reading" else 10.0)
+    assert np.max(np.abs(holed[42:] - whole[42:])) < 10.0
+
+
+def test_a_loop_is_not_enabled_on_a_broken_reading() -> None:
+    step = Stepped()
+    assert step(np.nan, enable=0.0).trip == codes.TRIP_NONE
+    assert step(np.nan, enable=1.0).trip == codes.TRIP_READING
+    assert step(0.0, enable=0.0).trip == codes.TRIP_NONE
+    assert step(0.0, enable=1.0).running == 1.0
+
+
+@pytest.mark.parametrize("enable", [np.nan, 0.0, 0.5, -1.0, -np.inf])
+def test_what_is_not_above_one_half_does_not_enable(enable: float) -> None:
+    step = Stepped(safe_force=-30.0)
+    step(1e-6)
+    command = step(1e-6, enable=enable)
+    assert (command.applied, command.running, command.trip) == (-30.0, 0.0, codes.TRIP_NONE)
+
+
+def test_a_law_that_overflows_trips_at_once_and_starts_anew() -> None:
+    """Kp = 1e300 asks for 1e297 N at 1 um; the integral is beyond all numbers a little later."""
+    wild = Stepped(CascadePPI(Kv=30, Kp=1e300, Tn=1e-10), safe_force=12.0)
+    for reading in (1e-6, 2e-6, -1e-6):
+        command = wild(reading)
+        assert (command.applied, command.requested, command.running) == (12.0, 12.0, 0.0)
+        assert command.trip == codes.TRIP_COMMAND
+    # tamed by a live change and enabled again, it is as if it had never run
+    tame = Stepped(safe_force=12.0)
+    state = tame.control.retune(wild.state, wild.control, wild.prepared, tame.prepared)
+    off, on = [(3e-6, 0.0), (4e-6, 0.0)], [(4e-6, 1.0), (5e-6, 1.0)]
+    fresh = [tame(reading, enable=enable) for reading, enable in (*off, *on)]
+    tame.state = state
+    again = [tame(reading, enable=enable) for reading, enable in (*off, *on)]
+    assert [c.applied for c in again] == [c.applied for c in fresh]
+    assert again[-1].running == 1.0
+
+
+def test_the_safe_force_carries_a_hanging_axis_until_the_law_takes_over() -> None:
+    """40 kg hang on the drive: disabled, the axis stays; at enable the law starts from the force that carries it."""
+    weight = 9.81 * 40.0
+    law = CascadePPI(Kv=50, Kp=8e3, Tn=0.02)
+    hanging = Loop(
+        sample_time=T, axis=Axis(plant=Rigid(mass=40)), control=Control(law=law, guard=Guard(safe_force=weight))
+    )
+    enable = np.where(np.arange(400) < 200, 0.0, 1.0)
+    still = Recorded(position=np.zeros(400), sample_time=T)
+    run = simulate(hanging, still, load=StepForce(force=-weight, start=0.0), enable=enable)
+    assert np.all(run["force"][:200] == weight)
+    assert np.max(np.abs(run["position_load"])) < 1e-12  # m
+
+
+def test_a_start_from_broken_numbers_is_finite() -> None:
+    for broken in BROKEN_READINGS:
+        made = Stepped()
+        setpoint = Setpoint(*np.full(5, np.float64(broken)))
+        made.state = made.control.start(made.prepared, setpoint, np.float64(broken), np.float64(broken))
+        if not np.isfinite(broken) or abs(broken) > 1e12:
+            assert made.finite()
+        assert [made(0.0, enable=0.0).trip, made(0.0).trip] == [0.0, 0.0]
+        assert made.finite()
 
 
 def test_a_guard_inside_its_bounds_changes_no_bit() -> None:
