@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import feeddrive
+from feeddrive.artefacts.export.exportable import check_exportable
 from feeddrive.artefacts.export.identifiers import check_name
 from feeddrive.artefacts.export.layout import Layout, layout
 from feeddrive.artefacts.files.machine import Machine, read_machine
@@ -64,8 +65,8 @@ def read_design(
     name  prefix of all names on the target; absent: `axis_x`, or `plant_x` for an axis
     what  "control" or "plant"
 
-    Raises FileError and ParameterError as `read_machine`, ParameterError for a name that a target cannot have, and
-    StructureError for a part that leaves the language of `ops`.
+    Raises FileError and ParameterError as `read_machine`, ParameterError for a name that a target cannot have,
+    StructureError for a part that leaves the language of `ops`, and both as `check_exportable`.
     """
     machine = read_machine(source)
     loop = machine.loop(axis)
@@ -73,4 +74,6 @@ def read_design(
     prefix = name or f"{'axis' if what == CONTROL else 'plant'}_{called}"
     check_name(prefix, "--name" if name else "the name of the axis")
     routine = controller_routine(loop, prefix) if what == CONTROL else plant_routine(loop, prefix)
-    return Design(machine, called, loop, what, layout(routine, precision))
+    made = layout(routine, precision)
+    check_exportable(made)
+    return Design(machine, called, loop, what, made)

@@ -7,13 +7,11 @@ once, so that a controller with few digits has the best numbers that it can stor
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import NamedTuple, TypeVar
 
-import numpy as np
-
+from feeddrive.artefacts.export.identifiers import C_WORDS, identifier
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.graph import TRUTH, Graph, Symbol, arguments, reachable
 from feeddrive.language.naming import Name
@@ -61,6 +59,16 @@ class Layout:
     retune: Retune | None
     retune_truth: list[bool]
 
+    @property
+    def moving_users(self) -> list[bool]:
+        """Whether a node is read by one that moves."""
+        read = [False] * len(self.graph.nodes)
+        for index, node in enumerate(self.graph.nodes):
+            if self.moving[index]:
+                for i in arguments(node):
+                    read[i] = True
+        return read
+
     def order(self, roots: Iterable[int], *, moving: bool) -> list[int]:
         """The operations below some nodes, those that move or those that do not, in the order of the text."""
         return [
@@ -71,7 +79,7 @@ class Layout:
 
 
 def layout(routine: Routine, precision: str = "double") -> Layout:
-    """The layout of a routine. Raises ParameterError for an unknown precision and for a table that is too long."""
+    """The layout of a routine. Raises ParameterError for an unknown precision."""
     if precision not in PRECISIONS:
         raise ParameterError(f"precision = '{precision}' must be one of {', '.join(PRECISIONS)}")
     roots = [
@@ -104,23 +112,11 @@ def layout(routine: Routine, precision: str = "double") -> Layout:
     kept = sorted(i for i in wanted if not moving[i] and graph.nodes[i][0] not in ("const", "truth", "table"))
     design = _fields(routine, graph, kept, leaves, {n: t for t, n in prepared}, names, truth, moving)
     retune = None if routine.retune is None else _lowered_retune(routine.retune)
-    retune_truth = [] if retune is None else truths(retune.graph)
     return Layout(
-        routine,
-        precision,
-        graph,
-        leaves,
-        moving,
-        truth,
-        design,
-        names,
-        makers,
-        reset,
-        step,
-        prepared,
-        retune,
-        retune_truth,
-    )
+        routine=routine, precision=precision, graph=graph, leaves=leaves, moving=moving, truth=truth, design=design,
+        names=names, makers=makers, reset=reset, step=step, prepared=prepared, retune=retune,
+        retune_truth=[] if retune is None else truths(retune.graph),
+    )  # fmt: skip
 
 
 def _lowered_retune(retune: Retune) -> Retune:
@@ -205,11 +201,7 @@ def _fields(
             wanted = word(names[node])
         else:
             wanted = f"{made.get(node, 'a')}_factor"
-        name, count = wanted, 2
-        while name in taken:
-            name, count = f"{wanted}_{count}", count + 1
-        taken.add(name)
-        found.append(Field(name, node, truth[node]))
+        found.append(Field(identifier(wanted, taken, C_WORDS), node, truth[node]))
     return tuple(found)
 
 
@@ -232,14 +224,3 @@ def word(name: Name) -> str:
     """`law_velocity`, or `velocity` where it is the whole control that speaks."""
     owner = target_name(name.owner)
     return f"{owner}_{name.word}" if owner else name.word
-
-
-def rounded(layout: Layout, values: dict[str, float]) -> None:
-    """Raise ParameterError for a design number that float cannot hold; `values` are those of double precision."""
-    for name, value in values.items():
-        with np.errstate(over="ignore"):
-            if np.isfinite(value) and not np.isfinite(np.float32(value)):
-                raise ParameterError(
-                    f"{layout.routine.name}: {re.sub('_', '.', name, count=1)} = {value:g} is beyond float, which "
-                    f"ends at 3.4e38: export with --precision double, or change the parameter"
-                )

@@ -40,10 +40,10 @@ _OPERATIONS: dict[str, Callable[..., Any]] = {
 class LayoutRun:
     """A controller or a plant that runs by its layout; see the module. Not fast: some 10 000 operations in 10 ms."""
 
-    def __init__(self, layout: Layout, parameters: Mapping[str, float] | None = None) -> None:
-        """`parameters` are other values than those of the machine file, by dotted name."""
+    def __init__(self, layout: Layout, parameters: Mapping[str, float] | None = None, *, wide: bool = False) -> None:
+        """`parameters` are other values than those of the machine file, by dotted name; `wide`: in double precision."""
         self.layout = layout
-        self.real: Any = np.float64 if layout.precision == "double" else np.float32
+        self.real: Any = np.float64 if wide or layout.precision == "double" else np.float32
         given = {v.path: v.value for v in layout.routine.parameters} | dict(parameters or {})
         self.parameters = given
         self.state: list[Any] = []
