@@ -131,8 +131,13 @@ def _check_one(cascade: Cascade) -> None:
 
 
 def stock_loop(cascade: Cascade, law: LinuxcncPid) -> Loop:
-    """The loop with LinuxCNC's pids in the place of its control, on the same axis; its guard stays."""
-    return replace(cascade.loop, control=Control(law=law, guard=cascade.loop.control.guard))
+    """The loop with LinuxCNC's pids in the place of its control, on the same axis; its guard stays.
+
+    The sample time is the period as HAL tells it: whole nanoseconds times 1e-9.
+    """
+    sample_time = round(cascade.loop.sample_time * 1e9) * 1e-9
+    control = Control(law=law, guard=cascade.loop.control.guard)
+    return replace(cascade.loop, control=control, sample_time=sample_time)
 
 
 def left_out(cascade: Cascade, route: str = "two") -> tuple[Lost, ...]:
