@@ -9,6 +9,9 @@ from feeddrive.artefacts.arena.results import write_arena as write_arena
 from feeddrive.artefacts.certificate.certificate_file import read_certificate as read_certificate
 from feeddrive.artefacts.certificate.certificate_file import write_certificate as write_certificate
 from feeddrive.artefacts.cosimulation.simulate_with_fmu import simulate_with_fmu as simulate_with_fmu
+from feeddrive.artefacts.export.targets import export as export
+from feeddrive.artefacts.export.verify import Verified as Verified
+from feeddrive.artefacts.export.verify import verify as verify
 from feeddrive.artefacts.files.blocks_to_toml import to_toml as to_toml
 from feeddrive.artefacts.files.frf import encoders as encoders
 from feeddrive.artefacts.files.frf import read_frf as read_frf

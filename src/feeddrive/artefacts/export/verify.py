@@ -83,7 +83,12 @@ class Verified(Result):
 
 
 def verify(
-    directory: Path, *, samples: int | None = None, seed: int = 1, flags: Sequence[str] = (), command: str | None = None
+    directory: str | Path,
+    *,
+    samples: int | None = None,
+    seed: int = 1,
+    flags: Sequence[str] = (),
+    command: str | None = None,
 ) -> Verified:
     """Run the equality proof of an export on this machine.
 
@@ -95,6 +100,7 @@ def verify(
     Raises FileError for a directory that is no export or whose C does not compile, MissingProgramError without a
     compiler, and ParameterError for a target without C.
     """
+    directory = Path(directory)
     manifest = read_manifest(directory)
     design = _design(directory, manifest)
     layout = design.layout

@@ -37,26 +37,40 @@ def export(
     ] = False,
     header_only: Annotated[bool, typer.Option("--header-only", help="c: a single header.")] = False,
     joint: Annotated[
-        int | None, typer.Option("--joint", help="linuxcnc: number of the joint.", show_default=False)
+        int | None, typer.Option("--joint", help="linuxcnc, linuxcnc-pid: number of the joint.", show_default=False)
     ] = None,
-    core: Annotated[str | None, typer.Option("--core", help="cortex-m: m4f or m7.", show_default=False)] = None,
+    route: Annotated[
+        str | None, typer.Option("--route", help="linuxcnc-pid: one or two pids.", show_default=False)
+    ] = None,
+    units: Annotated[
+        float | None,
+        typer.Option("--units", help="linuxcnc-pid: machine units in a meter, 1000 for mm.", show_default=False),
+    ] = None,
+    core: Annotated[
+        str | None, typer.Option("--core", help="cortex-m: m4f, m7, or m7dp.", show_default=False)
+    ] = None,
     maker: Annotated[
         list[str] | None,
         typer.Option(
-            "--maker",
-            help="parameters: sinumerik, twincat, odrive, linuxcnc or csv; may be repeated. Default: all.",
+            "--maker", help="parameters: sinumerik, twincat, odrive, linuxcnc or csv; may be repeated. Default: all.",
             show_default=False,
         ),
     ] = None,
-) -> None:
+    lead: Annotated[
+        float | None,
+        typer.Option("--lead", help="parameters: lead of the screw in m, if the file has none.", show_default=False),
+    ] = None,
+    gear: Annotated[
+        float | None,
+        typer.Option("--gear", help="parameters: turns of the motor in one of the screw.", show_default=False),
+    ] = None,
+) -> None:  # fmt: skip
     """Write the control of an axis for a target: what is written computes what was simulated, bit for bit."""
-    from feeddrive.doors.cli.export import Asked, perform
+    from feeddrive.doors.cli.export import perform
 
     perform(
-        Asked(
-            source=source, axis=axis, target=target, out=out, name=name, precision=precision, plant=plant,
-            header_only=header_only, joint=joint, core=core, makers=tuple(maker or ()),
-        )
+        source, target, out, axis=axis, name=name, precision=precision, plant=plant, single_header=header_only,
+        joint=joint, route=route, units=units, core=core, makers=tuple(maker or ()), lead=lead, gear=gear,
     )  # fmt: skip
 
 

@@ -34,7 +34,7 @@ def c_files(design: Design, *, single_header: bool = False) -> dict[str, str]:
     return files
 
 
-def write_c(design: Design, out: Path, *, single_header: bool = False) -> Path:
+def write_c(design: Design, out: str | Path, *, single_header: bool = False) -> Path:
     """Write the export, whole or not at all; the README is returned. Raises FileError as `new_directory`."""
     files = c_files(design, single_header=single_header)
     files[MACHINE_FILE] = design.machine.file.text
@@ -42,7 +42,7 @@ def write_c(design: Design, out: Path, *, single_header: bool = False) -> Path:
     with new_directory(out) as folder:
         for name, content in files.items():
             (folder / name).write_text(content, encoding="utf-8")
-    return out / "README.md"
+    return Path(out) / "README.md"
 
 
 def _makefile(P: str, sources: list[str]) -> str:
