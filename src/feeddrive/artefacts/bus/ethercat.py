@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import time
+from collections.abc import Callable
 from typing import Any
 
 from feeddrive.artefacts.bus.interfaces import check_interface, not_permitted
@@ -11,6 +12,8 @@ from feeddrive.artefacts.bus.objects import Layout
 from feeddrive.artefacts.bus.transport import RefusedError, write_mapping
 from feeddrive.language.errors import BusError, MissingExtraError
 
+_ATTEMPTS = 4  # for an object whose frame was lost
+_PATIENCE = 20_000  # us for a frame to come back while nothing moves; a busy computer may need them
 _STEP = 50_000  # us for a change of state
 _TOWARDS_OP = 2.0  # s of process data until a slave must be in OP
 
@@ -34,6 +37,8 @@ class EtherCAT:
         check_interface(self.interface)
         self._soem = pysoem
         pysoem.settings.always_release_gil = True  # other threads of the process go on while it waits for a frame
+        pysoem.settings.timeouts.ret = _PATIENCE
+        pysoem.settings.timeouts.safe = 2 * _PATIENCE
         self._master = pysoem.Master()
         try:
             self._master.open(self.interface)
@@ -55,24 +60,23 @@ class EtherCAT:
 
     def read(self, index: int, subindex: int) -> bytes:
         """By SDO."""
-        try:
-            return bytes(self._slave.sdo_read(index, subindex))
-        except self._soem.SdoError as error:
-            raise RefusedError(self.where, index, subindex, error.abort_code, False) from None
-        except (self._soem.MailboxError, self._soem.PacketError, self._soem.WkcError) as error:
-            raise self._silent(index, subindex, error) from None
+        return bytes(self._sdo(self._slave.sdo_read, index, subindex))
 
     def write(self, index: int, subindex: int, content: bytes) -> None:
         """By SDO."""
-        try:
-            self._slave.sdo_write(index, subindex, content)
-        except self._soem.SdoError as error:
-            raise RefusedError(self.where, index, subindex, error.abort_code, True) from None
-        except (self._soem.MailboxError, self._soem.PacketError, self._soem.WkcError) as error:
-            raise self._silent(index, subindex, error) from None
+        self._sdo(self._slave.sdo_write, index, subindex, content)
 
-    def _silent(self, index: int, subindex: int, error: Exception) -> BusError:
-        return BusError(f"{self.where}: object 0x{index:04X}:{subindex:02X} was not answered ({type(error).__name__})")
+    def _sdo(self, ask: Callable[..., Any], index: int, subindex: int, *content: bytes) -> Any:
+        """Asked again where a frame was lost: to read or to write the same twice changes nothing."""
+        soem, lost = self._soem, "no answer"
+        for _ in range(_ATTEMPTS):
+            try:
+                return ask(index, subindex, *content)
+            except soem.SdoError as error:
+                raise RefusedError(self.where, index, subindex, error.abort_code, bool(content)) from None
+            except (soem.MailboxError, soem.PacketError, soem.WkcError) as error:
+                lost = type(error).__name__
+        raise BusError(f"{self.where}: object 0x{index:04X}:{subindex:02X} was not answered ({lost}); {self.state()}")
 
     def map(self, sent: Layout, told: Layout) -> None:
         """Mapping, assignment, and the sync managers and FMMUs by what the drive says of its mapping."""
