@@ -339,6 +339,34 @@ def test_its_c_has_no_warning(made: Path, tmp_path: Path, version: int) -> None:
         assert done.returncode == 0, done.stderr
 
 
+@pytest.mark.parametrize("kind", ["control", "plant"])
+def test_a_careless_importer_meets_no_undefined_behavior(made: Path, tmp_path: Path, kind: str) -> None:
+    """Calls in any order and numbers of any kind under ASan and UBSan; the force stays a number all the while."""
+    zipfile.ZipFile(made / f"{kind}2.fmu").extractall(tmp_path)
+    driver = Path(__file__).parent.parent / "fmu_driver" / "drive2.c"
+    flags = ("-std=c99", "-O0", "-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
+    sources = sorted(map(str, (tmp_path / "sources").glob("*.c")))
+    program = str(tmp_path / "program")
+    words = [
+        *toolchain.compiler(),
+        *flags,
+        "-I",
+        str(tmp_path / "sources"),
+        "-o",
+        program,
+        str(driver),
+        *sources,
+        "-lm",
+    ]
+    subprocess.run(words, check=True)
+    done = subprocess.run([program], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    told, broken = map(int, done.stdout.split())
+    assert told > 1000
+    if kind == "control":
+        assert broken == 0
+
+
 def test_units_have_their_base_units(made: Path) -> None:
     root = ElementTree.fromstring(zipfile.ZipFile(made / "control3.fmu").read("modelDescription.xml"))
     units = {each.get("name"): each.find("BaseUnit").attrib for each in root.find("UnitDefinitions")}
