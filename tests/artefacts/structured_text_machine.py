@@ -11,6 +11,7 @@ below the normal ones count as zero, as in the simulator.
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import fields, is_dataclass
 from typing import Any
 
@@ -77,8 +78,18 @@ def truncated(a: int, b: int) -> int:
 
 
 def program(text: str, flush: bool = True) -> Program:
-    """Read a source text."""
-    return Program(parse_source_code(text).transform(), flush)
+    """Read a source text.
+
+    blark takes hours for a long row of first values: rows are taken out, and read by `entry`.
+    """
+    rows: list[list[str]] = []
+
+    def taken_out(found: re.Match[str]) -> str:
+        rows.append(found[1].split(", "))
+        return f":= [{len(rows) - 1}.0];"
+
+    text = re.sub(r":= \[([^\[\]]+)\];", taken_out, text)
+    return Program(parse_source_code(text).transform(), flush, rows)
 
 
 class Struct:
@@ -94,7 +105,8 @@ class Struct:
 class Program:
     """All types, functions and function blocks of a source text."""
 
-    def __init__(self, source: Any, flush: bool) -> None:
+    def __init__(self, source: Any, flush: bool, rows: list[list[str]]) -> None:
+        self.rows = rows
         self.structs: dict[str, dict[str, tuple[Any, Any]]] = {}
         self.functions: dict[str, tuple[Any, list[tuple[str, Any]], str]] = {}
         self.blocks: dict[str, Unit] = {}
@@ -155,8 +167,6 @@ def initial(kind: Any, value: Any) -> Any:
     """The value of a constant that stands in a declaration."""
     if value is None:
         return None
-    if isinstance(kind, tuple):
-        return [initial(kind[3], each) for each in elements(value)]
     if isinstance(value, ast.Boolean) and kind == "BOOL":
         return str(value.value).upper() == "TRUE"
     sign = 1.0
@@ -167,6 +177,16 @@ def initial(kind: Any, value: Any) -> Any:
     if isinstance(value, ast.Integer) and kind in INTEGERS:
         return int(sign) * int(value.value)
     raise IllegalTextError(f"{type(value).__name__} cannot be the first value of {kind}")
+
+
+def entry(text: str, kind: str) -> Any:
+    """One first value of a row."""
+    patterns = {"BOOL": r"TRUE|FALSE", "INT": r"-?\d+", "DINT": r"-?\d+"}
+    if not re.fullmatch(patterns.get(kind, r"-?\d+\.\d+(E-?\d+)?"), text):
+        raise IllegalTextError(f"{text} cannot be the first value of {kind}")
+    if kind == "BOOL":
+        return text == "TRUE"
+    return int(text) if kind in INTEGERS else short(float(text)) if kind == "REAL" else float(text)
 
 
 def elements(value: Any) -> list[Any]:
@@ -241,8 +261,9 @@ class Unit:
             (bounds,) = spec.subranges
             low, high = int(bounds.start.value), int(bounds.stop.value)
             kind = ("ARRAY", low, high, str(spec.type.type_name))
-            values = initial(kind, init.value)
-            if values is not None and len(values) != high - low + 1:
+            (place,) = [int(float(each.value)) for each in elements(init.value)]
+            values = [entry(text, kind[3]) for text in self.owner.rows[place]]
+            if len(values) != high - low + 1:
                 raise IllegalTextError(f"{len(values)} numbers for an array of {high - low + 1}")
             return kind, values
         kind = str(spec.type)
@@ -429,7 +450,7 @@ class Unit:
         if kind == "ANY_REAL":
             kind = wanted if wanted in REALS else "LREAL"
         if op in COMPARISONS:
-            if kind not in (*REALS, *INTEGERS):
+            if kind not in (*REALS, *INTEGERS) and not (kind == "BOOL" and op in ("=", "<>")):
                 raise IllegalTextError(f"{kind} {op} {kind}")
             return f"({left} {COMPARISONS[op]} {right})", "BOOL"
         if kind in INTEGERS:
@@ -479,6 +500,8 @@ class Instance:
         for name, value in inputs.items():
             if name not in self.unit.inputs:
                 raise IllegalTextError(f"{self.unit.name} has no input {name}")
+            if self.unit.types[name] == "REAL":
+                value = short(value)
             setattr(self.s, name, value.copy() if isinstance(value, Struct) else value)
         self._body(self.s)
         return self.s

@@ -246,7 +246,7 @@ class _Printer:
                 INPUTS: [*inputs, *more], OUTPUTS: outputs,
                 VARIABLES: [*own, *section.variables], CONSTANTS: section.constants(),
             },
-            body=[*first.splitlines(), *lines],
+            body=[*first.splitlines(), "", *lines],
         )  # fmt: skip
 
     def _inputs(self) -> list[Declared]:

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
+from typing import cast
 
 from feeddrive.artefacts.export.structured_text.units import INDENT
 from feeddrive.artefacts.export.structured_text.words import bare, expression, literal
@@ -56,6 +57,18 @@ class Choice:
 
 def _indented(statements: Iterable[Assignment | Choice]) -> list[str]:
     return [INDENT + line for statement in statements for line in statement.lines()]
+
+
+def _append(done: list[Assignment | Choice], made: Assignment | Choice) -> None:
+    """Behind what is there; a choice goes into the one before if both are made on the same condition."""
+    last = done[-1] if done else None
+    if isinstance(last, Choice) and isinstance(made, Choice) and last.condition == made.condition:
+        for branch, more in ((last.then, made.then), (last.otherwise, made.otherwise)):
+            for statement in more:
+                _append(branch, statement)
+        last.needs |= made.needs
+    else:
+        done.append(made)
 
 
 class Statements:
@@ -170,15 +183,8 @@ class Statements:
     def _choice(self, index: int) -> None:
         """A choice, or two more assignments in the one before on the same condition."""
         made = self._branches(index, self._variable(index, self._kind(index)))
-        last = self.done[-1] if self.done else None
-        if isinstance(last, Choice) and last.condition == made.condition:
-            last.then += made.then
-            last.otherwise += made.otherwise
-            last.needs |= made.needs
-        else:
-            self.done.append(made)
-            last = made
-        last.makes.add(index)
+        _append(self.done, made)
+        cast(Choice, self.done[-1]).makes.add(index)
 
     def _kind(self, index: int) -> str:
         """BOOL for a choice between truth values."""
