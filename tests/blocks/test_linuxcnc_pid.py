@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from feeddrive.artefacts.export.linuxcnc.halrun import halrun
 from feeddrive.blocks.controller.cascade_ppi import CascadePPI
 from feeddrive.blocks.controller.linuxcnc_pid import LinuxcncPid
 from feeddrive.blocks.controller.stock_pid import StockPid
 from feeddrive.blocks.signals import Reading, Setpoint
 from feeddrive.language.block import declarations
-from hal_session import needs_hal, run_hal
+from hal_programs import needs_linuxcnc
 
 PERIOD = 50_000  # ns
 T = PERIOD * 1e-9
@@ -46,10 +48,10 @@ def random_pid(rng: np.random.Generator) -> StockPid:
     return StockPid(**given, error_previous_target=bool(rng.random() < 0.5))
 
 
-def settings(pid: StockPid, name: str) -> dict[str, float | int]:
-    """The pins of a pid as HAL sets them."""
-    numbers = {f"{name}.{each}": getattr(pid, each) for each in SIZES}
-    return {**numbers, f"{name}.error-previous-target": int(pid.error_previous_target)}
+def settings(pid: StockPid, name: str, *, wired: str = "") -> list[str]:
+    """The lines that set the pins of a pid; what is wired cannot be set."""
+    numbers = [f"setp {name}.{each} {getattr(pid, each)!r}" for each in SIZES if each != wired]
+    return [*numbers, f"setp {name}.error-previous-target {int(pid.error_previous_target)}"]
 
 
 def bits(values: Any) -> np.ndarray:
@@ -58,27 +60,33 @@ def bits(values: Any) -> np.ndarray:
     return np.where(np.isnan(numbers), np.nan, numbers).view(np.int64)
 
 
-def against_hal(folder: Path, pid: StockPid, rows: np.ndarray, wired: tuple[str, ...]) -> None:
-    """The pid on rows of command, feedback, enable, index-enable and what else is wired, here and in a HAL."""
+def against_hal(folder: Path, pids: Sequence[StockPid], rows: np.ndarray, wired: Sequence[str]) -> None:
+    """Pids on rows of command, feedback, enable, index-enable and what else is wired, here and in a HAL."""
     pins = ("command", "feedback", "enable", "index-enable", *wired)
-    kinds = ["bit" if "enable" in pin else "float" for pin in pins]
-    found = run_hal(
+    names = [f"p{i}" for i in range(len(pids))]
+    found = halrun(
+        [],
         folder,
+        PERIOD,
+        [
+            f"loadrt pid names={','.join(names)}",
+            *(f"addf {name}.do-pid-calcs servo-thread" for name in names),
+            *(f"net in-{i} streamer.0.pin.{i} => {name}.{pin}" for i, pin in enumerate(pins) for name in names),
+            *(f"net out-{i} {name}.output => sampler.0.pin.{i}" for i, name in enumerate(names)),
+            *(line for pid, name in zip(pids, names, strict=True) for line in settings(pid, name)),
+        ],
         rows,
-        load=["loadrt pid names=p"],
-        functions=["p.do-pid-calcs"],
-        wires=[(kind, f"s-{pin}", f"p.{pin}") for kind, pin in zip(kinds, pins, strict=True)],
-        outputs=["p.output"],
-        settings=settings(pid, "p"),
-        period=PERIOD,
-    )
-    state, outputs = pid.start(0.0, 0.0), []
-    for row in rows:
-        given = dict(zip((pin.replace("-", "_") for pin in pins), map(np.float64, row), strict=True))
-        with np.errstate(invalid="ignore"):
-            state, output = pid.step(state, given.pop("command"), given.pop("feedback"), T, **given)
-        outputs.append(output)
-    assert np.array_equal(bits(found[:, 0]), bits(outputs))
+        "".join("b" if "enable" in pin else "f" for pin in pins),
+        "f" * len(pids),
+    ).rows
+    for i, pid in enumerate(pids):
+        state, outputs = pid.start(0.0, 0.0), []
+        for row in rows:
+            given = dict(zip((pin.replace("-", "_") for pin in pins), map(np.float64, row), strict=True))
+            with np.errstate(invalid="ignore"):
+                state, output = pid.step(state, given.pop("command"), given.pop("feedback"), T, **given)
+            outputs.append(output)
+        assert np.array_equal(bits(found[:, i]), bits(outputs)), pid
 
 
 def random_rows(rng: np.random.Generator, count: int, wired: tuple[str, ...]) -> np.ndarray:
@@ -86,26 +94,27 @@ def random_rows(rng: np.random.Generator, count: int, wired: tuple[str, ...]) ->
     return np.column_stack([*columns, *(1e4 * rng.normal(size=count) for _ in wired)])
 
 
-@needs_hal
+@needs_linuxcnc
 class TestAgainstARunningHal:
     """Every output is equal to the last bit."""
 
-    @pytest.mark.parametrize("trap", TRAPS)
-    def test_each_trap(self, trap: str, tmp_path: Path) -> None:
+    def test_each_trap(self, tmp_path: Path) -> None:
         rng = np.random.default_rng(7)
-        against_hal(tmp_path, StockPid(**TRAPS[trap]), random_rows(rng, 500, ()), ())
+        against_hal(tmp_path, [StockPid(**trap) for trap in TRAPS.values()], random_rows(rng, 500, ()), ())
 
-    @pytest.mark.parametrize("seed", range(12))
-    def test_random_gains_limits_and_pins(self, seed: int, tmp_path: Path) -> None:
-        rng = np.random.default_rng(seed)
-        wired = tuple(pin for pin in ("command-deriv", "feedback-deriv") if rng.random() < 0.5)
-        against_hal(tmp_path, random_pid(rng), random_rows(rng, 1000, wired), wired)
+    @pytest.mark.parametrize(
+        "wired", [(), ("command-deriv",), ("feedback-deriv",), ("command-deriv", "feedback-deriv")]
+    )
+    def test_random_gains_limits_and_pins(self, wired: tuple[str, ...], tmp_path: Path) -> None:
+        rng = np.random.default_rng(len(str(wired)))
+        pids = [random_pid(rng) for _ in range(16)]  # as many as LinuxCNC can load
+        against_hal(tmp_path, pids, random_rows(rng, 1000, wired), wired)
 
     def test_nan_and_infinity_pass_as_they_do_there(self, tmp_path: Path) -> None:
         rows = random_rows(np.random.default_rng(3), 300, ())
         rows[50, 1], rows[120, 0], rows[200, 1] = np.nan, np.inf, -np.inf
         pid = StockPid(Igain=50.0, Dgain=1e-3, maxerror=0.5, maxoutput=1.0, maxerrorD=1e3)
-        against_hal(tmp_path, pid, rows, ())
+        against_hal(tmp_path, [pid], rows, ())
 
     @pytest.mark.parametrize("two", [True, False], ids=["two pids", "one pid"])
     @pytest.mark.parametrize("joint", [True, False], ids=["derivatives from pins", "differences"])
@@ -125,35 +134,40 @@ class TestAgainstARunningHal:
         v, a = 0.1 * rng.normal(size=count), 5.0 * rng.normal(size=count)
         x[0] = 0.0  # where every component of a fresh HAL stands
         v[0] = a[0] = 0.0
-        wires = [
-            ("float", "set", "position.command"),
-            ("float", "load", "position.feedback"),
-            ("float", "motor", "speed.in"),
-            ("float", "set-velocity", "forward.in1" + (" position.command-deriv" if joint else "")),
-            ("float", "set-acceleration", "forward.in0"),
-            ("bit", "on", "position.enable" + (" velocity.enable" if two else "")),
+        pins = [
+            "position.command",
+            "position.feedback",
+            "speed.in",
+            "forward.in1" + (" position.command-deriv" if joint else ""),
+            "forward.in0",
+            "position.enable" + (" velocity.enable" if two else ""),
         ]
         last = "velocity" if two else "position"
-        nets = [f"net bias forward.out => {last}.bias"]
         speed = [pin for pin, there in (("velocity.feedback", two), ("position.feedback-deriv", joint)) if there]
-        nets += [f"net speed speed.out => {' '.join(speed)}"] * bool(speed)
-        nets += ["net wanted position.output => velocity.command"] * two
-        given = settings(law.position, "position") | (settings(law.velocity, "velocity") if law.velocity else {})
-        found = run_hal(
+        functions = ["speed", "forward", "position.do-pid-calcs", *["velocity.do-pid-calcs"] * two]
+        found = halrun(
+            [],
             tmp_path,
+            PERIOD,
+            [
+                "loadrt ddt names=speed",
+                "loadrt sum2 names=forward",
+                "loadrt pid names=position,velocity",
+                *(f"addf {function} servo-thread" for function in functions),
+                *(f"net in-{i} streamer.0.pin.{i} => {pin}" for i, pin in enumerate(pins)),
+                f"net bias forward.out => {last}.bias",
+                *[f"net speed speed.out => {' '.join(speed)}"] * bool(speed),
+                *["net wanted position.output => velocity.command"] * two,
+                f"net out {last}.output => sampler.0.pin.0",
+                *settings(law.position, "position", wired="" if two else "bias"),
+                *(settings(law.velocity, "velocity", wired="bias") if law.velocity else []),
+                "setp forward.gain0 1e-3",
+                "setp forward.gain1 0.02",
+            ],
             np.column_stack([1000.0 * x, 1000.0 * v, 1000.0 * a, np.ones(count)]),
-            load=["loadrt ddt names=speed", "loadrt sum2 names=forward", "loadrt pid names=position,velocity"],
-            functions=["speed", "forward", "position.do-pid-calcs", *["velocity.do-pid-calcs"] * two],
-            wires=wires,
-            outputs=[f"{last}.output"],
-            settings={
-                **{pin: value for pin, value in given.items() if pin != f"{last}.bias"},
-                "forward.gain0": 1e-3,
-                "forward.gain1": 0.02,
-            },
-            period=PERIOD,
-            always=nets,
-        )
+            "fffffb",
+            "f",
+        ).rows
         state = law.start(law.prepare(T), Setpoint(0.0), Reading(0.0, 0.0))
         forces = []
         for (set_, load, motor), speed_, acceleration in zip(x, v, a, strict=True):
