@@ -79,6 +79,36 @@ def test_what_is_exported_verifies(words: list[str], tmp_path: Path) -> None:
 
 
 @needs_gcc
+@pytest.mark.parametrize(
+    ("target", "samples", "program", "package"),
+    [
+        ("linuxcnc", "3000", "halrun", "linuxcnc-uspace linuxcnc-uspace-dev"),
+        ("fmu2", "3000", None, ""),
+        ("fmu3", "3000", None, ""),
+        ("cortex-m", "300", "qemu-system-arm", "gcc-arm-none-eabi libnewlib-arm-none-eabi qemu-system-arm"),
+    ],
+)
+def test_every_target_is_verified_in_its_own_program(
+    target: str, samples: str, program: str | None, package: str, tmp_path: Path
+) -> None:
+    """The component in a real HAL, the FMU in FMPy, the bundle on an emulated board: all bits of the simulation."""
+    if program is not None and shutil.which(program) is None:
+        pytest.skip(f"NOT TESTED: the target {target} needs {program}: apt-get install {package}")
+    out = tmp_path / target
+    exported(out, "linear_motor", "--target", target)
+    result = CliRunner().invoke(app, ["verify", str(out), "--samples", samples])
+    assert result.exit_code == 0, result.output
+    assert "EQUAL, bit for bit" in result.output
+    assert f"{samples}, seed 1" in result.output
+
+
+def test_what_nothing_here_can_run_says_so(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for target, part in (("st", "axis_x_check.st"), ("parameters", "for a person to check")):
+        exported(tmp_path / target, "linear_motor", "--target", target)
+        assert part in said(capsys, "verify", str(tmp_path / target))
+
+
+@needs_gcc
 def test_another_number_in_the_c_is_found(machine: Path, tmp_path: Path) -> None:
     """A changed text is named, and its command differs; the exit status says so too."""
     out = tmp_path / "c"

@@ -1,4 +1,4 @@
-"""The proof of an export, run again: its C by this machine's compiler against the simulator, bit for bit."""
+"""The proof of an export, run again: what runs on this machine against the simulator, bit for bit."""
 
 from __future__ import annotations
 
@@ -10,9 +10,8 @@ from pathlib import Path
 import numpy as np
 
 import feeddrive
-from feeddrive.artefacts.export.c.directory import c_files
+from feeddrive.artefacts.export.answers import PROOFS, WITHOUT, Answers
 from feeddrive.artefacts.export.c.selftest import stepped
-from feeddrive.artefacts.export.c.stream import FLAGS, Streamed, streamed
 from feeddrive.artefacts.export.design import CONTROL, MACHINE_FILE, Design, read_design
 from feeddrive.artefacts.export.manifest import Manifest, changed_files, read_manifest
 from feeddrive.artefacts.export.trial import Trial, trial
@@ -20,9 +19,8 @@ from feeddrive.language.errors import FileError, ParameterError
 from feeddrive.language.table import Result, Table
 from feeddrive.loop.routine_run import run
 
-SAMPLES, MOST = 1_000_000, 20_000_000
-SAMPLES_FLOAT = 5_000  # in Python, operation by operation
-CHANGES = 50
+MOST = 20_000_000  # samples
+SINGLE = 5_000  # samples in single precision, whose answers come from Python, operation by operation
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,8 +37,8 @@ class Verified(Result):
     precision: str
     machine: str
     digest: str
-    compiler: str
-    flags: Sequence[str]
+    program: str
+    how: str
     samples: int
     changes: int
     trips: int
@@ -69,8 +67,8 @@ class Verified(Result):
             ["export", f"{self.name}, target {self.target}, {self.precision} precision"],
             ["machine file", f"{self.machine}, SHA-256 {self.digest}"],
             ["files as written", "yes" if not self.altered else "no: " + ", ".join(self.altered)],
-            ["compiler", self.compiler],
-            ["flags", " ".join(self.flags)],
+            ["run by", self.program],
+            ["built with", self.how],
             ["on", f"{platform.machine()}, {platform.system()}, feeddrive {feeddrive.__version__}"],
             ["against", self.against],
             ["samples", f"{self.samples}, seed {self.seed}"],
@@ -92,25 +90,27 @@ def verify(
 ) -> Verified:
     """Run the equality proof of an export on this machine.
 
-    samples  of the trial; absent: 1 000 000 in double precision, 5 000 in single
-    flags    for the compiler besides -std=c99 -O2 -ffp-contract=off; `command` names another compiler
+    samples  of the trial; absent: as many as take some seconds, a million for C in double precision
+    flags    for the compiler of C besides -std=c99 -O2 -ffp-contract=off; `command` names another compiler
 
-    The C is that of the export; the answers come from its machine file by this feeddrive's simulator, and for single
-    precision from the same operations in Python, each rounded to it.
-    Raises FileError for a directory that is no export or whose C does not compile, MissingProgramError without a
-    compiler, and ParameterError for a target without C.
+    What runs is the export, in the program of its target; what it must answer comes from its machine file by this
+    feeddrive's simulator, and in single precision from the same operations in Python, each rounded to it.
+    Raises FileError for a directory that is no export or whose text does not compile, MissingProgramError or
+    MissingExtraError without that program, and ParameterError for a target that nothing here can run.
     """
     directory = Path(directory)
     manifest = read_manifest(directory)
+    if manifest.target not in PROOFS:
+        why = WITHOUT.get(manifest.target, "are of a target that this feeddrive does not know")
+        raise ParameterError(f"{directory}: the files of the target {manifest.target} {why.format(name=manifest.name)}")
+    proof = PROOFS[manifest.target]
     design = _design(directory, manifest)
-    layout = design.layout
-    count = samples or (SAMPLES if layout.precision == "double" else SAMPLES_FLOAT)
-    tried = trial(design.routine, count, seed, changes=CHANGES)
-    given = _sources(directory, manifest, design)
-    answer = streamed(layout, given, tried, flags=(*FLAGS, *flags), command=command)
-    double = layout.precision == "double"
-    wanted = run(design.routine, tried.inputs, tried.changes) if double else stepped(layout, tried)
-    return _compared(design, manifest, changed_files(directory, manifest), tried, seed, answer, wanted)
+    single = design.layout.precision == "float"
+    count = samples or (min(SINGLE, proof.samples) if single else proof.samples)
+    tried = trial(design.routine, count, seed, changes=proof.changes, broken=max(2e-4, 10.0 / count))
+    answers = proof.answer(directory, design, tried, flags, command)
+    wanted = stepped(design.layout, tried) if single else run(design.routine, tried.inputs, tried.changes)
+    return _compared(design, manifest, changed_files(directory, manifest), tried, seed, answers, wanted)
 
 
 def _design(directory: Path, manifest: Manifest) -> Design:
@@ -123,28 +123,17 @@ def _design(directory: Path, manifest: Manifest) -> Design:
     return read_design(file, manifest.axis, name=manifest.name, precision=manifest.precision)
 
 
-def _sources(directory: Path, manifest: Manifest, design: Design) -> dict[str, str]:
-    """The C of the export; of a target that keeps it elsewhere, what this feeddrive would write."""
-    P = manifest.name
-    names = [name for name in (f"{P}.h", f"{P}.c", f"{P}_configure.c") if (directory / name).is_file()]
-    if f"{P}.h" not in names:
-        if f"{P}.h" in manifest.files:
-            raise FileError(f"{directory / f'{P}.h'}: is missing; export again")
-        return c_files(design)
-    return {name: (directory / name).read_text(encoding="utf-8") for name in names}
-
-
 def _compared(
     design: Design,
     manifest: Manifest,
     altered: list[str],
     tried: Trial,
     seed: int,
-    answer: Streamed,
+    answers: Answers,
     wanted: np.ndarray,
 ) -> Verified:
     names = [variable.name for variable in design.routine.outputs]
-    found = answer.outputs
+    found = answers.outputs
     bits = np.ascontiguousarray(found).view(np.uint64) != np.ascontiguousarray(wanted).view(np.uint64)
     bits &= ~(np.isnan(found) & np.isnan(wanted))
     with np.errstate(invalid="ignore"):
@@ -156,7 +145,7 @@ def _compared(
     double = design.layout.precision == "double"
     return Verified(
         name=design.name, target=manifest.target, precision=design.layout.precision, machine=design.machine.name,
-        digest=design.digest, compiler=answer.compiler, flags=answer.flags, samples=len(found),
+        digest=design.digest, program=answers.program, how=answers.how, samples=len(found),
         changes=len(tried.changes), trips=trips, limited=limited, seed=seed,
         differing=int(bits.sum()), worst=dict(zip(names, apart.tolist(), strict=True)),
         against="the simulator" if double else "the same operations in Python, in single precision", altered=altered,
