@@ -53,9 +53,10 @@ def session(folder: Path, components: Sequence[Path], run: str, patience: float 
             if file.suffix in (".comp", ".h") and file.parent != folder:
                 shutil.copy(file, folder / file.name)
     names = " ".join(each.name for each in components)
+    root, user = ([], _NOBODY) if os.geteuid() == 0 else (["--user", "--map-root-user"], _USER)
     script = folder / "session.sh"
-    script.write_text(_SESSION.format(modules=MODULES, components=names, run=run))
-    root = [] if os.geteuid() == 0 else ["--user", "--map-root-user"]
+    script.write_text(_SESSION.format(modules=MODULES, components=names, user=user))
+    (folder / "run.sh").write_text(f"{run}\n")
     apart = ["--ipc", "--mount", "--net", "--pid", "--fork", "--kill-child", "--mount-proc"]
     program = subprocess.Popen(
         ["unshare", *root, *apart, "bash", script.name], cwd=folder, text=True, errors="replace",
@@ -76,14 +77,21 @@ def session(folder: Path, components: Sequence[Path], run: str, patience: float 
 
 
 # A tmpfs over the folder of the components holds copies of them, what is installed, and the socket of its processes.
+# LinuxCNC talks to itself over the loopback device, which a new network has switched off.
 _SESSION = """\
 set -e
+/usr/bin/python3 - <<'END'
+import fcntl, socket, struct
+fcntl.ioctl(socket.socket(), 0x8914, struct.pack("16sH14x", b"lo", 0x41))  # SIOCSIFFLAGS: up and running
+END
 mkdir -p stock
 cp {modules}/*.so stock
 mount -t tmpfs -o mode=1777 feeddrive {modules}
 cp stock/*.so {modules}
 rm -r stock
 for each in {components}; do halcompile --install $each; done
-export RTAPI_UID=65534 RTAPI_FIFO_PATH={modules}/socket HOME=$PWD
-{run}
+export RTAPI_FIFO_PATH={modules}/socket HOME=$PWD
+{user} bash run.sh
 """
+_NOBODY = "RTAPI_UID=65534"  # LinuxCNC does not run as root: it is told whom to be
+_USER = "unshare --user --map-user=1000"  # and the root of these namespaces can only become a user again
