@@ -27,6 +27,20 @@ _TAKEN = (
 )  # fmt: skip
 
 
+# whoever compiles the sources, and for whatever processor
+_EXACT = """\
+/* A product and a sum that are rounded once would give other bits than the simulation. */
+#if defined(__clang__)
+#pragma STDC FP_CONTRACT OFF
+#elif defined(__GNUC__)
+#pragma GCC optimize("fp-contract=off")
+#elif defined(_MSC_VER)
+#pragma fp_contract(off)
+#endif
+
+"""
+
+
 def fmu(layout: Layout, version: int, *, title: str, made_by: str, binary: bool = True) -> bytes:
     """The FMU of a laid-out routine, for co-simulation by FMI 2.0 or 3.0; the same routine gives the same bytes.
 
@@ -46,7 +60,7 @@ def fmu(layout: Layout, version: int, *, title: str, made_by: str, binary: bool 
     tool = f"feeddrive {feeddrive.__version__}"
     own = texts(layout, title, made_by)
     P = routine.name
-    files = {f"{P}.h": own.header, f"{P}.c": own.source, f"{P}_configure.c": own.configure}
+    files = {f"{P}.h": own.header, f"{P}.c": _EXACT + own.source, f"{P}_configure.c": _EXACT + own.configure}
     files |= {name: _read("sources", name) for name in (f"fmi{version}.c", _SHARED)}
     files |= {each.name: _read("headers", each.name) for each in sorted((_HERE / "headers").glob(f"fmi{version}*.h"))}
     compiles = [f"{P}.c", f"{P}_configure.c", f"fmi{version}.c"]
