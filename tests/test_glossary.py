@@ -68,7 +68,7 @@ def declared() -> list[tuple[str, str, Declaration]]:
 
     def walk(family: type[Block]) -> None:
         for block in family.__subclasses__():
-            if block.__module__.startswith("feeddrive."):
+            if block.__module__.startswith(("feeddrive.blocks.", "feeddrive.loop.")):  # not what a drive file declares
                 found.extend((block.__name__, name, each) for name, each in declarations(block).items())
             walk(block)
 

@@ -9,7 +9,7 @@ from typing import Any
 from feeddrive.artefacts.bus.can_lines import opened_network, packages
 from feeddrive.artefacts.bus.objects import Layout
 from feeddrive.artefacts.bus.virtual.firmware import Firmware, SdoAbortError
-from feeddrive.artefacts.bus.virtual.process_map import INVALID, ProcessMap
+from feeddrive.artefacts.bus.virtual.pdo_map import INVALID, PdoMap
 
 _SYNC, _HEARTBEAT = 0x80, 0x1017
 _PATIENCE = 0.05  # s between looks at `stopped`
@@ -31,7 +31,7 @@ def serve_canopen(
     bus that cannot be opened, MissingExtraError without the packages.
     """
     canopen = packages()
-    objects = ProcessMap(firmware, lambda: node.nmt.state == "PRE-OPERATIONAL")
+    objects = PdoMap(firmware, lambda: node.nmt.state == "PRE-OPERATIONAL")
 
     class Node(canopen.LocalNode):
         """Its object dictionary is the firmware's, but for the heartbeat, which the package looks after."""

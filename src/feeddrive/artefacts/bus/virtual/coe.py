@@ -8,7 +8,7 @@ from __future__ import annotations
 import struct
 
 from feeddrive.artefacts.bus.virtual.firmware import NO_SUBINDEX, SdoAbortError
-from feeddrive.artefacts.bus.virtual.process_map import ProcessMap
+from feeddrive.artefacts.bus.virtual.pdo_map import PdoMap
 
 _COE, _REQUEST, _RESPONSE = 3, 2, 3
 _UPLOAD, _DOWNLOAD = 2, 1
@@ -16,7 +16,7 @@ _UNKNOWN_COMMAND = 0x05040001
 _SYNC_TYPES = 0x1C00  # what each sync manager is for: mailbox out, mailbox in, outputs, inputs
 
 
-def answer(message: bytes, objects: ProcessMap) -> bytes | None:
+def answer(message: bytes, objects: PdoMap) -> bytes | None:
     """What comes back for a mailbox message; None for one that is no CoE request."""
     length, _, _, kind = struct.unpack_from("<HHBB", message)
     body = message[6 : 6 + length]
@@ -34,7 +34,7 @@ def answer(message: bytes, objects: ProcessMap) -> bytes | None:
     return _framed(struct.pack("<H", _RESPONSE << 12) + answered, kind)
 
 
-def _sdo(objects: ProcessMap, command: int, index: int, subindex: int, content: bytes) -> bytes:
+def _sdo(objects: PdoMap, command: int, index: int, subindex: int, content: bytes) -> bytes:
     place = struct.pack("<HB", index, subindex)
     if command >> 5 == _UPLOAD:
         value = _sync_type(subindex) if index == _SYNC_TYPES else objects.read(index, subindex)

@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from feeddrive.artefacts.bus.virtual import coe
 from feeddrive.artefacts.bus.virtual.eeprom import INPUTS, MAILBOX_IN, MAILBOX_OUT, OUTPUTS, eeprom
 from feeddrive.artefacts.bus.virtual.firmware import NAME, PRODUCT, REVISION, VENDOR, Firmware
-from feeddrive.artefacts.bus.virtual.process_map import ProcessMap
+from feeddrive.artefacts.bus.virtual.pdo_map import PdoMap
 
 ETHERTYPE = 0x88A4
 INIT, PREOP, SAFEOP, OP = 1, 2, 4, 8
@@ -34,7 +34,7 @@ class SlaveController:
 
     def __init__(self, firmware: Firmware) -> None:
         self.firmware = firmware
-        self.objects = ProcessMap(firmware, lambda: self.state == PREOP)
+        self.objects = PdoMap(firmware, lambda: self.state == PREOP)
         self._memory = bytearray(0x2000)
         self._eeprom = eeprom(VENDOR, PRODUCT, REVISION, 1, NAME)
         # type, revision, build; 4 FMMUs, 4 sync managers, 4 kB, one MII port; no distributed clocks

@@ -27,7 +27,7 @@ _OBJECTS, _ENTRIES = 4, 8  # mapping objects in a direction, and entries in one 
 INVALID = 1 << 31  # bit of a message that is switched off
 
 
-class ProcessMap:
+class PdoMap:
     """The lists of a drive; a write is refused unless `changeable` says that the mapping may be changed now."""
 
     def __init__(self, firmware: Firmware, changeable: Callable[[], bool]) -> None:
