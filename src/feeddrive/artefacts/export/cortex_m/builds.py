@@ -31,13 +31,16 @@ CORE ?= {core.name}
 PREFIX ?= arm-none-eabi-
 QEMU ?= {EMULATOR}
 OPTIMISE ?= -O2
+OPTIMISE_CONFIGURE ?= -Os
 TARGET := $(FLAGS_$(CORE)) -mthumb -mfloat-abi=hard
-CFLAGS := {FLAGS.replace("-O2", "$(OPTIMISE)")} $(TARGET) -ffunction-sections -fdata-sections
+CFLAGS = {FLAGS.replace("-O2", "$(OPTIMISE)")} $(TARGET) -ffunction-sections -fdata-sections
 WARNINGS := {WARNINGS}
 LINK := $(TARGET) -nostartfiles -T selftest/memory.ld --specs=rdimon.specs -Wl,--gc-sections
 RUN := $(QEMU) -M $(MACHINE_$(CORE)) -nographic -monitor none -serial none \\
     -semihosting-config enable=on,target=native
-OBJECTS := {P}.o {P}_configure.o
+OBJECTS := {P}.o {P}_configure.o {P}_prepared.o
+
+{P}_configure.o: OPTIMISE := $(OPTIMISE_CONFIGURE)
 
 lib{P}.a: $(OBJECTS)
 \t$(PREFIX)ar rcs $@ $(OBJECTS)
@@ -48,8 +51,11 @@ lib{P}.a: $(OBJECTS)
 selftest/%.o: selftest/%.c {P}.h {P}_vectors.h | compiler
 \t$(PREFIX)gcc $(CFLAGS) -I . -c -o $@ $<
 
+count.elf: selftest/count.o selftest/startup.o {P}.o {P}_prepared.o selftest/memory.ld
+\t$(PREFIX)gcc $(LINK) -o $@ $(filter %.o, $^) -lm
+
 %.elf: selftest/%.o selftest/startup.o $(OBJECTS) selftest/memory.ld
-\t$(PREFIX)gcc $(LINK) -o $@ $< selftest/startup.o $(OBJECTS) -lm
+\t$(PREFIX)gcc $(LINK) -o $@ $(filter %.o, $^) -lm
 
 selftest: selftest.elf | emulator
 \t$(RUN) -kernel $<
@@ -101,7 +107,7 @@ def cmake_lists(P: str) -> str:
 cmake_minimum_required(VERSION 3.13)
 project({P} C)
 
-add_library({P} STATIC {P}.c {P}_configure.c)
+add_library({P} STATIC {P}.c {P}_configure.c {P}_prepared.c)
 target_include_directories({P} PUBLIC ${{CMAKE_CURRENT_SOURCE_DIR}})
 target_compile_features({P} PUBLIC c_std_99)
 # a product and a sum that are rounded once would give other bits than the simulation

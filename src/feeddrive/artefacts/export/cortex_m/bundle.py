@@ -7,6 +7,7 @@ from pathlib import Path
 from feeddrive.artefacts.export.c.directory import c_files
 from feeddrive.artefacts.export.cortex_m.builds import cmake_lists, makefile, toolchain
 from feeddrive.artefacts.export.cortex_m.cores import Core, find_core
+from feeddrive.artefacts.export.cortex_m.prepared import prepared_files
 from feeddrive.artefacts.export.cortex_m.programs import answer_program, count_program
 from feeddrive.artefacts.export.cortex_m.readme import readme
 from feeddrive.artefacts.export.cortex_m.startup import STARTUP, linker_script
@@ -24,6 +25,7 @@ def cortex_m_files(design: Design, core: Core) -> dict[str, str]:
         f"{P}.h": files[f"{P}.h"],
         f"{P}.c": files[f"{P}.c"],
         f"{P}_configure.c": files[f"{P}_configure.c"],
+        **prepared_files(design.layout),
         f"{P}_vectors.h": files[f"{P}_vectors.h"],
         "selftest/selftest.c": files[f"{P}_selftest.c"],
         "selftest/count.c": count_program(design.layout),

@@ -28,7 +28,8 @@ class Cost:
     """What a step costs on a core, over the stored samples of a bundle.
 
     least, most  executed instructions of a step, with all that it calls
-    flash        bytes of reset and step;  configure: bytes of what runs once, without the library's own
+    flash        bytes of reset and step
+    configure    bytes of what runs once, without the library's own;  prepared: bytes of the constants in its place
     memory       bytes of a controller in RAM
     """
 
@@ -36,6 +37,7 @@ class Cost:
     most: int
     flash: int
     configure: int
+    prepared: int
     memory: int
 
 
@@ -58,16 +60,24 @@ def step_cost(bundle: Path, optimise: str = "-O2") -> Cost:
     counts = re.search(r"step: (\d+) to (\d+) over", report)
     memory = re.search(r"controller: (\d+) bytes", report)
     sizes = re.findall(r"^ +(\d+)\t +(\d+)\t +(\d+)\t", report, re.MULTILINE)
-    if counts is None or memory is None or len(sizes) != 2:
+    if counts is None or memory is None or len(sizes) != 3:
         raise EmulatorError(f"{bundle}: the report cannot be read:\n{report}")
-    flash, configure = (sum(map(int, row[:2])) for row in sizes)
-    return Cost(int(counts[1]), int(counts[2]), flash, configure, int(memory[1]))
+    flash, configure, constants = (sum(map(int, row[:2])) for row in sizes)
+    return Cost(int(counts[1]), int(counts[2]), flash, configure, constants, int(memory[1]))
 
 
-def answers(bundle: Path, design: Design, inputs: np.ndarray, changes: Mapping[int, Mapping[str, float]]) -> np.ndarray:
+def answers(
+    bundle: Path,
+    design: Design,
+    inputs: np.ndarray,
+    changes: Mapping[int, Mapping[str, float]],
+    *,
+    optimise_configure: str = "-Os",
+) -> np.ndarray:
     """The outputs of an emulated core, shape (n, outputs), for inputs of shape (n, inputs), from a reset on.
 
-    changes  other parameters, by sample and dotted name
+    changes             other parameters, by sample and dotted name
+    optimise_configure  of the compiler, for what runs once: the bits are the same with all, the time to compile is not
 
     Raises as `self_test`.
     """
@@ -83,7 +93,10 @@ def answers(bundle: Path, design: Design, inputs: np.ndarray, changes: Mapping[i
         else:
             pieces.append(b"\0\0\0\0")
         pieces.append(row.tobytes())
-    _, found = _made(bundle, "answers.bin", given={"samples.bin": b"".join(pieces)}, read="answers.bin")
+    _, found = _made(
+        bundle, f"OPTIMISE_CONFIGURE={optimise_configure}", "answers.bin",
+        given={"samples.bin": b"".join(pieces)}, read="answers.bin",
+    )  # fmt: skip
     return np.frombuffer(found, dtype=real).reshape(len(rows), len(design.routine.outputs))
 
 

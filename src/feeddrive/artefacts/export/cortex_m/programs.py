@@ -11,7 +11,7 @@ def count_program(layout: Layout) -> str:
     filled = "\n".join(f"        inputs.{v.name} = samples[k][{i}];" for i, v in enumerate(layout.routine.inputs))
     return f"""\
 /* Runs the stored samples between two marks, so that the instructions of each step can be counted in the emulator. */
-#include "{P}.h"
+#include "{P}_prepared.h"
 #include "{P}_vectors.h"
 
 #define MARK __attribute__((noinline, section(".count"))) static void
@@ -30,13 +30,11 @@ MARK count_end(void)
 
 int main(void)
 {{
-    {P}_parameters parameters;
     {P}_inputs inputs;
     {P}_outputs outputs;
     (void)expected;
     (void)changes;
-    {P}_defaults(&parameters);
-    {P}_configure(&counted, &parameters);
+    {P}_prepared(&counted);
     for (int k = 0; k < SAMPLES; k++) {{
 {filled}
         if (k == 0) {{

@@ -34,6 +34,7 @@ was proven to compute what was simulated; nobody proved that the machine is the 
 |---|---|
 | `{P}.h`, `{P}.c` | `{P}_reset` and `{P}_step`: no heap, no globals, no library but a few instructions of `<math.h>` |
 | `{P}_configure.c` | defaults, configure and retune: what depends on parameters only, in double precision |
+| `{P}_prepared.h`, `{P}_prepared.c` | the numbers that configure makes of the machine file, as constants |
 | `Makefile`, `CMakeLists.txt`, `cortex-m.cmake` | builds |
 | `selftest/` | start-up code, memory map and programs for the emulated boards of qemu: not for your board |
 | `{P}_vectors.h` | stored samples and the answers that are expected |
@@ -92,6 +93,9 @@ the simulation was given; writing it at the start of the next sample adds a whol
   the same interrupt, or with it masked. `{P}_configure` and `{P}_retune` compute in double precision, on a core without
   it in software: some ten thousand instructions. Retune a copy in thread mode and swap:
   a controller is plain data.
+- **Flash.** Configure is large for laws with a matrix exponential, above all with double precision in software. If no
+  parameter ever changes, call `{P}_prepared(&controller)` in place of defaults and configure: the same numbers, and
+  the linker leaves the rest out.
 - **Fused multiply-add.** `-ffp-contract=off` keeps gcc from `vfma`, which rounds once where the simulation rounds
   twice. Never `-ffast-math`.
 
