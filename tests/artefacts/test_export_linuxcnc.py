@@ -285,11 +285,12 @@ def test_a_late_call_is_a_fault(exported, tmp_path):
 
 
 @needs_linuxcnc
-def test_bad_parameters_at_enable_are_a_fault(exported, tmp_path):
+@pytest.mark.parametrize("setting", ["law.Kv nan", "law.Kv 0", "units-per-m -1000", "guard.hold-samples inf"])
+def test_bad_parameters_at_enable_are_a_fault(exported, tmp_path, setting):
     design, place = exported("emps")
     inputs = np.zeros((50, len(design.routine.inputs)))
     inputs[:, 0], inputs[:, -1] = 1e-4, 1.0
-    got = answers(design.routine, place, tmp_path, inputs, setup=["setp axis-x.law.Kv nan"],
+    got = answers(design.routine, place, tmp_path, inputs, setup=[f"setp axis-x.{setting}"],
                   more=[("fault-code", "s"), ("parameter-bad", "b")]).rows  # fmt: skip
     assert np.all(got[:, -2:] == [13.0, 1.0])
     assert np.all(got[:, 0] == 0.0)
@@ -345,7 +346,7 @@ def test_another_joint_has_its_own_desk(tmp_path):
 
 
 def test_names_that_hal_cannot_have(tmp_path):
-    for name, reason in (("pid", "replace"), ("Axis_X", "lower case"), (f"axis_{'x' * 40}", "47")):
+    for name, reason in (("pid", "replace"), ("halui", "replace"), (f"axis_{'x' * 40}", "47")):
         design = read_design("emps", name=name)
         with pytest.raises(ParameterError, match=reason):
             write_linuxcnc(design, tmp_path / name)
@@ -361,6 +362,7 @@ def test_stock_components_are_known():
     installed = {each.stem for each in Path(session.MODULES).glob("*.so")}
     assert {"pid", "motmod", "streamer"} <= names.STOCK
     assert len(installed & names.STOCK) > 100
+    assert "axis_x" not in names.STOCK
 
 
 @pytest.mark.parametrize(

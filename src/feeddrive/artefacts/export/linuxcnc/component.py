@@ -63,13 +63,12 @@ def _number(item: Item, value: float) -> str:
 
 def numbers(texts: Iterable[str]) -> str:
     """A C initialiser, broken into lines."""
-    line, lines = "", []
+    lines = [""]
     for text in texts:
-        if len(line) + len(text) > 100:
-            lines.append(line)
-            line = ""
-        line += f"{text}, "
-    return ("\n        ".join([*lines, line])).rstrip(", ")
+        if len(lines[-1]) + len(text) > 90:
+            lines.append("")
+        lines[-1] += f" {text},"
+    return "\n        ".join(line.strip() for line in lines).rstrip(",")
 
 
 def where(wanted: bool, text: str) -> str:

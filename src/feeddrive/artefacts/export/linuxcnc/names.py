@@ -11,7 +11,7 @@ from feeddrive.artefacts.export.linuxcnc.texts import text
 from feeddrive.language.errors import ParameterError, StructureError
 from feeddrive.loop.routine import Routine, Variable
 
-# Modules of LinuxCNC 2.9: a component of one of these names would take their place on the user's machine.
+# Components of LinuxCNC 2.9: one of the same name would take their place on the user's machine, or not load.
 STOCK = frozenset(text("stock.txt").split())
 FASTEST, SLOWEST = 10_000, 100_000_000  # ns; what a PC keeps up with at best, and slower than any servo loop
 MEASURED = ("time", "tmax", "tmax-increased")  # pins that HAL adds to every function
@@ -54,8 +54,6 @@ def check_component(name: str, functions: Sequence[str], items: Iterable[Item]) 
             f"the name '{name}' is that of a component of LinuxCNC, which the installed one would replace; "
             f"take another, such as axis_{name}"
         )
-    if name != name.lower():
-        raise ParameterError(f"the name '{name}' must be in lower case for LinuxCNC; take {name.lower()}")
     seen: dict[str, str] = {}
     measured = [".".join((*filter(None, (each,)), last)) for each in functions for last in MEASURED]
     for each in (*(item.name for item in items), *measured):

@@ -4,11 +4,11 @@
 
 /* One instance: the law of one axis, with the machine's own numbers in it. */
 static ${P}_controller core;
-static ${P}_parameters acting;  /* the parameters that act */
-static bool started, was_on, was_reset, bad;
-static double scale;           /* length units in a metre */
-static int fault_now;          /* code of the fault, kept until the next rising edge of enable or reset */
-static long long called;       /* time of the last call, ns */
+static ${P}_parameters acting; /* the parameters that act */
+static bool started, was_on, was_asked, bad;
+static double scale;    /* length units in a metre */
+static int fault_now;   /* code of the fault, kept until the next rising edge of enable or reset */
+static long long called; /* time of the last call, ns */
 
 /* Least and most of every parameter, in the order of ${P}_parameters. */
 static const double bounds[][2] = {
@@ -29,20 +29,21 @@ static bool admitted(const double *wanted)
 FUNCTION(_)
 {
     const double wanted[] = {${wanted}};
-    const bool changed = !started || memcmp(wanted, &acting, sizeof acting) != 0;
     const long long now = rtapi_get_time();
-    const bool pressed = reset && !was_reset && !enable; /* a reset alone must not start a motion */
+    const bool asked = reset;
     bool on = enable;
 
-    if (changed && !hold_parameters)
-        bad = !admitted(wanted);
-    else if (!changed)
-        bad = false;
+    if (!started)
+        scale = units_per_m;
+    const bool changed = !started || memcmp(wanted, &acting, sizeof acting) != 0;
+    if (!changed || !hold_parameters)
+        bad = !(scale > 0.0 && scale <= DBL_MAX) || (changed && !admitted(wanted));
 
-    if ((on && !was_on) || pressed)
+    /* a reset alone must not start a motion */
+    if ((on && !was_on) || (asked && !was_asked && !on))
         fault_now = on && bad ? ${parameter_fault} : 0;
     was_on = on;
-    was_reset = reset;
+    was_asked = asked;
     /* watchdog: the law is made for one period, and an axis must not be left alone with an old command */
     if (labs(period - ${period}L) > (long)period_tolerance)
         fault_now = ${period_fault};
@@ -54,7 +55,6 @@ FUNCTION(_)
     /* numbers below the normal ones count as zero, as in the simulation */
     const uint64_t mode = ${P}_flush_begin();
     if (!started) {
-        scale = units_per_m > 0.0 && units_per_m <= DBL_MAX ? units_per_m : 1000.0;
         if (bad || hold_parameters)
             ${P}_defaults(&acting);
         else
