@@ -16,6 +16,7 @@ from feeddrive.artefacts.export.layout import layout
 from feeddrive.artefacts.export.linuxcnc.component import core
 from feeddrive.artefacts.export.linuxcnc.halrun import halrun
 from feeddrive.artefacts.export.linuxcnc.plant import plant_comp
+from feeddrive.artefacts.export.linuxcnc.session import session
 from feeddrive.artefacts.export.linuxcnc_pid.comparison import difference, moves, require_stable_pids
 from feeddrive.artefacts.export.linuxcnc_pid.directory import write_linuxcnc_pid
 from feeddrive.artefacts.export.linuxcnc_pid.mapping import ROUTES, stock_law, stock_loop
@@ -235,3 +236,37 @@ class TestBadInput:
         (tmp_path / "out" / "mine.txt").write_text("keep")
         with pytest.raises(FileError, match="not written by feeddrive"):
             write_linuxcnc_pid(read_design("linear_motor", "x"), tmp_path / "out")
+
+
+@needs_linuxcnc
+@pytest.mark.parametrize("route", ROUTES)
+def test_the_fragments_load_beside_linuxcncs_motion(route: str, tmp_path: Path) -> None:
+    """Word for word, with the joints of a real motion controller: every pin that they name is there and fits."""
+    design = read_design("linear_motor", "x")
+    directory = write_linuxcnc_pid(design, tmp_path / "out", route=route).parent
+    folder = tmp_path / "hal"
+    folder.mkdir()
+    for file in ("axis-x.hal", "axis-x.ini"):
+        (folder / file).write_bytes((directory / file).read_bytes())
+    lines = [
+        "loadrt homemod",
+        "loadrt tpmod",
+        "loadrt trivkins",
+        "loadrt motmod servo_period_nsec=100000 num_joints=1",
+        "loadusr -w halcmd -i axis-x.ini -f axis-x.hal",
+        "show pin axis-x",
+        "show thread",
+    ]
+    (folder / "load.hal").write_text("\n".join(lines) + "\n")
+    printed = session(folder, [], "halrun -f load.hal")
+    law = stock_law(read_cascade(design.loop), route=route)
+    for name in ("Pgain", "Igain", "FF1", "maxoutput"):
+        found = re.search(rf"float IN +(\S+) +axis-x\.position\.{name}\b", printed)
+        assert found
+        assert float(found[1]) == pytest.approx(getattr(law.position, name), rel=1e-6)  # shown to seven digits
+
+    order = re.findall(r"^ +\d+ +(\S+)$", printed, re.MULTILINE)
+    functions = [name for name in order if name.startswith("axis-x")]
+    middle = ["axis-x.speed"] if route == "two" else []
+    last = ["axis-x.velocity.do-pid-calcs"] if route == "two" else []
+    assert functions == [*middle, "axis-x.forward", "axis-x.position.do-pid-calcs", *last]
