@@ -20,6 +20,7 @@ from feeddrive.artefacts.export.fmu import binary
 from feeddrive.artefacts.export.fmu.directory import write_fmu
 from feeddrive.artefacts.export.fmu.fmu import fmu
 from feeddrive.artefacts.export.layout import layout
+from feeddrive.artefacts.export.trial import trial
 from feeddrive.artefacts.export.verify import verify
 from feeddrive.artefacts.files.machine import BUNDLED, read_machine
 from feeddrive.language import tree
@@ -31,6 +32,7 @@ from feeddrive.loop.routine_run import run
 fmpy = pytest.importorskip("fmpy", reason="FMUs are run by FMPy: pip install 'feeddrive[fmu]'")
 from fmpy.validation import validate_fmu  # noqa: E402
 
+from exported import LAWS, LOOPS  # noqa: E402
 from fmus import Played  # noqa: E402
 
 try:
@@ -142,6 +144,37 @@ def test_gains_that_change_between_steps_go_through_retune(made: Path, tmp_path:
     assert (bits(found) == bits(run(routine, inputs, dotted))).all()
     assert one.get("law_Kv")[0] == 150.0
     one.close()
+
+
+def check_random_samples(name: str, version: int, folder: Path, count: int) -> None:
+    """A wandering axis with limits, trips, broken numbers and live changes: the simulator's bits."""
+    routine = controller_routine(LOOPS[name], "axis_x")
+    tried = trial(routine, count, seed=5, changes=20)
+    path = folder / f"law{version}.fmu"
+    path.write_bytes(packed(routine, version))
+    one = Played(path, folder)
+    known = {each.path: each.name for each in routine.parameters}
+    found = np.empty((count, len(routine.outputs)))
+    for k, row in enumerate(tried.inputs):
+        one.set(**{known[path]: value for path, value in tried.changes.get(k, {}).items()})
+        one.set(**dict(zip((each.name for each in routine.inputs), row, strict=True)))
+        one.step(k * routine.sample_time, routine.sample_time)
+        found[k] = one.get(*(each.name for each in routine.outputs))
+    one.close()
+    assert len(tried.changes) > 5
+    assert (bits(found) == bits(run(routine, tried.inputs, tried.changes))).all()
+
+
+@pytest.mark.parametrize("version", VERSIONS)
+@pytest.mark.parametrize("name", sorted(LAWS))
+def test_every_law_has_the_bits_of_the_simulator(name: str, version: int, tmp_path: Path) -> None:
+    check_random_samples(name, version, tmp_path, 2000)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", sorted(set(LOOPS) - set(LAWS)))
+def test_every_part_of_a_control_has_the_bits_of_the_simulator(name: str, tmp_path: Path) -> None:
+    check_random_samples(name, 2, tmp_path, 20_000)
 
 
 @pytest.mark.parametrize("version", VERSIONS)
