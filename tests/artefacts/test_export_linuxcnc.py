@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import platform
+import re
 import shutil
+import subprocess
 from dataclasses import replace
 from pathlib import Path
 
@@ -318,6 +321,56 @@ def test_directory_says_all(exported):
     assert "emergency stop" in readme
     assert "uncoupled" in readme
     assert f"SERVO_PERIOD = {names.period(design.routine)}" in readme
+
+
+def test_writing_twice_gives_the_same_bytes(exported, tmp_path):
+    design, place = exported("ball_screw")
+    again = write_linuxcnc(design, tmp_path / "again").parent
+    for file in place.iterdir():
+        assert file.read_bytes() == (again / file.name).read_bytes(), file.name
+
+
+@needs_linuxcnc
+@pytest.mark.parametrize(("machine", "axis"), [("ball_screw", "x"), ("xy_table", "y")])
+def test_wiring_is_taken_by_the_real_motion_module(tmp_path, machine, axis):
+    """`desk.hal` with motmod in place: every line is taken, those in comments that set parameters as well."""
+    design = read_design(machine, axis)
+    name = design.name
+    write_linuxcnc(design, tmp_path / "made")
+    place = tmp_path / "made"
+    for file in place.glob("*.hal"):
+        (tmp_path / file.name).write_text(file.read_text().replace("#   setp", "setp"))
+    values = {"[KINS]KINEMATICS": f"trivkins coordinates={'XY'[: 'xy'.index(axis) + 1]}", "[EMCMOT]EMCMOT": "motmod",
+              "[EMCMOT]SERVO_PERIOD": str(names.period(design.routine)),
+              "[KINS]JOINTS": str("xy".index(axis) + 1)}  # fmt: skip
+    desk = (tmp_path / "desk.hal").read_text()
+    for key, value in values.items():
+        desk = desk.replace(key, value)
+    lines = [line for line in desk.splitlines() if "iocontrol" not in line]  # that belongs to a program of its own
+    (tmp_path / "desk.hal").write_text("\n".join(["loadrt tpmod", "loadrt homemod", *lines, "start", "show funct", ""]))
+    components = [place / f"{name}.comp", place / f"{name}_plant.comp"]
+    printed = session.session(tmp_path, components, "halrun -f desk.hal")
+    order = [line.split()[-1] for line in printed.splitlines() if line.split()[-1:] and "servo" not in line]
+    assert f"{names.hal(name)}" in order
+    shown = [line for line in printed.splitlines() if "setp" in line or "error" in line.lower()]
+    assert not shown, printed
+
+
+@needs_linuxcnc
+def test_no_processor_contracts_a_product_and_a_sum(exported, tmp_path):
+    """Compiled for a processor with fused multiply-adds and LinuxCNC's flags, the law has none."""
+    if platform.machine() != "x86_64":
+        pytest.skip("-mfma is an option of x86")
+    _, place = exported("ball_screw")
+    header = (place / "axis_x.h").read_text()
+    found = []
+    for text in (header, header.replace("#pragma GCC optimize", "// ")):
+        (tmp_path / "law.c").write_text(text + "\nvoid (*const kept)(axis_x_controller *, const axis_x_inputs *, "
+                                        "axis_x_outputs *) = axis_x_step;\n")  # fmt: skip
+        subprocess.run(["gcc", "-Os", "-mfma", "-S", "law.c"], cwd=tmp_path, check=True)
+        found.append(len(re.findall(r"vfn?m(?:add|sub)", (tmp_path / "law.s").read_text())))
+    assert found[0] == 0
+    assert found[1] > 0, "without the line there are some"
 
 
 def test_limits_of_the_ini_leave_a_margin():

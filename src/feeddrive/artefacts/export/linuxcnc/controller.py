@@ -102,7 +102,7 @@ def controller_comp(routine: Routine, title: str, made_by: str) -> str:
     block = routine.blocks[0][1]
     return component(
         routine.name,
-        f"{title}. {made_by}. Pins in mm, mm/s, ... (units-per-m), N; parameters in SI as in the machine file.",
+        f"{title}. {made_by} Pins in mm, mm/s, ... (units-per-m), N; parameters in SI as in the machine file.",
         items,
         own | {item: v.value for item, v in tuned.items()},
         ["_"],

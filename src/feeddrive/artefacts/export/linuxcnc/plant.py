@@ -41,7 +41,7 @@ def plant_comp(routine: Routine, title: str, made_by: str) -> str:
     given["start_position"] = "start_position / scale"
     return component(
         routine.name,
-        f"{title}. {made_by}. For the desk only: call read before and write after the controller, every {T} ns. "
+        f"{title}. {made_by} For the desk only: call read before and write after the controller, every {T} ns. "
         "Parameters in SI; they act if set before the first call.",
         pins,
         own | physics,
