@@ -21,9 +21,9 @@ from typing import Any
 
 import pytest
 
-from feeddrive.artefacts.bus.client import Client, opened
+from feeddrive.artefacts.bus.client import DriveClient, transport_of
 from feeddrive.artefacts.bus.drive_file import BusDrive, BusLimits
-from feeddrive.artefacts.bus.scaling import Scaling
+from feeddrive.artefacts.bus.scaling import DriveScaling
 from feeddrive.artefacts.bus.virtual.canopen_node import serve_canopen
 from feeddrive.artefacts.bus.virtual.driven_axis import DrivenAxis
 from feeddrive.artefacts.bus.virtual.ethercat_slave import serve_ethercat
@@ -38,7 +38,7 @@ from feeddrive.loop.loop import Loop
 T = 1e-3
 PAIR = "ip link add veth0 type veth peer name veth1 && ip link set veth0 up && ip link set veth1 up && "
 LIMITS = BusLimits(travel=0.2, velocity=0.5, force=2000.0, following_error=2e-3, quick_stop_deceleration=5.0)
-SCALING = Scaling(counts_per_turn=1e6, lead=0.01, gear=1.0, rated_torque=1.0)  # 10 nm; 0.628 N
+SCALING = DriveScaling(counts_per_turn=1e6, lead=0.01, gear=1.0, rated_torque=1.0)  # 10 nm; 0.628 N
 
 
 def bench_loop(**guard: float) -> Loop:
@@ -139,9 +139,9 @@ def _serve(firmware: Firmware, line: Any, lose: Callable[[int], bool], watchdog:
     )
 
 
-def client(described: BusDrive, interface: str) -> Client:
+def client(described: BusDrive, interface: str) -> DriveClient:
     """Without a clock: a cycle begins when the last one is answered."""
-    return Client(opened(described, interface, None), described, paced=False)
+    return DriveClient(transport_of(described, interface, None), described, paced=False)
 
 
 def with_law(loop: Loop, law: Any) -> Loop:

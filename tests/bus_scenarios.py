@@ -16,12 +16,12 @@ from typing import Any
 import numpy as np
 
 from bus_bench import LIMITS, SCALING, T, bench_loop, client, drive, powered, with_law
-from feeddrive.artefacts.bus.client import Client
+from feeddrive.artefacts.bus.client import DriveClient
 from feeddrive.artefacts.bus.objects import OBJECTS
 from feeddrive.artefacts.bus.play import listened, play
 from feeddrive.artefacts.bus.power_states import FAULT_RESET
 from feeddrive.artefacts.bus.profile import Profile
-from feeddrive.artefacts.bus.scaling import Scaling
+from feeddrive.artefacts.bus.scaling import DriveScaling
 from feeddrive.artefacts.bus.transport import write_object
 from feeddrive.blocks.controller.pole_placement import PolePlacement
 from feeddrive.blocks.load.recorded_force import RecordedForce
@@ -162,9 +162,9 @@ def limits(bus: str) -> dict[str, Any]:
 def wrong(bus: str) -> dict[str, str]:
     """What does not fit the drive, each as the sentence that comes of it."""
     found: dict[str, str] = {}
-    turn = Scaling(counts_per_turn=2e6, lead=0.01, rated_torque=1.0)
-    strong = Scaling(counts_per_turn=1e6, lead=0.01, rated_torque=10.0)
-    geared = Scaling(counts_per_turn=1e6, lead=0.01, gear=2.0, rated_torque=1.0)
+    turn = DriveScaling(counts_per_turn=2e6, lead=0.01, rated_torque=1.0)
+    strong = DriveScaling(counts_per_turn=1e6, lead=0.01, rated_torque=10.0)
+    geared = DriveScaling(counts_per_turn=1e6, lead=0.01, gear=2.0, rated_torque=1.0)
     with powered(bus) as bench:
         for name, scaling in (("counts", turn), ("torque", strong), ("gear", geared)):
             found[name] = said(lambda s=scaling: client(drive(bus, scaling=s), bench.interface).__enter__())
@@ -178,11 +178,11 @@ def wrong(bus: str) -> dict[str, str]:
 def _unpaced(bus: str, interface: str) -> str:
     """Another make of drive may not be run without a clock."""
     master = client(drive(bus), interface)
-    Client.is_virtual = property(lambda _: False)  # type: ignore[assignment]
+    DriveClient.is_virtual = property(lambda _: False)  # type: ignore[assignment]
     try:
         return said(master.__enter__)
     finally:
-        Client.is_virtual = property(lambda made: made.identity.get("name") == "feeddrive virtual drive")  # type: ignore[assignment]
+        DriveClient.is_virtual = property(lambda made: made.identity.get("name") == "feeddrive virtual drive")  # type: ignore[assignment]
 
 
 def refusals(bus: str) -> dict[str, str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Callable
 from functools import lru_cache
 from typing import Any
@@ -10,7 +11,11 @@ from typing import Any
 import pytest
 
 import bus_scenarios
-from bus_bench import SCALING, T, over_ethercat
+from bus_bench import SCALING, T, drive, over_ethercat, powered
+from feeddrive.artefacts.bus.can_lines import opened_network
+from feeddrive.artefacts.bus.client import DriveClient, transport_of
+from feeddrive.artefacts.bus.objects import OBJECTS
+from feeddrive.artefacts.bus.play import play
 
 Scenario = Callable[[str], dict[str, Any]]
 
@@ -119,6 +124,76 @@ def test_a_drive_that_left_op_by_its_watchdog_is_named() -> None:
     assert "it is in SAFE-OP, Sync manager watchdog (0x001B)" in found["trouble"]
     assert (found["state"], found["code"]) == ("FAULT", 0x7500)
     assert "emergency stop" in found["unreachable"]
+
+
+def test_with_a_clock_the_motion_is_the_same_and_its_lateness_is_told() -> None:
+    """Nothing is asserted of how late a busy computer is; the positions are those of the simulation all the same."""
+    with powered("canopen") as bench:
+        described = drive("canopen")
+        master = DriveClient(transport_of(described, bench.interface, None), described)
+        master._timeout = 1.0  # so that nothing of a busy computer passes for a lost frame
+        with master:
+            played = play(master, bus_scenarios.profile(rows=200, distance=0.002))
+    assert played.aborted is None
+    assert played.lost == 0
+    assert played.lateness is not None
+    assert 0.0 <= played.lateness.median <= played.lateness.often <= played.lateness.most
+    assert played.log.constants["late_cycles"] == played.lateness.missed
+    assert played.log["set_position"][-1] == pytest.approx(0.002, abs=SCALING.metre)
+
+
+def test_another_client_of_cia_402_brings_the_virtual_drive_up() -> None:
+    """BaseNode402 of the canopen package, which knows nothing of this house, over the drive's own mapping."""
+    canopen = pytest.importorskip("canopen", reason="pip install 'feeddrive[bus]'")
+    from canopen.profiles.p402 import BaseNode402
+
+    types = {"u8": 5, "i8": 2, "u16": 6, "i16": 3, "u32": 7, "i32": 4}
+    variable = canopen.objectdictionary.ODVariable
+    with powered("canopen") as bench:
+        dictionary = canopen.ObjectDictionary()
+        records: dict[int, list[tuple[int, int]]] = {}
+        for each in OBJECTS.values():
+            if each.subindex == 0:
+                made = variable(each.name, each.index, 0)
+                made.data_type = types[each.type]
+                dictionary.add_object(made)
+            else:
+                records.setdefault(each.index, []).append((each.subindex, types[each.type]))
+        for k in range(3):
+            records |= {0x1400 + k: [(0, 5), (1, 7), (2, 5)], 0x1800 + k: [(0, 5), (1, 7), (2, 5)]}
+            records |= {first + k: [(0, 5), *((i, 7) for i in range(1, 9))] for first in (0x1600, 0x1A00)}
+        for index, members in records.items():
+            record = canopen.objectdictionary.ODRecord(f"of 0x{index:04X}", index)
+            for subindex, kind in members:
+                member = variable(f"{subindex}", index, subindex)
+                member.data_type = kind
+                record.add_member(member)
+            dictionary.add_object(record)
+        network = opened_network(bench.interface, None)
+        node = BaseNode402(5, dictionary)
+        network.add_node(node)
+        try:
+            node.nmt.state = "PRE-OPERATIONAL"
+            node.setup_402_state_machine()
+            node.nmt.state = "OPERATIONAL"
+            for k in (1, 2, 3):
+                node.rpdo[k].start(0.005)
+            node.rpdo[1]["mode"].raw = 8
+            network.sync.start(0.005)
+            node.state = "OPERATION ENABLED"
+            assert bench.state == "ENABLED"
+            node.rpdo[1]["target_position"].raw = 1000
+            until = time.monotonic() + 20.0
+            while node.tpdo[1]["position"].raw != 1000 and time.monotonic() < until:
+                time.sleep(0.02)
+            assert node.tpdo[1]["position"].raw == 1000
+            node.state = "SWITCH ON DISABLED"
+            assert bench.state == "SWITCH_ON_DISABLED"
+        finally:
+            network.sync.stop()
+            for k in (1, 2, 3):
+                node.rpdo[k].stop()
+            network.disconnect()
 
 
 def test_a_drive_is_logged_without_being_switched_on(tried: Scenario) -> None:

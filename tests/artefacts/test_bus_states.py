@@ -21,7 +21,7 @@ from feeddrive.artefacts.bus.power_states import (
     answer,
     state_of,
 )
-from feeddrive.artefacts.bus.scaling import Scaling
+from feeddrive.artefacts.bus.scaling import DriveScaling
 from feeddrive.artefacts.bus.virtual.driven_axis import DrivenAxis
 from feeddrive.artefacts.bus.virtual.firmware import Firmware
 from feeddrive.language.errors import ParameterError
@@ -180,11 +180,11 @@ def test_units_there_and_back_to_half_a_step(metres: float, newtons: float) -> N
 
 def test_units_of_a_screw_and_of_a_linear_motor() -> None:
     """10 mm over 10^6 counts and 2:1; 1 N m at the motor is 2 · 2π/0.01 N at the table."""
-    screw = Scaling(counts_per_turn=1e6, lead=0.01, gear=2.0, rated_torque=1.0)
+    screw = DriveScaling(counts_per_turn=1e6, lead=0.01, gear=2.0, rated_torque=1.0)
     assert screw.metre == pytest.approx(5e-9, rel=1e-15)
     assert 1000 * screw.newton == pytest.approx(1256.6370614359173, rel=1e-15)
     assert screw.rated_milli == 1000
-    linear = Scaling(increment=1e-7, rated_force=500.0)
+    linear = DriveScaling(increment=1e-7, rated_force=500.0)
     assert (linear.metre, linear.newton, linear.rated_milli) == (1e-7, 0.5, 500_000)
 
 
@@ -194,7 +194,7 @@ def test_units_of_a_screw_and_of_a_linear_motor() -> None:
 )
 def test_a_scaling_that_is_neither_is_refused(given_: dict[str, float]) -> None:
     with pytest.raises(ParameterError, match="counts_per_turn, lead and rated_torque"):
-        Scaling(**given_)
+        DriveScaling(**given_)
 
 
 @pytest.mark.parametrize("groups", [SENT, TOLD])

@@ -12,6 +12,7 @@ import pytest
 from bus_bench import in_a_namespace
 from feeddrive.artefacts.files.log import read_log
 from feeddrive.artefacts.files.machine import read_machine
+from feeddrive.blocks.plant.three_mass_chain import ThreeMassChain
 from feeddrive.doors import cli
 
 FEEDDRIVE = f"{sys.executable} -c 'from feeddrive.doors.cli import main; main()'"
@@ -85,21 +86,25 @@ def test_excite_play_frf_identify_gives_the_mass_back(call, tmp_path: Path) -> N
 
 
 @pytest.mark.slow
-def test_the_afternoon_with_two_encoders_gives_all_masses_back(call, tmp_path: Path) -> None:
-    """The ball screw at 20 kHz over EtherCAT: motor, screw and table by both encoders, in sum and resonance."""
+@pytest.mark.timeout(1200)  # 370 000 cycles; a busy machine needs minutes
+def test_the_afternoon_with_two_encoders_gives_the_masses_back(call, tmp_path: Path) -> None:
+    """The ball screw at 20 kHz over EtherCAT: screw and table by both encoders, the motor by its data sheet."""
     assert call("excite", "ball_screw", "--band", "5..1000", "--amplitude", "400", "--out", "sent")[0] == 0
     play = "play sent/excitation_1.csv sent/excitation_2.csv --drive drive.toml --unpaced --out measured"
-    done = beside(tmp_path, "ball_screw", "--interface veth1 --master veth0", play, timeout=280.0)
+    done = beside(tmp_path, "ball_screw", "--interface veth1 --master veth0", play, timeout=900.0)
     assert done.returncode == 0, done.stderr + done.stdout
     assert call("frf", "measured/measured_1.parquet", "measured/measured_2.parquet", "--out", "response")[0] == 0
     code, out, err = call("identify", "response/frf.csv", "--machine", "ball_screw", "--out", "model", "--fix",
                           "mass_motor=85")  # fmt: skip
     assert code == 0, err + out
-    loop = read_machine("model/machine.toml").loop(None)
-    plant = loop.axis.plant
-    total = plant.mass_motor + plant.mass_screw + plant.mass_load  # type: ignore[attr-defined]
-    assert total == pytest.approx(163.0, rel=0.02)
-    assert plant.stiffness == pytest.approx(18e6, rel=0.05)  # type: ignore[attr-defined]
+    axis = read_machine("model/machine.toml").loop(None).axis
+    plant = axis.plant
+    assert isinstance(plant, ThreeMassChain)
+    # a thousandth is more than the noise leaves, and a sample of misalignment would show in the dead time first
+    assert plant.mass_screw == pytest.approx(45.0, rel=1e-3)
+    assert plant.mass_load == pytest.approx(33.0, rel=1e-3)
+    assert plant.stiffness == pytest.approx(18e6, rel=1e-3)
+    assert axis.actuator.dead_time == pytest.approx(50e-6, abs=0.2e-6)
 
 
 def test_over_canopen_between_processes(call, tmp_path: Path) -> None:

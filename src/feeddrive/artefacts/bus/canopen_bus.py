@@ -25,6 +25,7 @@ class CANopen:
         self._sent = self._told = Layout(())
         self._arrived: dict[int, bytes] = {}
         self._news = Condition()
+        self._late = False  # whether answers to the last SYNC may still come
 
     def open(self) -> None:
         """To PRE-OPERATIONAL."""
@@ -96,12 +97,15 @@ class CANopen:
     def exchange(self, content: bytes, timeout: float) -> bytes | None:
         """All messages, SYNC, and all answers; lost if one of them is missing."""
         with self._news:
+            if self._late:  # they must not pass for answers to the next one
+                self._news.wait_for(lambda: len(self._arrived) == len(self._of_told), timeout)
             self._arrived.clear()
         for k, message in enumerate(self._of_sent):
             self._network.send_message(message, content[self._sent.part(k)])
         self._network.send_message(_SYNC, b"")
         with self._news:
             whole = self._news.wait_for(lambda: len(self._arrived) == len(self._of_told), timeout)
+            self._late = not whole
             if not whole:
                 return None
             return b"".join(self._arrived[message] for message in self._of_told)

@@ -13,7 +13,6 @@ from feeddrive.artefacts.bus.power_states import (
     CSP,
     CST,
     DISABLE_VOLTAGE,
-    ENABLE_OPERATION,
     ERRORS,
     FAULT_RESET,
     MODES,
@@ -23,7 +22,7 @@ from feeddrive.artefacts.bus.power_states import (
     state_of,
 )
 from feeddrive.artefacts.bus.transport import RefusedError, Transport, has_object, read_object, write_object
-from feeddrive.language.errors import BusError, MissingExtraError
+from feeddrive.language.errors import BusError
 
 VIRTUAL = "feeddrive virtual drive"
 _PROFILE = 402
@@ -44,8 +43,8 @@ class Told(NamedTuple):
     error_code: int
 
 
-class Client:
-    """One drive. `with Client(transport, drive) as client:` opens it; leaving switches it off, whatever happened.
+class DriveClient:
+    """One drive. `with DriveClient(transport, drive) as client:` opens it; leaving switches it off, whatever happened.
 
     All methods raise BusError, with bus, interface, station and what to do.
     """
@@ -65,7 +64,7 @@ class Client:
         self._timeout = max(2e-3, 2.0 * drive.cycle_time) if paced else 1.0
         self._operating = self._unreachable = False
 
-    def __enter__(self) -> Client:
+    def __enter__(self) -> DriveClient:
         try:
             self.open()
         except BaseException:
@@ -332,7 +331,7 @@ class Client:
         return f"the drive left operation by itself and is in {at}"
 
 
-def opened(drive: BusDrive, interface: str, bitrate: int | None) -> Transport:
+def transport_of(drive: BusDrive, interface: str, bitrate: int | None) -> Transport:
     """The transport of a drive. Raises MissingExtraError without its package, when it is opened."""
     if drive.bus == "ethercat":
         from feeddrive.artefacts.bus.ethercat import EtherCAT
@@ -341,6 +340,3 @@ def opened(drive: BusDrive, interface: str, bitrate: int | None) -> Transport:
     from feeddrive.artefacts.bus.canopen_bus import CANopen
 
     return CANopen(interface, drive.station, bitrate)
-
-
-__all__ = ["ENABLE_OPERATION", "Client", "MissingExtraError", "Told", "opened"]

@@ -21,7 +21,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from feeddrive.artefacts.bus.scaling import Scaling
+from feeddrive.artefacts.bus.scaling import DriveScaling
 from feeddrive.artefacts.files.blocks_from_toml import read_block
 from feeddrive.artefacts.files.toml_lines import read_toml
 from feeddrive.language.block import Block, Number, choice, parameter, part
@@ -52,7 +52,7 @@ class BusDrive(Block):
     mode: str = choice("mode of operation: csp, csv or cst", options=("csp", "csv", "cst"), default="csp")
     lag: int = choice("cycles from a target to the values that answer it", least=0, most=20, default=1)
     lost_frames: int = choice("so many in a row end the motion", least=1, most=1000, default=3)
-    scaling: Scaling = part("increments and rated torque")
+    scaling: DriveScaling = part("increments and rated torque")
     limits: BusLimits = part("where a motion is aborted")
 
     def check(self) -> None:

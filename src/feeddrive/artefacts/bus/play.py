@@ -11,7 +11,7 @@ from types import FrameType
 
 import numpy as np
 
-from feeddrive.artefacts.bus.client import Client, Told
+from feeddrive.artefacts.bus.client import DriveClient, Told
 from feeddrive.artefacts.bus.pace import Lateness, urgent
 from feeddrive.artefacts.bus.profile import Profile
 from feeddrive.artefacts.files.measured import Log
@@ -51,7 +51,7 @@ def _interruption() -> Generator[Callable[[], bool]]:
 
 
 def play(
-    client: Client, profile: Profile, *, name: str = "", progress: Callable[[int, int], None] | None = None
+    client: DriveClient, profile: Profile, *, name: str = "", progress: Callable[[int, int], None] | None = None
 ) -> Played:
     """Switch the drive on, play, hold, switch it off.
 
@@ -105,7 +105,7 @@ def play(
     return Played(log, aborted or None, lost, lateness, tuple(remarks))
 
 
-def listened(client: Client, seconds: float) -> Played:
+def listened(client: DriveClient, seconds: float) -> Played:
     """A log of the drive while it is switched off, or on by somebody else. Raises BusError if it falls silent."""
     assert client.told is not None
     rows, zero = _Rows(client, client.told.position), np.zeros(0)
@@ -126,7 +126,7 @@ def listened(client: Client, seconds: float) -> Played:
     return Played(log, None, client.lost, lateness, tuple(client.remarks))
 
 
-def _target(client: Client, profile: Profile, i: int, start: float, *, rest: bool) -> Mapping[str, float]:
+def _target(client: DriveClient, profile: Profile, i: int, start: float, *, rest: bool) -> Mapping[str, float]:
     """Command row i, or hold the last position; what is sent, in SI.
 
     The excitation is that of the profile and not what rounding makes of it: its lines are those that were designed, and
@@ -143,7 +143,7 @@ def _target(client: Client, profile: Profile, i: int, start: float, *, rest: boo
     return {"set_position": position, "excitation": excitation}
 
 
-def _beyond(client: Client, start: float, told: Told | None, sent: Mapping[str, float]) -> str:
+def _beyond(client: DriveClient, start: float, told: Told | None, sent: Mapping[str, float]) -> str:
     """The limit that is broken, in words; empty if none is."""
     if told is None:
         return ""
@@ -165,7 +165,7 @@ def _beyond(client: Client, start: float, told: Told | None, sent: Mapping[str, 
     return ""
 
 
-def _halt(client: Client) -> str:
+def _halt(client: DriveClient) -> str:
     """Quick stop and switch off; what came of it, as the end of a sentence."""
     try:
         client.stop()
@@ -178,7 +178,7 @@ def _halt(client: Client) -> str:
 class _Rows:
     """What was sent and told, cycle by cycle."""
 
-    def __init__(self, client: Client, start: float) -> None:
+    def __init__(self, client: DriveClient, start: float) -> None:
         assert client.told is not None
         self.client, self.start = client, start
         self.sent: list[Mapping[str, float]] = []

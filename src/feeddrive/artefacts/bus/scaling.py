@@ -8,7 +8,7 @@ from feeddrive.language.block import Block, Number, parameter
 from feeddrive.language.errors import ParameterError
 
 
-class Scaling(Block):
+class DriveScaling(Block):
     """What one increment and one thousandth of the rated torque are at the table.
 
         increment = lead / (gear · counts_per_turn)                       of a motor that turns

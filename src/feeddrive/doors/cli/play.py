@@ -10,7 +10,7 @@ import typer
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn
 
-from feeddrive.artefacts.bus.client import Client, opened
+from feeddrive.artefacts.bus.client import DriveClient, transport_of
 from feeddrive.artefacts.bus.drive_file import DriveFile, read_drive
 from feeddrive.artefacts.bus.pace import Lateness
 from feeddrive.artefacts.bus.play import Played, listened, play
@@ -71,8 +71,8 @@ def perform_listening(drive_path: Path, seconds: float, unpaced: bool, out: Path
     _report(console, heard, _write(out, [heard])[0])
 
 
-def _client(file: DriveFile, unpaced: bool) -> Client:
-    return Client(opened(file.drive, file.interface, file.bitrate), file.drive, paced=not unpaced)
+def _client(file: DriveFile, unpaced: bool) -> DriveClient:
+    return DriveClient(transport_of(file.drive, file.interface, file.bitrate), file.drive, paced=not unpaced)
 
 
 @contextlib.contextmanager
@@ -84,7 +84,7 @@ def _named(file: DriveFile) -> Generator[None]:
         raise BusError(f"{file.name}: {error}") from None
 
 
-def _greet(console: Console, client: Client) -> None:
+def _greet(console: Console, client: DriveClient) -> None:
     """Which drive it is, and in what state."""
     known = client.identity
     text = ", ".join(f"{key} {known[key]:#x}" for key in ("vendor", "product", "revision") if key in known)

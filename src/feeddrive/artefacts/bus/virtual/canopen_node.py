@@ -31,7 +31,7 @@ def serve_canopen(
     bus that cannot be opened, MissingExtraError without the packages.
     """
     canopen = packages()
-    objects = PdoMap(firmware, lambda: node.nmt.state == "PRE-OPERATIONAL")
+    objects = PdoMap(firmware, lambda: node.nmt.state == "PRE-OPERATIONAL", station)
 
     class Node(canopen.LocalNode):
         """Its object dictionary is the firmware's, but for the heartbeat, which the package looks after."""

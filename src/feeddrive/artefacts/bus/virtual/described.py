@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from feeddrive.artefacts.bus.scaling import Scaling
+from feeddrive.artefacts.bus.scaling import DriveScaling
 from feeddrive.blocks.actuator.screw import Screw
 from feeddrive.blocks.sensor.encoder import Encoder
 from feeddrive.loop.loop import Loop
@@ -12,7 +12,7 @@ _PEAK = 3.0  # peak over rated force, where only the peak is stated
 _FORCE = 1000.0  # N, rated, where nothing is stated
 
 
-def scaling_of(loop: Loop) -> Scaling:
+def scaling_of(loop: Loop) -> DriveScaling:
     """One increment is one count of the encoder of the position loop; rated is the continuous force of the motor.
 
     A motor on a screw gets a whole number of counts in a turn; the rated torque is a whole number of mN m.
@@ -25,16 +25,16 @@ def scaling_of(loop: Loop) -> Scaling:
     most = peak if peak is not None else loop.control.force_limit
     rated = float(continuous) if continuous is not None else float(most) / _PEAK if most is not None else _FORCE
     if not isinstance(motor, Screw):
-        return Scaling(increment=increment, rated_force=max(1e-3, round(rated, 3)))
+        return DriveScaling(increment=increment, rated_force=max(1e-3, round(rated, 3)))
     lead, gear = float(motor.lead), float(motor.gear)
     torque = rated * float(motor.torque_constant) / float(motor.force_per_unit())
-    return Scaling(
+    return DriveScaling(
         counts_per_turn=float(max(1, round(lead / (gear * increment)))), lead=lead, gear=gear,
         rated_torque=max(1e-3, round(torque, 3)),
     )  # fmt: skip
 
 
-def drive_text(loop: Loop, scaling: Scaling, bus: str, interface: str, station: int, cycle_time: float) -> str:
+def drive_text(loop: Loop, scaling: DriveScaling, bus: str, interface: str, station: int, cycle_time: float) -> str:
     """A drive file for the virtual drive; its limits are those of the machine's guard and control, if it has any."""
     guard, limits = loop.control.guard, loop.control.force_limit
     velocity = None if guard is None else guard.velocity_limit

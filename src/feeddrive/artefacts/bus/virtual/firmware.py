@@ -12,7 +12,7 @@ import numpy as np
 
 from feeddrive.artefacts.bus.objects import AT, DEVICE_NAME, OBJECTS
 from feeddrive.artefacts.bus.power_states import CSP, CST, CSV, PowerState, answer
-from feeddrive.artefacts.bus.scaling import Scaling
+from feeddrive.artefacts.bus.scaling import DriveScaling
 from feeddrive.artefacts.bus.virtual.driven_axis import DrivenAxis
 from feeddrive.language.errors import ParameterError
 from feeddrive.loop.guard import TRIP_FOLLOWING_ERROR, TRIP_READING, TRIP_TRAVEL, TRIP_VELOCITY
@@ -54,7 +54,7 @@ class Firmware:
     0x6085 and then switches off; a fault takes the force away at once.
     """
 
-    def __init__(self, axis: DrivenAxis, scaling: Scaling, cycle_time: float) -> None:
+    def __init__(self, axis: DrivenAxis, scaling: DriveScaling, cycle_time: float) -> None:
         """`cycle_time` in s. Raises ParameterError if it is no whole multiple of the sample time."""
         self.axis, self.scaling = axis, scaling
         self.T = float(axis.loop.sample_time)

@@ -30,7 +30,8 @@ INVALID = 1 << 31  # bit of a message that is switched off
 class PdoMap:
     """The lists of a drive; a write is refused unless `changeable` says that the mapping may be changed now."""
 
-    def __init__(self, firmware: Firmware, changeable: Callable[[], bool]) -> None:
+    def __init__(self, firmware: Firmware, changeable: Callable[[], bool], station: int = 0) -> None:
+        """`station` is the number of a CANopen node, whose messages are then those of the predefined connections."""
         self.firmware, self._changeable = firmware, changeable
         self._lists: dict[int, list[int]] = {}
         self.messages: dict[int, int] = {}
@@ -40,7 +41,8 @@ class PdoMap:
             for k in range(_OBJECTS):
                 names = kept.groups[k] if k < len(kept.groups) else ()
                 self._lists[first + k] = [OBJECTS[name].mapped for name in names]
-                self.messages[_MESSAGES[first] + k] = INVALID
+                message = (0x200 if first == 0x1600 else 0x180) + 0x100 * k + station
+                self.messages[_MESSAGES[first] + k] = message if names and station else message | INVALID
             self._lists[_ASSIGNED[first]] = [first + k for k in range(len(kept.groups))]
         self._counts = {index: len(entries) for index, entries in self._lists.items()}
 
