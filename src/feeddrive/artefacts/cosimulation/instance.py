@@ -77,7 +77,11 @@ class Instance:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        with contextlib.suppress(OSError):  # its library is gone already
+        # what an FMU says at its end, or whether it is there at all, changes nothing any more
+        if error is None:
+            with contextlib.suppress(Exception):
+                self.fmu.terminate()
+        with contextlib.suppress(Exception):
             self.fmu.freeInstance()
 
     def _call(self, what: str, function: Any, *arguments: Any, **named: Any) -> Any:

@@ -15,7 +15,7 @@ from feeddrive.artefacts.cosimulation.ports import TAKEN, Port, needed, ports
 from feeddrive.blocks.families import Load, Reference
 from feeddrive.language.errors import DivergedError, ParameterError
 from feeddrive.loop.loop import Loop, Signals
-from feeddrive.loop.routine import controller_routine
+from feeddrive.loop.routine import Routine, controller_routine
 from feeddrive.loop.routine_run import ControllerRun
 from feeddrive.loop.runner import Work
 from feeddrive.loop.simulate import Run, sample_count
@@ -63,21 +63,17 @@ def simulate_with_fmu(
     routine = controller_routine(loop, "control")
     motor = loop.axis.actuator.motor
     count = sample_count(loop, reference, duration)
-    work = Work(loop, reference, load, None)
-    rows = np.array(work.sampled(0, count)[: len(SETPOINT) + 1])
+    rows = np.array(Work(loop, reference, load).sampled(0, count)[: len(SETPOINT) + 1])
     on = np.ones(1) if enable is None else np.asarray(enable, dtype=float)
     limit = max(1.0, 100.0 * float(np.ptp(rows[0]))) if bound is None else bound
     with opened(fmu) as archive:
         found = ports(archive, names or {}, None if motor is None else motor.unit)
-        wired = _wired(
-            archive, found, [v.name for v in routine.inputs if v.name.startswith("reading")], load is not None
-        )
+        wired = _wired(archive, found, routine, load is not None)
+        taken, answers = np.empty((count, len(wired.taken))), np.empty((count, len(routine.outputs)))
         with Instance(archive) as plant:
             first = [(port, rows[0, 0]) for port in found.values() if port.signal == "start_position"]
             plant.begin([*first, *((port, rows[-1, 0]) for port in wired.load)], parameters or {})
             control, held = None, _Held(T, dead_time)
-            answers = np.empty((count, len(routine.outputs)))
-            taken = np.empty((count, len(wired.taken)))
             for k in range(count):
                 taken[k] = plant.take(wired.taken)
                 seen = taken[k, wired.readings]
@@ -85,44 +81,55 @@ def simulate_with_fmu(
                 _check_inside(inputs[0] - seen[-1], limit, k, T)
                 control = control or ControllerRun(routine, inputs)
                 answers[k] = control.step(inputs[None])[0]
-                command = answers[k, [v.name for v in routine.outputs].index(wired.drive.signal)]
-                for time, length, acting in held.pieces(k, command):
+                for time, length, acting in held.pieces(k, answers[k, wired.command]):
                     plant.give([(wired.drive, acting), *((port, rows[-1, k]) for port in wired.load)])
                     plant.step(time, length)
-    signals = dict(zip(("set_position", "set_velocity", "set_acceleration"), rows, strict=False))
-    signals |= {port.signal: taken[:, i] for i, port in enumerate(wired.taken)}
-    signals["reading_motor"], signals["reading_load"] = (taken[:, wired.readings[i]] for i in (0, -1))
-    signals |= {v.name: answers[:, i] for i, v in enumerate(routine.outputs)} | {"load_force": rows[-1]}
-    signals["following_error"] = signals["set_position"] - signals["reading_load"]
-    if "position_load" in signals:
-        signals["tracking_error"] = signals["set_position"] - signals["position_load"]
-    kept = {signal: signals[signal] for signal in Signals._fields if signal in signals}
-    return Run(name, np.arange(count) * T, kept, T)
+    return Run(name, np.arange(count) * T, _signals(routine, wired, rows, taken, answers), T)
+
+
+def _signals(
+    routine: Routine, wired: _Wired, rows: np.ndarray, taken: np.ndarray, answers: np.ndarray
+) -> dict[str, np.ndarray]:
+    """What is known of a run, under the names and in the order of the loop's signals."""
+    found = dict(zip(("set_position", "set_velocity", "set_acceleration"), rows, strict=False))
+    found |= {port.signal: taken[:, i] for i, port in enumerate(wired.taken)}
+    found["reading_motor"], found["reading_load"] = (taken[:, wired.readings[i]] for i in (0, -1))
+    found |= {v.name: answers[:, i] for i, v in enumerate(routine.outputs)} | {"load_force": rows[-1]}
+    found["following_error"] = found["set_position"] - found["reading_load"]
+    if "position_load" in found:
+        found["tracking_error"] = found["set_position"] - found["position_load"]
+    return {signal: found[signal] for signal in Signals._fields if signal in found}
 
 
 class _Wired(NamedTuple):
-    """What is taken from the FMU, which of it are the readings, where the command goes, and the load force if any."""
+    """What is taken from the FMU; which of it the control reads; which of its outputs goes where; the load, if any."""
 
     taken: list[Port]
     readings: list[int]
+    command: int
     drive: Port
     load: list[Port]
 
 
-def _wired(archive: Archive, found: Mapping[str, Port], readings: list[str], load: bool) -> _Wired:
+def _wired(archive: Archive, found: Mapping[str, Port], routine: Routine, load: bool) -> _Wired:
     """A single `reading` serves both sides, and the table's serves a control with one encoder.
 
     Raises FmuError for a signal that the control needs and no variable carries.
     """
-    found = dict(found)
+    readings = [v.name for v in routine.inputs if v.name.startswith("reading")]
     spare = "reading_load" if readings == ["reading"] else "reading"
     readings = [spare if each not in found and spare in found else each for each in readings]
-    drive = "command" if "command" in found else "force"
-    needed(found, [*readings, drive], archive, "the control")
+    command = "command" if "command" in found else "force"
+    needed(found, [*readings, command], archive, "the control")
     needed(found, ["load_force"] if load else [], archive, "the load")
     taken = [port for signal, port in found.items() if signal in TAKEN]
-    places = [[port.signal for port in taken].index(signal) for signal in readings]
-    return _Wired(taken, places, found[drive], [found["load_force"]] if load else [])
+    return _Wired(
+        taken=taken,
+        readings=[[port.signal for port in taken].index(signal) for signal in readings],
+        command=[v.name for v in routine.outputs].index(command),
+        drive=found[command],
+        load=[found["load_force"]] if load else [],
+    )
 
 
 class _Held:
@@ -147,6 +154,6 @@ class _Held:
 def _check_inside(error: float, limit: float, k: int, T: float) -> None:
     if not abs(error) <= limit:
         raise DivergedError(
-            f"the loop left its bounds at sample {k} (t = {k * T:.6g} s): |set position - reading| > {limit:g} m; "
-            f"check sign and unit of the FMU's force and position, then the gains"
+            f"the loop left its bounds at sample {k} (t = {k * T:.6g} s): |set position - reading| = {abs(error):.4g} m "
+            f"is not <= {limit:g} m; check sign and unit of the FMU's force and position, then the gains"
         )
