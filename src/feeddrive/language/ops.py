@@ -30,12 +30,13 @@ from feeddrive.language.primitives import (
     sqrt,
     uniform,
     where,
+    zero,
 )
 
 __all__ = [
     "absolute", "atan", "atan2", "both", "clip", "cos", "either", "equal", "exp", "expm1", "exponent", "floor",
     "gather", "interpolate", "log", "maximum", "minimum", "most", "no", "normal", "pi", "power", "power_of_two",
-    "quantise", "sign", "sin", "sqrt", "tan", "tanh", "uniform", "where",
+    "quantise", "sign", "sin", "sqrt", "tan", "tanh", "uniform", "where", "zero",
 ]  # fmt: skip
 
 pi = 3.141592653589793

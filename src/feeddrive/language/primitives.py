@@ -31,6 +31,13 @@ def where(condition: Any, a: Any, b: Any) -> Any:
     return np.float64(a) if condition else np.float64(b)
 
 
+def zero(x: Any) -> Any:
+    """0 of the kind of x: a number, one for each lane, or the constant of a trace."""
+    if isinstance(x, Symbol):
+        return x.graph.constant(0.0)
+    return np.zeros_like(x) if isinstance(x, np.ndarray) else np.float64(0.0)
+
+
 def both(a: Any, b: Any) -> Any:
     """True where both truth values are."""
     symbol = on_symbols("and", a, b)

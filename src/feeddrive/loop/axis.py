@@ -104,8 +104,8 @@ class Axis(Block):
         return self.State(
             position=tuple(_part(share, position) for share in along),
             velocity=tuple(_part(share, velocity) for share in along),
-            drive=() if self.actuator.current_loop is None else (position - position,),
-            pending=(position - position,) * timing.memory(),
+            drive=() if self.actuator.current_loop is None else (ops.zero(position),),
+            pending=(ops.zero(position),) * timing.memory(),
             friction_motor=Nothing() if self.friction_motor is None else self.friction_motor.start(),
             friction_load=Nothing() if self.friction_load is None else self.friction_load.start(),
             encoder_motor=Nothing() if self.encoder_motor is None else self.encoder_motor.start(position),
@@ -224,7 +224,7 @@ class Axis(Block):
 
 def _part(share: Any, x: Any) -> Any:
     """share · x, with a zero of the type of x."""
-    return x - x if matrix.is_zero(share) else x if matrix.is_one(share) else share * x
+    return ops.zero(x) if matrix.is_zero(share) else x if matrix.is_one(share) else share * x
 
 
 def _sum(a: Any, b: Any) -> Any:

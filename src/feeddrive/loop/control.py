@@ -103,12 +103,12 @@ class Control(Block):
         """
         if self.guard is not None:
             setpoint, motor, load = self.guard.sound(setpoint, motor, load)
-        zero = load - load
+        zero = ops.zero(load)
         moving = zero + velocity
         if self.guard is None:
             guard, force = Nothing(), zero
         else:
-            guard, force = self.guard.start(prepared.guard, setpoint, motor, load, moving), zero + self.guard.safe_force
+            guard, force = self.guard.start(prepared.guard, setpoint, motor, load, moving), self.guard.safe_force
         memory = self._memory(prepared, setpoint, Reading(motor, load, force, force, moving))
         return self.State(memory, force, force, guard)
 

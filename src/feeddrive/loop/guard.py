@@ -119,13 +119,13 @@ class Guard(Block):
         load = ops.where(ops.absolute(load) <= self.reading_limit, load, 0.0)
         motor = load if one else ops.where(ops.absolute(motor) <= self.reading_limit, motor, 0.0)
         good = ops.absolute(_sum(setpoint)) <= SETPOINT_LIMIT
-        rest = (load, *(load - load for _ in setpoint[1:]))
+        rest = (load, *(ops.zero(load) for _ in setpoint[1:]))
         return Setpoint(*(ops.where(good, x, y) for x, y in zip(setpoint, rest, strict=True))), motor, load
 
     def start(self, prepared: Prepared, setpoint: Setpoint, motor: Number, load: Number, velocity: Number) -> State:
         """Disabled, without a trip, at the readings of one sample before the first step."""
         travel = velocity * prepared.T
-        return self.State(motor - motor, motor, load, motor - load, travel, setpoint.position)
+        return self.State(ops.zero(motor), motor, load, motor - load, travel, setpoint.position)
 
     def step(
         self, prepared: Prepared, state: State, setpoint: Setpoint, motor: Number, load: Number, enable: Number

@@ -11,6 +11,7 @@ code for a target reads them here, and so does nobody derive a law a second time
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple, cast
@@ -20,7 +21,7 @@ import numpy as np
 from feeddrive.blocks.signals import Noise, Setpoint
 from feeddrive.language import tree
 from feeddrive.language.block import Block, Number, part
-from feeddrive.language.graph import Graph
+from feeddrive.language.graph import Graph, reachable
 from feeddrive.language.naming import Name, Names
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.control import Control
@@ -92,6 +93,7 @@ class Routine:
     names     words of the law's text for nodes
     makers    dotted names of the blocks that compute the nodes
     memory    what holds the state: "controller" or "plant"
+    said      what the text says of a group of states or prepared numbers, by the dotted name of each
     blocks    by dotted name, outermost first
     """
 
@@ -112,6 +114,7 @@ class Routine:
     names: dict[int, Name]
     makers: dict[int, str]
     memory: str
+    said: dict[str, str]
     blocks: tuple[tuple[str, Block], ...]
 
     @property
@@ -257,12 +260,23 @@ class _Traced:
             if type(value) is not float and not self._is_text(value.index)
         ]
         first_nodes = tuple(node((first or {})[each]).index for each in outputs) if first else ()
+        output_nodes = tuple(node(value).index for _, _, value in outputs.values())
+        read = set(reachable(self.graph, [*begun_nodes, *first_nodes, *after_nodes, *output_nodes]))
+        if retune is not None:
+            read |= {self.parameters[i][1].index for kind, i in retune.leaves.values() if kind in ("old", "new")}
+        used = [i for i, (_, symbol) in enumerate(self.parameters) if symbol.index in read]
+        places = {old: new for new, old in enumerate(used)}
+        if retune is not None:
+            moved = {
+                leaf: (kind, places[i] if kind in ("old", "new") else i) for leaf, (kind, i) in retune.leaves.items()
+            }
+            retune = retune._replace(leaves=moved)
         return Routine(
             name=name,
             origin=loop,
             parameters=tuple(
                 Variable(target_name(path), path, *_declared(self.block, path), symbol.index, float(values[path]))
-                for path, symbol in self.parameters
+                for path, symbol in (self.parameters[i] for i in used)
             ),
             inputs=tuple(Variable(each, each, *MEANINGS[each], s.index) for each, s in inputs.items()),
             outputs=tuple(
@@ -277,12 +291,13 @@ class _Traced:
             prepared=tuple((each, index) for _, each, index in leaves),
             prepared_leaves=tuple(i for i, _, _ in leaves),
             reset=Function(begun_nodes, first_nodes),
-            step=Function(after_nodes, tuple(node(value).index for _, _, value in outputs.values())),
+            step=Function(after_nodes, output_nodes),
             retune=retune,
             tables=self.tables,
             names=self.words.found,
             makers=self.words.makers,
             memory="plant" if isinstance(self.block, Axis) else "controller",
+            said={**dict(_said(begun)), **{f"prepared.{name}": text for name, text in _said(made)}},
             blocks=tuple((path, each) for path, each in _owners(self.block)),
         )
 
@@ -314,6 +329,8 @@ def _retune(control: Control, made: Any, begun: Any) -> Retune:
     with names:
         after = new.retune(state, old, old_made, new_made)
     states = tuple(graph.symbol(value).index for _, value in tree.leaves(after))
+    read = set(reachable(graph, states))
+    leaves = {node: leaf for node, leaf in leaves.items() if node in read}
     return Retune(graph, leaves, states, names.found, names.makers)
 
 
@@ -327,6 +344,17 @@ def _owners(block: Any, path: str = "") -> Iterator[tuple[str, Block]]:
     elif isinstance(block, tuple):
         for i, inner in enumerate(block):
             yield from _owners(inner, f"{path}.{i}")
+
+
+def _said(values: Any, path: str = "", text: str = "") -> Iterator[tuple[str, str]]:
+    """For each leaf of a tree of named tuples, what the innermost of them says of itself."""
+    if isinstance(values, tuple):
+        names = getattr(values, "_fields", None)
+        text = inspect.getdoc(type(values)) or "" if names else text
+        for name, each in zip(names or map(str, range(len(values))), values, strict=True):
+            yield from _said(each, f"{path}.{name}" if path else name, text)
+    else:
+        yield path, text
 
 
 def _declared(block: Block, path: str) -> tuple[str, str]:

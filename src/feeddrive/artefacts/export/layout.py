@@ -110,7 +110,7 @@ def layout(routine: Routine, precision: str = "double") -> Layout:
         wanted |= {prepared[place][1] for place, leaf in enumerate(routine.prepared_leaves) if leaf in read}
     truth = truths(graph)
     kept = sorted(i for i in wanted if not moving[i] and graph.nodes[i][0] not in ("const", "truth", "table"))
-    design = _fields(routine, graph, kept, leaves, {n: t for t, n in prepared}, names, truth, moving)
+    design = _fields(routine, graph, kept, leaves, {n: t for t, n in reversed(prepared)}, names, truth, moving)
     retune = None if routine.retune is None else _lowered_retune(routine.retune)
     return Layout(
         routine=routine, precision=precision, graph=graph, leaves=leaves, moving=moving, truth=truth, design=design,
@@ -168,8 +168,30 @@ def _lowered(graph: Graph, roots: list[int]) -> tuple[Graph, dict[int, int]]:
             case "table":
                 place[index] = lowered.table(node[1], node[2])
             case name:
-                place[index] = composed(lowered, name, [place[i] for i in arguments(node)], "libm")
+                given = [place[i] for i in arguments(node)]
+                known = _known(lowered, name, given)
+                place[index] = composed(lowered, name, given, "libm") if known is None else known
     return lowered, {old: symbol.index for old, symbol in place.items()}
+
+
+_FOLDED = {"add": lambda a, b: a + b, "sub": lambda a, b: a - b, "mul": lambda a, b: a * b}
+
+
+def _known(graph: Graph, name: str, given: list[Symbol]) -> Symbol | None:
+    """What needs no operation: a result of two numbers of the text, and x · 1, with the bits that it would have."""
+    numbers = [_number(graph, symbol) for symbol in given]
+    if name in _FOLDED and None not in numbers:
+        return graph.constant(_FOLDED[name](*numbers))
+    if name == "neg" and numbers[0] is not None:
+        return graph.constant(-numbers[0])
+    if name == "mul" and 1.0 in numbers:
+        return given[1 - numbers.index(1.0)]
+    return given[0] if name == "div" and numbers[1] == 1.0 else None
+
+
+def _number(graph: Graph, symbol: Symbol) -> float | None:
+    node = graph.nodes[symbol.index]
+    return float.fromhex(node[1]) if node[0] == "const" else None
 
 
 def _fields(
@@ -199,6 +221,8 @@ def _fields(
             wanted = target_name(prepared[node])
         elif node in names:
             wanted = word(names[node])
+        elif graph.nodes[node][0] == "neg" and leaves.get(graph.nodes[node][1], ("", 0))[0] == "parameter":
+            wanted = f"minus_{routine.parameters[leaves[graph.nodes[node][1]][1]].name}"
         else:
             wanted = f"{made.get(node, 'a')}_factor"
         found.append(Field(identifier(wanted, taken, C_WORDS), node, truth[node]))

@@ -64,7 +64,7 @@ class DisturbanceRejection(Compensation):
 
     def start(self, prepared: Prepared, setpoint: Setpoint, reading: Reading) -> State:
         """At rest at the reading."""
-        zero = reading.applied - reading.applied
+        zero = ops.zero(reading.applied)
         return self.State(self.observer.start(prepared.observer, reading), () if self.blend_time is None else (zero,))
 
     def step(

@@ -29,7 +29,7 @@ class LearnedForce(Compensation):
 
     def start(self, prepared: object, setpoint: Setpoint, reading: Reading) -> State:
         """At the first row."""
-        return self.State(reading.applied - reading.applied)
+        return self.State(ops.zero(reading.applied))
 
     def step(
         self, prepared: object, state: State, setpoint: Setpoint, reading: Reading, T: Number

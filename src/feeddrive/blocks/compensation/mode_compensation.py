@@ -8,7 +8,7 @@ from feeddrive.blocks.compensation.machine_mode import MachineMode
 from feeddrive.blocks.families import Compensation, Friction, Law, Observer
 from feeddrive.blocks.filter.biquad import check_below_nyquist
 from feeddrive.blocks.signals import Reading, Setpoint
-from feeddrive.language import matrix
+from feeddrive.language import matrix, ops
 from feeddrive.language.block import Number, parameter, part
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.matrix import Matrix, Row
@@ -83,7 +83,7 @@ class ModeCompensation(Compensation):
 
     def start(self, prepared: Prepared, setpoint: Setpoint, reading: Reading) -> State:
         """Modes at rest without force."""
-        zero = reading.applied - reading.applied
+        zero = ops.zero(reading.applied)
         velocity = () if self.friction is None else (reading.velocity,)
         return self.State(self.observer.start(prepared.observer, reading), ((zero, zero),) * len(self.modes), velocity)
 

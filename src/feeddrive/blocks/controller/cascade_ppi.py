@@ -78,7 +78,7 @@ class CascadePPI(Law):
     def start(self, prepared: Prepared, setpoint: Setpoint, reading: Reading) -> State:
         """Moving on as before, with the integral holding the force that acts; the position loop runs at once."""
         position = self._position(reading)
-        zero = position - position
+        zero = ops.zero(position)
         interpolator = () if self.position_every == 1 else (self.Interpolator(zero, zero, zero),)
         passed = prepared.T * reading.velocity
         positions = (position, *(position - float(i) * passed for i in range(1, self.velocity_samples)))

@@ -7,6 +7,7 @@ from typing import NamedTuple
 from feeddrive.blocks.controller.polynomial_stability import is_stable, largest_share, product
 from feeddrive.blocks.families import Law
 from feeddrive.blocks.signals import Reading, Setpoint
+from feeddrive.language import ops
 from feeddrive.language.block import Number, choice, parameter
 from feeddrive.language.errors import ParameterError
 
@@ -72,7 +73,7 @@ class DADSC(Law):
     def start(self, prepared: Prepared, setpoint: Setpoint, reading: Reading) -> State:
         """At rest at the reading on s = 0, with the disturbance that balances the force that acts."""
         position = self._position(reading)
-        return self.State(position, position - position, -reading.applied)
+        return self.State(position, ops.zero(position), -reading.applied)
 
     def _position(self, reading: Reading) -> Number:
         return reading.position_motor if self.velocity_encoder == "motor" else reading.position_load

@@ -5,21 +5,26 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any, NamedTuple
 
-from feeddrive.blocks.controller.stock_pid import StockPid
+from feeddrive.blocks.controller.stock_biquad import StockBiquad
+from feeddrive.blocks.controller.stock_pid import StockPid, limited
 from feeddrive.blocks.families import Law
 from feeddrive.blocks.signals import Reading, Setpoint
+from feeddrive.language import ops
 from feeddrive.language.block import Number, choice, parameter, part
 
 
 class LinuxcncPid(Law):
-    """What LinuxCNC computes with the components that it has: `pid`, `ddt` and `sum2`, wired as the export wires them.
+    """What LinuxCNC computes with components that it has, `pid`, `ddt`, `sum2`, `biquad`, wired as the export does it.
 
         command  = units x_set,   feedback = units x_load
         motor    = (units x_motor - units x_motor,₋₁)/T                                      ddt
         forward  = acceleration_gain · units a_set + velocity_gain · units v_set + bias      sum2
         output   = position(command, feedback)                        one pid, `forward` at its pin `bias`
         output   = velocity(position(command, feedback), motor)       two pids, `forward` at the second one's `bias`
+        output   = filters(output - forward) + forward, held to ±maxoutput      where there are filters
         force    = force_per_output · output
+
+    So the limit and the integral of the last pid know what is fed forward, and the filters do not delay it.
 
     The two pids are a P-PI cascade if the first has Pgain = Kv and FF1 = velocity_feedforward, the second
     Pgain = Kp/c and Igain = Kp/(c Tn), c = units · force_per_output, and `error_previous_target` is off in both.
@@ -29,13 +34,14 @@ class LinuxcncPid(Law):
 
     When to use: to see what a stock LinuxCNC will make of a design before it is there.  When not: the component that
     the export target `linuxcnc` writes computes the design itself.
-    Source: LinuxCNC manual pages pid(9), ddt(9), sum2(9), motion(9).
+    Source: LinuxCNC manual pages pid(9), ddt(9), sum2(9), biquad(9), limit1(9), motion(9).
     """
 
     feeds = ("acceleration", "velocity")
 
     position: StockPid = part("pid on the position of the load")
     velocity: StockPid | None = part("pid on the velocity of the motor; absent for one pid alone", default=None)
+    filters: tuple[StockBiquad, ...] = part("filters on the feedback part of the output", default=())
     units: Number = parameter("1/m", "machine units in a meter: 1000 for mm", above=0, default=1000)
     force_per_output: Number = parameter("N", "force at the table per unit of the output", above=0, default=1)
     acceleration_gain: Number | None = parameter(
@@ -61,11 +67,12 @@ class LinuxcncPid(Law):
         T: Number
 
     class State(NamedTuple):
-        """Of the pids, and the motor's position in machine units."""
+        """Of the pids, the motor's position in machine units, and the filters."""
 
         position: Any
         velocity: tuple[Any, ...]
         motor: Number
+        filters: tuple[Any, ...]
 
     def prepare(self, T: Number) -> Prepared:
         """The sample time, for a start in motion."""
@@ -86,14 +93,14 @@ class LinuxcncPid(Law):
             units * setpoint.backward_velocity(prepared.T),
             moved,
         )
-        zero = motor - motor
+        zero = ops.zero(motor)
         velocity = () if self.velocity is None else (self.velocity.start(zero, moved, zero, zero),)
-        return self.State(position, velocity, motor)
+        return self.State(position, velocity, motor, tuple(each.start(zero) for each in self.filters))
 
     def step(
         self, prepared: object, state: State, setpoint: Setpoint, reading: Reading, T: Number
     ) -> tuple[State, Number]:
-        """The functions in the order of the thread: ddt, sum2, the pid on the position, the pid on the velocity."""
+        """The functions in the order of the thread: ddt, sum2, the pids, the filters between two sums, the limit."""
         motor = self.units * reading.position_motor
         speed = (motor - state.motor) / T
         forward = self._forward(setpoint)
@@ -110,7 +117,23 @@ class LinuxcncPid(Law):
         if self.velocity is not None:
             held, output = self.velocity.step(velocity[0], output, speed, T, bias=forward)
             velocity = (held,)
-        return self.State(position, velocity, motor), self.force_per_output * output
+        filters, output = self._filtered(state.filters, output, forward)
+        return self.State(position, velocity, motor, filters), self.force_per_output * output
+
+    def _filtered(
+        self, states: tuple[Any, ...], output: Number, forward: Number | None
+    ) -> tuple[tuple[Any, ...], Number]:
+        """The feedback part through the filters, what is fed forward beside them, and the limit once more."""
+        if not self.filters:
+            return states, output
+        last = self.position if self.velocity is None else self.velocity
+        beside = last.bias if forward is None else forward
+        output = output - beside
+        after: list[Any] = []
+        for block, state in zip(self.filters, states, strict=True):
+            held, output = block.step(state, output)
+            after.append(held)
+        return tuple(after), limited(output + beside, last.maxoutput)
 
     def _forward(self, setpoint: Setpoint) -> Number | None:
         """What sum2 gives to the pin `bias` of the last pid; None if nothing is wired there."""

@@ -161,7 +161,7 @@ class PolePlacement(Law):
 
     def start(self, prepared: Prepared, setpoint: Setpoint, reading: Reading) -> State:
         """At rest at the reading, encoders aligned, with the integral holding the force that acts."""
-        zero = reading.position_load - reading.position_load
+        zero = ops.zero(reading.position_load)
         lead: Any = Nothing()
         if self.commands == "exact":
             lead = self.Lead((zero, zero), (zero, zero))

@@ -64,9 +64,9 @@ class StockPid(Block):
 
     def start(self, command: Number, feedback: Number, commandD: Number = 0.0, feedbackD: Number = 0.0) -> State:
         """At a command and a feedback that have moved at constant rates, disabled; all zeros are what HAL loads."""
-        zero = command - command
+        zero = ops.zero(command)
         rate, back = zero + commandD, zero + feedbackD
-        return self.State(command, feedback, rate, back, _held(rate, self.maxcmdD), zero, zero, zero, zero)
+        return self.State(command, feedback, rate, back, limited(rate, self.maxcmdD), zero, zero, zero, zero)
 
     def unlimited(self) -> StockPid:
         """The same without its limits; the dead band stays."""
@@ -94,42 +94,40 @@ class StockPid(Block):
         error = command - feedback
         if self.error_previous_target:
             error = _unless(falls, error, state.command - feedback)
-        error = _held(error, self.maxerror)
+        error = limited(error, self.maxerror)
         # without a dead band the error itself, so that a linear model at error 0 has its slope
         inside = ops.clip(error, -self.deadband, self.deadband)
         error = ops.where(self.deadband > 0.0, error - inside, error)
 
         errorI = ops.where(error * state.limited <= 0.0, state.errorI + error * T, state.errorI)
-        errorI = _held(errorI, self.maxerrorI)
+        errorI = limited(errorI, self.maxerrorI)
 
         if command_deriv is None:
             command_deriv = _unless(falls, state.command_deriv, (command - state.command) * per_second)
         if feedback_deriv is None:
             feedback_deriv = _unless(falls, state.feedback_deriv, (feedback - state.feedback) * per_second)
-        errorD = _held(command_deriv - feedback_deriv, self.maxerrorD)
-        commandD = _held(command_deriv, self.maxcmdD)
-        commandDD = _held((commandD - state.commandD) * per_second, self.maxcmdDD)
-        commandDDD = _held((commandDD - state.commandDD) * per_second, self.maxcmdDDD)
+        errorD = limited(command_deriv - feedback_deriv, self.maxerrorD)
+        commandD = limited(command_deriv, self.maxcmdD)
+        commandDD = limited((commandD - state.commandD) * per_second, self.maxcmdDD)
+        commandDDD = limited((commandDD - state.commandDD) * per_second, self.maxcmdDDD)
 
         constant = self.bias if bias is None else bias
         feedback_part = constant + self.Pgain * error + self.Igain * errorI + self.Dgain * errorD
         forward_part = command * self.FF0 + commandD * self.FF1 + commandDD * self.FF2 + commandDDD * self.FF3
         wanted = feedback_part + forward_part
-        output = _held(wanted, self.maxoutput)
-        limited = ops.where(wanted > output, 1.0, ops.where(wanted < output, -1.0, 0.0))
+        output = limited(wanted, self.maxoutput)
+        side = ops.where(wanted > output, 1.0, ops.where(wanted < output, -1.0, 0.0))
         if enable is not None:
             runs = enable > 0.5
-            output, limited = ops.where(runs, output, 0.0), ops.where(runs, limited, 0.0)
+            output, side = ops.where(runs, output, 0.0), ops.where(runs, side, 0.0)
             errorI = ops.where(runs, errorI, 0.0)
-        index = command - command if index_enable is None else index_enable
-        after = self.State(
-            command, feedback, command_deriv, feedback_deriv, commandD, commandDD, errorI, limited, index
-        )
+        index = ops.zero(command) if index_enable is None else index_enable
+        after = self.State(command, feedback, command_deriv, feedback_deriv, commandD, commandDD, errorI, side, index)
         return after, output
 
 
-def _held(value: Number, most: Number) -> Number:
-    """The value within ±most; 0 is no limit."""
+def limited(value: Number, most: Number) -> Number:
+    """The value within ±most; a `most` of 0 is no limit."""
     return ops.where(most > 0.0, ops.clip(value, -most, most), value)
 
 

@@ -100,7 +100,7 @@ class DisturbanceCompensator(Feedforward):
         columns, parameters = self.regressors(setpoint, T), self.parameters()
         terms = [columns[name] * value for name, value in parameters.items()]
         if not terms:
-            return setpoint.velocity - setpoint.velocity
+            return ops.zero(setpoint.velocity)
         total = terms[0]
         for term in terms[1:]:
             total = total + term

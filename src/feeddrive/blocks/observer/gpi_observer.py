@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 from feeddrive.blocks.families import Observer
 from feeddrive.blocks.signals import Estimate, Reading
-from feeddrive.language import matrix, tree
+from feeddrive.language import matrix, ops, tree
 from feeddrive.language.block import Number, choice, parameter
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.matrix import Matrix, Row
@@ -114,7 +114,7 @@ class GpiObserver(Observer):
     def start(self, prepared: Prepared, reading: Reading) -> State:
         """Moving evenly at the reading; the disturbance is the one given, or balances the force that acts."""
         position = self._position(reading)
-        z = [position - position] * (2 + self.taylor_states)
+        z = [ops.zero(position)] * (2 + self.taylor_states)
         z[1] = reading.velocity / self.omega_o
         if self.taylor_states:
             balance = -reading.applied if self.start_disturbance is None else self.start_disturbance
@@ -135,8 +135,8 @@ class GpiObserver(Observer):
             matrix.dot((*row, of_force, of_change), moved)
             for row, of_force, of_change in zip(prepared.F, prepared.Gu, prepared.Gy, strict=True)
         )
-        disturbance = self.mass * self.omega_o * self.omega_o * z[2] if self.taylor_states else y - y
-        state = self.State(z, y, commands[:-1], tuple(y - y for _ in state.brake))
+        disturbance = self.mass * self.omega_o * self.omega_o * z[2] if self.taylor_states else ops.zero(y)
+        state = self.State(z, y, commands[:-1], tuple(ops.zero(y) for _ in state.brake))
         return state, Estimate(y + z[0], self.omega_o * z[1], disturbance)
 
     def retune(self, state: State, old: GpiObserver, old_prepared: Prepared, prepared: Prepared) -> State:

@@ -60,7 +60,7 @@ class Encoder(Sensor):
 
     def start(self, position: Number) -> Any:
         """Nothing lost."""
-        return Nothing() if self.largest_rate is None else self.Counter(self._counted(position), position - position)
+        return Nothing() if self.largest_rate is None else self.Counter(self._counted(position), ops.zero(position))
 
     def still(self, position: Number) -> Number:
         """All faults that need neither time nor chance."""
