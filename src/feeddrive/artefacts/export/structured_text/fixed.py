@@ -1,7 +1,8 @@
 """What is fixed by the export, since a PLC should not compute it: design numbers that take too many operations.
 
-A matrix exponential takes some ten thousand.  Such design numbers stand in the text as first values, and the parameters
-that they depend on are no parameters any more: to change them is to export anew.
+A filter takes some 30 operations, the gains of a pole placement 100, a matrix exponential 700 to 10 000.  What is above
+the bound stands in the text as first values, and the parameters that it depends on are no parameters any more: to
+change them is to export anew.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from feeddrive.artefacts.export.layout_run import LayoutRun
 from feeddrive.language.graph import reachable
 from feeddrive.loop.routine import Variable
 
-MOST_OPERATIONS = 2000  # behind one design number
+MOST_OPERATIONS = 500  # behind one design number
 
 
 @dataclass(frozen=True)
