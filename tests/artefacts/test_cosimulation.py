@@ -173,7 +173,7 @@ def test_a_wrong_sign_diverges_with_a_sentence(foreign: Path) -> None:
     loop = replace(loop, control=replace(loop.control, force_limit=None))
     text = DESCRIPTION.replace('factor="1e3"', 'factor="-1e3"')
     path = damaged(foreign, foreign.parent / "turned.fmu", **{"modelDescription.xml": text.encode()})
-    with pytest.raises(DivergedError, match=r"sample \d+ .* is not <= 0.002 m; check sign and unit"):
+    with pytest.raises(DivergedError, match=r"sample \d+ .* m, not <= 0.002 m; check sign and unit"):
         simulate_with_fmu(loop, path, MOVE, names=NAMES, bound=2e-3)
 
 

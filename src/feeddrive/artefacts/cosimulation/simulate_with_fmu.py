@@ -153,8 +153,7 @@ class _Held:
 
 def _check_inside(error: float, limit: float, k: int, T: float) -> None:
     if not abs(error) <= limit:
-        where = f"sample {k} (t = {k * T:.6g} s)"
         raise DivergedError(
-            f"the loop left its bounds at {where}: |set position - reading| = {abs(error):.4g} m is not <= {limit:g} m; "
-            f"check sign and unit of the FMU's force and position, then the gains"
+            f"the loop left its bounds at sample {k} (t = {k * T:.6g} s): |set position - reading| is "
+            f"{abs(error):.4g} m, not <= {limit:g} m; check sign and unit of the FMU's force and position, then the gains"
         )

@@ -150,7 +150,7 @@ static int set(instance *one, unsigned int reference, enum kind kind, double val
         why = "is outside its bounds, which modelDescription.xml states";
     }
     if (why != NULL) {
-        return tell(one, ERROR, "logStatusError", "%s = %.17g %s", variable->name, value, why);
+        return tell(one, ERROR, "logStatusError", "%s = %.15g %s", variable->name, value, why);
     }
     *place(&one->now, variable) = value;
     if (variable->group == PARAMETER) {
@@ -189,10 +189,10 @@ static int advance(instance *one, double time, double step)
     double k;
     if (!(count >= 1.0 && count <= 1e9 && fabs(step - count * T) <= 1e-3 * T)) {
         return tell(one, DISCARD, "logStatusDiscard",
-                    "a communication step of %.17g s is no whole multiple of the sample time, %.17g s", step, T);
+                    "a communication step of %.15g s is no whole multiple of the sample time, %.15g s", step, T);
     }
     if (!(fabs(time - now->time) <= 1e-3 * T + 1e-15 * fabs(time))) {
-        return tell(one, ERROR, "logStatusError", "a step from %.17g s on, but the last one ended at %.17g s", time,
+        return tell(one, ERROR, "logStatusError", "a step from %.15g s on, but the last one ended at %.15g s", time,
                     now->time);
     }
     if (!now->began) {
