@@ -155,5 +155,6 @@ def _check_inside(error: float, limit: float, k: int, T: float) -> None:
     if not abs(error) <= limit:
         raise DivergedError(
             f"the loop left its bounds at sample {k} (t = {k * T:.6g} s): |set position - reading| is "
-            f"{abs(error):.4g} m, not <= {limit:g} m; check sign and unit of the FMU's force and position, then the gains"
+            f"{abs(error):.4g} m, not <= {limit:g} m; "
+            f"check sign and unit of the FMU's force and position, then the gains"
         )
