@@ -6,6 +6,8 @@ import re
 
 from feeddrive.artefacts.export.c.text import Texts
 
+_SHARED = re.compile(r"\b(exact_\w+|power_of_twof?|exponentf?|uniform)(?=\()")
+
 
 def header_only(P: str, made: Texts) -> str:
     """Declarations and bodies in one file, to be included where the step is called."""
@@ -21,7 +23,13 @@ def header_only(P: str, made: Texts) -> str:
             if piece not in seen:
                 bodies.append(piece)
                 seen.add(piece)
-    return header + "\n".join(bodies) + "\n" + close
+    return header + _own(P, "\n".join(bodies)) + "\n" + close
+
+
+def _own(P: str, text: str) -> str:
+    """Names of functions and tables that another axis in the same program would have too, made this one's own."""
+    text = _SHARED.sub(lambda found: f"{P}_{found[0]}", text)
+    return re.sub(r"\bTABLE_", f"{P.upper()}_TABLE_", text)
 
 
 def _pieces(text: str, P: str) -> list[str]:

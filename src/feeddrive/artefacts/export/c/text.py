@@ -11,21 +11,18 @@ operations for every input.  Of <math.h> it calls `fabs`, `floor` and `sqrt` onl
 from __future__ import annotations
 
 import inspect
-import re
 import textwrap
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from feeddrive.artefacts.export.c.body import Body
 from feeddrive.artefacts.export.c.elementary import helpers
+from feeddrive.artefacts.export.c.header import comment, header
 from feeddrive.artefacts.export.layout import Layout
 from feeddrive.language.block import Block
 from feeddrive.language.graph import reachable
-from feeddrive.loop.engine.c_words import FLUSH, FUNCTIONS, number
+from feeddrive.loop.engine.c_words import FUNCTIONS, number
 from feeddrive.loop.routine import Routine, Variable
-
-_WIDTH = 120
-_FLUSHES = re.compile(r"\b(flush|restore)\b")
 
 
 @dataclass(frozen=True)
@@ -39,66 +36,7 @@ class Texts:
 
 def texts(layout: Layout, title: str, made_by: str) -> Texts:
     """The C text of a routine; `title` says what it is, `made_by` which program made it from which file."""
-    return Texts(_header(layout, title, made_by), _source(layout, title, made_by), _configure(layout, title, made_by))
-
-
-def _header(layout: Layout, title: str, made_by: str) -> str:
-    routine, real, P = layout.routine, layout.precision, layout.routine.name
-    held = routine.memory
-    guard = f"{P.upper()}_H"
-    arguments = f"{P}_{held} *{held}"
-    reset_outputs = f", {P}_outputs *outputs" if layout.reset.outputs else ""
-    lines = [
-        *_comment(f"{title}\n\n{made_by}\n\n{_USE.format(P=P, held=held)}"),
-        f"#ifndef {guard}", f"#define {guard}", "",
-        "#include <stdbool.h>", "#include <stdint.h>", "",
-        "#ifdef __cplusplus", 'extern "C" {', "#endif", "",
-        f"#define {P.upper()}_SAMPLE_TIME {number(routine.sample_time)} /* s */", "",
-        "/* Parameters; see configure and retune. */",
-        *_struct(f"{P}_parameters", [("double", v.name, _meaning(v)) for v in routine.parameters]),
-        "/* What goes in at every sample. */",
-        *_struct(f"{P}_inputs", [(real, v.name, _meaning(v)) for v in routine.inputs]),
-        "/* What comes out of it. */",
-        *_struct(f"{P}_outputs", [(real, v.name, _meaning(v)) for v in routine.outputs]),
-        "/* Numbers that depend on parameters only. */",
-        *_struct(f"{P}_design", [("bool" if f.truth else real, f.name, "") for f in layout.design]),
-        "/* What is remembered from sample to sample. */",
-        *_struct(f"{P}_state", [(real, v.name, v.meaning) for v in routine.states]),
-        f"/* All of a {held}: plain data, which may be copied. */",
-        "typedef struct {",
-        f"    {P}_design design;", f"    {P}_state state;", f"    {P}_parameters parameters;",
-        f"}} {P}_{held};", "",
-        "/* The values of the machine file. */",
-        f"void {P}_defaults({P}_parameters *parameters);", "",
-        "/* All work that depends on parameters only: once, outside the interrupt. The state is left alone. */",
-        f"void {P}_configure({arguments}, const {P}_parameters *parameters);", "",
-        "/* The state where the axis is: off, without a trip. Once before the first step, after configure. */",
-        f"void {P}_reset({arguments}, const {P}_inputs *inputs{reset_outputs});", "",
-        "/* One sample. */",
-        f"void {P}_step({arguments}, const {P}_inputs *inputs, {P}_outputs *outputs);", "",
-    ]  # fmt: skip
-    if routine.retune is not None:
-        lines += [
-            "/* Other parameters between two samples: the state follows, so that the command has no bump. */",
-            f"void {P}_retune({arguments}, const {P}_parameters *parameters);", "",
-        ]  # fmt: skip
-    lines += [
-        "/* Between these two calls numbers below the normal ones count as zero, as they do in the simulator. */",
-        *_flushes(P),
-        "#ifdef __cplusplus", "}", "#endif", "", f"#endif /* {guard} */",
-    ]  # fmt: skip
-    return _joined(lines)
-
-
-_USE = """\
-    {P}_parameters parameters;
-    {P}_{held} {held};
-    {P}_defaults(&parameters);
-    {P}_configure(&{held}, &parameters);
-    {P}_reset(&{held}, &inputs);
-    each sample: {P}_step(&{held}, &inputs, &outputs);
-
-Compile without -ffast-math and with -ffp-contract=off: then the bits are those of the simulation."""
+    return Texts(header(layout, title, made_by), _source(layout, title, made_by), _configure(layout, title, made_by))
 
 
 def _source(layout: Layout, title: str, made_by: str) -> str:
@@ -130,14 +68,14 @@ def _source(layout: Layout, title: str, made_by: str) -> str:
         for name, node, row in routine.tables
         if layout.graph.nodes and any(f"{_table(name)}[" in each for each in functions) and node >= 0
     ]
-    said = _comment(f"{title}: reset and step.\n\n{made_by}\n\n{_laws(routine)}")
+    said = comment(f"{title}: reset and step.\n\n{made_by}\n\n{_laws(routine)}")
     return _joined([*said, f'#include "{P}.h"', "", *_needed(used, real), *tables, *functions])
 
 
 def _configure(layout: Layout, title: str, made_by: str) -> str:
     routine, P = layout.routine, layout.routine.name
     held = routine.memory
-    defaults = [f"parameters->{v.name} = {number(v.value)};" for v in routine.parameters]
+    defaults = [_assigned(f"parameters->{v.name}", v.value) for v in routine.parameters]
     body = Body(
         layout.graph, layout.truth, _leaves(layout, {"parameter": "parameters->"}), layout.names, layout.makers,
         "double", _titles(routine),
@@ -161,8 +99,14 @@ def _configure(layout: Layout, title: str, made_by: str) -> str:
     ]  # fmt: skip
     if routine.retune is not None:
         functions.append(_retune(layout))
-    said = _comment(f"{title}: what is done once, and outside the interrupt.\n\n{made_by}")
+    said = comment(f"{title}: what is done once, and outside the interrupt.\n\n{made_by}")
     return _joined([*said, f'#include "{P}.h"', "", *_needed(body.used, "double"), *functions])
+
+
+def _assigned(place: str, value: float) -> str:
+    """`place = number;`, with the number as people write it where its bits hide it."""
+    text = number(value)
+    return f"{place} = {text};" + (f" /* {value!r} */" if "0x" in text else "")
 
 
 def _retune(layout: Layout) -> str:
@@ -229,30 +173,9 @@ def _table(name: str) -> str:
     return f"TABLE_{name.removeprefix('control.').replace('.', '_').upper()}"
 
 
-def _meaning(variable: Variable) -> str:
-    return f"{variable.unit}: {variable.meaning}" if variable.unit else variable.meaning
-
-
-def _struct(name: str, members: Sequence[tuple[str, str, str]]) -> list[str]:
-    """A struct with what each member is; C has no empty one."""
-    members = members or [("char", "none", "nothing is kept here")]
-    lines = [f"    {kind} {member};" for kind, member, _ in members]
-    wide = max(len(line) for line in lines)
-    said = [f"{line:<{wide}} /* {text} */" if text else line for line, (_, _, text) in zip(lines, members, strict=True)]
-    return ["typedef struct {", *said, f"}} {name};", ""]
-
-
 def _function(signature: str, first: Iterable[str], lines: Iterable[str]) -> str:
     text = "\n".join([*first, *lines]).strip("\n")
     return f"{signature}\n{{\n{textwrap.indent(text, '    ')}\n}}\n"
-
-
-def _comment(text: str) -> list[str]:
-    """A comment of several lines; what could end it is taken apart."""
-    lines = [""]
-    for line in text.replace("*/", "* /").replace("/*", "/ *").split("\n"):
-        lines += textwrap.wrap(line, _WIDTH, subsequent_indent=" " * (len(line) - len(line.lstrip()))) or [""]
-    return ["/*", *(f" * {line}".rstrip() for line in lines[1:]), " */"]
 
 
 def _laws(routine: Routine) -> str:
@@ -270,8 +193,10 @@ def _titles(routine: Routine) -> Callable[[str], str]:
 
     def title(owner: str) -> str:
         block = kinds.get(owner)
+        if not owner:
+            return "what goes out"
         if block is None or owner.endswith(block.kind):
-            return owner or "the loop"
+            return owner
         return f"{owner}: {block.kind}"
 
     return title
@@ -283,11 +208,6 @@ def _needed(used: set[str], real: str) -> list[str]:
     found = ["#include <math.h>"] if used & {"abs", "sqrt", "floor"} else []
     found += ["#include <string.h>"] if used & set(FUNCTIONS) else []
     return [*found, "", *functions] if found else functions
-
-
-def _flushes(P: str) -> list[str]:
-    text = _FLUSHES.sub(lambda found: f"{P}_flush_{'begin' if found[0] == 'flush' else 'end'}", FLUSH)
-    return [text.replace("static ", "static inline ")]
 
 
 def _joined(lines: Iterable[str]) -> str:
