@@ -6,6 +6,14 @@ A block that is not listed is there at run time all the same.
 from feeddrive.artefacts.arena.arena import Arena as Arena
 from feeddrive.artefacts.arena.arena import arena as arena
 from feeddrive.artefacts.arena.results import write_arena as write_arena
+from feeddrive.artefacts.bus.client import DriveClient as DriveClient
+from feeddrive.artefacts.bus.client import transport_of as transport_of
+from feeddrive.artefacts.bus.drive_file import BusDrive as BusDrive
+from feeddrive.artefacts.bus.drive_file import BusLimits as BusLimits
+from feeddrive.artefacts.bus.drive_file import read_drive as read_drive
+from feeddrive.artefacts.bus.play import play as play
+from feeddrive.artefacts.bus.profile import read_profile as read_profile
+from feeddrive.artefacts.bus.scaling import DriveScaling as DriveScaling
 from feeddrive.artefacts.certificate.certificate_file import read_certificate as read_certificate
 from feeddrive.artefacts.certificate.certificate_file import write_certificate as write_certificate
 from feeddrive.artefacts.cosimulation.simulate_with_fmu import simulate_with_fmu as simulate_with_fmu
@@ -46,6 +54,7 @@ from feeddrive.blocks.controller.cascade_ppi import CascadePPI as CascadePPI
 from feeddrive.blocks.controller.dadsc import DADSC as DADSC
 from feeddrive.blocks.controller.linuxcnc_pid import LinuxcncPid as LinuxcncPid
 from feeddrive.blocks.controller.pole_placement import PolePlacement as PolePlacement
+from feeddrive.blocks.controller.stock_biquad import StockBiquad as StockBiquad
 from feeddrive.blocks.controller.stock_pid import StockPid as StockPid
 from feeddrive.blocks.cutting.helical_cutter import HelicalCutter as HelicalCutter
 from feeddrive.blocks.feedforward.disturbance_compensator import DisturbanceCompensator as DisturbanceCompensator
