@@ -33,8 +33,8 @@ from feeddrive.loop.routine_run import run
 
 def _missing() -> str:
     try:
-        session.check_programs()
-    except MissingProgramError as error:
+        session.check_session()
+    except (MissingProgramError, HalError) as error:
         return f"NOT TESTED against LinuxCNC: {error}"
     return ""
 
@@ -80,6 +80,17 @@ def test_controller_in_hal_has_the_simulators_bits(exported, tmp_path, machine, 
     assert same_bits(got, expected)
     assert np.any(tripped == 1.0), "the trial holds broken readings"
     assert 0.2 < np.mean(expected[:, outputs.index("enabled")]) < 1.0
+
+
+@needs_linuxcnc
+@pytest.mark.slow
+@pytest.mark.timeout(600)
+def test_a_million_samples_in_hal(exported, tmp_path):
+    design, place = exported("ball_screw")
+    inputs = trial(design.routine, 1_000_000, 5, changes=0).inputs
+    inputs[:, -1] = inputs[:, -1] > 0.5
+    got = answers(design.routine, place, tmp_path, inputs, patience=500.0).rows
+    assert same_bits(got, run(design.routine, inputs))
 
 
 @needs_linuxcnc
@@ -449,6 +460,13 @@ def test_missing_programs_are_named(monkeypatch):
     monkeypatch.setattr(shutil, "which", lambda name: None if name in ("halrun", "halcompile") else name)
     with pytest.raises(MissingProgramError, match="apt-get install linuxcnc-uspace linuxcnc-uspace-dev"):
         session.check_programs()
+
+
+@needs_linuxcnc
+def test_a_machine_without_namespaces_is_named(monkeypatch):
+    monkeypatch.setattr(session, "MODULES", "/no/such/folder")
+    with pytest.raises(HalError, match=r"cannot be run apart .*/no/such/folder.* Run it as root"):
+        session.check_session()
 
 
 @needs_linuxcnc

@@ -9,6 +9,7 @@ import pytest
 
 from feeddrive.artefacts.export.design import read_design
 from feeddrive.artefacts.export.linuxcnc import controller, names, session
+from feeddrive.artefacts.export.linuxcnc.session import HalError
 from feeddrive.artefacts.export.linuxcnc.write import write_linuxcnc
 from feeddrive.language.errors import MissingProgramError
 from feeddrive.loop.routine_run import run
@@ -16,8 +17,8 @@ from feeddrive.loop.routine_run import run
 
 def _missing() -> str:
     try:
-        session.check_programs()
-    except MissingProgramError as error:
+        session.check_session()
+    except (MissingProgramError, HalError) as error:
         return f"NOT TESTED against LinuxCNC: {error}"
     return ""
 

@@ -34,6 +34,7 @@ def answers(
     at_end: Sequence[str] = (),
     paced: bool = False,
     period: int | None = None,
+    patience: float = 60.0,
 ) -> HalRun:
     """The outputs of an exported controller to inputs in SI, shape (n, inputs), in the order of the routine.
 
@@ -41,7 +42,8 @@ def answers(
     units_per_m  lengths go in multiplied by it; with 1 the component gets the very numbers of `inputs`
     also         further pins of type bit, and what goes into them at each sample
     more         names and types of pins that are recorded behind the outputs, such as ("fault-code", "s")
-    setup        commands of halcmd before the thread starts;  meanwhile, at_end and paced: as for `halrun`
+    setup        commands of halcmd before the thread starts;  meanwhile, at_end, paced and patience: as for
+                 `halrun`
     period       of the thread in ns; absent: that of the sample time
 
     Raises MissingProgramError and HalError as `halrun`.
@@ -66,5 +68,5 @@ def answers(
     return halrun(
         [directory / f"{routine.name}.comp"], folder, period or names.period(routine), wiring, rows,
         "".join("b" if pin == "enable" or pin in (also or {}) else "f" for pin in pins),
-        "".join(kind for _, kind in taken), meanwhile=meanwhile, at_end=at_end, paced=paced,
+        "".join(kind for _, kind in taken), meanwhile=meanwhile, at_end=at_end, paced=paced, patience=patience,
     )  # fmt: skip

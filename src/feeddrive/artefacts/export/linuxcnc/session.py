@@ -39,27 +39,45 @@ def check_programs() -> None:
         raise MissingProgramError("', '".join(missing), packages, "running a component in LinuxCNC")
 
 
+def check_session() -> None:
+    """Raise MissingProgramError as `check_programs`, and HalError if this machine lets nobody be alone on it."""
+    check_programs()
+    tried = subprocess.run(
+        [*_alone(), "mount", "-t", "tmpfs", "feeddrive", MODULES], capture_output=True, text=True, check=False
+    )
+    if tried.returncode != 0:
+        said = (tried.stderr.splitlines() or ["it says nothing."])[0]
+        raise HalError(
+            f"LinuxCNC cannot be run apart from the rest of this machine: {said} Run it as "
+            f"root, outside of a container or in a privileged one, or allow user namespaces"
+        )
+
+
+def _alone() -> list[str]:
+    root = [] if os.geteuid() == 0 else ["--user", "--map-root-user"]
+    return ["unshare", *root, "--ipc", "--mount", "--net", "--pid", "--fork", "--kill-child", "--mount-proc"]
+
+
 def session(folder: Path, components: Sequence[Path], run: str, patience: float = 60.0) -> str:
     """Install components, run a line of bash in a folder, and give back what was printed.
 
     components  .comp files, each with the files that it includes beside it; they are copied into the folder
     patience    s until all of it is killed
 
-    Raises MissingProgramError without LinuxCNC, and HalError if it fails or does not end in time.
+    Raises MissingProgramError without LinuxCNC, and HalError if it cannot be alone, fails or does not end in time.
     """
-    check_programs()
+    check_session()
     for each in components:
         for file in each.parent.iterdir():
             if file.suffix in (".comp", ".h") and file.parent != folder:
                 shutil.copy(file, folder / file.name)
     names = " ".join(each.name for each in components)
-    root, user = ([], _NOBODY) if os.geteuid() == 0 else (["--user", "--map-root-user"], _USER)
+    user = _NOBODY if os.geteuid() == 0 else _USER
     script = folder / "session.sh"
     script.write_text(_SESSION.format(modules=MODULES, components=names, user=user))
     (folder / "run.sh").write_text(f"{run}\n")
-    apart = ["--ipc", "--mount", "--net", "--pid", "--fork", "--kill-child", "--mount-proc"]
     program = subprocess.Popen(
-        ["unshare", *root, *apart, "bash", script.name], cwd=folder, text=True, errors="replace",
+        [*_alone(), "bash", script.name], cwd=folder, text=True, errors="replace",
         stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, start_new_session=True,
     )  # fmt: skip
     try:
@@ -71,8 +89,7 @@ def session(folder: Path, components: Sequence[Path], run: str, patience: float 
             raise HalError(f"LinuxCNC did not end within {patience:g} s; it said:\n{printed[-2000:]}") from None
         raise
     if program.returncode != 0:
-        advice = "; run it as root, or allow user namespaces" if "unshare failed" in printed else ""
-        raise HalError(f"LinuxCNC failed with status {program.returncode}{advice}; it said:\n{printed[-3000:]}")
+        raise HalError(f"LinuxCNC failed with status {program.returncode}; it said:\n{printed[-3000:]}")
     return printed
 
 
