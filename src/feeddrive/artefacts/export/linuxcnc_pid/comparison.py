@@ -11,7 +11,7 @@ from feeddrive.artefacts.export.cascade.quantities import Cascade
 from feeddrive.artefacts.export.linuxcnc_pid.mapping import stock_law, stock_loop
 from feeddrive.blocks.reference.jerk_limited_move import JerkLimitedMove
 from feeddrive.engineer.analysis.margins import margins
-from feeddrive.engineer.analysis.stability import stability
+from feeddrive.engineer.analysis.stability import require_stable, stability
 from feeddrive.language.errors import DivergedError, UnstableError
 from feeddrive.loop.linearize import loop_gain
 from feeddrive.loop.loop import Loop
@@ -46,7 +46,8 @@ class Difference:
 
 
 def require_stable_pids(cascade: Cascade, stock: Loop, route: str, units: float) -> None:
-    """Raise UnstableError, with gains that would do, if the pids do not hold the axis: they have no filters."""
+    """Raise UnstableError, with gains that would do, if the pids do not hold the axis."""
+    require_stable(cascade.loop, where="the design")
     found = stability(stock)
     if found.stable:
         return
@@ -69,11 +70,9 @@ def require_stable_pids(cascade: Cascade, stock: Loop, route: str, units: float)
                 + f" ({share:.0%}) it would be stable, at its edge"
             )
             break
-    filters = len(cascade.loop.control.filters)
-    lacking = f"it has none of the {filters} filter(s) of the design" if filters else "see what it cannot hold"
     raise UnstableError(
-        f"LinuxCNC's pid does not hold this axis, since {lacking}: {found.sentence()}{hint}; or export with the target "
-        f"linuxcnc, which computes the design itself"
+        f"LinuxCNC's pid does not hold this axis, though the design does: {found.sentence()}{hint}; see what it cannot "
+        f"hold, or export with the target linuxcnc, which computes the design itself"
     )
 
 

@@ -77,6 +77,7 @@ def _readme(design: Design, name: str, law: LinuxcncPid, gain: float, differs: D
     move, beyond = differs.move, differs.saturating
     and_beyond = "" if beyond is None else f"; the one beyond the force limit is {_sentence(beyond)}, without a trip"
     pids = "one `pid`" if law.velocity is None else "two `pid`s in cascade, `ddt` for the motor's velocity"
+    pids += f", a `biquad` for each of the {len(law.filters)} filter(s)" if law.filters else ""
     return f"""\
 # {design.title}
 
@@ -110,6 +111,7 @@ Margins are those of the loop opened at the actuator, sliding at 50 mm/s.
 - `ddt` differences its input from 0 in its first period: enable comes later than that in a running machine.
 - An index pulse moves the encoder's position in one period: `ddt` shows that as a speed, and a pid whose
   `index-enable` is not wired does too.  Home at low torque.
+- A disabled pid gives 0, while filters and what is fed forward go on: let the enable of the joint switch the drive off.
 
 ## Kv
 

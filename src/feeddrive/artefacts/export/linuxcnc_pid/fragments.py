@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
+from feeddrive.artefacts.export.cascade.beside import numbers
 from feeddrive.artefacts.export.cascade.quantities import Cascade
 from feeddrive.blocks.controller.linuxcnc_pid import LinuxcncPid
+from feeddrive.blocks.controller.stock_biquad import StockBiquad
 from feeddrive.blocks.controller.stock_pid import StockPid
 from feeddrive.language.block import declarations
 
+COEFFICIENTS = tuple(declarations(StockBiquad))
 GAINS = tuple(name for name in declarations(StockPid) if name not in ("error_previous_target", "bias"))
 
 
@@ -36,6 +39,11 @@ def ini_fragment(cascade: Cascade, law: LinuxcncPid, joint: int, head: Sequence[
         f"FORWARD_VELOCITY = {law.velocity_gain or 0.0!r}",
         f"FORWARD_OFFSET = {last.bias!r}",
     ]
+    for i, block in enumerate(law.filters):
+        lines += ["", f"# biquad {i}: {numbers(cascade.loop.control.filters[i])}"]
+        lines += [f"FILTER_{i}_{name.upper()} = {getattr(block, name)!r}" for name in COEFFICIENTS]
+    if law.filters:
+        lines += ["", "# limit of what filters and feedforward make together", f"LIMIT = {last.maxoutput or 1e20!r}"]
     return "\n".join(lines) + "\n"
 
 
@@ -57,19 +65,25 @@ def hal_fragment(cascade: Cascade, law: LinuxcncPid, name: str, joint: int, head
         f"net {name}-speed   {name}.speed.out => {name}.velocity.feedback" if two else "",
         f"net {name}-wanted  {name}.position.output => {name}.velocity.command" if two else "",
         f"net {name}-index   joint.{joint}.index-enable => {name}.position.index-enable",
+        *_filter_wires(law, name, last),
     ]
+    filters = [f"{name}.filter{i}" for i in range(len(law.filters))]
+    sums = [f"{name}.forward", *([f"{name}.feedback", f"{name}.total"] if filters else [])]
+    end = f"{name}.limit.out" if filters else f"{last}.output"
     lines = [
         *(f"# {line}".rstrip() for line in head),
         "",
         "# Of each component all instances of a machine are loaded at once: join these names with those of other axes.",
         f"loadrt pid names={','.join(pids)}",
         *([f"loadrt ddt names={name}.speed"] if two else []),
-        f"loadrt sum2 names={name}.forward",
+        f"loadrt sum2 names={','.join(sums)}",
+        *([f"loadrt biquad names={','.join(filters)}", f"loadrt limit1 names={name}.limit"] if filters else []),
         "",
         "# In this order, after what reads the encoders and motion-controller, before what writes the drive:",
         *([f"addf {name}.speed servo-thread"] if two else []),
         f"addf {name}.forward servo-thread",
         *(f"addf {pid}.do-pid-calcs servo-thread" for pid in pids),
+        *(f"addf {each} servo-thread" for each in (sums[1:2] + filters + sums[2:] + [f"{name}.limit"] * bool(filters))),
         "",
         *(wire for wire in wires if wire),
         "",
@@ -79,11 +93,25 @@ def hal_fragment(cascade: Cascade, law: LinuxcncPid, name: str, joint: int, head
         f"#   {name}-output   goes to the drive, in {unit}",
         f"#   joint.{joint}.amp-fault-in   is written by the drive's fault, so that it disables the pids",
         f"#   joint.{joint}.index-enable   goes to the encoder too, if it has an index",
-        f"net {name}-output  {last}.output",
+        f"net {name}-output  {end}",
         "",
         *_settings(law, name, joint),
     ]
     return "\n".join(lines) + "\n"
+
+
+def _filter_wires(law: LinuxcncPid, name: str, last: str) -> Iterator[str]:
+    """The last pid less what is fed forward, through the filters, and what is fed forward again."""
+    if not law.filters:
+        return
+    ends = [f"{name}.feedback.out", *(f"{name}.filter{i}.out" for i in range(len(law.filters)))]
+    starts = [*(f"{name}.filter{i}.in" for i in range(len(law.filters))), f"{name}.total.in0"]
+    yield f"net {name}-forward => {name}.feedback.in1 {name}.total.in1"
+    yield f"net {name}-unfiltered {last}.output => {name}.feedback.in0"
+    yield from (
+        f"net {name}-filter{i} {end} => {start}" for i, (end, start) in enumerate(zip(ends, starts, strict=True))
+    )
+    yield f"net {name}-total {name}.total.out => {name}.limit.in"
 
 
 def _pids(law: LinuxcncPid) -> Iterator[tuple[str, StockPid]]:
@@ -103,3 +131,12 @@ def _settings(law: LinuxcncPid, name: str, joint: int) -> Iterator[str]:
     yield f"setp {name}.forward.gain0 [JOINT_{joint}]FORWARD_ACCELERATION"
     yield f"setp {name}.forward.gain1 [JOINT_{joint}]FORWARD_VELOCITY"
     yield f"setp {name}.forward.offset [JOINT_{joint}]FORWARD_OFFSET"
+    for i in range(len(law.filters)):
+        filter_ = f"{name}.filter{i}"
+        yield f"setp {filter_}.type 0"
+        yield from (f"setp {filter_}.{each} [JOINT_{joint}]FILTER_{i}_{each.upper()}" for each in COEFFICIENTS)
+        yield f"setp {filter_}.enable 1"
+    if law.filters:
+        yield f"setp {name}.feedback.gain1 -1"
+        yield f"setp {name}.limit.max [JOINT_{joint}]LIMIT"
+        yield f"setp {name}.limit.min -[JOINT_{joint}]LIMIT"

@@ -7,7 +7,8 @@ law's own `viscous`, and m, d the mass and viscous friction that are fed forward
                velocity  Pgain = (Kp - b)/c, FF0 = b/c, Igain = Kp/(c Tn), maxoutput = force_limit / force_per_output
                          bias = (m + d T/2)/c · joint acceleration + d/c · joint velocity      by sum2
     one pid    Pgain = (Kp Kv + Kp/Tn)/c, Igain = Kp Kv/(c Tn), Dgain = (Kp - b)/c, FF1 = (α - 1) Kp/c + b/c + d/c,
-               FF2 = m/c
+               FF2 = m/c; with filters d and m go by `bias`, as with two pids, so that they bypass them
+    filters    a biquad each, with the coefficients of the design's own step
 
 One pid takes one encoder, since its D differences what P reads.  The integral of the velocity error is then that of the
 position error plus the position error itself, which needs α = 1 where there is a Tn.
@@ -20,7 +21,11 @@ from dataclasses import replace
 from feeddrive.artefacts.export.cascade.beside import Lost, lost
 from feeddrive.artefacts.export.cascade.quantities import Cascade
 from feeddrive.blocks.controller.linuxcnc_pid import LinuxcncPid
+from feeddrive.blocks.controller.stock_biquad import StockBiquad
 from feeddrive.blocks.controller.stock_pid import StockPid
+from feeddrive.blocks.families import Filter
+from feeddrive.blocks.filter.biquad import Section
+from feeddrive.blocks.filter.low_pass import LowPass
 from feeddrive.language.errors import ParameterError, StructureError
 from feeddrive.loop.control import Control
 from feeddrive.loop.loop import Loop
@@ -34,6 +39,7 @@ HELD = (
     "force_limit",
     "following_error_limit",
     "travel",
+    "filters",
 )
 OUTSIDE = {
     "velocity_samples": (_PER_PERIOD, ""),
@@ -47,7 +53,6 @@ OUTSIDE = {
         "the joint's acceleration and velocity are those of the sample",
         "the force for the acceleration comes half a sample late: an error of mass · jerk · T/2 in N",
     ),
-    "filters": ("a pid has no filters; a `biquad` behind it would sit outside its limit and its anti-windup", ""),
     "velocity_limit": ("LinuxCNC limits what it commands, not what is measured", ""),
     "broken_readings": (
         "a pid computes with whatever it reads",
@@ -82,37 +87,55 @@ def stock_law(cascade: Cascade, *, route: str = "two", units: float = 1000.0) ->
     mass, viscous = value["mass"] or 0.0, value["viscous"] or 0.0
     integral = value["Kp/Tn"] or 0.0
     limit = 0.0 if control.force_limit is None else control.force_limit / per_output
+    filters = tuple(biquad(block, period(cascade.loop)) for block in control.filters)
     if route == "two":
-        half = 0.5 * cascade.loop.sample_time
-        return LinuxcncPid(
-            position=StockPid(Pgain=law.Kv, FF1=law.velocity_feedforward, error_previous_target=False),
-            velocity=StockPid(
-                Pgain=(law.Kp - back) / c,
-                Igain=integral / c,
-                FF0=back / c,
-                maxoutput=limit,
-                error_previous_target=False,
-            ),
-            units=units,
-            force_per_output=per_output,
-            acceleration_gain=(mass + half * viscous) / c,
-            velocity_gain=viscous / c,
+        position = StockPid(Pgain=law.Kv, FF1=law.velocity_feedforward, error_previous_target=False)
+        velocity = StockPid(
+            Pgain=(law.Kp - back) / c,
+            Igain=integral / c,
+            FF0=back / c,
+            maxoutput=limit,
+            error_previous_target=False,
         )
-    _check_one(cascade)
-    share = law.velocity_feedforward
-    return LinuxcncPid(
-        position=StockPid(
+    else:
+        _check_one(cascade)
+        own = ((law.velocity_feedforward - 1.0) * law.Kp + back) / c
+        velocity = None
+        position = StockPid(
             Pgain=(law.Kp * law.Kv + integral) / c,
             Igain=law.Kv * integral / c,
             Dgain=(law.Kp - back) / c,
-            FF1=((share - 1.0) * law.Kp + back + viscous) / c,
-            FF2=mass / c,
+            FF1=own if filters else own + viscous / c,
+            FF2=0.0 if filters else mass / c,
             maxoutput=limit,
             error_previous_target=False,
-        ),
+        )
+    by_bias = velocity is not None or bool(filters)
+    half = 0.5 * cascade.loop.sample_time
+    return LinuxcncPid(
+        position=position,
+        velocity=velocity,
+        filters=filters,
         units=units,
         force_per_output=per_output,
+        acceleration_gain=(mass + half * viscous) / c if by_bias else None,
+        velocity_gain=viscous / c if by_bias else None,
     )
+
+
+def biquad(block: Filter, T: float) -> StockBiquad:
+    """A filter of the design as coefficients of LinuxCNC's biquad, at a period of T s."""
+    made = block.prepare(T)
+    if isinstance(made, Section):
+        return StockBiquad(n0=made.b0, n1=made.b1, n2=made.b2, d1=made.b1 if made.a1 is None else made.a1, d2=made.a2)
+    if isinstance(made, LowPass.Prepared):
+        return StockBiquad(n0=made.b, n1=made.b, d1=made.a)
+    raise StructureError(f"control.filters: {block.kind} is no biquad of LinuxCNC; take the target linuxcnc")
+
+
+def period(loop: Loop) -> float:
+    """The sample time as HAL tells it, s: whole nanoseconds times 1e-9."""
+    return round(loop.sample_time * 1e9) * 1e-9
 
 
 def _check_one(cascade: Cascade) -> None:
@@ -131,16 +154,13 @@ def _check_one(cascade: Cascade) -> None:
 
 
 def stock_loop(cascade: Cascade, law: LinuxcncPid) -> Loop:
-    """The loop with LinuxCNC's pids in the place of its control, on the same axis; its guard stays.
-
-    The sample time is the period as HAL tells it: whole nanoseconds times 1e-9.
-    """
-    sample_time = round(cascade.loop.sample_time * 1e9) * 1e-9
+    """The loop with LinuxCNC's pids in the place of its control, on the same axis at HAL's period; its guard stays."""
     control = Control(law=law, guard=cascade.loop.control.guard)
-    return replace(cascade.loop, control=control, sample_time=sample_time)
+    return replace(cascade.loop, control=control, sample_time=period(cascade.loop))
 
 
 def left_out(cascade: Cascade, route: str = "two") -> tuple[Lost, ...]:
     """What LinuxCNC's pids do not hold of a design."""
-    outside = OUTSIDE if route == "two" else OUTSIDE | {"half_sample": _LATE}
+    late = route == "one" and not cascade.loop.control.filters
+    outside = OUTSIDE | {"half_sample": _LATE} if late else OUTSIDE
     return lost(cascade, HELD, outside)

@@ -1,17 +1,18 @@
-"""LinuxCNC's stock pids, as lines of halcmd; the target `linuxcnc-pid` has the wiring and the proof."""
+"""LinuxCNC's stock pids and biquads, as lines of halcmd; the target `linuxcnc-pid` has the wiring and the proof."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 
-from feeddrive.artefacts.export.cascade.beside import Lost
+from feeddrive.artefacts.export.cascade.beside import Lost, numbers
 from feeddrive.artefacts.export.cascade.quantities import Cascade
-from feeddrive.artefacts.export.linuxcnc_pid.fragments import GAINS
-from feeddrive.artefacts.export.linuxcnc_pid.mapping import left_out, stock_law
+from feeddrive.artefacts.export.linuxcnc_pid.fragments import COEFFICIENTS, GAINS
+from feeddrive.artefacts.export.linuxcnc_pid.mapping import left_out, period, stock_law
 from feeddrive.artefacts.export.parameters.maker import Line
 
 UNITS = 1000.0  # machine units in a meter: mm
 _SOURCE = "LinuxCNC manual page pid(9); tested bit for bit against the component of LinuxCNC 2.9"
+_BIQUAD = "LinuxCNC manual page biquad(9); tested as the pids; it stands between two sum2, see the target linuxcnc-pid"
 _MEANINGS = {
     "position.Pgain": ("1/s, that is (mm/s)/mm", "position gain", "control.law.Kv"),
     "position.FF1": ("(mm/s)/(mm/s)", "share of the set velocity", "control.law.velocity_feedforward"),
@@ -35,6 +36,11 @@ def lines(cascade: Cascade) -> tuple[list[Line], list[Lost]]:
             meaning = f"gain of sum2 at velocity.bias: {quantity} that is fed forward"
             si = f"{cascade.values[quantity] or 0.0!r} {'kg' if quantity == 'mass' else 'N s/m'}"
             found.append(Line(name, f"{value:.9g}", unit, meaning, f"control.feedforward, {quantity}", si, _SOURCE))
+    for i, (block, design) in enumerate(zip(law.filters, cascade.loop.control.filters, strict=True)):
+        for name in COEFFICIENTS:
+            meaning = f"biquad {i}, type 0, at a period of {1e3 * period(cascade.loop):.6g} ms: {numbers(design)}"
+            value = getattr(block, name)
+            found.append(Line(f"filter{i}.{name}", f"{value:.17g}", "", meaning, f"control.filters.{i}", "", _BIQUAD))
     output = f"The output is in {_unit(cascade)}; 1 of it is {float(law.force_per_output):.6g} N at the table."
     found.insert(0, Line("", "", "", output, "", "", ""))
     return found, list(left_out(cascade))
