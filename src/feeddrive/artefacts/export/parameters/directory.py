@@ -150,7 +150,7 @@ def _warning(bare: Loop, whole: Loop) -> list[str]:
 
 def _section(file: str, title: str, warning: Sequence[str], lines: Sequence[Line], missing: Sequence[Lost]) -> str:
     """The part of the README on a maker."""
-    unread = [line.name for line in lines if line.name and "NOT CHECKED" in line.source]
+    unread = [line.name for line in lines if line.name and _unread(line.source)]
     said = (
         f"Names or units that no manual was at hand for: {', '.join(f'`{name}`' for name in unread)}.\n\n"
         if unread

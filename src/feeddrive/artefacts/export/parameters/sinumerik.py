@@ -13,6 +13,7 @@ from feeddrive.blocks.filter.second_order import SecondOrder
 
 _GAIN = "SINUMERIK 808D ADVANCED Parameter Manual, 08/2015, p. 234"
 _SETS = "SINUMERIK 840D sl/828D Basic Functions, 09/2011, G2, p. 378 (the name; the unit is that in common use)"
+_ENDS = "SINUMERIK 840D sl/828D Basic Functions, 01/2015, Z1, p. 1591 (the name; the unit is that in common use)"
 _PITCH = "SINUMERIK 840D sl/828D Basic Functions, 01/2015, G2, p. 349"
 _FORM = (
     "form of the filter: SINAMICS S120 Function Manual FH1, 07/2007, p. 81; "
@@ -26,8 +27,8 @@ ROWS = (
     Row("MD32650 $MA_AX_INERTIA", "mass", "kg m2", "kg m2", "inertia at the motor for torque precontrol",
         linear=("MD32652 $MA_AX_MASS", "kg", "kg")),
     Row("MD36200 $MA_AX_VELO_LIMIT[0]", "table_velocity_limit", "mm/min", "mm_per_min", "speed that trips", _SETS),
-    Row("MD36100 $MA_POS_LIMIT_MINUS", "travel_least", "mm", "mm", "software limit"),
-    Row("MD36110 $MA_POS_LIMIT_PLUS", "travel_most", "mm", "mm", "software limit"),
+    Row("MD36100 $MA_POS_LIMIT_MINUS", "travel_least", "mm", "mm", "software limit", _ENDS),
+    Row("MD36110 $MA_POS_LIMIT_PLUS", "travel_most", "mm", "mm", "software limit", _ENDS),
     Row("p1460[0]", "Kp", "Nms/rad", "N m s/rad", "P gain of the speed controller",
         linear=("p1460[0]", "Ns/m", "N s/m")),
     Row("p1462[0]", "Tn", "ms", "ms", "integral time of the speed controller"),
