@@ -148,6 +148,11 @@ def _warning(bare: Loop, whole: Loop) -> list[str]:
     ]
 
 
+def _unread(source: str) -> bool:
+    """Whether a name or its unit is only what is in common use."""
+    return "NOT CHECKED" in source or "in common use" in source
+
+
 def _section(file: str, title: str, warning: Sequence[str], lines: Sequence[Line], missing: Sequence[Lost]) -> str:
     """The part of the README on a maker."""
     unread = [line.name for line in lines if line.name and _unread(line.source)]
