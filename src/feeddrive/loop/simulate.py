@@ -216,8 +216,9 @@ def simulate_batch(
 ) -> Batch:
     """All variants of a loop whose parameters are arrays (`tree.vary`), along the same reference.
 
-    Arguments as `simulate`; seed and start may be arrays over the variants too, and nothing changes live.  `lanes` variants share a vector
-    (default: what is fastest here), `threads` run at once (default: all cores); neither changes a bit of the result.
+    Arguments as `simulate`; seed and start may be arrays over the variants too, and nothing changes live.  `lanes`
+    variants share a vector (default: what is fastest here), `threads` run at once (default: all cores); neither changes
+    a bit of the result.
     `progress(done, all)` is called after each group of variants.
     """
     gather = known(gather, arithmetic)
