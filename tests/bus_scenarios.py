@@ -168,6 +168,8 @@ def wrong(bus: str) -> dict[str, str]:
     with powered(bus) as bench:
         for name, scaling in (("counts", turn), ("torque", strong), ("gear", geared)):
             found[name] = said(lambda s=scaling: client(drive(bus, scaling=s), bench.interface).__enter__())
+        slow = drive(bus, cycle_time=2 * T)
+        found["cycle"] = said(lambda: client(slow, bench.interface).__enter__())
         found["unpaced"] = _unpaced(bus, bench.interface)
     law = PolePlacement(model=bench_loop().axis.plant, bandwidth=20.0)
     with powered(bus, with_law(bench_loop(), law)) as bench:

@@ -21,7 +21,7 @@ from feeddrive.artefacts.bus.power_states import (
     answer,
     state_of,
 )
-from feeddrive.artefacts.bus.scaling import DriveScaling
+from feeddrive.artefacts.bus.scaling import DriveScaling, interpolation_time
 from feeddrive.artefacts.bus.virtual.driven_axis import DrivenAxis
 from feeddrive.artefacts.bus.virtual.firmware import Firmware
 from feeddrive.language.errors import ParameterError
@@ -170,6 +170,25 @@ def test_a_bus_cycle_of_several_samples_runs_along_straight_lines() -> None:
 def test_a_cycle_that_is_no_multiple_of_the_sample_time_is_refused(cycle_time: float) -> None:
     with pytest.raises(ParameterError, match="whole multiple of the sample time"):
         Firmware(DrivenAxis(bench_loop()), SCALING, cycle_time)
+
+
+@pytest.mark.parametrize(
+    ("cycle_time", "expected"),
+    [(50e-6, (50, -6)), (250e-6, (250, -6)), (375e-6, (38, -5)), (1e-3, (100, -5)), (4e-3, (40, -4)), (1.0, (100, -2))],
+)
+def test_the_bus_cycle_as_the_drive_is_told_it(cycle_time: float, expected: tuple[int, int]) -> None:
+    value, power = interpolation_time(cycle_time)
+    assert value * 10.0**power == pytest.approx(expected[0] * 10.0 ** expected[1], rel=1e-12)
+    assert value <= 255
+
+
+def test_a_drive_that_is_off_has_no_force_whatever_the_loop_commands_when_it_does_not_run() -> None:
+    """The safe force of a hanging axis is one of a loop that has power."""
+    drive = Firmware(DrivenAxis(bench_loop(safe_force=200.0)), SCALING, T)
+    for _ in range(100):
+        drive.cycle()
+    assert drive.values["position"] == 0
+    assert drive.values["torque"] == 0
 
 
 @given(st.floats(-20.0, 20.0), st.floats(-1e4, 1e4))

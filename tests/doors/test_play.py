@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import subprocess
 import sys
 from pathlib import Path
@@ -176,12 +177,22 @@ def test_what_is_wrong_with_a_drive_file_is_named_before_anything_moves(
     call, tmp_path: Path, profile: Path, old: str, new: str, words: str
 ) -> None:
     (tmp_path / "drive.toml").write_text(DRIVE.replace(old, new))
-    code, _, err = call("play", str(profile), "--drive", "drive.toml", "--out", "measured")
+    code, _, err = call("play", str(profile), "--drive", "drive.toml", "--yes", "--out", "measured")
     assert code == 2
     assert words in err
     assert err.startswith("feeddrive: error: ")
     assert err.count("\n") == 1
     assert not (tmp_path / "measured").exists()
+
+
+def test_a_person_is_asked_before_the_bus_is_touched(call, tmp_path: Path, profile: Path, monkeypatch) -> None:
+    """Nobody answers here: nothing is opened, and the interface that is not there is not even looked for."""
+    monkeypatch.setattr(sys, "stdin", io.StringIO(""))
+    (tmp_path / "drive.toml").write_text(DRIVE)
+    code, out, err = call("play", str(profile), "--drive", "drive.toml")
+    assert code == 1
+    assert "Is the travel clear, and the stop at hand?" in out
+    assert "nowhere0" not in err
 
 
 @pytest.mark.parametrize(
@@ -233,7 +244,7 @@ def test_a_node_that_is_not_there_is_named(call, tmp_path: Path, profile: Path) 
     text = DRIVE.replace("ethercat", "canopen").replace("nowhere0", "virtual:empty")
     text = text.replace("cycle", "station = 4\ncycle")
     (tmp_path / "drive.toml").write_text(text)
-    code, _, err = call("play", str(profile), "--drive", "drive.toml")
+    code, _, err = call("play", str(profile), "--drive", "drive.toml", "--yes")
     assert code == 2
     assert "CANopen virtual:empty, node 4: does not answer; check cable, termination, bit rate" in err
 
@@ -243,13 +254,13 @@ def test_without_the_packages_the_install_command_is_named(call, tmp_path: Path,
     monkeypatch.setitem(sys.modules, "pysoem", None)
     for bus in ("ethercat", "canopen"):
         (tmp_path / "drive.toml").write_text(DRIVE.replace("ethercat", bus).replace("nowhere0", "virtual:x"))
-        code, _, err = call("play", str(profile), "--drive", "drive.toml")
+        code, _, err = call("play", str(profile), "--drive", "drive.toml", "--yes")
         assert code == 2
         assert "pip install 'feeddrive[bus]'" in err
 
 
 def test_an_ethercat_segment_without_a_station_is_named(call, tmp_path: Path, profile: Path) -> None:
     (tmp_path / "drive.toml").write_text(DRIVE.replace("nowhere0", "veth0"))
-    done = in_a_namespace("bash", "-c", f"{FEEDDRIVE} play {profile} --drive drive.toml", cwd=tmp_path)
+    done = in_a_namespace("bash", "-c", f"{FEEDDRIVE} play {profile} --drive drive.toml --yes", cwd=tmp_path)
     assert done.returncode == 2
     assert "EtherCAT veth0: no station answers; check cable, supply" in done.stderr

@@ -21,6 +21,7 @@ from feeddrive.artefacts.bus.power_states import (
     PowerState,
     state_of,
 )
+from feeddrive.artefacts.bus.scaling import interpolation_time
 from feeddrive.artefacts.bus.transport import RefusedError, Transport, has_object, read_object, write_object
 from feeddrive.language.errors import BusError
 
@@ -185,6 +186,7 @@ class DriveClient:
             wanted["position_least"] = scaling.increments(limits.position_least)
         if limits.position_most is not None:
             wanted["position_most"] = scaling.increments(limits.position_most)
+        self._say_cycle_time()
         for name, value in wanted.items():
             least, most = OBJECTS[name].bounds()
             try:
@@ -194,6 +196,20 @@ class DriveClient:
                     f"The drive does not take {OBJECTS[name].place} ({name.replace('_', ' ')}): set this limit with "
                     "its maker's tool."
                 )
+
+    def _say_cycle_time(self) -> None:
+        """Into 0x60C2, where the drive has it: the time over which it interpolates."""
+        if not has_object(self.transport, "cycle_value"):
+            return
+        value, power = interpolation_time(self.drive.cycle_time)
+        try:
+            write_object(self.transport, "cycle_exponent", power)
+            write_object(self.transport, "cycle_value", value)
+        except RefusedError as error:
+            raise BusError(
+                f"{self.transport.where}: cycle_time = {1e6 * self.drive.cycle_time:g} us does not suit the drive: "
+                f"object 0x60C2 is refused (0x{error.code:08X}); take a cycle time that its manual names"
+            ) from None
 
     def cycle(self) -> Told | None:
         """One exchange with what was commanded; None for a lost frame."""

@@ -8,6 +8,13 @@ from feeddrive.language.block import Block, Number, parameter
 from feeddrive.language.errors import ParameterError
 
 
+def interpolation_time(cycle_time: float) -> tuple[int, int]:
+    """Object 0x60C2 for a bus cycle in s: value and power of ten; the nearest that its eight bits hold."""
+    found = [(round(cycle_time / 10.0**power), power) for power in range(-6, 1)]
+    fitting = [(value, power) for value, power in found if 0 < value <= 255]
+    return min(fitting, key=lambda each: (round(abs(each[0] * 10.0 ** each[1] / cycle_time - 1.0), 6), each[1]))
+
+
 class DriveScaling(Block):
     """What one increment and one thousandth of the rated torque are at the table.
 

@@ -14,7 +14,7 @@ from feeddrive.artefacts.bus.client import DriveClient, transport_of
 from feeddrive.artefacts.bus.drive_file import DriveFile, read_drive
 from feeddrive.artefacts.bus.pace import Lateness
 from feeddrive.artefacts.bus.play import Played, listened, play
-from feeddrive.artefacts.bus.profile import read_profile
+from feeddrive.artefacts.bus.profile import Profile, read_profile
 from feeddrive.artefacts.files.measured import write_log
 from feeddrive.artefacts.files.whole import new_directory
 from feeddrive.artefacts.measurement.excitation_page import WARNING
@@ -32,26 +32,16 @@ def perform(
     profiles = [read_profile(path, file.drive, share=share, ramp=ramp) for path in paths]
     done: list[Played] = []
     trouble: FeeddriveError | None = None
-    with _named(file), _client(file, unpaced) as client:
-        _greet(console, client)
-        if not (yes or client.is_virtual):
-            console.print(f"- {WARNING}", markup=False)
-            typer.confirm("Is the travel clear, and the stop at hand?", abort=True)
-        if reset_fault:
-            client.reset_fault()
-        for profile in profiles:
-            with Progress(TextColumn("{task.description}"), BarColumn(), console=console, transient=True) as bar:
-                task = bar.add_task(Path(profile.name).name)
-
-                def show(rows: int, count: int, bar: Progress = bar, task: object = task) -> None:
-                    bar.update(task, completed=rows, total=count)  # type: ignore[arg-type]
-
-                try:
-                    done.append(play(client, profile, name=Path(profile.name).stem, progress=show))
-                except FeeddriveError as error:
-                    trouble = error
-            if trouble is not None or done[-1].aborted:
-                break
+    if not (yes or unpaced):  # before the bus is opened: a drive in operation does not wait for an answer
+        console.print(f"- {WARNING}", markup=False)
+        typer.confirm("Is the travel clear, and the stop at hand?", abort=True)
+    for profile in profiles:
+        try:
+            done.append(_play(console, file, profile, unpaced, reset_fault and not done, first=not done))
+        except FeeddriveError as error:
+            trouble = error
+        if trouble is not None or done[-1].aborted:
+            break
     written = _write(out, done)
     for played, path in zip(done, written, strict=True):
         _report(console, played, path)
@@ -59,6 +49,24 @@ def perform(
         raise trouble
     if done and done[-1].aborted:
         raise AbortedError(f"{file.name}: {done[-1].aborted}")
+
+
+def _play(
+    console: Console, file: DriveFile, profile: Profile, unpaced: bool, reset_fault: bool, *, first: bool
+) -> Played:
+    """The drive is opened for each profile, so that none waits for the log of another."""
+    with _named(file), _client(file, unpaced) as client:
+        if first:
+            _greet(console, client)
+        if reset_fault:
+            client.reset_fault()
+        with Progress(TextColumn("{task.description}"), BarColumn(), console=console, transient=True) as bar:
+            task = bar.add_task(Path(profile.name).name)
+
+            def show(rows: int, count: int) -> None:
+                bar.update(task, completed=rows, total=count)
+
+            return play(client, profile, name=Path(profile.name).stem, progress=show)
 
 
 def perform_listening(drive_path: Path, seconds: float, unpaced: bool, out: Path) -> None:

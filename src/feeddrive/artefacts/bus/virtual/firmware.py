@@ -12,14 +12,17 @@ import numpy as np
 
 from feeddrive.artefacts.bus.objects import AT, DEVICE_NAME, OBJECTS
 from feeddrive.artefacts.bus.power_states import CSP, CST, CSV, PowerState, answer
-from feeddrive.artefacts.bus.scaling import DriveScaling
+from feeddrive.artefacts.bus.scaling import DriveScaling, interpolation_time
 from feeddrive.artefacts.bus.virtual.driven_axis import DrivenAxis
 from feeddrive.language.errors import ParameterError
-from feeddrive.loop.guard import TRIP_FOLLOWING_ERROR, TRIP_READING, TRIP_TRAVEL, TRIP_VELOCITY
+from feeddrive.loop.guard import TRIP_COMMAND, TRIP_FOLLOWING_ERROR, TRIP_READING, TRIP_TRAVEL, TRIP_VELOCITY
 
 NAME = "feeddrive virtual drive"
 VENDOR, PRODUCT, REVISION = 0, 0x66656564, 1  # vendor 0: nobody's
-_TRIPPED = {TRIP_READING: 0x7305, TRIP_FOLLOWING_ERROR: 0x8611, TRIP_VELOCITY: 0x8400, TRIP_TRAVEL: 0x8612}
+_TRIPPED = {
+    TRIP_READING: 0x7305, TRIP_FOLLOWING_ERROR: 0x8611, TRIP_VELOCITY: 0x8400, TRIP_TRAVEL: 0x8612,
+    TRIP_COMMAND: 0xFF01,
+}  # fmt: skip
 _NO_WINDOW = 0xFFFFFFFF
 _STANDSTILL = 0.2  # s that a quick stop holds the axis after its ramp
 _WRITABLE = {
@@ -78,6 +81,7 @@ class Firmware:
     def _beginning(self) -> dict[str, int]:
         scaling, guard = self.scaling, self.axis.loop.control.guard
         velocity = self.axis.has_velocity_loop
+        cycle_value, cycle_exponent = interpolation_time(self.cycle_time)
         values = dict.fromkeys(OBJECTS, 0)
         window = None if guard is None or guard.following_error_limit is None else guard.following_error_limit
         values |= {
@@ -87,7 +91,7 @@ class Firmware:
             "position_least": -(1 << 31), "position_most": (1 << 31) - 1,
             "quick_stop_deceleration": min(scaling.increments(5.0), _NO_WINDOW),
             "supported_modes": 1 << (CSP - 1) | 1 << (CST - 1) | (1 << (CSV - 1) if velocity else 0),
-            "cycle_value": min(255, round(1e6 * self.cycle_time / self._unit())), "cycle_exponent": self._exponent(),
+            "cycle_value": cycle_value, "cycle_exponent": cycle_exponent,
         }  # fmt: skip
         if scaling.turns:
             assert scaling.counts_per_turn is not None
@@ -95,12 +99,6 @@ class Firmware:
             turns = round(1000 * scaling.gear)
             values |= {"gear_motor_turns": turns, "gear_shaft_turns": 1000}
         return values
-
-    def _exponent(self) -> int:
-        return -6 if self.cycle_time < 255.5e-6 else -4 if self.cycle_time < 25.55e-3 else -3
-
-    def _unit(self) -> float:
-        return 10.0 ** (6 + self._exponent())
 
     def has(self, name: str) -> bool:
         """Whether this drive has the object."""
@@ -133,6 +131,9 @@ class Firmware:
             raise SdoAbortError(WRONG_LENGTH)
         value = found.decode(content)
         if found.name == "mode" and value and not (value > 0 and self.values["supported_modes"] >> (value - 1) & 1):
+            raise SdoAbortError(TOO_LARGE)
+        expected = (self.values["cycle_exponent"], value) == interpolation_time(self.cycle_time)[::-1]
+        if found.name == "cycle_value" and not expected:
             raise SdoAbortError(TOO_LARGE)
         self.values[found.name] = value
 
@@ -183,7 +184,12 @@ class Firmware:
     def _rest(self) -> int:
         """Switched off: friction alone brakes."""
         self._target = None
-        return self._moved(np.full(self.samples, self.axis.last.position), 0.0, 0.0, enable=False)
+        before = self.axis.last.position
+        self.axis.push(0.0, self.samples)
+        self._show(
+            self.axis.last.position, self.axis.last.second, (self.axis.last.position - before) / self.cycle_time, 0
+        )
+        return 0
 
     def _obey(self, mode: int, *, fresh: bool) -> int:
         values, scaling = self.values, self.scaling
