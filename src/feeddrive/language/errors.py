@@ -64,4 +64,4 @@ class MissingProgramError(FeeddriveError):
 
 
 class FmuError(FeeddriveError):
-    """An FMU that cannot be loaded, has not what is asked of it, or refuses a call; the message repeats what it said."""
+    """An FMU that cannot be loaded, lacks what is asked of it, or refuses a call; the message repeats what it said."""

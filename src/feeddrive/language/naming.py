@@ -32,7 +32,8 @@ class Names:
     names.found    node -> Name; the first word wins
     names.makers   node -> dotted name of the block in whose text it was computed
 
-    A field of a named tuple is named after both: `middle.velocity` is `middle_velocity`.  Arithmetic is not touched.
+    A part of a tuple is named after both: `middle.velocity` is `middle_velocity`, the first of `z` is `z_0`.
+    Arithmetic is not touched.
     """
 
     def __init__(self, graph: Graph, owners: Mapping[int, str]) -> None:
@@ -83,6 +84,7 @@ class Names:
             if value.graph is self.graph:
                 self.found.setdefault(value.index, Name(owner, word.strip("_")))
         elif isinstance(value, tuple) and not isinstance(value, Block):
-            for field, each in zip(getattr(value, "_fields", ()), value, strict=False):
+            fields = getattr(value, "_fields", None) or map(str, range(len(value)))
+            for field, each in zip(fields, value, strict=True):
                 if isinstance(each, Symbol) and each.graph is self.graph:
                     self.found.setdefault(each.index, Name(owner, f"{word.strip('_')}_{field}"))

@@ -19,7 +19,7 @@ TRIPS = {TRIP_READING: "a broken reading or setpoint", TRIP_FOLLOWING_ERROR: "th
          TRIP_COMMAND: "a command that is no number"}  # in words  # fmt: skip
 
 SMOOTHING = 1.0 / 32.0  # of the velocity at enable: a count that toggles at standstill must not look like motion
-SETPOINT_LIMIT = 1e12  # of a setpoint's five numbers in SI, summed: no axis comes near it, not in its snap
+SETPOINT_LIMIT = 1e12  # of the sizes of a setpoint's five numbers in SI, summed: no axis comes near it, not in its snap
 COMMAND_LIMIT = 1e18  # N, before the limit: a law that asks for more has overflowed
 
 
@@ -118,7 +118,7 @@ class Guard(Block):
         one = motor is load
         load = ops.where(ops.absolute(load) <= self.reading_limit, load, 0.0)
         motor = load if one else ops.where(ops.absolute(motor) <= self.reading_limit, motor, 0.0)
-        good = ops.absolute(_sum(setpoint)) <= SETPOINT_LIMIT
+        good = _size(setpoint) <= SETPOINT_LIMIT
         rest = (load, *(ops.zero(load) for _ in setpoint[1:]))
         return Setpoint(*(ops.where(good, x, y) for x, y in zip(setpoint, rest, strict=True))), motor, load
 
@@ -140,7 +140,7 @@ class Guard(Block):
         # written so that NaN, which compares as false, is bad
         good_load = ops.absolute(load) <= self.reading_limit
         good_motor = good_load if one else ops.absolute(motor) <= self.reading_limit
-        good_setpoint = ops.absolute(_sum(setpoint)) <= SETPOINT_LIMIT
+        good_setpoint = _size(setpoint) <= SETPOINT_LIMIT
         good = ops.both(good_load if one else ops.both(good_motor, good_load), good_setpoint)
         usual = ops.both(ops.both(good, enabled), ran)
 
@@ -216,7 +216,7 @@ class Guard(Block):
         return after._replace(mode=mode), self.Outcome(applied, requested, trip, running)
 
 
-def _sum(setpoint: Setpoint) -> Number:
-    """NaN or infinite if one of the five numbers is."""
-    x, v, a, j, s = setpoint
+def _size(setpoint: Setpoint) -> Number:
+    """The sum of the sizes: NaN or too large if one of the five numbers is."""
+    x, v, a, j, s = (ops.absolute(each) for each in setpoint)
     return x + v + a + j + s

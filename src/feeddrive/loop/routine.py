@@ -12,15 +12,16 @@ code for a target reads them here, and so does nobody derive a law a second time
 from __future__ import annotations
 
 import inspect
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple, cast
 
 import numpy as np
 
+from feeddrive.blocks.force.gravity import Gravity
 from feeddrive.blocks.signals import Noise, Setpoint
 from feeddrive.language import tree
-from feeddrive.language.block import Block, Number, part
+from feeddrive.language.block import Block, Declaration, Number, part
 from feeddrive.language.graph import Graph, reachable
 from feeddrive.language.naming import Name, Names
 from feeddrive.loop.axis import Axis
@@ -61,6 +62,7 @@ class Variable(NamedTuple):
     meaning: str
     node: int
     value: float = 0.0  # where it is a parameter
+    declared: Declaration | None = None  # of a parameter: its bounds
 
 
 class Function(NamedTuple):
@@ -80,6 +82,18 @@ class Retune(NamedTuple):
     states: tuple[int, ...]
     names: dict[int, Name]
     makers: dict[int, str]
+
+    def keeping(self, live: Sequence[int]) -> Retune:
+        """With these states only; none of the others is read for them."""
+        places = {old: new for new, old in enumerate(live)}
+        states = tuple(self.states[i] for i in live)
+        read = set(reachable(self.graph, states))
+        leaves = {
+            node: (kind, places[i] if kind == "state" else i)
+            for node, (kind, i) in self.leaves.items()
+            if node in read and (kind != "state" or i in places)
+        }
+        return self._replace(states=states, leaves=leaves)
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,10 +145,21 @@ class Controller(Block):
 
 
 def guarded(loop: Loop) -> Loop:
-    """The loop as it is exported: with a guard, since a target must know what it does with a reading that is none."""
+    """The loop as it is exported: with a guard, since a target must know what it does with a reading that is none.
+
+    The guard that is added bounds nothing but broken numbers; its safe force is the weight of a hanging axis, as far as
+    the force limit carries it.
+    """
     if loop.control.guard is not None:
         return loop
-    return replace(loop, control=replace(loop.control, guard=Guard()))
+    held, limit = weight(loop.axis), loop.control.force_limit
+    held = held if limit is None else max(-limit, min(limit, held))
+    return replace(loop, control=replace(loop.control, guard=Guard(safe_force=held)))
+
+
+def weight(axis: Axis) -> Number:
+    """The force in N that holds a hanging axis where it is: against the gravity of its forces."""
+    return -sum((force.force for force in axis.forces if isinstance(force, Gravity)), 0.0) + 0.0
 
 
 def controller_routine(loop: Loop, name: str) -> Routine:
@@ -252,15 +277,23 @@ class _Traced:
         node = self.graph.symbol
         for each, (_, _, value) in outputs.items():
             self.words.found.setdefault(node(value).index, Name("", each))
-        after_nodes = tuple(node(value).index for _, value in tree.leaves(after))
-        begun_nodes = tuple(node(value).index for _, value in tree.leaves(begun))
+        after_nodes = [node(value).index for _, value in tree.leaves(after)]
+        before_nodes = [self.graph.input(f"state.{each}").index for each in states]
+        begun_nodes = [node(value).index for _, value in tree.leaves(begun)]
         leaves = [
             (i, f"prepared.{each}", value.index)
             for i, (each, value) in enumerate(tree.leaves(made))
             if type(value) is not float and not self._is_text(value.index)
         ]
-        first_nodes = tuple(node((first or {})[each]).index for each in outputs) if first else ()
         output_nodes = tuple(node(value).index for _, _, value in outputs.values())
+        live = _live(self.graph, output_nodes, before_nodes, after_nodes, retune)
+        if retune is not None:
+            retune = retune.keeping(live)
+        states = [states[i] for i in live]
+        before_nodes, after_nodes, begun_nodes = (
+            [row[i] for i in live] for row in (before_nodes, after_nodes, begun_nodes)
+        )
+        first_nodes = tuple(node((first or {})[each]).index for each in outputs) if first else ()
         read = set(reachable(self.graph, [*begun_nodes, *first_nodes, *after_nodes, *output_nodes]))
         if retune is not None:
             read |= {self.parameters[i][1].index for kind, i in retune.leaves.values() if kind in ("old", "new")}
@@ -275,7 +308,7 @@ class _Traced:
             name=name,
             origin=loop,
             parameters=tuple(
-                Variable(target_name(path), path, *_declared(self.block, path), symbol.index, float(values[path]))
+                self._parameter(path, symbol.index, float(values[path]))
                 for path, symbol in (self.parameters[i] for i in used)
             ),
             inputs=tuple(Variable(each, each, *MEANINGS[each], s.index) for each, s in inputs.items()),
@@ -284,14 +317,15 @@ class _Traced:
                 for each, (unit, meaning, value) in outputs.items()
             ),
             states=tuple(
-                Variable(target_name(each), each, "", "", self.graph.input(f"state.{each}").index) for each in states
+                Variable(target_name(each), each, "", "", before)
+                for each, before in zip(states, before_nodes, strict=True)
             ),
             graph=self.graph,
             sample_time_node=node(self.T).index,
             prepared=tuple((each, index) for _, each, index in leaves),
             prepared_leaves=tuple(i for i, _, _ in leaves),
-            reset=Function(begun_nodes, first_nodes),
-            step=Function(after_nodes, output_nodes),
+            reset=Function(tuple(begun_nodes), first_nodes),
+            step=Function(tuple(after_nodes), output_nodes),
             retune=retune,
             tables=self.tables,
             names=self.words.found,
@@ -301,8 +335,28 @@ class _Traced:
             blocks=tuple((path, each) for path, each in _owners(self.block)),
         )
 
+    def _parameter(self, path: str, node: int, value: float) -> Variable:
+        declared = tree.declaration(self.block, path)
+        return Variable(target_name(path), path, declared.unit, declared.meaning, node, value, declared)
+
     def _is_text(self, index: int) -> bool:
         return self.graph.nodes[index][0] in ("const", "truth")
+
+
+def _live(
+    graph: Graph, outputs: Sequence[int], before: Sequence[int], after: Sequence[int], retune: Retune | None
+) -> list[int]:
+    """Places of the states that an output depends on, sooner or later; no target needs to remember the others."""
+    live: set[int] = set()
+    while True:
+        below = set(reachable(graph, [*outputs, *(after[i] for i in live)]))
+        found = {i for i, node in enumerate(before) if node in below}
+        if retune is not None:
+            below = set(reachable(retune.graph, [retune.states[i] for i in found]))
+            found |= {i for node, (kind, i) in retune.leaves.items() if kind == "state" and node in below}
+        if found == live:
+            return sorted(live)
+        live = found
 
 
 def _retune(control: Control, made: Any, begun: Any) -> Retune:
@@ -355,12 +409,6 @@ def _said(values: Any, path: str = "", text: str = "") -> Iterator[tuple[str, st
             yield from _said(each, f"{path}.{name}" if path else name, text)
     else:
         yield path, text
-
-
-def _declared(block: Block, path: str) -> tuple[str, str]:
-    """Unit and meaning of a parameter."""
-    found = tree.declaration(block, path)
-    return found.unit, found.meaning
 
 
 def target_name(path: str) -> str:

@@ -33,9 +33,11 @@ C_WORDS = _words(
     isnan isnormal j0 j1 jn labs ldexp lgamma linux llrint llround log log10 log1p log2 logb lrint lround main malloc
     memcpy memset modf nan nearbyint nextafter pow rand remainder remquo rint round scalbn signal signbit sin sinh
     sqrt stderr stdin stdout tan tanh tgamma time trunc unix y0 y1 yn
+    complex ctype fenv inttypes iso646 limits locale math setjmp stdarg stdatomic stdbool stddef stdint stdio stdlib
+    string tgmath threads uchar wchar wctype xmmintrin
     BUFSIZ EOF HUGE_VAL INFINITY INT_MAX MATH_ERRNO NAN NULL RAND_MAX
     """
-)  # keywords of C99, C11, C23 and C++20, names of <math.h> and of what is included with it, macros of compilers
+)  # keywords of C99, C11, C23 and C++20, names of <math.h> and of headers, macros of compilers
 
 HAL_WORDS = _words(
     """

@@ -10,6 +10,7 @@ from typing import Any
 
 from feeddrive.artefacts.export.design import CONTROL, PLANT, Design, read_design
 from feeddrive.artefacts.files.toml_lines import nearest
+from feeddrive.engineer.analysis.stability import require_stable
 from feeddrive.language.errors import ParameterError
 
 
@@ -60,7 +61,7 @@ def export(
     options    of the target: `single_header`, `joint`, `route`, `units`, `core`, `makers`, `lead`, `gear`
 
     Raises ParameterError for a target that is not there or an option that is not its own, and as `read_design` and
-    the function of the target do.
+    the function of the target do; UnstableError for a control that does not hold the axis of its own machine file.
     """
     chosen = _chosen(target)
     given = {key: value for key, value in options.items() if value not in (None, False, ())}
@@ -74,6 +75,8 @@ def export(
         raise ParameterError(f"--precision = '{precision}': the target {target} has {', '.join(chosen.precisions)}")
     what = PLANT if plant else CONTROL
     design = read_design(source, axis, name=name, what=what, precision=precision or chosen.precisions[0])
+    if not plant:
+        require_stable(design.loop)
     place = Path(out) if out is not None else Path("results") / f"export_{Path(source).stem}_{design.axis}_{target}"
     write = getattr(import_module(f"{_HERE}.{chosen.module}"), chosen.function)
     return design, write(design, place, **chosen.fixed, **given)

@@ -40,6 +40,7 @@ class Body:
         self.used: set[str] = set()
         self._taken = {*_TAKEN, *CALLS.values(), *FUNCTIONS}
         self._owner: str | None = None
+        self._unnamed = 0
         self._counts: Counter[int] = Counter()
 
     def text(self, index: int) -> str:
@@ -77,7 +78,9 @@ class Body:
         if owner is not None and owner != self._owner:
             self._owner = owner
             self.lines += ["", f"/* {self.titles(owner)} */"]
-        name = f"v{index}" if named is None else identifier(word(named), self._taken, C_WORDS)
+        if named is None:
+            self._unnamed += 1
+        name = f"v{self._unnamed}" if named is None else identifier(word(named), self._taken, C_WORDS)
         self.texts[index] = name
         line = f"const {'bool' if self.truth[index] else self.real} {name} = {text};"
         self.lines += textwrap.wrap(

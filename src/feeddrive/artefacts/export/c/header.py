@@ -47,7 +47,8 @@ def header(layout: Layout, title: str, made_by: str) -> str:
         "/* The values of the machine file. */",
         f"void {P}_defaults({P}_parameters *parameters);", "",
         "/* All work that depends on parameters only: once, outside the interrupt. The state is left alone. */",
-        f"void {P}_configure({arguments}, const {P}_parameters *parameters);", "",
+        "/* False, and nothing is changed, if a parameter is out of its bounds or no number. */",
+        f"bool {P}_configure({arguments}, const {P}_parameters *parameters);", "",
         "/* The state where the axis is: off, without a trip. Once before the first step, after configure. */",
         f"void {P}_reset({arguments}, const {P}_inputs *inputs{reset_outputs});", "",
         "/* One sample. */",
@@ -56,7 +57,8 @@ def header(layout: Layout, title: str, made_by: str) -> str:
     if routine.retune is not None:
         lines += [
             "/* Other parameters between two samples: the state follows, so that the command has no bump. */",
-            f"void {P}_retune({arguments}, const {P}_parameters *parameters);", "",
+            "/* False, and nothing is changed, if a parameter is out of its bounds or no number. */",
+            f"bool {P}_retune({arguments}, const {P}_parameters *parameters);", "",
         ]  # fmt: skip
     lines += [
         "/* Between these two calls numbers below the normal ones count as zero, as they do in the simulator. */",
@@ -108,7 +110,9 @@ def _designed(name: str, layout: Layout) -> list[str]:
 
 def _meaning(variable: Variable) -> str:
     meaning = _ABSENT.sub("", variable.meaning)
-    return f"{variable.unit}: {meaning}" if variable.unit else meaning
+    bounds = variable.declared.bounds() if variable.declared is not None else ""
+    unit = f"{variable.unit}: " if variable.unit else ""
+    return f"{unit}{meaning}" + (f"; {bounds}" if bounds else "")
 
 
 def _struct(name: str, members: Sequence[tuple[str, str, str]]) -> list[str]:

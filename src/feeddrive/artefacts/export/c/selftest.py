@@ -89,7 +89,7 @@ _VECTORS = """\
 
 #include <math.h>
 
-#define NOT_A_NUMBER ((float)NAN)
+#define NOT_A_NUMBER (({real})NAN)
 #define SAMPLES {count}
 #define CHANGES {held}
 

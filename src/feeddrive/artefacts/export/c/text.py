@@ -88,25 +88,46 @@ def _configure(layout: Layout, title: str, made_by: str) -> str:
         cast = "(float)" if layout.precision == "float" and not field.truth else ""
         body.lines.append(f"design->{field.name} = {cast}{text};")
     lines = [f"{P}_design *const design = &{held}->design;"] if layout.design else []
-    if not any("parameters->" in line for line in body.lines):
-        lines.append("(void)parameters;")
-    body.lines.append(f"{held}->parameters = *parameters;")
+    lines += ["if (!admissible(parameters)) {", "    return false;", "}"]
+    body.lines += [f"{held}->parameters = *parameters;", "return true;"]
     functions = [
+        _admissible(routine),
         _function(f"void {P}_defaults({P}_parameters *parameters)", [], defaults or ["(void)parameters;"]),
         _function(
-            f"void {P}_configure({P}_{held} *{held}, const {P}_parameters *parameters)", lines, body.lines
+            f"bool {P}_configure({P}_{held} *{held}, const {P}_parameters *parameters)", lines, body.lines
         ),
     ]  # fmt: skip
     if routine.retune is not None:
         functions.append(_retune(layout))
     said = comment(f"{title}: what is done once, and outside the interrupt.\n\n{made_by}")
-    return _joined([*said, f'#include "{P}.h"', "", *_needed(body.used, "double"), *functions])
+    includes = [f'#include "{P}.h"', "", "#include <float.h>", *_needed(body.used | {"abs"}, "double")]
+    return _joined([*said, *includes, *functions])
 
 
 def _assigned(place: str, value: float) -> str:
     """`place = number;`, with the number as people write it where its bits hide it."""
     text = number(value)
     return f"{place} = {text};" + (f" /* {value!r} */" if "0x" in text else "")
+
+
+def _admissible(routine: Routine) -> str:
+    """Whether every parameter is a number within the bounds that its block declares."""
+    signs = (("above", ">"), ("least", ">="), ("below", "<"), ("most", "<="))
+    lines = ["/* Is every parameter a number within its bounds? */"]
+    tests: list[str] = []
+    for v in routine.parameters:
+        place = f"parameters->{v.name}"
+        tests.append(f"fabs({place}) <= DBL_MAX")
+        for side, sign in signs:
+            bound = None if v.declared is None else getattr(v.declared, side)
+            if bound is not None:
+                tests.append(f"{place} {sign} {number(float(bound))}")
+    body = ["return " + "\n    && ".join(tests or ["parameters != NULL"]) + ";"]
+    return (
+        "\n".join(lines)
+        + "\n"
+        + _function(f"static bool admissible(const {routine.name}_parameters *parameters)", [], body)
+    )
 
 
 def _retune(layout: Layout) -> str:
@@ -135,14 +156,17 @@ def _retune(layout: Layout) -> str:
     order = [i for i in reachable(graph, ends) if graph.nodes[i][0] not in ("const", "truth")]
     body.compute(order, ends)
     body.assign(targets, "(float)" if real == "float" else "")
+    body.lines.append("return true;")
     text = "\n".join(body.lines)
     first = [
         *([f"const {P}_controller before = *controller;"] if "before." in text else []),
         *([f"{P}_state *const state = &controller->state;"] if "state->" in text else []),
-        f"{P}_configure(controller, parameters);",
+        f"if (!{P}_configure(controller, parameters)) {{",
+        "    return false;",
+        "}",
     ]
     return _function(
-        f"void {P}_retune({P}_controller *controller, const {P}_parameters *parameters)", first, body.lines
+        f"bool {P}_retune({P}_controller *controller, const {P}_parameters *parameters)", first, body.lines
     )
 
 
