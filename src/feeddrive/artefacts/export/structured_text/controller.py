@@ -90,12 +90,17 @@ class _Printer:
             for v in self.routine.parameters
             if v.path in self.parameters
         ]
-        design = [Declared(self.design[f.name], self._kind(f), self._fixed_value(f)) for f in self.layout.design]
-        states = [Declared(self.states[v.path], self.real) for v in self.routine.states]
+        prepared = {node: path for path, node in self.layout.prepared if node not in self.layout.leaves}
+        said = self.routine.said
+        design = [
+            (Declared(self.design[f.name], self._kind(f), self._fixed_value(f)), said.get(prepared.get(f.node, ""), ""))
+            for f in self.layout.design
+        ]
+        states = [(Declared(self.states[v.path], self.real), said.get(v.path, "")) for v in self.routine.states]
         return (
             Structure(f"{self.name}_parameters", "What can be changed while the loop runs, by retune.", parameters),
-            Structure(f"{self.name}_design", self._said_of_design(), design),
-            Structure(f"{self.name}_state", "What is remembered from sample to sample.", states),
+            Structure(f"{self.name}_design", self._said_of_design(), _grouped(design)),
+            Structure(f"{self.name}_state", "What is remembered from sample to sample.", _grouped(states)),
         )
 
     def _said_of_design(self) -> str:
@@ -352,6 +357,16 @@ def _legal(names: Iterable[tuple[str, str]]) -> dict[str, str]:
     """Key -> a name that Structured Text takes."""
     taken: set[str] = set()
     return {key: identifier(name, taken, ST_WORDS) for key, name in names}
+
+
+def _grouped(fields: Iterable[tuple[Declared, str]]) -> list[Declared]:
+    """Fields with what is said of several in a row above the first of them."""
+    found: list[Declared] = []
+    last = ""
+    for field, said in fields:
+        found.append(field._replace(above=said if said != last else ""))
+        last = said
+    return found
 
 
 def _meaning(variable: Variable) -> str:

@@ -12,12 +12,13 @@ SECTIONS = (INPUTS, OUTPUTS, VARIABLES, CONSTANTS)
 
 
 class Declared(NamedTuple):
-    """A variable or a field: name, type, first value as text, and what it is."""
+    """A variable or a field: name, type, first value as text, what it is, and what stands above it."""
 
     name: str
     kind: str
     value: str = ""
     meaning: str = ""
+    above: str = ""
 
 
 @dataclass(frozen=True)
@@ -72,14 +73,15 @@ class Unit:
 
 
 def _declared(variables: Iterable[Declared]) -> list[str]:
-    """One line each, with the comments below one another where that leaves the lines short."""
+    """One line each, with the meanings below one another where that leaves the lines short."""
     variables = list(variables)
     lines = [f"{INDENT}{v.name} : {v.kind}{' := ' + v.value if v.value else ''};" for v in variables]
     wide = min(44, max((len(line) for line, v in zip(lines, variables, strict=True) if v.meaning), default=0))
-    return [
-        f"{line:<{wide}} (* {plain(v.meaning)} *)" if v.meaning else line
-        for line, v in zip(lines, variables, strict=True)
-    ]
+    found: list[str] = []
+    for line, variable in zip(lines, variables, strict=True):
+        found += [f"{INDENT}{text}".rstrip() for text in comment(variable.above)]
+        found.append(f"{line:<{wide}} (* {plain(variable.meaning)} *)" if variable.meaning else line)
+    return found
 
 
 def comment(text: str) -> list[str]:
