@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from feeddrive.artefacts.export.c.text import texts
-from feeddrive.artefacts.export.cascade.quantities import read_cascade
+from feeddrive.artefacts.export.cascade.quantities import Cascade, read_cascade
 from feeddrive.artefacts.export.design import Design, read_design
 from feeddrive.artefacts.export.layout import layout
 from feeddrive.artefacts.export.linuxcnc.component import core
@@ -23,6 +23,7 @@ from feeddrive.artefacts.export.linuxcnc_pid.mapping import ROUTES, stock_law, s
 from feeddrive.blocks.controller.cascade_ppi import CascadePPI
 from feeddrive.blocks.controller.linuxcnc_pid import LinuxcncPid
 from feeddrive.blocks.families import Reference
+from feeddrive.blocks.reference.jerk_limited_move import JerkLimitedMove
 from feeddrive.language.errors import FileError, ParameterError, StructureError, UnstableError
 from feeddrive.loop.linearize import loop_gain
 from feeddrive.loop.loop import Loop
@@ -40,7 +41,13 @@ ONE_LOW_PASS = (
     ("[[axis.x.control.feedforward]]", '[[axis.x.control.filters]]\nkind = "low_pass"\nfrequency = 1500\n'
      '[[axis.x.control.feedforward]]'),
 )  # fmt: skip
+HANGING = (
+    ("[axis.x.encoder_load]", '[[axis.x.forces]]\nkind = "gravity"\nforce_N = -390\n[axis.x.encoder_load]'),
+    ("[axis.x.control.guard]", "[axis.x.control.guard]\nsafe_force_N = 390"),
+)
 CASES = {
+    "hanging axis": ("linear_motor", "two", HANGING),
+    "hanging axis, one pid": ("linear_motor", "one", HANGING),
     "linear motor, two pids": ("linear_motor", "two", ()),
     "linear motor, one pid": ("linear_motor", "one", ()),
     "linear motor, one pid and a low pass": ("linear_motor", "one", ONE_LOW_PASS),
@@ -174,6 +181,28 @@ def test_viscous_friction_that_the_law_gives_back_is_held(viscous: float | None,
     assert np.max(np.abs(by_pid / loop_gain(cascade.loop, f).response - 1.0)) < 1e-6
 
 
+@pytest.mark.parametrize("route", ROUTES)
+def test_the_bias_carries_the_weight_of_a_hanging_axis(route: str, tmp_path: Path) -> None:
+    """At rest from the start it sinks only while the first force is on its way, not until an integral has grown."""
+    cascade = read_cascade(changed(tmp_path, "linear_motor", HANGING).loop)
+    law = stock_law(cascade, route=route)
+    last = law.position if law.velocity is None else law.velocity
+    assert last.bias == 390.0 / 100.0
+    rest = JerkLimitedMove(distance=0.0, velocity=0.1, acceleration=1.0, jerk=10.0, dwell_after=0.1)
+    sunk = [
+        np.min(simulated(each, rest)["reading_load"]) for each in (stock_loop(cascade, law), without_bias(cascade, law))
+    ]
+    # it falls freely for the dead time, and the velocity loop stops it within m/Kp
+    fall, dead = 390.0 / 40.0, cascade.loop.axis.actuator.dead_time
+    assert sunk[0] > -(0.5 * fall * dead**2 + fall * dead * 40.0 / 4e4)
+    assert sunk[1] < 10.0 * sunk[0]
+
+
+def without_bias(cascade: Cascade, law: LinuxcncPid) -> Loop:
+    bare = [None if pid is None else replace(pid, bias=0.0) for pid in (law.position, law.velocity)]
+    return stock_loop(cascade, replace(law, position=bare[0], velocity=bare[1]))
+
+
 def test_figures_of_both_controls_stand_in_the_readme(tmp_path: Path) -> None:
     design = read_design("linear_motor", "x")
     text = write_linuxcnc_pid(design, tmp_path / "out").read_text(encoding="utf-8")
@@ -221,6 +250,12 @@ class TestBadInput:
         design = changed(tmp_path, "ball_screw", (), filters=False)
         with pytest.raises(UnstableError, match=r"^the design: the loop is unstable.*notch at"):
             write_linuxcnc_pid(design, tmp_path / "out")
+
+    def test_a_law_that_gives_back_more_than_its_gain(self) -> None:
+        loop = read_design("linear_motor", "x").loop
+        law = CascadePPI(Kv=250.0, Kp=4e4, viscous=5e4)
+        with pytest.raises(ParameterError, match="must be below Kp = 40000 N s/m"):
+            stock_law(read_cascade(replace(loop, control=replace(loop.control, law=law))))
 
     def test_one_pid_for_two_encoders(self, tmp_path: Path) -> None:
         with pytest.raises(StructureError, match=r"two encoders.*take route = two"):

@@ -9,6 +9,7 @@ law's own `viscous`, and m, d the mass and viscous friction that are fed forward
     one pid    Pgain = (Kp Kv + Kp/Tn)/c, Igain = Kp Kv/(c Tn), Dgain = (Kp - b)/c, FF1 = (α - 1) Kp/c + b/c + d/c,
                FF2 = m/c; with filters d and m go by `bias`, as with two pids, so that they bypass them
     filters    a biquad each, with the coefficients of the design's own step
+    weight     of a hanging axis, the guard's safe_force: bias of the last pid, by the same sum2
 
 One pid takes one encoder, since its D differences what P reads.  The integral of the velocity error is then that of the
 position error plus the position error itself, which needs α = 1 where there is a Tn.
@@ -53,6 +54,10 @@ OUTSIDE = {
         "the joint's acceleration and velocity are those of the sample",
         "the force for the acceleration comes half a sample late: an error of mass · jerk · T/2 in N",
     ),
+    "safe_force": (
+        "a pid that runs carries the weight by its bias, but one that is disabled gives 0",
+        "the brake must hold before the joint is disabled",
+    ),
     "velocity_limit": ("LinuxCNC limits what it commands, not what is measured", ""),
     "broken_readings": (
         "a pid computes with whatever it reads",
@@ -75,7 +80,8 @@ def stock_law(cascade: Cascade, *, route: str = "two", units: float = 1000.0) ->
     route  "two" pids in cascade or "one"
     units  machine units in a meter: 1000 for mm, 1/0.0254 for inches
 
-    Raises ParameterError for an unknown route, and StructureError where one pid cannot hold the design.
+    Raises ParameterError for an unknown route and for a law that gives back more friction than its velocity gain, and
+    StructureError where one pid cannot hold the design.
     """
     if route not in ROUTES:
         raise ParameterError(f"route = '{route}' must be one of {', '.join(ROUTES)}")
@@ -84,6 +90,12 @@ def stock_law(cascade: Cascade, *, route: str = "two", units: float = 1000.0) ->
     per_output = 1.0 if motor is None else float(motor.force_per_unit())
     c = units * per_output
     back = law.viscous or 0.0
+    if back >= law.Kp:
+        raise ParameterError(
+            f"control.law.viscous = {back:g} N s/m must be below Kp = {law.Kp:g} N s/m: their difference is the gain "
+            f"of a pid, which may not be negative"
+        )
+    bias = (value["weight"] or 0.0) / per_output
     mass, viscous = value["mass"] or 0.0, value["viscous"] or 0.0
     integral = value["Kp/Tn"] or 0.0
     limit = 0.0 if control.force_limit is None else control.force_limit / per_output
@@ -95,6 +107,7 @@ def stock_law(cascade: Cascade, *, route: str = "two", units: float = 1000.0) ->
             Igain=integral / c,
             FF0=back / c,
             maxoutput=limit,
+            bias=bias,
             error_previous_target=False,
         )
     else:
@@ -108,6 +121,7 @@ def stock_law(cascade: Cascade, *, route: str = "two", units: float = 1000.0) ->
             FF1=own if filters else own + viscous / c,
             FF2=0.0 if filters else mass / c,
             maxoutput=limit,
+            bias=bias,
             error_previous_target=False,
         )
     by_bias = velocity is not None or bool(filters)
@@ -154,8 +168,12 @@ def _check_one(cascade: Cascade) -> None:
 
 
 def stock_loop(cascade: Cascade, law: LinuxcncPid) -> Loop:
-    """The loop with LinuxCNC's pids in the place of its control, on the same axis at HAL's period; its guard stays."""
-    control = Control(law=law, guard=cascade.loop.control.guard)
+    """The loop with LinuxCNC's pids in the place of its control, on the same axis at HAL's period.
+
+    Its guard stays, but for the force on a disabled axis: a disabled pid gives 0.
+    """
+    guard = cascade.loop.control.guard
+    control = Control(law=law, guard=None if guard is None else replace(guard, safe_force=0.0))
     return replace(cascade.loop, control=control, sample_time=period(cascade.loop))
 
 

@@ -36,6 +36,11 @@ def lines(cascade: Cascade) -> tuple[list[Line], list[Lost]]:
             meaning = f"gain of sum2 at velocity.bias: {quantity} that is fed forward"
             si = f"{cascade.values[quantity] or 0.0!r} {'kg' if quantity == 'mass' else 'N s/m'}"
             found.append(Line(name, f"{value:.9g}", unit, meaning, f"control.feedforward, {quantity}", si, _SOURCE))
+    if law.velocity.bias:
+        si = f"{cascade.values['weight']!r} N"
+        meaning = "offset of the same sum2: the weight of a hanging axis"
+        value = f"{law.velocity.bias:.9g}"
+        found.append(Line("forward.offset", value, "output", meaning, "control.guard.safe_force", si, _SOURCE))
     for i, (block, design) in enumerate(zip(law.filters, cascade.loop.control.filters, strict=True)):
         for name in COEFFICIENTS:
             meaning = f"biquad {i}, type 0, at a period of {1e3 * period(cascade.loop):.6g} ms: {numbers(design)}"
