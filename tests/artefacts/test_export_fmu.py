@@ -441,8 +441,8 @@ def test_bad_input_is_named_and_leaves_nothing(tmp_path: Path, monkeypatch: pyte
         write_fmu(design, tmp_path / "a", version=1)
     with pytest.raises(ParameterError, match="double precision"):
         write_fmu(read_design("emps", precision="float"), tmp_path / "a")
-    with pytest.raises(ParameterError, match="stdint_x"):
-        write_fmu(read_design("emps", name="stdint"), tmp_path / "a")
+    with pytest.raises(ParameterError, match="fmu_model_x"):
+        write_fmu(read_design("emps", name="fmu_model"), tmp_path / "a")
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "thesis.txt").write_text("")
     with pytest.raises(FileError, match="was not written by feeddrive"):
