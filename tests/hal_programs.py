@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import pytest
 
-from feeddrive.artefacts.export.linuxcnc.session import check_programs
-from feeddrive.language.errors import MissingProgramError
+from feeddrive.artefacts.export.linuxcnc.session import check_session
+from feeddrive.language.errors import FeeddriveError
 
 
+@cache
 def missing() -> str:
-    """Which programs are not there, and what to install; empty if all are."""
+    """Why LinuxCNC cannot be run here, and what to do; empty if it can."""
     try:
-        check_programs()
-    except MissingProgramError as error:
+        check_session()
+    except FeeddriveError as error:
         return f"NOT TESTED against LinuxCNC: {error}"
     return ""
 
