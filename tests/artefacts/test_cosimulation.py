@@ -140,6 +140,45 @@ def test_a_unit_that_is_named_wins_and_no_unit_is_si(foreign: Path) -> None:
     assert slower["velocity_load"] == pytest.approx(1e-3 * plain["velocity_load"])
 
 
+@pytest.mark.parametrize("version", [2, 3])
+def test_an_fmu_in_an_fmu(plants: Path, tmp_path: Path, version: int) -> None:
+    """FMPy's container loads our plant by its own C: an importer and a binary of others, and still every bit."""
+    container = pytest.importorskip("fmpy.container_fmu.cli", reason="this FMPy has no containers: pip install -U fmpy")
+    from fmpy import read_model_description
+    from fmpy.container_fmu.config import Component, Configuration
+    from fmpy.model_description import CoSimulation, ModelDescription, ModelVariable, Unknown
+
+    loop = read_machine("ball_screw").loop(None)
+    inner = read_model_description(str(plants / f"ball_screw{version}.fmu"))
+    inner.instantiationToken = inner.guid
+    plant = Component(name="plant", filename=plants / f"ball_screw{version}.fmu", modelDescription=inner)
+    real = "Real" if version == 2 else "Float64"
+    mapped = {
+        ModelVariable(
+            name=each.name, valueReference=0, type=real, causality=each.causality, variability=each.variability,
+            initial=each.initial, start=each.start,
+        ): [(plant, each)]
+        for each in inner.modelVariables
+        if each.name in ("force", "load_force", "reading_motor", "reading_load", "position_load")
+    }  # fmt: skip
+    time = ModelVariable(name="time", valueReference=0, type=real, causality="independent", variability="continuous")
+    outer = ModelDescription(fmiVersion=f"{version}.0", modelName="Container", instantiationToken="{box}")
+    outer.guid = "{box}"
+    outer.coSimulation = CoSimulation(fixedInternalStepSize=float(loop.sample_time))
+    outer.modelVariables = [time, *mapped]
+    outer.outputs = [Unknown(variable=each) for each in mapped if each.causality == "output"]
+    outer.initialUnknowns = [Unknown(variable=each) for each in mapped if each.causality == "output"]
+    (tmp_path / "unzipped").mkdir()
+    wanted = Configuration(
+        parallelDoStep=False, modelDescription=outer, components=[plant], connections=[], variableMappings=mapped
+    )
+    container.create_container_fmu(wanted, tmp_path / "unzipped", tmp_path / "box.fmu")
+    found = simulate_with_fmu(loop, tmp_path / "box.fmu", MOVE)
+    expected = simulate(loop, MOVE)
+    for signal, values in found.signals.items():
+        assert same(values, expected[signal]), signal
+
+
 def test_an_fmu_of_python_code(tmp_path: Path) -> None:
     """Made by pythonfmu, whose shell is a program of others; Euler in ten pieces: 1 % of the error, 1 µm at most."""
     builder = pytest.importorskip("pythonfmu.builder", reason="pip install pythonfmu")
