@@ -6,8 +6,9 @@ import time
 from types import TracebackType
 from typing import NamedTuple
 
+from feeddrive.artefacts.bus.commissioning import check_scaling, identify, write_cycle_time, write_limits
 from feeddrive.artefacts.bus.drive_file import BusDrive
-from feeddrive.artefacts.bus.objects import DEVICE_NAME, NEEDED, OBJECTS, SENT, TOLD, Layout
+from feeddrive.artefacts.bus.objects import NEEDED, OBJECTS, SENT, TOLD, VIRTUAL, Layout
 from feeddrive.artefacts.bus.pace import Pace
 from feeddrive.artefacts.bus.power_states import (
     CSP,
@@ -21,15 +22,11 @@ from feeddrive.artefacts.bus.power_states import (
     PowerState,
     state_of,
 )
-from feeddrive.artefacts.bus.scaling import interpolation_time
-from feeddrive.artefacts.bus.transport import RefusedError, Transport, has_object, read_object, write_object
+from feeddrive.artefacts.bus.transport import Transport, has_object, write_object
 from feeddrive.language.errors import BusError
 
-VIRTUAL = "feeddrive virtual drive"
-_PROFILE = 402
 _PATIENCE = 3.0  # s for a change of state, on the clock and in cycles
 _TARGETS = {CSP: "target_position", CST: "target_torque"}
-_ALWAYS = ("controlword", "mode")
 
 
 class Told(NamedTuple):
@@ -101,12 +98,13 @@ class DriveClient:
         """Find, check, limit and map the drive, and begin the exchange; it stays switched off."""
         transport = self.transport
         transport.open()
-        self._identify()
+        self.identity = identify(transport, self.drive)
         if self.pace.cycle_time is None and not self.is_virtual:
             raise BusError(f"{transport.where}: only a virtual drive may be run without a clock; leave --unpaced out")
-        self._check_scaling()
+        self.remarks += check_scaling(transport, self.scaling)
         write_object(transport, "mode", self.mode)
-        self._limit()
+        write_cycle_time(transport, self.drive)
+        self.remarks += write_limits(transport, self.drive)
         there = {name for group in (*SENT, *TOLD) for name in group if has_object(transport, name)}
         target = _TARGETS.get(self.mode, "target_velocity")
         missing = [name for name in (*NEEDED, target) if name not in there]
@@ -122,94 +120,6 @@ class DriveClient:
             self._follow()
         if self.told is None:
             raise BusError(f"{transport.where}: {transport.state()}, but its process data are lost")
-
-    def has(self, name: str) -> bool:
-        """Whether an object travels in the process data."""
-        return name in self._sent.names or name in self._back.names
-
-    def _identify(self) -> None:
-        profile = read_object(self.transport, "device_type") & 0xFFFF
-        if profile != _PROFILE:
-            raise BusError(f"{self.transport.where}: is no drive by CiA 402 but a device of profile {profile}")
-        for name in ("vendor", "product", "revision", "serial"):
-            if has_object(self.transport, name):
-                self.identity[name] = read_object(self.transport, name)
-        try:
-            text = self.transport.read(*DEVICE_NAME)
-        except RefusedError:
-            text = b""
-        self.identity["name"] = text.decode("latin-1").strip("\x00 ")
-        if not has_object(self.transport, "supported_modes"):
-            return
-        supported = read_object(self.transport, "supported_modes")
-        if not supported >> (self.mode - 1) & 1:
-            can = [name for name, mode in MODES.items() if supported >> (mode - 1) & 1]
-            raise BusError(
-                f'{self.transport.where}: does not support mode = "{self.drive.mode}"; it supports '
-                f"{', '.join(can) or 'none of csp, csv and cst'} (object 0x6502)"
-            )
-
-    def _check_scaling(self) -> None:
-        """What the drive says of its units against the drive file."""
-        scaling = self.scaling
-        pairs: list[tuple[str, float, str, float]] = [("rated_torque", scaling.rated_milli, "", 1e-3)]
-        if scaling.rated_force is not None:
-            pairs = [("rated_force", scaling.rated_milli, "rated_torque", 1e-3)]
-        if scaling.counts_per_turn is not None and has_object(self.transport, "encoder_turns"):
-            turns = max(1, read_object(self.transport, "encoder_turns"))
-            pairs.append(("counts_per_turn", turns * scaling.counts_per_turn, "encoder_increments", 1.0 / turns))
-        if scaling.turns and has_object(self.transport, "gear_shaft_turns"):
-            turns = max(1, read_object(self.transport, "gear_shaft_turns"))
-            pairs.append(("gear", turns * scaling.gear, "gear_motor_turns", 1.0 / turns))
-        for key, wanted, name, factor in pairs:
-            found = OBJECTS[name or key]
-            if not has_object(self.transport, found.name):
-                self.remarks.append(f"The drive has no object {found.place}: scaling.{key} could not be checked.")
-                continue
-            got = read_object(self.transport, found.name)
-            if abs(got - wanted) > 1.0 + 5e-3 * abs(wanted):
-                raise BusError(
-                    f"{self.transport.where}: scaling.{key} = {wanted * factor:g} in the drive file, but the drive "
-                    f"says {got * factor:g} in object {found.place}; correct the drive file, or the drive"
-                )
-
-    def _limit(self) -> None:
-        """The limits into the drive itself, where it has objects for them."""
-        limits, scaling = self.drive.limits, self.scaling
-        wanted: dict[str, int] = {
-            "max_torque": max(1, int(limits.force / scaling.newton)),
-            "following_error_window": max(1, scaling.increments(limits.following_error)),
-            "quick_stop_deceleration": max(1, scaling.increments(limits.quick_stop_deceleration)),
-            "quick_stop_option": 2,
-        }
-        if limits.position_least is not None:
-            wanted["position_least"] = scaling.increments(limits.position_least)
-        if limits.position_most is not None:
-            wanted["position_most"] = scaling.increments(limits.position_most)
-        self._say_cycle_time()
-        for name, value in wanted.items():
-            least, most = OBJECTS[name].bounds()
-            try:
-                write_object(self.transport, name, max(least, min(most, value)))
-            except RefusedError:
-                self.remarks.append(
-                    f"The drive does not take {OBJECTS[name].place} ({name.replace('_', ' ')}): set this limit with "
-                    "its maker's tool."
-                )
-
-    def _say_cycle_time(self) -> None:
-        """Into 0x60C2, where the drive has it: the time over which it interpolates."""
-        if not has_object(self.transport, "cycle_value"):
-            return
-        value, power = interpolation_time(self.drive.cycle_time)
-        try:
-            write_object(self.transport, "cycle_exponent", power)
-            write_object(self.transport, "cycle_value", value)
-        except RefusedError as error:
-            raise BusError(
-                f"{self.transport.where}: cycle_time = {1e6 * self.drive.cycle_time:g} us does not suit the drive: "
-                f"object 0x60C2 is refused (0x{error.code:08X}); take a cycle time that its manual names"
-            ) from None
 
     def cycle(self) -> Told | None:
         """One exchange with what was commanded; None for a lost frame."""

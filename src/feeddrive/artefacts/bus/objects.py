@@ -87,6 +87,8 @@ OBJECTS: Mapping[str, Object] = {
         Object("encoder_turns", 0x608F, 2, "u32", "position encoder resolution: in so many turns of the motor"),
         Object("gear_motor_turns", 0x6091, 1, "u32", "gear ratio: turns of the motor"),
         Object("gear_shaft_turns", 0x6091, 2, "u32", "gear ratio: in so many turns of the shaft"),
+        Object("feed_constant", 0x6092, 1, "u32", "feed constant: increments of 0x6064"),
+        Object("feed_shaft_turns", 0x6092, 2, "u32", "feed constant: in so many turns of the shaft"),
         Object("velocity_offset", 0x60B1, 0, "i32", "added to the velocity command, increments/s"),
         Object("torque_offset", 0x60B2, 0, "i16", "added to the torque command, 0.1 % of rated"),
         Object("cycle_value", 0x60C2, 1, "u8", "bus cycle: value"),
@@ -99,6 +101,7 @@ OBJECTS: Mapping[str, Object] = {
 }
 AT: Mapping[tuple[int, int], Object] = {(each.index, each.subindex): each for each in OBJECTS.values()}
 DEVICE_NAME = (0x1008, 0)  # a text, and so none of the above
+VIRTUAL = "feeddrive virtual drive"  # what a virtual drive has there
 
 # what goes in every cycle, by process data objects of at most 8 bytes, so that CAN takes the same as EtherCAT
 SENT = (

@@ -9,9 +9,10 @@ from __future__ import annotations
 import struct
 from collections.abc import Iterator
 
+from feeddrive.artefacts.bus.objects import VIRTUAL
 from feeddrive.artefacts.bus.virtual import coe
 from feeddrive.artefacts.bus.virtual.eeprom import INPUTS, MAILBOX_IN, MAILBOX_OUT, OUTPUTS, eeprom
-from feeddrive.artefacts.bus.virtual.firmware import NAME, PRODUCT, REVISION, VENDOR, Firmware
+from feeddrive.artefacts.bus.virtual.firmware import PRODUCT, REVISION, VENDOR, Firmware
 from feeddrive.artefacts.bus.virtual.pdo_map import PdoMap
 
 ETHERTYPE = 0x88A4
@@ -36,7 +37,7 @@ class SlaveController:
         self.firmware = firmware
         self.objects = PdoMap(firmware, lambda: self.state == PREOP)
         self._memory = bytearray(0x2000)
-        self._eeprom = eeprom(VENDOR, PRODUCT, REVISION, 1, NAME)
+        self._eeprom = eeprom(VENDOR, PRODUCT, REVISION, 1, VIRTUAL)
         # type, revision, build; 4 FMMUs, 4 sync managers, 4 kB, one MII port; no distributed clocks
         struct.pack_into("<BBHBBBBH", self._memory, 0x0000, 0x11, 0, 1, 4, 4, 4, 0x03, 0x0000)
         struct.pack_into("<H", self._memory, 0x0110, 0x5611)  # link on port 0, the others closed

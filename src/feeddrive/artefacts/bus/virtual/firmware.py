@@ -10,14 +10,13 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from feeddrive.artefacts.bus.objects import AT, DEVICE_NAME, OBJECTS
+from feeddrive.artefacts.bus.objects import AT, DEVICE_NAME, OBJECTS, VIRTUAL
 from feeddrive.artefacts.bus.power_states import CSP, CST, CSV, PowerState, answer
 from feeddrive.artefacts.bus.scaling import DriveScaling, interpolation_time
 from feeddrive.artefacts.bus.virtual.driven_axis import DrivenAxis
 from feeddrive.language.errors import ParameterError
 from feeddrive.loop.guard import TRIP_COMMAND, TRIP_FOLLOWING_ERROR, TRIP_READING, TRIP_TRAVEL, TRIP_VELOCITY
 
-NAME = "feeddrive virtual drive"
 VENDOR, PRODUCT, REVISION = 0, 0x66656564, 1  # vendor 0: nobody's
 _TRIPPED = {
     TRIP_READING: 0x7305, TRIP_FOLLOWING_ERROR: 0x8611, TRIP_VELOCITY: 0x8400, TRIP_TRAVEL: 0x8612,
@@ -98,20 +97,21 @@ class Firmware:
             values |= {"encoder_increments": round(scaling.counts_per_turn), "encoder_turns": 1}
             turns = round(1000 * scaling.gear)
             values |= {"gear_motor_turns": turns, "gear_shaft_turns": 1000}
+            values |= {"feed_constant": round(scaling.counts_per_turn * scaling.gear), "feed_shaft_turns": 1}
         return values
 
     def has(self, name: str) -> bool:
         """Whether this drive has the object."""
         if name == "second_position":
             return self.axis.encoders == 2
-        if name in ("encoder_increments", "encoder_turns", "gear_motor_turns", "gear_shaft_turns"):
+        if OBJECTS[name].index in (0x608F, 0x6091, 0x6092):
             return self.scaling.turns
         return name in OBJECTS
 
     def read(self, index: int, subindex: int) -> bytes:
         """The content of an object. Raises SdoAbortError."""
         if (index, subindex) == DEVICE_NAME:
-            return NAME.encode()
+            return VIRTUAL.encode()
         found = AT.get((index, subindex))
         same = [each for each in AT.values() if each.index == index and self.has(each.name)]
         if found is None or not self.has(found.name):
