@@ -52,8 +52,9 @@ def bench_loop(**guard: float) -> Loop:
 
 def drive(bus: str, **changes: Any) -> BusDrive:
     """Its description, as a drive file would have it."""
-    given: dict[str, Any] = {"station": 1 if bus == "ethercat" else 5, "cycle_time": T, "scaling": SCALING}
-    return BusDrive(bus=bus, limits=LIMITS, **{**given, **changes})
+    given: dict[str, Any] = {"station": 1 if bus == "ethercat" else 5, "cycle_time": T, "scaling": SCALING,
+                             "limits": LIMITS}  # fmt: skip
+    return BusDrive(bus=bus, **{**given, **changes})
 
 
 _buses = iter(range(10_000))

@@ -23,6 +23,7 @@ from feeddrive.artefacts.bus.power_states import FAULT_RESET
 from feeddrive.artefacts.bus.profile import Profile
 from feeddrive.artefacts.bus.scaling import DriveScaling
 from feeddrive.artefacts.bus.transport import write_object
+from feeddrive.artefacts.bus.virtual.driven_axis import DrivenAxis
 from feeddrive.blocks.controller.pole_placement import PolePlacement
 from feeddrive.blocks.load.recorded_force import RecordedForce
 from feeddrive.blocks.reference.recorded import Recorded
@@ -136,10 +137,7 @@ def limits(bus: str) -> dict[str, Any]:
     found: dict[str, Any] = {}
     tight = LIMITS.__class__(travel=0.2, velocity=0.5, force=2000.0, following_error=2e-5)
     with powered(bus) as bench:
-        described = drive(bus).__class__(
-            bus=bus, station=drive(bus).station, cycle_time=T, scaling=SCALING, limits=tight
-        )  # fmt: skip
-        with client(described, bench.interface) as master:
+        with client(drive(bus, limits=tight), bench.interface) as master:
             # the drive's own window is taken away, so that the limit of the client is what ends the motion
             write_object(master.transport, "following_error_window", 0xFFFFFFFF)
             played = play(master, profile(peak=600.0))
@@ -216,6 +214,30 @@ def silence(bus: str) -> dict[str, Any]:
         return {"trouble": trouble, "state": bench.state, "code": bench.error_code, "unreachable": unreachable}
 
 
+def kinds(bus: str) -> dict[str, Any]:
+    """An excitation of the position, of the velocity and of the torque alone, against the axis without a bus."""
+    found: dict[str, Any] = {}
+    for mode, unit, peak in (("csp", "m", 1e-4), ("csv", "m/s", 0.02), ("cst", "N", 100.0)):
+        sent = profile(400, 0.0 if mode == "cst" else 0.01, peak, unit)
+        with powered(bus) as bench, client(drive(bus, mode=mode), bench.interface) as master:
+            played = play(master, sent)
+        axis, metre, truth = DrivenAxis(bench_loop()), SCALING.metre, []
+        for x, v, each in zip(sent.set_position, sent.velocity, sent.excitation, strict=True):
+            if mode == "cst":
+                done = axis.push(SCALING.per_mille(each) * SCALING.newton, 1)
+            else:
+                target = SCALING.increments(x + (each if unit == "m" else 0.0)) * metre
+                speed = SCALING.increments(v + (each if unit == "m/s" else 0.0)) * metre
+                done = axis.follow(np.array([target]), np.array([speed]), 0.0, True, alone=mode == "csv")
+            truth.append(done.position)
+        found[mode] = {
+            "aborted": played.aborted, "moved": float(np.ptp(truth)),
+            "increments": float(np.max(np.abs(played.log["reading_load"] - truth))) / metre,
+            "excitation": bool(np.array_equal(played.log["excitation"], sent.excitation)),
+        }  # fmt: skip
+    return found
+
+
 def hearing(bus: str) -> dict[str, Any]:
     """A log of a drive that stays switched off."""
     with powered(bus) as bench, client(drive(bus), bench.interface) as master:
@@ -232,7 +254,7 @@ def said(asked: Any) -> str:
     return ""
 
 
-SCENARIOS = (exact, torque, speed, losses, faults, limits, wrong, refusals, silence, hearing)
+SCENARIOS = (exact, torque, speed, losses, faults, limits, wrong, refusals, silence, kinds, hearing)
 
 if __name__ == "__main__":
     results: dict[str, Any] = {}

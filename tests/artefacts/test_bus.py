@@ -61,6 +61,16 @@ def test_velocity_mode_reaches_its_target(tried: Scenario) -> None:
     assert tried("speed")["velocity"] == pytest.approx(0.05, abs=SCALING.metre / T)
 
 
+@pytest.mark.parametrize("mode", ["csp", "csv", "cst"])
+def test_a_profile_is_played_in_every_mode_as_without_a_bus(tried: Scenario, mode: str) -> None:
+    """Excitation of the position, of the velocity, of the torque: to half an increment."""
+    found = tried("kinds")[mode]
+    assert found["aborted"] is None
+    assert found["excitation"]
+    assert found["moved"] > 2e-5  # 2000 increments; a chirp leaves a free mass little more
+    assert found["increments"] <= 0.5 + 1e-6
+
+
 def test_lost_frames_are_marked_and_too_many_end_the_motion(tried: Scenario) -> None:
     found = tried("losses")
     few, many = found["few"], found["many"]

@@ -62,7 +62,8 @@ def check_scaling(transport: Transport, scaling: DriveScaling) -> list[str]:
             remarks.append(f"The drive has no object {place}: scaling.{key} could not be checked.")
             continue
         got = read_object(transport, name)
-        if abs(got - wanted) > 1.0 + _NEAR * abs(wanted):
+        rounding = 0.5 if name == "rated_torque" else 0.0  # to whole mN m
+        if abs(got - wanted) > rounding + _NEAR * abs(wanted):
             raise BusError(
                 f"{transport.where}: scaling.{key} = {wanted * factor:g} in the drive file, but the drive says "
                 f"{got * factor:g} in object {place}; correct the drive file, or the drive"
