@@ -207,7 +207,7 @@ def real(node: Any, wanted: str | None = None) -> tuple[float, str]:
     if node.type_name is None:
         if wanted is None and short(value) != value:
             raise IllegalTextError(f"{text} needs its type in front: a short real rounds it")
-        return value, wanted or "ANY_REAL"
+        return (short(value) if wanted == "REAL" else value), wanted or "ANY_REAL"
     kind = str(node.type_name)
     if wanted not in (None, kind):
         raise IllegalTextError(f"{kind}#{text} where {wanted} is needed")
