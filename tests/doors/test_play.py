@@ -129,6 +129,29 @@ def test_over_canopen_between_processes(call, tmp_path: Path) -> None:
     assert np.ptp(heard["reading_load"]) == 0.0
 
 
+def test_an_aborted_motion_leaves_its_log_and_its_reason(call, tmp_path: Path) -> None:
+    """A following error of 0.2 mm is allowed, a P velocity loop without feedforward needs more: 1, and what was."""
+    t = np.arange(2001) * 1e-3
+    x = 0.05 * np.sin(np.pi * t / 2.0) ** 4
+    rows = [f"{a:.4f},{b}" for a, b in zip(t, x, strict=True)]
+    (tmp_path / "p.csv").write_text("time [s],set_position [m]\n" + "\n".join(rows) + "\n")
+    play = "play p.csv --drive tight.toml --unpaced --out measured; echo code $? >> code.txt; true"
+    tighten = "sed 's/^following_error.*/following_error = 2e-4/' drive.toml > tight.toml\n"
+    script = WALK.format(
+        feeddrive=FEEDDRIVE, machine="emps", drive="--interface veth1 --master veth0",
+        commands=f"{tighten}{FEEDDRIVE} {play}",
+    )  # fmt: skip
+    done = in_a_namespace("bash", "-c", script, cwd=tmp_path)
+    assert (tmp_path / "code.txt").read_text() == "code 1\n"
+    assert (
+        "exceeded limits.following_error = 0.0002 m; the axis was stopped and is in 'switch on disabled'" in done.stderr
+    )
+    log = read_log(tmp_path / "measured" / "aborted_1.parquet")
+    assert 100 < len(log) < 2001
+    assert "limits.following_error" in log.provenance["origin"]["aborted"]
+    assert np.max(np.abs(log["set_position"] - log["reading_load"])) > 1.9e-4
+
+
 DRIVE = """
 bus = "ethercat"
 interface = "nowhere0"

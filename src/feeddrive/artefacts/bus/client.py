@@ -229,7 +229,8 @@ class DriveClient:
         while self.state is not wanted and self.state not in ending:
             state = self.state
             self._follow(sending.get(state, self._values["controlword"]) if state else None)
-            if self.state in (PowerState.FAULT, PowerState.FAULT_REACTION) and before is not PowerState.FAULT:
+            failed = self.state in (PowerState.FAULT, PowerState.FAULT_REACTION) and before is not PowerState.FAULT
+            if failed and PowerState.FAULT not in ending:
                 raise BusError(self._fault())
             cycles += 1
             if cycles * self.drive.cycle_time > _PATIENCE and time.monotonic() - began > _PATIENCE:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Generator, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import typer
@@ -55,18 +56,25 @@ def _play(
     console: Console, file: DriveFile, profile: Profile, unpaced: bool, reset_fault: bool, *, first: bool
 ) -> Played:
     """The drive is opened for each profile, so that none waits for the log of another."""
-    with _named(file), _client(file, unpaced) as client:
-        if first:
-            _greet(console, client)
-        if reset_fault:
-            client.reset_fault()
-        with Progress(TextColumn("{task.description}"), BarColumn(), console=console, transient=True) as bar:
-            task = bar.add_task(Path(profile.name).name)
+    played: Played | None = None
+    try:
+        with _named(file), _client(file, unpaced) as client:
+            if first:
+                _greet(console, client)
+            if reset_fault:
+                client.reset_fault()
+            with Progress(TextColumn("{task.description}"), BarColumn(), console=console, transient=True) as bar:
+                task = bar.add_task(Path(profile.name).name)
 
-            def show(rows: int, count: int) -> None:
-                bar.update(task, completed=rows, total=count)
+                def show(rows: int, count: int) -> None:
+                    bar.update(task, completed=rows, total=count)
 
-            return play(client, profile, name=Path(profile.name).stem, progress=show)
+                played = play(client, profile, name=Path(profile.name).stem, progress=show)
+    except BusError as error:
+        if played is None:
+            raise
+        return replace(played, aborted=str(error))  # it would not be left; what it did is kept all the same
+    return played
 
 
 def perform_listening(drive_path: Path, seconds: float, unpaced: bool, out: Path) -> None:
