@@ -20,7 +20,7 @@ from rounds import machine, measure, table
 from feeddrive import SnapLimitedMove, read_machine, simulate, simulate_with_fmu
 from feeddrive.artefacts.export.fmu.fmu import fmu
 from feeddrive.artefacts.export.layout import layout
-from feeddrive.loop.routine import controller_routine, plant_routine
+from feeddrive.loop.routine_trace import controller_routine, plant_routine
 
 ROUNDS, SAMPLES, CALLS = 9, 20_000, 2_000
 MOVE = SnapLimitedMove(distance=0.05, velocity=0.2, acceleration=4.0, jerk=200.0, snap=4e4)

@@ -45,7 +45,7 @@ from feeddrive.language.errors import (
     MissingProgramError,
     ParameterError,
 )
-from feeddrive.loop.routine import plant_routine
+from feeddrive.loop.routine_trace import plant_routine
 from foreign_fmu import DESCRIPTION, damaged, slide
 
 pytest.importorskip("fmpy", reason="an FMU runs through FMPy: pip install 'feeddrive[fmu]'")

@@ -18,8 +18,8 @@ from feeddrive.artefacts.export.c.text import texts
 from feeddrive.artefacts.export.layout import Layout, layout
 from feeddrive.artefacts.export.trial import BROKEN, Trial, trial
 from feeddrive.loop.guard import TRIP_COMMAND, TRIP_READING
-from feeddrive.loop.routine import controller_routine, guarded, plant_routine
 from feeddrive.loop.routine_run import run
+from feeddrive.loop.routine_trace import controller_routine, guarded, plant_routine
 
 pytestmark = pytest.mark.skipif(
     shutil.which("gcc") is None, reason="NOT TESTED: exported C needs gcc: apt-get install gcc libc6-dev"

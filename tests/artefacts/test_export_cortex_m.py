@@ -22,8 +22,8 @@ from feeddrive.artefacts.export.layout import layout
 from feeddrive.artefacts.export.trial import trial
 from feeddrive.artefacts.files.machine import read_machine
 from feeddrive.language.errors import FileError, MissingProgramError, ParameterError
-from feeddrive.loop.routine import controller_routine
 from feeddrive.loop.routine_run import run
+from feeddrive.loop.routine_trace import controller_routine
 
 needs_tools = pytest.mark.skipif(
     any(shutil.which(program) is None for program in ("make", "arm-none-eabi-gcc", "qemu-system-arm")),

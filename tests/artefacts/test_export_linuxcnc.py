@@ -27,8 +27,8 @@ from feeddrive.artefacts.export.linuxcnc.session import HalError
 from feeddrive.artefacts.export.linuxcnc.write import write_linuxcnc
 from feeddrive.artefacts.export.trial import trial
 from feeddrive.language.errors import FileError, MissingProgramError, ParameterError, StructureError
-from feeddrive.loop.routine import controller_routine
 from feeddrive.loop.routine_run import run
+from feeddrive.loop.routine_trace import controller_routine
 
 
 def _missing() -> str:

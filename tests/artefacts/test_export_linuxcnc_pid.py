@@ -27,7 +27,7 @@ from feeddrive.blocks.reference.jerk_limited_move import JerkLimitedMove
 from feeddrive.language.errors import FileError, ParameterError, StructureError, UnstableError
 from feeddrive.loop.linearize import loop_gain
 from feeddrive.loop.loop import Loop
-from feeddrive.loop.routine import plant_routine
+from feeddrive.loop.routine_trace import plant_routine
 from feeddrive.loop.simulate import simulate
 from hal_programs import needs_linuxcnc
 

@@ -26,8 +26,9 @@ from feeddrive.artefacts.export.structured_text.plcopen import NAMESPACE
 from feeddrive.artefacts.export.trial import Trial, trial
 from feeddrive.language.errors import FileError, ParameterError, StructureError
 from feeddrive.loop.guard import TRIP_READING
-from feeddrive.loop.routine import Routine, controller_routine, guarded
+from feeddrive.loop.routine import Routine
 from feeddrive.loop.routine_run import run
+from feeddrive.loop.routine_trace import controller_routine, guarded
 
 # beside the laws: feedforwards and a prefilter, functions of the text's own, a table
 BESIDE = ["cascade_ppi, inverse dynamics, friction and prefilter", "cascade_ppi, learned force"]

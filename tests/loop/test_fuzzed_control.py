@@ -13,8 +13,8 @@ from feeddrive.blocks.families import Filter, Law, Observer, Prefilter
 from feeddrive.blocks.signals import Setpoint
 from feeddrive.language import tree
 from feeddrive.loop.guard import COMMAND_LIMIT, SETPOINT_LIMIT, TRIP_READING
-from feeddrive.loop.routine import controller_routine
 from feeddrive.loop.routine_run import run
+from feeddrive.loop.routine_trace import controller_routine
 from loop.controls import CONTROLS as RETUNED
 from loop.controls import T, loop_of
 

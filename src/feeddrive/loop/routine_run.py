@@ -18,7 +18,8 @@ from feeddrive.language.errors import ParameterError
 from feeddrive.language.graph import Graph
 from feeddrive.loop.engine.native import Native, native
 from feeddrive.loop.engine.plan import plan
-from feeddrive.loop.routine import Controller, Routine
+from feeddrive.loop.routine import Routine
+from feeddrive.loop.routine_trace import Controller
 from feeddrive.loop.trace import SETPOINT, Carried, Program, concrete, numbers
 
 Changes = Mapping[int, Mapping[str, float]]

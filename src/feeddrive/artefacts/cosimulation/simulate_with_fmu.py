@@ -15,8 +15,9 @@ from feeddrive.artefacts.cosimulation.ports import TAKEN, Port, needed, ports
 from feeddrive.blocks.families import Load, Reference
 from feeddrive.language.errors import DivergedError, ParameterError
 from feeddrive.loop.loop import Loop, Signals
-from feeddrive.loop.routine import Routine, controller_routine
+from feeddrive.loop.routine import Routine
 from feeddrive.loop.routine_run import ControllerRun
+from feeddrive.loop.routine_trace import controller_routine
 from feeddrive.loop.runner import Work
 from feeddrive.loop.simulate import Run, sample_count
 from feeddrive.loop.trace import SETPOINT

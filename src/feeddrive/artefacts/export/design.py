@@ -12,7 +12,8 @@ from feeddrive.artefacts.export.identifiers import check_name
 from feeddrive.artefacts.export.layout import Layout, layout
 from feeddrive.artefacts.files.machine import Machine, read_machine
 from feeddrive.loop.loop import Loop
-from feeddrive.loop.routine import Routine, controller_routine, plant_routine
+from feeddrive.loop.routine import Routine
+from feeddrive.loop.routine_trace import controller_routine, plant_routine
 
 CONTROL, PLANT = "control", "plant"
 MACHINE_FILE = "machine.toml"  # the copy of the machine file in an export

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from feeddrive.artefacts.export.design import CONTROL, PLANT, Design, read_design
-from feeddrive.artefacts.files.toml_lines import nearest
+from feeddrive.artefacts.files.messages import nearest
 from feeddrive.engineer.analysis.stability import require_stable
 from feeddrive.language.errors import ParameterError
 
@@ -84,7 +84,7 @@ def export(
 
 def _chosen(target: str) -> Target:
     if target not in TARGETS:
-        raise ParameterError(f"--target = '{target}' is none of {', '.join(TARGETS)}{nearest(target, list(TARGETS))}")
+        raise ParameterError(f"--target = '{target}' is no target{nearest(target, TARGETS)}")
     return TARGETS[target]
 
 

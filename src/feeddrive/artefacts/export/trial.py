@@ -11,7 +11,8 @@ import numpy as np
 from feeddrive.language import tree
 from feeddrive.language.errors import FeeddriveError
 from feeddrive.loop.guard import Guard
-from feeddrive.loop.routine import Controller, Routine, Variable
+from feeddrive.loop.routine import Routine, Variable
+from feeddrive.loop.routine_trace import Controller
 
 _DRAWS = 5  # until a change is one that the block allows
 BROKEN = (np.nan, np.inf, -np.inf, 1e300, -1e200, 5e-324, 1e-310)  # what no encoder should say, and what few do

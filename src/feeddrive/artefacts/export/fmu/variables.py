@@ -9,7 +9,7 @@ import math
 import sys
 from typing import NamedTuple
 
-from feeddrive.language import tree
+from feeddrive.language.block import Declaration
 from feeddrive.loop.guard import TRIPS
 from feeddrive.loop.routine import Routine
 
@@ -51,7 +51,7 @@ def variables(routine: Routine) -> tuple[FmuVariable, ...]:
         FmuVariable("sample_time", "sample_time", "number", "s", "from sample to sample; fixed", T, least=T, most=T),
     ]
     for each in routine.parameters:
-        least, most = _bounds(routine, each.path)
+        least, most = _bounds(each.declared)
         found.append(
             FmuVariable(
                 each.name,
@@ -78,13 +78,10 @@ def _kind(name: str) -> str:
     return "truth" if name in _TRUTHS else "enumeration" if name == "trip" else "number"
 
 
-def _bounds(routine: Routine, path: str) -> tuple[float, float]:
+def _bounds(declared: Declaration | None) -> tuple[float, float]:
     """Smallest and largest admissible value; a bound that is itself excluded gives the number next to it."""
-    if is_plant(routine):
-        path = f"axis.{path}"
-    elif path.startswith("motor."):
-        path = f"axis.actuator.{path}"
-    declared = tree.declaration(routine.origin, path)
+    if declared is None:
+        return -math.inf, math.inf
     least = -math.inf if declared.least is None else declared.least
     most = math.inf if declared.most is None else declared.most
     if declared.above is not None:

@@ -8,7 +8,6 @@ from feeddrive.artefacts.export.linuxcnc import names
 from feeddrive.artefacts.export.linuxcnc.component import component, numbers, where
 from feeddrive.artefacts.export.linuxcnc.names import Item, hal, pin
 from feeddrive.artefacts.export.linuxcnc.texts import filled
-from feeddrive.language import tree
 from feeddrive.language.block import Declaration
 from feeddrive.loop.guard import TRIPS
 from feeddrive.loop.routine import Routine
@@ -99,7 +98,6 @@ def controller_comp(routine: Routine, title: str, made_by: str) -> str:
     items, own = pins(routine), settings(routine)
     tuned = {names.parameter(v): v for v in routine.parameters}
     names.check_component(routine.name, ("",), [*items, *own, *tuned])
-    block = routine.blocks[0][1]
     return component(
         routine.name,
         f"{title}. {made_by} Pins in mm, mm/s, ... (units-per-m), N; parameters in SI as in the machine file.",
@@ -112,7 +110,7 @@ def controller_comp(routine: Routine, title: str, made_by: str) -> str:
             hal=hal(routine.name),
             period=names.period(routine),
             wanted=numbers([item.c for item in tuned]),
-            bounds="\n".join(_bound(item, tree.declaration(block, v.path)) for item, v in tuned.items()),
+            bounds="\n".join(_bound(item, v.declared) for item, v in tuned.items()),
             inputs=numbers([_given(v.name) for v in routine.inputs]),
             drive=where(any(v.name == "command" for v in routine.outputs), "    drive_cmd = result.command;\n"),
             period_fault=FAULT_PERIOD,
@@ -127,9 +125,10 @@ def _given(name: str) -> str:
     return "on ? 1.0 : 0.0" if name == "enable" else f"{pin(_INPUTS[name][0], '', '', '').c} / scale"
 
 
-def _bound(item: Item, declared: Declaration) -> str:
+def _bound(item: Item, declared: Declaration | None) -> str:
     """Bounds of a parameter as a row {least, most}; open ones by the next number."""
     low, high = "-DBL_MAX", "DBL_MAX"
+    declared = declared or Declaration(role="parameter", unit="", meaning="")
     if declared.above is not None or declared.least is not None:
         low = (
             math.nextafter(declared.above, math.inf) if declared.above is not None else float(declared.least or 0)

@@ -22,7 +22,8 @@ _MARGIN = 2.0  # between the following error of the move and FERROR
 class Limits:
     """Of an axis that LinuxCNC moves: velocity (m/s), acceleration (m/s2), following error (m), ends of the travel (m).
 
-    `peak_error` (m) and `peak_force` (N) are those of the move in which the axis was tried.
+    `peak_error` (m) and `peak_force` (N) are those of the move in which the axis was tried; `travel_known` says whether
+    the ends stand in the guard, or are made up.
     """
 
     velocity: float
@@ -32,6 +33,7 @@ class Limits:
     most: float
     peak_error: float
     peak_force: float
+    travel_known: bool
 
 
 def limits(loop: Loop) -> Limits:
@@ -94,7 +96,8 @@ def _tried(loop: Loop, velocity: float, least: float, most: float) -> Limits | N
         bounds += [(error, guard.following_error_limit), (speed, guard.velocity_limit)]
     if np.any(run["trip"] > 0.0) or any(bound is not None and value > _SHARE * bound for value, bound in bounds):
         return None
-    return Limits(velocity, acceleration, _rounded_up(_MARGIN * error), least, most, error, force)
+    known = guard is not None and guard.travel_least is not None and guard.travel_most is not None
+    return Limits(velocity, acceleration, _rounded_up(_MARGIN * error), least, most, error, force, known)
 
 
 def _rounded_up(value: float) -> float:

@@ -67,7 +67,7 @@ def axis_ini(routine: Routine, joint: int, letter: str, limit: Limits, title: st
         "# In your .ini these must stand as well:",
         "#   [TRAJ]   LINEAR_UNITS = mm",
         f"#   [EMCMOT] SERVO_PERIOD = {names.period(routine)}", "",
-        f"[AXIS_{letter}]", *moves, *ends, "",
+        *_unknown(limit), f"[AXIS_{letter}]", *moves, *ends, "",
         f"[JOINT_{joint}]", "TYPE = LINEAR", *moves, *ends,
         f"# In a simulated move within these limits the following error was at most {1e3 * limit.peak_error:.3g} mm,",
         f"# the force {limit.peak_force:.3g} N. MIN_FERROR is as large: the error of a servo loop outlasts the motion.",
@@ -76,6 +76,16 @@ def axis_ini(routine: Routine, joint: int, letter: str, limit: Limits, title: st
         "HOME_SEARCH_VEL = 0", "HOME_LATCH_VEL = 0", "HOME_SEQUENCE = 0",
     ]  # fmt: skip
     return "\n".join(lines) + "\n"
+
+
+def _unknown(limit: Limits) -> list[str]:
+    """What the machine file does not say and nobody may take for granted."""
+    if limit.travel_known:
+        return []
+    return [
+        "# THE TRAVEL IS NOT KNOWN: the machine file has no travel_least and travel_most in its guard.",
+        "# MIN_LIMIT and MAX_LIMIT are made up; put in yours before the axis moves.",
+    ]
 
 
 def desk_hal(routine: Routine, plant: Routine, joint: int) -> str:

@@ -17,7 +17,7 @@ from feeddrive.artefacts.export.linuxcnc.wiring import LETTERS, axis_hal, axis_i
 from feeddrive.artefacts.export.manifest import FILE, manifest_text
 from feeddrive.artefacts.files.whole import check_directory, new_directory
 from feeddrive.language.errors import ParameterError
-from feeddrive.loop.routine import plant_routine
+from feeddrive.loop.routine_trace import plant_routine
 
 
 def write_linuxcnc(design: Design, out: str | Path, *, joint: int | None = None) -> Path:

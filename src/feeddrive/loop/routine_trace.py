@@ -1,0 +1,297 @@
+"""The routine of a control or of an axis, traced from the text that is simulated."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from typing import Any, cast
+
+from feeddrive.blocks.force.gravity import Gravity
+from feeddrive.blocks.signals import Noise, Setpoint
+from feeddrive.language import tree
+from feeddrive.language.block import Block, Number, part
+from feeddrive.language.graph import Graph, reachable
+from feeddrive.language.naming import Name, Names
+from feeddrive.loop.axis import Axis
+from feeddrive.loop.control import Control
+from feeddrive.loop.guard import Guard
+from feeddrive.loop.loop import Loop
+from feeddrive.loop.routine import MEANINGS, Function, Retune, Routine, Variable, target_name
+from feeddrive.loop.trace import SETPOINT
+
+
+class Controller(Block):
+    """The control of an axis, and the motor that turns its force into the drive's unit."""
+
+    control: Control = part("all that runs on the controller")
+    motor: Any = part("what makes the force", default=None)
+
+
+def guarded(loop: Loop) -> Loop:
+    """The loop as it is exported: with a guard, since a target must know what it does with a reading that is none.
+
+    The guard that is added bounds nothing but broken numbers; its safe force is the weight of a hanging axis, as far as
+    the force limit carries it.
+    """
+    if loop.control.guard is not None:
+        return loop
+    held, limit = weight(loop.axis), loop.control.force_limit
+    held = held if limit is None else max(-limit, min(limit, held))
+    return replace(loop, control=replace(loop.control, guard=Guard(safe_force=held)))
+
+
+def weight(axis: Axis) -> Number:
+    """The force in N that holds a hanging axis where it is: against the gravity of its forces."""
+    return -sum((force.force for force in axis.forces if isinstance(force, Gravity)), 0.0) + 0.0
+
+
+def controller_routine(loop: Loop, name: str) -> Routine:
+    """The control of a loop. A control without a guard is given `Guard()`, which bounds nothing but broken numbers.
+
+    Raises StructureError if a part leaves the language of `ops`.
+    """
+    loop = guarded(loop)
+    traced = _Traced(Controller(control=loop.control, motor=loop.axis.actuator.motor), loop)
+    given = [*SETPOINT, *(("reading_motor", "reading_load") if loop.axis.encoders() == 2 else ("reading",)), "enable"]
+    inputs = {each: traced.given(each) for each in given}
+    T, both = traced.T, traced.symbolic
+    with traced.words:
+        made = both.control.prepare(T)
+        begun = both.control.start(made, _setpoint(inputs), *_readings(inputs))
+        names = [each for each, _ in tree.leaves(begun)]
+        before = tree.rebuild(begun, (traced.graph.input(f"state.{each}") for each in names))
+        after, command = both.control.step(
+            made, before, _setpoint(inputs), *_readings(inputs), cast(Number, inputs["enable"]), T
+        )
+        outputs = {"force": ("N", MEANINGS["force"][1], command.applied)}
+        motor = loop.axis.actuator.motor
+        if motor is not None:
+            scaled = command.applied / both.motor.force_per_unit()
+            outputs["command"] = (motor.unit, f"the same in the unit of the drive, {motor.unit}", scaled)
+        outputs["trip"] = ("", MEANINGS["trip"][1], command.trip)
+        outputs["enabled"] = ("", MEANINGS["enabled"][1], command.running)
+    return traced.routine(name, loop, made, inputs, names, begun, after, outputs, _retune(loop.control, made, begun))
+
+
+def _setpoint(inputs: Mapping[str, Any]) -> Setpoint:
+    return Setpoint(*(inputs[each] for each in SETPOINT))
+
+
+def _readings(inputs: Mapping[str, Any]) -> tuple[Any, Any]:
+    """Of motor and load; a single encoder gives both."""
+    single = inputs.get("reading")
+    return (inputs["reading_motor"], inputs["reading_load"]) if single is None else (single, single)
+
+
+def plant_routine(loop: Loop, name: str, seed: int = 0) -> Routine:
+    """The axis of a loop: a step moves it from kT to (k+1)T under a force, and its outputs are those of (k+1)T.
+
+    `reset` takes `start_position` and the readings there; noise is that of `seed`.
+    """
+    traced = _Traced(loop.axis, loop)
+    inputs = {each: traced.given(each) for each in ("force", "load_force", "start_position")}
+    T, axis, timing = traced.T, traced.symbolic, loop.timing()
+    zero = inputs["start_position"] - inputs["start_position"]
+
+    def seen(state: Any, sample: Any) -> tuple[Any, list[Any]]:
+        state, motor, load = axis.read(state, Noise(float(seed), sample), T)
+        return state, [motor, load, *axis.motion(state)]
+
+    with traced.words:
+        made = axis.prepare(T, timing)
+        begun, at_start = seen(axis.start(cast(Number, inputs["start_position"]), zero, timing), zero)
+        names = [each for each, _ in tree.leaves(begun)]
+        before = tree.rebuild(begun, (traced.graph.input(f"state.{each}") for each in names))
+        sample = traced.graph.input("state.sample")
+        force, load_force = cast(Number, inputs["force"]), cast(Number, inputs["load_force"])
+        moved, _ = axis.advance(made, before, force, load_force, cast(Number, sample * T), T)
+        after, values = seen(moved, sample + 1.0)
+    readings: tuple[str, ...] = (
+        "reading_motor",
+        "reading_load",
+        "position_motor",
+        "position_load",
+        "velocity_motor",
+        "velocity_load",
+    )
+    outputs = {each: (*MEANINGS[each], value) for each, value in zip(readings, values, strict=True)}
+    first: dict[str, Any] = dict(zip(readings, at_start, strict=True))
+    return traced.routine(
+        name, loop, made, inputs, [*names, "sample"], (begun, zero), (after, sample + 1.0), outputs, None, first
+    )
+
+
+class _Traced:
+    """A block on symbols, and what its trace collects."""
+
+    def __init__(self, block: Any, loop: Loop) -> None:
+        self.graph = Graph()
+        self.loop = loop
+        self.block = block
+        self.T = cast(Number, self.graph.input("sample_time"))
+        rows = {name: self.graph.table(name, len(row)) for name, row in tree.tables(block)}
+        self.tables = tuple((name, rows[name].index, row) for name, row in tree.tables(block))
+        paths = [name for name, _ in tree.leaves(block)]
+        self.parameters = [(name, self.graph.input(name)) for name in paths]
+        symbolic = tree.rebuild(block, iter([symbol for _, symbol in self.parameters]))
+        self.symbolic: Any = tree.with_tables(symbolic, rows)
+        self.owners = tuple(_owners(self.symbolic))
+        self.words = Names(self.graph, {id(each): path for path, each in self.owners})
+
+    def given(self, name: str) -> Any:
+        """An input."""
+        return self.graph.input(name)
+
+    def routine(
+        self,
+        name: str,
+        loop: Loop,
+        made: Any,
+        inputs: Mapping[str, Any],
+        states: list[str],
+        begun: Any,
+        after: Any,
+        outputs: Mapping[str, tuple[str, str, Any]],
+        retune: Retune | None,
+        first: Mapping[str, Any] | None = None,
+    ) -> Routine:
+        """All of it with names, units and meanings."""
+        values = dict(tree.leaves(self.block))
+        node = self.graph.symbol
+        for each, (_, _, value) in outputs.items():
+            self.words.found.setdefault(node(value).index, Name("", each))
+        after_nodes = [node(value).index for _, value in tree.leaves(after)]
+        before_nodes = [self.graph.input(f"state.{each}").index for each in states]
+        begun_nodes = [node(value).index for _, value in tree.leaves(begun)]
+        leaves = [
+            (i, f"prepared.{each}", value.index)
+            for i, (each, value) in enumerate(tree.leaves(made))
+            if type(value) is not float and not self._is_text(value.index)
+        ]
+        output_nodes = tuple(node(value).index for _, _, value in outputs.values())
+        live = _live(self.graph, output_nodes, before_nodes, after_nodes, retune)
+        if retune is not None:
+            retune = retune.keeping(live)
+        states = [states[i] for i in live]
+        before_nodes, after_nodes, begun_nodes = (
+            [row[i] for i in live] for row in (before_nodes, after_nodes, begun_nodes)
+        )
+        first_nodes = tuple(node((first or {})[each]).index for each in outputs) if first else ()
+        read = set(reachable(self.graph, [*begun_nodes, *first_nodes, *after_nodes, *output_nodes]))
+        if retune is not None:
+            read |= {self.parameters[i][1].index for kind, i in retune.leaves.values() if kind in ("old", "new")}
+        used = [i for i, (_, symbol) in enumerate(self.parameters) if symbol.index in read]
+        places = {old: new for new, old in enumerate(used)}
+        if retune is not None:
+            moved = {
+                leaf: (kind, places[i] if kind in ("old", "new") else i) for leaf, (kind, i) in retune.leaves.items()
+            }
+            retune = retune._replace(leaves=moved)
+        return Routine(
+            name=name,
+            origin=loop,
+            parameters=tuple(
+                self._parameter(path, symbol.index, float(values[path]))
+                for path, symbol in (self.parameters[i] for i in used)
+            ),
+            inputs=tuple(Variable(each, each, *MEANINGS[each], s.index) for each, s in inputs.items()),
+            outputs=tuple(
+                Variable(each, each, unit, meaning, node(value).index)
+                for each, (unit, meaning, value) in outputs.items()
+            ),
+            states=tuple(
+                Variable(target_name(each), each, "", "", before)
+                for each, before in zip(states, before_nodes, strict=True)
+            ),
+            graph=self.graph,
+            sample_time_node=node(self.T).index,
+            prepared=tuple((each, index) for _, each, index in leaves),
+            prepared_leaves=tuple(i for i, _, _ in leaves),
+            reset=Function(tuple(begun_nodes), first_nodes),
+            step=Function(tuple(after_nodes), output_nodes),
+            retune=retune,
+            tables=self.tables,
+            names=self.words.found,
+            makers=self.words.makers,
+            memory="plant" if isinstance(self.block, Axis) else "controller",
+            said={**dict(_said(begun)), **{f"prepared.{name}": text for name, text in _said(made)}},
+            blocks=tuple((path, each) for path, each in _owners(self.block)),
+        )
+
+    def _parameter(self, path: str, node: int, value: float) -> Variable:
+        declared = tree.declaration(self.block, path)
+        if declared.unit == "Hz" and declared.below is None and not isinstance(self.block, Axis):
+            declared = replace(declared, below=0.5 / float(self.loop.sample_time))  # what a sampled control can realise
+        return Variable(target_name(path), path, declared.unit, declared.meaning, node, value, declared)
+
+    def _is_text(self, index: int) -> bool:
+        return self.graph.nodes[index][0] in ("const", "truth")
+
+
+def _live(
+    graph: Graph, outputs: Sequence[int], before: Sequence[int], after: Sequence[int], retune: Retune | None
+) -> list[int]:
+    """Places of the states that an output depends on, sooner or later; no target needs to remember the others."""
+    live: set[int] = set()
+    while True:
+        below = set(reachable(graph, [*outputs, *(after[i] for i in live)]))
+        found = {i for i, node in enumerate(before) if node in below}
+        if retune is not None:
+            below = set(reachable(retune.graph, [retune.states[i] for i in found]))
+            found |= {i for node, (kind, i) in retune.leaves.items() if kind == "state" and node in below}
+        if found == live:
+            return sorted(live)
+        live = found
+
+
+def _retune(control: Control, made: Any, begun: Any) -> Retune:
+    """`retune` of a control on symbols."""
+    graph = Graph()
+    leaves: dict[int, tuple[str, int]] = {}
+
+    def symbols(values: Any, kind: str) -> Iterator[Any]:
+        """A leaf for each number; a number that stands in the text stays there."""
+        for i, (_, value) in enumerate(tree.leaves(values)):
+            if type(value) is float and kind.endswith("prepared"):
+                yield value
+                continue
+            symbol = graph.input(f"{kind}.{i}")
+            leaves[symbol.index] = (kind, i)
+            yield symbol
+
+    old = tree.rebuild(control, symbols(control, "old"))
+    new = tree.rebuild(control, symbols(control, "new"))
+    old_made = tree.rebuild(made, symbols(made, "old_prepared"))
+    new_made = tree.rebuild(made, symbols(made, "new_prepared"))
+    state = tree.rebuild(begun, symbols(begun, "state"))
+    names = Names(graph, {id(each): path for path, each in _owners(new, "control")})
+    with names:
+        after = new.retune(state, old, old_made, new_made)
+    states = tuple(graph.symbol(value).index for _, value in tree.leaves(after))
+    read = set(reachable(graph, states))
+    leaves = {node: leaf for node, leaf in leaves.items() if node in read}
+    return Retune(graph, leaves, states, names.found, names.makers)
+
+
+def _owners(block: Any, path: str = "") -> Iterator[tuple[str, Block]]:
+    """Dotted name and block of every block of a tree, outermost first."""
+    if isinstance(block, Block):
+        yield path, block
+        parts = {name: getattr(block, name) for name, d in tree.declarations(type(block)).items() if d.role == "part"}
+        for name, inner in parts.items():
+            yield from _owners(inner, f"{path}.{name}" if path else name)
+    elif isinstance(block, tuple):
+        for i, inner in enumerate(block):
+            yield from _owners(inner, f"{path}.{i}")
+
+
+def _said(values: Any, path: str = "", text: str = "") -> Iterator[tuple[str, str]]:
+    """For each leaf of a tree of named tuples, what the innermost of them says of itself."""
+    if isinstance(values, tuple):
+        names = getattr(values, "_fields", None)
+        text = inspect.getdoc(type(values)) or "" if names else text
+        for name, each in zip(names or map(str, range(len(values))), values, strict=True):
+            yield from _said(each, f"{path}.{name}" if path else name, text)
+    else:
+        yield path, text
