@@ -13,6 +13,7 @@ import numpy as np
 
 from feeddrive.artefacts.bus.client import DriveClient, Told
 from feeddrive.artefacts.bus.pace import Lateness, urgent
+from feeddrive.artefacts.bus.power_states import PowerState
 from feeddrive.artefacts.bus.profile import Profile
 from feeddrive.artefacts.files.measured import Log
 from feeddrive.language.errors import BusError
@@ -172,6 +173,8 @@ def _halt(client: DriveClient) -> str:
     except BusError as error:
         return f"; the drive could not be stopped over the bus ({error}): its own watchdog must do it, look at the axis"
     state = client.state
+    if state in (PowerState.FAULT, PowerState.FAULT_REACTION):
+        return "; the drive stops by itself, as it is set up to: many take the force away at once, and friction brakes"
     return f"; the axis was stopped and is in '{'unknown' if state is None else state.words}'"
 
 
