@@ -11,7 +11,9 @@ import numpy as np
 import pytest
 
 import feeddrive as fd
-from exported import LAWS, LOOPS, T
+from exported import LAWS, LOOPS, ONE, PPI, T
+from exported import loop as a_loop
+from feeddrive.artefacts.export.c.header_only import header_only
 from feeddrive.artefacts.export.c.selftest import self_test, stepped
 from feeddrive.artefacts.export.c.stream import streamed
 from feeddrive.artefacts.export.c.text import texts
@@ -206,3 +208,80 @@ int main(void)
     return 0;
 }
 """
+
+
+def test_parameters_that_are_out_of_bounds_change_nothing(tmp_path: Path) -> None:
+    """Configure and retune say false for NaN, infinities and numbers beyond a declared bound, and touch no byte."""
+    made = laid_out(LOOPS["cascade_ppi, filters and inertia"])
+    for file, text in {**files(made), "main.c": _BOUNDS}.items():
+        (tmp_path / file).write_text(text, encoding="utf-8")
+    sources = ["axis_x.c", "axis_x_configure.c", "main.c"]
+    subprocess.run(["gcc", *WARNINGS, *sources, "-o", "bounds", "-lm"], cwd=tmp_path, check=True)
+    done = subprocess.run([tmp_path / "bounds"], capture_output=True, text=True, check=False)
+    assert done.stdout == "refused 8 of 8, unchanged\n"
+    assert done.returncode == 0
+
+
+_BOUNDS = """\
+#include "axis_x.h"
+#include <math.h>
+#include <stdio.h>
+#include <string.h>
+
+int main(void)
+{
+    static axis_x_controller controller, before;
+    axis_x_parameters good, bad;
+    double *const places[] = {&bad.law_Kv, &bad.law_Tn, &bad.force_limit, &bad.guard_safe_force, &bad.motor_lead,
+                              &bad.guard_hold_samples, &bad.filters_0_frequency, &bad.feedforward_0_mass};
+    const double values[] = {(double)NAN, 0.0, -5.0, (double)INFINITY, -0.02, 2e6, 5000.0, -1.0};
+    int refused = 0;
+    axis_x_defaults(&good);
+    if (!axis_x_configure(&controller, &good)) {
+        return 1;
+    }
+    before = controller;
+    for (int i = 0; i < 8; i++) {
+        bad = good;
+        *places[i] = values[i];
+        refused += !axis_x_retune(&controller, &bad) && !axis_x_configure(&controller, &bad);
+    }
+    printf("refused %d of 8, %s\\n", refused, memcmp(&before, &controller, sizeof before) ? "changed" : "unchanged");
+    return 0;
+}
+"""
+
+
+@pytest.mark.parametrize("compiler", ["gcc -std=c99", "g++ -std=c++17"])
+def test_two_axes_in_headers_alone_share_one_program(compiler: str, tmp_path: Path) -> None:
+    """No name of one is a name of the other, in C and in C++; each in two files of the program."""
+    command = compiler.split()
+    if shutil.which(command[0]) is None:
+        pytest.skip(f"NOT TESTED: {compiler} is not here: apt-get install {command[0]}")
+    for name, loop in (
+        ("axis_x", "pole_placement"),
+        ("axis_y", "cascade_ppi, inverse dynamics, friction and prefilter"),
+    ):
+        made = layout(controller_routine(LOOPS[loop], name))
+        found = header_only(name, texts(made, "a control under test", "made by a test"))
+        (tmp_path / f"{name}.h").write_text(found, encoding="utf-8")
+    both = '#include "axis_x.h"\n#include "axis_y.h"\n'
+    suffix = "cpp" if "++" in compiler else "c"
+    (tmp_path / f"one.{suffix}").write_text(f"{both}int one(void);\nint one(void) {{ return 1; }}\n", encoding="utf-8")
+    (tmp_path / f"main.{suffix}").write_text(f"{both}int main(void) {{ return 0; }}\n", encoding="utf-8")
+    flags = ["-Wall", "-Wextra", "-Werror", "-Wno-unused-function"]
+    sources = [f"one.{suffix}", f"main.{suffix}"]
+    subprocess.run([*command, *flags, *sources, "-o", "both", "-lm"], cwd=tmp_path, check=True)
+
+
+def test_a_hanging_axis_is_held_when_the_loop_is_off() -> None:
+    """Without a guard of its own the export gets one whose safe force is the weight, as far as the limit carries it."""
+    hanging = dataclasses.replace(ONE, forces=(fd.Gravity(force=-392.4),))
+    for limit, held in ((9000.0, 392.4), (300.0, 300.0), (None, 392.4)):
+        made = guarded(a_loop(hanging, PPI, guard=None, force_limit=limit))
+        assert made.control.guard is not None
+        assert made.control.guard.safe_force == held
+    routine = controller_routine(a_loop(hanging, PPI, guard=None), "axis_x")
+    off = trial(routine, 5).inputs
+    off[:, -1] = 0.0  # enable
+    assert np.all(run(routine, off)[:, 0] == 392.4)
