@@ -23,10 +23,10 @@ from feeddrive.artefacts.export.cortex_m.bundle import write_cortex_m
 from feeddrive.artefacts.export.cortex_m.emulator import Cost, step_cost
 from feeddrive.artefacts.export.design import CONTROL, Design
 from feeddrive.artefacts.export.layout import layout
-from feeddrive.artefacts.export.layout_run import LayoutRun
 from feeddrive.artefacts.files.machine import read_machine
 from feeddrive.blocks.families import Law
-from feeddrive.loop.routine import controller_routine
+from feeddrive.blocks.plant.two_bodies import lag, two_bodies
+from feeddrive.loop.routine_trace import controller_routine
 
 BY_HAND = Path(__file__).parent / "hand_written"
 FLAGS = ["-std=c99", "-O2", "-ffp-contract=off", "-fno-math-errno"]
@@ -194,27 +194,27 @@ static {P}_controller begin(const double *row)
 
 def hand_numbers(made: Design, first: np.ndarray) -> np.ndarray:
     """The controller by hand as its numbers in their order, those of the guard first, as a reset leaves it."""
-    run = LayoutRun(made.layout)
-    of = {field.name: float(run.design[field.node]) for field in made.layout.design}
-    T = made.routine.sample_time
-    guard = [T, of["guard_reading_limit"], of["guard_hold_samples"], of["guard_safe_force"], of["command_factor"]]
+    T, law = made.routine.sample_time, made.loop.control.law
+    guard = fd.Guard()
     motor, load = first[5], first[6]
-    at = [0.0, motor, load, motor - load, 0.0, first[0], 0.0, 0.0]
-    law = made.loop.control.law
+    per_unit = made.loop.axis.actuator.motor.force_per_unit()
+    around = [T, guard.reading_limit, guard.hold_samples, guard.safe_force, per_unit]
+    around += [0.0, motor, load, motor - load, 0.0, first[0], 0.0, 0.0]
     match law:
         case fd.CascadePPI():
-            own = [law.Kv, law.Kp, law.velocity_feedforward, LIMIT, of["law_integral_factor"]]
+            own = [law.Kv, law.Kp, law.velocity_feedforward, LIMIT, law.Kp * T / law.Tn]
         case fd.PolePlacement():
-            gains = [of[f"law_gains_{name}"] for name in ("K1", "K2", "K3", "K4", "Ki")]
-            own = [*gains, LIMIT, of["law_per_acceleration"], of["law_per_velocity"], of["law_late"]]
+            model = two_bodies(law.kind, law.model)
+            own = [*law.gains(), LIMIT, model.led / model.k, model.dragged / model.k, lag(model)]
         case _:
-            order = range(7)
-            rows = [of[f"law_F_{i}_{j}"] for i in order for j in order]
-            columns = [of[f"law_{name}_{i}"] for name in ("Gu", "Gy") for i in order]
-            factors = ("slower_factor", "nearer_factor", "observer_omega_o", "observer_disturbance_factor")
-            own = [*rows, *columns, of["law_mass"], of["law_share"], LIMIT, *(of[f"law_{name}"] for name in factors)]
+            observer = law.observer
+            made_of = observer.prepare(T)
+            rows = [x for row in made_of.F for x in row]
+            rates = [2.0 * law.zeta_c * law.omega_c, law.omega_c * law.omega_c]
+            scale = observer.mass * observer.omega_o * observer.omega_o
+            own = [*rows, *made_of.Gu, *made_of.Gy, law.mass, law.share, LIMIT, *rates, observer.omega_o, scale]
     numbers = np.zeros(128)
-    values = [*guard, *at, *own]
+    values = [*around, *own]
     numbers[: len(values)] = values
     return numbers
 

@@ -72,8 +72,9 @@ static inline void guard_before(guard *g, const inputs *in, seen *now)
 {
     const bool good_motor = fabs(in->reading_motor) <= g->reading_limit;
     const bool good_load = fabs(in->reading_load) <= g->reading_limit;
-    const double sum = in->set_position + in->set_velocity + in->set_acceleration + in->set_jerk + in->set_snap;
-    const bool good_setpoint = fabs(sum) <= 1e12;
+    const double sum = fabs(in->set_position) + fabs(in->set_velocity) + fabs(in->set_acceleration) +
+                       fabs(in->set_jerk) + fabs(in->set_snap);
+    const bool good_setpoint = sum <= 1e12;
     now->ran = g->mode > 0.5;
     now->good = good_motor && good_load && good_setpoint;
     now->usual = now->good && in->enable > 0.5 && now->ran;

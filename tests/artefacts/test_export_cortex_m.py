@@ -36,8 +36,21 @@ def design(loop: fd.Loop, precision: str) -> Design:
     return Design(read_machine("ball_screw"), "x", loop, CONTROL, layout(controller_routine(loop, "axis_x"), precision))
 
 
-CASES = [(name, core) for name in LAWS for core in CORES]
-CASES += [(name, core) for name in LOOPS if name not in LAWS for core in ("m4f", "m7dp")]
+BESIDE = (  # all blocks that compute in another way: exponential, filters, observers, queues of samples
+    "cascade_ppi, inverse dynamics, friction and prefilter",
+    "cascade_ppi, filters and inertia",
+    "cascade_ppi, recovery",
+    "dadsc, mode",
+    "pole_placement, exact commands",
+)
+CASES = [pytest.param(name, core) for name in LAWS for core in CORES]
+CASES += [pytest.param(name, core) for name in BESIDE for core in ("m4f", "m7dp")]
+CASES += [
+    pytest.param(name, core, marks=pytest.mark.slow)
+    for name in LOOPS
+    for core in ("m4f", "m7dp")
+    if name not in LAWS and name not in BESIDE
+]
 
 
 @needs_tools
@@ -101,7 +114,7 @@ def test_cmake_builds_the_library(tmp_path: Path):
 
 
 @pytest.mark.skipif(shutil.which("gcc") is None, reason="NOT TESTED: gcc is not there: apt-get install gcc libc6-dev")
-@pytest.mark.parametrize(("name", "precision"), [*((name, "float") for name in LOOPS), ("cascade_ppi", "double")])
+@pytest.mark.parametrize(("name", "precision"), [*((name, "float") for name in (*LAWS, *BESIDE)), ("dadsc", "double")])
 def test_constants_in_place_of_configure_are_the_same_numbers(name: str, precision: str, tmp_path: Path):
     write_cortex_m(design(LOOPS[name], precision), tmp_path / "bundle")
     main = """#include "axis_x_prepared.h"

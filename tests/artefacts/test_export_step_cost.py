@@ -63,7 +63,7 @@ def test_exported_c_takes_no_more_than_a_fifth_over_c_by_hand(name: str):
     assert max(ours.values()) <= usual + 40.0  # what hangs on faults is bounded: see docs/step_cost.md
 
 
-BOUNDS = {"p_pi": (114, 153), "pole_placement": (145, 182), "gpi": (300, 337)}  # usual and most; gcc 12.2
+BOUNDS = {"p_pi": (117, 156), "pole_placement": (149, 186), "gpi": (301, 337)}  # usual and most; gcc 12.2
 
 
 @needs_core
@@ -77,3 +77,4 @@ def test_executed_instructions_on_a_cortex_m4f(name: str):
     assert cost.least <= 1.05 * least
     assert cost.most <= 1.05 * most
     assert filtered.least - cost.least <= 25
+    assert name != "gpi" or cost.least <= 320

@@ -57,6 +57,7 @@ class Body:
         order = [index for index in order if index not in self.texts]
         self._counts = Counter(i for index in order for i in arguments(self.graph.nodes[index]))
         self._counts.update(2 * list(kept))
+        chosen = {i for index in order if self.graph.name(index) == "select" for i in self.graph.nodes[index][2:]}
         for index in order:
             node = self.graph.nodes[index]
             values = [self.text(i) for i in arguments(node)]
@@ -67,8 +68,9 @@ class Body:
             self.used.add(node[0])
             named = self.names.get(index)
             # what a `?:` chooses stays in it, however long: with a name it would be computed in every sample
+            inner = node[0] == "select" and index in chosen and self._counts[index] == 1
             long = len(text) > WIDTH and node[0] != "select"
-            if named is not None or self._counts[index] > 1 or long:
+            if (named is not None and not inner) or self._counts[index] > 1 or long:
                 self._declare(index, named, bare(text))
             else:
                 self.texts[index] = text
