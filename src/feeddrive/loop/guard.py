@@ -42,6 +42,10 @@ class Guard(Block):
     before, and observers from the velocity, which is smoothed over some 32 samples while the loop does not run.
 
         velocity T = travel(k) = travel(k-1) + (x(k) - x(k-1) - travel(k-1)) / 32
+
+    All that hangs on a condition asks first whether this sample is as `usual`: good numbers, enabled, running.  A
+    compiler makes one branch of all these questions, so that nearly every sample is short, and the others are a third
+    longer.
     """
 
     following_error_limit: Number | None = parameter(
@@ -130,11 +134,7 @@ class Guard(Block):
     def step(
         self, prepared: Prepared, state: State, setpoint: Setpoint, motor: Number, load: Number, enable: Number
     ) -> tuple[State, Verdict]:
-        """Before the law: broken numbers, following error, velocity, travel, in this order of precedence.
-
-        Whatever hangs on a condition asks first whether all is as usual: compiled, this is the one branch of nearly
-        every sample.
-        """
+        """Before the law: broken numbers, following error, velocity, travel, in this order of precedence."""
         one = motor is load  # one encoder: nothing to align
         ran, enabled = state.mode > 0.5, enable > 0.5
         # written so that NaN, which compares as false, is bad
