@@ -84,8 +84,11 @@ def _look(firmware: Firmware, name: str) -> Any:
 
 
 @contextmanager
-def powered(bus: str, loop: Loop | None = None, watchdog: float | None = None) -> Iterator[Bench]:
-    """A virtual drive: CANopen in a thread; EtherCAT in a process, since its master keeps other threads waiting."""
+def powered(bus: str, loop: Loop | None = None, watchdog: float | None = None, stations: int = 1) -> Iterator[Bench]:
+    """A virtual drive: CANopen in a thread; EtherCAT in a process, since its master keeps other threads waiting.
+
+    Of several stations the last is looked at.
+    """
     first, few = multiprocessing.Value("l", 1 << 40), multiprocessing.Value("l", 0)
 
     def lose(cycle: int) -> bool:
@@ -106,8 +109,9 @@ def powered(bus: str, loop: Loop | None = None, watchdog: float | None = None) -
             thread.join(10)
         return
     here, there = multiprocessing.Pipe()
+    more = [Firmware(DrivenAxis(loop or bench_loop()), SCALING, T) for _ in range(1, stations)]
     context = multiprocessing.get_context("fork")
-    process = context.Process(target=_serve, args=(firmware, there, lose, watchdog))
+    process = context.Process(target=_serve, args=([firmware, *more], there, lose, watchdog))
     process.start()
 
     def ask(name: str) -> Any:
@@ -124,19 +128,19 @@ def powered(bus: str, loop: Loop | None = None, watchdog: float | None = None) -
         process.join(10)
 
 
-def _serve(firmware: Firmware, line: Any, lose: Callable[[int], bool], watchdog: float | None) -> None:
+def _serve(firmwares: list[Firmware], line: Any, lose: Callable[[int], bool], watchdog: float | None) -> None:
     """In a process of its own: frames, and questions about the firmware between them."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     stopped = threading.Event()
 
     def answer() -> None:
         while (name := line.recv()) != "stop":
-            line.send(_look(firmware, name))
+            line.send(_look(firmwares[-1], name))
         stopped.set()
 
     threading.Thread(target=answer, daemon=True).start()
     serve_ethercat(
-        firmware, "veth1", ready=lambda: line.send("ready"), stopped=stopped.is_set, watchdog=watchdog, lose=lose
+        firmwares, "veth1", ready=lambda: line.send("ready"), stopped=stopped.is_set, watchdog=watchdog, lose=lose
     )
 
 

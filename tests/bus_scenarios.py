@@ -238,6 +238,18 @@ def kinds(bus: str) -> dict[str, Any]:
     return found
 
 
+def second(bus: str) -> dict[str, Any]:
+    """The last of three stations on a segment moves; a fourth is not there."""
+    with powered(bus, stations=3) as bench:
+        with client(drive(bus, station=3), bench.interface) as master:
+            played = play(master, profile(200, 0.002))
+            found = {"aborted": played.aborted, "lost": played.lost, "place": bench.place}
+        with client(drive(bus, station=1), bench.interface) as master:
+            found["first"] = listened(master, 0.01).log["reading_load"][0]
+        found["fourth"] = said(lambda: client(drive(bus, station=4), bench.interface).__enter__())
+    return found
+
+
 def hearing(bus: str) -> dict[str, Any]:
     """A log of a drive that stays switched off."""
     with powered(bus) as bench, client(drive(bus), bench.interface) as master:
@@ -254,7 +266,7 @@ def said(asked: Any) -> str:
     return ""
 
 
-SCENARIOS = (exact, torque, speed, losses, faults, limits, wrong, refusals, silence, kinds, hearing)
+SCENARIOS = (exact, torque, speed, losses, faults, limits, wrong, refusals, silence, kinds, second, hearing)
 
 if __name__ == "__main__":
     results: dict[str, Any] = {}

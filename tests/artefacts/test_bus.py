@@ -207,6 +207,15 @@ def test_another_client_of_cia_402_brings_the_virtual_drive_up() -> None:
             network.disconnect()
 
 
+def test_one_of_several_stations_moves_and_the_others_do_not() -> None:
+    found = over_ethercat("second")
+    assert found["aborted"] is None
+    assert found["lost"] == 0
+    assert found["place"] == pytest.approx(0.002, abs=1e-5)
+    assert found["first"] == 0.0
+    assert "station 4 is not there, there are 3; correct `station` in the drive file" in found["fourth"]
+
+
 def test_a_drive_is_logged_without_being_switched_on(tried: Scenario) -> None:
     found = tried("hearing")
     assert (found["rows"], found["state"]) == (200, "SWITCH_ON_DISABLED")

@@ -107,7 +107,7 @@ def play(
 
 
 def listened(client: DriveClient, seconds: float) -> Played:
-    """A log of the drive while it is switched off, or on by somebody else. Raises BusError if it falls silent."""
+    """A log of the drive while it is switched off, moved by hand or not at all. Raises BusError if it falls silent."""
     assert client.told is not None
     rows, zero = _Rows(client, client.told.position), np.zeros(0)
     count = max(1, round(seconds / client.drive.cycle_time))

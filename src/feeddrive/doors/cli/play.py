@@ -78,7 +78,7 @@ def _play(
 
 
 def perform_listening(drive_path: Path, seconds: float, unpaced: bool, out: Path) -> None:
-    """A log of the drive as it stands, or as somebody else moves it."""
+    """A log of the drive as it stands, or as somebody moves it by hand."""
     console = Console(highlight=False)
     file = read_drive(drive_path)
     with _named(file), _client(file, unpaced) as client:

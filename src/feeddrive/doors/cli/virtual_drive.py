@@ -30,10 +30,13 @@ def perform(
         raise ParameterError(f"--bus {bus} must be ethercat or canopen")
     if bus == "canopen" and watchdog_ms is not None:
         raise ParameterError("--watchdog-ms is of EtherCAT; a CANopen drive faults when it is taken out of OPERATIONAL")
-    loop = read_machine(machine).loop(axis)
-    scaling = scaling_of(loop)
-    cycle_time = float(loop.sample_time) if cycle_us is None else 1e-6 * cycle_us
-    firmware = Firmware(DrivenAxis(loop, position, seed), scaling, cycle_time)
+    held = read_machine(machine)
+    several = bus == "ethercat" and axis is None
+    loops = dict(held.loops) if several else {axis or "": held.loop(axis)}
+    drives: dict[str, Firmware] = {}
+    for name, loop in loops.items():
+        cycle_time = float(loop.sample_time) if cycle_us is None else 1e-6 * cycle_us
+        drives[name] = Firmware(DrivenAxis(loop, position, seed), scaling_of(loop), cycle_time)
     stop = threading.Event()
 
     def end(_number: int, _frame: FrameType | None) -> None:
@@ -42,21 +45,29 @@ def perform(
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, end)
     if drive_file is not None:
-        write_whole(drive_file, drive_text(loop, scaling, bus, master, station, firmware.cycle_time))
-        console.print(f"Written: {drive_file}", markup=False, soft_wrap=True)
+        for place, (name, firmware) in enumerate(drives.items()):
+            path = drive_file if len(drives) == 1 else drive_file.with_stem(f"{drive_file.stem}_{name}")
+            described = (bus, master, 1 + place if bus == "ethercat" else station, firmware.cycle_time)
+            write_whole(path, drive_text(loops[name], firmware.scaling, *described))
+            console.print(f"Written: {path}", markup=False, soft_wrap=True)
 
     def ready() -> None:
-        console.print(
-            f"Ready on {interface}: one increment is {1e9 * scaling.metre:.6g} nm, a thousandth of the rated torque "
-            f"{scaling.newton:.6g} N, a bus cycle {1e6 * firmware.cycle_time:g} us. Ctrl-C ends it.",
-            markup=False,
-            soft_wrap=True,
-        )
+        for name, firmware in drives.items():
+            console.print(
+                f"{f'Axis {name}: one' if name else 'One'} increment is {1e9 * firmware.scaling.metre:.6g} nm, a "
+                f"thousandth of the rated torque {firmware.scaling.newton:.6g} N, a bus cycle "
+                f"{1e6 * firmware.cycle_time:g} us.",
+                markup=False,
+                soft_wrap=True,
+            )
+        console.print(f"Ready on {interface}; Ctrl-C ends it.", markup=False, soft_wrap=True)
         sys.stdout.flush()
 
+    firmwares = list(drives.values())
     if bus == "ethercat":
         watchdog = None if watchdog_ms is None else 1e-3 * watchdog_ms
-        serve_ethercat(firmware, interface, ready=ready, stopped=stop.is_set, watchdog=watchdog)
+        serve_ethercat(firmwares, interface, ready=ready, stopped=stop.is_set, watchdog=watchdog)
     else:
-        serve_canopen(firmware, interface, station, ready=ready, stopped=stop.is_set)
-    console.print(f"{firmware.cycles} cycles; the drive was last in '{firmware.state.words}'.", markup=False)
+        serve_canopen(firmwares[0], interface, station, ready=ready, stopped=stop.is_set)
+    states = ", ".join(f"'{each.state.words}'" for each in firmwares)
+    console.print(f"{firmwares[0].cycles} cycles; last in {states}.", markup=False)

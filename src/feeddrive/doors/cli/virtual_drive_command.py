@@ -13,7 +13,10 @@ def virtual_drive(
     interface: Annotated[
         str, typer.Option("--interface", help="ethercat: veth1; canopen: socketcan:vcan0, udp_multicast:239.74.163.2.")
     ],
-    axis: Annotated[str | None, typer.Option("--axis", help="The axis, if the machine has several.")] = None,
+    axis: Annotated[
+        str | None,
+        typer.Option("--axis", help="The axis; ethercat: all, one a station, if left out.", show_default=False),
+    ] = None,
     bus: Annotated[str, typer.Option("--bus", help="ethercat or canopen.")] = "ethercat",
     station: Annotated[int, typer.Option("--station", min=1, max=127, help="Number of the CANopen node.")] = 1,
     cycle_us: Annotated[

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import socket
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 from feeddrive.artefacts.bus.interfaces import opened_socket
 from feeddrive.artefacts.bus.virtual.esc import ETHERTYPE, OP, SlaveController
@@ -16,7 +16,7 @@ _PATIENCE = 0.1  # s between looks at `stopped` where nothing comes
 
 
 def serve_ethercat(
-    firmware: Firmware,
+    firmwares: Firmware | Sequence[Firmware],
     interface: str,
     *,
     ready: Callable[[], None],
@@ -24,15 +24,16 @@ def serve_ethercat(
     watchdog: float | None = None,
     lose: Callable[[int], bool] = lambda _cycle: False,
 ) -> None:
-    """Serve until `stopped`.
+    """Serve until `stopped`; several drives are the stations of a segment, in their order.
 
     watchdog  s without process data after which an enabled drive goes into fault, by the clock on the wall; None: the
               time of the plant is that of the frames, and stands still without them
-    lose      whether the answer of a cycle is swallowed, for tests of a client
+    lose      whether the answer of a cycle (of the first drive) is swallowed, for tests of a client
 
     Raises BusError for an interface that is not there or not permitted.
     """
-    controller = SlaveController(firmware)
+    drives = [firmwares] if isinstance(firmwares, Firmware) else list(firmwares)
+    stations = [SlaveController(each) for each in drives]
     line = opened_socket(interface, ETHERTYPE)
     with contextlib.closing(line):
         line.settimeout(_PATIENCE if watchdog is None else min(_PATIENCE, watchdog))
@@ -40,10 +41,14 @@ def serve_ethercat(
         last = time.monotonic()
         while not stopped():
             with contextlib.suppress(socket.timeout):
-                answered = controller.passed(line.recv(2048))
-                if answered is not None and not lose(firmware.cycles):
-                    line.send(answered)
-                if controller.advance():
+                frame: bytes | None = line.recv(2048)
+                for station in stations:
+                    frame = None if frame is None else station.passed(frame)
+                if frame is not None and not lose(drives[0].cycles):
+                    line.send(frame)
+                if any([station.advance() for station in stations]):
                     last = time.monotonic()
-            if watchdog is not None and controller.state == OP and time.monotonic() - last > watchdog:
-                controller.fall(_WATCHDOG)
+            if watchdog is not None and time.monotonic() - last > watchdog:
+                for station in stations:
+                    if station.state == OP:
+                        station.fall(_WATCHDOG)
