@@ -46,7 +46,8 @@ def serve_ethercat(
                     frame = None if frame is None else station.passed(frame)
                 if frame is not None and not lose(drives[0].cycles):
                     line.send(frame)
-                if any([station.advance() for station in stations]):
+                moved = [station.advance() for station in stations]  # every one of them, not up to the first
+                if any(moved):
                     last = time.monotonic()
             if watchdog is not None and time.monotonic() - last > watchdog:
                 for station in stations:
