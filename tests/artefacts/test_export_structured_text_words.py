@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import struct
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,7 +15,8 @@ from structured_text_machine import IllegalTextError, program
 from feeddrive.artefacts.export.structured_text.functions import functions
 from feeddrive.artefacts.export.structured_text.words import bare, decimal, literal
 from feeddrive.language import mathematics, ops
-from feeddrive.language.graph import ELEMENTARY
+from feeddrive.language.graph import ELEMENTARY, Graph
+from feeddrive.language.single_values import single_values
 
 finite = st.floats(allow_nan=False, allow_infinity=False, allow_subnormal=False)
 
@@ -84,19 +87,46 @@ INTERESTING = {
 }
 
 
+def own(name: str, real: str) -> Any:
+    """A function that is printed with a block."""
+    text = "\n".join(unit.text() for unit in functions([name], "own", real))
+    return program(text, flush=real == "REAL").functions[f"own_{name}{'_real' if real == 'REAL' else ''}"][0]
+
+
+def arguments(name: str) -> list[float]:
+    """Where a function is to be tried."""
+    rng = np.random.default_rng(1)
+    points = INTERESTING.get(name, [0.0, -0.0, 1.0, -1.0, 1e-300, 800.0, -800.0, 1e9, 1.1e9, 1e308, -1e308])
+    if name == "power_of_two":
+        return points
+    far = 10.0 ** rng.uniform(-300.0, 300.0, 300)
+    return [*points, *map(float, rng.normal(0.0, 10.0, 700)), *map(float, far), math.inf, -math.inf, math.nan]
+
+
 @pytest.mark.parametrize("name", sorted({*ELEMENTARY, *INTERESTING}))
 def test_own_functions_have_the_bits_of_the_simulator(name: str) -> None:
-    text = "\n".join(functions([name], "own").values())
-    ours = program(text, flush=False).functions[f"own_{name}"][0]
+    ours = own(name, "LREAL")
     function = getattr(mathematics, name, None) or getattr(ops, name)
-    rng = np.random.default_rng(1)
-    points = [*INTERESTING.get(name, [0.0, -0.0, 1.0, -1.0, 1e-300, 800.0, -800.0, 1e9, 1.1e9, 1e308, -1e308])]
-    if name != "power_of_two":
-        points += [*rng.normal(0.0, 10.0, 2000), *(10.0 ** rng.uniform(-300.0, 300.0, 500)), np.inf, -np.inf, np.nan]
     with np.errstate(all="ignore"):
-        for x in points:
-            expected = function(np.float64(x))
-            assert bits(ours(float(x))) == bits(float(expected)), (name, x, float(expected))
+        for x in arguments(name):
+            assert bits(ours(x)) == bits(float(function(np.float64(x)))), (name, x)
+
+
+@pytest.mark.parametrize("name", sorted({*ELEMENTARY, *INTERESTING}))
+def test_own_functions_have_the_bits_of_single_precision(name: str) -> None:
+    """Against the oracle of single precision, over its range: numbers below the normal ones count as zero."""
+    ours = own(name, "REAL")
+    with np.errstate(all="ignore"):
+        points = np.array(arguments(name), dtype=np.float32)
+    kept = np.isnan(points) | (points == 0.0) | (np.abs(points) >= np.float32(2.0**-126))
+    points = points[kept & (np.isfinite(points) | (name in ELEMENTARY) | (name == "floor"))]
+    if name == "power_of_two":
+        points = points[np.abs(points) <= 126.0]
+    graph = Graph()
+    result = graph.apply(name, graph.input("x")).index
+    (wanted,) = single_values(graph, [result], {"x": points})
+    for x, expected in zip(points, wanted, strict=True):
+        assert bits(ours(float(x))) == bits(float(expected)), (name, x)
 
 
 def wrapped(body: str, declared: str = "") -> str:

@@ -370,4 +370,6 @@ def _grouped(fields: Iterable[tuple[Declared, str]]) -> list[Declared]:
 
 
 def _meaning(variable: Variable) -> str:
-    return f"{variable.unit}: {variable.meaning}" if variable.unit else variable.meaning
+    """Unit and meaning; a parameter that is there is not absent."""
+    said = re.sub(r"; absent[^;]*$", "", variable.meaning)
+    return f"{variable.unit}: {said}" if variable.unit else said

@@ -1,4 +1,4 @@
-"""Structures and units as a project in the XML of PLCopen TC6, version 2.01, which CODESYS and others import."""
+"""Structures and units as a project in the XML of PLCopen TC6, version 2.00, which CODESYS and others import."""
 
 from __future__ import annotations
 
