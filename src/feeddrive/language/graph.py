@@ -13,7 +13,7 @@ of `where` all have to be worked around, and it weighs 277 MB; what is needed he
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, NoReturn, TypeAlias
 
 from feeddrive.language.errors import StructureError
@@ -179,3 +179,29 @@ def reachable(graph: Graph, outputs: Sequence[int]) -> list[int]:
 def arguments(node: Node) -> tuple[int, ...]:
     """The argument indices of an entry; none for a leaf."""
     return () if node[0] in ("const", "truth", "input", "table") else node[1:]
+
+
+def rebuilt(
+    graph: Graph, roots: Sequence[int], compose: Callable[[Graph, str, list[Symbol]], Any]
+) -> tuple[Graph, dict[int, int]]:
+    """A new graph of what stands below the roots, and where each old node went.
+
+    Leaves go over as they are; `compose` is told the new graph, the name of an operation and its new arguments, and
+    answers with what takes its place.
+    """
+    made = Graph()
+    place: dict[int, Symbol] = {}
+    for index in reachable(graph, roots):
+        node = graph.nodes[index]
+        match node[0]:
+            case "const":
+                place[index] = made.constant(float.fromhex(node[1]))
+            case "truth":
+                place[index] = made.constant(node[1])
+            case "input":
+                place[index] = made.input(node[1])
+            case "table":
+                place[index] = made.table(node[1], node[2])
+            case name:
+                place[index] = made.symbol(compose(made, name, [place[i] for i in arguments(node)]))
+    return made, {old: symbol.index for old, symbol in place.items()}

@@ -13,30 +13,17 @@ from typing import Any
 
 import numpy as np
 
-from feeddrive.language.graph import ELEMENTARY, Graph, Symbol, arguments, reachable
+from feeddrive.language.graph import ELEMENTARY, Graph, Symbol, arguments, reachable, rebuilt
 from feeddrive.language.single import FUNCTIONS, LEAST_NORMAL
 
 
 def single_lowered(graph: Graph, roots: Sequence[int]) -> tuple[Graph, dict[int, int]]:
     """The graph below the roots with the functions of `single.py` for `exp`, `sin` ..., and where nodes went."""
-    lowered = Graph()
-    place: dict[int, Symbol] = {}
-    for index in reachable(graph, roots):
-        node = graph.nodes[index]
-        match node[0]:
-            case "const":
-                place[index] = lowered.constant(float.fromhex(node[1]))
-            case "truth":
-                place[index] = lowered.constant(node[1])
-            case "input":
-                place[index] = lowered.input(node[1])
-            case "table":
-                place[index] = lowered.table(node[1], node[2])
-            case name if name in ELEMENTARY:
-                place[index] = FUNCTIONS[name](place[node[1]])
-            case name:
-                place[index] = lowered.apply(name, *(place[i] for i in arguments(node)))
-    return lowered, {old: symbol.index for old, symbol in place.items()}
+
+    def compose(made: Graph, name: str, values: list[Symbol]) -> Symbol:
+        return FUNCTIONS[name](*values) if name in ELEMENTARY else made.apply(name, *values)
+
+    return rebuilt(graph, roots, compose)
 
 
 def single_values(graph: Graph, outputs: Sequence[int], leaves: Mapping[str, Any]) -> list[np.ndarray]:

@@ -13,7 +13,7 @@ from typing import NamedTuple, TypeVar
 
 from feeddrive.artefacts.export.identifiers import C_WORDS, identifier
 from feeddrive.language.errors import ParameterError
-from feeddrive.language.graph import TRUTH, Graph, Symbol, arguments, reachable
+from feeddrive.language.graph import TRUTH, Graph, Symbol, arguments, reachable, rebuilt
 from feeddrive.language.naming import Name
 from feeddrive.loop.engine.lower import composed
 from feeddrive.loop.routine import Function, Retune, Routine, target_name
@@ -154,24 +154,12 @@ def truths(graph: Graph) -> list[bool]:
 
 def _lowered(graph: Graph, roots: list[int]) -> tuple[Graph, dict[int, int]]:
     """The graph below the roots in operations that printers know; elementary functions stay, since they are printed."""
-    lowered = Graph()
-    place: dict[int, Symbol] = {}
-    for index in reachable(graph, roots):
-        node = graph.nodes[index]
-        match node[0]:
-            case "const":
-                place[index] = lowered.constant(float.fromhex(node[1]))
-            case "truth":
-                place[index] = lowered.constant(node[1])
-            case "input":
-                place[index] = lowered.input(node[1])
-            case "table":
-                place[index] = lowered.table(node[1], node[2])
-            case name:
-                given = [place[i] for i in arguments(node)]
-                known = _known(lowered, name, given)
-                place[index] = composed(lowered, name, given, "libm") if known is None else known
-    return lowered, {old: symbol.index for old, symbol in place.items()}
+
+    def compose(made: Graph, name: str, values: list[Symbol]) -> Symbol:
+        known = _known(made, name, values)
+        return composed(made, name, values, "libm") if known is None else known
+
+    return rebuilt(graph, roots, compose)
 
 
 _FOLDED = {"add": lambda a, b: a + b, "sub": lambda a, b: a - b, "mul": lambda a, b: a * b}

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from feeddrive.language import mathematics, ops
-from feeddrive.language.graph import ELEMENTARY, Graph, Symbol, arguments, reachable
+from feeddrive.language.graph import ELEMENTARY, Graph, Symbol, rebuilt
 
 # How numbers are computed, a choice of the run:
 #   exact  own elementary functions, every operation rounded by itself: the same bits everywhere (default)
@@ -17,22 +17,7 @@ ARITHMETIC = ("exact", "libm", "fma")
 
 def lower(graph: Graph, roots: Sequence[int], arithmetic: str) -> tuple[Graph, dict[int, int]]:
     """The graph below the roots in the operations that printers know, and where each old node went."""
-    lowered = Graph()
-    place: dict[int, Symbol] = {}
-    for index in reachable(graph, roots):
-        node = graph.nodes[index]
-        match node[0]:
-            case "const":
-                place[index] = lowered.constant(float.fromhex(node[1]))
-            case "truth":
-                place[index] = lowered.constant(node[1])
-            case "input":
-                place[index] = lowered.input(node[1])
-            case "table":
-                place[index] = lowered.table(node[1], node[2])
-            case name:
-                place[index] = composed(lowered, name, [place[i] for i in arguments(node)], arithmetic)
-    return lowered, {old: symbol.index for old, symbol in place.items()}
+    return rebuilt(graph, roots, lambda made, name, values: composed(made, name, values, arithmetic))
 
 
 def composed(graph: Graph, name: str, values: list[Symbol], arithmetic: str) -> Any:
