@@ -86,7 +86,6 @@ def speed(bus: str) -> dict[str, float]:
             master.command(velocity=0.05)
             told = master.cycle()
         assert told is not None
-        assert told.velocity is not None
         return {"velocity": told.velocity}
 
 

@@ -5,17 +5,20 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from functools import lru_cache
 from typing import Any
 
 import pytest
 
 import bus_scenarios
-from bus_bench import SCALING, T, drive, over_ethercat, powered
+from bus_bench import LIMITS, SCALING, T, client, drive, over_ethercat, powered
 from feeddrive.artefacts.bus.can_lines import opened_network
 from feeddrive.artefacts.bus.client import DriveClient, transport_of
 from feeddrive.artefacts.bus.objects import OBJECTS
 from feeddrive.artefacts.bus.play import play
+from feeddrive.artefacts.bus.virtual.firmware import Firmware
+from feeddrive.language.errors import BusError
 
 Scenario = Callable[[str], dict[str, Any]]
 
@@ -205,6 +208,33 @@ def test_another_client_of_cia_402_brings_the_virtual_drive_up() -> None:
             for k in (1, 2, 3):
                 node.rpdo[k].stop()
             network.disconnect()
+
+
+def lacking(monkeypatch: pytest.MonkeyPatch, *names: str) -> None:
+    """Virtual drives without some objects."""
+    whole = Firmware.has
+    monkeypatch.setattr(Firmware, "has", lambda self, name: name not in names and whole(self, name))
+
+
+def test_a_force_that_the_drive_cannot_add_is_refused_before_it_is_switched_on(monkeypatch) -> None:
+    """Otherwise the motion would be played and the excitation left out without a word."""
+    lacking(monkeypatch, "torque_offset")
+    with powered("canopen") as bench, client(drive("canopen"), bench.interface) as master:
+        with pytest.raises(BusError, match=r"has no object 0x60B2:00 .* use mode = \"cst\", or excite the setpoint"):
+            play(master, bus_scenarios.profile(100))
+        assert bench.state == "SWITCH_ON_DISABLED"
+        assert play(master, bus_scenarios.profile(100, 1e-3, 1e-5, "m")).aborted is None
+
+
+def test_the_velocity_is_watched_also_where_the_drive_does_not_tell_it(monkeypatch) -> None:
+    """20 mm in 0.8 s reach 47 mm/s; 40 are allowed."""
+    lacking(monkeypatch, "velocity")
+    slow = replace(LIMITS, velocity=0.04)
+    with powered("canopen") as bench, client(drive("canopen", limits=slow), bench.interface) as master:
+        played = play(master, bus_scenarios.profile(peak=0.0))
+    assert played.aborted is not None
+    assert "exceeded limits.velocity = 0.04 m/s" in played.aborted
+    assert 100 < len(played.log) < 500
 
 
 def test_one_of_several_stations_moves_and_the_others_do_not() -> None:

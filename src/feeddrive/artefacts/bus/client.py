@@ -30,11 +30,11 @@ _TARGETS = {CSP: "target_position", CST: "target_torque"}
 
 
 class Told(NamedTuple):
-    """What came back, in SI: positions m, velocity m/s, force N; `second` is None without another encoder."""
+    """What came back, in SI: positions m, velocity m/s, force N; None where the drive has no such object."""
 
     status: int
     position: float
-    velocity: float | None
+    velocity: float
     force: float
     following_error: float | None
     second: float | None
@@ -131,11 +131,13 @@ class DriveClient:
             return None
         self.lost_in_row = 0
         raw, scaling = self._back.unpack(answered), self.scaling
-        velocity, error, second = raw.get("velocity"), raw.get("following_error"), raw.get("second_position")
+        error, second = raw.get("following_error"), raw.get("second_position")
+        if "velocity" not in raw:  # of a drive without 0x606C
+            raw["velocity"] = 0 if self.told is None else round((raw["position"] - self._here) / self.drive.cycle_time)
         self.told = Told(
             raw["statusword"],
             raw["position"] * scaling.metre,
-            None if velocity is None else velocity * scaling.metre,
+            raw["velocity"] * scaling.metre,
             raw["torque"] * scaling.newton,
             None if error is None else error * scaling.metre,
             None if second is None else second * scaling.metre,
@@ -144,6 +146,15 @@ class DriveClient:
         self._here = raw["position"]
         self._mode = raw["mode_display"]
         return self.told
+
+    def excites(self, unit: str) -> None:
+        """Raise BusError if the drive has no object for an excitation in N, an offset in `csp` and `csv`."""
+        name = "torque_offset"
+        if unit == "N" and self.mode != CST and name not in self._sent.names:
+            raise BusError(
+                f"{self.transport.where}: has no object {OBJECTS[name].place} ({name}), by which a force is added in "
+                f'mode {self.drive.mode}: use mode = "cst", or excite the setpoint (feeddrive excite --where setpoint)'
+            )
 
     def command(self, *, position: float | None = None, velocity: float = 0.0, force: float = 0.0) -> float:
         """What the next cycle sends, in SI; the position in whole increments (m), as it is sent.

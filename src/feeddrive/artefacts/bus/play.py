@@ -60,6 +60,8 @@ def play(
     said of it, `lag` cycles later.  `progress(rows, all)` is called ten times in a second of the motion.  Raises
     BusError if the drive cannot be switched on; whatever ends the motion later stands in `Played.aborted`.
     """
+    if np.any(profile.excitation):
+        client.excites(profile.unit)
     client.enable()
     assert client.told is not None
     start = client.told.position
@@ -73,7 +75,11 @@ def play(
         held = count + max(lag, round(_SETTLING / client.drive.cycle_time))
         for k in range(held):
             i = min(k, count - 1)
-            sent = _target(client, profile, i, start, rest=k >= count)
+            try:
+                sent = _target(client, profile, i, start, rest=k >= count)
+            except BusError as error:
+                aborted = str(error).removeprefix(f"{client.transport.where}: ")
+                break
             told = client.cycle()
             rows.add(sent, told)
             aborted = "stopped by hand" if interrupted() else client.trouble() or _beyond(client, start, told, sent)
@@ -151,7 +157,7 @@ def _beyond(client: DriveClient, start: float, told: Told | None, sent: Mapping[
     limits = client.drive.limits
     checks = [
         ("travel", abs(told.position - start), limits.travel, "m"),
-        ("velocity", 0.0 if told.velocity is None else abs(told.velocity), limits.velocity, "m/s"),
+        ("velocity", abs(told.velocity), limits.velocity, "m/s"),
         ("force", abs(told.force), limits.force, "N"),
     ]
     if client.drive.mode == "csp":
