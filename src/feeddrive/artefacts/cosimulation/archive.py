@@ -64,7 +64,7 @@ def importer() -> Any:
     try:
         import fmpy
     except ImportError:
-        raise MissingExtraError("fmpy", "fmu", "an FMU as a plant") from None
+        raise MissingExtraError("fmpy", "fmu", "running an FMU") from None
     return fmpy
 
 
