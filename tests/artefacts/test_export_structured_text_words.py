@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from structured_text_machine import IllegalTextError, program
+from structured_text_machine import program
+from structured_text_values import IllegalTextError
 
 from feeddrive.artefacts.export.structured_text.functions import functions
 from feeddrive.artefacts.export.structured_text.words import bare, decimal, literal
