@@ -46,7 +46,7 @@ def program(text: str, flush: bool = True) -> Program:
     rows: list[list[str]] = []
 
     def taken_out(found: re.Match[str]) -> str:
-        rows.append(found[1].split(", "))
+        rows.append(re.split(r",\s+", found[1]))
         return f":= [{len(rows) - 1}.0];"
 
     text = re.sub(r":= \[([^\[\]]+)\];", taken_out, text)

@@ -8,10 +8,8 @@ import textwrap
 from feeddrive.artefacts.export.design import Design
 from feeddrive.artefacts.export.structured_text.check import SAMPLES
 from feeddrive.artefacts.export.structured_text.controller import Program
-from feeddrive.artefacts.export.structured_text.units import INPUTS, OUTPUTS, Declared
+from feeddrive.artefacts.export.structured_text.units import INPUTS, OUTPUTS, WIDTH, Declared
 from feeddrive.loop.guard import TRIPS
-
-WIDTH = 116
 
 
 def header(design: Design) -> str:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
 INDENT = "    "
+WIDTH = 116
 INPUTS, OUTPUTS, VARIABLES, CONSTANTS = "VAR_INPUT", "VAR_OUTPUT", "VAR", "VAR CONSTANT"
 SECTIONS = (INPUTS, OUTPUTS, VARIABLES, CONSTANTS)
 
@@ -80,7 +82,12 @@ def _declared(variables: Iterable[Declared]) -> list[str]:
     found: list[str] = []
     for line, variable in zip(lines, variables, strict=True):
         found += [f"{INDENT}{text}".rstrip() for text in comment(variable.above)]
-        found.append(f"{line:<{wide}} (* {plain(variable.meaning)} *)" if variable.meaning else line)
+        if len(line) > WIDTH:  # a row of first values
+            found += textwrap.wrap(
+                line.strip(), WIDTH, initial_indent=INDENT, subsequent_indent=2 * INDENT, break_on_hyphens=False
+            )
+        else:
+            found.append(f"{line:<{wide}} (* {plain(variable.meaning)} *)" if variable.meaning else line)
     return found
 
 
