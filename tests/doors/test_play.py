@@ -23,6 +23,7 @@ set -e
 : > ready.txt
 {feeddrive} virtual-drive {machine} {drive} --drive-file drive.toml > ready.txt 2>&1 &
 served=$!
+trap 'kill -KILL $served 2>/dev/null || true' EXIT
 for attempt in $(seq 300); do grep -q Ready ready.txt && break; sleep 0.1; done
 {commands}
 kill -INT $served
