@@ -29,6 +29,12 @@ pytestmark = pytest.mark.skipif(
 WARNINGS = ["-std=c99", "-pedantic", "-Wall", "-Wextra", "-Wconversion", "-Wdouble-promotion", "-Wshadow", "-Werror"]
 WARNINGS += ["-ffp-contract=off"]
 
+# the configure of an observer is thousands of lines, which a compiler reads for seconds: its variants are slow proofs
+NAMES = [
+    pytest.param(name, marks=pytest.mark.slow) if name.startswith("active_disturbance_rejection,") else name
+    for name in LOOPS
+]
+
 
 def files(made: Layout) -> dict[str, str]:
     found = texts(made, "a control under test", "made by a test")
@@ -62,7 +68,7 @@ def test_a_million_samples_have_the_simulators_bits(name: str) -> None:
         assert np.any(np.isin(np.abs(outputs["force"]), limits)), "no sample reached the force limit"
 
 
-@pytest.mark.parametrize("name", LOOPS)
+@pytest.mark.parametrize("name", NAMES)
 def test_a_closed_loop_has_the_simulators_bits(name: str) -> None:
     """The readings of a simulated move, given to the C, bring the force of the simulation."""
     loop = guarded(LOOPS[name])
@@ -84,7 +90,7 @@ def test_a_closed_loop_has_the_simulators_bits(name: str) -> None:
     assert same_bits(streamed(made, files(made), Trial(inputs, {})).outputs[:, 0], simulated["force"])
 
 
-@pytest.mark.parametrize("name", LOOPS)
+@pytest.mark.parametrize("name", NAMES)
 def test_single_precision_has_the_bits_of_its_operations(name: str) -> None:
     """Against the same operations in Python, each rounded to single precision."""
     made = laid_out(LOOPS[name], "float")
@@ -93,7 +99,7 @@ def test_single_precision_has_the_bits_of_its_operations(name: str) -> None:
 
 
 @pytest.mark.parametrize("precision", ["double", "float"])
-@pytest.mark.parametrize("name", LOOPS)
+@pytest.mark.parametrize("name", NAMES)
 def test_the_compiler_has_no_complaint_and_the_self_test_passes(name: str, precision: str, tmp_path: Path) -> None:
     """All warnings are errors; then the program that goes with the export, under address and behaviour sanitizers."""
     made = laid_out(LOOPS[name], precision)
