@@ -99,15 +99,16 @@ class Statements:
         self.used: set[str] = set()  # operations
         self.done: list[Assignment | Choice] = []
         self._reads: dict[int, frozenset[int]] = {}  # nodes whose variables a node's text reads
+        self._held: set[int] = set()
         self._inside: set[int] = set()  # choices that stand inside another choice
 
     def compute(self, roots: Iterable[int], held: Iterable[int] = ()) -> list[Assignment | Choice]:
         """The statements for some nodes in the order of the law's text; those in `held` get a variable in any case."""
-        roots, held = list(roots), set(held)
+        roots, self._held = list(roots), set(held)
         order = self._needed(roots)
         uses = Counter(i for index in order for i in arguments(self.graph.nodes[index]))
         uses.update(roots)
-        uses.update(2 * list(held))
+        uses.update(2 * list(self._held))
         alone = {index for index in order if uses[index] == 1 and index not in self.named}
         for index in order:
             name = self.graph.nodes[index][0]
@@ -151,9 +152,8 @@ class Statements:
                 if name in ("lt", "le") and (values[0] in self.bounds or self.graph.nodes[values[0]][0] == "const"):
                     text = f"({self.texts[values[1]]} {'>' if name == 'lt' else '>='} {self.texts[values[0]]})"
                 reads = self._all_reads(values)
-                trivial = (
-                    name in ("neg", "not") and self.graph.nodes[values[0]][0] in LEAVES and index not in self.named
-                )
+                trivial = name in ("neg", "not") and self.graph.nodes[values[0]][0] in LEAVES
+                trivial = trivial and index not in self.named and index not in self._held
                 if trivial or (alone and len(text) <= WIDTH):
                     self._hold(index, text, reads)
                     return
