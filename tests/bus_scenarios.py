@@ -95,7 +95,7 @@ def losses(bus: str) -> dict[str, Any]:
     for name, few in (("few", 2), ("many", 5)):
         with powered(bus) as bench:
             master = client(drive(bus), bench.interface)
-            master._timeout = 0.2
+            master._timeout = 0.5
             with master:
                 master.enable()
                 bench.lose(100, few)
@@ -200,10 +200,10 @@ def refusals(bus: str) -> dict[str, str]:
 
 def silence(bus: str) -> dict[str, Any]:
     """The master pauses for longer than the watchdog (EtherCAT): the drive leaves OP, and says why."""
-    with powered(bus, watchdog=0.3) as bench, client(drive(bus), bench.interface) as master:
+    with powered(bus, watchdog=1.0) as bench, client(drive(bus), bench.interface) as master:
         master._timeout = 0.2
         master.enable()
-        time.sleep(1.0)
+        time.sleep(2.5)
         trouble = ""
         for _ in range(10):
             master.command()
