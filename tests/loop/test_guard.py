@@ -14,6 +14,7 @@ from feeddrive.blocks.families import Law, Load, Reference
 from feeddrive.blocks.plant.rigid import Rigid
 from feeddrive.blocks.signals import Setpoint
 from feeddrive.language import tree
+from feeddrive.language.errors import ParameterError
 from feeddrive.loop import guard as codes
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.control import Control
@@ -266,3 +267,10 @@ def test_a_guard_inside_its_bounds_changes_no_bit() -> None:
 
 def guarded_law() -> CascadePPI:
     return CascadePPI(Kv=30, Kp=2e4, Tn=0.02)
+
+
+def test_a_safe_force_beyond_the_limit_is_refused() -> None:
+    """What is commanded while the loop is off keeps the limit of the control, too."""
+    law = CascadePPI(Kv=10.0, Kp=100.0)
+    with pytest.raises(ParameterError, match=r"safe_force = -60 N is beyond .*force_limit = 50 N by 10 N"):
+        Control(law=law, force_limit=50.0, guard=Guard(safe_force=-60.0))

@@ -8,7 +8,7 @@ from feeddrive.blocks.families import FEEDS, Compensation, Feedforward, Filter, 
 from feeddrive.blocks.signals import Reading, Setpoint
 from feeddrive.language import ops, tree
 from feeddrive.language.block import Block, Number, parameter, part
-from feeddrive.language.errors import StructureError
+from feeddrive.language.errors import ParameterError, StructureError
 from feeddrive.loop.guard import Guard
 
 
@@ -66,7 +66,13 @@ class Control(Block):
         running: Number
 
     def check(self) -> None:
-        """Nothing of the set motion may be fed forward twice."""
+        """Nothing of the set motion may be fed forward twice; the safe force is within the limit."""
+        limit, held = self.force_limit, None if self.guard is None else self.guard.safe_force
+        if isinstance(limit, float) and isinstance(held, float) and abs(held) > limit:
+            raise ParameterError(
+                f"control.guard.safe_force = {held:g} N is beyond control.force_limit = {limit:g} N by "
+                f"{abs(held) - limit:g} N: raise the limit, or lower the force"
+            )
         fed = dict.fromkeys(self.law.feeds, self.law.kind)
         for i, block in enumerate(self.feedforward):
             for name in (each for each in FEEDS if each in block.fed()):

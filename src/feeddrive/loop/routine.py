@@ -33,7 +33,7 @@ MEANINGS = {
     "reading_load": ("m", "position that the load's encoder reads"),
     "enable": ("", "on if above 0.5"),
     "force": ("N", "commanded force at the table, within the limit"),
-    "trip": ("", "0, or the code of the guard: see its documentation"),
+    "trip": ("", "0, or the code of what tripped the guard"),
     "enabled": ("", "1 while the loop runs, 0 while it is off or tripped"),
     "load_force": ("N", "force of the process on the table"),
     "position_motor": ("m", "true position of the motor's body"),

@@ -1,4 +1,4 @@
-"""What is played on a drive: an excitation over a motion underneath, as `feeddrive excite` writes it."""
+"""What is played on a drive: an excitation over a motion, as `feeddrive excite` writes it, or the motion of a run."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _ABOVE_NYQUIST = 1e-3  # share of the excitation's power that may be lost betwee
 class Profile:
     """Rows at the cycle time of the bus: excitation in `unit` (N, m or m/s), set position (m, from where it starts).
 
-    `velocity` is the central difference of the set position, m/s.
+    `velocity` is that of the file, else the central difference of the set position, m/s.
     """
 
     name: str
@@ -33,7 +33,7 @@ class Profile:
 
 
 def read_profile(path: str | Path, drive: BusDrive, *, share: float = 1.0, ramp: float = 0.0) -> Profile:
-    """Read time, excitation and set position, at the cycle time of the drive.
+    """Read time, excitation, set position and set velocity, as far as they are there, at the cycle time of the drive.
 
     share  of the excitation that is played
     ramp   s over which the excitation swells and fades, for a profile that does not do so by itself
@@ -66,10 +66,13 @@ def read_profile(path: str | Path, drive: BusDrive, *, share: float = 1.0, ramp:
         )
     _check_band(str(path), excitation, every, step)
     excitation, set_position = excitation[::every].copy(), set_position[::every].copy()
+    if "set_velocity" in log.channels:
+        velocity = log["set_velocity"][::every].copy()
+    else:
+        velocity = np.gradient(set_position, T) if set_position.size > 1 else np.zeros(set_position.size)
     found = Profile(
-        str(path), str(log.provenance["sha256"]), T, unit, _ramped(excitation, round(ramp / T)), set_position,
-        np.gradient(set_position, T) if set_position.size > 1 else np.zeros(set_position.size),
-    )  # fmt: skip
+        str(path), str(log.provenance["sha256"]), T, unit, _ramped(excitation, round(ramp / T)), set_position, velocity
+    )
     check_profile(found, drive)
     return found
 

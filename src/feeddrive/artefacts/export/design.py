@@ -13,7 +13,7 @@ from feeddrive.artefacts.export.layout import Layout, layout
 from feeddrive.artefacts.files.machine import Machine, read_machine
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.routine import Routine
-from feeddrive.loop.routine_trace import controller_routine, plant_routine
+from feeddrive.loop.routine_trace import controller_routine, plant_routine, weight
 
 CONTROL, PLANT = "control", "plant"
 MACHINE_FILE = "machine.toml"  # the copy of the machine file in an export
@@ -55,6 +55,35 @@ class Design:
         """Who made it, from what."""
         file = Path(self.machine.file.name).name
         return f"Made by feeddrive {feeddrive.__version__} from {file}, SHA-256 {self.digest}."
+
+    @property
+    def period(self) -> str:
+        """The sample time as people write it."""
+        T = self.routine.sample_time
+        return f"{1e6 * T:.6g} µs" if T < 1e-3 else f"{1e3 * T:.6g} ms" if T < 1.0 else f"{T:.6g} s"
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What a person must know before this moves an axis, because the machine file does not say it."""
+        if self.what == PLANT:
+            return ()
+        said, control = self.loop.control.guard, self.loop.control
+        held, found = float(weight(self.loop.axis)), []
+        if said is None and held != 0.0:
+            acts = float(self.routine.origin.control.guard.safe_force)  # type: ignore[union-attr]
+            found.append(f"the machine file has no guard; while the loop is off, {acts:g} N hold the hanging axis")
+        elif said is None:
+            found.append("the machine file has no guard: nothing trips but broken numbers, and no bound is checked")
+        elif held != 0.0 and float(said.safe_force) == 0.0:
+            found.append(
+                f"A HANGING AXIS FALLS: gravity pulls with {-held:g} N, but the guard's safe_force is 0 N, which acts "
+                f"whenever the loop is off; write safe_force_N = {held:g}, or hold the axis by a brake"
+            )
+        if said is not None and said.following_error_limit is None:
+            found.append("the guard has no following_error_limit: a loop that runs away does not trip")
+        if control.force_limit is None:
+            found.append("the control has no force_limit: only the drive bounds the force")
+        return tuple(found)
 
 
 def read_design(

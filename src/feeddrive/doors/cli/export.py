@@ -14,6 +14,8 @@ def perform(source: str, target: str, out: Path | None, **options: Any) -> None:
     """Write, and say where."""
     design, readme = export(source, target, out, **options)
     console = Console(highlight=False)
-    said = f"{design.title}: {target}, sample time {1e6 * design.routine.sample_time:g} µs"
+    said = f"{design.title}: {target}, sample time {design.period}"
     console.print(said, markup=False, soft_wrap=True)
+    for remark in design.remarks:
+        console.print(f"- Note: {remark}", markup=False, soft_wrap=True)
     console.print(f"Read first: {readme}", markup=False, soft_wrap=True)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from feeddrive.artefacts.export.c.header import meant
 from feeddrive.artefacts.export.c.header_only import header_only
 from feeddrive.artefacts.export.c.selftest import SAMPLES, self_test
 from feeddrive.artefacts.export.c.text import texts
@@ -91,12 +92,13 @@ endif()
 def _readme(design: Design) -> str:
     P, routine = design.name, design.routine
     parts = [f"# {design.title}", design.made_by, _READ.format(P=P)]
+    parts += ["\n".join(f"- **Note**: {remark}." for remark in design.remarks)] if design.remarks else []
     if design.what == CONTROL:
-        parts.append(_CONTROL.format(P=P, T=f"{1e6 * routine.sample_time:g}", samples=SAMPLES, flags=FLAGS))
+        parts.append(_CONTROL.format(P=P, T=design.period, samples=SAMPLES, flags=FLAGS))
         codes = "\n".join(f"| {code:g} | {text} |" for code, text in TRIPS.items())
         parts.append(f"## What `trip` says\n\n| code | tripped by |\n|---|---|\n| 0 | nothing |\n{codes}")
     else:
-        parts.append(_PLANT.format(P=P, T=f"{1e6 * routine.sample_time:g}"))
+        parts.append(_PLANT.format(P=P, T=design.period))
     parts.append("## Inputs\n\n" + _table(routine.inputs))
     parts.append("## Outputs\n\n" + _table(routine.outputs))
     if routine.parameters:
@@ -105,10 +107,14 @@ def _readme(design: Design) -> str:
 
 
 def _table(variables: tuple[Variable, ...], *, values: bool = False) -> str:
-    head = "| name | unit | meaning |" + (" value |" if values else "")
-    said = {v.name: v.meaning.replace("|", "\\|") for v in variables}
-    rows = [f"| `{v.name}` | {v.unit} | {said[v.name]} |" + (f" {v.value:.10g} |" if values else "") for v in variables]
-    return "\n".join([head, "|---|---|---|" + ("---|" if values else ""), *rows])
+    head = "| name | unit | meaning |" + (" bounds | value |" if values else "")
+    rows = []
+    for v in variables:
+        meaning = meant(v).replace("|", "\\|")
+        bounds = v.declared.bounds() if v.declared is not None else ""
+        more = f" {bounds} | {v.value:.10g} |" if values else ""
+        rows.append(f"| `{v.name}` | {v.unit} | {meaning} |{more}")
+    return "\n".join([head, "|---|---|---|" + ("---|---|" if values else ""), *rows])
 
 
 _READ = """\
@@ -130,16 +136,19 @@ static {P}_controller controller;
 {P}_configure(&controller, &parameters);  /* outside the interrupt */
 {P}_reset(&controller, &inputs);          /* where the axis is */
 
-/* every {T} µs */
+/* every {T} */
 {P}_step(&controller, &inputs, &outputs);
 ```
 
 - `outputs.force` is limited and never NaN. `outputs.enabled` drops when the loop is off or tripped: let it drop
   the drive.
 - A trip is latched. Take `enable` away and give it again: the loop takes over where the axis is.
-- `{P}_retune` changes parameters between two samples. Do not write into `controller` by hand.
-- The step takes {T} µs as its sample time: call it at that period.
-- Compile with `{flags}`, never with `-ffast-math`.
+- `{P}_retune` changes parameters between two samples. Do not write into `controller` by hand. It says false and
+  changes nothing if a parameter is out of its own bounds. Whether gains fit each other and the axis is not checked on
+  the target: change to what you have simulated.
+- The step takes {T} as its sample time: call it at that period.
+- Compile with `{flags}`, never with `-ffast-math`. In C++ the header goes with any standard, the rest with C++17 or
+  -std=gnu++.
 - Numbers below the normal ones count as zero in the simulation. `{P}_flush_begin` and `{P}_flush_end` around the step
   do the same on x86-64 and AArch64; on a Cortex-M set the flush-to-zero bit once.
 
@@ -149,7 +158,7 @@ static {P}_controller controller;
 `feeddrive verify .` does so with a million samples and this machine's compiler, and prints a certificate."""
 
 _PLANT = """\
-A step moves the axis by {T} µs under `force` and `load_force`; the outputs are those at its end.
+A step moves the axis by {T} under `force` and `load_force`; the outputs are those at its end.
 
 ```c
 {P}_plant plant;

@@ -108,8 +108,13 @@ def _designed(name: str, layout: Layout) -> list[str]:
     return ["typedef struct {", *(lines or ["    char none; /* nothing is kept here */"]), f"}} {name};", ""]
 
 
+def meant(variable: Variable) -> str:
+    """What a variable that is there means."""
+    return _ABSENT.sub("", variable.meaning)
+
+
 def _meaning(variable: Variable) -> str:
-    meaning = _ABSENT.sub("", variable.meaning)
+    meaning = meant(variable)
     bounds = variable.declared.bounds() if variable.declared is not None else ""
     unit = f"{variable.unit}: " if variable.unit else ""
     return f"{unit}{meaning}" + (f"; {bounds}" if bounds else "")
