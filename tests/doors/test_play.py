@@ -13,8 +13,11 @@ import pytest
 from bus_bench import in_a_namespace
 from feeddrive.artefacts.files.log import read_log
 from feeddrive.artefacts.files.machine import read_machine
+from feeddrive.blocks.controller.cascade_ppi import CascadePPI
 from feeddrive.blocks.plant.three_mass_chain import ThreeMassChain
+from feeddrive.blocks.reference.recorded import Recorded
 from feeddrive.doors import cli
+from feeddrive.loop.simulate import simulate
 
 FEEDDRIVE = f"{sys.executable} -c 'from feeddrive.doors.cli import main; main()'"
 # a virtual drive, and a master beside it as soon as it is ready; the drive is ended as a user would end it
@@ -128,6 +131,32 @@ def test_over_canopen_between_processes(call, tmp_path: Path) -> None:
     heard = read_log("heard/measured_1.parquet")
     assert len(heard) == 100
     assert np.ptp(heard["reading_load"]) == 0.0
+
+
+def test_the_move_of_a_job_is_played_as_it_was_simulated(call, tmp_path: Path) -> None:
+    """EMPS with friction under today's control, which the virtual drive has inside, too.
+
+    Against a simulation of the rounded setpoints there is no difference but of rounding; against the job's own run the
+    axis may stick elsewhere in the zone in which friction holds it, F/(Kp Kv) to both sides.
+    """
+    assert call("demo", "--out", "demo")[0] == 0
+    done = beside(
+        tmp_path, "emps", "--interface veth1 --master veth0",
+        "play demo/runs/today.csv --drive drive.toml --unpaced --out measured",
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr + done.stdout
+    log, run = read_log("measured/measured_1.parquet"), read_log("demo/runs/today.csv")
+    assert np.ptp(run["reading_load"]) > 0.1
+    assert len(log) == len(run)
+    loop = read_machine("emps").loop(None)
+    reference = Recorded(position=log["set_position"], sample_time=float(loop.sample_time))
+    again = simulate(loop, reference, start=(0.0, 0.0), record=["reading_load", "force"])
+    assert np.max(np.abs(log["reading_load"] - again["reading_load"])) <= 1e-12
+    assert np.max(np.abs(log["force"] - again["force"])) <= 0.5 * 0.117169 * (1.0 + 1e-6)
+    law = loop.control.law
+    assert isinstance(law, CascadePPI)
+    stuck = 20.6277 / (law.Kp * law.Kv)
+    assert np.max(np.abs(log["reading_load"] - run["reading_load"])) <= 2.0 * stuck
 
 
 def test_an_aborted_motion_leaves_its_log_and_its_reason(call, tmp_path: Path) -> None:
