@@ -263,3 +263,31 @@ def test_no_compiler_names_the_package(
     text = said(capsys, "verify", str(out), "--samples", "100")
     assert "'gcc', which is not found" in text
     assert "apt-get install gcc libc6-dev" in text
+
+
+def test_a_loop_that_is_not_stable_is_not_exported(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A position gain of 30 000 1/s at 10 kHz: the export would compute what was simulated, and throw the axis."""
+    file = tmp_path / "unstable.toml"
+    file.write_text(AXIS.format(Kv=30_000), encoding="utf-8")
+    assert "unstable" in said(capsys, "export", str(file), "--target", "c", "--out", str(tmp_path / "new"))
+    assert not (tmp_path / "new").exists()
+
+
+@pytest.mark.parametrize(
+    ("more", "part"),
+    [
+        ("", "no guard: nothing trips but broken numbers"),
+        ('[[axis.x.forces]]\nkind = "gravity"\nforce_N = -98.1\n', "98.1 N hold the hanging axis"),
+        (
+            '[[axis.x.forces]]\nkind = "gravity"\nforce_N = -98.1\n[axis.x.control.guard]\nvelocity_limit = 1\n',
+            "A HANGING AXIS FALLS: gravity pulls with -98.1 N",
+        ),
+        ("[axis.x.control.guard]\nvelocity_limit = 1\n", "no following_error_limit"),
+    ],
+)
+def test_what_the_machine_file_leaves_open_is_said(more: str, part: str, tmp_path: Path) -> None:
+    """On the terminal and in the README, before an axis falls or runs away."""
+    file = tmp_path / "machine.toml"
+    file.write_text(AXIS.format(Kv=50) + more, encoding="utf-8")
+    assert part in exported(tmp_path / "c", str(file), "--target", "c")
+    assert part in (tmp_path / "c" / "README.md").read_text(encoding="utf-8")
