@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import runpy
+import shutil
 from itertools import pairwise
 from pathlib import Path
 
@@ -191,3 +192,16 @@ def test_masses_come_out_and_what_no_line_tells_is_said(capsys: pytest.CaptureFi
     open_ = text.split("to 30 Hz with one encoder: ")[1].splitlines()[0]
     assert "stiffness" in open_
     assert "mass_load" in open_
+
+
+@pytest.mark.skipif(
+    shutil.which("gcc") is None, reason="NOT TESTED: the example needs gcc: apt-get install gcc libc6-dev"
+)
+def test_an_exported_control_is_equal_and_gains_change_without_a_bump(capsys: pytest.CaptureFixture[str]) -> None:
+    text = said("export_and_change.py", capsys)
+    assert "0 outputs with other bits" in text
+    assert ", 0 loops" in text
+    steps = re.findall(r"at 0.05 s +([0-9.]+) N, largest of all +([0-9.]+) N", text)
+    assert len(steps) == 2
+    # a change of gains by a third moves the force by less than the move itself does at its quickest
+    assert all(float(at) < float(largest) for at, largest in steps)
