@@ -5,7 +5,7 @@ from __future__ import annotations
 from feeddrive.artefacts.export.cortex_m.cores import CORES, Core
 
 FLAGS = "-std=c99 -O2 -ffp-contract=off -fno-math-errno"
-WARNINGS = "-Wall -Wextra -Wconversion"
+WARNINGS = "-Wall -Wextra -Wconversion -Wdouble-promotion"
 COMPILER, EMULATOR = "arm-none-eabi-gcc", "qemu-system-arm"
 PACKAGES = {
     COMPILER: "gcc-arm-none-eabi libnewlib-arm-none-eabi",
