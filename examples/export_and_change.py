@@ -10,9 +10,7 @@ with tempfile.TemporaryDirectory() as folder:
     step = (readme.parent / "axis_x.c").read_text(encoding="utf-8").split("void axis_x_step")[1]
     lines = [line for line in step.splitlines() if "=" in line]
     print(f"{design.title}")
-    print(
-        f"the step: {len(lines)} assignments, {step.count('for (')} loops; {len(design.routine.states)} numbers remembered"
-    )
+    print(f"the step: {len(lines)} assignments, {step.count('for (')} loops")
     found = fd.verify(readme.parent, samples=100_000)
     print(f"{found.samples} samples, {found.trips} trips, {found.changes} changes of gains by {found.program}:")
     print(f"{found.differing} outputs with other bits than the simulator's")

@@ -194,9 +194,7 @@ def test_masses_come_out_and_what_no_line_tells_is_said(capsys: pytest.CaptureFi
     assert "mass_load" in open_
 
 
-@pytest.mark.skipif(
-    shutil.which("gcc") is None, reason="NOT TESTED: the example needs gcc: apt-get install gcc libc6-dev"
-)
+@pytest.mark.skipif(shutil.which("gcc") is None, reason="NOT TESTED: needs gcc: apt-get install gcc libc6-dev")
 def test_an_exported_control_is_equal_and_gains_change_without_a_bump(capsys: pytest.CaptureFixture[str]) -> None:
     text = said("export_and_change.py", capsys)
     assert "0 outputs with other bits" in text
