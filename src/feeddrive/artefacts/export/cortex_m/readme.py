@@ -17,8 +17,15 @@ def readme(design: Design, core: Core) -> str:
         period=f"{1e6 * design.routine.sample_time:g}", packages=" ".join(PACKAGES.values()), codes=codes,
         given=", ".join(f"`{v.name}`" + (f" ({v.unit})" if v.unit else "") for v in design.routine.inputs),
         taken=", ".join(f"`{v.name}`" + (f" ({v.unit})" if v.unit else "") for v in design.routine.outputs),
-        real=design.layout.precision,
+        real=design.layout.precision, act=_act(design),
     )  # fmt: skip
+
+
+def _act(design: Design) -> str:
+    """The line that hands the command on: in the drive's unit, where the machine file has a motor."""
+    units = {v.name: v.unit for v in design.routine.outputs}
+    name = "command" if "command" in units else "force"
+    return f"{f'write_drive(outputs.{name});':<40}/* {units[name]} */"
 
 
 _TEXT = """\
@@ -53,14 +60,14 @@ static {P}_controller controller;
 void start(void)                            /* in thread mode, before the interrupt is enabled */
 {{
     {P}_parameters parameters;
-    {P}_inputs inputs = read_axis();
-    SCB->CPACR |= 0xFu << 20;               /* floating-point unit on, before any code that uses it */
-    FPU->FPDSCR |= 3u << 24;                /* flush to zero and default NaN, for interrupts */
-    __DSB();
-    __ISB();
+    {P}_inputs inputs;
+    FPU->FPDSCR |= 3u << 24;                /* flush to zero and default NaN, for interrupts; CPACR: see Traps */
     __set_FPSCR(__get_FPSCR() | 3u << 24);  /* the same for thread mode */
+    inputs = read_axis();
     {P}_defaults(&parameters);
-    {P}_configure(&controller, &parameters);
+    if (!{P}_configure(&controller, &parameters)) {{
+        stop();                             /* a parameter is out of its bounds */
+    }}
     {P}_reset(&controller, &inputs);
 }}
 
@@ -72,7 +79,7 @@ void TIM1_UP_IRQHandler(void)               /* {rate} Hz: every {period} µs */
     if (outputs.enabled < 0.5f) {{
         drop_power_stage();
     }}
-    set_current(outputs.force);
+    {act}
 }}
 ```
 
@@ -81,8 +88,9 @@ the simulation was given; writing it at the start of the next sample adds a whol
 
 ## Traps
 
-- **CPACR.** The unit is off after reset; the first instruction of it is a usage fault. Switch it on in the reset
-  handler, in assembly or in a function without a floating-point register of its own: a compiler may push one on entry.
+- **CPACR.** The unit is off after reset; the first instruction of it is a usage fault. `SystemInit` of most vendors
+  switches it on: `SCB->CPACR |= 0xFu << 20; __DSB(); __ISB();`. Do it there or in the reset handler, in a function that
+  does not compute with floats: a compiler may push one of their registers on entry.
 - **FPSCR in an interrupt.** At the entry of an interrupt that uses the unit FPSCR is loaded from **FPDSCR**, not taken
   over from thread mode. Bit 24 flushes numbers below the normal ones to zero, as the simulation does; without it a
   velocity that dies out ends in numbers of other bits. Bit 25 makes every NaN the default one.
@@ -117,6 +125,8 @@ A trip is latched. Take `enable` away and give it again: the loop takes over whe
     make selftest   # every output of the stored samples, bit for bit, on an emulated core
     make report     # memory, and executed instructions of a step
 
-These need `apt-get install {packages}`. Instructions are no cycles: a division takes 14, most others 1, and flash wait
-states come on top. `feeddrive verify .` proves it with more samples.
+These need `apt-get install {packages}`.
+Instructions are no cycles: a division takes 14, most others 1, and flash wait states come on top.
+
+`feeddrive verify .` proves it with more samples.
 """
