@@ -104,6 +104,9 @@ the simulation was given; writing it at the start of the next sample adds a whol
 - **Flash.** Configure is large for laws with a matrix exponential, above all with double precision in software. If no
   parameter ever changes, call `{P}_prepared(&controller)` in place of defaults and configure: the same numbers, and
   the linker leaves the rest out.
+- **Long axes.** A float of half a metre has steps of 30 nm, which a differenced velocity divides by the sample time.
+  In single precision put the origin into the middle of the travel and subtract it as whole counts, before the reading
+  becomes a float.
 - **Fused multiply-add.** `-ffp-contract=off` keeps gcc from `vfma`, which rounds once where the simulation rounds
   twice. Never `-ffast-math`.
 
