@@ -59,7 +59,7 @@ def test_exported_c_takes_no_more_than_a_fifth_over_c_by_hand(name: str):
     assert all(ours[situation] <= 1.2 * theirs[situation] for situation in ours), (ours, theirs)
     usual = ours["usual"]
     assert ours["subnormal setpoint"] == usual  # no number is slower than another
-    assert abs(ours["saturated"] - usual) <= 1.0
+    assert abs(ours["saturated"] - usual) <= 3.0  # pole placement freezes its integral
     assert max(ours.values()) <= usual + 40.0  # what hangs on faults is bounded: see docs/step_cost.md
 
 
