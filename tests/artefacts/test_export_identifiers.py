@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from feeddrive.artefacts.export.ascii_text import ascii_text
 from feeddrive.artefacts.export.identifiers import C_WORDS, HAL_WORDS, ST_WORDS, check_name, identifier
 from feeddrive.language.errors import ParameterError
 
@@ -103,3 +104,23 @@ def test_a_name_that_cannot_be_exported_is_named_with_the_reason(name: str, said
         check_name(name, "--name")
     assert "--name" in str(raised.value)
     assert repr(name) in str(raised.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "wanted"),
+    [
+        ("H(z) = b1 z⁻¹ + b2 z⁻²", "H(z) = b1 z^-1 + b2 z^-2"),
+        ("2 ζ ω T, x̂₁ and λ₁₂", "2 zeta omega T, x_1 and lambda_12"),
+        ("every 50 µs, ü ≤ 3 · Δ", "every 50 us, u <= 3 * Delta"),
+        ("√x → ∞, 日", "sqrtx -> inf, ?"),
+        ("a ·/ b", "a * / b"),
+    ],
+)
+def test_comments_are_spelled_in_ascii(text: str, wanted: str) -> None:
+    assert ascii_text(text) == wanted
+
+
+@given(st.text())
+def test_any_text_has_an_ascii_form(text: str) -> None:
+    assert ascii_text(text).isascii()
+    assert ascii_text(ascii_text(text)) == ascii_text(text)

@@ -75,7 +75,7 @@ def test_what_is_exported_verifies(words: list[str], tmp_path: Path) -> None:
     text = certificate.read_text(encoding="utf-8")
     assert text.strip() in result.output
     digest = json.loads((out / "export.json").read_text(encoding="utf-8"))["machine"]["sha256"]
-    assert digest in text
+    assert digest[:16] in text
 
 
 @needs_gcc

@@ -33,7 +33,7 @@ MEANINGS = {
     "reading_load": ("m", "position that the load's encoder reads"),
     "enable": ("", "on if above 0.5"),
     "force": ("N", "commanded force at the table, within the limit"),
-    "trip": ("", "0, or the code of what tripped the guard"),
+    "trip": ("", "0, or what tripped: 1 reading, 2 following error, 3 velocity, 4 travel, 5 command"),
     "enabled": ("", "1 while the loop runs, 0 while it is off or tripped"),
     "load_force": ("N", "force of the process on the table"),
     "position_motor": ("m", "true position of the motor's body"),
@@ -88,7 +88,7 @@ class Retune(NamedTuple):
         return self._replace(states=states, leaves=leaves)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Routine:
     """Four functions of named numbers in one graph; see the module.
 

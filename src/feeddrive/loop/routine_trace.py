@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, cast
@@ -19,6 +20,8 @@ from feeddrive.loop.guard import Guard
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.routine import MEANINGS, Function, Retune, Routine, Variable, target_name
 from feeddrive.loop.trace import SETPOINT
+
+_ABSENT = re.compile(r"; absent[^;]*$")  # what is there is not absent
 
 
 class Controller(Block):
@@ -68,7 +71,7 @@ def controller_routine(loop: Loop, name: str) -> Routine:
         motor = loop.axis.actuator.motor
         if motor is not None:
             scaled = command.applied / both.motor.force_per_unit()
-            outputs["command"] = (motor.unit, f"the same in the unit of the drive, {motor.unit}", scaled)
+            outputs["command"] = (motor.unit, "the same in the unit of the drive", scaled)
         outputs["trip"] = ("", MEANINGS["trip"][1], command.trip)
         outputs["enabled"] = ("", MEANINGS["enabled"][1], command.running)
     return traced.routine(name, loop, made, inputs, names, begun, after, outputs, _retune(loop.control, made, begun))
@@ -223,7 +226,8 @@ class _Traced:
         declared = tree.declaration(self.block, path)
         if declared.unit == "Hz" and declared.below is None and not isinstance(self.block, Axis):
             declared = replace(declared, below=0.5 / float(self.loop.sample_time))  # what a sampled control can realise
-        return Variable(target_name(path), path, declared.unit, declared.meaning, node, value, declared)
+        meaning = _ABSENT.sub("", declared.meaning)
+        return Variable(target_name(path), path, declared.unit, meaning, node, value, declared)
 
     def _is_text(self, index: int) -> bool:
         return self.graph.nodes[index][0] in ("const", "truth")

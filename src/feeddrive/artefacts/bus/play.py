@@ -32,6 +32,10 @@ class Played:
     remarks: tuple[str, ...]
 
 
+# a keyboard, a service manager, a terminal that closes: the motion ends in order for each of them
+ENDINGS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
+
+
 @contextlib.contextmanager
 def _interruption() -> Generator[Callable[[], bool]]:
     """Ctrl-C as a question, so that it never cuts a cycle in two; a second one changes nothing."""
@@ -43,7 +47,7 @@ def _interruption() -> Generator[Callable[[], bool]]:
     def press(_number: int, _frame: FrameType | None) -> None:
         pressed.set()
 
-    before = {number: signal.signal(number, press) for number in (signal.SIGINT, signal.SIGTERM)}
+    before = {number: signal.signal(number, press) for number in ENDINGS}
     try:
         yield pressed.is_set
     finally:

@@ -84,6 +84,6 @@ PROOFS: dict[str, Proof] = {
 }
 WITHOUT = {
     "st": "runs on a PLC: {name}_check.st, in the same directory, makes the same comparison there",
-    "linuxcnc-pid": "are numbers for LinuxCNC's own pid, which computes something else; its README says what",
-    "parameters": "are numbers for a person to check; there is nothing to run",
+    "linuxcnc-pid": "is numbers for LinuxCNC's own pid, which computes something else; its README says what",
+    "parameters": "is numbers for a person to check; there is nothing to run",
 }

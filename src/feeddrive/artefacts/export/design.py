@@ -6,20 +6,25 @@ import hashlib
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
 import feeddrive
 from feeddrive.artefacts.export.exportable import check_exportable
 from feeddrive.artefacts.export.identifiers import check_name
 from feeddrive.artefacts.export.layout import Layout, layout
 from feeddrive.artefacts.files.machine import Machine, read_machine
+from feeddrive.engineer.analysis.margins import margins
+from feeddrive.loop.linearize import loop_gain
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.routine import Routine
 from feeddrive.loop.routine_trace import controller_routine, plant_routine, weight
 
+LARGEST_MS = 3.0  # above it a change of the axis by a third may end in an oscillation
 CONTROL, PLANT = "control", "plant"
 MACHINE_FILE = "machine.toml"  # the copy of the machine file in an export
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Design:
     """A control or an axis of a machine file, as a routine that is laid out in some precision."""
 
@@ -28,6 +33,9 @@ class Design:
     loop: Loop
     what: str
     layout: Layout
+
+    def __repr__(self) -> str:
+        return f"Design({self.name}: {self.title})"
 
     @property
     def routine(self) -> Routine:
@@ -81,9 +89,23 @@ class Design:
             )
         if said is not None and said.following_error_limit is None:
             found.append("the guard has no following_error_limit: a loop that runs away does not trip")
+        found += self._robustness()
         if control.force_limit is None:
             found.append("the control has no force_limit: only the drive bounds the force")
         return tuple(found)
+
+    def _robustness(self) -> list[str]:
+        """A word where the loop is close to its edge."""
+        if self.loop.control.law.period() > 1:
+            return []
+        nyquist = 0.5 / self.routine.sample_time
+        found = margins(loop_gain(self.loop, np.geomspace(1e-4 * nyquist, nyquist, 2000)))
+        if found.sensitivity_peak <= LARGEST_MS:
+            return []
+        return [
+            f"the loop is close to its edge: its sensitivity peak Ms is {found.sensitivity_peak:.3g}, and a tuned one "
+            f"has at most 2: tune it before it moves an axis"
+        ]
 
 
 def read_design(

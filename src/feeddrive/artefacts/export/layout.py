@@ -30,7 +30,7 @@ class Field(NamedTuple):
     truth: bool
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Layout:
     """A routine in the operations that printers know.
 

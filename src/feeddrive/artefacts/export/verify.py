@@ -54,6 +54,11 @@ class Verified(Result):
         """All bits agree, and no file was altered."""
         return self.differing == 0 and not self.altered
 
+    def _result(self) -> str:
+        if self.differing:
+            return "NOT EQUAL"
+        return "EQUAL, bit for bit" if self.holds else "EQUAL, bit for bit, but CHANGED SINCE THE EXPORT"
+
     def sentences(self) -> str:
         """The certificate as text."""
         table = self.table()
@@ -65,7 +70,7 @@ class Verified(Result):
         worst = ", ".join(f"{name} {value:.3g}" for name, value in self.worst.items())
         rows = [
             ["export", f"{self.name}, target {self.target}, {self.precision} precision"],
-            ["machine file", f"{self.machine}, SHA-256 {self.digest}"],
+            ["machine file", f"{self.machine}, SHA-256 {self.digest[:16]}..."],
             ["files as written", "yes" if not self.altered else "no: " + ", ".join(self.altered)],
             ["run by", self.program],
             ["built with", self.how],
@@ -75,7 +80,7 @@ class Verified(Result):
             ["with", f"{self.changes} live changes, {self.trips} trips, {self.limited} samples at the force limit"],
             ["outputs with other bits", str(self.differing)],
             ["worst difference", worst],
-            ["result", "EQUAL, bit for bit" if self.holds else "NOT EQUAL"],
+            ["result", self._result()],
         ]
         return Table(f"what runs against what was simulated: {self.name}", ["", ""], rows)
 
@@ -101,8 +106,8 @@ def verify(
     directory = Path(directory)
     manifest = read_manifest(directory)
     if manifest.target not in PROOFS:
-        why = WITHOUT.get(manifest.target, "are of a target that this feeddrive does not know")
-        raise ParameterError(f"{directory}: the files of the target {manifest.target} {why.format(name=manifest.name)}")
+        why = WITHOUT.get(manifest.target, "is of a target that this feeddrive does not know")
+        raise ParameterError(f"{directory}: what the target {manifest.target} writes {why.format(name=manifest.name)}")
     proof = PROOFS[manifest.target]
     design = _design(directory, manifest)
     single = design.layout.precision == "float"

@@ -82,4 +82,8 @@ def _text(section: Section, name: str) -> str:
     value = section.values.get(name, "")
     if not isinstance(value, str):
         raise section.error(f'{section.dotted(name)} must be a text in quotes ("...")', name)
+    if name == "name" and not value.isprintable():
+        raise section.error(
+            f"{section.dotted(name)} must be one line of plain text: it goes into files of others", name
+        )
     return value

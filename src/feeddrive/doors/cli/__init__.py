@@ -37,6 +37,10 @@ def main() -> None:
         sys.exit(1)
     except KeyboardInterrupt:
         _stopped()
+    except RuntimeError as error:  # Python wraps a Ctrl-C that comes while a class is made
+        if isinstance(error.__cause__, KeyboardInterrupt):
+            _stopped()
+        raise
     except SystemExit as ended:  # typer turns Ctrl-C within a command into this code, without a word
         if ended.code == STOPPED:
             _stopped()

@@ -14,7 +14,7 @@ def perform(source: str, target: str, out: Path | None, **options: Any) -> None:
     """Write, and say where."""
     design, readme = export(source, target, out, **options)
     console = Console(highlight=False)
-    said = f"{design.title}: {target}, sample time {design.period}"
+    said = f"{design.title}; for the target {target}, every {design.period}"
     console.print(said, markup=False, soft_wrap=True)
     for remark in design.remarks:
         console.print(f"- Note: {remark}", markup=False, soft_wrap=True)

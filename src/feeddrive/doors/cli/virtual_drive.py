@@ -10,6 +10,7 @@ from types import FrameType
 
 from rich.console import Console
 
+from feeddrive.artefacts.bus.play import ENDINGS
 from feeddrive.artefacts.bus.virtual.canopen_node import serve_canopen
 from feeddrive.artefacts.bus.virtual.described import drive_text, scaling_of
 from feeddrive.artefacts.bus.virtual.driven_axis import DrivenAxis
@@ -42,7 +43,7 @@ def perform(
     def end(_number: int, _frame: FrameType | None) -> None:
         stop.set()
 
-    for number in (signal.SIGINT, signal.SIGTERM):
+    for number in ENDINGS:
         signal.signal(number, end)
     if drive_file is not None:
         for place, (name, firmware) in enumerate(drives.items()):

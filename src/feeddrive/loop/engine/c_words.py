@@ -112,7 +112,9 @@ def number(value: float, real: str = "double") -> str:
         most = "INFINITY" if real == "float" else "HUGE_VAL"
         return most if value > 0.0 else f"(-{most})"
     text = repr(value)
-    if abs(value) >= 1e6 or (16.0 * value) % 1.0 != 0.0:
+    if abs(value) >= 1e6 and value % 1e6 == 0.0 and abs(value) < 1e19:
+        text = f"{value:.1f}"
+    elif abs(value) >= 1e6 or (16.0 * value) % 1.0 != 0.0:
         text = re.sub(r"\.?0*p", "p", value.hex())
     return f"({text}{suffix})" if text.startswith("-") else f"{text}{suffix}"
 

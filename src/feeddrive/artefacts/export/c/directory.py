@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from feeddrive.artefacts.export.c.header import meant
 from feeddrive.artefacts.export.c.header_only import header_only
 from feeddrive.artefacts.export.c.selftest import SAMPLES, self_test
 from feeddrive.artefacts.export.c.text import texts
@@ -110,7 +109,7 @@ def _table(variables: tuple[Variable, ...], *, values: bool = False) -> str:
     head = "| name | unit | meaning |" + (" bounds | value |" if values else "")
     rows = []
     for v in variables:
-        meaning = meant(v).replace("|", "\\|")
+        meaning = v.meaning.replace("|", "\\|")
         bounds = v.declared.bounds() if v.declared is not None else ""
         more = f" {bounds} | {v.value:.10g} |" if values else ""
         rows.append(f"| `{v.name}` | {v.unit} | {meaning} |{more}")
@@ -133,8 +132,10 @@ static {P}_controller controller;
 {P}_parameters parameters;
 
 {P}_defaults(&parameters);
-{P}_configure(&controller, &parameters);  /* outside the interrupt */
-{P}_reset(&controller, &inputs);          /* where the axis is */
+if (!{P}_configure(&controller, &parameters)) {{  /* outside the interrupt */
+    return false;  /* a parameter is out of its bounds: do not go on */
+}}
+{P}_reset(&controller, &inputs);  /* where the axis is */
 
 /* every {T} */
 {P}_step(&controller, &inputs, &outputs);

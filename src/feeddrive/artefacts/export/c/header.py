@@ -13,7 +13,6 @@ from feeddrive.loop.routine import Variable
 
 _WIDTH = 116
 _FLUSHES = re.compile(r"\b(flush|restore)\b")
-_ABSENT = re.compile(r"; absent[^;]*$")  # what is there is not absent
 
 
 def header(layout: Layout, title: str, made_by: str) -> str:
@@ -46,8 +45,8 @@ def header(layout: Layout, title: str, made_by: str) -> str:
         f"}} {P}_{held};", "",
         "/* The values of the machine file. */",
         f"void {P}_defaults({P}_parameters *parameters);", "",
-        "/* All work that depends on parameters only: once, outside the interrupt. The state is left alone. */",
-        "/* False, and nothing is changed, if a parameter is out of its bounds or no number. */",
+        "/* All work that depends on parameters only: once, outside the interrupt. The state is left alone.",
+        "   False, and nothing is changed, if a parameter is out of its bounds or no number: then do not go on. */",
         f"bool {P}_configure({arguments}, const {P}_parameters *parameters);", "",
         "/* The state where the axis is: off, without a trip. Once before the first step, after configure. */",
         f"void {P}_reset({arguments}, const {P}_inputs *inputs{reset_outputs});", "",
@@ -56,8 +55,8 @@ def header(layout: Layout, title: str, made_by: str) -> str:
     ]  # fmt: skip
     if routine.retune is not None:
         lines += [
-            "/* Other parameters between two samples: the state follows, so that the command has no bump. */",
-            "/* False, and nothing is changed, if a parameter is out of its bounds or no number. */",
+            "/* Other parameters between two samples: the state follows, so that the command has no bump.",
+            "   False, and nothing is changed, if a parameter is out of its bounds or no number. */",
             f"bool {P}_retune({arguments}, const {P}_parameters *parameters);", "",
         ]  # fmt: skip
     lines += [
@@ -108,14 +107,10 @@ def _designed(name: str, layout: Layout) -> list[str]:
     return ["typedef struct {", *(lines or ["    char none; /* nothing is kept here */"]), f"}} {name};", ""]
 
 
-def meant(variable: Variable) -> str:
-    """What a variable that is there means."""
-    return _ABSENT.sub("", variable.meaning)
-
-
 def _meaning(variable: Variable) -> str:
-    meaning = meant(variable)
+    meaning = variable.meaning
     bounds = variable.declared.bounds() if variable.declared is not None else ""
+    bounds = bounds.replace(f" {variable.unit}", "") if variable.unit else bounds
     unit = f"{variable.unit}: " if variable.unit else ""
     return f"{unit}{meaning}" + (f"; {bounds}" if bounds else "")
 

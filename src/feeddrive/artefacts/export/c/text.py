@@ -15,6 +15,7 @@ import textwrap
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
+from feeddrive.artefacts.export.ascii_text import ascii_text
 from feeddrive.artefacts.export.c.body import Body
 from feeddrive.artefacts.export.c.elementary import helpers
 from feeddrive.artefacts.export.c.header import comment, header
@@ -36,7 +37,8 @@ class Texts:
 
 def texts(layout: Layout, title: str, made_by: str) -> Texts:
     """The C text of a routine; `title` says what it is, `made_by` which program made it from which file."""
-    return Texts(header(layout, title, made_by), _source(layout, title, made_by), _configure(layout, title, made_by))
+    made = (header(layout, title, made_by), _source(layout, title, made_by), _configure(layout, title, made_by))
+    return Texts(*map(ascii_text, made))
 
 
 def _source(layout: Layout, title: str, made_by: str) -> str:
@@ -122,6 +124,9 @@ def _admissible(routine: Routine) -> str:
             bound = None if v.declared is None else getattr(v.declared, side)
             if bound is not None:
                 tests.append(f"{place} {sign} {number(float(bound))}")
+    names = {v.name for v in routine.parameters}
+    if {"guard_safe_force", "force_limit"} <= names:
+        tests.append("fabs(parameters->guard_safe_force) <= parameters->force_limit")
     body = ["return " + "\n    && ".join(tests or ["parameters != NULL"]) + ";"]
     return (
         "\n".join(lines)

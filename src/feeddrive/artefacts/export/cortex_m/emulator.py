@@ -105,7 +105,7 @@ def _made(bundle: Path, *targets: str, given: Mapping[str, bytes] | None = None,
     check_programs()
     with tempfile.TemporaryDirectory(prefix="feeddrive-cortex-m-") as name:
         folder = Path(name) / "bundle"
-        shutil.copytree(bundle, folder)
+        shutil.copytree(bundle, folder, ignore=shutil.ignore_patterns("*.o", "*.a", "*.elf", "*.d"))
         for file, content in (given or {}).items():
             (folder / file).write_bytes(content)
         command = ["make", "-s", *targets]

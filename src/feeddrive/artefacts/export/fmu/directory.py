@@ -67,7 +67,7 @@ _README = """\
 
 `{file}` is a component for co-simulation by FMI {version}.0.
 
-- One step takes {T} µs. A communication step must be a whole multiple of it: any other is answered with `Discard`.
+- One step takes {T} µs. A communication step must be a whole multiple of it: any other is refused.
 - Every number is in SI; forces and velocities are those of the table.
 - Inputs are held over a step; outputs are those at its end, so that none depends on an input of the same instant.
 {use}

@@ -1,5 +1,7 @@
 /* FMI 2.0 for co-simulation around the exported C. */
 #include "fmi2Functions.h"
+/* A step that is refused is an error here: importers ask for ever again what FMI 2 discards. */
+#define REFUSED ERROR
 #include "fmu_instance.h"
 
 static int tell(const instance *one, int status, const char *category, const char *form, ...)

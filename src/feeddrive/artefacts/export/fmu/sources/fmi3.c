@@ -1,5 +1,6 @@
 /* FMI 3.0 for co-simulation around the exported C. */
 #include "fmi3Functions.h"
+#define REFUSED DISCARD /* a step that is no whole multiple of the sample time */
 #include "fmu_instance.h"
 
 /* A function's address through memcpy: ISO C has no cast from `void *` to a function. */

@@ -188,7 +188,7 @@ static int advance(instance *one, double time, double step)
     situation *now = &one->now;
     double k;
     if (!(count >= 1.0 && count <= 1e9 && fabs(step - count * T) <= 1e-3 * T)) {
-        return tell(one, DISCARD, "logStatusDiscard",
+        return tell(one, REFUSED, REFUSED == ERROR ? "logStatusError" : "logStatusDiscard",
                     "a communication step of %.15g s is no whole multiple of the sample time, %.15g s", step, T);
     }
     if (!(fabs(time - now->time) <= 1e-3 * T + 1e-15 * fabs(time))) {
