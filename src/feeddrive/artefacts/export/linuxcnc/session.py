@@ -76,8 +76,19 @@ def session(folder: Path, components: Sequence[Path], run: str, patience: float 
     script = folder / "session.sh"
     script.write_text(_SESSION.format(modules=MODULES, components=names, user=user))
     (folder / "run.sh").write_text(f"{run}\n")
+    for _ in range(_ATTEMPTS):
+        status, printed = _ran(script, patience)
+        if status == 0:
+            return printed
+        if _LATE not in printed:
+            break
+    raise HalError(f"LinuxCNC failed with status {status}; it said:\n{printed[-3000:]}")
+
+
+def _ran(script: Path, patience: float) -> tuple[int, str]:
+    """Status and output of a session's script."""
     program = subprocess.Popen(
-        [*_alone(), "bash", script.name], cwd=folder, text=True, errors="replace",
+        [*_alone(), "bash", script.name], cwd=script.parent, text=True, errors="replace",
         stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, start_new_session=True,
     )  # fmt: skip
     try:
@@ -88,10 +99,11 @@ def session(folder: Path, components: Sequence[Path], run: str, patience: float 
         if isinstance(error, subprocess.TimeoutExpired):
             raise HalError(f"LinuxCNC did not end within {patience:g} s; it said:\n{printed[-2000:]}") from None
         raise
-    if program.returncode != 0:
-        raise HalError(f"LinuxCNC failed with status {program.returncode}; it said:\n{printed[-3000:]}")
-    return printed
+    return program.returncode, printed
 
+
+# LinuxCNC waits three seconds for its own master process, which a busy machine may not manage: then it is asked again.
+_LATE, _ATTEMPTS = "Waited 3 seconds for master", 3
 
 # A tmpfs over the folder of the components holds copies of them, what is installed, and the socket of its processes.
 # LinuxCNC talks to itself over the loopback device, which a new network has switched off.
