@@ -76,12 +76,12 @@ def session(folder: Path, components: Sequence[Path], run: str, patience: float 
     script = folder / "session.sh"
     script.write_text(_SESSION.format(modules=MODULES, components=names, user=user))
     (folder / "run.sh").write_text(f"{run}\n")
-    for _ in range(_ATTEMPTS):
-        status, printed = _ran(script, patience)
-        if status == 0:
-            return printed
-        if _LATE not in printed:
-            break
+    status, printed = _ran(script, patience)
+    for _ in range(_AGAIN):
+        if status != 0 and _LATE in printed:
+            status, printed = _ran(script, patience)
+    if status == 0:
+        return printed
     raise HalError(f"LinuxCNC failed with status {status}; it said:\n{printed[-3000:]}")
 
 
@@ -103,7 +103,7 @@ def _ran(script: Path, patience: float) -> tuple[int, str]:
 
 
 # LinuxCNC waits three seconds for its own master process, which a busy machine may not manage: then it is asked again.
-_LATE, _ATTEMPTS = "Waited 3 seconds for master", 3
+_LATE, _AGAIN = "Waited 3 seconds for master", 2
 
 # A tmpfs over the folder of the components holds copies of them, what is installed, and the socket of its processes.
 # LinuxCNC talks to itself over the loopback device, which a new network has switched off.
