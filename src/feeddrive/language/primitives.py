@@ -35,7 +35,7 @@ def zero(x: Any) -> Any:
     """0 of the kind of x: a number, one for each lane, or the constant of a trace."""
     if isinstance(x, Symbol):
         return x.graph.constant(0.0)
-    return np.zeros_like(x) if isinstance(x, np.ndarray) else np.float64(0.0)
+    return np.zeros_like(x)[()] if isinstance(x, np.ndarray | np.floating) else np.float64(0.0)
 
 
 def both(a: Any, b: Any) -> Any:

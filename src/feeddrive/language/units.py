@@ -83,12 +83,6 @@ def measure(unit: str) -> tuple[float, Dimension]:
     return factor, (total[0], total[1], total[2], total[3], total[4])
 
 
-def converted(value: float, factor: float) -> float:
-    """value · factor, by a division where the factor is one over a whole number: 50 us are 5e-05 s to the last bit."""
-    whole = round(1.0 / factor) if factor < 1.0 else 0
-    return value / whole if whole and abs(factor * whole - 1.0) < 1e-12 else value * factor
-
-
 def factor(given: str, declared: str) -> float:
     """Number by which a value in the unit `given` is multiplied to stand in the unit `declared`.
 

@@ -132,8 +132,7 @@ def _number(section: Section, key: str, name: str, declared: Declaration, value:
             key,
         )
     try:
-        plain = isinstance(value, int | float) and not isinstance(value, bool)
-        number = units.converted(_float(value), factor) if plain else value
+        number = _float(value) * factor if isinstance(value, int | float) and not isinstance(value, bool) else value
         return checked("", section.dotted(name), declared, number)
     except ParameterError as error:
         given = "" if key == name else f" (given as {key} = {shown(value)})"
@@ -155,7 +154,7 @@ def _row(section: Section, key: str, name: str, declared: Declaration, value: An
         if isinstance(item, bool) or not isinstance(item, int | float) or not math.isfinite(_float(item)):
             entry = f"entry {place + 1} = {shown(item)}"
             raise section.error(f"{section.dotted(key)}: {entry} ({declared.meaning}) must be a finite number", key)
-        row.append(units.converted(item, factor))
+        row.append(item * factor)
     try:
         return checked("", section.dotted(name), declared, row)
     except ParameterError as error:
