@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.util
 import os
 import re
+import shutil
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -18,6 +19,7 @@ from typer.main import get_command
 ROOT = Path(__file__).parent.parent
 PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")])
 GENERATED = {"docs/python.md"}  # pages that exist only in the built site
+COMPILER = next((found for name in ("gcc", "cc", "clang") if (found := shutil.which(name))), None)
 COMMANDS = ("console", "sh", "text", "powershell")
 
 
@@ -42,6 +44,8 @@ def with_python() -> list[Path]:
 
 @pytest.mark.parametrize("page", with_python(), ids=shown)
 def test_python_of_a_page_runs_from_top_to_bottom(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    if COMPILER is None and any("fd.verify(" in code or '"fmu' in code for code in blocks(page, "python")):
+        pytest.skip("NOT TESTED: the page needs a compiler: apt-get install gcc libc6-dev")
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("MPLBACKEND", "Agg")
     names = namespace(f"page_{page.stem}", monkeypatch)
@@ -179,6 +183,8 @@ def test_the_first_axis_prints_what_its_page_shows(tmp_path: Path):
 def test_the_afternoon_goes_as_its_page_shows(tmp_path: Path):
     """From excitation to certificate, one command after the other in one folder."""
     for console in blocks(ROOT / "docs/afternoon.md", "console"):
+        if "feeddrive verify" in console and COMPILER is None:
+            pytest.skip("NOT TESTED to its end: `feeddrive verify` needs a compiler: apt-get install gcc libc6-dev")
         assert_prints(console, tmp_path, 0)
     assert (tmp_path / "tuned" / "report.html").exists()
 
