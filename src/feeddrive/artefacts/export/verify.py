@@ -108,6 +108,7 @@ def verify(
     if manifest.target not in PROOFS:
         why = WITHOUT.get(manifest.target, "is of a target that this feeddrive does not know")
         raise ParameterError(f"{directory}: what the target {manifest.target} writes {why.format(name=manifest.name)}")
+    altered = changed_files(directory, manifest)
     proof = PROOFS[manifest.target]
     design = _design(directory, manifest)
     single = design.layout.precision == "float"
@@ -115,7 +116,7 @@ def verify(
     tried = trial(design.routine, count, seed, changes=proof.changes, broken=max(2e-4, 10.0 / count))
     answers = proof.answer(directory, design, tried, flags, command)
     wanted = stepped(design.layout, tried) if single else run(design.routine, tried.inputs, tried.changes)
-    return _compared(design, manifest, changed_files(directory, manifest), tried, seed, answers, wanted)
+    return _compared(design, manifest, altered, tried, seed, answers, wanted)
 
 
 def _design(directory: Path, manifest: Manifest) -> Design:
