@@ -278,7 +278,7 @@ def test_files_that_are_no_fmu_for_this_machine(foreign: Path, tmp_path: Path) -
 
 def test_another_sample_time_is_refused_by_the_plant_itself(plants: Path) -> None:
     loop = replace(read_machine("ball_screw").loop(None), sample_time=7.5e-5)
-    with pytest.raises(FmuError, match=r"refused the step \(Discard\); it says: .* is no whole multiple"):
+    with pytest.raises(FmuError, match=r"failed \(Error\); it says: .* is no whole multiple"):
         simulate_with_fmu(loop, plants / "ball_screw2.fmu", MOVE)
 
 
