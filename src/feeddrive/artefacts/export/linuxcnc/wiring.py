@@ -60,7 +60,9 @@ def axis_hal(routine: Routine, joint: int, title: str, made_by: str) -> str:
 def axis_ini(routine: Routine, joint: int, letter: str, limit: Limits, title: str, made_by: str) -> str:
     """Sections of the joint and of the axis; in mm, as LINEAR_UNITS of the desk."""
     velocity, acceleration, error = 1e3 * limit.velocity, 1e3 * limit.acceleration, 1e3 * limit.following_error
-    ends = [f"MIN_LIMIT = {1e3 * limit.least:.9g}", f"MAX_LIMIT = {1e3 * limit.most:.9g}"]
+    # inside the guard's travel: at its very end an overshoot of nothing would trip
+    room = error if limit.travel_known else 0.0
+    ends = [f"MIN_LIMIT = {1e3 * limit.least + room:.9g}", f"MAX_LIMIT = {1e3 * limit.most - room:.9g}"]
     moves = [f"MAX_VELOCITY = {velocity:.9g}", f"MAX_ACCELERATION = {acceleration:.9g}"]
     lines = [
         f"# {names.plain(title)}", f"# {names.plain(made_by)}", "#",
