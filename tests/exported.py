@@ -46,6 +46,7 @@ FILTERS = (
     fd.Notch(frequency=460.0, damping_zero=0.06, damping_pole=0.6),
     fd.LowPass2(frequency=2500.0),
     fd.LowPass(frequency=3000.0),
+    fd.SecondOrder(frequency_zero=150.0, damping_zero=0.3, frequency_pole=180.0, damping_pole=0.5),
 )
 # the plain laws of the papers, and then all that can stand beside them
 LAWS: dict[str, fd.Loop] = {

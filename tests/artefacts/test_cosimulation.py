@@ -48,7 +48,7 @@ from feeddrive.language.errors import (
 from feeddrive.loop.routine_trace import plant_routine
 from foreign_fmu import DESCRIPTION, damaged, slide
 
-pytest.importorskip("fmpy", reason="an FMU runs through FMPy: pip install 'feeddrive[fmu]'")
+pytest.importorskip("fmpy", reason="NOT TESTED: an FMU runs through FMPy: pip install 'feeddrive[fmu]'")
 try:
     toolchain.compiler()
 except MissingProgramError as missing:
@@ -143,7 +143,8 @@ def test_a_unit_that_is_named_wins_and_no_unit_is_si(foreign: Path) -> None:
 @pytest.mark.parametrize("version", [2, 3])
 def test_an_fmu_in_an_fmu(plants: Path, tmp_path: Path, version: int) -> None:
     """FMPy's container loads our plant by its own C: an importer and a binary of others, and still every bit."""
-    container = pytest.importorskip("fmpy.container_fmu.cli", reason="this FMPy has no containers: pip install -U fmpy")
+    missing = "NOT TESTED: this FMPy has no containers: pip install -U fmpy"
+    container = pytest.importorskip("fmpy.container_fmu.cli", reason=missing)
     from fmpy import read_model_description
     from fmpy.container_fmu.config import Component, Configuration
     from fmpy.model_description import CoSimulation, ModelDescription, ModelVariable, Unknown
@@ -181,7 +182,7 @@ def test_an_fmu_in_an_fmu(plants: Path, tmp_path: Path, version: int) -> None:
 
 def test_an_fmu_of_python_code(tmp_path: Path) -> None:
     """Made by pythonfmu, whose shell is a program of others; Euler in ten pieces: 1 % of the error, 1 µm at most."""
-    builder = pytest.importorskip("pythonfmu.builder", reason="pip install pythonfmu")
+    builder = pytest.importorskip("pythonfmu.builder", reason="NOT TESTED: pip install pythonfmu")
     script = tmp_path / "slide.py"
     script.write_text(
         """

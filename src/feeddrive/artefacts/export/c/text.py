@@ -67,8 +67,8 @@ def _source(layout: Layout, title: str, made_by: str) -> str:
         functions.append(_function(signature, [line for line, needed in wanted if needed], body.lines))
     tables = [
         f"static const {real} {_table(name)}[{len(row)}] = {{{', '.join(number(float(x), real) for x in row)}}};"
-        for name, node, row in routine.tables
-        if layout.graph.nodes and any(f"{_table(name)}[" in each for each in functions) and node >= 0
+        for name, _, row in routine.tables
+        if any(f"{_table(name)}[" in each for each in functions)
     ]
     said = comment(f"{title}: reset and step.\n\n{made_by}\n\n{_laws(routine)}")
     return _joined([*said, f'#include "{P}.h"', "", *_needed(used, real), *tables, *functions])
