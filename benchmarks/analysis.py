@@ -17,9 +17,9 @@ from rounds import machine, measure, ratio, table
 from scipy import signal
 
 import feeddrive as fd
-from feeddrive.artefacts.report import build
-from feeddrive.artefacts.study.comparison import compare
-from feeddrive.engineer.analysis.opened import opened
+from feeddrive.analysis.opened import opened
+from feeddrive.report import build
+from feeddrive.workflow.comparison import compare
 
 ROUNDS = 15
 LINES = 2000

@@ -18,8 +18,8 @@ import fmpy.fmi2
 from rounds import machine, measure, table
 
 from feeddrive import SnapLimitedMove, read_machine, simulate, simulate_with_fmu
-from feeddrive.artefacts.export.fmu.fmu import fmu
-from feeddrive.artefacts.export.layout import layout
+from feeddrive.export.fmu.fmu import fmu
+from feeddrive.export.layout import layout
 from feeddrive.loop.routine_trace import controller_routine, plant_routine
 
 ROUNDS, SAMPLES, CALLS = 9, 20_000, 2_000

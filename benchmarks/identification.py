@@ -5,15 +5,15 @@ from __future__ import annotations
 import numpy as np
 from rounds import machine, measure_both, table
 
-from feeddrive.artefacts.files.machine import read_machine
 from feeddrive.blocks.load.recorded_force import RecordedForce
 from feeddrive.blocks.reference.recorded import Recorded
 from feeddrive.blocks.reference.snap_limited_move import SnapLimitedMove
-from feeddrive.engineer.identification.delay import find_delay
-from feeddrive.engineer.identification.identify import identify
-from feeddrive.engineer.identification.motion_log import MotionLog
-from feeddrive.engineer.identification.output_error import refine
-from feeddrive.engineer.identification.rigid import identify_rigid
+from feeddrive.files.machine import read_machine
+from feeddrive.identification.delay import find_delay
+from feeddrive.identification.identify import identify
+from feeddrive.identification.motion_log import MotionLog
+from feeddrive.identification.output_error import refine
+from feeddrive.identification.rigid import identify_rigid
 from feeddrive.loop.simulate import simulate
 
 ROUNDS = 7

@@ -20,14 +20,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from identification import simulated
 from rounds import machine, measure, ratio, table
 from scipy.signal import butter, lfilter, sosfiltfilt
 
-from feeddrive.artefacts.files.log import read_log
-from feeddrive.engineer.identification.identify import identify
-from feeddrive.engineer.identification.motion_log import MotionLog
-from feeddrive.engineer.identification.rigid import RigidFit, identify_rigid
+from feeddrive.files.log import read_log
+from feeddrive.identification.identify import identify
+from feeddrive.identification.motion_log import MotionLog
+from feeddrive.identification.rigid import RigidFit, identify_rigid
+from identification import simulated
 
 ROUNDS = 5
 EVERY = 10

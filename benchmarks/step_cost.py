@@ -18,14 +18,14 @@ from pathlib import Path
 import numpy as np
 
 import feeddrive as fd
-from feeddrive.artefacts.export.c.directory import c_files
-from feeddrive.artefacts.export.cortex_m.bundle import write_cortex_m
-from feeddrive.artefacts.export.cortex_m.emulator import Cost, step_cost
-from feeddrive.artefacts.export.design import CONTROL, Design
-from feeddrive.artefacts.export.layout import layout
-from feeddrive.artefacts.files.machine import read_machine
 from feeddrive.blocks.families import Law
 from feeddrive.blocks.plant.two_bodies import lag, two_bodies
+from feeddrive.export.c.directory import c_files
+from feeddrive.export.cortex_m.bundle import write_cortex_m
+from feeddrive.export.cortex_m.emulator import Cost, step_cost
+from feeddrive.export.design import CONTROL, Design
+from feeddrive.export.layout import layout
+from feeddrive.files.machine import read_machine
 from feeddrive.loop.routine_trace import controller_routine
 
 BY_HAND = Path(__file__).parent / "hand_written"

@@ -7,10 +7,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from feeddrive.artefacts.arena.arena import Arena, arena
-from feeddrive.artefacts.arena.criteria import CRITERIA
-from feeddrive.artefacts.arena.report import figure
-from feeddrive.artefacts.files.machine import read_machine
+from feeddrive.comparison.arena import Arena, arena
+from feeddrive.comparison.criteria import CRITERIA
+from feeddrive.comparison.report import figure
+from feeddrive.files.machine import read_machine
 from feeddrive.loop.runner import cores
 
 IMAGES = Path(__file__).parent / "images"

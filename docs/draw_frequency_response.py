@@ -12,10 +12,10 @@ from pathlib import Path
 
 import matplotlib as mpl
 
-from feeddrive.artefacts import plot
-from feeddrive.artefacts.files.machine import read_machine
-from feeddrive.artefacts.measurement.excitation_page import rehearsed
-from feeddrive.engineer.identification.excitation_design import design_excitation
+from feeddrive import plot
+from feeddrive.files.machine import read_machine
+from feeddrive.identification.excitation_design import design_excitation
+from feeddrive.workflow.excitation_page import rehearsed
 
 IMAGES = Path(__file__).parent / "images"
 

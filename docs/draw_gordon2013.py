@@ -9,7 +9,7 @@ from pathlib import Path
 
 import matplotlib as mpl
 
-from feeddrive.artefacts.experiment.gordon2013 import contributions, frequency, motion
+from feeddrive.papers.gordon2013 import contributions, frequency, motion
 
 IMAGES = Path(__file__).parent / "images"
 WANTED = {"stiffness": "pole-placement", "ablation": "ablation", "prefilter": "trajectory-prefilter"}

@@ -14,8 +14,8 @@ mpl.use("svg")
 import numpy as np
 
 import feeddrive as fd
-from feeddrive.artefacts.experiment.beltran2013 import limits
-from feeddrive.artefacts.plot import milling
+from feeddrive.papers.beltran2013 import limits
+from feeddrive.plot import milling
 
 IMAGES = Path(__file__).parent / "images"
 STATES = (1, 3, 5)

@@ -11,16 +11,16 @@ from typing import Any
 import matplotlib as mpl
 import numpy as np
 
-from feeddrive.artefacts import plot
-from feeddrive.artefacts.experiment.altintas2009.estimation import OBSERVERS, OWN, adaptation
-from feeddrive.artefacts.experiment.altintas2009.machine_modes import compensated, tool_error
-from feeddrive.artefacts.experiment.altintas2009.setting import REST, T, cascade, dadsc, loop, milling
-from feeddrive.artefacts.plot.curves import Row, curves
+from feeddrive import plot
+from feeddrive.analysis.observe import observe
+from feeddrive.analysis.stiffness import stiffness
 from feeddrive.blocks.load.sine_force import SineForce
-from feeddrive.engineer.analysis.stiffness import stiffness
-from feeddrive.engineer.observe import observe
 from feeddrive.loop.linearize import compliance
 from feeddrive.loop.simulate import simulate
+from feeddrive.papers.altintas2009.estimation import OBSERVERS, OWN, adaptation
+from feeddrive.papers.altintas2009.machine_modes import compensated, tool_error
+from feeddrive.papers.altintas2009.setting import REST, T, cascade, dadsc, loop, milling
+from feeddrive.plot.curves import Row, curves
 
 IMAGES = Path(__file__).parent / "images"
 FREQUENCY = np.geomspace(0.1, 1000.0, 200)

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 import feeddrive as fd
-from feeddrive.artefacts import plot
+from feeddrive import plot
 
 
 def measured(loop: fd.Loop, random: np.random.Generator) -> fd.Site:

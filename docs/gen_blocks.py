@@ -20,8 +20,8 @@ from typing import Any
 from mkdocs.structure.files import File
 
 import feeddrive
-from feeddrive.artefacts.files.schema import job_schema, machine_schema
 from feeddrive.blocks.catalogue import catalogue
+from feeddrive.files.schema import job_schema, machine_schema
 from feeddrive.language.block import Block, Declaration, declarations
 
 ROOT = Path(__file__).parent.parent

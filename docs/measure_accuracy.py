@@ -191,10 +191,10 @@ def standstill() -> None:
 
 def emps() -> None:
     """Prediction of the measured log by the published parameters."""
-    from feeddrive.artefacts.files.job import read_job
-    from feeddrive.artefacts.files.machine import read_machine
-    from feeddrive.artefacts.study.comparison import compare
-    from feeddrive.engineer.replay import replay
+    from feeddrive.analysis.replay import replay
+    from feeddrive.files.job import read_job
+    from feeddrive.files.machine import read_machine
+    from feeddrive.workflow.comparison import compare
 
     if not LOG.exists():
         print(f"EMPS: not measured, {LOG.name} is not in ../shared")

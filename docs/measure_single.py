@@ -20,11 +20,11 @@ sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
 
 import feeddrive as fd
 from exported import LOOPS
-from feeddrive.artefacts.export.c.stream import FLAGS, streamed
-from feeddrive.artefacts.export.c.text import texts
-from feeddrive.artefacts.export.layout import layout
-from feeddrive.artefacts.export.trial import trial
-from feeddrive.artefacts.files.machine import read_machine
+from feeddrive.export.c.stream import FLAGS, streamed
+from feeddrive.export.c.text import texts
+from feeddrive.export.layout import layout
+from feeddrive.export.trial import trial
+from feeddrive.files.machine import read_machine
 from feeddrive.loop.routine import Routine
 from feeddrive.loop.routine_trace import controller_routine, guarded, plant_routine
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import feeddrive as fd
 
 with tempfile.TemporaryDirectory() as folder:
-    design, readme = fd.export("ball_screw", "c", Path(folder) / "axis_x")
+    design, readme = fd.write_export("ball_screw", "c", Path(folder) / "axis_x")
     step = (readme.parent / "axis_x.c").read_text(encoding="utf-8").split("void axis_x_step")[1]
     lines = [line for line in step.splitlines() if "=" in line]
     print(f"{design.title}")

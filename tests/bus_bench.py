@@ -21,15 +21,15 @@ from typing import Any
 
 import pytest
 
-from feeddrive.artefacts.bus.client import DriveClient, transport_of
-from feeddrive.artefacts.bus.drive_file import BusDrive, BusLimits
-from feeddrive.artefacts.bus.scaling import DriveScaling
-from feeddrive.artefacts.bus.virtual.canopen_node import serve_canopen
-from feeddrive.artefacts.bus.virtual.driven_axis import DrivenAxis
-from feeddrive.artefacts.bus.virtual.ethercat_slave import serve_ethercat
-from feeddrive.artefacts.bus.virtual.firmware import Firmware
 from feeddrive.blocks.controller.cascade_ppi import CascadePPI
 from feeddrive.blocks.plant.two_mass import TwoMass
+from feeddrive.bus.client import DriveClient, transport_of
+from feeddrive.bus.drive_file import BusDrive, BusLimits
+from feeddrive.bus.scaling import DriveScaling
+from feeddrive.bus.virtual.canopen_node import serve_canopen
+from feeddrive.bus.virtual.driven_axis import DrivenAxis
+from feeddrive.bus.virtual.ethercat_slave import serve_ethercat
+from feeddrive.bus.virtual.firmware import Firmware
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.control import Control
 from feeddrive.loop.guard import Guard

@@ -16,17 +16,17 @@ from typing import Any
 import numpy as np
 
 from bus_bench import LIMITS, SCALING, T, bench_loop, client, drive, powered, with_law
-from feeddrive.artefacts.bus.client import DriveClient
-from feeddrive.artefacts.bus.objects import OBJECTS
-from feeddrive.artefacts.bus.play import listened, play
-from feeddrive.artefacts.bus.power_states import FAULT_RESET
-from feeddrive.artefacts.bus.profile import Profile
-from feeddrive.artefacts.bus.scaling import DriveScaling
-from feeddrive.artefacts.bus.transport import write_object
-from feeddrive.artefacts.bus.virtual.driven_axis import DrivenAxis
 from feeddrive.blocks.controller.pole_placement import PolePlacement
 from feeddrive.blocks.load.recorded_force import RecordedForce
 from feeddrive.blocks.reference.recorded import Recorded
+from feeddrive.bus.client import DriveClient
+from feeddrive.bus.objects import OBJECTS
+from feeddrive.bus.play import listened, play
+from feeddrive.bus.power_states import FAULT_RESET
+from feeddrive.bus.profile import Profile
+from feeddrive.bus.scaling import DriveScaling
+from feeddrive.bus.transport import write_object
+from feeddrive.bus.virtual.driven_axis import DrivenAxis
 from feeddrive.language.errors import FeeddriveError
 from feeddrive.loop.simulate import simulate
 

@@ -9,8 +9,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from feeddrive.artefacts.files.machine import read_machine
-from feeddrive.engineer.analysis.margins import margins
+from feeddrive.analysis.margins import margins
+from feeddrive.files.machine import read_machine
 from feeddrive.loop.linearize import compliance, loop_gain
 from feeddrive.loop.loop import Loop
 

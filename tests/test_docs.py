@@ -128,7 +128,7 @@ def test_commands_and_their_options_exist(page: str, line: str):
         targets = re.findall(r"^([a-z]+):", (ROOT / "Makefile").read_text(), re.MULTILINE)
         assert words[0] in targets, line
         return
-    from feeddrive.doors.cli.commands import app
+    from feeddrive.cli.commands import app
 
     command: Any = get_command(app)
     for word in words:
@@ -141,8 +141,8 @@ def test_commands_and_their_options_exist(page: str, line: str):
 
 
 def test_the_files_of_the_documentation_are_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    from feeddrive.artefacts.files.job import read_job
-    from feeddrive.artefacts.files.machine import read_machine
+    from feeddrive.files.job import read_job
+    from feeddrive.files.machine import read_machine
 
     found = [code for code in blocks(ROOT / "docs/files.md", "toml") if "[axis.x]" in code or "[[law]]" in code]
     assert len(found) == 2
@@ -153,7 +153,7 @@ def test_the_files_of_the_documentation_are_read(tmp_path: Path, monkeypatch: py
 
 
 def test_the_error_that_the_documentation_shows_is_the_one_that_comes(tmp_path: Path):
-    from feeddrive.artefacts.files.machine import read_machine
+    from feeddrive.files.machine import read_machine
     from feeddrive.language.errors import FeeddriveError
 
     page = ROOT / "docs/files.md"
@@ -195,7 +195,7 @@ def assert_prints(console: str, folder: Path, code: int) -> None:
     asked = [
         sys.executable,
         "-c",
-        "from feeddrive.doors.cli import main; main()",
+        "from feeddrive.cli import main; main()",
         *first.removeprefix("$ ").split()[1:],
     ]
     wide = {**os.environ, "COLUMNS": "160", "NO_COLOR": "1"}

@@ -10,11 +10,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from feeddrive.artefacts.files.job import read_job
-from feeddrive.artefacts.files.machine import read_machine
-from feeddrive.artefacts.study.comparison import compare
-from feeddrive.engineer.replay import Replay, estimate_start, replay
+from feeddrive.analysis.replay import Replay, estimate_start, replay
+from feeddrive.files.job import read_job
+from feeddrive.files.machine import read_machine
 from feeddrive.language import tree
+from feeddrive.workflow.comparison import compare
 
 LOG = Path(__file__).parents[2] / "shared" / "data" / "emps" / "DATA_EMPS.mat"
 needs_log = pytest.mark.skipif(not LOG.exists(), reason=f"NOT RUN: the measured log {LOG.name} is not in ../shared")

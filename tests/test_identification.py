@@ -13,18 +13,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from feeddrive.artefacts.files.log import read_log
-from feeddrive.artefacts.files.machine import read_machine
-from feeddrive.engineer.identification.cogging_run import CoggingRun
-from feeddrive.engineer.identification.control_law import identify_control
-from feeddrive.engineer.identification.delay import find_delay
-from feeddrive.engineer.identification.friction_curve import fit_friction
-from feeddrive.engineer.identification.identify_cogging import identify_cogging
-from feeddrive.engineer.identification.motion_log import MotionLog
-from feeddrive.engineer.identification.output_error import refine
-from feeddrive.engineer.identification.preparation import JANOT
-from feeddrive.engineer.identification.rigid import identify_rigid
-from feeddrive.engineer.identification.steady_runs import runs_of, steady_runs
+from feeddrive.files.log import read_log
+from feeddrive.files.machine import read_machine
+from feeddrive.identification.cogging_run import CoggingRun
+from feeddrive.identification.control_law import identify_control
+from feeddrive.identification.delay import find_delay
+from feeddrive.identification.friction_curve import fit_friction
+from feeddrive.identification.identify_cogging import identify_cogging
+from feeddrive.identification.motion_log import MotionLog
+from feeddrive.identification.output_error import refine
+from feeddrive.identification.preparation import JANOT
+from feeddrive.identification.rigid import identify_rigid
+from feeddrive.identification.steady_runs import runs_of, steady_runs
 
 DATA = Path(__file__).parents[2] / "shared" / "data"
 EMPS, SCREW, COGGING = (DATA / name for name in ("emps/DATA_EMPS.mat", "leadscrew_epos", "odrive_cogging"))

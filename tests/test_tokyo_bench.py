@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from feeddrive.artefacts.files.log import Column, read_log
-from feeddrive.engineer.identification.estimate_frf import estimate_frf
-from feeddrive.engineer.identification.frequency_estimate import FrequencyEstimate
-from feeddrive.engineer.identification.record import Record
+from feeddrive.files.log import Column, read_log
+from feeddrive.identification.estimate_frf import estimate_frf
+from feeddrive.identification.frequency_estimate import FrequencyEstimate
+from feeddrive.identification.record import Record
 
 FOLDER = Path(__file__).parents[2] / "shared" / "data" / "tokyo_motor_bench"
 needs_log = pytest.mark.skipif(not FOLDER.exists(), reason="NOT RUN: the bench's log is not in ../shared")

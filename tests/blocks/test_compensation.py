@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from blocks.test_dadsc import law
-from feeddrive.artefacts.experiment.altintas2009.machine_modes import swing
+from feeddrive.analysis.stability import stability
 from feeddrive.blocks.compensation.disturbance_rejection import DisturbanceRejection
 from feeddrive.blocks.compensation.machine_mode import MachineMode
 from feeddrive.blocks.compensation.mode_compensation import ModeCompensation
@@ -28,12 +28,12 @@ from feeddrive.blocks.plant.rigid import Rigid
 from feeddrive.blocks.plant.two_mass import TwoMass
 from feeddrive.blocks.reference.polynomial7 import Polynomial7
 from feeddrive.blocks.sensor.encoder import Encoder
-from feeddrive.engineer.analysis.stability import stability
 from feeddrive.language.errors import ParameterError, StructureError
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.control import Control
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import simulate
+from feeddrive.papers.altintas2009.machine_modes import swing
 
 REST = Polynomial7(distance=0.0, travel_time=1.0)
 

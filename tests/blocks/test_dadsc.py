@@ -7,8 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from feeddrive.artefacts.experiment.altintas2009.ideal import run_ideal
-from feeddrive.artefacts.experiment.altintas2009.setting import dadsc as triple
 from feeddrive.blocks.controller.dadsc import DADSC
 from feeddrive.blocks.controller.polynomial_stability import is_stable
 from feeddrive.blocks.feedforward.inertia import Inertia
@@ -19,6 +17,8 @@ from feeddrive.loop.axis import Axis
 from feeddrive.loop.control import Control
 from feeddrive.loop.linearize import linearize
 from feeddrive.loop.loop import Loop
+from feeddrive.papers.altintas2009.ideal import run_ideal
+from feeddrive.papers.altintas2009.setting import dadsc as triple
 
 T = 1e-4
 

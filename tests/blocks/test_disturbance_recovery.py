@@ -9,6 +9,7 @@ import pytest
 from scipy.linalg import expm, solve_discrete_are
 
 from blocks.test_dadsc import T, law
+from feeddrive.analysis.observe import observe
 from feeddrive.blocks.actuator.actuator import Actuator
 from feeddrive.blocks.families import Observer
 from feeddrive.blocks.load.recorded_force import RecordedForce
@@ -18,7 +19,6 @@ from feeddrive.blocks.observer.kalman_recovery import KalmanRecovery
 from feeddrive.blocks.plant.rigid import Rigid
 from feeddrive.blocks.reference.polynomial7 import Polynomial7
 from feeddrive.blocks.signals import Reading
-from feeddrive.engineer.observe import observe
 from feeddrive.language.errors import LogError, ParameterError
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.control import Control

@@ -12,6 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.linalg import expm
 
+from feeddrive.analysis.observe import observe
+from feeddrive.analysis.stability import stability
 from feeddrive.blocks.actuator.actuator import Actuator
 from feeddrive.blocks.compensation.disturbance_rejection import DisturbanceRejection
 from feeddrive.blocks.controller.active_disturbance_rejection import ActiveDisturbanceRejection
@@ -23,8 +25,6 @@ from feeddrive.blocks.observer.gpi_observer import GpiObserver
 from feeddrive.blocks.plant.rigid import Rigid
 from feeddrive.blocks.reference.linear_move import LinearMove
 from feeddrive.blocks.signals import Reading
-from feeddrive.engineer.analysis.stability import stability
-from feeddrive.engineer.observe import observe
 from feeddrive.language import tree
 from feeddrive.language.errors import ParameterError, StructureError
 from feeddrive.loop.axis import Axis

@@ -172,13 +172,13 @@ class FRF(Result):
 
     def plot(self) -> Any:
         """Bode plot as a matplotlib figure."""
-        from feeddrive.artefacts import plot
+        from feeddrive import plot
 
         return plot.bode(self)
 
     def to_pandas(self) -> Any:
         """A DataFrame with real and imaginary part, and coherence and variance if known, over frequency in Hz."""
-        from feeddrive.artefacts.plot import frames
+        from feeddrive.plot import frames
 
         columns = {"real": np.real(self.response), "imaginary": np.imag(self.response)}
         measured = {"coherence": self.coherence, "variance": self.variance}

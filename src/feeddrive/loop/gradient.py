@@ -50,13 +50,13 @@ class Gradient(Result):
 
     def plot(self) -> Any:
         """Relative sensitivities as bars, as a matplotlib figure."""
-        from feeddrive.artefacts import plot
+        from feeddrive import plot
 
         return plot.gradient(self)
 
     def to_pandas(self) -> Any:
         """A DataFrame with one row a parameter."""
-        from feeddrive.artefacts.plot import frames
+        from feeddrive.plot import frames
 
         columns = {"value": np.array(list(self.values.values())), "slope": np.array(list(self.gradient.values()))}
         return frames.frame(np.array(list(self.gradient)), columns, "parameter")

@@ -101,13 +101,13 @@ class StateSpace(Result):
 
     def plot(self) -> Any:
         """Pole map as a matplotlib figure."""
-        from feeddrive.artefacts import plot
+        from feeddrive import plot
 
         return plot.poles(self)
 
     def to_pandas(self) -> Any:
         """The poles as a DataFrame."""
-        from feeddrive.artefacts.plot import frames
+        from feeddrive.plot import frames
 
         poles = self.poles()
         return frames.frame(np.arange(poles.size), {"real": np.real(poles), "imaginary": np.imag(poles)}, "pole")

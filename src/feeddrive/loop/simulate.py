@@ -62,13 +62,13 @@ class Run(Result):
 
     def plot(self) -> Any:
         """Following error, force and velocity over time, as a matplotlib figure."""
-        from feeddrive.artefacts import plot
+        from feeddrive import plot
 
         return plot.run(self)
 
     def to_pandas(self) -> Any:
         """A DataFrame with one column a signal, over time in s."""
-        from feeddrive.artefacts.plot import frames
+        from feeddrive.plot import frames
 
         return frames.frame(self.time, self.signals, "time")
 
@@ -185,13 +185,13 @@ class Batch(Result):
 
     def plot(self) -> Any:
         """Distribution of the RMS of each signal, as a matplotlib figure."""
-        from feeddrive.artefacts import plot
+        from feeddrive import plot
 
         return plot.batch(self)
 
     def to_pandas(self) -> Any:
         """A DataFrame with one row a variant."""
-        from feeddrive.artefacts.plot import frames
+        from feeddrive.plot import frames
 
         columns = {f"rms_{name}": values for name, values in self.rms.items()}
         columns |= {f"peak_{name}": values for name, values in self.peak.items()}

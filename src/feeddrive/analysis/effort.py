@@ -1,0 +1,84 @@
+"""What a control costs: the operations of one sample, counted on the graph that is compiled."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from feeddrive.blocks.signals import Setpoint
+from feeddrive.language import tree
+from feeddrive.language.graph import Graph, arguments, reachable
+from feeddrive.language.table import Result, Table
+from feeddrive.loop.loop import Loop
+from feeddrive.loop.trace import concrete
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Effort(Result):
+    """Operations of one sample by kind: add, sub, mul, div, select, lt ... and elementary functions as one each."""
+
+    operations: Mapping[str, int]
+
+    @property
+    def total(self) -> int:
+        """All of them."""
+        return sum(self.operations.values())
+
+    def table(self) -> Table:
+        """By kind, the most frequent first."""
+        rows = [[name, str(count)] for name, count in sorted(self.operations.items(), key=lambda each: -each[1])]
+        return Table(f"{self.total} operations a sample", ["operation", "number"], rows)
+
+    def plot(self) -> Any:
+        """Bars by kind, as a matplotlib figure."""
+        from feeddrive import plot
+
+        return plot.effort(self)
+
+    def to_pandas(self) -> Any:
+        """A DataFrame with one row a kind."""
+        from feeddrive.plot import frames
+
+        return frames.frame(list(self.operations), {"number": list(self.operations.values())}, "operation")
+
+
+def effort(loop: Loop) -> Effort:
+    """The operations that the control of a loop does in each sample, without its guard, which is alike for all laws.
+
+    What depends on parameters only is done once before the run and does not count; equal operations count once.
+    It depends on the law's text alone, so the figure is the same on every computer; times are in docs/speed.md.
+    """
+    plain = concrete(replace(loop, control=replace(loop.control, guard=None)))
+    made = plain.control.prepare(plain.sample_time)
+    zero = np.float64(0.0)
+    begun = plain.control.start(made, Setpoint(*[zero] * len(Setpoint._fields)), zero, zero)  # type: ignore[arg-type]
+    graph = Graph()
+    rows = {name: graph.table(name, len(row)) for name, row in tree.tables(plain.control)}
+    control = tree.rebuild(plain.control, (graph.input(name) for name, _ in tree.leaves(plain.control)))
+    control = tree.with_tables(control, rows)
+    # a number that stands in the text of `prepare` stays part of the graph, as it does when it is compiled
+    held = tree.rebuild(
+        made, (v if type(v) is float else graph.input(name) for name, v in tree.leaves(made, "prepared"))
+    )
+    moving: set[int] = set()
+
+    def given(name: str) -> Any:
+        symbol = graph.input(name)
+        moving.add(symbol.index)
+        return symbol
+
+    state = tree.rebuild(begun, (given(f"state.{name}") for name, _ in tree.leaves(begun)))
+    setpoint = Setpoint(*(given(f"set.{name}") for name in Setpoint._fields))
+    after, command = control.step(held, state, setpoint, given("motor"), given("load"), 1.0, graph.input("T"))  # type: ignore[arg-type]
+    ends = [graph.symbol(value).index for _, value in tree.leaves((after, command.applied))]
+    counted: Counter[str] = Counter()
+    for index in reachable(graph, ends):
+        inner = arguments(graph.nodes[index])
+        if any(i in moving for i in inner):
+            moving.add(index)
+            counted[graph.name(index)] += 1
+    return Effort(dict(counted))

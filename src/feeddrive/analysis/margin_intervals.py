@@ -1,0 +1,163 @@
+"""Margins of a measured loop as intervals: what the noise of the measurement leaves open."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from feeddrive.analysis.margins import Margins, margins
+from feeddrive.analysis.smoothing import smoothers
+from feeddrive.language.errors import ParameterError
+from feeddrive.language.table import Result, Table
+from feeddrive.loop.frequency_response import FRF
+
+DRAWS = 200
+_SURE = 0.95  # share of draws that must show a figure, around one value, to be sure of it
+
+FIGURES: dict[str, tuple[str, Callable[[Margins], float | None]]] = {
+    "crossover": ("Hz", lambda m: m.crossover),
+    "phase_margin_deg": ("deg", lambda m: m.phase_margin_deg),
+    "gain_increase_dB": ("dB", lambda m: m.gain_increase_dB),
+    "gain_reduction_dB": ("dB", lambda m: m.gain_reduction_dB),
+    "delay_margin": ("s", lambda m: m.delay_margin),
+    "modulus_margin": ("", lambda m: m.modulus_margin),
+    "sensitivity_peak": ("", lambda m: m.sensitivity_peak),
+}
+
+
+@dataclass(frozen=True)
+class Interval:
+    """A figure with the interval that holds the true one with `level`; `sure` if nearly all draws have it."""
+
+    value: float
+    low: float
+    high: float
+    unit: str
+    sure: bool
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class MarginIntervals(Result):
+    """By name of the figure in `Margins`, what the measurement tells of it; figures that do not occur are left out.
+
+    margins  of the smoothed loop gain; the values of the intervals are these less what noise adds to them
+    level    with which an interval holds the true figure, each for itself
+    draws, seed   of the Monte Carlo
+    """
+
+    margins: Margins
+    intervals: dict[str, Interval]
+    level: float
+    draws: int
+    seed: int
+
+    def __getitem__(self, name: str) -> Interval:
+        if name not in self.intervals:
+            raise ParameterError(f"there is no interval of '{name}'; there are {', '.join(self.intervals)}")
+        return self.intervals[name]
+
+    def table(self) -> Table:
+        """One row a figure."""
+        rows = [
+            [
+                name,
+                each.unit,
+                f"{each.value:.4g}",
+                f"{each.low:.4g}",
+                f"{each.high:.4g}",
+                "" if each.sure else "not sure",
+            ]
+            for name, each in self.intervals.items()
+        ]
+        title = f"margins with {100.0 * self.level:g} % intervals ({self.draws} draws, seed {self.seed})"
+        return Table(title, ["figure", "unit", "value", "from", "to", ""], rows)
+
+    def plot(self) -> Any:
+        """Bode plot of the smoothed loop gain with all margins, as a matplotlib figure."""
+        return self.margins.plot()
+
+    def to_pandas(self) -> Any:
+        """A DataFrame with one row a figure."""
+        from feeddrive.plot import frames
+
+        every = list(self.intervals.values())
+        columns = {"value": [e.value for e in every], "low": [e.low for e in every], "high": [e.high for e in every]}
+        return frames.frame(list(self.intervals), columns, "figure")
+
+
+def margin_intervals(L: FRF, *, level: float = 0.95, draws: int = DRAWS, seed: int = 0) -> MarginIntervals:
+    """Intervals of all margins from the variance of a measured loop gain, by Monte Carlo with a stated seed.
+
+    The least of many noisy distances to -1 is too small, and noisy lines cross |L| = 1 many times.  So the loop gain is
+    first smoothed as far as its variances allow, and every draw is smoothed a little less (`smoothers`):
+
+        L* = B (A L + e),  e complex normal with the variance of each line, independent from line to line
+        θ = margins of A L - (mean(θ*) - margins of B A L),  θ* = margins of L*,  interval = θ ± z std(θ*)
+
+    The parenthesis is what noise alone does to a figure: the least of several distances is less than the true one.
+
+    A figure is marked as not sure if less than 95 % of the draws show it, or lie around one value: where a resonance
+    just reaches |L| = 1, the delay margin is that of its crossing or of another one.  The interval then also holds the
+    middle 95 % of the draws.
+
+    Raises ParameterError for an L without variance.  Nonlinear distortion counts only if the variance holds it.
+    When not: for resonances narrower than five lines, which no window spans; their interval is that of single lines.
+    """
+    if not 0.5 <= level < 1.0 or draws < 20:
+        raise ParameterError(f"level = {level:g} must be >= 0.5 and < 1, and draws = {draws} at least 20")
+    center_by, spread_by = smoothers(L)
+    assert L.variance is not None
+    center = center_by(L.response)
+    found = margins(replace(L, response=center, variance=None))
+    random = np.random.default_rng(seed)
+    size = np.sqrt(0.5 * L.variance)
+    noise = random.standard_normal((2, draws, L.frequency.size)) * size
+    curves = spread_by(center + noise[0] + 1j * noise[1])
+    drawn = [margins(replace(L, response=curve, variance=None)) for curve in curves]
+    quiet = margins(replace(L, response=spread_by(center), variance=None))
+    reach = _two_sided(level)
+    intervals: dict[str, Interval] = {}
+    for name, (unit, figure) in FIGURES.items():
+        value = figure(found)
+        if value is None:
+            continue
+        others = np.array([other for m in drawn if (other := figure(m)) is not None and np.isfinite(other)])
+        still = figure(quiet)
+        if others.size < 10 or still is None:
+            intervals[name] = Interval(value, -np.inf, np.inf, unit, False)
+            continue
+        settled = _settled(others)
+        value -= float(np.mean(others)) - still if settled else 0.0
+        spread = reach * float(np.std(others))
+        low, high = value - spread, value + spread
+        if not settled:
+            ends = np.quantile(others, [0.5 - 0.5 * level, 0.5 + 0.5 * level])
+            low, high = min(low, float(ends[0])), max(high, float(ends[1]))
+        positive = name in ("modulus_margin", "delay_margin", "crossover")
+        low = max(low, 0.0) if positive else low
+        intervals[name] = Interval(value, low, high, unit, settled and others.size >= _SURE * draws)
+    distance = intervals["modulus_margin"]
+    # Ms = 1/modulus margin: its interval is that of the margin turned over, which is the one that is nearly normal
+    peak = np.inf if distance.low <= 0.0 else 1.0 / distance.low
+    intervals["sensitivity_peak"] = Interval(
+        1.0 / max(distance.value, 1e-300), 1.0 / max(distance.high, 1e-300), peak, "", distance.sure
+    )
+    return MarginIntervals(found, intervals, level, draws, seed)
+
+
+def _settled(drawn: np.ndarray) -> bool:
+    """Whether nearly all draws lie around one value: no gap in their midst is wider than both parts' deviations."""
+    ordered = np.sort(drawn)
+    beyond = int(np.ceil((1.0 - _SURE) * ordered.size))  # so many on one side are no second value
+    place = beyond + int(np.argmax(np.diff(ordered)[beyond - 1 : ordered.size - beyond]))
+    low, high = ordered[:place], ordered[place:]
+    return bool(high[0] - low[-1] <= np.std(low) + np.std(high) + 1e-9 * abs(high[0]))
+
+
+def _two_sided(level: float) -> float:
+    from scipy.special import ndtri
+
+    return float(ndtri(0.5 + 0.5 * level))

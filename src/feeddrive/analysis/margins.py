@@ -1,0 +1,196 @@
+"""Stability margins of a loop, from complex numbers over frequency: the same for a measured and a modelled loop."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from feeddrive.analysis.conversion import as_frf
+from feeddrive.analysis.extremum import least
+from feeddrive.language.errors import ParameterError
+from feeddrive.language.table import Result, Table
+from feeddrive.loop.frequency_response import FRF
+
+_ROUNDING = 1e-9  # rad, and of ln |L|: what is nearer to a crossing counts as on it
+
+
+class GainCrossover(NamedTuple):
+    """|L| = 1 at `frequency` in Hz; the phase above -180°, and the extra dead time in s that would use it up."""
+
+    frequency: float
+    phase_margin_deg: float
+    delay_margin: float
+
+
+class PhaseCrossover(NamedTuple):
+    """L real and negative at `frequency` in Hz; a gain higher (> 0) or lower (< 0) by so many dB reaches -1."""
+
+    frequency: float
+    gain_margin_dB: float
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Margins(Result):
+    """How far a loop gain stays from -1. What does not occur is None or an empty tuple, never NaN.
+
+    The closed loop must be stable for the figures to mean what their names say, which no frequency response can tell
+    alone: see `stability`.  Frequencies in Hz.
+    """
+
+    loop_gain: FRF
+    gain_crossovers: tuple[GainCrossover, ...]
+    phase_crossovers: tuple[PhaseCrossover, ...]
+    modulus_margin: float
+    modulus_frequency: float
+
+    @cached_property
+    def crossover(self) -> float | None:
+        """The first frequency at which |L| = 1, Hz."""
+        return self.gain_crossovers[0].frequency if self.gain_crossovers else None
+
+    @cached_property
+    def phase_margin_deg(self) -> float | None:
+        """The smallest phase margin by size over all gain crossovers."""
+        return min((c.phase_margin_deg for c in self.gain_crossovers), key=abs, default=None)
+
+    @cached_property
+    def gain_increase_dB(self) -> float | None:
+        """By how much the gain may rise."""
+        return min((c.gain_margin_dB for c in self.phase_crossovers if c.gain_margin_dB >= 0.0), default=None)
+
+    @cached_property
+    def gain_reduction_dB(self) -> float | None:
+        """By how much the gain may fall, as a positive number."""
+        return min((-c.gain_margin_dB for c in self.phase_crossovers if c.gain_margin_dB < 0.0), default=None)
+
+    @cached_property
+    def delay_margin(self) -> float | None:
+        """The smallest extra dead time that reaches -1, s; often not where the phase margin is smallest."""
+        return min((c.delay_margin for c in self.gain_crossovers), default=None)
+
+    @cached_property
+    def delay_margin_samples(self) -> float | None:
+        """The same in samples, for a sampled loop."""
+        T = self.loop_gain.sample_time
+        return None if T is None or self.delay_margin is None else self.delay_margin / T
+
+    @cached_property
+    def sensitivity_peak(self) -> float:
+        """Ms = max |1/(1 + L)| = 1/modulus_margin; infinite if L goes through -1."""
+        return 1.0 / self.modulus_margin if self.modulus_margin > 0.0 else float("inf")
+
+    def numbers(self) -> dict[str, float | None]:
+        """The single figures by name, for a file."""
+        return {
+            "crossover_Hz": self.crossover,
+            "phase_margin_deg": self.phase_margin_deg,
+            "gain_increase_dB": self.gain_increase_dB,
+            "gain_reduction_dB": self.gain_reduction_dB,
+            "delay_margin_s": self.delay_margin,
+            "delay_margin_samples": self.delay_margin_samples,
+            "modulus_margin": self.modulus_margin,
+            "sensitivity_peak_frequency_Hz": self.modulus_frequency,
+        }
+
+    def table(self) -> Table:
+        """All crossovers and the nearest approach to -1."""
+        rows = [
+            ["gain crossover", f"{c.frequency:.4g}", f"phase margin {c.phase_margin_deg:.1f} deg, "
+             f"delay margin {1e3 * c.delay_margin:.4g} ms{self._samples(c.delay_margin)}"]
+            for c in self.gain_crossovers
+        ]  # fmt: skip
+        for c in self.phase_crossovers:
+            verb = "rise" if c.gain_margin_dB >= 0.0 else "fall"
+            rows.append(["phase crossover", f"{c.frequency:.4g}", f"gain may {verb} by {abs(c.gain_margin_dB):.2f} dB"])
+        nearest = f"Ms {self.sensitivity_peak:.3f}, modulus margin {self.modulus_margin:.3f}"
+        rows.append(["nearest to -1", f"{self.modulus_frequency:.4g}", nearest])
+        return Table("margins of the loop gain", ["what", "Hz", "how much"], rows)
+
+    def _samples(self, delay: float) -> str:
+        T = self.loop_gain.sample_time
+        return "" if T is None else f" = {delay / T:.2f} samples"
+
+    def plot(self) -> Any:
+        """Bode plot of the loop gain with all margins marked, as a matplotlib figure."""
+        from feeddrive import plot
+
+        return plot.open_loop(self)
+
+    def to_pandas(self) -> Any:
+        """A DataFrame with one row a crossover; what a kind of crossover does not have is missing."""
+        from feeddrive.plot import frames
+
+        gain, phase = self.gain_crossovers, self.phase_crossovers
+        gap = [None] * len(phase)
+        columns = {
+            "kind": ["gain crossover"] * len(gain) + ["phase crossover"] * len(phase),
+            "phase_margin_deg": [c.phase_margin_deg for c in gain] + gap,
+            "delay_margin": [c.delay_margin for c in gain] + gap,
+            "gain_margin_dB": [None] * len(gain) + [c.gain_margin_dB for c in phase],
+        }
+        return frames.frame([c.frequency for c in (*gain, *phase)], columns, "frequency")
+
+
+def margins(loop_gain: FRF | Any, frequency: np.ndarray | None = None) -> Margins:
+    """Margins of a loop gain L(f), with 1 + L = 0 the edge of stability.
+
+    Between two lines ln |L| and the phase are straight over ln f, so a pure power of f is exact; the nearest approach
+    to -1 is that of a parabola.  Two neighboring lines must lie within 180° of each other.  Of a sampled loop
+    that is given up to Nyquist the last line counts as real, which it is.
+    Of another tool's loop gain, and of an array, `frequency` in Hz: see `as_frf`.
+    Raises ParameterError for fewer than two lines.
+
+    When not: for a loop that is not stable when closed, and for a measured L where its coherence is low.
+    Source: Skogestad & Postlethwaite, Multivariable Feedback Control, section 2.4 (definitions).
+    """
+    L = as_frf(loop_gain, frequency)
+    if L.frequency.size < 2:
+        raise ParameterError(f"margins need at least two lines of the loop gain, not {L.frequency.size}")
+    response = _real_at_nyquist(L)
+    x = np.log(L.frequency)
+    level = _snapped(np.log(np.maximum(np.abs(response), np.finfo(float).tiny)))
+    lead = _snapped(np.angle(-response))  # phase above -180°, of each line
+    turn = np.angle(response[1:] * np.conj(response[:-1]))
+    gains = [
+        _gain_crossover(np.exp(x[i] + part * (x[i + 1] - x[i])), lead[i] + part * turn[i])
+        for i, part in _crossings(level[:-1], level[1:])
+    ]
+    phases = [
+        PhaseCrossover(
+            float(np.exp(x[i] + part * (x[i + 1] - x[i]))),
+            float(-20.0 / np.log(10.0) * (level[i] + part * (level[i + 1] - level[i]))) + 0.0,
+        )
+        for i, part in _crossings(lead[:-1], _snapped(lead[:-1] + turn))
+    ]
+    # squared, since a straight piece of curve passes -1 at a distance whose square is a parabola
+    place, squared = least(x, np.abs(1.0 + response) ** 2)
+    return Margins(L, tuple(gains), tuple(phases), float(np.sqrt(max(squared, 0.0))), float(np.exp(place)))
+
+
+def _snapped(values: np.ndarray) -> np.ndarray:
+    return np.where(np.abs(values) < _ROUNDING, 0.0, values)
+
+
+def _real_at_nyquist(L: FRF) -> np.ndarray:
+    if L.sample_time is None or L.frequency[-1] * L.sample_time < 0.5 * (1.0 - 1e-9):
+        return L.response
+    response = L.response.copy()
+    response[-1] = response[-1].real
+    return response
+
+
+def _crossings(a: np.ndarray, b: np.ndarray) -> list[tuple[int, float]]:
+    """Interval and part of it where a straight line from a[i] to b[i] is zero; one that stays zero counts once."""
+    found = (a * b < 0.0) | ((b == 0.0) & (a != 0.0))
+    found[0] |= bool(a[0] == 0.0 and b[0] != 0.0)
+    return [(int(i), float(a[i] / (a[i] - b[i]))) for i in np.flatnonzero(found)]
+
+
+def _gain_crossover(frequency: float, lead: float) -> GainCrossover:
+    # a delay only takes phase away, so what it uses up is counted upward from -180°
+    turned = 0.0 if abs(lead) < _ROUNDING else lead % (2.0 * np.pi)
+    signed = turned - 2.0 * np.pi if turned > np.pi else turned
+    return GainCrossover(float(frequency), float(np.degrees(signed)), float(turned / (2.0 * np.pi * frequency)))

@@ -1,0 +1,185 @@
+"""A loop of a measured axis and a control: what a tuning looks like before anybody has a model."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from feeddrive.analysis.conversion import as_frf
+from feeddrive.analysis.encirclement import Encirclement, encirclement
+from feeddrive.analysis.margin_intervals import MarginIntervals, margin_intervals
+from feeddrive.analysis.margins import Margins, margins
+from feeddrive.analysis.sensitivity import complementary_sensitivity, sensitivity
+from feeddrive.analysis.stiffness import Stiffness, stiffness
+from feeddrive.blocks.plant.two_mass import TwoMass
+from feeddrive.language.errors import ParameterError
+from feeddrive.language.table import Result, Table
+from feeddrive.loop.axis import Axis
+from feeddrive.loop.control import Control
+from feeddrive.loop.frequency_response import FRF
+from feeddrive.loop.linearize import linearize
+from feeddrive.loop.loop import Loop
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class MeasuredLoop(Result):
+    """The loop gain of a control on a measured axis, and its compliance if that of the open axis was measured.
+
+    Whether the closed loop is stable cannot be read off its margins alone: see `encirclement`.
+    """
+
+    loop_gain: FRF
+    compliance: FRF | None
+
+    @property
+    def margins(self) -> Margins:
+        """Of the loop gain."""
+        return margins(self.loop_gain)
+
+    def margin_intervals(self, level: float = 0.95, seed: int = 0) -> MarginIntervals:
+        """Of the loop gain. Raises ParameterError if the axis was measured without variances."""
+        return margin_intervals(self.loop_gain, level=level, seed=seed)
+
+    def encirclement(self, unstable_poles: int = 0, integrators: int | None = None) -> Encirclement:
+        """Whether the closed loop is stable, by how its gain turns round -1; integrators are those of axis and law."""
+        return encirclement(self.loop_gain, unstable_poles=unstable_poles, integrators=integrators)
+
+    @property
+    def sensitivity(self) -> FRF:
+        """1/(1 + L)."""
+        return sensitivity(self.loop_gain)
+
+    @property
+    def complementary_sensitivity(self) -> FRF:
+        """L/(1 + L)."""
+        return complementary_sensitivity(self.loop_gain)
+
+    @property
+    def stiffness(self) -> Stiffness:
+        """The inverse of the compliance. Raises ParameterError if the open axis's was not measured."""
+        if self.compliance is None:
+            raise ParameterError("the compliance of the open axis was not measured: give `disturbance` for a stiffness")
+        return stiffness(self.compliance)
+
+    def table(self) -> Table:
+        """The margins, and the least stiffness."""
+        found = self.margins.table()
+        rows = [list(row) for row in found.rows]
+        if self.compliance is not None:
+            least = self.stiffness
+            rows.append(["least stiffness", f"{least.minimum_frequency:.4g}", f"{1e-6 * least.minimum:.4g} N/um"])
+        return Table("control on a measured axis", found.heads, rows)
+
+    def plot(self) -> Any:
+        """Bode plot of the loop gain with all margins, as a matplotlib figure."""
+        return self.margins.plot()
+
+    def to_pandas(self) -> Any:
+        """A DataFrame with real and imaginary part of L over frequency in Hz."""
+        return self.loop_gain.to_pandas()
+
+
+def measured_loop(
+    control: Control | FRF | Any,
+    sample_time: float | None,
+    load: FRF | Any,
+    motor: FRF | Any = None,
+    *,
+    disturbance: tuple[FRF | Any, FRF | Any] | None = None,
+    delay: float = 0.0,
+    velocity: float = 0.05,
+    frequency: np.ndarray | None = None,
+) -> MeasuredLoop:
+    """A control on an axis of which frequency responses were measured, all in m/N on the same frequencies.
+
+        u = C1 x1 + C2 x2,   L = -(C1 X1/u + C2 X2/u),   x2/d = X2/d + X2/u (C1 X1/d + C2 X2/d) / (1 + L)
+
+    control       a Control: C1 and C2 are its linearisation, filters and compensation included, at `velocity` in m/s;
+                  or one response C from the position error to the force, N/m, and C2 = -C: whatever `as_frf` takes
+    sample_time   s; None for a response C that is not sampled
+    load, motor   X2/u and X1/u, from the commanded force to the readings; with one encoder leave `motor` out
+    disturbance   X2/d and X1/d, from a force on the table to the readings (a hammer's), for the compliance
+    delay         s, of computation, if the responses were measured from the force that acts and not from its command
+    frequency     Hz of the responses that are arrays, or models of python-control
+
+    The variance of L is |C2|² var(X2/u) with one encoder.  With two, whose errors may hang together in any way, it is
+    the most that it can be, (|C1| dev(X1/u) + |C2| dev(X2/u))²: intervals of margins are then rather too wide.
+
+    Raises ParameterError for frequencies that differ or lie beyond Nyquist, for two encoders that a law needs and one
+    that was measured, and for a law that repeats itself only after several samples.
+    Source: Gordon & Erkorkmaz 2013, section 2 (tuning on the measured frequency response).
+    """
+    load, motor = as_frf(load, frequency), None if motor is None else as_frf(motor, frequency)
+    lines = load.frequency
+    if isinstance(control, Control):
+        by_motor, by_load = _responses(control, sample_time, lines, velocity, one_encoder=motor is None)
+    else:
+        by_motor, by_load = 0.0, -_as_response(control, sample_time, lines, one_encoder=motor is None)
+
+    def answered(of_load: FRF, of_motor: FRF | None) -> FRF:
+        """What the control answers to an input of the axis."""
+        return of_load * (by_load + by_motor) if of_motor is None else of_load * by_load + of_motor * by_motor
+
+    gain = -answered(load, motor).delayed(delay)
+    coherence = _coherence(load, motor)
+    variance = gain.variance
+    if motor is not None and load.deviation is not None and motor.deviation is not None:
+        # how far the errors of both hang together is not known; no more than this, whatever it is
+        variance = (np.abs(by_load) * load.deviation + np.abs(by_motor) * motor.deviation) ** 2
+    L = FRF(lines, gain.response, "cut", "force", "N/N", sample_time, coherence, variance)
+    if disturbance is None:
+        return MeasuredLoop(L, None)
+    free, free_motor = (None if each is None else as_frf(each, lines) for each in disturbance)
+    assert free is not None
+    back = (load * answered(free, free_motor).response).delayed(delay)
+    closed = free + back.response / (1.0 + L.response)
+    # the measurements stand in it more than once, so that no variance of one of them is that of the whole
+    closed = replace(
+        closed, input="load_force", output="position_load", unit="m/N", sample_time=sample_time, variance=None
+    )
+    return MeasuredLoop(L, closed)
+
+
+def _responses(
+    control: Control, T: float | None, frequency: np.ndarray, velocity: float, *, one_encoder: bool
+) -> tuple[np.ndarray, np.ndarray]:
+    """Force over the reading of motor and load: the control alone, with the loop open behind it."""
+    law = control.law
+    if T is None:
+        raise ParameterError(f"the law '{law.kind}' is sampled: give its sample_time in s")
+    if law.period() > 1:
+        raise ParameterError(
+            f"the law '{law.kind}' repeats itself only every {law.period()} samples: it has no response at the actuator"
+        )
+    if one_encoder and law.encoders > 1:
+        raise ParameterError(f"the law '{law.kind}' needs two encoders: give the response of the motor's as `motor`")
+    swings = 0.1 / T  # rad/s of an axis that is there only to be read
+    axis = Axis(plant=TwoMass(mass_motor=1.0, mass_load=1.0, stiffness=0.5 * swings * swings))
+    loop = Loop(control=control, axis=axis, sample_time=T)
+    model = linearize(loop, ["cut", "reading_motor", "reading_load"], ["force"], velocity=velocity)
+    motor, load = (model.response(frequency, input=name).response for name in ("reading_motor", "reading_load"))
+    return motor, load
+
+
+def _as_response(control: Any, T: float | None, frequency: np.ndarray, *, one_encoder: bool) -> np.ndarray:
+    """A control that is one response of force over error."""
+    if not one_encoder:
+        raise ParameterError("a control that is one response reads one encoder: leave `motor` out, or give a Control")
+    C = as_frf(control, None if isinstance(control, FRF) or hasattr(control, "omega") else frequency)
+    if C.sample_time is not None and (T is None or abs(C.sample_time / T - 1.0) > 1e-9):
+        asked = "none" if T is None else f"{T:g} s"
+        raise ParameterError(f"the control's response is sampled with {C.sample_time:g} s, and sample_time is {asked}")
+    if C.frequency.shape != frequency.shape or not np.allclose(C.frequency, frequency, rtol=1e-9, atol=0.0):
+        raise ParameterError("the responses of the control and of the axis are on different frequencies")
+    if T is not None and frequency.size and frequency[-1] * T > 0.5 * (1.0 + 1e-9):
+        raise ParameterError(f"frequency {frequency[-1]:g} Hz is beyond Nyquist, {0.5 / T:g} Hz")
+    return C.response
+
+
+def _coherence(load: FRF, motor: FRF | None) -> np.ndarray | None:
+    """The smaller one of two measurements."""
+    if load.coherence is None or motor is None or motor.coherence is None:
+        return load.coherence
+    return np.minimum(load.coherence, motor.coherence)

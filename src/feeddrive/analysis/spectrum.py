@@ -1,0 +1,98 @@
+"""Amplitude spectrum of a signal, with the RMS that gathers over frequency."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from feeddrive.language.errors import ParameterError
+from feeddrive.language.table import Result, Table, shown
+
+LARGEST = 6  # lines that the table names
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Spectrum(Result):
+    """One-sided amplitude spectrum and cumulative RMS of a signal at `frequency` in Hz, from 0 to Nyquist, shape (m,).
+
+    A sine of amplitude a on a line shows as a.  The last value of `cumulative_rms` is the RMS of the whole signal.
+    `unit` is SI, and so are the numbers.
+    """
+
+    name: str
+    unit: str
+    frequency: np.ndarray
+    amplitude: np.ndarray
+    cumulative_rms: np.ndarray
+
+    @property
+    def rms(self) -> float:
+        """RMS of the signal, its mean counted."""
+        return float(self.cumulative_rms[-1])
+
+    def largest(self, count: int = LARGEST) -> list[tuple[float, float]]:
+        """Frequency and amplitude of the largest peaks above 0 Hz, the largest first."""
+        inner = self.amplitude[1:-1]
+        peaks = 1 + np.flatnonzero((inner >= self.amplitude[:-2]) & (inner > self.amplitude[2:]))
+        chosen = peaks[np.argsort(-self.amplitude[peaks], kind="stable")][:count]
+        return [(float(self.frequency[i]), float(self.amplitude[i])) for i in chosen]
+
+    def table(self) -> Table:
+        """The largest peaks, and the share of the RMS that has gathered up to each."""
+        unit, factor = shown(self.unit)
+        rows = []
+        for frequency, amplitude in self.largest():
+            gathered = float(self.cumulative_rms[np.searchsorted(self.frequency, frequency)])
+            share = f"{100 * gathered / self.rms:.1f} %" if self.rms else "-"
+            rows.append([f"{frequency:.4g}", f"{factor * amplitude:.4g}", f"{factor * gathered:.4g}", share])
+        title = f"{self.name.replace('_', ' ')}: RMS {factor * self.rms:.4g} {unit}".rstrip()
+        return Table(title, ["Hz", f"amplitude {unit}".rstrip(), f"RMS up to there {unit}".rstrip(), "of RMS"], rows)
+
+    def plot(self) -> Any:
+        """Amplitude and cumulative RMS over frequency, as a matplotlib figure."""
+        from feeddrive import plot
+
+        return plot.spectrum(self)
+
+    def to_pandas(self) -> Any:
+        """A DataFrame with amplitude and cumulative RMS over frequency in Hz."""
+        from feeddrive.plot import frames
+
+        return frames.frame(
+            self.frequency, {"amplitude": self.amplitude, "cumulative_rms": self.cumulative_rms}, "frequency"
+        )
+
+
+def spectrum(
+    values: np.ndarray, sample_time: float, *, name: str = "signal", unit: str = "", window: str = "hann"
+) -> Spectrum:
+    """Amplitude spectrum of equidistant samples, shape (n,), n >= 2.
+
+        amplitude(0) = |mean|,  amplitude(f) = c |Σ w (x - mean) e^(-j2πfkT)| / Σ w,  c = 2, and 1 at Nyquist
+        cumulative_rms(f)² = Σ over lines up to f of c |Σ x e^(-j2πfkT)|² / n²
+
+    window  "hann" (default) or "none".  It acts on the amplitudes, where it keeps a motion that does not repeat from
+            smearing over all lines; never on the cumulative RMS, so that Parseval's sum stays exact.
+
+    Raises ParameterError for another window, fewer than two samples, or a value that is not finite.
+    """
+    values = np.asarray(values, dtype=float)
+    n = values.size
+    if values.ndim != 1 or n < 2:
+        raise ParameterError(f"a spectrum needs one row of at least two samples, not an array of shape {values.shape}")
+    if not np.all(np.isfinite(values)):
+        raise ParameterError(f"{name} holds numbers that are not finite: it has no spectrum")
+    if window not in ("hann", "none"):
+        raise ParameterError(f"window = {window!r} must be one of hann, none")
+    weight = np.ones(n) if window == "none" else 0.5 - 0.5 * np.cos(2.0 * np.pi * np.arange(n) / n)
+    sides = np.full(n // 2 + 1, 2.0)
+    sides[0] = 1.0
+    if n % 2 == 0:
+        sides[-1] = 1.0
+    mean = float(np.mean(values))
+    amplitude = sides * np.abs(np.fft.rfft(weight * (values - mean))) / np.sum(weight)
+    amplitude[0] = abs(mean)
+    power = sides * np.abs(np.fft.rfft(values) / n) ** 2
+    return Spectrum(name, unit, np.fft.rfftfreq(n, sample_time), amplitude, np.sqrt(np.cumsum(power)))

@@ -1,1 +1,0 @@
-"""Floor 4, artefacts: files, plots and reports."""

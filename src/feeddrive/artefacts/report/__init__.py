@@ -1,8 +1,0 @@
-"""The report of a study: one self-contained HTML page. `build(study)` returns its text."""
-
-from __future__ import annotations
-
-from feeddrive.artefacts.report.content import Entry, Study
-from feeddrive.artefacts.report.page import build
-
-__all__ = ["Entry", "Study", "build"]

@@ -1,1 +1,0 @@
-"""Studies: jobs that are run, and what they write."""

@@ -1,1 +1,0 @@
-"""What `feeddrive tune` leaves behind: the report and the machine file."""

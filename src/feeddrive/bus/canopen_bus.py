@@ -1,0 +1,129 @@
+"""CANopen by the canopen package: process data with every SYNC."""
+
+from __future__ import annotations
+
+import contextlib
+from threading import Condition
+from typing import Any
+
+from feeddrive.bus.can_lines import opened_network, packages
+from feeddrive.bus.objects import Layout
+from feeddrive.bus.transport import RefusedError, write_mapping
+from feeddrive.language.errors import BusError
+
+_SYNC, _INVALID, _EVERY_SYNC = 0x80, 1 << 31, 1
+
+
+class CANopen:
+    """A node on a bus that python-can knows. See `Transport`."""
+
+    def __init__(self, interface: str, station: int, bitrate: int | None = None) -> None:
+        self.interface, self.station, self._bitrate = interface, station, bitrate
+        self.where = f"CANopen {interface}, node {station}"
+        self._network: Any = None
+        self._node: Any = None
+        self._sent = self._told = Layout(())
+        self._arrived: dict[int, bytes] = {}
+        self._news = Condition()
+        self._late = False  # whether answers to the last SYNC may still come
+
+    def open(self) -> None:
+        """To PRE-OPERATIONAL."""
+        self._canopen = packages()
+        self._network = opened_network(self.interface, self._bitrate)
+        self._node = self._network.add_node(self.station, self._canopen.ObjectDictionary())
+        self._node.sdo.RESPONSE_TIMEOUT = 1.0
+        self._node.nmt.state = "PRE-OPERATIONAL"
+        try:
+            self.read(0x1000, 0)
+        except BusError:
+            raise BusError(
+                f"{self.where}: does not answer; check cable, termination, bit rate and `station` in the drive file"
+            ) from None
+
+    def read(self, index: int, subindex: int) -> bytes:
+        """By SDO."""
+        try:
+            return bytes(self._node.sdo.upload(index, subindex))
+        except self._canopen.SdoAbortedError as error:
+            raise RefusedError(self.where, index, subindex, error.code, False) from None
+        except self._canopen.SdoCommunicationError:
+            raise self._silent(index, subindex) from None
+
+    def write(self, index: int, subindex: int, content: bytes) -> None:
+        """By SDO."""
+        try:
+            self._node.sdo.download(index, subindex, content)
+        except self._canopen.SdoAbortedError as error:
+            raise RefusedError(self.where, index, subindex, error.code, True) from None
+        except self._canopen.SdoCommunicationError:
+            raise self._silent(index, subindex) from None
+
+    def _silent(self, index: int, subindex: int) -> BusError:
+        return BusError(f"{self.where}: object 0x{index:04X}:{subindex:02X} was not answered")
+
+    def map(self, sent: Layout, told: Layout) -> None:
+        """Each message is switched off, mapped, and switched on again, to go with every SYNC."""
+        self._sent, self._told = sent, told
+        self._of_sent = [0x200 + 0x100 * k + self.station for k in range(len(sent.groups))]
+        self._of_told = [0x180 + 0x100 * k + self.station for k in range(len(told.groups))]
+        for talks, maps, layout, messages in (
+            (0x1400, 0x1600, sent, self._of_sent),
+            (0x1800, 0x1A00, told, self._of_told),
+        ):
+            for k, message in enumerate(messages):
+                self.write(talks + k, 1, (message | _INVALID).to_bytes(4, "little"))
+                self.write(talks + k, 2, bytes([_EVERY_SYNC]))
+            write_mapping(self, maps, layout)
+            for k, message in enumerate(messages):
+                self.write(talks + k, 1, message.to_bytes(4, "little"))
+        for message in self._of_told:
+            self._network.subscribe(message, self._arrive)
+
+    def _arrive(self, message: int, content: bytearray, stamp: float) -> None:
+        with self._news:
+            self._arrived[message] = bytes(content)
+            if len(self._arrived) == len(self._of_told):
+                self._news.notify()
+
+    def operate(self, content: bytes) -> None:
+        """To OPERATIONAL."""
+        self._node.nmt.state = "OPERATIONAL"
+        for _ in range(20):
+            if self.exchange(content, 0.1) is not None:
+                return
+        raise BusError(f"{self.where}: sends no process data in OPERATIONAL")
+
+    def exchange(self, content: bytes, timeout: float) -> bytes | None:
+        """All messages, SYNC, and all answers; lost if one of them is missing."""
+        with self._news:
+            if self._late:  # they must not pass for answers to the next one
+                self._news.wait_for(lambda: len(self._arrived) == len(self._of_told), timeout)
+            self._arrived.clear()
+        for k, message in enumerate(self._of_sent):
+            self._network.send_message(message, content[self._sent.part(k)])
+        self._network.send_message(_SYNC, b"")
+        with self._news:
+            whole = self._news.wait_for(lambda: len(self._arrived) == len(self._of_told), timeout)
+            self._late = not whole
+            if not whole:
+                return None
+            return b"".join(self._arrived[message] for message in self._of_told)
+
+    def state(self) -> str:
+        """Whether it still answers."""
+        try:
+            self.read(0x1000, 0)
+        except BusError:
+            return "it does not answer"
+        return "it answers, but sends no process data: it may have left OPERATIONAL"
+
+    def close(self) -> None:
+        """Back to PRE-OPERATIONAL."""
+        if self._network is None:
+            return
+        with contextlib.suppress(Exception):  # a bus that is gone must not hide the error that led here
+            self._node.nmt.state = "PRE-OPERATIONAL"
+        with contextlib.suppress(Exception):
+            self._network.disconnect()
+        self._network = None

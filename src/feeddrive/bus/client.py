@@ -1,0 +1,280 @@
+"""A drive by CiA 402: opened and checked, switched on and off, and commanded in a cycle."""
+
+from __future__ import annotations
+
+import time
+from types import TracebackType
+from typing import NamedTuple
+
+from feeddrive.bus.commissioning import check_scaling, identify, write_cycle_time, write_limits
+from feeddrive.bus.drive_file import BusDrive
+from feeddrive.bus.objects import NEEDED, OBJECTS, SENT, TOLD, VIRTUAL, Layout
+from feeddrive.bus.pace import Pace
+from feeddrive.bus.power_states import (
+    CSP,
+    CST,
+    DISABLE_VOLTAGE,
+    ERRORS,
+    FAULT_RESET,
+    MODES,
+    QUICK_STOP,
+    TOWARDS_ENABLED,
+    PowerState,
+    state_of,
+)
+from feeddrive.bus.transport import Transport, has_object, write_object
+from feeddrive.language.errors import BusError
+
+_PATIENCE = 3.0  # s for a change of state, on the clock and in cycles
+_TARGETS = {CSP: "target_position", CST: "target_torque"}
+
+
+class Told(NamedTuple):
+    """What came back, in SI: positions m, velocity m/s, force N; None where the drive has no such object."""
+
+    status: int
+    position: float
+    velocity: float
+    force: float
+    following_error: float | None
+    second: float | None
+    error_code: int
+
+
+class DriveClient:
+    """One drive. `with DriveClient(transport, drive) as client:` opens it; leaving switches it off, whatever happened.
+
+    All methods raise BusError, with bus, interface, station and what to do.
+    """
+
+    def __init__(self, transport: Transport, drive: BusDrive, *, paced: bool = True) -> None:
+        """Without `paced` the next cycle begins as soon as the drive has answered: for a virtual drive only."""
+        self.transport, self.drive = transport, drive
+        self.scaling = drive.scaling
+        self.pace = Pace(drive.cycle_time if paced else None)
+        self.remarks: list[str] = []
+        self.identity: dict[str, int | str] = {}
+        self.lost = self.lost_in_row = 0
+        self.told: Told | None = None
+        self.mode = MODES[drive.mode]
+        self._values = dict.fromkeys([name for group in SENT for name in group], 0)
+        self._sent, self._back = Layout(SENT), Layout(TOLD)
+        self._timeout = max(2e-3, 2.0 * drive.cycle_time) if paced else 1.0
+        self._operating = self._unreachable = False
+
+    def __enter__(self) -> DriveClient:
+        try:
+            self.open()
+        except BaseException:
+            self.transport.close()
+            raise
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        try:
+            if self._operating and not self._unreachable and self.state is PowerState.ENABLED:
+                self.stop()
+            elif self._operating:
+                self._switch_off()
+        except BusError:
+            if error is None:
+                raise
+        finally:
+            self.transport.close()
+
+    @property
+    def is_virtual(self) -> bool:
+        """Whether this is the drive of `feeddrive virtual-drive`, and no axis can hurt anybody."""
+        return self.identity.get("name") == VIRTUAL
+
+    @property
+    def state(self) -> PowerState | None:
+        """By the last statusword."""
+        return None if self.told is None else state_of(self.told.status)
+
+    def open(self) -> None:
+        """Find, check, limit and map the drive, and begin the exchange; it stays switched off."""
+        transport = self.transport
+        transport.open()
+        self.identity = identify(transport, self.drive)
+        if self.pace.cycle_time is None and not self.is_virtual:
+            raise BusError(f"{transport.where}: only a virtual drive may be run without a clock; leave --unpaced out")
+        self.remarks += check_scaling(transport, self.scaling)
+        write_object(transport, "mode", self.mode)
+        write_cycle_time(transport, self.drive)
+        self.remarks += write_limits(transport, self.drive)
+        there = {name for group in (*SENT, *TOLD) for name in group if has_object(transport, name)}
+        target = _TARGETS.get(self.mode, "target_velocity")
+        missing = [name for name in (*NEEDED, target) if name not in there]
+        if missing:
+            places = ", ".join(f"{OBJECTS[name].place} ({name})" for name in missing)
+            raise BusError(f"{transport.where}: has no object {places}, without which it cannot be driven")
+        self._sent, self._back = (layout.keeping(sorted(there)) for layout in (self._sent, self._back))
+        transport.map(self._sent, self._back)
+        self._values["mode"] = self.mode
+        transport.operate(self._sent.pack(self._values))
+        self._operating = True
+        for _ in range(self.drive.lag + 1):
+            self._follow()
+        if self.told is None:
+            raise BusError(f"{transport.where}: {transport.state()}, but its process data are lost")
+
+    def cycle(self) -> Told | None:
+        """One exchange with what was commanded; None for a lost frame."""
+        self.pace.wait()
+        answered = self.transport.exchange(self._sent.pack(self._values), self._timeout)
+        if answered is None:
+            self.lost += 1
+            self.lost_in_row += 1
+            return None
+        self.lost_in_row = 0
+        raw, scaling = self._back.unpack(answered), self.scaling
+        error, second = raw.get("following_error"), raw.get("second_position")
+        if "velocity" not in raw:  # of a drive without 0x606C
+            raw["velocity"] = 0 if self.told is None else round((raw["position"] - self._here) / self.drive.cycle_time)
+        self.told = Told(
+            raw["statusword"],
+            raw["position"] * scaling.metre,
+            raw["velocity"] * scaling.metre,
+            raw["torque"] * scaling.newton,
+            None if error is None else error * scaling.metre,
+            None if second is None else second * scaling.metre,
+            raw.get("error_code", 0),
+        )
+        self._here = raw["position"]
+        self._mode = raw["mode_display"]
+        return self.told
+
+    def excites(self, unit: str) -> None:
+        """Raise BusError if the drive has no object for an excitation in N, an offset in `csp` and `csv`."""
+        name = "torque_offset"
+        if unit == "N" and self.mode != CST and name not in self._sent.names:
+            raise BusError(
+                f"{self.transport.where}: has no object {OBJECTS[name].place} ({name}), by which a force is added in "
+                f'mode {self.drive.mode}: use mode = "cst", or excite the setpoint (feeddrive excite --where setpoint)'
+            )
+
+    def command(self, *, position: float | None = None, velocity: float = 0.0, force: float = 0.0) -> float:
+        """What the next cycle sends, in SI; the position in whole increments (m), as it is sent.
+
+        csp  position, with velocity and force fed forward where the drive has objects for them
+        csv  velocity, with a force fed forward
+        cst  force
+
+        Raises BusError for a value that its object cannot hold.
+        """
+        values, scaling = self._values, self.scaling
+        torque, speed = scaling.per_mille(force), scaling.increments(velocity)
+        wanted = {"torque_offset": torque, "velocity_offset": speed}
+        if self.mode == CSP:
+            wanted["target_position"] = self._here if position is None else scaling.increments(position)
+        elif self.mode == CST:
+            wanted = {"target_torque": torque}
+        else:
+            wanted = {"target_velocity": speed, "torque_offset": torque}
+        for name, value in wanted.items():
+            least, most = OBJECTS[name].bounds()
+            if not least <= value <= most:
+                raise BusError(
+                    f"{self.transport.where}: {value} does not fit into {OBJECTS[name].place} ({name}), {least} .. "
+                    f"{most}: look at [scaling] of the drive file"
+                )
+            values[name] = value
+        if self.mode == CSP:
+            return wanted["target_position"] * scaling.metre
+        return self._here * scaling.metre if position is None else position
+
+    def _follow(self, controlword: int | None = None) -> Told | None:
+        """A cycle in which nothing is wanted but to stay."""
+        if controlword is not None:
+            self._values["controlword"] = controlword
+        if self.told is not None:
+            self.command()
+        return self.cycle()
+
+    def enable(self) -> None:
+        """To operation enabled, where the axis stands."""
+        if self.state in (PowerState.FAULT, PowerState.FAULT_REACTION):
+            raise BusError(f"{self._fault()}; look for its cause, then reset it (--reset-fault)")
+        self._until(PowerState.ENABLED, TOWARDS_ENABLED)
+        for _ in range(self.drive.lag + 1):
+            self._follow()
+        if self._mode != self.mode:
+            raise BusError(f"{self.transport.where}: runs mode {self._mode} and not {self.mode} ({self.drive.mode})")
+
+    def reset_fault(self) -> None:
+        """Out of fault, if it is in it."""
+        if self.state is PowerState.FAULT_REACTION:
+            self._until(PowerState.FAULT, {PowerState.FAULT_REACTION: DISABLE_VOLTAGE})
+        if self.state is not PowerState.FAULT:
+            return
+        self._follow(DISABLE_VOLTAGE)  # the edge counts, not the bit
+        self._follow(FAULT_RESET)
+        self._until(PowerState.SWITCH_ON_DISABLED, {PowerState.FAULT: FAULT_RESET})
+
+    def stop(self) -> None:
+        """Quick stop, and wait until the drive has switched itself off; then disable voltage in any case."""
+        stopping = {PowerState.ENABLED: QUICK_STOP, PowerState.QUICK_STOP: QUICK_STOP}
+        try:
+            self._until(PowerState.SWITCH_ON_DISABLED, stopping, ending=(PowerState.FAULT, PowerState.READY))
+        except BusError:
+            self._unreachable = True
+            raise
+        finally:
+            self._switch_off()
+
+    def disable(self) -> None:
+        """Without a quick stop: for an axis at rest."""
+        self._switch_off()
+
+    def _switch_off(self) -> None:
+        for _ in range(self.drive.lag + 2):
+            self._follow(DISABLE_VOLTAGE)
+
+    def _until(self, wanted: PowerState, sending: dict[PowerState, int], ending: tuple[PowerState, ...] = ()) -> None:
+        """Cycle with the controlword of each state until the wanted one is there."""
+        began, cycles = time.monotonic(), 0
+        before = self.state
+        while self.state is not wanted and self.state not in ending:
+            state = self.state
+            self._follow(sending.get(state, self._values["controlword"]) if state else None)
+            failed = self.state in (PowerState.FAULT, PowerState.FAULT_REACTION) and before is not PowerState.FAULT
+            if failed and PowerState.FAULT not in ending:
+                raise BusError(self._fault())
+            cycles += 1
+            if cycles * self.drive.cycle_time > _PATIENCE and time.monotonic() - began > _PATIENCE:
+                at = "unknown" if self.state is None else self.state.words
+                bus = f"; {self.transport.state()}" if self.lost_in_row else ""
+                raise BusError(
+                    f"{self.transport.where}: does not go to '{wanted.words}' within {_PATIENCE:g} s but stays in "
+                    f"'{at}'{bus}; look at supply, enable inputs and the emergency stop"
+                )
+
+    def _fault(self) -> str:
+        code = 0 if self.told is None else self.told.error_code
+        meaning = ERRORS.get(code) if self.is_virtual else None
+        return f"{self.transport.where}: fault 0x{code:04X}" + (f", {meaning}" if meaning else "")
+
+    def trouble(self) -> str:
+        """Why the drive does not follow any more, in words; empty while it does."""
+        if self.lost_in_row >= self.drive.lost_frames:
+            return f"{self.lost_in_row} frames in a row were lost: {self.transport.state()}"
+        if self.state is PowerState.ENABLED:
+            return ""
+        if self.state in (PowerState.FAULT, PowerState.FAULT_REACTION):
+            return self._fault().removeprefix(f"{self.transport.where}: ")
+        at = "an unknown state" if self.state is None else f"'{self.state.words}'"
+        return f"the drive left operation by itself and is in {at}"
+
+
+def transport_of(drive: BusDrive, interface: str, bitrate: int | None) -> Transport:
+    """The transport of a drive. Raises MissingExtraError without its package, when it is opened."""
+    if drive.bus == "ethercat":
+        from feeddrive.bus.ethercat import EtherCAT
+
+        return EtherCAT(interface, drive.station)
+    from feeddrive.bus.canopen_bus import CANopen
+
+    return CANopen(interface, drive.station, bitrate)

@@ -1,0 +1,144 @@
+"""EtherCAT by pysoem: one drive on a segment, the others left switched off."""
+
+from __future__ import annotations
+
+import contextlib
+import time
+from collections.abc import Callable
+from typing import Any
+
+from feeddrive.bus.interfaces import check_interface, not_permitted
+from feeddrive.bus.objects import Layout
+from feeddrive.bus.transport import RefusedError, write_mapping
+from feeddrive.language.errors import BusError, MissingExtraError
+
+_ATTEMPTS = 4  # for an object whose frame was lost
+_PATIENCE = 20_000  # us for a frame to come back while nothing moves; a busy computer may need them
+_STEP = 50_000  # us for a change of state
+_TOWARDS_OP = 2.0  # s of process data until a slave must be in OP
+
+
+class EtherCAT:
+    """A drive at a position of the segment, 1 the first. See `Transport`."""
+
+    def __init__(self, interface: str, station: int) -> None:
+        self.interface, self.station = interface, station
+        self.where = f"EtherCAT {interface}, station {station}"
+        self._sent = self._told = Layout(())
+        self._master: Any = None
+        self._slave: Any = None
+
+    def open(self) -> None:
+        """To PRE-OP."""
+        try:
+            import pysoem
+        except ImportError:
+            raise MissingExtraError("pysoem", "bus", "EtherCAT") from None
+        check_interface(self.interface)
+        self._soem = pysoem
+        pysoem.settings.always_release_gil = True  # other threads of the process go on while it waits for a frame
+        pysoem.settings.timeouts.ret = _PATIENCE
+        pysoem.settings.timeouts.safe = 2 * _PATIENCE
+        self._master = pysoem.Master()
+        try:
+            self._master.open(self.interface)
+        except ConnectionError:
+            self._master = None
+            raise BusError(not_permitted(self.interface)) from None
+        found = self._master.config_init()
+        if found <= 0:
+            raise BusError(
+                f"EtherCAT {self.interface}: no station answers; check cable, supply, and that it is the interface to "
+                "the drives"
+            )
+        if self.station > found:
+            raise BusError(
+                f"EtherCAT {self.interface}: station {self.station} is not there, there are {found}; "
+                "correct `station` in the drive file"
+            )
+        self._slave = self._master.slaves[self.station - 1]
+
+    def read(self, index: int, subindex: int) -> bytes:
+        """By SDO."""
+        return bytes(self._sdo(self._slave.sdo_read, index, subindex))
+
+    def write(self, index: int, subindex: int, content: bytes) -> None:
+        """By SDO."""
+        self._sdo(self._slave.sdo_write, index, subindex, content)
+
+    def _sdo(self, ask: Callable[..., Any], index: int, subindex: int, *content: bytes) -> Any:
+        """Asked again where a frame was lost: to read or to write the same twice changes nothing."""
+        soem, lost = self._soem, "no answer"
+        for _ in range(_ATTEMPTS):
+            try:
+                return ask(index, subindex, *content)
+            except soem.SdoError as error:
+                raise RefusedError(self.where, index, subindex, error.abort_code, bool(content)) from None
+            except (soem.MailboxError, soem.PacketError, soem.WkcError) as error:
+                lost = type(error).__name__
+        raise BusError(f"{self.where}: object 0x{index:04X}:{subindex:02X} was not answered ({lost}); {self.state()}")
+
+    def map(self, sent: Layout, told: Layout) -> None:
+        """Mapping, assignment, and the sync managers and FMMUs by what the drive says of its mapping."""
+        self._sent, self._told = sent, told
+        for first, assigned, layout in ((0x1600, 0x1C12, sent), (0x1A00, 0x1C13, told)):
+            self.write(assigned, 0, b"\x00")
+            write_mapping(self, first, layout)
+            for k in range(len(layout.groups)):
+                self.write(assigned, k + 1, (first + k).to_bytes(2, "little"))
+            self.write(assigned, 0, bytes([len(layout.groups)]))
+        try:
+            self._master.config_map()
+        except self._soem.ConfigMapError as error:
+            raise BusError(f"{self.where}: the process data cannot be mapped: {error.error_list}") from None
+        sizes = len(self._slave.output), len(self._slave.input)
+        if sizes != (sent.size, told.size):
+            raise BusError(
+                f"{self.where}: maps {sizes[0]} bytes out and {sizes[1]} bytes in, not the {sent.size} and {told.size} "
+                "that were asked for; its mapping seems to be fixed"
+            )
+
+    def operate(self, content: bytes) -> None:
+        """To SAFE-OP and OP; the exchange runs meanwhile, as drives watch for it."""
+        if self._master.state_check(self._soem.SAFEOP_STATE, 10 * _STEP) != self._soem.SAFEOP_STATE:
+            raise BusError(f"{self.where}: does not go to SAFE-OP: {self.state()}")
+        self.exchange(content, 0.1)
+        self._master.state = self._soem.OP_STATE
+        self._master.write_state()
+        until = time.monotonic() + _TOWARDS_OP
+        while time.monotonic() < until:
+            self.exchange(content, 0.1)
+            if self._master.state_check(self._soem.OP_STATE, 2000) == self._soem.OP_STATE:
+                return
+        raise BusError(f"{self.where}: does not go to OP: {self.state()}")
+
+    def exchange(self, content: bytes, timeout: float) -> bytes | None:
+        """One frame; lost if the working counter is not the expected one."""
+        self._slave.output = content
+        self._master.send_processdata()
+        if self._master.receive_processdata(int(1e6 * timeout)) != self._master.expected_wkc:
+            return None
+        return bytes(self._slave.input)
+
+    def state(self) -> str:
+        """AL state and AL status code."""
+        names = {1: "INIT", 2: "PRE-OP", 3: "BOOT", 4: "SAFE-OP", 8: "OP"}
+        state = self._master.read_state()
+        state = self._slave.state
+        if state == 0:
+            return "it does not answer"
+        text = names.get(state & 0x0F, str(state))
+        if state & 0x10 or self._slave.al_status:
+            text += f", {self._soem.al_status_code_to_string(self._slave.al_status)} (0x{self._slave.al_status:04X})"
+        return f"it is in {text}"
+
+    def close(self) -> None:
+        """Back to INIT."""
+        if self._master is None:
+            return
+        with contextlib.suppress(Exception):  # a bus that is gone must not hide the error that led here
+            self._master.state = self._soem.INIT_STATE
+            self._master.write_state()
+        with contextlib.suppress(Exception):
+            self._master.close()
+        self._master = None

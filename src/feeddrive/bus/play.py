@@ -1,0 +1,243 @@
+"""Play a profile on a drive within limits, and log what it did; on any trouble quick stop and switch off."""
+
+from __future__ import annotations
+
+import contextlib
+import signal
+import threading
+from collections.abc import Callable, Generator, Mapping
+from dataclasses import dataclass, replace
+from types import FrameType
+
+import numpy as np
+
+from feeddrive.bus.client import DriveClient, Told
+from feeddrive.bus.pace import Lateness, urgent
+from feeddrive.bus.power_states import PowerState
+from feeddrive.bus.profile import Profile
+from feeddrive.files.measured import Log
+from feeddrive.language.errors import BusError
+
+_SETTLING = 0.1  # s that the last target is held before the drive is switched off
+
+
+@dataclass(frozen=True)
+class Played:
+    """The log, why it ended early (None: it did not), lost frames, lateness of the cycles, and what to know."""
+
+    log: Log
+    aborted: str | None
+    lost: int
+    lateness: Lateness | None
+    remarks: tuple[str, ...]
+
+
+# a keyboard, a service manager, a terminal that closes: the motion ends in order for each of them
+ENDINGS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
+
+
+@contextlib.contextmanager
+def _interruption() -> Generator[Callable[[], bool]]:
+    """Ctrl-C as a question, so that it never cuts a cycle in two; a second one changes nothing."""
+    pressed = threading.Event()
+    if threading.current_thread() is not threading.main_thread():
+        yield pressed.is_set
+        return
+
+    def press(_number: int, _frame: FrameType | None) -> None:
+        pressed.set()
+
+    before = {number: signal.signal(number, press) for number in ENDINGS}
+    try:
+        yield pressed.is_set
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def play(
+    client: DriveClient, profile: Profile, *, name: str = "", progress: Callable[[int, int], None] | None = None
+) -> Played:
+    """Switch the drive on, play, hold, switch it off.
+
+    The motion is relative to where the axis stands.  Row k of the log holds what was sent in cycle k and what the drive
+    said of it, `lag` cycles later.  `progress(rows, all)` is called ten times in a second of the motion.  Raises
+    BusError if the drive cannot be switched on; whatever ends the motion later stands in `Played.aborted`.
+    """
+    if np.any(profile.excitation):
+        client.excites(profile.unit)
+    client.enable()
+    assert client.told is not None
+    start = client.told.position
+    rows = _Rows(client, start)
+    lag, count = client.drive.lag, profile.excitation.size
+    said = max(1, round(0.1 / client.drive.cycle_time))
+    aborted = ""
+    client.pace.begin()
+    lost_before = client.lost
+    with _interruption() as interrupted, urgent(client.pace.cycle_time is not None) as permitted:
+        held = count + max(lag, round(_SETTLING / client.drive.cycle_time))
+        for k in range(held):
+            i = min(k, count - 1)
+            try:
+                sent = _target(client, profile, i, start, rest=k >= count)
+            except BusError as error:
+                aborted = str(error).removeprefix(f"{client.transport.where}: ")
+                break
+            told = client.cycle()
+            rows.add(sent, told)
+            aborted = "stopped by hand" if interrupted() else client.trouble() or _beyond(client, start, told, sent)
+            if aborted:
+                break
+            if progress is not None and k % said == 0:
+                progress(min(k, count), count)
+        lateness = client.pace.lateness()
+        if aborted:
+            aborted += _halt(client)
+        else:
+            client.disable()
+    remarks = list(client.remarks)
+    lost = client.lost - lost_before
+    if lost:
+        remarks.append(
+            f"{lost} frames were lost; their rows hold the last values (column lost): repeat the measurement if there "
+            "are many."
+        )
+    if client.pace.cycle_time is not None and not permitted:
+        remarks.append(
+            "Real-time priority was not permitted: run as root, or give CAP_SYS_NICE, for fewer late cycles."
+        )
+    if lateness is not None and lateness.missed:
+        remarks.append(
+            f"{lateness.missed} cycles began more than a cycle late, {1e3 * lateness.slipped:.3g} ms in all; the "
+            "motion paused for as long, and the log takes no notice of it."
+        )
+    log = rows.log(profile, name or profile.name, min(count, max(0, len(rows.told) - lag)), aborted, lateness)
+    return Played(log, aborted or None, lost, lateness, tuple(remarks))
+
+
+def listened(client: DriveClient, seconds: float) -> Played:
+    """A log of the drive while it is switched off, moved by hand or not at all. Raises BusError if it falls silent."""
+    assert client.told is not None
+    rows, zero = _Rows(client, client.told.position), np.zeros(0)
+    count = max(1, round(seconds / client.drive.cycle_time))
+    client.pace.begin()
+    with _interruption() as interrupted:
+        for _ in range(count + client.drive.lag):
+            rows.add({"set_position": 0.0, "excitation": 0.0}, client.cycle())
+            if client.lost_in_row >= client.drive.lost_frames:
+                raise BusError(f"{client.transport.where}: {client.trouble()}")
+            if interrupted():
+                break
+    profile = Profile("", "", client.drive.cycle_time, "N", zero, zero, zero)
+    lateness = client.pace.lateness()
+    log = rows.log(profile, "listened", max(1, len(rows.told) - client.drive.lag), "", lateness)
+    kept = {name: values for name, values in log.channels.items() if name not in ("set_position", "excitation")}
+    log = replace(log, channels=kept, units={name: log.units[name] for name in kept})
+    return Played(log, None, client.lost, lateness, tuple(client.remarks))
+
+
+def _target(client: DriveClient, profile: Profile, i: int, start: float, *, rest: bool) -> Mapping[str, float]:
+    """Command row i, or hold the last position; what is sent, in SI.
+
+    The excitation is that of the profile and not what rounding makes of it: its lines are those that were designed, and
+    what really acted is in the force.
+    """
+    excitation = 0.0 if rest else float(profile.excitation[i])
+    position, velocity = start + float(profile.set_position[i]), 0.0 if rest else float(profile.velocity[i])
+    if profile.unit == "N":
+        position = client.command(position=position, velocity=velocity, force=excitation)
+    elif profile.unit == "m":
+        position = client.command(position=position + excitation, velocity=velocity)
+    else:
+        client.command(velocity=velocity + excitation)
+    return {"set_position": position, "excitation": excitation}
+
+
+def _beyond(client: DriveClient, start: float, told: Told | None, sent: Mapping[str, float]) -> str:
+    """The limit that is broken, in words; empty if none is."""
+    if told is None:
+        return ""
+    limits = client.drive.limits
+    checks = [
+        ("travel", abs(told.position - start), limits.travel, "m"),
+        ("velocity", abs(told.velocity), limits.velocity, "m/s"),
+        ("force", abs(told.force), limits.force, "N"),
+    ]
+    if client.drive.mode == "csp":
+        error = sent["set_position"] - told.position if told.following_error is None else told.following_error
+        checks.append(("following_error", abs(error), limits.following_error, "m"))
+    for key, got, most, unit in checks:
+        if got > most:
+            return f"{key} = {got:.4g} {unit} exceeded limits.{key} = {most:.4g} {unit}"
+    low, high = limits.position_least, limits.position_most
+    if (low is not None and told.position < low) or (high is not None and told.position > high):
+        return f"position = {told.position:.6g} m left limits.position_least .. position_most"
+    return ""
+
+
+def _halt(client: DriveClient) -> str:
+    """Quick stop and switch off; what came of it, as the end of a sentence."""
+    try:
+        client.stop()
+    except BusError as error:
+        return f"; the drive could not be stopped over the bus ({error}): its own watchdog must do it, look at the axis"
+    state = client.state
+    if state in (PowerState.FAULT, PowerState.FAULT_REACTION):
+        return "; the drive stops by itself, as it is set up to: many take the force away at once, and friction brakes"
+    return f"; the axis was stopped and is in '{'unknown' if state is None else state.words}'"
+
+
+class _Rows:
+    """What was sent and told, cycle by cycle."""
+
+    def __init__(self, client: DriveClient, start: float) -> None:
+        assert client.told is not None
+        self.client, self.start = client, start
+        self.sent: list[Mapping[str, float]] = []
+        self.told: list[Told] = []
+        self.lost: list[float] = []
+        self._last = client.told
+
+    def add(self, sent: Mapping[str, float], told: Told | None) -> None:
+        """One cycle; a lost one holds the last values."""
+        self._last = told or self._last
+        self.sent.append(sent)
+        self.told.append(self._last)
+        self.lost.append(float(told is None))
+
+    def log(self, profile: Profile, name: str, rows: int, aborted: str, lateness: Lateness | None) -> Log:
+        """The first so many rows, each with what came back `lag` cycles later."""
+        client, lag = self.client, self.client.drive.lag
+        told, T = self.told[lag : lag + rows], client.drive.cycle_time
+        channels: dict[str, list[float]] = {
+            "set_position": [each["set_position"] for each in self.sent[:rows]],
+            "excitation": [each["excitation"] for each in self.sent[:rows]],
+            "force": [each.force for each in told],
+            "reading_load": [each.position for each in told],
+        }
+        for column, field in (("reading_motor", "second"), ("velocity_load", "velocity")):
+            values = [getattr(each, field) for each in told]
+            if None not in values:
+                channels[column] = values
+        if any(self.lost):
+            channels["lost"] = self.lost[lag : lag + rows]
+        units = {"set_position": "m", "excitation": profile.unit, "force": "N", "velocity_load": "m/s", "lost": ""}
+        provenance: dict[str, object] = {
+            "written_by": "feeddrive play", "bus": client.transport.where, "mode": client.drive.mode,
+            "drive": dict(client.identity), "profile": profile.name, "profile_sha256": profile.sha256,
+            "increment_m": client.scaling.metre, "newton_per_mille": client.scaling.newton, "lag": lag,
+            "began_at_m": self.start,
+        }  # fmt: skip
+        if aborted:
+            provenance["aborted"] = aborted
+        constants = {"lost_frames": float(sum(self.lost))}
+        if lateness is not None:
+            constants |= {f"late_{key}_s": value for key, value in lateness._asdict().items() if key != "missed"}
+            constants["late_cycles"] = float(lateness.missed)
+        return Log(
+            name=name, time=np.arange(rows) * T,
+            channels={key: np.array(values) for key, values in channels.items()},
+            units={key: units.get(key, "m") for key in channels}, sample_time=T, constants=constants,
+            provenance=provenance,
+        )  # fmt: skip

@@ -1,0 +1,133 @@
+"""What is played on a drive: an excitation over a motion, as `feeddrive excite` writes it, or the motion of a run."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from feeddrive.bus.drive_file import BusDrive
+from feeddrive.files.log import read_log
+from feeddrive.language.errors import ParameterError
+
+_UNITS = {"csp": ("N", "m"), "csv": ("N", "m/s"), "cst": ("N",)}
+_NEGLIGIBLE = 0.02  # of the peak, at the ends of a profile
+_ABOVE_NYQUIST = 1e-3  # share of the excitation's power that may be lost between the cycles
+
+
+@dataclass(frozen=True, eq=False)
+class Profile:
+    """Rows at the cycle time of the bus: excitation in `unit` (N, m or m/s), set position (m, from where it starts).
+
+    `velocity` is that of the file, else the central difference of the set position, m/s.
+    """
+
+    name: str
+    sha256: str
+    sample_time: float
+    unit: str
+    excitation: np.ndarray
+    set_position: np.ndarray
+    velocity: np.ndarray
+
+
+def read_profile(path: str | Path, drive: BusDrive, *, share: float = 1.0, ramp: float = 0.0) -> Profile:
+    """Read time, excitation, set position and set velocity, as far as they are there, at the cycle time of the drive.
+
+    share  of the excitation that is played
+    ramp   s over which the excitation swells and fades, for a profile that does not do so by itself
+
+    Raises LogError for a file that is none, ParameterError for one that does not fit drive, mode or limits.
+    """
+    log = read_log(path)
+    known = {"excitation", "set_position"} & set(log.channels)
+    if not known:
+        raise ParameterError(
+            f"{path}: has neither a column 'excitation' nor 'set_position' but {', '.join(log.channels)}; "
+            "feeddrive excite writes one"
+        )
+    zero = np.zeros(len(log))
+    excitation = share * log.channels.get("excitation", zero)
+    set_position = log.channels.get("set_position", zero)
+    set_position = set_position - set_position[0]
+    unit = log.units.get("excitation", "") or "N"
+    if unit not in _UNITS[drive.mode]:
+        raise ParameterError(
+            f"{path}: excitation in '{unit}' cannot be played in mode {drive.mode}, which takes "
+            f"{' or '.join(_UNITS[drive.mode])}"
+        )
+    step, T = log.sample_time, drive.cycle_time
+    every = round(T / step)
+    if every < 1 or abs(T / step - every) > 1e-6 * every:
+        raise ParameterError(
+            f"{path}: has a row every {1e6 * step:g} us, of which cycle_time = {1e6 * T:g} us of the drive file is no "
+            "whole multiple: design it for a machine file with that sample time"
+        )
+    _check_band(str(path), excitation, every, step)
+    excitation, set_position = excitation[::every].copy(), set_position[::every].copy()
+    if "set_velocity" in log.channels:
+        velocity = log["set_velocity"][::every].copy()
+    else:
+        velocity = np.gradient(set_position, T) if set_position.size > 1 else np.zeros(set_position.size)
+    found = Profile(
+        str(path), str(log.provenance["sha256"]), T, unit, _ramped(excitation, round(ramp / T)), set_position, velocity
+    )
+    check_profile(found, drive)
+    return found
+
+
+def _check_band(path: str, excitation: np.ndarray, every: int, step: float) -> None:
+    """What lies above half the rate of the bus would come out as something else."""
+    if every == 1 or not np.any(excitation):
+        return
+    power = np.abs(np.fft.rfft(excitation)) ** 2
+    above = np.fft.rfftfreq(excitation.size, step) > 0.5 / (every * step)
+    lost = float(power[above].sum() / power.sum())
+    if lost > _ABOVE_NYQUIST:
+        raise ParameterError(
+            f"{path}: {100 * lost:.2g} % of the power of the excitation lie above {0.5 / (every * step):g} Hz, half "
+            "the rate of the bus: end the band below it, or shorten cycle_time"
+        )
+
+
+def _ramped(excitation: np.ndarray, rows: int) -> np.ndarray:
+    if rows < 1:
+        return excitation
+    swell = 0.5 - 0.5 * np.cos(np.pi * np.arange(rows) / rows)
+    window = np.ones(excitation.size)
+    rows = min(rows, excitation.size // 2)
+    window[:rows] *= swell[:rows]
+    window[excitation.size - rows :] *= swell[:rows][::-1]
+    return window * excitation
+
+
+def check_profile(profile: Profile, drive: BusDrive) -> None:
+    """Raise ParameterError if the profile begins or ends with a jump, or plans more than the limits allow."""
+    limits = drive.limits
+    for name, row in (("excitation", profile.excitation), ("speed of the set position", profile.velocity)):
+        peak = float(np.max(np.abs(row), initial=0.0))
+        ends = max(abs(float(row[0])), abs(float(row[-1]))) if row.size else 0.0
+        if peak > 0.0 and ends > _NEGLIGIBLE * peak:
+            advice = "give --ramp" if name == "excitation" else "let it start and end at rest"
+            raise ParameterError(
+                f"{profile.name}: the {name} begins or ends with {100 * ends / peak:.3g} % of its peak, a jump for the "
+                f"axis: {advice}"
+            )
+    if drive.mode == "cst" and np.any(profile.set_position):
+        raise ParameterError(
+            f"{profile.name}: holds a motion (set_position), and nothing follows it in mode cst: use csp, or design "
+            "the excitation with --offset-velocity 0"
+        )
+    added = profile.excitation if profile.unit == "m" else 0.0
+    planned = [
+        ("travel", float(np.max(np.abs(profile.set_position + added), initial=0.0)), limits.travel, "m"),
+        ("velocity", float(np.max(np.abs(profile.velocity), initial=0.0)), limits.velocity, "m/s"),
+        ("force", float(np.max(np.abs(profile.excitation), initial=0.0)) * (profile.unit == "N"), limits.force, "N"),
+    ]
+    for key, got, most, unit in planned:
+        if got > most:
+            raise ParameterError(
+                f"{profile.name}: plans {key} = {got:.4g} {unit}, and limits.{key} of the drive file is {most:.4g} "
+                f"{unit}: raise the limit if the machine allows it, or design a smaller excitation"
+            )

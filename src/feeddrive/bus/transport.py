@@ -1,0 +1,98 @@
+"""What a bus must do for a drive: objects one by one, and process data in a cycle."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+from feeddrive.bus.objects import OBJECTS, Layout
+from feeddrive.language.errors import BusError
+
+_REASONS = {
+    0x05040000: "no answer", 0x05040001: "command not known", 0x06010002: "read only", 0x06020000: "no such object",
+    0x06040041: "cannot be mapped", 0x06040042: "too long a mapping", 0x06070010: "of another length",
+    0x06090011: "no such subindex", 0x06090030: "value out of range", 0x06090031: "value too large",
+    0x06090032: "value too small", 0x08000020: "cannot be stored", 0x08000021: "local control",
+    0x08000022: "not in this state of the drive",
+}  # fmt: skip
+
+
+class RefusedError(BusError):
+    """The drive refused to read or write an object; `code` is its abort code."""
+
+    def __init__(self, where: str, index: int, subindex: int, code: int, writing: bool) -> None:
+        reason = _REASONS.get(code, "see the manual of the drive")
+        verb = "written" if writing else "read"
+        super().__init__(f"{where}: object 0x{index:04X}:{subindex:02X} cannot be {verb}: {reason} (0x{code:08X})")
+        self.code = code
+
+
+class Transport(Protocol):
+    """One drive on one bus.
+
+    `where` names bus, interface and station in errors.  The order is open, objects, `map`, `operate`, `exchange` ...,
+    close; all raise BusError.
+    """
+
+    where: str
+
+    def open(self) -> None:
+        """Find the drive; objects can be read and written from here on."""
+
+    def read(self, index: int, subindex: int) -> bytes:
+        """The content of an object. Raises RefusedError."""
+        ...
+
+    def write(self, index: int, subindex: int, content: bytes) -> None:
+        """Change an object. Raises RefusedError."""
+
+    def map(self, sent: Layout, told: Layout) -> None:
+        """Which objects go out and come back in each cycle."""
+
+    def operate(self, content: bytes) -> None:
+        """Begin the exchange of process data, with this content."""
+
+    def exchange(self, content: bytes, timeout: float) -> bytes | None:
+        """One cycle: send, and what came back within `timeout` s; None for a lost frame."""
+        ...
+
+    def state(self) -> str:
+        """What the bus says of the station, in words, for an error that follows lost frames."""
+        ...
+
+    def close(self) -> None:
+        """Leave the station as it was found; never raises."""
+
+
+def read_object(transport: Transport, name: str) -> int:
+    """An object as a number. Raises RefusedError."""
+    found = OBJECTS[name]
+    content = transport.read(found.index, found.subindex)
+    if len(content) < found.bits // 8:
+        raise BusError(
+            f"{transport.where}: object {found.place} ({name}) has {len(content)} bytes, not of {found.type}"
+        )
+    return found.decode(content)
+
+
+def write_object(transport: Transport, name: str, value: int) -> None:
+    """Write a number. Raises RefusedError."""
+    found = OBJECTS[name]
+    transport.write(found.index, found.subindex, found.encode(value))
+
+
+def has_object(transport: Transport, name: str) -> bool:
+    """Whether the drive lets the object be read."""
+    try:
+        read_object(transport, name)
+    except RefusedError:
+        return False
+    return True
+
+
+def write_mapping(transport: Transport, first: int, layout: Layout) -> None:
+    """The process data objects from 0x1600 or 0x1A00 on: count 0, entries, count."""
+    for k, group in enumerate(layout.groups):
+        transport.write(first + k, 0, b"\x00")
+        for place, name in enumerate(group, start=1):
+            transport.write(first + k, place, OBJECTS[name].mapped.to_bytes(4, "little"))
+        transport.write(first + k, 0, bytes([len(group)]))

@@ -1,0 +1,97 @@
+"""A virtual drive on a CAN bus: SDO and NMT by the canopen package, process data with every SYNC."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import Any
+
+from feeddrive.bus.can_lines import opened_network, packages
+from feeddrive.bus.objects import Layout
+from feeddrive.bus.virtual.firmware import Firmware, SdoAbortError
+from feeddrive.bus.virtual.pdo_map import INVALID, PdoMap
+
+_SYNC, _HEARTBEAT = 0x80, 0x1017
+_PATIENCE = 0.05  # s between looks at `stopped`
+
+
+def serve_canopen(
+    firmware: Firmware,
+    interface: str,
+    station: int,
+    *,
+    ready: Callable[[], None],
+    stopped: Callable[[], bool],
+    bitrate: int | None = None,
+    lose: Callable[[int], bool] = lambda _cycle: False,
+) -> None:
+    """Serve node `station` on a bus that python-can knows until `stopped`; `lose` swallows the answer of a cycle.
+
+    With a SYNC the values of the last cycle are sent, then the plant moves on by one bus cycle.  Raises BusError for a
+    bus that cannot be opened, MissingExtraError without the packages.
+    """
+    canopen = packages()
+    objects = PdoMap(firmware, lambda: node.nmt.state == "PRE-OPERATIONAL", station)
+
+    class Node(canopen.LocalNode):
+        """Its object dictionary is the firmware's, but for the heartbeat, which the package looks after."""
+
+        def get_data(self, index: int, subindex: int, check_readable: bool = False) -> bytes:
+            if index == _HEARTBEAT:
+                return super().get_data(index, subindex, check_readable)
+            try:
+                return objects.read(index, subindex)
+            except SdoAbortError as refused:
+                raise canopen.SdoAbortedError(refused.code) from None
+
+        def set_data(self, index: int, subindex: int, data: bytes, check_writable: bool = False) -> None:
+            if index == _HEARTBEAT:
+                super().set_data(index, subindex, data, check_writable)
+                return
+            try:
+                objects.write(index, subindex, bytes(data))
+            except SdoAbortError as refused:
+                raise canopen.SdoAbortedError(refused.code) from None
+
+    network = opened_network(interface, bitrate)
+    try:
+        dictionary = canopen.ObjectDictionary()
+        heartbeat = canopen.objectdictionary.ODVariable("producer heartbeat time", _HEARTBEAT)
+        heartbeat.data_type, heartbeat.default = canopen.objectdictionary.UNSIGNED16, 0
+        dictionary.add_object(heartbeat)
+        node = Node(station, dictionary)
+        network.add_node(node)
+        arrived: dict[int, bytes] = {}
+
+        def operational() -> bool:
+            return node.nmt.state == "OPERATIONAL"
+
+        def arrive(identifier: int, content: bytearray, _stamp: float) -> None:
+            arrived[identifier] = bytes(content)
+
+        for k in range(4):
+            network.subscribe(0x200 + 0x100 * k + station, arrive)
+
+        def sync(*_: Any) -> None:
+            losing = lose(firmware.cycles)
+            for k in range(4):
+                message = objects.messages[0x1800 + k]
+                if operational() and not message & INVALID and not losing:
+                    told = Layout([objects.names(0x1A00 + k)])
+                    network.send_message(message & 0x7FF, told.pack(firmware.values))
+            for k in range(4):
+                message = objects.messages[0x1400 + k]
+                content = arrived.pop(message & 0x7FF, None)
+                if operational() and not message & INVALID and content is not None:
+                    firmware.take(Layout([objects.names(0x1600 + k)]).unpack(content))
+            firmware.cycle()
+
+        network.subscribe(_SYNC, sync)
+        node.nmt.state = "PRE-OPERATIONAL"
+        ready()
+        while not stopped():
+            time.sleep(_PATIENCE)
+            if not operational():
+                firmware.lost()
+    finally:
+        network.disconnect()

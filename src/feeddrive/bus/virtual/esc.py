@@ -1,0 +1,231 @@
+"""A virtual EtherCAT slave controller: registers, EEPROM, FMMUs, sync managers, AL states, and how frames pass through.
+
+By ETG.1000.4 and the register descriptions of the makers of such chips.  Not there: distributed clocks, redundancy,
+sync-manager events, and EEPROM writing; a master finds in the registers that they are not.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterator
+
+from feeddrive.bus.objects import VIRTUAL
+from feeddrive.bus.virtual import coe
+from feeddrive.bus.virtual.eeprom import INPUTS, MAILBOX_IN, MAILBOX_OUT, OUTPUTS, eeprom
+from feeddrive.bus.virtual.firmware import PRODUCT, REVISION, VENDOR, Firmware
+from feeddrive.bus.virtual.pdo_map import PdoMap
+
+ETHERTYPE = 0x88A4
+INIT, PREOP, SAFEOP, OP = 1, 2, 4, 8
+_ALLOWED = {INIT: (PREOP,), PREOP: (INIT, SAFEOP), SAFEOP: (INIT, PREOP, OP), OP: (INIT, PREOP, SAFEOP)}
+# AL status codes
+_INVALID_CHANGE, _UNKNOWN_STATE, _NO_MAILBOX, _WRONG_OUTPUTS, _WRONG_INPUTS = 0x0011, 0x0012, 0x0016, 0x001D, 0x001E
+_STATION, _AL_CONTROL, _AL_STATUS, _AL_CODE = 0x0010, 0x0120, 0x0130, 0x0134
+_EEPROM_CONTROL, _EEPROM_ADDRESS, _EEPROM_DATA = 0x0502, 0x0504, 0x0508
+_FMMU, _SYNC = 0x0600, 0x0800
+_READ_ONLY = frozenset((*range(0x0010), *range(0x0110, 0x0112), *range(0x0130, 0x0136), *range(0x0140, 0x0142)))
+_FULL = 0x08  # status of a sync manager: mailbox full
+
+_READS = {1, 3, 4, 6, 7, 9, 13, 14}
+_WRITES = {2, 3, 5, 6, 8, 9}
+
+
+class SlaveController:
+    """Answers EtherCAT frames; `cycles` bus cycles have passed to the firmware."""
+
+    def __init__(self, firmware: Firmware) -> None:
+        self.firmware = firmware
+        self.objects = PdoMap(firmware, lambda: self.state == PREOP)
+        self._memory = bytearray(0x2000)
+        self._eeprom = eeprom(VENDOR, PRODUCT, REVISION, 1, VIRTUAL)
+        # type, revision, build; 4 FMMUs, 4 sync managers, 4 kB, one MII port; no distributed clocks
+        struct.pack_into("<BBHBBBBH", self._memory, 0x0000, 0x11, 0, 1, 4, 4, 4, 0x03, 0x0000)
+        struct.pack_into("<H", self._memory, 0x0110, 0x5611)  # link on port 0, the others closed
+        struct.pack_into("<H", self._memory, 0x0140, 0x0005)
+        self._outputs, self._inputs = self.objects.assigned(0x1600), self.objects.assigned(0x1A00)
+        self._due = False
+        self._enter(INIT)
+
+    @property
+    def state(self) -> int:
+        """Of the AL, without the error bit."""
+        return self._memory[_AL_STATUS] & 0x0F
+
+    def _enter(self, state: int, code: int = 0) -> None:
+        struct.pack_into("<H", self._memory, _AL_STATUS, state | (0x10 if code else 0))
+        struct.pack_into("<H", self._memory, _AL_CODE, code)
+
+    def fall(self, code: int) -> None:
+        """From OPERATIONAL to SAFE-OPERATIONAL by itself, with an AL status code."""
+        self._enter(SAFEOP, code)
+        self.firmware.lost()
+
+    def passed(self, frame: bytes) -> bytes | None:
+        """The frame as it comes back, or None for one that is not EtherCAT; then `advance` is due."""
+        if len(frame) < 28 or frame[12:14] != b"\x88\xa4":
+            return None
+        made = bytearray(frame)
+        made[6] |= 0x02  # the address of the sender, as every slave marks it
+        for at, size in _datagrams(made):
+            self._datagram(made, at, size)
+        return bytes(made)
+
+    def advance(self) -> bool:
+        """After the frame has gone: one bus cycle if process data were in it."""
+        if not self._due:
+            return False
+        self._due = False
+        self._cycle()
+        return True
+
+    def _cycle(self) -> None:
+        start = OUTPUTS[0]
+        if self.state == OP:
+            self.firmware.take(self._outputs.unpack(bytes(self._memory[start : start + self._outputs.size])))
+        self.firmware.cycle()
+        self._refresh()
+
+    def _refresh(self) -> None:
+        self._memory[INPUTS[0] : INPUTS[0] + self._inputs.size] = self._inputs.pack(self.firmware.values)
+
+    def _datagram(self, made: bytearray, at: int, size: int) -> None:
+        command = made[at]
+        start, end = at + 10, at + 10 + size
+        counted = 0
+        if command in (10, 11, 12):
+            counted = self._logical(made, command, at, start, size)
+        else:
+            station, register = struct.unpack_from("<HH", made, at + 2)
+            mine = self._addressed(command, station)
+            if command in (1, 2, 3, 7, 8, 9, 13):  # by position, or to all: each slave counts on
+                struct.pack_into("<H", made, at + 2, station + 1 & 0xFFFF)
+            given = bytes(made[start:end])
+            if command in _READS and (mine or command in (7, 9)):
+                found = self._read(register, size)
+                made[start:end] = bytes(a | b for a, b in zip(found, given, strict=True)) if command == 7 else found
+                counted += 1
+            if mine and command in _WRITES:
+                self._write(register, given)
+                counted += 2 if command in (3, 6, 9) else 1
+        (count,) = struct.unpack_from("<H", made, end)
+        struct.pack_into("<H", made, end, count + counted & 0xFFFF)
+
+    def _addressed(self, command: int, station: int) -> bool:
+        if command in (7, 8, 9):
+            return True
+        if command in (4, 5, 6, 14):
+            return station == struct.unpack_from("<H", self._memory, _STATION)[0]
+        return station == 0
+
+    def _logical(self, made: bytearray, command: int, at: int, start: int, size: int) -> int:
+        """LRD, LWR, LRW through the FMMUs: 1 for what was read, for what was written 1, or 2 in an LRW."""
+        (logical,) = struct.unpack_from("<I", made, at + 2)
+        if self.state not in (SAFEOP, OP):
+            return 0
+        counted, read, written = 0, [], False
+        for k in range(4):
+            begin, length, _, _, physical, _, kind, active = struct.unpack_from(
+                "<IHBBHBBB", self._memory, _FMMU + 16 * k
+            )
+            low, high = max(begin, logical), min(begin + length, logical + size)
+            there, here = start + low - logical, physical + low - begin
+            if not active & 1 or low >= high or here + high - low > len(self._memory):
+                continue
+            if kind & 1 and command != 11:
+                read.append((there, bytes(self._memory[here : here + high - low])))
+                counted |= 1
+            if kind & 2 and command != 10 and self.state == OP:
+                self._memory[here : here + high - low] = made[there : there + high - low]
+                counted |= 2 if command == 12 else 1
+            if kind & 2 and command != 10:
+                written = True
+        for there, content in read:
+            made[there : there + len(content)] = content
+        self._due = self._due or written
+        return counted
+
+    def _read(self, register: int, size: int) -> bytes:
+        found = bytes(self._memory[register : register + size]).ljust(size, b"\x00")
+        if register <= sum(MAILBOX_IN) - 1 < register + size and self._memory[_SYNC + 13] & _FULL:
+            self._memory[_SYNC + 13] &= ~_FULL  # the last byte of the mailbox was read
+        return found
+
+    def _write(self, register: int, content: bytes) -> None:
+        for k, value in enumerate(content):
+            if register + k < len(self._memory) and register + k not in _READ_ONLY:
+                self._memory[register + k] = value
+        touched = range(register, register + len(content))
+        if _AL_CONTROL in touched:
+            self._control(self._memory[_AL_CONTROL])
+        if _EEPROM_CONTROL + 1 in touched:
+            self._serve_eeprom()
+        if any(_SYNC + 8 * k + 5 in touched for k in range(4)):
+            for k in range(4):  # the status of a sync manager cannot be written
+                self._memory[_SYNC + 8 * k + 5] &= _FULL if k == 1 else 0
+        if sum(MAILBOX_OUT) - 1 in touched and self.state >= PREOP:
+            self._serve_mailbox()
+
+    def _serve_eeprom(self) -> None:
+        command = struct.unpack_from("<H", self._memory, _EEPROM_CONTROL)[0] & 0x0700
+        if command == 0x0100:
+            at = 2 * struct.unpack_from("<I", self._memory, _EEPROM_ADDRESS)[0]
+            self._memory[_EEPROM_DATA : _EEPROM_DATA + 8] = self._eeprom[at : at + 8].ljust(8, b"\xff")
+        # not busy, no error; 8 bytes at once
+        struct.pack_into("<H", self._memory, _EEPROM_CONTROL, 0x0040)
+
+    def _serve_mailbox(self) -> None:
+        start, size = MAILBOX_OUT
+        answered = coe.answer(bytes(self._memory[start : start + size]), self.objects)
+        if answered is None:
+            return
+        start, size = MAILBOX_IN
+        self._memory[start : start + size] = answered.ljust(size, b"\x00")
+        self._memory[_SYNC + 13] |= _FULL
+
+    def _control(self, wanted: int) -> None:
+        """A state that was asked for, with bit 4 to acknowledge an error."""
+        status, state = self._memory[_AL_STATUS], wanted & 0x0F
+        if status & 0x10 and not wanted & 0x10:
+            return
+        if state == self.state:
+            self._enter(state)
+        elif state not in _ALLOWED:
+            self._enter(self.state, _UNKNOWN_STATE)
+        elif state not in _ALLOWED[self.state]:
+            self._enter(self.state, _INVALID_CHANGE)
+        else:
+            code = self._obstacle(state)
+            left = self.state == OP
+            self._enter(self.state if code else state, code)
+            if left and not code:
+                self.firmware.lost()
+
+    def _obstacle(self, state: int) -> int:
+        """Why a state cannot be entered: an AL status code, 0 for nothing."""
+        if state == PREOP and self.state == INIT:
+            return 0 if all(self._sync(k) == place for k, place in ((0, MAILBOX_OUT), (1, MAILBOX_IN))) else _NO_MAILBOX
+        if state == SAFEOP and self.state == PREOP:
+            self._outputs, self._inputs = self.objects.assigned(0x1600), self.objects.assigned(0x1A00)
+            if self._sync(2) != (OUTPUTS[0], self._outputs.size):
+                return _WRONG_OUTPUTS
+            if self._sync(3) != (INPUTS[0], self._inputs.size):
+                return _WRONG_INPUTS
+            self._refresh()
+        return 0
+
+    def _sync(self, k: int) -> tuple[int, int]:
+        """Start and length of a sync manager."""
+        start, length = struct.unpack_from("<HH", self._memory, _SYNC + 8 * k)
+        return start, length
+
+
+def _datagrams(frame: bytearray) -> Iterator[tuple[int, int]]:
+    """Where each datagram begins, and how many bytes of content it has."""
+    at, more = 16, True
+    while more and at + 12 <= len(frame):
+        (word,) = struct.unpack_from("<H", frame, at + 6)
+        size, more = word & 0x07FF, bool(word & 0x8000)
+        if at + 12 + size > len(frame):
+            return
+        yield at, size
+        at += 12 + size

@@ -1,0 +1,286 @@
+"""The firmware of a virtual drive: CiA 402 around an axis that is simulated by the code of `simulate`.
+
+One call of `cycle` is one bus cycle: the plant moves on by exactly that time, however long the cycle took on the clock.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+
+from feeddrive.bus.objects import AT, DEVICE_NAME, OBJECTS, VIRTUAL
+from feeddrive.bus.power_states import CSP, CST, CSV, PowerState, answer
+from feeddrive.bus.scaling import DriveScaling, interpolation_time
+from feeddrive.bus.virtual.driven_axis import DrivenAxis
+from feeddrive.language.errors import ParameterError
+from feeddrive.loop.guard import TRIP_COMMAND, TRIP_FOLLOWING_ERROR, TRIP_READING, TRIP_TRAVEL, TRIP_VELOCITY
+
+VENDOR, PRODUCT, REVISION = 0, 0x66656564, 1  # vendor 0: nobody's
+_TRIPPED = {
+    TRIP_READING: 0x7305, TRIP_FOLLOWING_ERROR: 0x8611, TRIP_VELOCITY: 0x8400, TRIP_TRAVEL: 0x8612,
+    TRIP_COMMAND: 0xFF01,
+}  # fmt: skip
+_NO_WINDOW = 0xFFFFFFFF
+_STANDSTILL = 0.2  # s that a quick stop holds the axis after its ramp
+_WRITABLE = {
+    "controlword", "quick_stop_option", "mode", "following_error_window", "target_torque", "max_torque",
+    "target_position", "position_least", "position_most", "quick_stop_deceleration", "velocity_offset",
+    "torque_offset", "cycle_value", "cycle_exponent", "target_velocity",
+}  # fmt: skip
+
+# abort codes of SDO
+READ_ONLY, NO_OBJECT, NO_SUBINDEX, WRONG_LENGTH, TOO_LARGE, WRONG_STATE = (
+    0x06010002, 0x06020000, 0x06090011, 0x06070010, 0x06090030, 0x08000022,
+)  # fmt: skip
+
+
+class SdoAbortError(Exception):
+    """An SDO that is refused, with its abort code."""
+
+    def __init__(self, code: int) -> None:
+        super().__init__(f"0x{code:08X}")
+        self.code = code
+
+
+class Firmware:
+    """Objects, power states and the three cyclic synchronous modes.
+
+    csp  the control of the machine file, on the target position; the velocity offset is its set velocity, and the set
+         acceleration is 0: what needs it comes as torque offset, behind the limit of the control
+    csv  its velocity loop alone (a cascade with Kv = 0); other laws have none, and the mode is not supported
+    cst  the torque straight to the axis, limited by 0x6072; velocity and travel are watched by the limits of the guard
+
+    A target position is reached on a straight line over one bus cycle.  A quick stop brakes the control's setpoint by
+    0x6085 and then switches off; a fault takes the force away at once.
+    """
+
+    def __init__(self, axis: DrivenAxis, scaling: DriveScaling, cycle_time: float) -> None:
+        """`cycle_time` in s. Raises ParameterError if it is no whole multiple of the sample time."""
+        self.axis, self.scaling = axis, scaling
+        self.T = float(axis.loop.sample_time)
+        self.samples = round(cycle_time / self.T)
+        if self.samples < 1 or abs(cycle_time / self.T - self.samples) > 1e-6:
+            raise ParameterError(
+                f"cycle_time = {1e6 * cycle_time:g} us must be a whole multiple of the sample time of the machine, "
+                f"{1e6 * self.T:g} us"
+            )
+        self.cycle_time = self.samples * self.T
+        self.state = PowerState.SWITCH_ON_DISABLED
+        self.cycles = 0
+        self._control_before = 0
+        self._target: float | None = None  # m, where the last straight line ended
+        self._braking: tuple[float, float] | None = None  # set position and velocity of a quick stop
+        self._still = 0.0  # s since its ramp ended
+        self.values = self._beginning()
+        self._shares = np.arange(1, self.samples + 1) / self.samples
+        self._show(axis.last.position, axis.last.second, 0.0, 0)
+
+    def _beginning(self) -> dict[str, int]:
+        scaling, guard = self.scaling, self.axis.loop.control.guard
+        velocity = self.axis.has_velocity_loop
+        cycle_value, cycle_exponent = interpolation_time(self.cycle_time)
+        values = dict.fromkeys(OBJECTS, 0)
+        window = None if guard is None or guard.following_error_limit is None else guard.following_error_limit
+        values |= {
+            "device_type": 0x00020192, "vendor": VENDOR, "product": PRODUCT, "revision": REVISION, "serial": 1,
+            "quick_stop_option": 2, "max_torque": 0xFFFF, "rated_torque": scaling.rated_milli,
+            "following_error_window": _NO_WINDOW if window is None else scaling.increments(window),
+            "position_least": -(1 << 31), "position_most": (1 << 31) - 1,
+            "quick_stop_deceleration": min(scaling.increments(5.0), _NO_WINDOW),
+            "supported_modes": 1 << (CSP - 1) | 1 << (CST - 1) | (1 << (CSV - 1) if velocity else 0),
+            "cycle_value": cycle_value, "cycle_exponent": cycle_exponent,
+        }  # fmt: skip
+        if scaling.turns:
+            assert scaling.counts_per_turn is not None
+            values |= {"encoder_increments": round(scaling.counts_per_turn), "encoder_turns": 1}
+            turns = round(1000 * scaling.gear)
+            values |= {"gear_motor_turns": turns, "gear_shaft_turns": 1000}
+            values |= {"feed_constant": round(scaling.counts_per_turn * scaling.gear), "feed_shaft_turns": 1}
+        return values
+
+    def has(self, name: str) -> bool:
+        """Whether this drive has the object."""
+        if name == "second_position":
+            return self.axis.encoders == 2
+        if OBJECTS[name].index in (0x608F, 0x6091, 0x6092):
+            return self.scaling.turns
+        return name in OBJECTS
+
+    def read(self, index: int, subindex: int) -> bytes:
+        """The content of an object. Raises SdoAbortError."""
+        if (index, subindex) == DEVICE_NAME:
+            return VIRTUAL.encode()
+        found = AT.get((index, subindex))
+        same = [each for each in AT.values() if each.index == index and self.has(each.name)]
+        if found is None or not self.has(found.name):
+            if subindex == 0 and same:
+                return bytes([max(each.subindex for each in same)])
+            raise SdoAbortError(NO_SUBINDEX if same else NO_OBJECT)
+        return found.encode(self.values[found.name])
+
+    def write(self, index: int, subindex: int, content: bytes) -> None:
+        """Change an object. Raises SdoAbortError."""
+        found = AT.get((index, subindex))
+        if found is None or not self.has(found.name):
+            raise SdoAbortError(NO_OBJECT)
+        if found.name not in _WRITABLE:
+            raise SdoAbortError(READ_ONLY)
+        if len(content) != found.bits // 8:
+            raise SdoAbortError(WRONG_LENGTH)
+        value = found.decode(content)
+        if found.name == "mode" and value and not (value > 0 and self.values["supported_modes"] >> (value - 1) & 1):
+            raise SdoAbortError(TOO_LARGE)
+        expected = (self.values["cycle_exponent"], value) == interpolation_time(self.cycle_time)[::-1]
+        if found.name == "cycle_value" and not expected:
+            raise SdoAbortError(TOO_LARGE)
+        self.values[found.name] = value
+
+    def take(self, sent: Mapping[str, int]) -> None:
+        """The process data of a cycle."""
+        self.values.update(sent)
+
+    def lost(self) -> None:
+        """The bus stopped: an enabled drive goes into fault."""
+        if self.state in (PowerState.ENABLED, PowerState.QUICK_STOP):
+            self._fault(0x7500)
+
+    def cycle(self) -> None:
+        """One bus cycle with the values that were taken last."""
+        values = self.values
+        control, before = values["controlword"], self.state
+        self.state = answer(before, control, self._control_before)
+        self._control_before = control
+        if before is PowerState.FAULT and self.state is not before:
+            values["error_code"] = 0
+        mode = values["mode"]
+        if mode > 0 and values["supported_modes"] >> (mode - 1) & 1:
+            values["mode_display"] = mode
+        if self.state is PowerState.QUICK_STOP and before is not PowerState.QUICK_STOP:
+            self._begin_braking()
+        if self.state is PowerState.QUICK_STOP:
+            error = self._brake()
+        elif self.state is PowerState.ENABLED:
+            error = self._obey(values["mode_display"], fresh=before is not PowerState.ENABLED)
+        else:
+            error = self._rest()
+        self.cycles += 1
+        if error:
+            self._fault(error)
+        values["statusword"] = self._status()
+
+    def _fault(self, code: int) -> None:
+        self.state = PowerState.FAULT
+        self.values["error_code"] = code
+        self.values["statusword"] = self._status()
+
+    def _status(self) -> int:
+        status = self.state.status | 1 << 9  # remote
+        if self.state is PowerState.ENABLED:
+            status |= 1 << 12  # the drive follows the command
+        return status
+
+    def _rest(self) -> int:
+        """Switched off: friction alone brakes."""
+        self._target = None
+        before = self.axis.last.position
+        self.axis.push(0.0, self.samples)
+        self._show(
+            self.axis.last.position, self.axis.last.second, (self.axis.last.position - before) / self.cycle_time, 0
+        )
+        return 0
+
+    def _obey(self, mode: int, *, fresh: bool) -> int:
+        values, scaling = self.values, self.scaling
+        if mode == CST:
+            self._target = None
+            return self._push(values["target_torque"] + values["torque_offset"])
+        offset = values["torque_offset"] * scaling.newton
+        if mode == CSV and self.axis.has_velocity_loop:
+            self._target = None
+            velocity = (values["target_velocity"] + values["velocity_offset"]) * scaling.metre
+            here = np.full(self.samples, self.axis.last.position)
+            return self._moved(here, velocity, offset, enable=True, alone=True)
+        if mode != CSP:
+            return self._moved(np.full(self.samples, self.axis.last.position), 0.0, 0.0, enable=True)
+        counts = values["target_position"]
+        if not values["position_least"] <= counts <= values["position_most"]:
+            return 0x8612
+        target = counts * scaling.metre
+        begin = target if fresh or self._target is None else self._target
+        line = np.full(self.samples, target) if begin == target else begin + self._shares * (target - begin)
+        line[-1] = target  # not what rounding makes of it
+        self._target = target
+        error = self._moved(line, values["velocity_offset"] * scaling.metre, offset, enable=True)
+        far = abs(counts - values["position"])
+        window = values["following_error_window"]
+        values["following_error"] = _within("following_error", counts - values["position"])
+        return error or (0x8611 if window != _NO_WINDOW and far > window else 0)
+
+    def _push(self, per_mille: int) -> int:
+        most = self.values["max_torque"]
+        limited = max(-most, min(most, per_mille)) * self.scaling.newton
+        limit = self.axis.loop.control.force_limit
+        if limit is not None:
+            limited = max(-float(limit), min(float(limit), limited))
+        before = self.axis.last.position
+        self.axis.push(limited, self.samples)
+        guard, here = self.axis.loop.control.guard, self.axis.last.position
+        speed = (here - before) / self.cycle_time
+        self._show(here, self.axis.last.second, speed, round(limited / self.scaling.newton))
+        if guard is None or math.isnan(here):
+            return 0x7305 if math.isnan(here) else 0
+        if guard.velocity_limit is not None and abs(speed) > guard.velocity_limit:
+            return 0x8400
+        low = guard.travel_least is not None and here < guard.travel_least
+        return 0x8612 if low or (guard.travel_most is not None and here > guard.travel_most) else 0
+
+    def _begin_braking(self) -> None:
+        """From the setpoint where there is one, else from where the axis is and how fast it goes."""
+        velocity = self.values["velocity"] * self.scaling.metre
+        at = self.axis.last.position if self._target is None else self._target
+        self._braking, self._still, self._target = (at, velocity), 0.0, None
+
+    def _brake(self) -> int:
+        assert self._braking is not None
+        position, velocity = self._braking
+        step = max(1, self.values["quick_stop_deceleration"]) * self.scaling.metre * self.T
+        line, speeds = np.empty(self.samples), np.empty(self.samples)
+        for k in range(self.samples):
+            after = math.copysign(max(0.0, abs(velocity) - step), velocity)
+            position += 0.5 * (velocity + after) * self.T
+            velocity = after
+            line[k], speeds[k] = position, velocity
+        self._braking = position, velocity
+        error = self._moved(line, speeds, 0.0, enable=True)
+        self._still += self.cycle_time if velocity == 0.0 else 0.0
+        if self._still >= _STANDSTILL and self.values["quick_stop_option"] < 5:
+            self.state = PowerState.SWITCH_ON_DISABLED
+        return error
+
+    def _moved(
+        self, line: np.ndarray, velocity: float | np.ndarray, added: float, *, enable: bool, alone: bool = False
+    ) -> int:
+        """Under the control; the error code of its guard, 0 without a trip."""
+        before = self.axis.last.position
+        found = self.axis.follow(line, np.broadcast_to(velocity, line.size), added, enable, alone)
+        speed = (found.position - before) / self.cycle_time
+        if not math.isfinite(found.position) or not math.isfinite(found.force):
+            return 0x7305 if not math.isfinite(found.position) else 0xFF01
+        self._show(found.position, found.second, speed, round(found.force / self.scaling.newton))
+        return _TRIPPED.get(found.trip, 0)
+
+    def _show(self, position: float, second: float, speed: float, per_mille: int) -> None:
+        metre = self.scaling.metre
+        shown = {"position": round(position / metre), "second_position": round(second / metre),
+                 "velocity": round(speed / metre), "torque": per_mille}  # fmt: skip
+        for name, value in shown.items():
+            self.values[name] = _within(name, value)
+        self.values["statusword"] = self._status()
+
+
+def _within(name: str, value: int) -> int:
+    """Clipped to what the object can hold."""
+    least, most = OBJECTS[name].bounds()
+    return max(least, min(most, value))

@@ -1,0 +1,122 @@
+"""A certificate: the document, and its figures and pictures computed from nothing else."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from feeddrive.certificate import check
+from feeddrive.certificate.responses import LoopResponse, matrices
+from feeddrive.language.errors import NotCertifiedError
+from feeddrive.language.table import Result, Table
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Certificate(Result):
+    """What was proven of a control for a list of plants; `document` holds all of it, in plain values.
+
+    Made by `certify` or read from a file, which both let the checker pass over it first.
+    """
+
+    document: Mapping[str, Any]
+
+    @classmethod
+    def of(cls, content: Mapping[str, Any]) -> Certificate:
+        """With the digest of its content."""
+        plain = json.loads(json.dumps(content))
+        return cls({**plain, "sha256": check.digest(plain)})
+
+    def text(self) -> str:
+        """The JSON text; `python -m feeddrive.certificate.check FILE` checks it."""
+        return json.dumps(self.document, indent=1, ensure_ascii=False) + "\n"
+
+    def verify(self) -> tuple[str, ...]:
+        """The checker's sentences, one a plant. Raises NotCertifiedError if it refuses."""
+        try:
+            return tuple(check.verified(self.document))
+        except check.RefusedError as error:
+            raise NotCertifiedError(f"not certified: {error}") from None
+
+    @property
+    def sample_time(self) -> float:
+        """s."""
+        return float.fromhex(self.document["sample_time_s"])
+
+    @property
+    def arithmetic(self) -> str:
+        """Of the coefficients."""
+        return self.document["arithmetic"]
+
+    @property
+    def outside(self) -> tuple[str, ...]:
+        """What it does not cover."""
+        return tuple(self.document["outside"])
+
+    @cached_property
+    def loops(self) -> dict[str, LoopResponse]:
+        """Control and plant by name of the plant, for responses and pictures."""
+        T, control = self.sample_time, self.document["control"]
+        readings = control["readings"]
+        own = matrices(control, readings, ["force"], T)
+        return {
+            each["name"]: LoopResponse(own, matrices(each["model"], ["cut"], readings, T), each["radius"])
+            for each in self.document["plants"]
+        }
+
+    @property
+    def reserve(self) -> float | None:
+        """By which factor the discs of the nearest plant could be wider; None if all are points."""
+        return min((each["reserve"] for each in self.document["plants"] if each["reserve"] is not None), default=None)
+
+    def sentence(self) -> str:
+        """The result in words."""
+        plants = self.document["plants"]
+        count = "1 plant" if len(plants) == 1 else f"{len(plants)} plants"
+        room = ""
+        if self.reserve is not None:
+            least = min((each for each in plants if each["reserve"] is not None), key=lambda each: each["reserve"])
+            room = (
+                f"; the discs could be {self.reserve:.4g} times as wide, '{least['name']}' at "
+                f"{least['reserve_at_Hz']:.4g} Hz allows no more"
+            )
+        return f"stable for {count} and everything in their discs, with {self.arithmetic} coefficients{room}"
+
+    def table(self) -> Table:
+        """One row a plant."""
+        rows: list[list[str]] = []
+        for each in self.document["plants"]:
+            r = [x for band in each["radius"] for x in band["r"]]
+            loop = self.loops[each["name"]]
+            f = loop.lines()
+            gains = loop.gains(f).sum(axis=0)
+            peak = float(np.max(np.abs(gains) / np.abs(1.0 + gains)))
+            rows.append([
+                each["name"], f"{min(r):.4g} .. {max(r):.4g}" if min(r) < max(r) else f"{r[0]:.4g}", f"{peak:.4g}",
+                "-" if each["reserve"] is None else f"{each['reserve']:.4g}", f"{each['reserve_at_Hz']:.4g}",
+                f"{loop.growth:.6f}", str(sum(len(lines) for lines in each["lines"])),
+            ])  # fmt: skip
+        heads = ["plant", "r", "max |L/(1+L)|", "wider by", "at Hz", "max |z|", "lines"]
+        return Table(self.sentence(), heads, rows)
+
+    def plot(self) -> Any:
+        """|1 + L|/|L| and the radius over frequency for each plant, as a matplotlib figure."""
+        from feeddrive import plot
+
+        return plot.certificate(self)
+
+    def to_pandas(self) -> Any:
+        """A DataFrame with one row a plant: reserve, its frequency, largest pole."""
+        from feeddrive.plot import frames
+
+        plants = self.document["plants"]
+        columns = {
+            "reserve": [np.nan if each["reserve"] is None else each["reserve"] for each in plants],
+            "frequency": [each["reserve_at_Hz"] for each in plants],
+            "largest_pole": [self.loops[each["name"]].growth for each in plants],
+        }
+        return frames.frame([each["name"] for each in plants], columns, "plant")

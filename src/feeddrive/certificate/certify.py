@@ -1,0 +1,209 @@
+"""From a control and plants to a certificate, or the reason why there is none."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from feeddrive.certificate import check
+from feeddrive.certificate.certificate import Certificate
+from feeddrive.certificate.deployed import Deployed, deployed
+from feeddrive.certificate.discs import Radius, deviations, given, measured, together
+from feeddrive.certificate.plants import NominalPlant, measured_plant, modelled_plant
+from feeddrive.certificate.responses import LoopResponse
+from feeddrive.certificate.words import ASSUMED, BETWEEN, CLAIM, NOT_CHECKED, OUTSIDE, THEOREM, refusal
+from feeddrive.language import tree
+from feeddrive.language.errors import NotCertifiedError, ParameterError
+from feeddrive.loop.axis import Axis
+from feeddrive.loop.control import Control
+from feeddrive.loop.frequency_response import FRF
+from feeddrive.loop.linearize import StateSpace
+from feeddrive.loop.loop import Loop
+
+PlantLike = Loop | Axis | FRF | Sequence[Loop | Axis | FRF]
+_MODEL, _LEAST, _BEYOND = 0.2, 0.05, 1.0
+_MOST = 1e6  # a reserve beyond which it is no figure
+_ROUNDS = 4
+
+
+def certify(
+    loop: Loop | Control,
+    plants: Mapping[str, PlantLike] | None = None,
+    *,
+    sample_time: float | None = None,
+    radius: Radius | None = None,
+    beyond: float = _BEYOND,
+    arithmetic: str = "float64",
+    confidence: float = 0.95,
+    velocity: float = 0.05,
+    machine: Mapping[str, str] | None = None,
+) -> Certificate:
+    """Proves a control, as it will run, for a list of plants with a disc |dP/P| <= r(f) around each.
+
+        nominal stability, and |1 + L| > r|L| at all frequencies up to half the sample rate;
+        with two encoders measured apart: |1 + L| > r₁|C₁P₁| + r₂|C₂P₂|
+
+    The proof is that of `check.py`, in exact integer arithmetic, and what is returned has passed it.
+
+    loop         the loop whose control is certified, or a control with `sample_time` in s
+    plants       by name: a loop or an axis (a model), a response in m/N (a model is fitted to its lines), or a row of
+                 them: (axis, response), (response of the load, of the motor), (axis, load, motor).
+                 None: the loop's own axis
+    radius       r of models: a number, or points (Hz, r); 0.2 if nothing is said.  For measured plants r follows from
+                 lines and variances, and this is the least that it may be; 0.05 if nothing is said
+    beyond       least r above the last measured line
+    arithmetic   of the coefficients: float64, float32, or fixedN with N binary places
+    confidence   that the responses at all measured lines together lie in their discs
+    velocity     m/s at which the axes move: their friction is its slope there
+    machine      what the certificate says of its source: name, file, sha256
+
+    Raises NotCertifiedError, with frequency and amount, where it cannot be proven, ParameterError for what makes no
+    sense, NotIdentifiableError for a response that no model fits.
+    Source: Doyle, Francis & Tannenbaum 1992, chapter 4 (robust stability); Rouché's theorem.
+    """
+    control = loop.control if isinstance(loop, Loop) else loop
+    T = float(loop.sample_time) if isinstance(loop, Loop) else sample_time
+    if T is None or not (math.isfinite(T) and 0.0 < T < 10.0):
+        raise ParameterError("a control alone needs its sample_time, in s, above 0")
+    if not 0.0 < confidence < 1.0 - 1e-9:
+        raise ParameterError(f"confidence = {confidence:g} must lie between 0 and 1; 0.95 is 95 %")
+    if not (math.isfinite(beyond) and beyond >= 0.0):
+        raise ParameterError(f"beyond = {beyond:g}, the radius above the last line, must be a finite number >= 0")
+    if not math.isfinite(velocity):
+        raise ParameterError(f"velocity = {velocity:g} m/s, at which the axes move, must be a finite number")
+    if plants is None:
+        if not isinstance(loop, Loop):
+            raise ParameterError("a control alone has no plant: give `plants`")
+        plants = {"model": loop}
+    if not plants:
+        raise ParameterError("there is no plant to certify for")
+    made = deployed(control, T, arithmetic, velocity)
+    nominal = [_plant(name, each, control, T, made.model.inputs, velocity) for name, each in plants.items()]
+    sure = deviations(sum(lines.frequency.size for each in nominal for lines in each.lines), confidence)
+    rows = [_certified(made, each, radius, beyond, sure) for each in nominal]
+    document: dict[str, Any] = {
+        "format": check.FORMAT,
+        "version": check.VERSION,
+        "claim": CLAIM,
+        "theorem": THEOREM,
+        "assumed": [*ASSUMED, *([BETWEEN] if any(each.lines for each in nominal) else [])],
+        "outside": OUTSIDE,
+        "not_checked": NOT_CHECKED,
+        "machine": dict(machine or {}),
+        "sample_time_s": T.hex(),
+        "sample_time_ms": 1e3 * T,
+        "arithmetic": arithmetic,
+        "confidence": confidence,
+        "control": {
+            "law": control.law.kind,
+            "parameters": {name: float(value) for name, value in tree.leaves(control)},
+            "units": {name: tree.declaration(control, name).unit for name, _ in tree.leaves(control)},
+            "readings": list(made.model.inputs),
+            **_held(made.model),
+        },
+        "numbers": {name: value.hex() for name, value in made.numbers.items()},
+        "plants": rows,
+    }
+    found = Certificate.of(document)
+    try:
+        check.verified(found.document)
+    except check.RefusedError as error:
+        raise NotCertifiedError(f"not certified: {error}") from None
+    return found
+
+
+def _plant(
+    name: str, each: PlantLike, control: Control, T: float, readings: Sequence[str], velocity: float
+) -> NominalPlant:
+    """A plant of the list, by what was given for it."""
+    parts = each if isinstance(each, Sequence) else (each,)
+    loops = [part for part in parts if isinstance(part, Loop)]
+    axes = [part.axis if isinstance(part, Loop) else part for part in parts if isinstance(part, (Loop, Axis))]
+    responses = [part for part in parts if isinstance(part, FRF)]
+    if len(axes) > 1 or len(responses) > 2 or not parts or len(axes) + len(responses) != len(parts):
+        raise ParameterError(f"'{name}' is neither a loop, an axis nor one or two responses in m/N")
+    for other in loops:
+        if abs(float(other.sample_time) / T - 1.0) > 1e-9:
+            raise ParameterError(f"'{name}' is sampled every {1e3 * float(other.sample_time):g} ms, not {1e3 * T:g} ms")
+    for response in responses:
+        if response.sample_time is not None and abs(response.sample_time / T - 1.0) > 1e-6:
+            raise ParameterError(
+                f"'{name}' was measured every {1e3 * response.sample_time:g} ms, and the control runs every "
+                f"{1e3 * T:g} ms: a sampled response holds for its own sample time"
+            )
+    axis = axes[0] if axes else None
+    if responses:
+        return measured_plant(name, responses, axis, control, T, readings, velocity)
+    assert axis is not None
+    return modelled_plant(name, axis, control, T, readings, velocity)
+
+
+def _certified(
+    made: Deployed, plant: NominalPlant, radius: Radius | None, beyond: float, sure: float
+) -> dict[str, Any]:
+    """A plant as it stands in the certificate, with its reserve. Raises NotCertifiedError."""
+    T = made.model.sample_time
+    nyquist = 0.5 / T
+    if plant.lines:
+        if radius is not None and not isinstance(radius, (int, float)):
+            raise ParameterError("for measured plants the radius is one number, the least; the lines say the rest")
+        steps = measured(plant, sure, _LEAST if radius is None else float(radius), beyond, nyquist)
+        if len(steps) == 1 and len(plant.model.outputs) > 1 and not _same(plant.model):
+            raise ParameterError(f"'{plant.name}': one measured response for two readings that differ")
+    else:
+        steps = [given(_MODEL if radius is None else radius, nyquist)]
+    loop = LoopResponse(made.model, plant.model, together(steps))
+    if loop.growth >= 1.0:
+        raise NotCertifiedError(refusal(made, plant, loop, None))
+    reserve, place = loop.reserve()
+    discs = "each" if len(steps) > 1 or len(plant.model.outputs) == 1 else "one"
+    row: dict[str, Any] = {
+        "name": plant.name,
+        "source": plant.source,
+        "dead_time_s": plant.dead_time,
+        "model": _held(plant.model),
+        "discs": discs,
+        "radius": loop.bands,
+        "lines": [
+            [
+                [float(f), float(g.real), float(g.imag), float(v)]
+                for f, g, v in zip(lines.frequency, lines.response, lines.variance, strict=True)
+            ]
+            for lines in plant.lines
+        ],
+        "reserve": reserve,
+        "reserve_at_Hz": place,
+    }
+    also: list[float] = []
+    for _ in range(_ROUNDS):
+        if reserve <= 1.0:
+            raise NotCertifiedError(refusal(made, plant, loop, place))
+        row["reserve"], row["reserve_at_Hz"] = (reserve, place) if reserve < _MOST else (None, place)
+        try:
+            check.proven(_exact(made.model), row, T)
+            return row
+        except check.RefusedError as error:
+            if error.frequency is None or error.frequency <= 0.0:
+                raise NotCertifiedError(f"not certified: '{plant.name}': {error}") from None
+            also.append(error.frequency)  # a peak between the lines of the search
+            reserve, place = loop.reserve(also)
+    raise NotCertifiedError(refusal(made, plant, loop, also[-1]))
+
+
+def _same(model: StateSpace) -> bool:
+    return bool(np.all(model.C[0] == model.C[-1]))
+
+
+def _held(model: StateSpace) -> dict[str, Any]:
+    """The matrices in hexadecimal, so that no digit is lost, and the names of the states."""
+    found: dict[str, Any] = {"states": list(model.states)}
+    for name in ("A", "B", "C", "D"):
+        found[name] = [[float(x).hex() for x in line] for line in getattr(model, name)]
+    return found
+
+
+def _exact(model: StateSpace) -> Any:
+    return check.polynomials(check.system(_held(model), "control"))

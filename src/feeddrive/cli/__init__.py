@@ -1,0 +1,52 @@
+"""The command line: `feeddrive`.
+
+Every error a user can cause ends in one line on the error stream and an exit code that is not 0:
+2 for what was given (a file, a key, a value), 1 for what came out (a loop that diverges, a motion that was aborted),
+130 for Ctrl-C.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from typing import NoReturn
+
+from feeddrive.language.errors import AbortedError, DivergedError, FeeddriveError, UnstableError
+
+STOPPED = 130
+
+
+def _stopped() -> NoReturn:
+    sys.stderr.write("feeddrive: stopped; nothing was written\n")
+    sys.exit(STOPPED)
+
+
+def main() -> None:
+    """Run the command line and exit."""
+    # Before numpy is there: its threads share out matrices that are too small for it, and wait longer than they work.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    try:
+        from feeddrive.cli.commands import app
+
+        app()
+    except FeeddriveError as error:
+        sys.stderr.write(f"feeddrive: error: {error}\n")
+        sys.exit(1 if isinstance(error, (AbortedError, DivergedError, UnstableError)) else 2)
+    except MemoryError:
+        sys.stderr.write("feeddrive: error: more memory is needed than there is: shorten the work, or sample slower\n")
+        sys.exit(1)
+    except KeyboardInterrupt:
+        _stopped()
+    except RuntimeError as error:  # Python wraps a Ctrl-C that comes while a class is made
+        if isinstance(error.__cause__, KeyboardInterrupt):
+            _stopped()
+        raise
+    except SystemExit as ended:  # typer turns Ctrl-C within a command into this code, without a word
+        if ended.code == STOPPED:
+            _stopped()
+        raise
+    except BrokenPipeError:
+        sys.exit(141)
+    except OSError as error:
+        sys.stderr.write(f"feeddrive: error: the output cannot be written: {error.strerror}\n")
+        sys.exit(1)

@@ -1,0 +1,201 @@
+"""`feeddrive frf`: a frequency response from one or more logs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+
+from feeddrive.cli.roles import clock, requested, show
+from feeddrive.cli.working import drawn
+from feeddrive.files.columns import unit_of
+from feeddrive.files.guess import guess_roles
+from feeddrive.files.log import read_log
+from feeddrive.files.measured import Log
+from feeddrive.files.messages import nearest
+from feeddrive.files.words import unit_in_name
+from feeddrive.identification.estimate_frf import estimate_frf
+from feeddrive.identification.frequency_estimate import FrequencyEstimate
+from feeddrive.identification.record import Record
+from feeddrive.language import units
+from feeddrive.language.errors import LogError, ParameterError
+from feeddrive.workflow.frf_page import levels, sentences, write_estimates
+
+# names that a column may have for each role, the first that is there is taken
+_INPUT = ("force", "torque", "current", "command", "iq")
+_REFERENCE = ("excitation", "added_force", "reference")
+# of both encoders, the first kind that is there
+_OUTPUTS = (("position_load", "reading_load", "position_motor", "reading_motor"), ("angle_load", "angle_motor"),
+            ("velocity_load", "velocity_motor"), ("speed_load", "speed_motor"))  # fmt: skip
+_ONE_OUTPUT = ("position", "y", "x")
+_SI = ("m", "m/s", "m/s2", "N", "rad", "rad/s", "N m", "A", "V")
+
+
+def perform(
+    logs: Sequence[Path], input_: str | None, outputs: Sequence[str], references: Sequence[str], method: str,
+    band: str | None, period: int | None, skip: int | None, segment: int | None, sample_time: float | None,
+    out: Path | None, channels: Path | None = None, time: str | None = None,
+) -> None:  # fmt: skip
+    """Read, estimate the response of each output, show, write."""
+    console = Console(highlight=False)
+    read = _read(logs, input_ is None and not outputs, channels, time, sample_time, console)
+    inside = frequencies(band)
+    found: list[FrequencyEstimate] = []
+    of_input = input_ or _input(read[0])
+    for output in outputs or _outputs(read[0]):
+        records = [_record(log, of_input, output, references) for log in read]
+        estimate = estimate_frf(
+            records, method=method.replace("-", "_"), band=inside, period=period, skip=skip, segment=segment
+        )
+        found.append(estimate)
+        console.print(drawn(estimate.table()))
+        if estimate.levels:
+            console.print(drawn(levels(estimate)))
+        for sentence in (*sentences(estimate), *estimate.remarks):
+            console.print(f"- {sentence}", markup=False)
+    used = {of_input, *(each.frf.output for each in found), *_references(read[0], references)}
+    for log in read:
+        for remark in log.remarks:
+            if any(f"'{name}'" in remark for name in used):
+                console.print(f"- {log.name}: {remark}", markup=False)
+    doubts = _doubts(read[0], {"input": [of_input], "output": outputs or _outputs(read[0])}, references)
+    for doubt in doubts:
+        console.print(f"- {doubt}", markup=False)
+    facts = {"Logs": ", ".join(str(log) for log in logs), "Input": found[0].frf.input,
+             "Output": ", ".join(each.frf.output for each in found),
+             "Reference": ", ".join(map(_plain, _references(read[0], references))) or "none",
+             "Sample time": f"{1e3 * read[0].sample_time:.6g} ms",
+             **({"In doubt": " ".join(doubts)} if doubts else {})}  # fmt: skip
+    report = write_estimates(found, out or Path("results") / f"frf_{logs[0].name.split('.')[0]}", facts)
+    console.print(f"Report: {report}, response: {report.parent / 'frf.csv'}", markup=False, soft_wrap=True)
+
+
+def _read(
+    logs: Sequence[Path],
+    unnamed: bool,
+    channels: Path | None,
+    time: str | None,
+    sample_time: float | None,
+    console: Console,
+) -> list[Log]:
+    """The logs, with the roles of a TOML file, or, where nothing was named and no name is usual, with guessed ones."""
+    if channels is not None:
+        requests = [requested(channels, log) for log in logs]
+        return [each.read() for each in requests]
+    clocks = [clock(log, time, sample_time) for log in logs]
+    read = [read_log(log, sample_time=step, name=str(log)) for log, step in zip(logs, clocks, strict=True)]
+    usual = {*_INPUT} & {*read[0].channels} and {*_ONE_OUTPUT, *(n for kind in _OUTPUTS for n in kind)} & {
+        *read[0].channels
+    }
+    if not unnamed or usual:
+        return read
+    guess = guess_roles(read[0])
+    show(guess, logs[0], console)
+    if not guess.mapping:  # all need a factor: the columns as they are, so that what is missing is named among them
+        return read
+    return [
+        read_log(log, guess.mapping, sample_time=step, name=str(log)) for log, step in zip(logs, clocks, strict=True)
+    ]
+
+
+def frequencies(band: str | None) -> tuple[float, float] | None:
+    """`5..500` as two numbers. Raises ParameterError for anything else."""
+    if band is None:
+        return None
+    parts = band.split("..")
+    try:
+        low, high = (float(part) for part in parts)
+    except ValueError:
+        raise ParameterError(f"band '{band}' must be two frequencies in Hz, as 5..500") from None
+    return low, high
+
+
+def _record(log: Log, of_input: str, of_output: str, references: Sequence[str]) -> Record:
+    """The channels of a log by name, in SI as far as their units are known."""
+    force, unit_in = _values(log, of_input)
+    position, unit_out = _values(log, of_output)
+    return Record(
+        input=force, output=position, references=tuple(_values(log, name)[0] for name in _references(log, references)),
+        sample_time=log.sample_time, input_name=_plain(of_input), output_name=_plain(of_output),
+        unit=f"{unit_out}/{unit_in}" if unit_in and unit_out else "", name=log.name,
+    )  # fmt: skip
+
+
+def _input(log: Log) -> str:
+    """The column that is named like an input."""
+    return next((name for name in _INPUT if name in log.channels), None) or _missing(log, "input", _INPUT[0])
+
+
+def _outputs(log: Log) -> list[str]:
+    """The columns that are named like an encoder: that of the load, that of the motor, or one position."""
+    kinds = [[name for name in kind if name in log.channels] for kind in _OUTPUTS]
+    both = next((kind for kind in kinds if kind), [])
+    one = [name for name in _ONE_OUTPUT if name in log.channels]
+    return both or one[:1] or [_missing(log, "output", _OUTPUTS[0][0])]
+
+
+def _references(log: Log, told: Sequence[str]) -> list[str]:
+    """What was added to the loop, by name; one that is named so if nothing is told."""
+    named = [*told] or [name for name in _REFERENCE if name in log.channels][:1]
+    return [name for name in named if name != "none"]
+
+
+def _doubts(log: Log, columns: Mapping[str, Sequence[str]], references: Sequence[str]) -> list[str]:
+    """What was not said and matters, in sentences: a reference, and the units of input and output."""
+    said: list[str] = []
+    for option, names in columns.items():
+        said += [
+            f"No unit of '{_plain(name)}' is known, so that the response is in its numbers: name it, as "
+            f"--{option} {_plain(name)}:{'N' if option == 'input' else 'mm'}."
+            for name in names
+            if not _values(log, name)[1]
+        ]
+    if not _references(log, references):
+        said.append("No reference was given: if the loop was closed, name what was added to it with --reference.")
+    return said
+
+
+def _missing(log: Log, role: str, usual: str) -> str:
+    raise LogError(
+        f"{log.name}: has no column that is named like an {role}{nearest(usual, log.channels)}: name it with --{role}"
+    )
+
+
+def _plain(name: str) -> str:
+    return _parts(name)[0]
+
+
+def _values(log: Log, named: str) -> tuple[np.ndarray, str]:
+    """A channel, `name`, `name:unit`, `name*factor` or `name*factor:unit`, and its unit in SI."""
+    name, factor, stated = _parts(named)
+    if name not in log.channels:
+        raise LogError(f"{log.name}: there is no column '{name}'{nearest(name, log.channels)}")
+    unit = _known(named, stated) if stated else log.units.get(name, "") or unit_in_name(name)
+    for si in _SI:
+        try:
+            return log[name] * (factor * units.factor(unit, si)), si
+        except ParameterError:
+            continue
+    return log[name] * factor, unit
+
+
+def _known(named: str, unit: str) -> str:
+    """A unit of the command line as `language.units` writes it. Raises ParameterError for one that is none."""
+    found = unit_of(unit)
+    if found is None:
+        raise ParameterError(f"'{named}': the unit '{unit}' is not known; give one as mm, N, Nm, A, mdeg or rad")
+    return found
+
+
+def _parts(named: str) -> tuple[str, float, str]:
+    """Name, factor and unit of `theta*-1:rad`. Raises ParameterError for a factor that is no number."""
+    name, _, unit = named.partition(":")
+    plain, star, number = name.partition("*")
+    if not star:
+        return name, 1.0, unit
+    try:
+        return plain, float(number), unit
+    except ValueError:
+        raise ParameterError(f"'{named}': the factor after * must be a number, as in theta*-1:rad") from None

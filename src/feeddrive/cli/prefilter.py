@@ -1,0 +1,133 @@
+"""`feeddrive prefilter`: from a log of reference and position to the section of a machine file."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+
+from rich.console import Console
+
+from feeddrive.blocks.families import Reference
+from feeddrive.blocks.prefilter.trajectory_prefilter import TrajectoryPrefilter
+from feeddrive.cli.working import drawn
+from feeddrive.files.blocks_to_toml import to_toml
+from feeddrive.files.job import read_job
+from feeddrive.files.log import read_log
+from feeddrive.files.machine import read_machine
+from feeddrive.files.messages import nearest
+from feeddrive.files.whole import write_whole
+from feeddrive.language.errors import LogError, ParameterError
+from feeddrive.loop.loop import Loop
+from feeddrive.tuning.trajectory_prefilter import REGRESSORS, PrefilterFit, fit_prefilter_to_log
+
+# names that a column may have for each role, the first that is there is taken; those of our own runs among them
+USUAL: Mapping[str, tuple[str, ...]] = {
+    "setpoint_position": ("setpoint_position", "set_position", "reference", "x_set", "xr"),
+    "position_load": ("position_load", "reading_load", "position", "x", "y"),
+    "force": ("force",),
+}
+
+
+def perform(
+    log: Path,
+    regressors: str,
+    controller: str | None,
+    axis: str | None,
+    job: str | None,
+    columns: Mapping[str, str | None],
+    out: Path | None,
+) -> None:
+    """Fit, show the parameters with their standard errors and the section to paste, and write it if asked."""
+    loop, name = _loop(controller, axis)
+    fit = _fit(log, _chosen(regressors), loop, _reference(job), columns)
+    text = to_toml(fit.prefilter, f"axis.{name}.control.prefilter")
+    console = Console(highlight=False)
+    console.print(drawn(fit.table()))
+    if job is None:
+        console.print("- Derivatives are central differences of the log's set positions, not filtered.", markup=False)
+    else:
+        console.print("- Derivatives are those of the job's reference, exact.", markup=False)
+    if loop is None:
+        console.print(
+            "- Neither the clock nor the force limit of the controller is known: give it with --controller.",
+            markup=False,
+        )
+    console.print("")
+    console.print(text, markup=False, soft_wrap=True)
+    if out is not None:
+        write_whole(out, text)
+        console.print(f"Written: {out}", markup=False, soft_wrap=True)
+
+
+def _fit(
+    log: Path, regressors: list[str], loop: Loop | None, reference: Reference | None, columns: Mapping[str, str | None]
+) -> PrefilterFit:
+    found = read_log(log)
+    names = {role: _column(str(log), role, columns.get(role), found.channels) for role in USUAL}
+    measured = read_log(log, {role: name for role, name in names.items() if name is not None})
+    present = None if loop is None else loop.control.prefilter
+    if present is not None and not isinstance(present, TrajectoryPrefilter):
+        raise ParameterError(
+            f"control.prefilter of the controller is a {present.kind}; the log of a loop without it, or with a "
+            f"trajectory_prefilter, can be used"
+        )
+    return fit_prefilter_to_log(
+        measured.time - measured.time[0],
+        measured["setpoint_position"],
+        measured["position_load"],
+        measured.sample_time,
+        reference=reference,
+        regressors=regressors,
+        present=present,
+        force=measured.channels.get("force"),
+        control=loop,
+        name=str(log),
+    )
+
+
+def _column(log: str, role: str, asked: str | None, there: Iterable[str]) -> str | None:
+    """The column of a role: the one that was named, else one with a usual name, units behind it or not."""
+    if asked is not None:
+        return asked
+    for usual in USUAL[role]:
+        for name in there:
+            if name == usual or (name.startswith(f"{usual}_") and name.removeprefix(f"{usual}_") in _UNITS):
+                return name
+    if role == "force":
+        return None
+    option = "--set-position" if role == "setpoint_position" else "--position"
+    raise LogError(
+        f"{log}: has no column that is named like its {role.replace('_', ' ')}{nearest(USUAL[role][0], there)}: "
+        f"name it with {option}"
+    )
+
+
+_UNITS = ("m", "mm", "um", "nm", "N", "kN")
+
+
+def _loop(controller: str | None, axis: str | None) -> tuple[Loop | None, str]:
+    if controller is None:
+        return None, axis or "x"
+    machine = read_machine(controller)
+    loop = machine.loop(axis)
+    return loop, next(name for name, each in machine.loops.items() if each is loop)
+
+
+def _reference(job: str | None) -> Reference | None:
+    if job is None:
+        return None
+    reference = read_job(job).reference
+    if reference is None:
+        raise ParameterError(f"{job}: has no [reference], only a log: leave out --job, or name the job that was run")
+    return reference
+
+
+def _chosen(regressors: str) -> list[str]:
+    """`v,a,j,s` or whole names."""
+    chosen: list[str] = []
+    for word in (each.strip() for each in regressors.split(",")):
+        name = next((each for each in REGRESSORS if word and each.startswith(word)), None)
+        if name is None:
+            raise ParameterError(f"--regressors: '{word}' is none of v, a, j, s ({', '.join(REGRESSORS)})")
+        chosen.append(name)
+    return chosen

@@ -1,0 +1,239 @@
+"""Where a tuning stands: machines, and measured responses by role, in m/N and checked against common mistakes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from feeddrive.files.frf import read_frfs
+from feeddrive.files.machine import BUNDLED, Machine, read_machine
+from feeddrive.files.messages import nearest
+from feeddrive.identification.two_mass_fit import fit_modal_axis
+from feeddrive.language import units
+from feeddrive.language.errors import FeeddriveError, ParameterError
+from feeddrive.loop.axis import Axis
+from feeddrive.loop.control import Control
+from feeddrive.loop.frequency_response import FRF
+from feeddrive.loop.linearize import linearize
+from feeddrive.loop.loop import Loop
+from feeddrive.tuning.recipes import margin_goals
+from feeddrive.tuning.shaping.control_response import ControlResponse
+from feeddrive.tuning.shaping.site import Site, measured_site
+from feeddrive.tuning.shaping.table_force import READINGS, with_table_force
+
+LOAD = ("reading_load", "position_load", "load")
+MOTOR = ("reading_motor", "position_motor", "motor")
+_BASELINE = "the plant of the baseline"
+_NONE = "none"  # --motor none: the axis has one encoder
+_SIZE = 3.0  # by which a response may differ from the baseline's plant before its unit is doubted
+_BACKWARD = (math.radians(45.0), math.radians(150.0))  # phase of velocity over force that only a wrong sign gives
+_OF_A_FIT = 250  # lines
+_APART = 0.25  # by which motor and load move differently where one encoder is not enough
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """Files of one position and load: of the load, of the motor (or its name, or none), and of the hammer."""
+
+    load: str
+    motor: str | None = None
+    struck: Path | None = None
+    struck_motor: Path | None = None
+
+
+def machine_of(source: str) -> Machine | None:
+    """The machine in a TOML file or bundled under a name; None for a measurement."""
+    given = Path(source)
+    bundled = not given.suffix and not given.exists()
+    if given.suffix.lower() == ".toml" or (bundled and (BUNDLED / "machines" / f"{source}.toml").exists()):
+        return read_machine(source)
+    if bundled:
+        names = [each.stem for each in (BUNDLED / "machines").glob("*.toml")]
+        raise ParameterError(f"{source}: is neither a file nor the name of a bundled machine{nearest(source, names)}")
+    return None
+
+
+def site_of(
+    given: Measurement, name: str, loop: Loop | None, sample_time: float | None, delay: float, unit: str | None
+) -> tuple[Site, list[str]]:
+    """The measured site, and what must be said of it. Raises ParameterError for what does not fit, with what to do."""
+    found = {key: _in_metres(given.load, frf, unit) for key, frf in read_frfs(given.load).items()}
+    load, motor = _roles(given, found, unit)
+    step = sample_time or load.sample_time or (None if loop is None else float(loop.sample_time))
+    if step is None:
+        raise ParameterError(
+            f"{given.load}: does not say with which sample time the control runs: give it with --sample-time, or "
+            f"today's machine with --baseline"
+        )
+    struck = None
+    if given.struck is not None:
+        back = None if given.struck_motor is None else _only(str(given.struck_motor), unit)
+        if motor is not None and back is None:
+            raise ParameterError(
+                "--disturbance with two encoders needs --disturbance-motor: the motor's answer to the hammer"
+            )
+        struck = (_only(str(given.struck), unit), back)
+    for each in (load, motor):
+        if each is not None:
+            _check_sign(given.load, each)
+    site = measured_site(load, motor, disturbance=struck, sample_time=step, delay=delay, name=name)
+    said: list[str] = []
+    if loop is not None:
+        _check_size(given.load, site, loop, stated=bool(load.unit) or unit is not None)
+        if motor is None and given.motor != _NONE:
+            _check_encoders(given.load, loop)
+    if site.at_drive:
+        site, said = _on_the_table(site, loop, load, motor, step)
+    elif loop is not None:
+        site, words = with_table_force(site, loop, _BASELINE)
+        said += [words] if words else []
+    if not load.unit and unit is None:
+        said.append(f"{given.load} does not say its unit: it counts as m/N (--unit)")
+    return site, said
+
+
+def _roles(given: Measurement, found: dict[str, FRF], unit: str | None) -> tuple[FRF, FRF | None]:
+    """Response of the load, and of the motor if there is one: from one file or from two."""
+    by_output = {frf.output: key for key, frf in found.items()}
+    names = {**by_output, **{key: key for key in found}}
+    if given.motor is None and len(found) > 1:
+        motor = next((names[each] for each in MOTOR if each in names), None)
+        load = next((names[each] for each in LOAD if each in names), None)
+        if motor is None or load is None:
+            raise ParameterError(
+                f"{given.load}: holds {len(found)} responses: {', '.join(found)}; say which one is the motor's with "
+                f"--motor NAME (the other one is the table's)"
+            )
+        return found[load], found[motor]
+    if given.motor is not None and given.motor in names:
+        others = [key for key in found if key != names[given.motor]]
+        if len(others) != 1:
+            raise ParameterError(f"{given.load}: beside '{given.motor}' there must be one response, not {len(others)}")
+        return found[others[0]], found[names[given.motor]]
+    if len(found) > 1:
+        raise ParameterError(f"{given.load}: holds {len(found)} responses, {', '.join(found)}: a file for one encoder "
+                             f"must hold one")  # fmt: skip
+    load = next(iter(found.values()))
+    return load, None if given.motor in (None, _NONE) else _only(str(given.motor), unit)
+
+
+def _only(path: str, unit: str | None) -> FRF:
+    found = read_frfs(path)
+    if len(found) != 1:
+        raise ParameterError(f"{path}: holds {len(found)} responses, {', '.join(found)}: one is wanted here")
+    return _in_metres(path, next(iter(found.values())), unit)
+
+
+def _in_metres(path: str, frf: FRF, unit: str | None) -> FRF:
+    """The response in m/N: other units of it are converted, a velocity is integrated."""
+    stated = unit or frf.unit
+    if stated in ("", "m/N"):
+        return frf
+    f = frf.frequency
+    for wanted, factor in (("m/N", 1.0), ("m/s/N", 1.0 / (2j * np.pi * f)), ("m/s2/N", -1.0 / (2.0 * np.pi * f) ** 2)):
+        try:
+            whole = units.factor(stated.replace("(", "").replace(")", ""), wanted) * factor
+        except ParameterError:
+            continue
+        variance = None if frf.variance is None else np.abs(whole) ** 2 * frf.variance
+        return replace(frf, response=whole * frf.response, variance=variance, unit="m/N")
+    raise ParameterError(
+        f"{path}: the response from {frf.input} to {frf.output} is in {stated}: it must be position (m, um, mm), "
+        f"velocity or acceleration over force (N); turn torque into force and angle into travel by the lead first"
+    )
+
+
+def _check_sign(path: str, frf: FRF) -> None:
+    """A force pushes the axis its own way: its velocity lags by 90° for a free mass, by 0° where friction holds it."""
+    lines = slice(0, max(5, frf.frequency.size // 20))
+    turned = np.angle(np.sum(frf.frequency[lines] ** 2 * frf.response[lines] * 1j / frf.frequency[lines]))
+    if _BACKWARD[0] < turned < _BACKWARD[1]:
+        raise ParameterError(
+            f"{path}: the axis moves against the force ({np.degrees(turned):.3g} deg from force to velocity at "
+            f"{frf.frequency[0]:.4g} Hz): the sign of force or position is reversed; multiply the response by -1"
+        )
+
+
+def _check_size(path: str, site: Site, loop: Loop, *, stated: bool) -> None:
+    """A response without a unit that is many times what the baseline's plant gives is in another unit."""
+    model = linearize(loop, ["cut"], READINGS)
+    low = site.frequency <= 3.0 * site.frequency[0]
+    true = model.response(site.frequency[low], READINGS[1], "cut").response
+    ratio = float(np.median(np.abs(site.by_force[1, low] / true)))
+    if not stated and not 1.0 / _SIZE < ratio < _SIZE:
+        guess = {3: "mm/N", 6: "um/N", 9: "nm/N"}.get(round(math.log10(ratio)) if ratio > 0.0 else 0)
+        hint = f", as if it were in {guess}" if guess else ""
+        raise ParameterError(
+            f"{path}: is {ratio:.3g} times what the baseline's plant does at {site.frequency[0]:.4g} Hz{hint}, and it "
+            f"states no unit: say it with --unit (m/N if it is right and the baseline's mass is not)"
+        )
+
+
+def _check_encoders(path: str, loop: Loop) -> None:
+    """One response is not enough for a law that reads both encoders of an axis with a spring between them."""
+    T = float(loop.sample_time)
+    model = linearize(loop, ["cut"], READINGS)
+    lines = np.geomspace(1.0, 0.3 / T, 60)
+    motor, load = (model.response(lines, each, "cut").response for each in READINGS)
+    C = ControlResponse(loop.control, T, ()).at((), lines).value
+    near = np.abs(C[0] * motor + C[1] * load) > 0.3
+    both = bool(np.max(np.abs(C[0])) > 1e-6 * np.max(np.abs(C[1])))
+    if both and np.any(np.abs(motor / load - 1.0)[near] > _APART):
+        raise ParameterError(
+            f"{path}: holds one response, but '{loop.control.law.kind}' reads the encoder of the motor too, and on "
+            f"this axis both differ: give the motor's with --motor FILE (or its name in the file), or "
+            f"--motor none if there is only one encoder"
+        )
+
+
+def _on_the_table(site: Site, loop: Loop | None, load: FRF, motor: FRF | None, step: float) -> tuple[Site, list[str]]:
+    """The site with a force on the table by the baseline's plant, else by a fit of modes to both encoders."""
+    said: list[str] = []
+    if loop is not None:
+        made, words = with_table_force(site, loop, _BASELINE)
+        if not made.at_drive:
+            return made, [words]
+        said.append(words)
+    if motor is None:
+        return site, said
+    try:
+        # what a control reads and commands is sampled and held, also where a file does not say so
+        at_motor, at_load = (replace(_fewer(each), sample_time=step) for each in (motor, load))
+        fit = fit_modal_axis(at_motor, at_load)
+        plant, actuator = fit.blocks()
+        control = Control(law=margin_goals(site).law) if loop is None else loop.control
+        fitted = Loop(control=control, axis=Axis(plant=plant, actuator=actuator), sample_time=step)
+        made, words = with_table_force(site, fitted, f"a fit of {len(getattr(plant, 'modes', ()))} modes", run=False)
+    except FeeddriveError as error:
+        return site, [*said, f"no plant could be fitted for a force on the table: {error}"]
+    return made, [words] if not made.at_drive else [*said, words]
+
+
+def several(first: Measurement, others: Sequence[str], motors: Sequence[str]) -> list[Measurement]:
+    """The first measurement and those at other places; a motor's file stands for one place, a name for all."""
+    named = [each for each in motors if each == _NONE or not Path(each).suffix]
+    if len(motors) > 1 and (named or len(motors) != 1 + len(others)):
+        raise ParameterError(
+            f"--motor was given {len(motors)} times: once for each place, which are {1 + len(others)}, in the order of "
+            f"SOURCE and --at, or once with the name that it has in every file"
+        )
+    if motors and not named and len(motors) != 1 + len(others):
+        raise ParameterError(
+            f"--motor is missing for {len(others)} place(s): give a file for SOURCE and one for each --at, in that "
+            f"order"
+        )
+    each_motor = [*motors] * (1 if len(motors) == 1 + len(others) else 1 + len(others)) if motors else []
+    rest = [Measurement(other, each_motor[i + 1] if each_motor else None) for i, other in enumerate(others)]
+    return [replace(first, motor=each_motor[0] if each_motor else None), *rest]
+
+
+def _fewer(frf: FRF) -> FRF:
+    """The response on lines that a fit of modes takes in a second or two, evenly over ln f."""
+    x = np.log(frf.frequency)
+    kept = np.unique(np.searchsorted(x, np.linspace(x[0], x[-1], _OF_A_FIT)).clip(0, x.size - 1))
+    variance = None if frf.variance is None else frf.variance[kept]
+    return replace(frf, frequency=frf.frequency[kept], response=frf.response[kept], coherence=None, variance=variance)

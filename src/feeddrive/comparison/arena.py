@@ -1,0 +1,330 @@
+"""All laws on one axis: the present gains first, then each law tuned under the same rule, over the same work."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from feeddrive.analysis.opened import Opened, opened
+from feeddrive.analysis.stability import stability
+from feeddrive.blocks.families import Reference
+from feeddrive.comparison.criteria import CRITERIA, beats, ranks
+from feeddrive.comparison.figures import counted, effort_of, linear, recovered, tracked
+from feeddrive.comparison.tuning import Rule, tuned_all
+from feeddrive.comparison.work import Work, work_of
+from feeddrive.files.machine import Machine
+from feeddrive.language.errors import FeeddriveError, ParameterError, UnstableError
+from feeddrive.language.table import Result, Table
+from feeddrive.loop.loop import Loop
+from feeddrive.loop.simulate import Run, simulate
+from feeddrive.tuning.designs import Design, Refusal, designs
+from feeddrive.tuning.trajectory_prefilter import tune_prefilter
+from feeddrive.tuning.tuned import Tuned
+from feeddrive.workflow.comparison import versions
+
+TODAY = "today's gains"
+PLAIN = "P-PI"
+_NOISY = 0.02  # share of the force limit beyond which noise in the force is remarked
+
+
+@dataclass(frozen=True, eq=False)
+class Competitor:
+    """One law: its loop, how it was tuned (None: as it is today), its figures in SI, and its runs.
+
+    `unfit` says why there are no figures: the loop is not stable, or left its bounds.
+    """
+
+    name: str
+    loop: Loop
+    tuned: Tuned | None
+    remark: str
+    figures: Mapping[str, float | None]
+    move: Run | None = None
+    snap: Run | None = None
+    step: Run | None = None
+    model: Opened | None = None
+    unfit: str = ""
+
+    @property
+    def held_by(self) -> str:
+        """The bounds that held its tuning back."""
+        if self.tuned is None:
+            return "not tuned"
+        return ", ".join(name.rpartition(".")[2] for name in self.tuned.active) or "none"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Arena(Result):
+    """All competitors, today's control first, the laws that do not fit, and what must be said.
+
+    `velocity` in m/s is the speed at which margins and stiffness are taken: the axis slides.
+    """
+
+    machine: Machine
+    axis: str
+    work: Work
+    velocity: float
+    seed: int
+    rule: str
+    competitors: tuple[Competitor, ...]
+    refusals: tuple[Refusal, ...]
+    remarks: tuple[str, ...]
+    versions: Mapping[str, str]
+
+    def __getitem__(self, name: str) -> Competitor:
+        found = next((each for each in self.competitors if each.name == name), None)
+        if found is None:
+            raise ParameterError(f"there is no '{name}' here; there are {', '.join(c.name for c in self.competitors)}")
+        return found
+
+    @property
+    def title(self) -> str:
+        """Machine and axis."""
+        return f"{self.machine.name}, axis {self.axis}: all laws at equal robustness"
+
+    def table(self) -> Table:
+        """Robustness, and the most important figures."""
+        keys = ("tracking_error_rms_m", "snap_settling_s", "rope_snap_ISE_root_m_per_N", "force_noise_N")
+        heads = ["law", "Ms", "delay", "RMS um", "snap ms", "ISE^1/2", "noise N", "ops"]
+        rows = []
+        for each in self.competitors:
+            figures = each.figures
+            row = [each.name, shown(figures.get("sensitivity_peak")), shown(figures.get("delay_margin_samples"))]
+            row += [shown(figures.get(key), next(c.factor for c in CRITERIA if c.key == key)) for key in keys]
+            rows.append([*row, shown(figures.get("operations"), digits=4)])
+        return Table(self.title, heads, rows)
+
+    def ranking(self) -> Table:
+        """The place of each law by each criterion."""
+        by = [ranks(criterion, [each.figures for each in self.competitors]) for criterion in CRITERIA]
+        rows = [
+            [each.name, *("-" if places[i] is None else str(places[i]) for places in by)]
+            for i, each in enumerate(self.competitors)
+        ]
+        return Table("Places by criterion, 1 is best", ["law", *(criterion.head for criterion in CRITERIA)], rows)
+
+    def plot(self) -> Any:
+        """Every figure of every law against that of the tuned P-PI, as a matplotlib figure."""
+        from feeddrive.plot.arena import arena
+
+        return arena(self)
+
+    def to_pandas(self) -> Any:
+        """A DataFrame with one row a law, in SI."""
+        from feeddrive.plot import frames
+
+        keys = list(dict.fromkeys(key for each in self.competitors for key in each.figures))
+        names = np.array([each.name for each in self.competitors])
+        return frames.frame(
+            names, {k: np.array([c.figures.get(k) for c in self.competitors], float) for k in keys}, "law"
+        )
+
+
+def shown(value: float | None, factor: float = 1.0, digits: int = 3) -> str:
+    """A figure for a terminal."""
+    if value is None:
+        return "-"
+    return "inf" if np.isinf(value) else f"{factor * value:.{digits}g}"
+
+
+def arena(
+    machine: Machine,
+    axis: str | None = None,
+    *,
+    laws: Sequence[str] | None = None,
+    reference: Reference | None = None,
+    force: float | None = None,
+    sensitivity_peak: float = 2.0,
+    delay_margin_samples: float = 2.0,
+    seed: int = 0,
+    starts: int = 2,
+    workers: int = 1,
+    step: Callable[[str], None] | None = None,
+) -> Arena:
+    """Put all laws on an axis of a machine.
+
+    laws               names of those that are wanted, P-PI always among them; default: all
+    reference, force   the move, and the force in N of rope snap and step; default: from the machine's limits (`Work`)
+    sensitivity_peak, delay_margin_samples   the rule of equal robustness: see `tune`
+    seed               of the encoders' noise, the same for all laws
+    starts             of each search
+    workers            processes that tune side by side; more than 1 only from a program that may be imported anew
+    step(text)         is called before each piece of work; `pieces(...)` says how often
+
+    The present control comes first and is left as it is, unstable or not.  A law that does not fit the axis is refused
+    with the reason.  Raises ParameterError for an axis or a law that is not there.
+    """
+    said = step or (lambda _: None)
+    loop = machine.loop(axis)
+    name = axis if axis is not None else next(iter(machine.loops))
+    work = work_of(loop, reference, force)
+    velocity = _velocity(work, loop)
+    possible, refused = _wanted(loop, laws)
+    rule = Rule(sensitivity_peak, delay_margin_samples, velocity, starts)
+    said(TODAY)
+    competitors = [_judged(TODAY, loop, None, "as in the machine file", work, velocity, seed)]
+    tuned = tuned_all([design for design in possible if not design.like], rule, workers, said)
+    for design in possible:
+        if design.like:
+            said(design.name)
+            tuned[design.name] = _like(design, tuned, work, seed)
+    refusals = [*refused, *(found for found in tuned.values() if isinstance(found, Refusal))]
+    for design in possible:
+        made = tuned[design.name]
+        if isinstance(made, Tuned):
+            competitors.append(_judged(design.name, made.loop, made, design.remark, work, velocity, seed))
+    if all(each.move is None for each in competitors):
+        reasons = "; ".join(f"{each.name}: {each.unfit}" for each in competitors)
+        raise UnstableError(f"{machine.file.name}: axis '{name}': no law can be run on it: {reasons}")
+    rows = tuple(competitors)
+    remarks = (*_robust(rows, sensitivity_peak, delay_margin_samples), *_against(rows), *_noisy(rows), *_unproven(rows))
+    return Arena(machine, name, work, velocity, seed, rule.sentence, rows, tuple(refusals), remarks, versions())
+
+
+def pieces(machine: Machine, axis: str | None, laws: Sequence[str] | None = None) -> int:
+    """How often `arena` calls `step`."""
+    return 1 + len(_wanted(machine.loop(axis), laws)[0])
+
+
+def _wanted(loop: Loop, laws: Sequence[str] | None) -> tuple[tuple[Design, ...], tuple[Refusal, ...]]:
+    """The laws by name, plain P-PI and those whose gains they take over always among them."""
+    possible, refused = designs(loop)
+    if laws is None:
+        return possible, refused
+    names = [each.name for each in (*possible, *refused)]
+    for law in laws:
+        if law not in names:
+            raise ParameterError(f"law '{law}' is not known here; there are: {', '.join(names)}")
+    needed = {PLAIN, *laws, *(each.like for each in possible if each.name in laws)}
+    return (
+        tuple(each for each in possible if each.name in needed),
+        tuple(each for each in refused if each.name in needed),
+    )
+
+
+def _velocity(work: Work, loop: Loop) -> float:
+    """Half of the largest set speed, in m/s; 10 mm/s for a reference that stands still."""
+    t = np.linspace(0.0, work.move.duration, 4001)
+    t = np.unique(np.round(t / loop.sample_time)) * loop.sample_time
+    largest = float(np.max(np.abs(work.move.at(t).velocity)))
+    return 0.5 * largest if largest > 0.0 else 0.01
+
+
+def _like(design: Design, known: Mapping[str, Tuned | Refusal], work: Work, seed: int) -> Tuned | Refusal:
+    """What differs from another design in the setpoint's path only takes over its gains."""
+    made = known.get(design.like)
+    if not isinstance(made, Tuned):
+        return Refusal(design.name, f"it takes over the gains of '{design.like}', which is not on this axis")
+    loop = replace(design.loop, control=replace(design.loop.control, law=made.loop.control.law))
+    try:
+        if design.prefilter:
+            fitted = tune_prefilter(loop, work.move, seed=seed)[-1].prefilter
+            loop = replace(loop, control=replace(loop.control, prefilter=fitted))
+    except FeeddriveError as error:
+        return Refusal(design.name, str(error))
+    return replace(made, loop=loop)
+
+
+def _judged(
+    name: str, loop: Loop, tuned: Tuned | None, remark: str, work: Work, velocity: float, seed: int
+) -> Competitor:
+    """All figures of a law; one that is not stable, or leaves its bounds, keeps its place without them."""
+    verdict = stability(loop, velocity=velocity)
+    if not verdict.stable:
+        return Competitor(name, loop, tuned, remark, effort_of(loop), unfit=verdict.sentence())
+    both, figures = None, dict[str, float | None](effort_of(loop))
+    if loop.control.law.period() == 1:
+        both = opened(loop, velocity=velocity)
+        figures = linear(loop, both)
+    rest = work.begin + work.rest
+    try:
+        move = counted(simulate(loop, work.move, seed=seed, name=name), work)
+        signals = ["tracking_error", "force", "trip"]
+        snap, step = (
+            simulate(loop, work.still(), load=load, duration=rest, seed=seed, record=signals, name=name)
+            for load in (work.snap, work.step)
+        )
+    except FeeddriveError as error:
+        return Competitor(name, loop, tuned, remark, figures, model=both, unfit=str(error))
+    figures |= tracked(move) | recovered(snap, work, "snap") | recovered(step, work, "step")
+    tripped = "; the guard tripped" if any(np.any(run["trip"] > 0.0) for run in (move, snap, step)) else ""
+    return Competitor(name, loop, tuned, remark + tripped, figures, move, snap, step, both)
+
+
+def _robust(rows: tuple[Competitor, ...], peak: float, delay: float) -> list[str]:
+    """What today's gains are worth under the rule."""
+    today = rows[0]
+    if today.unfit:
+        return [f"'{today.name}': {today.unfit}; the row stays without figures."]
+    ms, samples = today.figures.get("sensitivity_peak"), today.figures.get("delay_margin_samples")
+    if ms is None or samples is None:
+        return [f"'{today.name}' repeats itself every {today.loop.control.law.period()} samples: it has no margins."]
+    inside = ms <= peak * 1.0005 and samples >= delay * 0.9995
+    return [
+        f"'{today.name}' have Ms {ms:.3g} and a delay margin of {samples:.3g} samples, "
+        + ("within the rule." if inside else "outside of the rule: their figures are not at equal robustness.")
+    ]
+
+
+def _against(rows: tuple[Competitor, ...]) -> list[str]:
+    """Where each law loses to plain P-PI under the same rule, and where it wins."""
+    plain = next((row for row in rows if row.name == PLAIN and not row.unfit), None)
+    if plain is None:
+        return []
+    said: list[str] = []
+    for row in rows[1:]:
+        if row is plain or row.unfit:
+            continue
+        wins, losses = [], []
+        for criterion in CRITERIA:
+            ours, theirs = row.figures.get(criterion.key), plain.figures.get(criterion.key)
+            if ours is None or theirs is None:
+                continue
+            text = f"{criterion.head} ({_ratio(ours, theirs)})"
+            if beats(criterion, theirs, ours):
+                losses.append(text)
+            elif beats(criterion, ours, theirs):
+                wins.append(text)
+        lost = f"loses to P-PI in {', '.join(losses)}" if losses else "loses to P-PI in nothing"
+        won = f"wins in {', '.join(wins)}" if wins else "wins in nothing"
+        said.append(f"'{row.name}' {lost}; {won}.")
+    return said
+
+
+def _ratio(a: float, b: float) -> str:
+    if np.isinf(a) or np.isinf(b):
+        return "never" if np.isinf(a) else "P-PI never"
+    return f"× {a / b:.3g}" if b else f"{a:.3g} against 0"
+
+
+def _noisy(rows: tuple[Competitor, ...]) -> list[str]:
+    """Whose force is so noisy that nobody would run it, whatever its margins are."""
+    said: list[str] = []
+    for row in rows:
+        limit, noise = row.loop.control.force_limit, row.figures.get("force_noise_N")
+        if limit is not None and noise is not None and noise > _NOISY * limit:
+            said.append(
+                f"'{row.name}': counts and noise of the encoders alone make {noise:.3g} N RMS of force, "
+                f"{100.0 * noise / limit:.3g} % of the limit: a finer encoder, a low-pass or lower gains come first."
+            )
+    return said
+
+
+def _unproven(rows: tuple[Competitor, ...]) -> list[str]:
+    """What of a tuning is not proven."""
+    said: list[str] = []
+    for row in rows:
+        if row.tuned is None:
+            continue
+        open_lines = [f"{line.what} ({line.said})" for line in row.tuned.proof if line.holds is not True]
+        if open_lines:
+            said.append(f"'{row.name}': not proven: {'; '.join(open_lines)}.")
+        if row.tuned.spread > 0.01:
+            said.append(
+                f"'{row.name}': the searches ended up to {100.0 * row.tuned.spread:.3g} % apart; a better setting may "
+                f"exist."
+            )
+    return said

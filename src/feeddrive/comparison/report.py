@@ -1,0 +1,161 @@
+"""The report of the arena: how each law was tuned, figures and places by criterion, and the pictures of a study."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from feeddrive.comparison.arena import TODAY, Arena, Competitor
+from feeddrive.comparison.criteria import CRITERIA, Criterion, ranks
+from feeddrive.language import tree
+from feeddrive.language.table import Table
+from feeddrive.loop.linearize import compliance, tracking
+from feeddrive.report.content import Entry, Extra, Shown, Study
+from feeddrive.report.numbers import number
+from feeddrive.workflow.comparison import LINES, described, sentence
+
+
+def study(found: Arena) -> Study:
+    """What the report is made from."""
+    loop = found.competitors[0].loop
+    work = found.work
+    facts = {
+        "Machine": f"{found.machine.name}, axis {found.axis}",
+        "Source of its numbers": found.machine.source or "not stated",
+        "Sample time": f"{1e3 * loop.sample_time:g} ms, {loop.axis.substeps} substep(s) of exact hold",
+        "Move": f"{sentence(work.move)}; the first {work.skip:g} s do not count",
+        "Rope snap": f"the table pulled back by {work.force:g} N, let go after {work.begin:g} s",
+        "Force step": f"{work.force:g} N switched on after {work.begin:g} s",
+        "Settled": f"what stays within {1e6 * work.near:g} µm until the end, {work.rest:g} s after the force changed",
+        "Noise": f"seed {found.seed}, the same for all laws; in the force: from counts and noise of the encoders",
+        "Linear model": f"sliding at {1e3 * found.velocity:.4g} mm/s",
+    }
+    if found.machine.remark:
+        facts["Remark"] = found.machine.remark
+    return Study(
+        title=found.title,
+        entries=[_entry(found, each) for each in found.competitors if each.move is not None],
+        facts=facts,
+        rule=found.rule,
+        versions=found.versions,
+        notes=found.remarks,
+        extras=(
+            _ranked(found, CRITERIA[:7]),
+            _ranked(found, CRITERIA[7:]),
+            _tuning(found),
+            _knobs(found),
+            *_refused(found),
+        ),
+        pictures=_pictures(found),
+    )
+
+
+def _entry(found: Arena, each: Competitor) -> Entry:
+    """A competitor as a law of a report."""
+    assert each.move is not None
+    loop_gain = track = None
+    period = each.loop.control.law.period()
+    nyquist = 0.5 / (each.loop.sample_time * period)
+    frequency = np.geomspace(min(1.0, 0.01 * nyquist), nyquist, LINES)
+    if each.model is not None:
+        loop_gain = each.model.loop_gain(frequency)
+        track = tracking(each.loop, frequency, velocity=found.velocity)
+    text = described(each.loop.control) + (f" ({each.remark})" if each.remark and each.name != TODAY else "")
+    soft = compliance(each.loop, frequency, velocity=found.velocity)
+    return Entry(each.name, text, each.move, each.loop, loop_gain, soft, track)
+
+
+def _ranked(found: Arena, criteria: tuple[Criterion, ...]) -> Extra:
+    """Figures, each with its place in brackets."""
+    rows = [[each.name] for each in found.competitors]
+    best: list[int | None] = []
+    for criterion in criteria:
+        places = ranks(criterion, [each.figures for each in found.competitors])
+        for row, each, place in zip(rows, found.competitors, places, strict=True):
+            value = each.figures.get(criterion.key)
+            row.append("–" if value is None else f"{figure(value, criterion)} ({place})")
+        best.append(places.index(1) if places.count(1) == 1 else None)
+    heads = ["law", *(f"{criterion.head} {criterion.unit}" for criterion in criteria)]
+    return Extra(Table("Figures, and in brackets the place of the law by this criterion.", heads, rows), best)
+
+
+def figure(value: float, criterion: Criterion) -> str:
+    """A figure in the unit in which it is shown."""
+    if np.isinf(value):
+        return "never" if criterion.unit == "ms" else "∞"
+    return f"{value:.0f}" if criterion.key == "operations" else number(criterion.factor * value)
+
+
+def _tuning(found: Arena) -> Extra:
+    """Robustness, what held the tuning back, and its proof."""
+    rows: list[list[str]] = []
+    for each in found.competitors:
+        figures = [each.figures.get(key) for key in ("sensitivity_peak", "delay_margin_samples", "crossover_Hz")]
+        cells = [each.name, *("∞" if value is not None and np.isinf(value) else number(value) for value in figures)]
+        if each.unfit:
+            rows.append([each.name, *["–"] * 3, each.unfit, "–", "–"])
+        elif each.tuned is None:
+            rows.append([*cells, each.held_by, "–", "–"])
+        else:
+            open_lines = [line.what for line in each.tuned.proof if line.holds is not True]
+            proof = f"not proven: {', '.join(open_lines)}" if open_lines else "holds"
+            rows.append([*cells, each.held_by, str(each.tuned.evaluations), proof])
+    heads = ["law", "Ms", "delay margin samples", "crossover Hz", "held back by", "loops judged", "proof"]
+    title = (
+        f"Robustness: {found.rule}. Proof: poles, margins on dense lines, the rope-snap error by frequency and by a "
+        "run of the loop, and the neighbors of the optimum, all computed anew."
+    )
+    return Extra(Table(title, heads, rows))
+
+
+def _knobs(found: Arena) -> Extra:
+    """The knobs of each law, before and after."""
+    rows = [
+        [each.name, name.removeprefix("control."), number(each.tuned.started[name], 4), number(value, 4), unit]
+        for each in found.competitors
+        if each.tuned is not None
+        for name, value in each.tuned.knobs.items()
+        for unit in [_unit(each.tuned.loop, name)]
+    ]
+    return Extra(
+        Table("Knobs, where the search began and where it ended.", ["law", "knob", "begun at", "tuned", "unit"], rows)
+    )
+
+
+def _unit(loop: Any, name: str) -> str:
+    there = {leaf for leaf, _ in tree.leaves(loop)}
+    return tree.declaration(loop, name).unit if name in there else ""
+
+
+def _refused(found: Arena) -> list[Extra]:
+    if not found.refusals:
+        return []
+    rows = [[each.name, each.reason] for each in found.refusals]
+    return [Extra(Table("Laws that are not on this axis, and why.", ["law", "reason"], rows), text=True)]
+
+
+def _pictures(found: Arena) -> list[Shown]:
+    from feeddrive.plot import arena as drawn
+
+    pictures = [
+        Shown(
+            "arena",
+            "All laws against plain P-PI",
+            "Each figure divided by that of P-PI under the same rule. Blue: better, orange: worse; for stiffness more "
+            "is better, for all else less.",
+            "Ratios of all figures of all laws to those of P-PI.",
+            lambda: drawn.arena(found),
+        )
+    ]
+    if any(each.snap is not None for each in found.competitors):
+        pictures.append(
+            Shown(
+                "recovery",
+                "Recovery after a rope snap and a force step",
+                "Position of the table against its setpoint. Dashed: within it a law counts as settled.",
+                "Position of the table after a force was taken away and after it was switched on, of all laws.",
+                lambda: drawn.recovery(found),
+            )
+        )
+    return pictures

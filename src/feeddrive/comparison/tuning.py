@@ -1,0 +1,92 @@
+"""The tunings of the arena: one after the other, or side by side in processes of their own."""
+
+from __future__ import annotations
+
+import contextlib
+import multiprocessing
+import os
+import signal
+from collections.abc import Callable, Generator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import dataclass
+
+from feeddrive.language.errors import FeeddriveError
+from feeddrive.tuning.designs import Design, Refusal
+from feeddrive.tuning.equal_robustness import tune
+from feeddrive.tuning.tuned import Tuned
+
+
+@dataclass(frozen=True)
+class Rule:
+    """What all laws are tuned to: bounds of Ms and delay margin, speed of the axis in m/s, starts of a search."""
+
+    sensitivity_peak: float
+    delay_margin_samples: float
+    velocity: float
+    starts: int
+
+    @property
+    def sentence(self) -> str:
+        """The rule in words."""
+        return (
+            f"every law but today's is tuned for the least rope-snap error subject to Ms <= {self.sensitivity_peak:g} "
+            f"and a delay margin of at least {self.delay_margin_samples:g} samples, the loop cut at the actuator"
+        )
+
+
+def tuned_all(
+    designs: Sequence[Design], rule: Rule, workers: int, said: Callable[[str], None]
+) -> dict[str, Tuned | Refusal]:
+    """Every design by name: tuned, or refused with the reason. `said(name)` is called when one is done or begun."""
+    workers = min(workers, len(designs))
+    if workers <= 1:
+        found: dict[str, Tuned | Refusal] = {}
+        for design in designs:
+            said(design.name)
+            found[design.name] = _tuned(design, rule)
+        return found
+    # those with the most knobs take longest: they go first
+    order = sorted(designs, key=lambda design: -len(design.knobs))
+    # a fresh interpreter each: a fork would copy the threads' locks of whoever calls
+    context = multiprocessing.get_context("spawn")
+    with _one_thread(), ProcessPoolExecutor(workers, context, _leave_interrupts) as pool:
+        futures = {pool.submit(_tuned, design, rule): design.name for design in order}
+        try:
+            done: dict[str, Tuned | Refusal] = {}
+            for future in as_completed(futures):
+                said(futures[future])
+                done[futures[future]] = future.result()
+            return {design.name: done[design.name] for design in designs}
+        except BaseException:
+            for child in multiprocessing.active_children():
+                child.terminate()
+            raise
+
+
+@contextlib.contextmanager
+def _one_thread() -> Generator[None]:
+    """Processes that begin here leave small matrices to one thread: several of them stand in each other's way."""
+    name = "OPENBLAS_NUM_THREADS"
+    before = os.environ.get(name)
+    os.environ[name] = "1"
+    try:
+        yield
+    finally:
+        os.environ.pop(name)
+        if before is not None:
+            os.environ[name] = before
+
+
+def _leave_interrupts() -> None:
+    """Ctrl-C is for the process that asked."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+def _tuned(design: Design, rule: Rule) -> Tuned | Refusal:
+    try:
+        return tune(
+            design.loop, knobs=design.knobs, sensitivity_peak=rule.sensitivity_peak,
+            delay_margin_samples=rule.delay_margin_samples, velocity=rule.velocity, starts=rule.starts,
+        )  # fmt: skip
+    except FeeddriveError as error:
+        return Refusal(design.name, str(error))

@@ -1,0 +1,161 @@
+"""A loop in which somebody else's model is the plant: the control is feeddrive's, the axis an FMU."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from feeddrive.blocks.families import Load, Reference
+from feeddrive.cosimulation.archive import Archive, opened
+from feeddrive.cosimulation.instance import Instance
+from feeddrive.cosimulation.ports import TAKEN, Port, needed, ports
+from feeddrive.language.errors import DivergedError, ParameterError
+from feeddrive.loop.loop import Loop, Signals
+from feeddrive.loop.routine import Routine
+from feeddrive.loop.routine_run import ControllerRun
+from feeddrive.loop.routine_trace import controller_routine
+from feeddrive.loop.runner import Work
+from feeddrive.loop.simulate import Run, sample_count
+from feeddrive.loop.trace import SETPOINT
+
+
+def simulate_with_fmu(
+    loop: Loop,
+    fmu: str | Path,
+    reference: Reference,
+    *,
+    names: Mapping[str, str] | None = None,
+    parameters: Mapping[str, float] | None = None,
+    load: Load | None = None,
+    enable: np.ndarray | None = None,
+    duration: float | None = None,
+    dead_time: float = 0.0,
+    bound: float | None = None,
+    name: str = "run",
+) -> Run:
+    """One run of a control against an FMU (FMI 2.0 or 3.0, co-simulation) along a reference.
+
+        at kT:  reading = outputs of the FMU;  force = control(setpoint, reading);  it acts from kT + dead_time on
+
+    This is the order of `simulate`: with the exported plant of the same machine the bits are the same.  The control
+    starts off, at the first reading, with the axis at rest.
+
+    loop        its control and sample time are used; of its axis only the motor and how many encoders there are
+    fmu         **a program**: it runs in this process and may do what this process may do
+    names       variables of the FMU by signal, as {"force": "F_drive", "reading": "x:mm"}; a signal whose own name
+                the FMU has needs none.  Given are force (or command, in the unit of the drive), load_force and
+                start_position; taken are reading or reading_motor and reading_load, and what else shall be recorded
+    parameters  of the FMU, by its own names and in its own units
+    load        force on the table, N; the FMU needs an input for it
+    enable      1 or 0 for each sample, the last value holds on
+    dead_time   s, before a command acts; a part of a sample needs an FMU whose step may vary
+    bound       m, on |set position - reading|; default: the larger of 1 m and 100 times the travel
+
+    Raises FmuError for an FMU that cannot be run, has not what is needed or refuses a step, DivergedError with the
+    sample at which the bound was left, and ParameterError for arguments that do not fit.
+    """
+    if not 0.0 <= dead_time < 1.0:
+        raise ParameterError(f"dead_time = {dead_time:g} s must be >= 0 s and < 1 s")
+    T = float(loop.sample_time)
+    routine = controller_routine(loop, "control")
+    motor = loop.axis.actuator.motor
+    count = sample_count(loop, reference, duration)
+    rows = np.array(Work(loop, reference, load).sampled(0, count)[: len(SETPOINT) + 1])
+    on = np.ones(1) if enable is None else np.asarray(enable, dtype=float)
+    limit = max(1.0, 100.0 * float(np.ptp(rows[0]))) if bound is None else bound
+    with opened(fmu) as archive:
+        found = ports(archive, names or {}, None if motor is None else motor.unit)
+        wired = _wired(archive, found, routine, load is not None)
+        taken, answers = np.empty((count, len(wired.taken))), np.empty((count, len(routine.outputs)))
+        with Instance(archive) as plant:
+            first = [(port, rows[0, 0]) for port in found.values() if port.signal == "start_position"]
+            plant.begin([*first, *((port, rows[-1, 0]) for port in wired.load)], parameters or {})
+            control, held = None, _Held(T, dead_time)
+            for k in range(count):
+                taken[k] = plant.take(wired.taken)
+                seen = taken[k, wired.readings]
+                inputs = np.array([*rows[:-1, k], *seen, on[min(k, on.size - 1)]])
+                _check_inside(inputs[0] - seen[-1], limit, k, T)
+                control = control or ControllerRun(routine, inputs)
+                answers[k] = control.step(inputs[None])[0]
+                for time, length, acting in held.pieces(k, answers[k, wired.command]):
+                    plant.give([(wired.drive, acting), *((port, rows[-1, k]) for port in wired.load)])
+                    plant.step(time, length)
+    return Run(name, np.arange(count) * T, _signals(routine, wired, rows, taken, answers), T)
+
+
+def _signals(
+    routine: Routine, wired: _Wired, rows: np.ndarray, taken: np.ndarray, answers: np.ndarray
+) -> dict[str, np.ndarray]:
+    """What is known of a run, under the names and in the order of the loop's signals."""
+    found = dict(zip(("set_position", "set_velocity", "set_acceleration"), rows, strict=False))
+    found |= {port.signal: taken[:, i] for i, port in enumerate(wired.taken)}
+    found["reading_motor"], found["reading_load"] = (taken[:, wired.readings[i]] for i in (0, -1))
+    found |= {v.name: answers[:, i] for i, v in enumerate(routine.outputs)} | {"load_force": rows[-1]}
+    found["following_error"] = found["set_position"] - found["reading_load"]
+    if "position_load" in found:
+        found["tracking_error"] = found["set_position"] - found["position_load"]
+    return {signal: found[signal] for signal in Signals._fields if signal in found}
+
+
+class _Wired(NamedTuple):
+    """What is taken from the FMU; which of it the control reads; which of its outputs goes where; the load, if any."""
+
+    taken: list[Port]
+    readings: list[int]
+    command: int
+    drive: Port
+    load: list[Port]
+
+
+def _wired(archive: Archive, found: Mapping[str, Port], routine: Routine, load: bool) -> _Wired:
+    """A single `reading` serves both sides, and the table's serves a control with one encoder.
+
+    Raises FmuError for a signal that the control needs and no variable carries.
+    """
+    readings = [v.name for v in routine.inputs if v.name.startswith("reading")]
+    spare = "reading_load" if readings == ["reading"] else "reading"
+    readings = [spare if each not in found and spare in found else each for each in readings]
+    command = "command" if "command" in found else "force"
+    needed(found, [*readings, command], archive, "the control")
+    needed(found, ["load_force"] if load else [], archive, "the load")
+    taken = [port for signal, port in found.items() if signal in TAKEN]
+    return _Wired(
+        taken=taken,
+        readings=[[port.signal for port in taken].index(signal) for signal in readings],
+        command=[v.name for v in routine.outputs].index(command),
+        drive=found[command],
+        load=[found["load_force"]] if load else [],
+    )
+
+
+class _Held:
+    """The commands on their way: whole samples in a queue, a part of a sample as a step of its own."""
+
+    def __init__(self, T: float, dead_time: float) -> None:
+        whole = math.floor(dead_time / T + 1e-9)
+        part = dead_time - whole * T
+        self.T, self.part = T, part if part > 1e-9 * T else 0.0
+        self.pending = [0.0] * (whole + (self.part > 0.0))
+
+    def pieces(self, k: int, command: float) -> list[tuple[float, float, float]]:
+        """Time, length and acting command of the communication steps of sample k."""
+        commands = [command, *self.pending]
+        self.pending = commands[:-1]
+        start = k * self.T
+        if self.part == 0.0:
+            return [(start, self.T, commands[-1])]
+        return [(start, self.part, commands[-1]), (start + self.part, self.T - self.part, commands[-2])]
+
+
+def _check_inside(error: float, limit: float, k: int, T: float) -> None:
+    if not abs(error) <= limit:
+        raise DivergedError(
+            f"the loop left its bounds at sample {k} (t = {k * T:.6g} s): |set position - reading| is "
+            f"{abs(error):.4g} m, not <= {limit:g} m; "
+            f"check sign and unit of the FMU's force and position, then the gains"
+        )

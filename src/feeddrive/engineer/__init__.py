@@ -1,1 +1,0 @@
-"""Floor 3, the engineer: analysis of loops and measurements."""

@@ -1,0 +1,101 @@
+"""The statements of one function: a line for every number that the law's text names, expressions for the others."""
+
+from __future__ import annotations
+
+import textwrap
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping
+
+from feeddrive.export.identifiers import C_WORDS, identifier
+from feeddrive.export.layout import word
+from feeddrive.language.graph import ELEMENTARY, Graph, arguments
+from feeddrive.language.naming import Name
+from feeddrive.loop.engine.c_words import CALLS, FUNCTIONS, WIDTH, bare, expression, number
+
+_LINE = 112  # characters of a line, indented by 4
+# words that the functions themselves use
+_TAKEN = frozenset({"controller", "plant", "parameters", "design", "state", "inputs", "outputs", "old", "before"})
+
+
+class Body:
+    """Statements that compute some nodes of a graph, in the order of the law's text.
+
+    `leaves` gives the text of what is there already, `makers` and `titles` what stands above the lines of a block.
+    """
+
+    def __init__(
+        self,
+        graph: Graph,
+        truth: list[bool],
+        leaves: Mapping[int, str],
+        names: Mapping[int, Name],
+        makers: Mapping[int, str],
+        real: str,
+        titles: Callable[[str], str],
+    ) -> None:
+        self.graph, self.truth, self.real = graph, truth, real
+        self.names, self.makers, self.titles = names, makers, titles
+        self.texts: dict[int, str] = dict(leaves)
+        self.lines: list[str] = []
+        self.used: set[str] = set()
+        self._taken = {*_TAKEN, *CALLS.values(), *FUNCTIONS}
+        self._owner: str | None = None
+        self._unnamed = 0
+        self._counts: Counter[int] = Counter()
+
+    def text(self, index: int) -> str:
+        """The text of a node: what stands for it, or a constant."""
+        node = self.graph.nodes[index]
+        if index not in self.texts and node[0] == "const":
+            self.texts[index] = number(float.fromhex(node[1]), self.real)
+        if index not in self.texts and node[0] == "truth":
+            self.texts[index] = "true" if node[1] else "false"
+        return self.texts[index]
+
+    def compute(self, order: Iterable[int], kept: Iterable[int]) -> None:
+        """Statements for the nodes of an order; those that are kept, or used more than once, get a name."""
+        order = [index for index in order if index not in self.texts]
+        self._counts = Counter(i for index in order for i in arguments(self.graph.nodes[index]))
+        self._counts.update(2 * list(kept))
+        chosen = {i for index in order if self.graph.name(index) == "select" for i in self.graph.nodes[index][2:]}
+        for index in order:
+            node = self.graph.nodes[index]
+            values = [self.text(i) for i in arguments(node)]
+            if node[0] in ELEMENTARY:
+                text = f"exact_{node[0]}{'f' if self.real == 'float' else ''}({bare(values[0])})"
+            else:
+                text = expression(node[0], values, self.real)
+            self.used.add(node[0])
+            named = self.names.get(index)
+            # what a `?:` chooses stays in it, however long: with a name it would be computed in every sample
+            inner = node[0] == "select" and index in chosen and self._counts[index] == 1
+            long = len(text) > WIDTH and node[0] != "select"
+            if (named is not None and not inner) or self._counts[index] > 1 or long:
+                self._declare(index, named, bare(text))
+            else:
+                self.texts[index] = text
+
+    def _declare(self, index: int, named: Name | None, text: str) -> None:
+        owner = named.owner if named is not None else self.makers.get(index)
+        if owner is not None and owner != self._owner:
+            self._owner = owner
+            self.lines += ["", f"/* {self.titles(owner)} */"]
+        if named is None:
+            self._unnamed += 1
+        name = f"v{self._unnamed}" if named is None else identifier(word(named), self._taken, C_WORDS)
+        self.texts[index] = name
+        line = f"const {'bool' if self.truth[index] else self.real} {name} = {text};"
+        self.lines += textwrap.wrap(
+            line, _LINE, subsequent_indent="    ", break_long_words=False, break_on_hyphens=False
+        )
+
+    def assign(self, targets: Iterable[tuple[str, int]], cast: str = "") -> None:
+        """`place = number;` for each, at once: what is overwritten and still wanted is taken first."""
+        moved = [(place, self.text(index)) for place, index in targets if self.text(index) != place]
+        places = {place for place, _ in moved}
+        held: dict[str, str] = {}
+        for _, text in moved:
+            if text in places and text not in held:
+                held[text] = identifier(f"last_{text.rpartition('>')[2]}", self._taken, C_WORDS)
+                self.lines.append(f"const {self.real} {held[text]} = {text};")
+        self.lines += [f"{place} = {cast}{held.get(text, text if cast else bare(text))};" for place, text in moved]

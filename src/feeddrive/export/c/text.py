@@ -1,0 +1,243 @@
+"""A routine as C99 text: a header, the step, and what is done once.
+
+P.h            structs with units and meanings, and the functions
+P.c            reset and step: what runs in the interrupt
+P_configure.c  defaults, configure and retune: what runs outside it
+
+A step has no loop, no branch that skips work, no heap, no globals and no recursion, so that it takes the same
+operations for every input.  Of <math.h> it calls `fabs`, `floor` and `sqrt` only, which IEEE 754 fixes to the last bit.
+"""
+
+from __future__ import annotations
+
+import inspect
+import textwrap
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+from feeddrive.export.ascii_text import ascii_text
+from feeddrive.export.c.body import Body
+from feeddrive.export.c.elementary import helpers
+from feeddrive.export.c.header import comment, header
+from feeddrive.export.layout import Layout
+from feeddrive.language.block import Block
+from feeddrive.language.graph import reachable
+from feeddrive.loop.engine.c_words import FUNCTIONS, number
+from feeddrive.loop.routine import Routine, Variable
+
+
+@dataclass(frozen=True)
+class Texts:
+    """The three files of a routine."""
+
+    header: str
+    source: str
+    configure: str
+
+
+def texts(layout: Layout, title: str, made_by: str) -> Texts:
+    """The C text of a routine; `title` says what it is, `made_by` which program made it from which file."""
+    made = (header(layout, title, made_by), _source(layout, title, made_by), _configure(layout, title, made_by))
+    return Texts(*map(ascii_text, made))
+
+
+def _source(layout: Layout, title: str, made_by: str) -> str:
+    routine, real, P = layout.routine, layout.precision, layout.routine.name
+    held = routine.memory
+    functions = []
+    used: set[str] = set()
+    for name, function in (("reset", layout.reset), ("step", layout.step)):
+        leaves = _leaves(layout, {"state": "state->", "input": "inputs->"})
+        leaves |= {field.node: f"design->{field.name}" for field in layout.design}
+        body = Body(layout.graph, layout.truth, leaves, layout.names, layout.makers, real, _titles(routine))
+        ends = (*function.states, *function.outputs)
+        body.compute(layout.order(ends, moving=True), ends)
+        body.lines.append("")
+        outputs = [(f"outputs->{v.name}", i) for v, i in zip(routine.outputs, function.outputs, strict=False)]
+        body.assign([(f"state->{v.name}", i) for v, i in zip(routine.states, function.states, strict=True)] + outputs)
+        used |= body.used
+        text = "\n".join(body.lines)
+        wanted = [
+            (f"const {P}_design *const design = &{held}->design;", "design->" in text),
+            (f"{P}_state *const state = &{held}->state;", "state->" in text),
+            ("(void)inputs;", "inputs->" not in text),
+        ]
+        more = f", {P}_outputs *outputs" if outputs else ""
+        signature = f"void {P}_{name}({P}_{held} *{held}, const {P}_inputs *inputs{more})"
+        functions.append(_function(signature, [line for line, needed in wanted if needed], body.lines))
+    tables = [
+        f"static const {real} {_table(name)}[{len(row)}] = {{{', '.join(number(float(x), real) for x in row)}}};"
+        for name, _, row in routine.tables
+        if any(f"{_table(name)}[" in each for each in functions)
+    ]
+    said = comment(f"{title}: reset and step.\n\n{made_by}\n\n{_laws(routine)}")
+    return _joined([*said, f'#include "{P}.h"', "", *_needed(used, real), *tables, *functions])
+
+
+def _configure(layout: Layout, title: str, made_by: str) -> str:
+    routine, P = layout.routine, layout.routine.name
+    held = routine.memory
+    defaults = [_assigned(f"parameters->{v.name}", v.value) for v in routine.parameters]
+    body = Body(
+        layout.graph, layout.truth, _leaves(layout, {"parameter": "parameters->"}), layout.names, layout.makers,
+        "double", _titles(routine),
+    )  # fmt: skip
+    nodes = [field.node for field in layout.design]
+    body.compute(layout.order(nodes, moving=False), nodes)
+    body.lines.append("")
+    for field in layout.design:
+        text = body.text(field.node)
+        cast = "(float)" if layout.precision == "float" and not field.truth else ""
+        body.lines.append(f"design->{field.name} = {cast}{text};")
+    lines = [f"{P}_design *const design = &{held}->design;"] if layout.design else []
+    lines += ["if (!admissible(parameters)) {", "    return false;", "}"]
+    body.lines += [f"{held}->parameters = *parameters;", "return true;"]
+    functions = [
+        _admissible(routine),
+        _function(f"void {P}_defaults({P}_parameters *parameters)", [], defaults or ["(void)parameters;"]),
+        _function(
+            f"bool {P}_configure({P}_{held} *{held}, const {P}_parameters *parameters)", lines, body.lines
+        ),
+    ]  # fmt: skip
+    if routine.retune is not None:
+        functions.append(_retune(layout))
+    said = comment(f"{title}: what is done once, and outside the interrupt.\n\n{made_by}")
+    includes = [f'#include "{P}.h"', "", "#include <float.h>", *_needed(body.used | {"abs"}, "double")]
+    return _joined([*said, *includes, *functions])
+
+
+def _assigned(place: str, value: float) -> str:
+    """`place = number;`, with the number as people write it where its bits hide it."""
+    text = number(value)
+    return f"{place} = {text};" + (f" /* {value!r} */" if "0x" in text else "")
+
+
+def _admissible(routine: Routine) -> str:
+    """Whether every parameter is a number within the bounds that its block declares."""
+    signs = (("above", ">"), ("least", ">="), ("below", "<"), ("most", "<="))
+    lines = ["/* Is every parameter a number within its bounds? */"]
+    tests: list[str] = []
+    for v in routine.parameters:
+        place = f"parameters->{v.name}"
+        tests.append(f"fabs({place}) <= DBL_MAX")
+        for side, sign in signs:
+            bound = None if v.declared is None else getattr(v.declared, side)
+            if bound is not None:
+                tests.append(f"{place} {sign} {number(float(bound))}")
+    names = {v.name for v in routine.parameters}
+    if {"guard_safe_force", "force_limit"} <= names:
+        tests.append("fabs(parameters->guard_safe_force) <= parameters->force_limit")
+    body = ["return " + "\n    && ".join(tests or ["parameters != NULL"]) + ";"]
+    return (
+        "\n".join(lines)
+        + "\n"
+        + _function(f"static bool admissible(const {routine.name}_parameters *parameters)", [], body)
+    )
+
+
+def _retune(layout: Layout) -> str:
+    """The state follows the parameters: `retune` of the blocks, between the design before and after; in double."""
+    routine, P, real = layout.routine, layout.routine.name, layout.precision
+    assert layout.retune is not None
+    graph, truth = layout.retune.graph, layout.retune_truth
+    wide = "(double)" if real == "float" else ""
+    fields = {field.node: field.name for field in layout.design}
+    leaves: dict[int, str] = {}
+    for node, (kind, i) in layout.retune.leaves.items():
+        if kind == "state":
+            leaves[node] = f"{wide}state->{routine.states[i].name}"
+        elif kind in ("old", "new"):
+            name = routine.parameters[i].name
+            leaves[node] = f"before.parameters.{name}" if kind == "old" else f"parameters->{name}"
+        else:
+            made = layout.prepared[routine.prepared_leaves.index(i)][1]
+            held = "before.design." if kind == "old_prepared" else "controller->design."
+            constant = graph_constant(layout, made)
+            leaves[node] = constant if constant is not None else f"{wide}{held}{fields[made]}"
+    body = Body(graph, truth, leaves, layout.retune.names, layout.retune.makers, "double", _titles(routine))
+    pairs = zip((f"state->{v.name}" for v in routine.states), layout.retune.states, strict=True)
+    targets = [(place, i) for place, i in pairs if body.texts.get(i) != f"{wide}{place}"]
+    ends = [i for _, i in targets]
+    order = [i for i in reachable(graph, ends) if graph.nodes[i][0] not in ("const", "truth")]
+    body.compute(order, ends)
+    body.assign(targets, "(float)" if real == "float" else "")
+    body.lines.append("return true;")
+    text = "\n".join(body.lines)
+    first = [
+        *([f"const {P}_controller before = *controller;"] if "before." in text else []),
+        *([f"{P}_state *const state = &controller->state;"] if "state->" in text else []),
+        f"if (!{P}_configure(controller, parameters)) {{",
+        "    return false;",
+        "}",
+    ]
+    return _function(
+        f"bool {P}_retune({P}_controller *controller, const {P}_parameters *parameters)", first, body.lines
+    )
+
+
+def graph_constant(layout: Layout, index: int) -> str | None:
+    """The text of a node that is a number of the law's text; None for any other."""
+    node = layout.graph.nodes[index]
+    return number(float.fromhex(node[1])) if node[0] == "const" else None
+
+
+def _leaves(layout: Layout, prefixes: Mapping[str, str]) -> dict[int, str]:
+    """The text of what is there already: members of structs, tables, the sample time."""
+    routine = layout.routine
+    members: Mapping[str, Sequence[Variable]] = {
+        "parameter": routine.parameters, "input": routine.inputs, "state": routine.states
+    }  # fmt: skip
+    found: dict[int, str] = {}
+    for node, (kind, i) in layout.leaves.items():
+        if kind == "table":
+            found[node] = _table(routine.tables[i][0])
+        elif kind == "sample_time":
+            found[node] = f"{routine.name.upper()}_SAMPLE_TIME"
+        elif kind in prefixes:
+            found[node] = f"{prefixes[kind]}{members[kind][i].name}"
+    return found
+
+
+def _table(name: str) -> str:
+    return f"TABLE_{name.removeprefix('control.').replace('.', '_').upper()}"
+
+
+def _function(signature: str, first: Iterable[str], lines: Iterable[str]) -> str:
+    text = "\n".join([*first, *lines]).strip("\n")
+    return f"{signature}\n{{\n{textwrap.indent(text, '    ')}\n}}\n"
+
+
+def _laws(routine: Routine) -> str:
+    """What each block says of itself, as in its source."""
+    parts = []
+    for path, block in routine.blocks:
+        if path and inspect.getdoc(type(block)):
+            parts.append(f"{path}: {block.kind}\n\n{textwrap.indent(inspect.getdoc(type(block)) or '', '  ')}")
+    return "\n\n".join(parts)
+
+
+def _titles(routine: Routine) -> Callable[[str], str]:
+    """The title of the statements of a block."""
+    kinds: dict[str, Block] = dict(routine.blocks)
+
+    def title(owner: str) -> str:
+        block = kinds.get(owner)
+        if not owner:
+            return "what goes out"
+        if block is None or owner.endswith(block.kind):
+            return owner
+        return f"{owner}: {block.kind}"
+
+    return title
+
+
+def _needed(used: set[str], real: str) -> list[str]:
+    """What a file includes, and the functions that its statements call."""
+    functions = helpers(used, real)
+    found = ["#include <math.h>"] if used & {"abs", "sqrt", "floor"} else []
+    found += ["#include <string.h>"] if used & set(FUNCTIONS) else []
+    return [*found, "", *functions] if found else functions
+
+
+def _joined(lines: Iterable[str]) -> str:
+    return "\n".join(lines).rstrip("\n") + "\n"

@@ -1,0 +1,131 @@
+"""How a bundle is built: a Makefile with the emulated self-test, size and instruction count, and files for CMake."""
+
+from __future__ import annotations
+
+from feeddrive.export.cortex_m.cores import CORES, Core
+
+FLAGS = "-std=c99 -O2 -ffp-contract=off -fno-math-errno"
+WARNINGS = "-Wall -Wextra -Wconversion -Wdouble-promotion"
+COMPILER, EMULATOR = "arm-none-eabi-gcc", "qemu-system-arm"
+PACKAGES = {
+    COMPILER: "gcc-arm-none-eabi libnewlib-arm-none-eabi",
+    EMULATOR: "qemu-system-arm",
+    "make": "make",
+}  # of Debian and Ubuntu
+
+
+def makefile(P: str, core: Core) -> str:
+    """Targets: the library, the self-test in the emulator, size, instruction count, and both as a report."""
+    others = [each for each in CORES.values() if each.precision == core.precision]
+    flags = "\n".join(f"FLAGS_{each.name} := {each.flags}" for each in others)
+    machines = "\n".join(f"MACHINE_{each.name} := {each.machine}" for each in others)
+    return f"""\
+# make            lib{P}.a for your project
+# make selftest   runs the stored samples on an emulated core and compares every output, bit for bit
+# make report     REPORT.md: memory, and executed instructions of a step
+# CORE = {" or ".join(each.name for each in others)}
+CORE ?= {core.name}
+{flags}
+{machines}
+
+PREFIX ?= arm-none-eabi-
+QEMU ?= {EMULATOR}
+OPTIMISE ?= -O2
+OPTIMISE_CONFIGURE ?= -Os
+TARGET := $(FLAGS_$(CORE)) -mthumb -mfloat-abi=hard
+CFLAGS = {FLAGS.replace("-O2", "$(OPTIMISE)")} $(TARGET) -ffunction-sections -fdata-sections
+WARNINGS := {WARNINGS}
+LINK := $(TARGET) -nostartfiles -T selftest/memory.ld --specs=rdimon.specs -Wl,--gc-sections
+RUN := $(QEMU) -M $(MACHINE_$(CORE)) -nographic -monitor none -serial none \\
+    -semihosting-config enable=on,target=native
+OBJECTS := {P}.o {P}_configure.o {P}_prepared.o
+
+{P}_configure.o: OPTIMISE := $(OPTIMISE_CONFIGURE)
+
+lib{P}.a: $(OBJECTS)
+\t$(PREFIX)ar rcs $@ $(OBJECTS)
+
+%.o: %.c {P}.h | compiler
+\t$(PREFIX)gcc $(CFLAGS) $(WARNINGS) -c -o $@ $<
+
+selftest/%.o: selftest/%.c {P}.h {P}_vectors.h | compiler
+\t$(PREFIX)gcc $(CFLAGS) -I . -c -o $@ $<
+
+count.elf: selftest/count.o selftest/startup.o {P}.o {P}_prepared.o selftest/memory.ld
+\t$(PREFIX)gcc $(LINK) -o $@ $(filter %.o, $^) -lm
+
+%.elf: selftest/%.o selftest/startup.o $(OBJECTS) selftest/memory.ld
+\t$(PREFIX)gcc $(LINK) -o $@ $(filter %.o, $^) -lm
+
+selftest: selftest.elf | emulator
+\t$(RUN) -kernel $<
+
+answers.bin: answer.elf samples.bin | emulator
+\t$(RUN) -kernel $<
+
+# Every instruction between the two marks is a line of the log, those that a condition skips, too.
+steps.log: count.elf | emulator
+\t$(RUN) -singlestep -d nochain,exec -D $@ \\
+\t    -dfilter $$($(PREFIX)nm count.elf | awk '/ core_begin$$/ {{b = $$1}} / core_end$$/ {{e = $$1}} \\
+\t    END {{print "0x" b "..0x" e}}') -kernel $<
+
+counts.txt: steps.log
+\tawk -F/ -v begin=$$($(PREFIX)nm count.elf | awk '/ count_begin$$/ {{print $$1}}') \\
+\t    -v end=$$($(PREFIX)nm count.elf | awk '/ count_end$$/ {{print $$1}}') \\
+\t    '$$2 == end {{print n}} {{n++}} $$2 == begin {{n = 0}}' $< > $@
+
+REPORT.md: counts.txt $(OBJECTS)
+\t{{ echo "# {P} on $(CORE), gcc $$($(PREFIX)gcc -dumpfullversion) $(OPTIMISE)"; echo; \\
+\t  sort -n counts.txt | awk 'NR == 1 {{least = $$1}} {{most = $$1}} \\
+\t    END {{print "Executed instructions of a step: " least " to " most " over " NR " samples."; print ""}}'; \\
+\t  printf 'RAM of a controller: %d bytes.\\n\\n' \\
+\t      0x$$($(PREFIX)nm -S count.elf | awk '/ counted$$/ {{print $$2}}'); \\
+\t  $(PREFIX)size $(OBJECTS) | sed 's/^/    /'; }} > $@
+
+report: REPORT.md
+\t@cat $<
+
+clean:
+\t$(RM) *.o selftest/*.o *.a *.elf *.bin steps.log counts.txt REPORT.md
+
+compiler:
+\t@command -v $(PREFIX)gcc >/dev/null || {{ \\
+\t    echo "$(PREFIX)gcc is not found: run  apt-get install {PACKAGES[COMPILER]}"; exit 1; }}
+
+emulator:
+\t@command -v $(QEMU) >/dev/null || {{ \\
+\t    echo "$(QEMU) is not found: run  apt-get install {PACKAGES[EMULATOR]}"; exit 1; }}
+
+.PHONY: selftest report clean compiler emulator
+.PRECIOUS: %.o selftest/%.o %.elf
+"""
+
+
+def cmake_lists(P: str) -> str:
+    """The library for a project with CMake."""
+    return f"""\
+cmake_minimum_required(VERSION 3.13)
+project({P} C)
+
+add_library({P} STATIC {P}.c {P}_configure.c {P}_prepared.c)
+target_include_directories({P} PUBLIC ${{CMAKE_CURRENT_SOURCE_DIR}})
+target_compile_features({P} PUBLIC c_std_99)
+# a product and a sum that are rounded once would give other bits than the simulation
+target_compile_options({P} PRIVATE -ffp-contract=off -fno-math-errno)
+"""
+
+
+def toolchain(core: Core) -> str:
+    """A toolchain file for CMake."""
+    return f"""\
+# {core.said}:  cmake -B build -DCMAKE_TOOLCHAIN_FILE=cortex-m.cmake -DCMAKE_BUILD_TYPE=Release
+set(CMAKE_SYSTEM_NAME Generic)
+set(CMAKE_SYSTEM_PROCESSOR arm)
+set(CMAKE_TRY_COMPILE_TARGET_TYPE STATIC_LIBRARY)
+find_program(CMAKE_C_COMPILER {COMPILER})
+if(NOT CMAKE_C_COMPILER)
+  message(FATAL_ERROR "{COMPILER} is not found: run  apt-get install {PACKAGES[COMPILER]}")
+endif()
+set(CMAKE_C_FLAGS_INIT "{core.flags} -mthumb -mfloat-abi=hard -ffunction-sections -fdata-sections")
+set(CMAKE_C_FLAGS_RELEASE "-O2")
+"""

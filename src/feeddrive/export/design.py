@@ -1,0 +1,131 @@
+"""What is exported: the control, or the axis, of a machine file, under a name."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+import feeddrive
+from feeddrive.analysis.margins import margins
+from feeddrive.export.exportable import check_exportable
+from feeddrive.export.identifiers import check_name
+from feeddrive.export.layout import Layout, layout
+from feeddrive.files.machine import Machine, read_machine
+from feeddrive.loop.linearize import loop_gain
+from feeddrive.loop.loop import Loop
+from feeddrive.loop.routine import Routine
+from feeddrive.loop.routine_trace import controller_routine, plant_routine, weight
+
+LARGEST_MS = 3.0  # above it a change of the axis by a third may end in an oscillation
+CONTROL, PLANT = "control", "plant"
+MACHINE_FILE = "machine.toml"  # the copy of the machine file in an export
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Design:
+    """A control or an axis of a machine file, as a routine that is laid out in some precision."""
+
+    machine: Machine
+    axis: str
+    loop: Loop
+    what: str
+    layout: Layout
+
+    def __repr__(self) -> str:
+        return f"Design({self.name}: {self.title})"
+
+    @property
+    def routine(self) -> Routine:
+        """Its four functions."""
+        return self.layout.routine
+
+    @property
+    def name(self) -> str:
+        """The prefix of all its names."""
+        return self.routine.name
+
+    @property
+    def title(self) -> str:
+        """What it is, in a line."""
+        kind = self.loop.control.law.kind if self.what == CONTROL else self.loop.axis.plant.kind
+        return f"{self.what.capitalize()} of axis {self.axis} of '{self.machine.name}': {kind}"
+
+    @property
+    def digest(self) -> str:
+        """The SHA-256 of the machine file."""
+        return hashlib.sha256(self.machine.file.text.encode()).hexdigest()
+
+    @property
+    def made_by(self) -> str:
+        """Who made it, from what."""
+        file = Path(self.machine.file.name).name
+        return f"Made by feeddrive {feeddrive.__version__} from {file}, SHA-256 {self.digest}."
+
+    @property
+    def period(self) -> str:
+        """The sample time as people write it."""
+        T = self.routine.sample_time
+        return f"{1e6 * T:.6g} µs" if T < 1e-3 else f"{1e3 * T:.6g} ms" if T < 1.0 else f"{T:.6g} s"
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What a person must know before this moves an axis, because the machine file does not say it."""
+        if self.what == PLANT:
+            return ()
+        said, control = self.loop.control.guard, self.loop.control
+        held, found = float(weight(self.loop.axis)), []
+        if said is None and held != 0.0:
+            acts = float(self.routine.origin.control.guard.safe_force)  # type: ignore[union-attr]
+            found.append(f"the machine file has no guard; while the loop is off, {acts:g} N hold the hanging axis")
+        elif said is None:
+            found.append("the machine file has no guard: nothing trips but broken numbers, and no bound is checked")
+        elif held != 0.0 and float(said.safe_force) == 0.0:
+            found.append(
+                f"A HANGING AXIS FALLS: gravity pulls with {-held:g} N, but the guard's safe_force is 0 N, which acts "
+                f"whenever the loop is off; write safe_force_N = {held:g}, or hold the axis by a brake"
+            )
+        if said is not None and said.following_error_limit is None:
+            found.append("the guard has no following_error_limit: a loop that runs away does not trip")
+        found += self._robustness()
+        if control.force_limit is None:
+            found.append("the control has no force_limit: only the drive bounds the force")
+        return tuple(found)
+
+    def _robustness(self) -> list[str]:
+        """A word where the loop is close to its edge."""
+        if self.loop.control.law.period() > 1:
+            return []
+        nyquist = 0.5 / self.routine.sample_time
+        found = margins(loop_gain(self.loop, np.geomspace(1e-4 * nyquist, nyquist, 2000)))
+        if found.sensitivity_peak <= LARGEST_MS:
+            return []
+        return [
+            f"the loop is close to its edge: its sensitivity peak Ms is {found.sensitivity_peak:.3g}, and a tuned one "
+            f"has at most 2: tune it before it moves an axis"
+        ]
+
+
+def read_design(
+    source: str | Path, axis: str | None = None, *, name: str | None = None, what: str = CONTROL,
+    precision: str = "double",
+) -> Design:  # fmt: skip
+    """The design of a machine file, or of a bundled machine.
+
+    name  prefix of all names on the target; absent: `axis_x`, or `plant_x` for an axis
+    what  "control" or "plant"
+
+    Raises FileError and ParameterError as `read_machine`, ParameterError for a name that a target cannot have,
+    StructureError for a part that leaves the language of `ops`, and both as `check_exportable`.
+    """
+    machine = read_machine(source)
+    loop = machine.loop(axis)
+    called = next(each for each, found in machine.loops.items() if found is loop)
+    prefix = name or f"{'axis' if what == CONTROL else 'plant'}_{called}"
+    check_name(prefix, "--name" if name else "the name of the axis")
+    routine = controller_routine(loop, prefix) if what == CONTROL else plant_routine(loop, prefix)
+    made = layout(routine, precision)
+    check_exportable(made)
+    return Design(machine, called, loop, what, made)

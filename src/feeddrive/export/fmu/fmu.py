@@ -1,0 +1,106 @@
+"""An FMU: a ZIP archive with the description, the C, and a binary for this machine."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import zipfile
+from pathlib import Path
+
+import feeddrive
+from feeddrive.export.c.text import texts
+from feeddrive.export.fmu.binary import compiled, library_place
+from feeddrive.export.fmu.description import build_description, model_description
+from feeddrive.export.fmu.model_header import model_header
+from feeddrive.export.fmu.variables import variables
+from feeddrive.export.layout import Layout
+from feeddrive.language.errors import ParameterError
+
+VERSIONS = (2, 3)
+_HERE = Path(__file__).parent
+_SHARED = "fmu_instance.h"
+# files beside which the model's own stand, and headers of the C library that they would hide
+_TAKEN = (
+    "fmu_model", "fmu_instance", "fmi2", "fmi3", "fmi2functions", "fmi2functiontypes", "fmi2typesplatform",
+    "fmi3functions", "fmi3functiontypes", "fmi3platformtypes", "math", "stdarg", "stdbool", "stddef", "stdint",
+    "stdio", "stdlib", "string", "xmmintrin",
+)  # fmt: skip
+
+
+# whoever compiles the sources, and for whatever processor
+_EXACT = """\
+/* A product and a sum that are rounded once would give other bits than the simulation. */
+#if defined(__clang__)
+#pragma STDC FP_CONTRACT OFF
+#elif defined(__GNUC__)
+#pragma GCC optimize("fp-contract=off")
+#elif defined(_MSC_VER)
+#pragma fp_contract(off)
+#endif
+
+"""
+
+
+def fmu(layout: Layout, version: int, *, title: str, made_by: str, binary: bool = True) -> bytes:
+    """The FMU of a laid-out routine, for co-simulation by FMI 2.0 or 3.0; the same routine gives the same bytes.
+
+    title, made_by   what it is, and which program made it from which file; both stand in its texts
+    binary           with a library for this machine; without one, tools compile it from the sources that it holds
+
+    Raises ParameterError for another version, single precision or a name that the archive needs itself, FileError and
+    MissingProgramError as `binary.compiled`.
+    """
+    routine = layout.routine
+    if version not in VERSIONS:
+        raise ParameterError(f"there is no export to FMI {version}: take 2 or 3")
+    if layout.precision != "double":
+        raise ParameterError("an FMU computes in double precision: leave --precision out")
+    if routine.name.lower() in _TAKEN:
+        raise ParameterError(f"an FMU cannot be named '{routine.name}': a header has that name; take {routine.name}_x")
+    tool = f"feeddrive {feeddrive.__version__}"
+    own = texts(layout, title, made_by)
+    P = routine.name
+    files = {f"{P}.h": own.header, f"{P}.c": _EXACT + own.source, f"{P}_configure.c": _EXACT + own.configure}
+    files |= {name: _read("sources", name) for name in (f"fmi{version}.c", _SHARED)}
+    files |= {each.name: _read("headers", each.name) for each in sorted((_HERE / "headers").glob(f"fmi{version}*.h"))}
+    compiles = [f"{P}.c", f"{P}_configure.c", f"fmi{version}.c"]
+    scalars = variables(routine)
+
+    def described(token: str) -> bytes:
+        return model_description(version, P, title, token, tool, routine.sample_time, scalars, compiles)
+
+    token = _token([described(""), model_header(routine, "", scalars).encode(), *(t.encode() for t in files.values())])
+    files["fmu_model.h"] = model_header(routine, token, scalars)
+    entries = {"modelDescription.xml": described(token)}
+    entries |= {f"sources/{name}": text.encode() for name, text in files.items()}
+    if version == 3:
+        entries["sources/buildDescription.xml"] = build_description(P, compiles)
+    if binary:
+        entries[f"binaries/{library_place(version).replace('*', P)}"] = compiled(files, compiles)
+    return _packed(entries)
+
+
+def _read(folder: str, name: str) -> str:
+    return (_HERE / folder / name).read_text(encoding="utf-8")
+
+
+def _token(parts: list[bytes]) -> str:
+    """A digest of all that the model is, in the form of a GUID."""
+    digest = hashlib.sha256()
+    for each in parts:
+        digest.update(len(each).to_bytes(8, "little") + each)
+    text = digest.hexdigest()
+    return f"{{{text[:8]}-{text[8:12]}-{text[12:16]}-{text[16:20]}-{text[20:32]}}}"
+
+
+def _packed(entries: dict[str, bytes]) -> bytes:
+    """A ZIP archive without clocks and owners."""
+    packed = io.BytesIO()
+    with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, content in sorted(entries.items(), key=lambda each: (each[0] != "modelDescription.xml", each[0])):
+            information = zipfile.ZipInfo(name, (1980, 1, 1, 0, 0, 0))
+            information.compress_type = zipfile.ZIP_DEFLATED
+            executable = name.startswith("binaries/")
+            information.external_attr = (0o100755 if executable else 0o100644) << 16
+            archive.writestr(information, content)
+    return packed.getvalue()

@@ -1,0 +1,112 @@
+"""sources/fmu_model.h: the variables of one model, for the C that all FMUs share."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+
+from feeddrive.export.fmu.variables import TRIP_NAMES, FmuVariable, is_plant
+from feeddrive.loop.engine.c_words import number
+from feeddrive.loop.routine import Routine
+
+_GROUPS = {"time": "TIME", "sample_time": "CLOCK", "parameter": "PARAMETER", "start": "START", "input": "INPUT"}
+_STRUCTS = {"parameter": "parameters", "start": "inputs", "input": "inputs", "output": "outputs"}
+_HEAD = """\
+/* What this FMU is made of: the model, its token and its variables in the order of their value references. */
+#ifndef FMU_MODEL_H
+#define FMU_MODEL_H
+
+#include <math.h>
+#include <stddef.h>
+#include <string.h>
+
+#include "{P}.h"
+
+#define MODEL(word) {P}_##word
+#define MODEL_CORE {P}_{held}
+#define MODEL_TOKEN "{token}"
+#define MODEL_SAMPLE_TIME {P_upper}_SAMPLE_TIME
+
+enum group {{ TIME, CLOCK, PARAMETER, START, INPUT, OUTPUT }};
+enum kind {{ NUMBER, TRUTH, ENUMERATION }};
+
+struct variable {{
+    const char *name;
+    enum group group;
+    enum kind kind;
+    int tunable;
+    size_t offset; /* in the struct of its group; START stands among the inputs */
+    double least, most;
+}};
+
+static const struct variable VARIABLES[] = {{
+"""
+_CONTROLLER = """
+/* What the outputs are before the first step: those of a sample in which the loop is off. */
+static void model_first(MODEL_CORE *core, const MODEL(inputs) *inputs, MODEL(outputs) *outputs)
+{
+    MODEL_CORE copy = *core;
+    MODEL(inputs) off = *inputs;
+    off.enable = 0.0;
+    MODEL(reset)(&copy, &off);
+    MODEL(step)(&copy, &off, outputs);
+}
+
+/* At the first step: off, without a trip, where the axis is. */
+static void model_start(MODEL_CORE *core, const MODEL(inputs) *inputs) { MODEL(reset)(core, inputs); }
+
+static void model_tune(MODEL_CORE *core, const MODEL(parameters) *parameters) { MODEL(retune)(core, parameters); }
+
+static int model_trip(const MODEL(outputs) *outputs) { return (int)outputs->trip; }
+"""
+_PLANT = """
+/* The axis at rest at its start position, and what its encoders read there. */
+static void model_first(MODEL_CORE *core, const MODEL(inputs) *inputs, MODEL(outputs) *outputs)
+{
+    MODEL(reset)(core, inputs, outputs);
+}
+
+/* At the first step: all was done when the initialization ended. */
+static void model_start(MODEL_CORE *core, const MODEL(inputs) *inputs)
+{
+    (void)core;
+    (void)inputs;
+}
+
+/* No parameter of a plant is tunable. */
+static void model_tune(MODEL_CORE *core, const MODEL(parameters) *parameters)
+{
+    (void)core;
+    (void)parameters;
+}
+
+/* A plant has no guard. */
+static int model_trip(const MODEL(outputs) *outputs)
+{
+    (void)outputs;
+    return 0;
+}
+"""
+
+
+def model_header(routine: Routine, token: str, variables: Sequence[FmuVariable]) -> str:
+    """The text of fmu_model.h."""
+    P = routine.name
+    head = _HEAD.format(P=P, P_upper=P.upper(), held=routine.memory, token=token)
+    rows = ",\n".join(f"    {_row(each)}" for each in variables)
+    names = ", ".join(json.dumps(text) for text in TRIP_NAMES.values())
+    return (
+        f"{head}{rows}\n}};\n\nenum {{ VARIABLE_COUNT = sizeof VARIABLES / sizeof VARIABLES[0] }};\n"
+        f"{_PLANT if is_plant(routine) else _CONTROLLER}\n"
+        f"static const char *model_trip_name(int trip)\n{{\n    static const char *const names[] = {{{names}}};\n"
+        f'    return trip >= 0 && trip < {len(TRIP_NAMES)} ? names[trip] : "unknown";\n}}\n\n#endif\n'
+    )
+
+
+def _row(variable: FmuVariable) -> str:
+    struct = _STRUCTS.get(variable.group)
+    offset = "0" if struct is None else f"offsetof(MODEL({struct}), {variable.name})"
+    kind = {"number": "NUMBER", "truth": "TRUTH", "enumeration": "ENUMERATION"}[variable.kind]
+    group = _GROUPS.get(variable.group, "OUTPUT")
+    bounds = f"{number(variable.least)}, {number(variable.most)}"
+    return f'{{"{variable.name}", {group}, {kind}, {int(variable.tunable)}, {offset}, {bounds}}}'

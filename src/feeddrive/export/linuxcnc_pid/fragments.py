@@ -1,0 +1,142 @@
+"""The .hal and .ini fragments of an axis under stock pids."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+from feeddrive.blocks.controller.linuxcnc_pid import LinuxcncPid
+from feeddrive.blocks.controller.stock_biquad import StockBiquad
+from feeddrive.blocks.controller.stock_pid import StockPid
+from feeddrive.export.cascade.beside import numbers
+from feeddrive.export.cascade.quantities import Cascade
+from feeddrive.language.block import declarations
+
+COEFFICIENTS = tuple(declarations(StockBiquad))
+GAINS = tuple(name for name in declarations(StockPid) if name not in ("error_previous_target", "bias"))
+
+
+def ini_fragment(cascade: Cascade, law: LinuxcncPid, joint: int, head: Sequence[str]) -> str:
+    """Gains, limits and following error of a joint, for its .ini file."""
+    guard, units = cascade.loop.control.guard, float(law.units)
+    lines = [*(f"# {line}".rstrip() for line in head), "", f"[JOINT_{joint}]"]
+    if guard is not None and guard.following_error_limit is not None:
+        limit = guard.following_error_limit * units
+        lines += [
+            "# Following error that trips, at rest and at full speed the same, as in the design; machine units",
+            f"FERROR = {limit!r}",
+            f"MIN_FERROR = {limit!r}",
+        ]
+    if guard is not None:
+        for name, end in (("MIN_LIMIT", guard.travel_least), ("MAX_LIMIT", guard.travel_most)):
+            lines += [] if end is None else [f"{name} = {end * units!r}"]
+    for prefix, pid in _pids(law):
+        lines += ["", f"# pid on the {prefix.lower()}; limits of 0 are none"]
+        lines += [f"{prefix}_{name.upper()} = {getattr(pid, name)!r}" for name in GAINS]
+    lines += ["", "# gains of sum2 at the pin bias of the last pid: per joint acceleration, per joint velocity; offset"]
+    last = law.position if law.velocity is None else law.velocity
+    lines += [
+        f"FORWARD_ACCELERATION = {law.acceleration_gain or 0.0!r}",
+        f"FORWARD_VELOCITY = {law.velocity_gain or 0.0!r}",
+        f"FORWARD_OFFSET = {last.bias!r}",
+    ]
+    for i, block in enumerate(law.filters):
+        lines += ["", f"# biquad {i}: {numbers(cascade.loop.control.filters[i])}"]
+        lines += [f"FILTER_{i}_{name.upper()} = {getattr(block, name)!r}" for name in COEFFICIENTS]
+    if law.filters:
+        lines += ["", "# limit of what filters and feedforward make together", f"LIMIT = {last.maxoutput or 1e20!r}"]
+    return "\n".join(lines) + "\n"
+
+
+def hal_fragment(cascade: Cascade, law: LinuxcncPid, name: str, joint: int, head: Sequence[str]) -> str:
+    """The components of an axis, their wires and settings; the pins of the drive are for the reader to connect."""
+    two, encoders = law.velocity is not None, cascade.loop.axis.encoders()
+    pids = [f"{name}.position", *[f"{name}.velocity"] * two]
+    motor = cascade.loop.axis.actuator.motor
+    unit = "N" if motor is None else motor.unit
+    last = pids[-1]
+    wires = [
+        f"net {name}-enable  joint.{joint}.amp-enable-out => {' '.join(f'{pid}.enable' for pid in pids)}",
+        f"net {name}-set     joint.{joint}.motor-pos-cmd => {name}.position.command",
+        f"net {name}-set-v   joint.{joint}.vel-cmd => {name}.forward.in1",
+        f"net {name}-set-a   joint.{joint}.acc-cmd => {name}.forward.in0",
+        f"net {name}-forward {name}.forward.out => {last}.bias",
+        f"net {name}-load    joint.{joint}.motor-pos-fb => {name}.position.feedback",
+        f"net {name}-{'motor' if encoders == 2 else 'load'}   => {name}.speed.in" if two else "",
+        f"net {name}-speed   {name}.speed.out => {name}.velocity.feedback" if two else "",
+        f"net {name}-wanted  {name}.position.output => {name}.velocity.command" if two else "",
+        f"net {name}-index   joint.{joint}.index-enable => {name}.position.index-enable",
+        *_filter_wires(law, name, last),
+    ]
+    filters = [f"{name}.filter{i}" for i in range(len(law.filters))]
+    sums = [f"{name}.forward", *([f"{name}.feedback", f"{name}.total"] if filters else [])]
+    end = f"{name}.limit.out" if filters else f"{last}.output"
+    lines = [
+        *(f"# {line}".rstrip() for line in head),
+        "",
+        "# Of each component all instances of a machine are loaded at once: join these names with those of other axes.",
+        f"loadrt pid names={','.join(pids)}",
+        *([f"loadrt ddt names={name}.speed"] if two else []),
+        f"loadrt sum2 names={','.join(sums)}",
+        *([f"loadrt biquad names={','.join(filters)}", f"loadrt limit1 names={name}.limit"] if filters else []),
+        "",
+        "# In this order, after what reads the encoders and motion-controller, before what writes the drive:",
+        *([f"addf {name}.speed servo-thread"] if two else []),
+        f"addf {name}.forward servo-thread",
+        *(f"addf {pid}.do-pid-calcs servo-thread" for pid in pids),
+        *(f"addf {each} servo-thread" for each in (sums[1:2] + filters + sums[2:] + [f"{name}.limit"] * bool(filters))),
+        "",
+        *(wire for wire in wires if wire),
+        "",
+        "# Connect by hand, with the names of your card; positions in machine units, seen at the table:",
+        f"#   {name}-load     is written by the encoder {'at the table' if encoders == 2 else 'of the axis'}",
+        *([f"#   {name}-motor    is written by the motor's encoder, scaled to travel of the table"] * (encoders == 2)),
+        f"#   {name}-output   goes to the drive, in {unit}",
+        f"#   joint.{joint}.amp-fault-in   is written by the drive's fault, so that it disables the pids",
+        f"#   joint.{joint}.index-enable   goes to the encoder too, if it has an index",
+        f"net {name}-output  {end}",
+        "",
+        *_settings(law, name, joint),
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _filter_wires(law: LinuxcncPid, name: str, last: str) -> Iterator[str]:
+    """The last pid less what is fed forward, through the filters, and what is fed forward again."""
+    if not law.filters:
+        return
+    ends = [f"{name}.feedback.out", *(f"{name}.filter{i}.out" for i in range(len(law.filters)))]
+    starts = [*(f"{name}.filter{i}.in" for i in range(len(law.filters))), f"{name}.total.in0"]
+    yield f"net {name}-forward => {name}.feedback.in1 {name}.total.in1"
+    yield f"net {name}-unfiltered {last}.output => {name}.feedback.in0"
+    yield from (
+        f"net {name}-filter{i} {end} => {start}" for i, (end, start) in enumerate(zip(ends, starts, strict=True))
+    )
+    yield f"net {name}-total {name}.total.out => {name}.limit.in"
+
+
+def _pids(law: LinuxcncPid) -> Iterator[tuple[str, StockPid]]:
+    """Prefix of the keys in the .ini file, and the pid."""
+    yield "POSITION", law.position
+    if law.velocity is not None:
+        yield "VELOCITY", law.velocity
+
+
+def _settings(law: LinuxcncPid, name: str, joint: int) -> Iterator[str]:
+    """The lines that give the pids their numbers."""
+    for prefix, pid in _pids(law):
+        whole = f"{name}.{prefix.lower()}"
+        yield from (f"setp {whole}.{gain} [JOINT_{joint}]{prefix}_{gain.upper()}" for gain in GAINS)
+        yield "# 0: the error is taken against the command of now; on by default, it lags by one period"
+        yield f"setp {whole}.error-previous-target {int(pid.error_previous_target)}"
+    yield f"setp {name}.forward.gain0 [JOINT_{joint}]FORWARD_ACCELERATION"
+    yield f"setp {name}.forward.gain1 [JOINT_{joint}]FORWARD_VELOCITY"
+    yield f"setp {name}.forward.offset [JOINT_{joint}]FORWARD_OFFSET"
+    for i in range(len(law.filters)):
+        filter_ = f"{name}.filter{i}"
+        yield f"setp {filter_}.type 0"
+        yield from (f"setp {filter_}.{each} [JOINT_{joint}]FILTER_{i}_{each.upper()}" for each in COEFFICIENTS)
+        yield f"setp {filter_}.enable 1"
+    if law.filters:
+        yield f"setp {name}.feedback.gain1 -1"
+        yield f"setp {name}.limit.max [JOINT_{joint}]LIMIT"
+        yield f"setp {name}.limit.min -[JOINT_{joint}]LIMIT"

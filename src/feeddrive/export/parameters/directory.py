@@ -1,0 +1,180 @@
+"""The target `parameters`: a text file for each maker, a CSV, and a README with what could not be represented."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from feeddrive.analysis.stability import stability
+from feeddrive.export.cascade.beside import Lost, lost, table
+from feeddrive.export.cascade.quantities import Cascade, DriveTrain, drive_train, read_cascade
+from feeddrive.export.cascade.safety import SAFETY, kv_lines
+from feeddrive.export.design import MACHINE_FILE, Design
+from feeddrive.export.linuxcnc_pid.mapping import stock_law, stock_loop
+from feeddrive.export.manifest import FILE, manifest_text
+from feeddrive.export.parameters import generic, linuxcnc
+from feeddrive.export.parameters.maker import NOT_CHECKED, Line, Maker, lines_of
+from feeddrive.export.parameters.odrive import ODRIVE
+from feeddrive.export.parameters.sinumerik import SINUMERIK
+from feeddrive.export.parameters.twincat import TWINCAT
+from feeddrive.files.whole import new_directory
+from feeddrive.language.errors import ParameterError
+from feeddrive.loop.loop import Loop
+
+MAKERS = {maker.key: maker for maker in (SINUMERIK, TWINCAT, ODRIVE)}
+OTHERS = ("linuxcnc", "csv")
+
+
+def write_parameters(
+    design: Design,
+    out: Path,
+    *,
+    makers: Sequence[str] = (),
+    lead: float | None = None,
+    gear: float | None = None,
+) -> Path:
+    """Write the files, whole or not at all; the README is returned.
+
+    makers      of sinumerik, twincat, odrive, linuxcnc, csv; default: all that fit the axis
+    lead, gear  of the screw (m, and turns of the motor in one turn of the screw), where the machine file does not
+                state them
+
+    Raises StructureError for a law that is no `cascade_ppi`; ParameterError for an unknown maker, for an axis whose
+    motor is not known where a maker's units are those of its shaft, and for a linear motor where a maker has none;
+    FileError as `new_directory`.
+    """
+    wanted = list(makers) or [*MAKERS, *OTHERS]
+    for each in wanted:
+        if each not in (*MAKERS, *OTHERS):
+            raise ParameterError(f"maker '{each}' is not known; there are {', '.join((*MAKERS, *OTHERS))}")
+    cascade = read_cascade(design.loop)
+    at_motor = [each for each in wanted if each in MAKERS]
+    train = drive_train(design.loop, lead, gear) if at_motor or lead is not None or gear is not None else None
+    files: dict[str, str] = {}
+    sections: list[str] = []
+    for each in wanted:
+        if each in MAKERS:
+            assert train is not None
+            maker = MAKERS[each]
+            if maker.rotary and not train.rotary:
+                reason = (
+                    f"{each} counts in turns of a motor, and axis.actuator.motor is direct: a linear motor, or a screw "
+                    f"whose lead is not stated; give lead, or leave {each} out"
+                )
+                if makers:
+                    raise ParameterError(reason)
+                sections.append(f"## {maker.title}\n\nNo file: {reason}.\n")
+                continue
+            lines, missing = lines_of(maker, cascade, train)
+            missing += _lost(maker, cascade)
+            kept = tuple(b for i, b in enumerate(cascade.loop.control.filters) if not maker.filters(b, i).why)
+            bare = replace(cascade.loop, control=replace(cascade.loop.control, filters=kept))
+            warning = _warning(bare, cascade.loop)
+            head = [maker.title, *warning, *_head(design, cascade, train), *maker.notes]
+            files[f"{each}.txt"] = _text(head, lines, maker.comment, maker.key)
+            sections.append(_section(f"{each}.txt", maker.title, warning, lines, missing))
+        elif each == "linuxcnc":
+            lines, missing = linuxcnc.lines(cascade)
+            title = "LinuxCNC's pid, as lines of halcmd"
+            warning = _warning(stock_loop(cascade, stock_law(cascade, units=linuxcnc.UNITS)), cascade.loop)
+            head = [title, *warning, *_head(design, cascade, None)]
+            files["linuxcnc.txt"] = _text(head, lines, "#", each)
+            sections.append(_section("linuxcnc.txt", title, warning, lines, missing))
+        else:
+            files["parameters.csv"] = generic.csv_text(cascade, train, _head(design, cascade, train))
+    files[MACHINE_FILE] = design.machine.file.text
+    files["README.md"] = _readme(design, cascade, train, sections)
+    files[FILE] = manifest_text(design, "parameters", files, makers=wanted, lead=lead, gear=gear)
+    with new_directory(out) as folder:
+        for each, content in files.items():
+            (folder / each).write_text(content, encoding="utf-8")
+    return out / "README.md"
+
+
+def _head(design: Design, cascade: Cascade, train: DriveTrain | None) -> list[str]:
+    """What stands at the head of each file: what it is, safety, Kv in four units, and the drive train."""
+    lines = [f"{design.title}.", design.made_by, "", *SAFETY, "", *kv_lines(cascade.law.Kv)]
+    if train is not None and train.lead is not None:
+        lines.append(
+            f"At the motor's shaft: lead {1e3 * train.lead:.6g} mm, gear {train.gear:.6g}, from {train.source}; "
+            f"1 m of the table is {train.radians_per_metre:.6g} rad there"
+        )
+    elif train is not None:
+        lines.append(f"Numbers are those of a linear motor: {train.source}.  For a screw give its lead.")
+    return [*lines, ""]
+
+
+def _text(head: Sequence[str], lines: Sequence[Line], comment: str, key: str) -> str:
+    """A file of a maker: each number on a line of its own, with what it is in comments above."""
+    out = [f"{comment} {line}".rstrip() for line in head]
+    before = "setp " if key == "linuxcnc" else ""
+    join = " " if key == "linuxcnc" else " = "
+    for line in lines:
+        unit = f" [{line.unit}]" if line.unit else ""
+        out += ["", f"{comment} {line.meaning}{unit}"]
+        if line.path:
+            out.append(f"{comment} from {line.path} = {line.si}" if line.si else f"{comment} from {line.path}")
+        if line.source:
+            out.append(f"{comment} {line.source}")
+        if line.name:
+            out.append(f"{before}{line.name}{join}{line.text}")
+    return "\n".join(out) + "\n"
+
+
+def _lost(maker: Maker, cascade: Cascade) -> list[Lost]:
+    """What a maker does not hold: filters one by one, the rest by kind."""
+    found = list(lost(cascade, (*maker.held, "filters"), maker.outside))
+    for i, block in enumerate(cascade.loop.control.filters):
+        why = maker.filters(block, i).why
+        if why:
+            found += [
+                each._replace(why=why)
+                for each in lost(cascade, maker.held, maker.outside)
+                if each.path == f"control.filters.{i}"
+            ]
+    return [*found, *maker.always]
+
+
+def _warning(bare: Loop, whole: Loop) -> list[str]:
+    """What to know where the loop is stable as designed and not with the numbers of a file alone."""
+    if bare is whole or not stability(whole).stable:
+        return []
+    found = stability(bare)
+    if found.stable:
+        return []
+    return [
+        f"UNSTABLE WITH THESE NUMBERS ALONE: {found.sentence()}.  Filters of the design are missing: see README.md."
+    ]
+
+
+def _unread(source: str) -> bool:
+    """Whether a name or its unit is only what is in common use."""
+    return "NOT CHECKED" in source or "in common use" in source
+
+
+def _section(file: str, title: str, warning: Sequence[str], lines: Sequence[Line], missing: Sequence[Lost]) -> str:
+    """The part of the README on a maker."""
+    unread = [line.name for line in lines if line.name and _unread(line.source)]
+    said = (
+        f"Names or units that no manual was at hand for: {', '.join(f'`{name}`' for name in unread)}.\n\n"
+        if unread
+        else ""
+    )
+    numbers = f"`{file}`: {sum(1 for line in lines if line.name)} numbers."
+    return "\n\n".join([f"## {title}", *(f"**{line}**" for line in warning), numbers, f"{said}{table(missing)}"])
+
+
+def _readme(design: Design, cascade: Cascade, train: DriveTrain | None, sections: Sequence[str]) -> str:
+    body = "\n".join(sections)
+    return f"""\
+# {design.title}: parameters for controls
+
+{chr(10).join(f"- {line}" for line in _head(design, cascade, train) if line)}
+
+A line that a manual was read for names manual and page; one that none was at hand for says {NOT_CHECKED.split(":")[0]}.
+Filters are given as continuous ones, by frequency and damping; each drive samples them in its own way.
+
+What follows is, for each file, what the design does and the maker's parameters do not say.
+
+{body}"""

@@ -1,0 +1,375 @@
+"""A control as structures and function blocks: the law in one block, what is done once in three others.
+
+axis_x             one sample; a reset in the first cycle, and a retune at a rising edge
+axis_x_configure   parameters -> design numbers
+axis_x_reset       design, inputs -> state: off, where the axis is
+axis_x_retune      state, parameters and design before and after -> state
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+from feeddrive.export.identifiers import ST_WORDS, identifier
+from feeddrive.export.layout import Field, Layout
+from feeddrive.export.structured_text.fixed import Fixed, fixed
+from feeddrive.export.structured_text.functions import functions
+from feeddrive.export.structured_text.section import Section
+from feeddrive.export.structured_text.statements import Assignment
+from feeddrive.export.structured_text.units import (
+    CONSTANTS,
+    INPUTS,
+    OUTPUTS,
+    VARIABLES,
+    Declared,
+    Structure,
+    Unit,
+)
+from feeddrive.export.structured_text.words import decimal, literal
+from feeddrive.language.graph import Graph
+from feeddrive.language.naming import Name
+from feeddrive.loop.guard import TRIPS
+from feeddrive.loop.routine import Variable
+
+CYCLE_TOLERANCE = 1e-6  # of the sample time: a task's cycle is known better
+
+
+@dataclass(frozen=True)
+class Program:
+    """All that is printed, in the order in which it must be read; `names` are those of parameters by dotted name."""
+
+    structures: tuple[Structure, ...]
+    units: tuple[Unit, ...]
+    fixed: Fixed
+    names: Mapping[str, str]
+
+    @property
+    def block(self) -> Unit:
+        """The function block that a PLC calls."""
+        return self.units[-1]
+
+    def text(self) -> str:
+        """As one source file."""
+        return "\n".join(each.text() for each in (*self.structures, *self.units))
+
+
+def program(layout: Layout, said: str) -> Program:
+    """The program of a controller; `said` is the comment above its function block.
+
+    Raises StructureError for a table with too many entries.
+    """
+    return _Printer(layout, said).program()
+
+
+class _Printer:
+    """Prints a layout; names of fields are made legal once, and used everywhere."""
+
+    def __init__(self, layout: Layout, said: str) -> None:
+        self.layout, self.said = layout, said
+        self.routine, self.name = layout.routine, layout.routine.name
+        self.real = "LREAL" if layout.precision == "double" else "REAL"
+        self.fixed = fixed(layout)
+        self.values = {variable.path: variable.value for variable in self.fixed.parameters}
+        self.parameters = _legal((v.path, v.name) for v in self.routine.parameters if v.path not in self.values)
+        self.design = _legal((f.name, f.name) for f in layout.design)
+        self.states = _legal((v.path, v.name) for v in self.routine.states)
+        self.used: dict[str, set[str]] = {"LREAL": set(), "REAL": set()}
+
+    def program(self) -> Program:
+        """Structures, functions and function blocks."""
+        reset = self._reset()
+        blocks = [self._configure(), reset, self._retune(), self._step(reset.sections[INPUTS][1:])]
+        own = [unit for real, used in self.used.items() for unit in functions(used, self.name, real)]
+        return Program(self._structures(), (*own, *blocks), self.fixed, self.parameters)
+
+    def _structures(self) -> tuple[Structure, ...]:
+        parameters = [
+            Declared(self.parameters[v.path], "LREAL", decimal(v.value), _meaning(v))
+            for v in self.routine.parameters
+            if v.path in self.parameters
+        ]
+        prepared = {node: path for path, node in self.layout.prepared if node not in self.layout.leaves}
+        said = self.routine.said
+        design = [
+            (Declared(self.design[f.name], self._kind(f), self._fixed_value(f)), said.get(prepared.get(f.node, ""), ""))
+            for f in self.layout.design
+        ]
+        states = [(Declared(self.states[v.path], self.real), said.get(v.path, "")) for v in self.routine.states]
+        return (
+            Structure(f"{self.name}_parameters", "What can be changed while the loop runs, by retune.", parameters),
+            Structure(f"{self.name}_design", self._said_of_design(), _grouped(design)),
+            Structure(f"{self.name}_state", "What is remembered from sample to sample.", _grouped(states)),
+        )
+
+    def _said_of_design(self) -> str:
+        """What is fixed stands above its numbers."""
+        lines = ["Numbers that depend on parameters only."]
+        if self.fixed.parameters:
+            lines += ["", "Those with a value are fixed by the export. They were computed for these parameters:"]
+            lines += [f"  {v.path} = {decimal(v.value)} {v.unit}".rstrip() for v in self.fixed.parameters]
+        return "\n".join(lines)
+
+    def _kind(self, field: Field) -> str:
+        return "BOOL" if field.truth else self.real
+
+    def _fixed_value(self, field: Field) -> str:
+        value = self.fixed.fields.get(field.name)
+        if value is None:
+            return ""
+        return ("TRUE" if value else "FALSE") if field.truth else decimal(value, self.real)
+
+    def _configure(self) -> Unit:
+        """Always in long reals: the design has the best numbers that a short one can store."""
+        wanted = [field for field in self.layout.design if field.name not in self.fixed.fields]
+        leaves: dict[int, str] = {}
+        for node, (kind, i) in self.layout.leaves.items():
+            if kind == "sample_time":
+                leaves[node] = literal(self.routine.sample_time)
+            elif kind == "parameter":
+                leaves[node] = self._parameter("parameters", i)
+        section = self._section(leaves, ["parameters", "design"], "LREAL")
+        places = {field.node: f"design.{self.design[field.name]}" for field in wanted}
+        section.places = places if self.real == "LREAL" else {}
+        lines = self._computed(section, places)
+        for field in wanted:
+            text, place = section.statements.texts[field.node], places[field.node]
+            if text != place:
+                lines += Assignment(place, text if field.truth else self._narrow(text)).lines()
+        return Unit(
+            f"{self.name}_configure", "What depends on parameters only: once, not in every sample.",
+            sections={
+                INPUTS: [Declared("parameters", f"{self.name}_parameters")],
+                OUTPUTS: [Declared("design", f"{self.name}_design")],
+                VARIABLES: section.variables,
+            },
+            body=lines,
+        )  # fmt: skip
+
+    def _parameter(self, struct: str, i: int) -> str:
+        path = self.routine.parameters[i].path
+        return literal(self.values[path]) if path in self.values else f"{struct}.{self.parameters[path]}"
+
+    def _reset(self) -> Unit:
+        inputs = self._inputs()
+        section = self._sampled([each.name for each in inputs])
+        lines = self._computed(section, self.layout.reset.states)
+        lines += section.assign(self._targets(self.layout.reset.states))
+        words = set(re.findall(r"\w+", "\n".join(lines)))
+        return Unit(
+            f"{self.name}_reset", "The state of a loop that is off and has no trip, where the axis is.",
+            sections={
+                INPUTS: [
+                    Declared("design", f"{self.name}_design"), *(each for each in inputs if each.name in words)
+                ],
+                OUTPUTS: [Declared("state", f"{self.name}_state")],
+                VARIABLES: section.variables,
+                CONSTANTS: section.constants(),
+            },
+            body=lines,
+        )  # fmt: skip
+
+    def _retune(self) -> Unit:
+        """In long reals, as configure."""
+        retune = self.layout.retune
+        assert retune is not None, "a control can be retuned, an axis is not printed"
+        states = [f"state.{self.states[v.path]}" for v in self.routine.states]
+        leaves: dict[int, str] = {}
+        for node, (kind, i) in retune.leaves.items():
+            if kind == "state":
+                leaves[node] = self._wide(states[i])
+            elif kind in ("old", "new"):
+                leaves[node] = self._parameter("before" if kind == "old" else "after", i)
+            elif i in self.routine.prepared_leaves:
+                made = self.layout.prepared[self.routine.prepared_leaves.index(i)][1]
+                leaves[node] = self._prepared("design_before" if kind == "old_prepared" else "design_after", made)
+        taken = ["before", "after", "design_before", "design_after", "state", "retuned"]
+        section = self._section(leaves, taken, "LREAL", (retune.graph, retune.names, retune.makers))
+        changed = [
+            (f"retuned.{self.states[variable.path]}", node)
+            for i, (variable, node) in enumerate(zip(self.routine.states, retune.states, strict=True))
+            if retune.leaves.get(node) != ("state", i)
+        ]
+        lines = self._computed(section, [node for _, node in changed])
+        lines.append("retuned := state;")
+        for place, node in changed:
+            lines += Assignment(place, self._narrow(section.statements.texts[node])).lines()
+        structs = {"before": "parameters", "after": "parameters", "design_before": "design", "design_after": "design"}
+        return Unit(
+            f"{self.name}_retune", "The state after a live change: forces and estimates go on without a jump.",
+            sections={
+                INPUTS: [Declared(n, f"{self.name}_{kind}") for n, kind in (structs | {"state": "state"}).items()],
+                OUTPUTS: [Declared("retuned", f"{self.name}_state")],
+                VARIABLES: section.variables,
+            },
+            body=lines,
+        )  # fmt: skip
+
+    def _prepared(self, struct: str, made: int) -> str:
+        """A prepared number: one of the text, or one of the design; what nobody reads is none."""
+        constant = self.layout.graph.nodes[made]
+        if constant[0] == "const":
+            return literal(float.fromhex(constant[1]))
+        name = next((field.name for field in self.layout.design if field.node == made), None)
+        return "" if name is None else self._wide(f"{struct}.{self.design[name]}")
+
+    def _step(self, reset_inputs: list[Declared]) -> Unit:
+        inputs, T = self._inputs(), self.routine.sample_time
+        more = [
+            Declared("cycle_time", self.real, decimal(T, self.real),
+                     "s: cycle of the calling task; the loop stays off unless it is the sample time"),
+            Declared("reset", "BOOL", "FALSE", "TRUE: start anew where the axis is, off and without a trip"),
+            Declared("retune", "BOOL", "FALSE", "rising edge: take the parameters over while the loop runs"),
+            Declared("parameters", f"{self.name}_parameters", "", "read in the first cycle, at a reset and a retune"),
+        ]  # fmt: skip
+        outputs = [self._output(v) for v in self.routine.outputs]
+        outputs.append(Declared("cycle_wrong", "BOOL", "", "TRUE: the cycle of the task is not the sample time"))
+        own = [
+            Declared("started", "BOOL", "FALSE", "whether there is a state"),
+            Declared("retuned", "BOOL", "FALSE", "retune in the cycle before"),
+            Declared("fresh", "BOOL"), Declared("switched_on", "BOOL"),
+            Declared("active", f"{self.name}_parameters", "", "parameters in use"),
+            Declared("design", f"{self.name}_design"), Declared("state", f"{self.name}_state"),
+            Declared("configuring", f"{self.name}_configure"), Declared("resetting", f"{self.name}_reset"),
+            Declared("retuning", f"{self.name}_retune"),
+        ]  # fmt: skip
+        section = self._sampled([each.name for each in (*inputs, *more, *outputs, *own)])
+        step = self.layout.step
+        lines = self._computed(section, [*step.states, *step.outputs])
+        lines += ["", "(* what comes out, and what the next sample remembers *)"]
+        for variable, node in zip(self.routine.outputs, step.outputs, strict=True):
+            lines += self._put(variable.name, section.statements.texts[node])
+        lines += section.assign(self._targets(step.states))
+        first = _FIRST.format(
+            inputs="".join(f",\n            {each.name} := {each.name}" for each in reset_inputs),
+            T=literal(T, self.real), tolerance=literal(CYCLE_TOLERANCE * T, self.real),
+        )  # fmt: skip
+        return Unit(
+            self.name, self.said,
+            sections={
+                INPUTS: [*inputs, *more], OUTPUTS: outputs,
+                VARIABLES: [*own, *section.variables], CONSTANTS: section.constants(),
+            },
+            body=[*first.splitlines(), "", *lines],
+        )  # fmt: skip
+
+    def _inputs(self) -> list[Declared]:
+        special = {"enable": Declared("enable", "BOOL", "FALSE", "TRUE: the loop shall run")}
+        return [special.get(v.name, Declared(v.name, self.real, "", _meaning(v))) for v in self.routine.inputs]
+
+    def _output(self, variable: Variable) -> Declared:
+        codes = ", ".join(f"{code:.0f} {text}" for code, text in TRIPS.items())
+        special = {
+            "trip": ("INT", f"0 none, {codes}"),
+            "enabled": ("BOOL", "TRUE while the loop runs, FALSE while it is off or tripped"),
+        }
+        kind, meaning = special.get(variable.name, (self.real, _meaning(variable)))
+        return Declared(variable.name, kind, "", meaning)
+
+    def _put(self, name: str, text: str) -> list[str]:
+        """An output, as the type that a PLC's program expects."""
+        if name == "trip":
+            return [f"trip := {self.real}_TO_INT({text});"]
+        if name == "enabled":
+            return [f"enabled := {text} > {literal(0.5, self.real)};"]
+        return Assignment(name, text).lines()
+
+    def _wide(self, text: str) -> str:
+        """A stored number where long reals are computed."""
+        return text if self.real == "LREAL" else f"REAL_TO_LREAL({text})"
+
+    def _narrow(self, text: str) -> str:
+        """A long real where it is stored."""
+        return text if self.real == "LREAL" else f"LREAL_TO_REAL({text})"
+
+    def _computed(self, section: Section, nodes: Iterable[int]) -> list[str]:
+        lines = section.compute(nodes)
+        self.used[section.real] |= section.statements.used
+        return lines
+
+    def _sampled(self, taken: Iterable[str]) -> Section:
+        """A section that reads inputs, state and design."""
+        layout, routine = self.layout, self.routine
+        fields = {field.node: f"design.{self.design[field.name]}" for field in layout.design}
+        leaves: dict[int, str] = {}
+        for node, (kind, i) in layout.leaves.items():
+            if kind == "input":
+                leaves[node] = routine.inputs[i].name
+            elif kind == "state":
+                leaves[node] = f"state.{self.states[routine.states[i].path]}"
+        section = self._section(leaves | fields, [*taken, "state", "design"], self.real)
+        section.statements.bounds = set(fields)
+        for node, (kind, i) in layout.leaves.items():
+            if kind == "table":
+                section.table(node, routine.tables[i][0], [float(x) for x in routine.tables[i][2]])
+            elif kind == "input" and routine.inputs[i].name == "enable":
+                section.switch(node)
+        return section
+
+    def _section(
+        self,
+        leaves: Mapping[int, str],
+        taken: Iterable[str],
+        real: str,
+        traced: tuple[Graph, Mapping[int, Name], Mapping[int, str]] | None = None,
+    ) -> Section:
+        layout = self.layout
+        graph, names, makers = traced or (layout.graph, layout.names, layout.makers)
+        return Section(self.name, dict(self.routine.blocks), graph, leaves, names, makers, real, taken)
+
+    def _targets(self, nodes: Iterable[int]) -> list[tuple[str, int]]:
+        pairs = zip(self.routine.states, nodes, strict=True)
+        return [(f"state.{self.states[variable.path]}", node) for variable, node in pairs]
+
+
+_FIRST = """\
+(* The parameters are taken over in the first cycle, at a reset and at a retune. *)
+fresh := reset OR (NOT started);
+IF fresh OR (retune AND (NOT retuned)) THEN
+    configuring(parameters := parameters);
+    IF fresh THEN
+        resetting(
+            design := configuring.design{inputs});
+        state := resetting.state;
+    ELSE
+        retuning(
+            before := active,
+            after := parameters,
+            design_before := design,
+            design_after := configuring.design,
+            state := state);
+        state := retuning.retuned;
+    END_IF;
+    active := parameters;
+    design := configuring.design;
+    started := TRUE;
+END_IF;
+retuned := retune;
+
+(* A law is designed for its sample time: in a task with another cycle the loop stays off. *)
+cycle_wrong := NOT (ABS(cycle_time - {T}) <= {tolerance});
+switched_on := enable AND (NOT cycle_wrong);
+"""
+
+
+def _legal(names: Iterable[tuple[str, str]]) -> dict[str, str]:
+    """Key -> a name that Structured Text takes."""
+    taken: set[str] = set()
+    return {key: identifier(name, taken, ST_WORDS) for key, name in names}
+
+
+def _grouped(fields: Iterable[tuple[Declared, str]]) -> list[Declared]:
+    """Fields with what is said of several in a row above the first of them."""
+    found: list[Declared] = []
+    last = ""
+    for field, said in fields:
+        found.append(field._replace(above=said if said != last else ""))
+        last = said
+    return found
+
+
+def _meaning(variable: Variable) -> str:
+    """Unit and meaning; a parameter that is there is not absent."""
+    said = re.sub(r"; absent[^;]*$", "", variable.meaning)
+    return f"{variable.unit}: {said}" if variable.unit else said

@@ -1,0 +1,47 @@
+"""The target `st`: a directory with a control as Structured Text, in the forms that PLC tools import, and a README."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from feeddrive.export.design import CONTROL, MACHINE_FILE, Design
+from feeddrive.export.manifest import FILE, manifest_text
+from feeddrive.export.structured_text.check import check
+from feeddrive.export.structured_text.controller import program
+from feeddrive.export.structured_text.plcopen import plcopen
+from feeddrive.export.structured_text.readme import header, readme
+from feeddrive.export.structured_text.twincat import twincat_file
+from feeddrive.files.whole import new_directory
+from feeddrive.language.errors import ParameterError
+
+
+def structured_text_files(design: Design) -> dict[str, str]:
+    """The files of the export by name, without machine file and manifest.
+
+    Raises ParameterError for an axis, StructureError for a table with too many entries.
+    """
+    if design.what != CONTROL:
+        raise ParameterError("st: a PLC runs the control; export an axis as fmu2, fmu3 or c")
+    P = design.name
+    printed = program(design.layout, header(design))
+    tried = check(design.layout, printed)
+    parts = (*printed.structures, *printed.units, tried)
+    files = {f"{P}.st": printed.text(), f"{P}_check.st": tried.text(), f"{P}.xml": plcopen(P, parts)}
+    files |= {f"twincat/{name}": content for name, content in map(twincat_file, parts)}
+    files["README.md"] = readme(design, printed)
+    return files
+
+
+def write_structured_text(design: Design, out: Path) -> Path:
+    """Write the export, whole or not at all; its README is returned.
+
+    Raises as `structured_text_files`, and FileError as `new_directory`.
+    """
+    files = structured_text_files(design)
+    files[MACHINE_FILE] = design.machine.file.text
+    files[FILE] = manifest_text(design, "st", files)
+    with new_directory(out) as folder:
+        (folder / "twincat").mkdir()
+        for name, content in files.items():
+            (folder / name).write_text(content, encoding="utf-8")
+    return out / "README.md"

@@ -1,0 +1,44 @@
+"""What is fixed by the export, since a PLC should not compute it: design numbers that take too many operations.
+
+A filter takes some 30 operations, the gains of a pole placement 100, a matrix exponential 700 to 10 000.  What is above
+the bound stands in the text as first values, and the parameters that it depends on are no parameters any more: to
+change them is to export anew.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from feeddrive.export.layout import Layout
+from feeddrive.export.layout_run import LayoutRun
+from feeddrive.language.graph import reachable
+from feeddrive.loop.routine import Variable
+
+MOST_OPERATIONS = 500  # behind one design number
+
+
+@dataclass(frozen=True)
+class Fixed:
+    """What is fixed by the export: design numbers with their values, and the parameters behind them."""
+
+    fields: Mapping[str, float]
+    parameters: tuple[Variable, ...]
+
+
+def fixed(layout: Layout) -> Fixed:
+    """The design numbers that take too many operations, and what depends on the same parameters alone."""
+    leaves = layout.leaves
+    held: set[int] = set()
+    below = {field.name: set(reachable(layout.graph, [field.node])) for field in layout.design}
+    for nodes in below.values():
+        if len(nodes) > MOST_OPERATIONS:
+            held |= {node for node in nodes if leaves.get(node, ("", 0))[0] == "parameter"}
+    values = LayoutRun(layout).design
+    found: dict[str, float] = {}
+    for field in layout.design:
+        given = {node for node in below[field.name] if leaves.get(node, ("", 0))[0] == "parameter"}
+        if given and given <= held:
+            found[field.name] = float(values[field.node])
+    routine = layout.routine
+    return Fixed(found, tuple(routine.parameters[leaves[node][1]] for node in sorted(held)))

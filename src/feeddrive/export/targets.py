@@ -1,0 +1,99 @@
+"""The targets by name, and the one function that writes any of them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+from feeddrive.analysis.stability import require_stable
+from feeddrive.export.design import CONTROL, PLANT, Design, read_design
+from feeddrive.files.messages import nearest
+from feeddrive.language.errors import ParameterError
+
+
+@dataclass(frozen=True)
+class Target:
+    """Where a target is written, which options are its own, and in which precisions; the first one is the default."""
+
+    module: str
+    function: str
+    options: tuple[str, ...] = ()
+    precisions: tuple[str, ...] = ("double",)
+    plants: bool = False
+    fixed: Mapping[str, Any] = field(default_factory=dict[str, Any])
+
+
+_HERE = __name__.rpartition(".")[0]
+_BOTH = ("double", "float")
+TARGETS: dict[str, Target] = {
+    "c": Target("c.directory", "write_c", ("single_header",), _BOTH, plants=True),
+    "linuxcnc": Target("linuxcnc.write", "write_linuxcnc", ("joint",)),
+    "linuxcnc-pid": Target("linuxcnc_pid.directory", "write_linuxcnc_pid", ("joint", "route", "units")),
+    "fmu2": Target("fmu.directory", "write_fmu", plants=True, fixed={"version": 2}),
+    "fmu3": Target("fmu.directory", "write_fmu", plants=True, fixed={"version": 3}),
+    "cortex-m": Target("cortex_m.bundle", "write_cortex_m", ("core",), ("float", "double")),
+    "st": Target("structured_text.directory", "write_structured_text", precisions=_BOTH),
+    "parameters": Target("parameters.directory", "write_parameters", ("makers", "lead", "gear")),
+}
+
+
+def write_export(
+    source: str | Path,
+    target: str,
+    out: str | Path | None = None,
+    *,
+    axis: str | None = None,
+    name: str | None = None,
+    precision: str | None = None,
+    plant: bool = False,
+    **options: Any,
+) -> tuple[Design, Path]:
+    """Write the control of an axis, or with `plant` the axis, for a target; what was written, and what to read first.
+
+    source     a machine file, or the name of a bundled machine; `axis` if it has several
+    target     of `TARGETS`
+    out        directory, written whole or not at all; absent: results/export_MACHINE_AXIS_TARGET
+    name       prefix of all names on the target; absent: `axis_x`, or `plant_x`
+    precision  "double" or "float", where the target has both
+    options    of the target: `single_header`, `joint`, `route`, `units`, `core`, `makers`, `lead`, `gear`
+
+    Raises ParameterError for a target that is not there or an option that is not its own, and as `read_design` and
+    the function of the target do; UnstableError for a control that does not hold the axis of its own machine file.
+    """
+    chosen = _chosen(target)
+    given = {key: value for key, value in options.items() if value not in (None, False, ())}
+    for option in given:
+        if option not in chosen.options:
+            raise ParameterError(f"{_said(option)} means nothing for the target {target}{_instead(option)}")
+    if plant and not chosen.plants:
+        fits = ", ".join(each for each, found in TARGETS.items() if found.plants)
+        raise ParameterError(f"--plant means nothing for the target {target}; an axis can be exported to {fits}")
+    if precision is not None and precision not in chosen.precisions:
+        raise ParameterError(f"--precision = '{precision}': the target {target} has {', '.join(chosen.precisions)}")
+    what = PLANT if plant else CONTROL
+    design = read_design(source, axis, name=name, what=what, precision=precision or chosen.precisions[0])
+    if not plant:
+        require_stable(design.loop)
+    place = Path(out) if out is not None else Path("results") / f"export_{Path(source).stem}_{design.axis}_{target}"
+    write = getattr(import_module(f"{_HERE}.{chosen.module}"), chosen.function)
+    return design, write(design, place, **chosen.fixed, **given)
+
+
+def _chosen(target: str) -> Target:
+    if target not in TARGETS:
+        raise ParameterError(f"--target = '{target}' is no target{nearest(target, TARGETS)}")
+    return TARGETS[target]
+
+
+def _said(option: str) -> str:
+    """An option as the command line has it."""
+    flags = {"single_header": "--header-only", "makers": "--maker"}
+    return flags.get(option, f"--{option}")
+
+
+def _instead(option: str) -> str:
+    fits = [name for name, found in TARGETS.items() if option in found.options]
+    return f"; it belongs to {', '.join(fits)}" if fits else ""

@@ -1,0 +1,158 @@
+"""The proof of an export, run again: what runs on this machine against the simulator, bit for bit."""
+
+from __future__ import annotations
+
+import platform
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+import feeddrive
+from feeddrive.export.answers import PROOFS, WITHOUT, Answers
+from feeddrive.export.c.selftest import stepped
+from feeddrive.export.design import CONTROL, MACHINE_FILE, Design, read_design
+from feeddrive.export.manifest import Manifest, changed_files, read_manifest
+from feeddrive.export.trial import Trial, trial
+from feeddrive.language.errors import FileError, ParameterError
+from feeddrive.language.table import Result, Table
+from feeddrive.loop.routine_run import run
+
+MOST = 20_000_000  # samples
+SINGLE = 5_000  # samples in single precision, whose answers come from Python, operation by operation
+
+
+@dataclass(frozen=True, eq=False)
+class Verified(Result):
+    """What came out of a verification.
+
+    worst      largest difference of an output, by its name, in its unit; 0 where all bits agree
+    differing  how many outputs have other bits
+    altered    files of the export that are missing or not as they were written
+    """
+
+    name: str
+    target: str
+    precision: str
+    machine: str
+    digest: str
+    program: str
+    how: str
+    samples: int
+    changes: int
+    trips: int
+    limited: int
+    seed: int
+    differing: int
+    worst: Mapping[str, float]
+    against: str
+    altered: Sequence[str] = field(default=())
+
+    @property
+    def holds(self) -> bool:
+        """All bits agree, and no file was altered."""
+        return self.differing == 0 and not self.altered
+
+    def _result(self) -> str:
+        if self.differing:
+            return "NOT EQUAL"
+        return "EQUAL, bit for bit" if self.holds else "EQUAL, bit for bit, but CHANGED SINCE THE EXPORT"
+
+    def sentences(self) -> str:
+        """The certificate as text."""
+        table = self.table()
+        wide = max(len(row[0]) for row in table.rows)
+        return "\n".join([table.title, *(f"  {row[0]:<{wide}}  {row[1]}" for row in table.rows)])
+
+    def table(self) -> Table:
+        """The certificate."""
+        worst = ", ".join(f"{name} {value:.3g}" for name, value in self.worst.items())
+        rows = [
+            ["export", f"{self.name}, target {self.target}, {self.precision} precision"],
+            ["machine file", f"{self.machine}, SHA-256 {self.digest[:16]}..."],
+            ["files as written", "yes" if not self.altered else "no: " + ", ".join(self.altered)],
+            ["run by", self.program],
+            ["built with", self.how],
+            ["on", f"{platform.machine()}, {platform.system()}, feeddrive {feeddrive.__version__}"],
+            ["against", self.against],
+            ["samples", f"{self.samples}, seed {self.seed}"],
+            ["with", f"{self.changes} live changes, {self.trips} trips, {self.limited} samples at the force limit"],
+            ["outputs with other bits", str(self.differing)],
+            ["worst difference", worst],
+            ["result", self._result()],
+        ]
+        return Table(f"what runs against what was simulated: {self.name}", ["", ""], rows)
+
+
+def verify(
+    directory: str | Path,
+    *,
+    samples: int | None = None,
+    seed: int = 1,
+    flags: Sequence[str] = (),
+    command: str | None = None,
+) -> Verified:
+    """Run the equality proof of an export on this machine.
+
+    samples  of the trial; absent: as many as take some seconds, a million for C in double precision
+    flags    for the compiler of C besides -std=c99 -O2 -ffp-contract=off; `command` names another compiler
+
+    What runs is the export, in the program of its target; what it must answer comes from its machine file by this
+    feeddrive's simulator, and in single precision from the same operations in Python, each rounded to it.
+    Raises FileError for a directory that is no export or whose text does not compile, MissingProgramError or
+    MissingExtraError without that program, and ParameterError for a target that nothing here can run.
+    """
+    directory = Path(directory)
+    manifest = read_manifest(directory)
+    if manifest.target not in PROOFS:
+        why = WITHOUT.get(manifest.target, "is of a target that this feeddrive does not know")
+        raise ParameterError(f"{directory}: what the target {manifest.target} writes {why.format(name=manifest.name)}")
+    altered = changed_files(directory, manifest)
+    proof = PROOFS[manifest.target]
+    design = _design(directory, manifest)
+    single = design.layout.precision == "float"
+    count = samples or (min(SINGLE, proof.samples) if single else proof.samples)
+    tried = trial(design.routine, count, seed, changes=proof.changes, broken=max(2e-4, 10.0 / count))
+    answers = proof.answer(directory, design, tried, flags, command)
+    wanted = stepped(design.layout, tried) if single else run(design.routine, tried.inputs, tried.changes)
+    return _compared(design, manifest, altered, tried, seed, answers, wanted)
+
+
+def _design(directory: Path, manifest: Manifest) -> Design:
+    """What the export says that it is of."""
+    if manifest.what != CONTROL:
+        raise ParameterError(f"{directory}: is the export of an axis; it is tried by running it beside `simulate`")
+    file = directory / MACHINE_FILE
+    if not file.is_file():
+        raise FileError(f"{file}: is missing; export again")
+    return read_design(file, manifest.axis, name=manifest.name, precision=manifest.precision)
+
+
+def _compared(
+    design: Design,
+    manifest: Manifest,
+    altered: list[str],
+    tried: Trial,
+    seed: int,
+    answers: Answers,
+    wanted: np.ndarray,
+) -> Verified:
+    names = [variable.name for variable in design.routine.outputs]
+    found = answers.outputs
+    bits = np.ascontiguousarray(found).view(np.uint64) != np.ascontiguousarray(wanted).view(np.uint64)
+    bits &= ~(np.isnan(found) & np.isnan(wanted))
+    with np.errstate(invalid="ignore"):
+        apart = np.where(bits, np.abs(found - wanted), 0.0).max(axis=0)
+    trip = wanted[:, names.index("trip")]
+    limit = design.routine.origin.control.force_limit
+    trips = int(np.sum((trip[1:] > 0.0) & (trip[:-1] == 0.0)))
+    limited = 0 if limit is None else int(np.sum(np.abs(wanted[:, 0]) >= 0.75 * float(limit)))
+    double = design.layout.precision == "double"
+    return Verified(
+        name=design.name, target=manifest.target, precision=design.layout.precision, machine=design.machine.name,
+        digest=design.digest, program=answers.program, how=answers.how, samples=len(found),
+        changes=len(tried.changes), trips=trips, limited=limited, seed=seed,
+        differing=int(bits.sum()), worst=dict(zip(names, apart.tolist(), strict=True)),
+        against="the simulator" if double else "the same operations in Python, in single precision", altered=altered,
+    )  # fmt: skip

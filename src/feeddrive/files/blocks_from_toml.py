@@ -1,0 +1,180 @@
+"""A block from a TOML table, by nothing but the declarations of its fields.
+
+    [axis.x.plant]
+    kind = "two_mass"            # selects the block of the family; not needed where only one block fits
+    mass_load = 350.0            # a parameter in the unit of its declaration
+    stiffness_N_per_um = 180     # or in another unit of the same dimension, named behind it
+    [[axis.x.forces]]            # a part is a section, a tuple of parts a list of sections
+    kind = "cogging"
+
+Every error is one sentence: file and line, key, value, bound, unit, what to do.  `blocks_to_toml.py` is the way back.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from types import MappingProxyType
+from typing import Any, TypeVar
+
+import numpy as np
+
+from feeddrive.files.fields import Hint, choice_value, defaults, hints, members
+from feeddrive.files.messages import nearest, shown
+from feeddrive.files.toml_lines import Section
+from feeddrive.language import units
+from feeddrive.language.block import Block, Declaration, checked, declarations
+from feeddrive.language.errors import ParameterError, StructureError
+
+B = TypeVar("B", bound=Block)
+_A_PROGRAM = (
+    "an FMU is a program with no linear model, and nothing that a file names is executed; give the plant that it "
+    "resembles, for margins and tuning, and run the FMU by  feeddrive cosimulate JOB FMU"
+)
+
+
+def read_block(
+    family: type[B], section: Section, besides: Iterable[str] = (), given: Mapping[str, Any] | None = None
+) -> B:
+    """The block of a family that a section describes.
+
+    Keys named in `besides` belong to somebody else; fields in `given` are there already and not read.
+
+    Raises ParameterError (a key is unknown, missing, given twice, of another type, not finite or out of bounds) or
+    StructureError (parts that do not fit each other), both with file and line.
+    """
+    return _block(Hint((family,)), section, set(besides), given or {})
+
+
+def _block(
+    hint: Hint, section: Section, besides: Iterable[str] = (), given: Mapping[str, Any] = MappingProxyType({})
+) -> Any:
+    kind = _kind(hint, section)
+    declared = declarations(kind)
+    fields = hints(kind)
+    found: dict[str, Any] = dict(given)
+    keys: dict[str, str] = {}
+    for key, value in section.values.items():
+        if key == "kind" or key in besides:
+            continue
+        name, factor = _named(kind, key, section)
+        if name in keys:
+            raise section.error(
+                f"{section.dotted(name)} is given twice, as {keys[name]} and as {key}; remove one of them", key
+            )
+        keys[name] = key
+        match declared[name].role:
+            case "parameter":
+                found[name] = _number(section, key, name, declared[name], value, factor)
+            case "table":
+                found[name] = _row(section, key, name, declared[name], value, factor)
+            case "choice":
+                found[name] = choice_value(section, key, declared[name], fields[name], value)
+            case _:
+                found[name] = _part(section, key, fields[name])
+    _refuse_missing(kind, section, found)
+    try:
+        with np.errstate(all="ignore"):  # a value near 1e308 overflows in a check, which then refuses it
+            return kind(**found)
+    except (ParameterError, StructureError) as error:
+        raise type(error)(f"{section.where()}: {_prefix(section)}{error}") from None
+    except ArithmeticError:
+        raise section.error(
+            f"{_prefix(section)}{kind.kind} has a value too small or too large to compute with"
+        ) from None
+
+
+def _prefix(section: Section) -> str:
+    return f"{section.dotted()}: " if section.key else ""
+
+
+def _kind(hint: Hint, section: Section) -> type[Block]:
+    """The class that `kind` names, or the only one that fits."""
+    fitting = members(hint)
+    given = section.values.get("kind")
+    if given is None:
+        if hint.single():
+            return hint.classes[0]
+        raise section.error(f"{_prefix(section)}kind is missing; there are: {', '.join(fitting) or 'none'}")
+    if given == "fmu":
+        raise section.error(f"{section.dotted('kind')} = 'fmu': {_A_PROGRAM}", "kind")
+    if not isinstance(given, str) or given not in fitting:
+        raise section.error(
+            f"{section.dotted('kind')} = {shown(given)} is not known{nearest(str(given), fitting)}", "kind"
+        )
+    return fitting[given]
+
+
+def _named(kind: type[Block], key: str, section: Section) -> tuple[str, float]:
+    """The field that a key means, and the factor to its unit."""
+    declared = declarations(kind)
+    if key in declared:
+        return key, 1.0
+    wrong = ""
+    for name in sorted(declared, key=len, reverse=True):
+        if not key.startswith(f"{name}_") or declared[name].role not in ("parameter", "table"):
+            continue
+        unit = key[len(name) + 1 :]
+        try:
+            return name, units.factor(unit, declared[name].unit)
+        except ParameterError as error:
+            wrong = wrong or f"; if {name} is meant: {error}, it is declared in '{declared[name].unit or '1'}'"
+    raise section.error(
+        f"key '{section.dotted(key)}' is not known to {kind.kind}{wrong or nearest(key, declared)}", key
+    )
+
+
+def _number(section: Section, key: str, name: str, declared: Declaration, value: Any, factor: float) -> float:
+    if isinstance(value, str):
+        raise section.error(
+            f"{section.dotted(key)} = {shown(value)} ({declared.meaning}) must be a number without quotes; "
+            f"another unit than {declared.unit or '1'} is named in the key, as in stiffness_N_per_um",
+            key,
+        )
+    try:
+        number = _float(value) * factor if isinstance(value, int | float) and not isinstance(value, bool) else value
+        return checked("", section.dotted(name), declared, number)
+    except ParameterError as error:
+        given = "" if key == name else f" (given as {key} = {shown(value)})"
+        raise section.error(f"{error}{given}", key) from None
+
+
+def _float(value: int | float) -> float:
+    try:
+        return float(value)
+    except OverflowError:
+        return math.inf if value > 0 else -math.inf
+
+
+def _row(section: Section, key: str, name: str, declared: Declaration, value: Any, factor: float) -> Any:
+    if not isinstance(value, list):
+        raise section.error(f"{section.dotted(key)} ({declared.meaning}) must be a list of numbers: [1.0, 2.0]", key)
+    row: list[float] = []
+    for place, item in enumerate(value):
+        if isinstance(item, bool) or not isinstance(item, int | float) or not math.isfinite(_float(item)):
+            entry = f"entry {place + 1} = {shown(item)}"
+            raise section.error(f"{section.dotted(key)}: {entry} ({declared.meaning}) must be a finite number", key)
+        row.append(item * factor)
+    try:
+        return checked("", section.dotted(name), declared, row)
+    except ParameterError as error:
+        raise section.error(str(error), key) from None
+
+
+def _part(section: Section, key: str, hint: Hint) -> Any:
+    if hint.many:
+        return tuple(_block(hint, each) for each in section.listed(key))
+    return _block(hint, section.section(key))
+
+
+def _refuse_missing(kind: type[Block], section: Section, found: dict[str, Any]) -> None:
+    missing = [name for name in declarations(kind) if name not in found and name not in defaults(kind)]
+    if not missing:
+        return
+    declared = declarations(kind)
+    described = ", ".join(f"{name} ({', '.join(filter(None, _described(declared[name])))})" for name in missing)
+    raise section.error(f"{_prefix(section)}{kind.kind} needs {described}")
+
+
+def _described(declared: Declaration) -> tuple[str, ...]:
+    return declared.unit, declared.meaning, declared.bounds()

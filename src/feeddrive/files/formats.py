@@ -1,0 +1,127 @@
+"""Which reader a log needs, by what the file holds; its ending is only used to say what was expected."""
+
+from __future__ import annotations
+
+import re
+import zlib
+from collections.abc import Callable
+
+from feeddrive.files.columns import Columns, Reader, most_unpacked
+from feeddrive.files.readers import mdf
+from feeddrive.files.readers.csv_log import read_csv
+from feeddrive.files.readers.epos import is_epos, read_epos
+from feeddrive.files.readers.linuxcnc import is_halsampler, is_halscope, read_halsampler, read_halscope
+from feeddrive.files.readers.mat import read_mat
+from feeddrive.files.readers.mat73 import read_mat73
+from feeddrive.files.readers.npy import START as _NPY
+from feeddrive.files.readers.npy import read_npy
+from feeddrive.files.readers.parquet import read_parquet
+from feeddrive.files.readers.twincat import is_twincat, read_twincat
+from feeddrive.files.readers.uff import STARTS as _UFF
+from feeddrive.files.readers.uff import read_uff
+from feeddrive.language.errors import LogError
+
+_PIECE = 10_000_000  # bytes that gzip unpacks at a time: a bomb is noticed one piece beyond what is read
+_HDF5 = b"\x89HDF\r\n\x1a\n"
+_READABLE = "MATLAB (.mat), CSV, Parquet, numpy (.npy), UFF 58, MDF4, also packed by gzip"
+
+# texts with a head of their maker's
+_TEXTS: tuple[tuple[Callable[[bytes], bool], Reader], ...] = (
+    (is_epos, read_epos),
+    (is_twincat, read_twincat),
+    (is_halscope, read_halscope),
+    (is_halsampler, read_halsampler),
+)
+
+# how files of other kinds begin, what they are, and how their content gets here
+_OTHERS = (
+    (b"MDF     ", "an MDF measurement file older than version 4", "export it as MDF4, CSV or MATLAB"),
+    (b"UnFinMF ", "an unfinished MDF measurement file", "export it as MDF4, CSV or MATLAB"),
+    (b"TDSm", "a TDMS file", "export it as CSV or MATLAB"),
+    (b"\x80\x04\x95", "a Python pickle, which could execute code", "save it as CSV or Parquet"),
+    (b"\xd0\xcf\x11\xe0", "an old Office file (.xls)", "export the sheet as CSV"),
+    (b"PK\x03\x04", "a ZIP archive or an Office file (.xlsx)", "unpack it, or export the sheet as CSV"),
+    (b"%PDF", "a PDF", "give the log itself"),
+    (b"\x89PNG", "a PNG picture", "give the log itself"),
+    (b"\xff\xd8\xff", "a JPEG picture", "give the log itself"),
+    (b"\x7fELF", "a program", "give the log itself"),
+    (b"MZ", "a Windows program", "give the log itself"),
+    (b"SQLite format 3", "an SQLite database", "export the table as CSV"),
+    (b"BZh", "packed by bzip2", "unpack it first"),
+    (b"\xfd7zXZ", "packed by xz", "unpack it first"),
+    (b"7z\xbc\xaf", "a 7z archive", "unpack it first"),
+    (b"(\xb5/\xfd", "packed by zstd", "unpack it first"),
+    (b"<", "an XML or HTML file", "export the log as CSV"),
+    (b"{", "a JSON file", "export the log as CSV"),
+)
+
+
+def read_columns(name: str, content: bytes, wanted: frozenset[str] | None) -> Columns:
+    """The columns of a log of any known format. Raises LogError for a damaged file and for a file of another kind."""
+    content = unpacked(name, content)
+    if content.startswith(b"MATLAB 5.0 MAT-file"):
+        return read_mat(name, content, wanted)
+    if content.startswith(_HDF5) or content[512:].startswith(_HDF5):
+        return read_mat73(name, content, wanted)
+    if content.startswith(b"PAR1"):
+        return read_parquet(name, content, wanted)
+    if content.startswith(mdf.STARTS):
+        return mdf.read_mdf(name, content, wanted)
+    if content.startswith(_UFF):
+        return read_uff(name, content, wanted)
+    if content.startswith(_NPY):
+        return read_npy(name, content, wanted)
+    refuse_others(name, content, _READABLE)
+    return _text_reader(content)(name, content, wanted)
+
+
+def _text_reader(content: bytes) -> Reader:
+    """The reader of a text: that of the maker whose head it has, else the one of any CSV."""
+    for fits, reader in _TEXTS:
+        if fits(content):
+            return reader
+    return read_csv
+
+
+def refuse_others(name: str, content: bytes, readable: str) -> None:
+    """Raise LogError for a file of a kind that is not text, and says which."""
+    for start, what, advice in _OTHERS:
+        if content.startswith(start):
+            raise LogError(f"{name}: is {what}, not a log that can be read ({readable}); {advice}")
+    if not content.startswith((b"\xff\xfe", b"\xfe\xff")) and re.search(rb"[\0-\x08\x0e-\x1f]", content[:65536]):
+        raise LogError(f"{name}: is a binary file of an unknown kind; readable are {readable}{_expected(name)}")
+
+
+def _expected(name: str) -> str:
+    ending = name.rpartition(".")[2].lower()
+    return f"; by its name it should be .{ending}: was it copied whole?" if ending in ("mat", "parquet", "csv") else ""
+
+
+def unpacked(name: str, content: bytes) -> bytes:
+    """The content, or what gzip packed there. Raises LogError for nothing, for damage and for more than is read."""
+    if content[:2] == b"\x1f\x8b":
+        content = _unpacked(name, content)
+    if not content:
+        raise LogError(f"{name}: is empty")
+    return content
+
+
+def _unpacked(name: str, content: bytes) -> bytes:
+    parts: list[bytes] = []
+    size = 0
+    most = most_unpacked(len(content))
+    try:
+        while content:
+            zip_ = zlib.decompressobj(wbits=31)
+            while not zip_.eof:
+                parts.append(zip_.decompress(content, _PIECE))
+                content = zip_.unconsumed_tail
+                size += len(parts[-1])
+                if size > most:
+                    raise LogError(f"{name}: holds more than the {most / 1e6:,.0f} MB that are read, once unpacked")
+                if not parts[-1] and not zip_.eof:
+                    raise LogError(f"{name}: is packed by gzip and cut off; copy it again")
+            content = zip_.unused_data.lstrip(b"\0")
+    except zlib.error:
+        raise LogError(f"{name}: is packed by gzip and damaged; copy it again") from None
+    return b"".join(parts)

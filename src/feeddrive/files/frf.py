@@ -1,0 +1,314 @@
+"""Measured frequency responses: from a file to FRFs, or an error that says why not."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+from functools import reduce
+from pathlib import Path
+
+import numpy as np
+
+from feeddrive.files.columns import Columns, is_time
+from feeddrive.files.formats import refuse_others, unpacked
+from feeddrive.files.messages import nearest, plain
+from feeddrive.files.readers import ast_xml, uff
+from feeddrive.files.readers.csv_log import read_csv
+from feeddrive.files.readers.frf_columns import Response, frequency_of, in_si, responses_of
+from feeddrive.files.whole import read_whole, write_whole
+from feeddrive.language.errors import LogError, ParameterError
+from feeddrive.loop.frequency_response import FRF
+
+MOST_BYTES = 500_000_000
+_LARGEST = 1e30  # of a response: its powers must not overflow
+_READABLE = "CSV, UFF 58, AST XML, also packed by gzip"
+
+
+def read_frf(
+    path: str | Path,
+    name: str | None = None,
+    *,
+    columns: Sequence[str] | None = None,
+    input: str | None = None,  # noqa: A002  the name that the field has
+    output: str | None = None,
+    unit: str | None = None,
+) -> FRF:
+    """The frequency response in a file, or the one of that name; of several a name must be given.
+
+    columns        names for the columns of a file without heads, or instead of its heads:
+                   ["f_Hz", "re", "im", "coherence"], ["f_Hz", "magnitude_dB", "phase_deg"]
+    input, output  what it leads from and to; default: what the file says
+    unit           output over input in SI, as m/N, where the file does not say it; one that it says is turned into SI
+
+    Raises FileError (no such file, ...) or LogError (of another kind, damaged, NaN, frequencies that are negative or do
+    not rise, a coherence above 1, a magnitude without phase), each with file, line and what to do.
+    """
+    found = read_frfs(path, columns=columns)
+    if name is None and len(found) > 1:
+        raise ParameterError(f"{path}: holds {len(found)} responses: {', '.join(found)}; name the one that is meant")
+    if name is not None and name not in found:
+        raise ParameterError(f"{path}: there is no response '{name}'{nearest(name, found)}")
+    frf = found[name] if name is not None else next(iter(found.values()))
+    return replace(
+        frf,
+        input=frf.input if input is None else input,
+        output=frf.output if output is None else output,
+        unit=frf.unit if unit is None else unit,
+    )
+
+
+def read_frfs(path: str | Path, *, columns: Sequence[str] | None = None) -> dict[str, FRF]:
+    """All frequency responses in a file, by name; see `read_frf`."""
+    try:
+        return _read_frfs(path, columns)
+    except (LogError, ParameterError) as error:
+        raise type(error)(plain(str(error))) from None
+    except MemoryError:
+        raise LogError(f"{path}: does not fit into the memory") from None
+
+
+def names_frequency(path: str | Path) -> bool:
+    """True for a file that has a column of frequency and none of time: it is no log, even if its lines are wrong."""
+    where = str(path)
+    try:
+        tables = list(_tables(where, unpacked(where, read_whole(path, MOST_BYTES)), None))
+        for table, _ in tables:
+            frequency_of(where, table)
+        return bool(tables) and not any(is_time(name) for table, _ in tables for name in table.values)
+    except (LogError, ParameterError, MemoryError):
+        return False
+
+
+def _read_frfs(path: str | Path, columns: Sequence[str] | None) -> dict[str, FRF]:
+    where = str(path)
+    content = unpacked(where, read_whole(path, MOST_BYTES))
+    found: dict[str, FRF] = {}
+    for table, stated in _tables(where, content, columns):
+        found |= _responses(where, table, stated)
+    return found
+
+
+def _tables(where: str, content: bytes, columns: Sequence[str] | None) -> Iterable[tuple[Columns, Mapping[str, str]]]:
+    """Tables of frequency and responses, one for each vector of frequencies, and what the file states of them."""
+    if content.startswith(uff.STARTS):
+        return uff.uff_tables(where, content)
+    if ast_xml.is_xml(content):
+        return ast_xml.ast_tables(where, content)
+    refuse_others(where, content, _READABLE)
+    table = read_csv(where, content, None)
+    return [(table if columns is None else _renamed(where, table, columns), _statements(content))]
+
+
+def _responses(where: str, table: Columns, stated: Mapping[str, str]) -> dict[str, FRF]:
+    """The responses of one table."""
+    label, frequency = frequency_of(where, table)
+    kept = _check_frequency(where, label, frequency, table)
+    step = _number(stated.get("sample_time"))
+    found: dict[str, FRF] = {}
+    for response in responses_of(where, table, label):
+        if not response.unit and "unit" in stated:
+            response.unit, response.factor = _stated_unit(where, stated["unit"])
+        found[response.name or "frf"] = FRF(
+            frequency[kept],
+            response.factor * _complex(where, response, table)[kept],
+            input=stated.get("input", "input"),
+            output=stated.get("output", response.name or "output"),
+            unit=response.unit,
+            sample_time=step,
+            coherence=_coherence(where, response, table, kept),
+            variance=_variance(where, response, table, kept),
+        )
+    return found
+
+
+def _stated_unit(where: str, unit: str) -> tuple[str, float]:
+    """The unit of a line `# unit: um/N` in SI and the factor to it; one that is not known stays as it is."""
+    try:
+        return in_si(where, "unit", unit)
+    except LogError:
+        return unit, 1.0
+
+
+def _renamed(where: str, table: Columns, columns: Sequence[str]) -> Columns:
+    """The table under given names; one for each column."""
+    if len(columns) != len(table.values) or len(set(columns)) != len(columns):
+        raise ParameterError(
+            f"{where}: {len(table.values)} columns of numbers need {len(table.values)} different names, not {columns}"
+        )
+    return replace(table, values=dict(zip(columns, table.values.values(), strict=True)), units={})
+
+
+def _finite(where: str, table: Columns, column: str) -> np.ndarray:
+    """A column, all finite."""
+    values = table.values[column]
+    bad = np.flatnonzero(~np.isfinite(values))
+    if bad.size:
+        raise LogError(
+            f"{where}: column '{column}' is {values[bad[0]]} at {table.place(int(bad[0]))} ({bad.size} such lines); "
+            "remove those lines"
+        )
+    return values
+
+
+def _check_frequency(where: str, label: str, frequency: np.ndarray, table: Columns) -> slice:
+    """Which lines count: all, or all but a first one at 0 Hz, which a response over log f has no place for."""
+    _finite(where, table, label)
+    if frequency.size == 0:
+        raise LogError(f"{where}: holds no lines")
+    negative = np.flatnonzero(frequency < 0.0)
+    if negative.size:
+        k = int(negative[0])
+        raise LogError(
+            f"{where}: the frequency is {frequency[k]:.9g} Hz at {table.place(k)} ({negative.size} such lines); "
+            "an FRF has positive frequencies: leave out the half that mirrors the other"
+        )
+    still = np.flatnonzero(np.diff(frequency) <= 0.0)
+    if still.size:
+        k = int(still[0])
+        what = "stands still" if frequency[k + 1] == frequency[k] else "falls"
+        raise LogError(
+            f"{where}: the frequency {what} at {table.place(k + 1)}: {frequency[k]:.9g} Hz is followed by "
+            f"{frequency[k + 1]:.9g} Hz ({still.size} such lines); sort the lines by frequency, each once"
+        )
+    if frequency.size == 1 and frequency[0] == 0.0:
+        raise LogError(f"{where}: holds only a line at 0 Hz")
+    return slice(1, None) if frequency[0] == 0.0 else slice(None)
+
+
+def _complex(where: str, response: Response, table: Columns) -> np.ndarray:
+    """The complex numbers of a response, none of which is beyond all measure."""
+    values = _from_parts(where, response, table)
+    size = np.abs(values)
+    if (most := float(np.max(size))) > _LARGEST:
+        raise LogError(
+            f"{where}: the response reaches {most:.3g} at {table.place(int(np.argmax(size)))}, beyond {_LARGEST:g}, "
+            "which no axis does: look at exponents and decimal mark"
+        )
+    return values
+
+
+def _from_parts(where: str, response: Response, table: Columns) -> np.ndarray:
+    """The complex numbers of a response, from its parts or from magnitude and phase."""
+    places = response.places
+    if {"re", "im"} <= set(places):
+        return _finite(where, table, places["re"]) + 1j * _finite(where, table, places["im"])
+    magnitude, phase = _finite(where, table, places["magnitude"]), _finite(where, table, places["phase"])
+    if response.decibel:
+        if np.max(np.abs(magnitude), initial=0.0) > 2000.0:
+            raise LogError(f"{where}: column '{places['magnitude']}' reaches {np.max(np.abs(magnitude)):.4g} dB")
+        magnitude = 10.0 ** (magnitude / 20.0)
+    elif np.any(magnitude < 0.0):
+        k = int(np.argmax(magnitude < 0.0))
+        raise LogError(
+            f"{where}: the magnitude '{places['magnitude']}' is {magnitude[k]:.6g} at {table.place(k)}; "
+            "if it is in dB say so: name the column magnitude_dB"
+        )
+    if response.degrees is None:
+        raise LogError(f"{where}: the phase '{places['phase']}' has no unit; name the column phase_deg or phase_rad")
+    angle = np.radians(phase) if response.degrees else phase
+    return magnitude * np.exp(1j * angle)
+
+
+def _coherence(where: str, response: Response, table: Columns, kept: slice) -> np.ndarray | None:
+    """The coherence, between 0 and 1; more by rounding counts as 1."""
+    column = response.places.get("coherence")
+    if column is None:
+        return None
+    values = _finite(where, table, column)
+    wrong = np.flatnonzero((values > 1.0 + 1e-6) | (values < 0.0))
+    if wrong.size:
+        k = int(wrong[0])
+        why = "in percent? Divide it by 100" if np.max(values) > 2.0 else "it is |Sxy|²/(Sxx Syy)"
+        raise LogError(
+            f"{where}: the coherence '{column}' is {values[k]:.6g} at {table.place(k)} ({wrong.size} such lines), "
+            f"outside 0 to 1; {why}"
+        )
+    return np.minimum(values[kept], 1.0)
+
+
+def _variance(where: str, response: Response, table: Columns, kept: slice) -> np.ndarray | None:
+    column = response.places.get("variance")
+    if column is None:
+        return None
+    values = _finite(where, table, column)
+    if np.any(values < 0.0):
+        k = int(np.argmax(values < 0.0))
+        raise LogError(f"{where}: the variance '{column}' is {values[k]:.6g} at {table.place(k)}; it must be >= 0")
+    return response.factor**2 * values[kept]
+
+
+# what `write_frf` states above its columns
+_KEYS = ("input", "output", "unit", "sample_time")
+
+
+def _statements(content: bytes) -> dict[str, str]:
+    """`# key: value` lines at the start of a file that feeddrive wrote."""
+    found: dict[str, str] = {}
+    for line in content[:4096].split(b"\n"):
+        if not line.startswith(b"#"):
+            break
+        key, mark, value = line[1:].decode("utf-8", "replace").partition(":")
+        if mark and key.strip() in _KEYS:
+            found[key.strip()] = value.strip()
+    return found
+
+
+def _number(text: str | None) -> float | None:
+    try:
+        found = float(text) if text else 0.0
+    except ValueError:
+        return None
+    return found if 0.0 < found < 1e9 else None
+
+
+def write_frf(path: str | Path, *frfs: FRF) -> None:
+    """Write frequency responses as CSV; `read_frfs` gives the same numbers, bit for bit.
+
+    Columns: f_Hz, re, im, and coherence and variance if they are known; of several responses re_<output> and so on,
+    on the lines that all of them have.  Raises ParameterError (outputs of the same name, from different inputs or
+    without a common line) or FileError if it cannot be written.
+    """
+    outputs = [frf.output for frf in frfs]
+    if len(set(outputs)) < len(outputs) or len({(frf.input, frf.sample_time) for frf in frfs}) != 1:
+        raise ParameterError(
+            f"responses of one file lead from one input, with one sample time, to outputs of different names, not to "
+            f"{', '.join(outputs)}"
+        )
+    lines = reduce(np.intersect1d, (frf.frequency for frf in frfs))
+    if not lines.size:
+        raise ParameterError("responses of one file need lines that all of them have")
+    one = len(frfs) == 1
+    columns = {"f_Hz": lines}
+    for frf in frfs:
+        kept = np.isin(frf.frequency, lines)
+        values = {"re": np.real(frf.response), "im": np.imag(frf.response), "coherence": frf.coherence,
+                  "variance": frf.variance}  # fmt: skip
+        end = "" if one else f"_{frf.output}"
+        columns |= {f"{name}{end}": each[kept] for name, each in values.items() if each is not None}
+    first, units = frfs[0], {frf.unit for frf in frfs}
+    stated = {"input": first.input, "output": first.output if one else None,
+              "unit": units.pop() if len(units) == 1 else None, "sample_time": first.sample_time}  # fmt: skip
+    text = [f"# {key}: {plain(str(value))}" for key, value in stated.items() if value not in (None, "")]
+    text.append(",".join(columns))
+    text += [",".join(map(repr, row)) for row in zip(*(each.tolist() for each in columns.values()), strict=True)]
+    write_whole(path, "\n".join(text) + "\n")
+
+
+def encoders(found: Mapping[str, FRF]) -> dict[str, FRF]:
+    """Which response is that of the motor's encoder and which that of the load's, by their names.
+
+    found   responses by name, as `read_frfs` gives them
+
+    "motor" or "load" in the name or in the output's name decides; one response alone without such a name counts as
+    the motor's. Roles that no name tells are left out.
+    """
+    told = {
+        role: frf for role in ("motor", "load") for name, frf in found.items() if role in f"{name} {frf.output}".lower()
+    }
+    return told if told or len(found) != 1 else {"motor": next(iter(found.values()))}
+
+
+def digest(path: str | Path) -> str:
+    """SHA-256 of a file, for a report that says what it was made from. Raises FileError."""
+    return hashlib.sha256(read_whole(path, MOST_BYTES)).hexdigest()

@@ -1,0 +1,265 @@
+"""A job file: a machine, the work it is given, and the laws to compare on it.
+
+title = "softer or stiffer"
+machine = "my_mill.toml"           # beside the job, or the name of a bundled one
+axis = "x"                         # needed if the machine has several
+seed = 0                           # of the noise
+rule = "equal gains"               # by what the laws are comparable; printed in the report
+[reference]                        # the work: any reference block ...
+kind = "snap_limited_move"
+[log]                              # ... or a measured log, whose reference is replayed
+file = "run.csv"
+[load]                             # a force on the table
+kind = "step_force"
+[[law]]                            # rows of the comparison; today's control is always the first
+name = "twice the gain"
+set = { "control.law.Kv" = 80 }    # changes by dotted name, in SI; or a whole [law.control]
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from feeddrive.blocks.families import Load, Reference
+from feeddrive.files.blocks_from_toml import read_block
+from feeddrive.files.log import read_log
+from feeddrive.files.machine import Machine, found, read_machine
+from feeddrive.files.measured import Log
+from feeddrive.files.roles import ROLES, Column
+from feeddrive.files.toml_lines import Section, TomlFile, read_toml
+from feeddrive.language import tree, units
+from feeddrive.language.errors import FeeddriveError, FileError, ParameterError
+from feeddrive.loop.control import Control
+from feeddrive.loop.loop import Loop
+
+_KEYS = ("title", "machine", "axis", "seed", "rule", "duration", "reference", "load", "law", "log")
+
+
+@dataclass(frozen=True)
+class LogRequest:
+    """Which log to read, and which of its columns is what."""
+
+    path: Path
+    channels: Mapping[str, Column]
+    optional: Mapping[str, Column]
+    skip_samples: int
+    sample_time: float | None = None
+
+    def read(self) -> Log:
+        """The log, with those optional channels that it really has. Raises FileError or LogError as `read_log`."""
+        return read_log(self.path, self.channels, optional=self.optional, sample_time=self.sample_time)
+
+
+@dataclass(frozen=True)
+class Job:
+    """What a job file says."""
+
+    title: str
+    rule: str
+    machine: Machine
+    axis: str | None
+    seed: int
+    duration: float | None
+    reference: Reference | None
+    load: Load | None
+    log: LogRequest | None
+    loops: Mapping[str, Loop]
+    file: TomlFile
+
+
+def read_job(path: str | Path, log: str | Path | None = None) -> Job:
+    """The job in a file, or the bundled one of that name; `log` takes the place of the log's file.
+
+    Raises FileError, ParameterError or StructureError with file, line, key and what to do.
+    """
+    place = found(path, "jobs")
+    file = read_toml(place)
+    root = file.root()
+    root.refuse_unknown(_KEYS)
+    machine = _machine(root, place)
+    axis = _optional_text(root, "axis")
+    try:
+        today = machine.loop(axis)
+    except FeeddriveError as error:
+        raise root.error(f"axis: {error}", "axis") from None
+    reference = root.optional("reference")
+    request = _log(root, place, log)
+    if (reference is None) == (request is None):
+        given = ", not both: the log gives the reference" if request else ""
+        raise root.error(f"a job needs either a section [reference] or a section [log]{given}")
+    load = root.optional("load")
+    return Job(
+        title=_optional_text(root, "title") or place.stem,
+        rule=_optional_text(root, "rule") or "",
+        machine=machine,
+        axis=axis,
+        seed=_whole(root, "seed", 0),
+        duration=_duration(root),
+        reference=None if reference is None else read_block(Reference, reference),  # type: ignore[type-abstract]
+        load=None if load is None else read_block(Load, load),  # type: ignore[type-abstract]
+        log=request,
+        loops={"today": today, **_laws(root, today)},
+        file=file,
+    )
+
+
+def _machine(root: Section, place: Path) -> Machine:
+    name = _optional_text(root, "machine")
+    if name is None:
+        raise root.error('machine is missing: machine = "file.toml", or the name of a bundled machine')
+    beside = place.parent / name
+    try:
+        return read_machine(beside if beside.exists() else name)
+    except FileError as error:
+        raise type(error)(f"{root.where('machine')}: machine: {error}") from None
+
+
+def _laws(root: Section, today: Loop) -> dict[str, Loop]:
+    """The loops of the rows after today's."""
+    found: dict[str, Loop] = {}
+    for section in root.listed("law"):
+        section.refuse_unknown(("name", "control", "set"))
+        name = _optional_text(section, "name")
+        if not name or name in found or name == "today":
+            raise section.error(
+                f"{section.dotted('name')} must be a text that no other row has, and not 'today'", "name"
+            )
+        control, changes = section.optional("control"), section.optional("set")
+        if (control is None) == (changes is None):
+            raise section.error(f"row '{name}' needs either a section [law.control] or set = {{ ... }}")
+        if control is not None:
+            found[name] = _replaced(control, today)
+        else:
+            found[name] = _varied(section, changes, today)
+    return found
+
+
+def _replaced(section: Section, today: Loop) -> Loop:
+    """The loop under another control; what a row says nothing of, guard and limit, is that of today."""
+    control = read_block(Control, section)
+    guard = today.control.guard if control.guard is None else control.guard
+    limit = today.control.force_limit if control.force_limit is None else control.force_limit
+    try:
+        return dataclasses.replace(today, control=dataclasses.replace(control, guard=guard, force_limit=limit))
+    except FeeddriveError as error:
+        raise section.error(f"{section.dotted()}: {error}") from None
+
+
+def _varied(section: Section, changes: Any, today: Loop) -> Loop:
+    values = dict(_flat(changes.values))
+    for name, value in values.items():
+        if isinstance(value, bool) or not isinstance(value, (int, float)):
+            raise changes.error(f"'{name}' must be a number in SI, not {value!r}: choices need a whole [law.control]")
+        if not name.startswith("control."):
+            raise changes.error(f"'{name}' is not part of the control: a row changes names under control.*", name)
+    try:
+        return tree.vary(today, values)
+    except FeeddriveError as error:
+        raise changes.error(f"{section.dotted('set')}: {error}") from None
+
+
+def _flat(values: Mapping[str, Any], prefix: str = "") -> Any:
+    """Dotted names, whether they were written in quotes or as nested tables."""
+    for key, value in values.items():
+        name = f"{prefix}{key}"
+        if isinstance(value, dict):
+            yield from _flat(value, f"{name}.")
+        else:
+            yield name, value
+
+
+def read_request(path: str | Path, log: str | Path | None = None) -> LogRequest:
+    """The section [log] of a TOML file, that of a job or one that `Guess.toml` wrote: which column of a log is what.
+
+    `log` takes the place of the log's file.  Raises FileError or ParameterError with file, line, key and what to do.
+    """
+    root = read_toml(path).root()
+    request = _log(root, Path(path), log)
+    if request is None:
+        raise root.error("section [log] is missing; print(guess_roles(read_log(file)).toml()) shows one")
+    return request
+
+
+def _log(root: Section, place: Path, given: str | Path | None) -> LogRequest | None:
+    section = root.optional("log")
+    if section is None:
+        if given is not None:
+            raise root.error("a log was given, but the job has no section [log] that says what its columns are")
+        return None
+    step = [key for key in section.values if key == "sample_time" or key.startswith("sample_time_")]
+    section.refuse_unknown(("file", "channels", "optional", "skip_samples", "sample_time", *step))
+    name = _optional_text(section, "file")
+    if given is None and name is None:
+        raise section.error('log.file is missing: file = "run.csv", or give the log on the command line')
+    path = Path(given) if given is not None else place.parent / str(name)
+    return LogRequest(
+        path,
+        _channels(section, "channels"),
+        _channels(section, "optional"),
+        _whole(section, "skip_samples", 0),
+        _step(section, step[0]) if step else None,
+    )
+
+
+def _step(section: Section, key: str) -> float:
+    """The sample time of a log without a column of time, in s or in the unit that the key names."""
+    value = section.values[key]
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0.0 < value < 1e9:
+        raise section.error(f"{section.dotted(key)} must be a time > 0", key)
+    try:
+        return value * (1.0 if key == "sample_time" else units.factor(key.removeprefix("sample_time_"), "s"))
+    except ParameterError as error:
+        raise section.error(f"{section.dotted(key)}: {error}", key) from None
+
+
+def _channels(section: Section, name: str) -> dict[str, Column]:
+    channels = section.optional(name)
+    if channels is None:
+        return {}
+    channels.refuse_unknown(ROLES)
+    return {role: _column(channels, role, value) for role, value in channels.values.items()}
+
+
+def _column(channels: Section, role: str, value: Any) -> Column:
+    """A column's name, or { column = "x", unit = "mm" }, or { column = "x", factor = 1e-3 }."""
+    if isinstance(value, str):
+        return Column(name=value)
+    wanted = 'must be the name of a column, or { column = "name", unit = "mm" }, or { column = "name", factor = 0.001 }'
+    if not isinstance(value, dict) or not isinstance(value.get("column"), str):
+        raise channels.error(f"{channels.dotted(role)} {wanted}", role)
+    channels.section(role).refuse_unknown(("column", "unit", "factor"))
+    unit, factor = value.get("unit", ""), value.get("factor")
+    number = factor is None or (isinstance(factor, (int, float)) and not isinstance(factor, bool))
+    if not isinstance(unit, str) or not number:
+        raise channels.error(f"{channels.dotted(role)} {wanted}", role)
+    try:
+        return Column(name=value["column"], unit=unit, factor=None if factor is None else float(factor)).checked(role)
+    except (ParameterError, OverflowError) as error:
+        raise channels.error(f"{channels.dotted(role)}: {error}", role) from None
+
+
+def _optional_text(section: Section, name: str) -> str | None:
+    value = section.values.get(name)
+    if value is not None and not isinstance(value, str):
+        raise section.error(f'{section.dotted(name)} must be a text in quotes ("...")', name)
+    return value
+
+
+def _whole(section: Section, name: str, default: int) -> int:
+    value = section.values.get(name, default)
+    if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value < 2**53:
+        raise section.error(f"{section.dotted(name)} must be a whole number, 0 <= {name} < 2^53", name)
+    return value
+
+
+def _duration(root: Section) -> float | None:
+    value = root.values.get("duration")
+    if value is None:
+        return None
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0.0 < float(value) < 1e6:
+        raise root.error("duration must be a time in s, > 0 s and < 1e6 s", "duration")
+    return float(value)

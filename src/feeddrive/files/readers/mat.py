@@ -1,0 +1,188 @@
+"""MATLAB files of level 5 (save -v5, -v6, -v7): their real numeric arrays, and those in 1×1 structures as `s.x`.
+
+The layout is the published one (MathWorks, MAT-File Format, chapter 1): elements of a tag (type, length) and
+content, padded to 8 bytes; an array is an element of elements: flags, dimensions, name, numbers; an element
+may be packed by zlib.
+
+`scipy.io.loadmat` is not used: a damaged file can crash it (a segmentation fault, not an exception), it unpacks without
+a limit, and it builds objects.  Here every length is checked before it is believed, and objects, functions, cells,
+texts and sparse or complex arrays are passed over.
+"""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from feeddrive.files.columns import MOST_NUMBERS, Columns, is_wanted, most_unpacked
+from feeddrive.language.errors import LogError
+
+_MATRIX, _PACKED = 14, 15
+_NUMBERS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
+_STRUCTURE = 2
+_NUMERIC = range(6, 16)  # classes of arrays: double, single, int8 .. uint64
+_OTHER = {1: "a cell array", 3: "an object", 4: "text", 5: "a sparse array", 16: "a function", 17: "an object"}
+_COMPLEX = 0x08  # in the flags
+_DEEPEST = 8  # structures within structures
+
+
+class _DamagedError(Exception):
+    """The bytes do not follow the layout."""
+
+
+@dataclass(frozen=True)
+class _Bytes:
+    """A piece of the file and its byte order, `<` or `>`."""
+
+    content: memoryview
+    order: str
+
+    def word(self, at: int) -> int:
+        if at + 4 > len(self.content):
+            raise _DamagedError
+        return int.from_bytes(self.content[at : at + 4], "little" if self.order == "<" else "big")
+
+    def element(self, at: int) -> tuple[int, _Bytes, int]:
+        """Type and content of the element at a place, and the place of the next one."""
+        kind, length = self.word(at), self.word(at + 4)
+        if kind >> 16:  # the short form: length and type in the first four bytes, content in the next four
+            kind, length, start, end = kind & 0xFFFF, kind >> 16, at + 4, at + 8
+            if length > 4:
+                raise _DamagedError
+        else:
+            start = at + 8
+            end = start + length if kind == _PACKED else start + (length + 7) // 8 * 8
+        if start + length > len(self.content):
+            raise _DamagedError
+        return kind, _Bytes(self.content[start : start + length], self.order), end
+
+    def numbers(self, kind: int) -> np.ndarray:
+        if kind not in _NUMBERS:
+            raise _DamagedError
+        dtype = np.dtype(self.order + _NUMBERS[kind])
+        if len(self.content) % dtype.itemsize:
+            raise _DamagedError
+        return np.frombuffer(self.content, dtype)
+
+
+def read_mat(name: str, content: bytes, wanted: frozenset[str] | None) -> Columns:
+    """The columns of a MATLAB 5 file; a matrix gives a column each, numbered from 1; a single number is a constant.
+
+    Raises LogError for a file that is cut off or damaged, with what is read before that place.
+    """
+    order = {b"IM": "<", b"MI": ">"}.get(content[126:128])
+    if order is None:
+        raise LogError(f"{name}: is a damaged MATLAB file: its header does not state a byte order")
+    values: dict[str, np.ndarray] = {}
+    constants: dict[str, float] = {}
+    left_out: dict[str, str] = {}
+    unread: list[str] = []
+    whole = _Bytes(memoryview(content), order)
+    at = 128
+    last = ""
+    try:
+        while at < len(content):
+            kind, piece, at = whole.element(at)
+            if kind == _PACKED:
+                piece = _unpacked(piece, most_unpacked(len(content)))
+            for variable, found in _arrays(piece, "", 0):
+                last = variable
+                if not variable:  # what MATLAB keeps for its objects
+                    continue
+                if isinstance(found, str):
+                    left_out[variable] = found
+                else:
+                    unread += _keep(variable, found, wanted, values, constants)
+    except (_DamagedError, zlib.error, OverflowError):
+        after = f" after variable '{last}'" if last else ""
+        raise LogError(f"{name}: is damaged or cut off{after}; copy it again") from None
+    if sum(column.size for column in values.values()) > MOST_NUMBERS:
+        raise LogError(f"{name}: holds more than the {MOST_NUMBERS:,} numbers that are read; map fewer columns")
+    return Columns("MATLAB 5", values, {}, constants, tuple(unread), left_out)
+
+
+def _unpacked(packed: _Bytes, most: int) -> _Bytes:
+    """The element in a packed one, of the length that its tag states and not a byte more, and of `most` at all."""
+    zip_ = zlib.decompressobj()
+    tag = _Bytes(memoryview(zip_.decompress(packed.content, 8)), packed.order)
+    kind, length = tag.word(0), tag.word(4)
+    if kind != _MATRIX or length > most:
+        raise _DamagedError
+    inner = zip_.decompress(zip_.unconsumed_tail, length) if length else b""
+    if len(inner) != length:
+        raise _DamagedError
+    rest = zip_.decompress(zip_.unconsumed_tail, 8)  # the end of the stream, with its checksum
+    if rest.strip(b"\0") or not zip_.eof:
+        raise _DamagedError
+    return _Bytes(memoryview(inner), packed.order)
+
+
+def _arrays(piece: _Bytes, prefix: str, depth: int) -> Iterator[tuple[str, np.ndarray | str]]:
+    """Dotted name and array of everything numeric in a matrix element, or why it is left out."""
+    if not len(piece.content):
+        return
+    _, flags, at = piece.element(0)
+    kind_of_sizes, sizes, at = piece.element(at)
+    _, letters, at = piece.element(at)
+    array_class, is_complex = flags.word(0) & 0xFF, bool(flags.word(0) >> 8 & _COMPLEX)
+    own = bytes(letters.content).decode("latin-1")
+    name = prefix + own if own else prefix.rstrip(".")
+    if array_class == 17:  # opaque: three names instead of dimensions
+        yield bytes(sizes.content).decode("latin-1"), _OTHER[17]
+        return
+    shape = [int(size) for size in sizes.numbers(kind_of_sizes)]
+    if min(shape, default=-1) < 0:
+        raise _DamagedError
+    if array_class == _STRUCTURE and shape == [1, 1] and depth < _DEEPEST:
+        yield from _fields(piece, at, name, depth)
+    elif array_class in _NUMERIC and len(shape) > 2:
+        yield name, f"an array of {len(shape)} dimensions"
+    elif array_class not in _NUMERIC or is_complex:
+        yield name, "complex numbers" if is_complex else _OTHER.get(array_class, "a structure of several elements")
+    else:
+        kind, numbers, _ = piece.element(at)
+        found = numbers.numbers(kind)
+        if found.size != np.prod(shape, dtype=object):
+            raise _DamagedError
+        yield name, found.reshape(shape, order="F")
+
+
+def _fields(piece: _Bytes, at: int, name: str, depth: int) -> Iterator[tuple[str, np.ndarray | str]]:
+    _, width, at = piece.element(at)
+    _, letters, at = piece.element(at)
+    size = width.word(0) if len(width.content) >= 4 else 0
+    if not 0 < size <= 4096 or len(letters.content) % size:
+        raise _DamagedError
+    for start in range(0, len(letters.content), size):
+        label = bytes(letters.content[start : start + size]).split(b"\0")[0].decode("latin-1")
+        _, inner, at = piece.element(at)
+        yield from _arrays(inner, f"{name}.{label}.", depth + 1)
+
+
+def _keep(
+    variable: str,
+    array: np.ndarray,
+    wanted: frozenset[str] | None,
+    values: dict[str, np.ndarray],
+    constants: dict[str, float],
+) -> list[str]:
+    """Keep a single number as a constant, and the columns of an array that are wanted; the names of the others."""
+    if array.size == 1:
+        constants[variable] = float(array.ravel()[0])
+        if wanted is not None and variable in wanted:
+            values[variable] = array.ravel().astype(np.float64)
+        return []
+    if array.size == 0:
+        return []
+    rows = array if min(array.shape) > 1 else array.reshape(-1, 1)
+    unread: list[str] = []
+    for k in range(rows.shape[1] if rows.shape[1] <= 64 else 0):
+        column = variable if rows.shape[1] == 1 else f"{variable}.{k + 1}"
+        if is_wanted(column, wanted) or is_wanted(variable, wanted):
+            values[column] = rows[:, k].astype(np.float64)
+        else:
+            unread.append(column)
+    return unread

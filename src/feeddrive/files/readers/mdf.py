@@ -1,0 +1,226 @@
+"""MDF4 measurement files (ASAM MDF 4.0 to 4.2): the numeric channels of the group that has most of those wanted.
+
+Sorted files, records in rows, packed by zlib or not; conversions that are numbers.  Formulas are not executed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from feeddrive.files.columns import Columns, check_unpacked, is_wanted, unit_of
+from feeddrive.files.readers.mdf_blocks import Block, Blocks, DamagedError
+from feeddrive.language.errors import LogError
+
+MOST_BYTES = 200_000_000
+STARTS = (b"MDF     4", b"UnFinMF 4")
+_HEADER = 64  # address of the first block
+_FIXED, _MASTER, _VIRTUAL_MASTER = 0, 2, 3
+_TIME = 1  # what a master counts in
+_FLOATS = {16: "f2", 32: "f4", 64: "f8"}
+
+
+@dataclass(frozen=True, eq=False)
+class _Channel:
+    """A channel's name, unit, block, and why it is not read, if it is not."""
+
+    label: str
+    unit: str
+    block: Block
+    trouble: str
+
+    @property
+    def is_time(self) -> bool:
+        kind, counts = self.block.numbers("BB")
+        return kind in (_MASTER, _VIRTUAL_MASTER) and counts == _TIME
+
+
+@dataclass(frozen=True, eq=False)
+class _Group:
+    """Channels on one clock: `rows` records of `size` bytes from `data`, `before` bytes of an id in front of each."""
+
+    channels: tuple[_Channel, ...]
+    data: int
+    rows: int
+    before: int
+    kept: int  # bytes of values in a record
+    invalid: int  # bytes of flags behind them
+
+    @property
+    def size(self) -> int:
+        return self.before + self.kept + self.invalid
+
+
+def read_mdf(name: str, content: bytes, wanted: frozenset[str] | None) -> Columns:
+    """The channels of one group. Raises LogError if the file is damaged, or stores records in a way not read."""
+    if len(content) > MOST_BYTES:
+        raise LogError(
+            f"{name}: has {len(content) / 1e6:,.0f} MB, more than the {MOST_BYTES / 1e6:,.0f} MB of an MDF4 file that "
+            "are read; export the channels that are needed"
+        )
+    blocks = Blocks(name, content)
+    try:
+        groups = _groups(blocks)
+        useful = [group for group in groups if any(not c.trouble and not c.is_time for c in group.channels)]
+        if not useful:
+            raise LogError(f"{name}: is an MDF4 file without numbers; export its channels")
+        chosen = max(useful, key=lambda group: sum(is_wanted(c.label, wanted) for c in group.channels if not c.trouble))
+        check_unpacked(name, chosen.rows * len(chosen.channels), len(content))
+        return _columns(blocks, chosen, groups, wanted)
+    except DamagedError:
+        raise LogError(f"{name}: is a damaged or cut off MDF4 file; export it again") from None
+
+
+def _groups(blocks: Blocks) -> list[_Group]:
+    """All groups that hold records."""
+    found: list[_Group] = []
+    finished = bytes(blocks.content[:8]) == b"MDF     "
+    for data_group in blocks.chain(blocks.at(_HEADER, b"##HD").link(0), b"##DG"):
+        (before,) = data_group.numbers("B")
+        groups = list(blocks.chain(data_group.link(1), b"##CG"))
+        if len(groups) > 1:
+            raise LogError(
+                f"{blocks.name}: is an unsorted MDF4 file, with records of {len(groups)} groups mixed; save it sorted"
+            )
+        for group in groups:
+            _, rows, flags, _, kept, invalid = group.numbers("QQHH4xII")
+            if flags & 1 or not data_group.link(2):  # lengths of texts; nothing recorded
+                continue
+            size = before + kept + invalid
+            if not finished and rows == 0 and size:
+                rows = sum(len(piece) for piece in blocks.records(data_group.link(2))) // size
+            channels = _channels(blocks, group)
+            if rows and channels:
+                found.append(_Group(channels, data_group.link(2), rows, before, kept, invalid))
+    return found
+
+
+def _channels(blocks: Blocks, group: Block) -> tuple[_Channel, ...]:
+    found: list[_Channel] = []
+    seen: dict[str, int] = {}
+    for block in blocks.chain(group.link(1), b"##CN"):
+        kind, _, data, _ = block.numbers("BBBB")
+        label = blocks.text(block.link(2)) or f"channel_{len(found) + 1}"
+        seen[label] = seen.get(label, 0) + 1
+        label = label if seen[label] == 1 else f"{label}_{seen[label]}"
+        conversion = blocks.at(block.link(4), b"##CC") if block.link(4) else None
+        unit = blocks.text(block.link(6)) or ("" if conversion is None else blocks.text(conversion.link(1)))
+        trouble = "" if conversion is None or conversion.numbers("B")[0] in _CONVERSIONS else _TROUBLE
+        if kind not in (_FIXED, _MASTER, _VIRTUAL_MASTER) or (kind != _VIRTUAL_MASTER and data > 5) or block.link(1):
+            trouble = "no plain numbers"
+        found.append(_Channel(label, unit, block, trouble))
+    return tuple(found)
+
+
+def _columns(blocks: Blocks, chosen: _Group, groups: list[_Group], wanted: frozenset[str] | None) -> Columns:
+    values: dict[str, np.ndarray] = {}
+    units: dict[str, str] = {}
+    left_out = {channel.label: channel.trouble for channel in chosen.channels if channel.trouble}
+    unread: list[str] = []
+    data = _whole(blocks.records(chosen.data), chosen)
+    for channel in chosen.channels:
+        if channel.trouble:
+            continue
+        if not channel.is_time and not is_wanted(channel.label, wanted):
+            unread.append(channel.label)
+            continue
+        label = "time" if channel.is_time else channel.label
+        values[label] = _converted(blocks, channel.block, _raw(channel.block, chosen, data))
+        unit = channel.unit or ("s" if channel.is_time else "")
+        if unit:
+            units[label] = unit_of(unit) or unit
+    for group in groups:
+        if group is not chosen:
+            apart = {c.label: "of another group, with a clock of its own" for c in group.channels if not c.is_time}
+            left_out = apart | left_out
+    return Columns("MDF4", values, units, unread=tuple(unread), left_out=left_out)
+
+
+def _raw(channel: Block, group: _Group, data: list[memoryview]) -> np.ndarray:
+    """Numbers of a channel as they were recorded, NaN where its flag says that they are not valid."""
+    kind, _, form, shift, offset, bits, flags, flag_at = channel.numbers("BBBBIIII")
+    if kind == _VIRTUAL_MASTER:
+        return np.arange(group.rows, dtype=np.float64)
+    width = (shift + bits + 7) // 8
+    if not 0 < width <= 8 or offset + width > group.kept:
+        raise DamagedError
+    big = form in (1, 3, 5)
+    if form >= 4:
+        if bits not in _FLOATS or shift:
+            raise DamagedError
+        found = _strided(data, group, offset, (">" if big else "<") + _FLOATS[bits]).astype(np.float64, copy=False)
+    else:
+        found = _integers(data, group, offset, width, big)
+        found = (found >> np.uint64(shift)) & np.uint64((1 << bits) - 1)
+        if form >= 2:  # two's complement: the highest bit counts negative
+            found = (found << np.uint64(64 - bits)).view(np.int64) >> np.int64(64 - bits)
+        found = found.astype(np.float64, copy=False)
+    if flags & 1:
+        found[:] = np.nan
+    elif flags & 2:
+        if flag_at // 8 >= group.invalid:
+            raise DamagedError
+        flag = _strided(data, group, group.kept + flag_at // 8, "u1")
+        found[flag & np.uint8(1 << flag_at % 8) != 0] = np.nan
+    return found
+
+
+def _integers(data: list[memoryview], group: _Group, offset: int, width: int, big: bool) -> np.ndarray:
+    """`width` bytes of each record as an unsigned number."""
+    found = np.zeros(group.rows, dtype=np.uint64)
+    for k in range(width):
+        place = offset + (width - 1 - k if big else k)
+        found |= _strided(data, group, place, "u1").astype(np.uint64) << np.uint64(8 * k)
+    return found
+
+
+def _strided(data: list[memoryview], group: _Group, offset: int, dtype: str) -> np.ndarray:
+    """One number of each record, without copying the records."""
+    at, size = group.before + offset, group.size
+    return np.concatenate([np.ndarray((len(piece) // size,), dtype, piece, at, (size,)) for piece in data])
+
+
+def _whole(pieces: list[memoryview], group: _Group) -> list[memoryview]:
+    """Pieces of whole records: joined only if a record runs over the end of one. Raises DamagedError if some lack."""
+    size, length = group.size, group.rows * group.size
+    if size == 0 or length > sum(len(piece) for piece in pieces):
+        raise DamagedError
+    if any(len(piece) % size for piece in pieces[:-1]):
+        pieces = [memoryview(b"".join(pieces))]
+    found: list[memoryview] = []
+    for piece in pieces:
+        found.append(piece[: min(len(piece), length) // size * size])
+        length -= len(found[-1])
+    return [piece for piece in found if len(piece)]
+
+
+_CONVERSIONS = (0, 1, 2, 4, 5)  # none, linear, rational, tables of values with and without interpolation
+_TROUBLE = "converted by a formula, a table of ranges or of texts"
+
+
+def _converted(blocks: Blocks, channel: Block, raw: np.ndarray) -> np.ndarray:
+    """In the channel's unit."""
+    if not channel.link(4):
+        return raw
+    block = blocks.at(channel.link(4), b"##CC")
+    kind, _, _, _, count = block.numbers("BBHHH")
+    numbers = block.floats(count, 24)
+    with np.errstate(all="ignore"):
+        match kind:
+            case 1 if count >= 2:
+                return numbers[0] + numbers[1] * raw
+            case 2 if count >= 6:
+                a, b, c, d, e, f = numbers[:6]
+                return ((a * raw + b) * raw + c) / ((d * raw + e) * raw + f)
+            case 4 | 5 if count >= 4 and count % 2 == 0:
+                keys, values = np.array(numbers[::2]), np.array(numbers[1::2])
+                if not np.all(np.diff(keys) > 0.0):
+                    raise DamagedError
+                if kind == 4:
+                    return np.interp(raw, keys, values)
+                return values[np.searchsorted(0.5 * (keys[1:] + keys[:-1]), raw)]
+            case 0:
+                return raw
+            case _:
+                raise DamagedError

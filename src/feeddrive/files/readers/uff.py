@@ -1,0 +1,128 @@
+"""Universal files (UFF, UNV), dataset 58, text or binary: functions at nodal degrees of freedom.
+
+Time responses become channels, frequency responses become FRFs, each with the coherence of the same degrees of freedom.
+Needs pyuff (the extra `uff`).  Units are those of the axis labels, else those that the kinds of data have in SI.
+Up to 50 MB.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from feeddrive.files.columns import Columns, is_wanted, unit_of
+from feeddrive.language.errors import LogError, MissingExtraError
+
+MOST_BYTES = 50_000_000
+MOST_SETS = 1000
+STARTS = (b"    -1\n", b"    -1\r\n", b"    -1 ")
+_TIME, _FRF, _COHERENCE = 1, 4, 6  # types of function
+_UNITS = {8: "m", 9: "N", 11: "m/s", 12: "m/s2", 13: "N", 17: "s", 18: "Hz"}  # by kind of data
+
+
+def sets_of(name: str, content: bytes) -> list[Mapping[str, Any]]:
+    """The datasets 58 of a universal file. Raises LogError if it is damaged, MissingExtraError without pyuff."""
+    try:
+        import pyuff
+    except ImportError:
+        raise MissingExtraError("pyuff", "uff", f"{name}: reading a universal file (UFF)") from None
+    if len(content) > MOST_BYTES:
+        raise LogError(
+            f"{name}: has {len(content) / 1e6:,.0f} MB, more than the {MOST_BYTES / 1e6:,.0f} MB of a universal file "
+            "that are read; export fewer functions"
+        )
+    try:
+        with tempfile.TemporaryDirectory() as folder:  # pyuff reads files only
+            path = Path(folder) / "a.uff"
+            path.write_bytes(content)
+            file = pyuff.UFF(str(path))
+            kinds = [int(kind) for kind in file.get_set_types()]
+            found: list[Any] = [file.read_sets(k) for k, kind in enumerate(kinds) if kind == 58][: MOST_SETS + 1]
+    except Exception:  # pyuff raises plain exceptions for whatever is wrong
+        raise LogError(f"{name}: is a damaged or cut off universal file; export it again") from None
+    if len(found) > MOST_SETS:
+        raise LogError(f"{name}: holds {len(found)} functions, more than the {MOST_SETS} that are read; export fewer")
+    if not found:
+        raise LogError(f"{name}: is a universal file without a function (dataset 58); export functions or FRFs")
+    for each in found:
+        stated, there = int(each.get("num_pts", 0)), np.size(each.get("data"))
+        if there < stated or np.size(each.get("x")) != there:
+            raise LogError(f"{name}: '{_label(each)}' states {stated} values and holds {there}; export it again")
+    return found
+
+
+def read_uff(name: str, content: bytes, wanted: frozenset[str] | None) -> Columns:
+    """The time responses of a universal file as channels over one time. Raises LogError."""
+    values: dict[str, np.ndarray] = {}
+    units: dict[str, str] = {}
+    left_out: dict[str, str] = {}
+    unread: list[str] = []
+    for each in sets_of(name, content):
+        label = _free(_label(each), (*values, *left_out, *unread))
+        if each["func_type"] != _TIME or np.iscomplexobj(each["data"]):
+            left_out[label] = "no time response but another function; read_frf reads frequency responses"
+        elif not is_wanted(label, wanted):
+            unread.append(label)
+        else:
+            time = np.asarray(each["x"], dtype=np.float64)
+            if "time" in values and (time.size != values["time"].size or np.any(time != values["time"])):
+                left_out[label] = "over another time than the first"
+                continue
+            values.setdefault("time", time)
+            units.setdefault("time", "s")
+            values[label] = np.asarray(each["data"], dtype=np.float64)
+            units[label] = _unit(each, "ordinate")
+    return Columns("UFF 58", values, units, unread=tuple(unread), left_out=left_out)
+
+
+def uff_tables(name: str, content: bytes) -> Iterator[tuple[Columns, dict[str, str]]]:
+    """A table of f, re, im, coherence for each frequency response, and what it leads from and to."""
+    sets = sets_of(name, content)
+    responses = [each for each in sets if each["func_type"] == _FRF]
+    if not responses:
+        raise LogError(f"{name}: is a universal file without a frequency response (function type 4)")
+    coherences = {(_end(each, "rsp"), _end(each, "ref")): each for each in sets if each["func_type"] == _COHERENCE}
+    names: list[str] = []
+    for each in responses:
+        output, entrance = _end(each, "rsp"), _end(each, "ref")
+        label = _free(f"{output}_{entrance}", names)
+        names.append(label)
+        data = np.asarray(each["data"])
+        values = {"f": np.asarray(each["x"], dtype=np.float64), f"re_{label}": np.real(data).astype(np.float64),
+                  f"im_{label}": np.imag(data).astype(np.float64)}  # fmt: skip
+        coherence = coherences.get((output, entrance))
+        if coherence is not None and np.array_equal(coherence["x"], each["x"]):
+            values[f"coherence_{label}"] = np.real(coherence["data"]).astype(np.float64)
+        over, under = _unit(each, "ordinate"), _unit(each, "orddenom")
+        unit = f"{over}/{under}" if over and under and "/" not in under else ""
+        units = {"f": "Hz", f"re_{label}": unit} if unit else {"f": "Hz"}
+        yield Columns("UFF 58", values, units), {"input": entrance, "output": output}
+
+
+def _end(each: Mapping[str, Any], end: str) -> str:
+    """Node and direction of one end, as 12+Z."""
+    direction = int(each.get(f"{end}_dir", 0))
+    sign = "-" if direction < 0 else "+"
+    return f"{int(each.get(f'{end}_node', 0))}{sign}{'SXYZUVW'[min(abs(direction), 6)]}".replace("+S", "")
+
+
+def _label(each: Mapping[str, Any]) -> str:
+    text = " ".join(str(each.get("id1", "")).split())
+    return text if text and text != "NONE" else _end(each, "rsp")
+
+
+def _free(label: str, taken: Any) -> str:
+    while label in taken:
+        label += "_again"
+    return label
+
+
+def _unit(each: Mapping[str, Any], axis: str) -> str:
+    """The unit of an axis by its label, else by its kind of data, in SI."""
+    stated = str(each.get(f"{axis}_axis_units_lab", "")).strip()
+    known = unit_of(stated) if stated not in ("", "NONE") else None
+    return known or _UNITS.get(int(each.get(f"{axis}_spec_data_type", 0)), "")

@@ -1,0 +1,194 @@
+"""Changes of single values in a TOML file that leave everything else as it is: comments, order, spaces.
+
+    edit = TomlEdit(text, "machine.toml")
+    edit.set(("axis", "x", "plant", "mass"), 95.2, "kg")     # finds mass, mass_kg or mass_g and keeps its unit
+    edit.replace(("axis", "x", "friction_load"), section)    # another kind of block; comments in it stay
+    edit.text
+
+It stands on the scanner that finds the lines for error messages, so that no second parser of TOML is needed: a library
+such as tomlkit would bring 8000 lines for these three operations, and its own idea of what is valid.
+"""
+
+from __future__ import annotations
+
+import re
+
+from feeddrive.files.toml_keys import Key, lines_of_keys, spans_of_values
+from feeddrive.files.toml_lines import parse_toml
+from feeddrive.language import units
+from feeddrive.language.errors import FileError, ParameterError
+
+_HEADER_COMMENT = re.compile(r"^[ \t]*\[[^\]#\"']*\]+([ \t]*#[^\n]*)")
+_HEADER = re.compile(r"^[ \t]*\[", re.MULTILINE)
+
+
+class TomlEdit:
+    """A TOML text under change; `name` stands for the file in messages.
+
+    Raises FileError for a text that is not TOML, and for a change that would make it so.
+    """
+
+    def __init__(self, text: str, name: str) -> None:
+        self.name = name
+        self.text = text
+        self._check()
+
+    def set(self, key: Key, value: float | str | bool, unit: str = "", digits: int = 6) -> Key:
+        """Change the value of a key, or add the key at the end of its section; the key as it stands in the file.
+
+        The key in the file may carry another unit of the same dimension (`mass_g`); the value is then converted.
+        Numbers are written with `digits` significant figures.
+        Raises ParameterError if the section is not there.
+        """
+        spans = spans_of_values(self.text)
+        found, factor = self._find(spans, key, unit)
+        if found is None:
+            self._insert(key, value, digits)
+        else:
+            begin, end = spans[found]
+            written = _written(value / factor if isinstance(value, float) else value, digits)
+            self.text = self.text[:begin] + written + self.text[end:]
+        self._check()
+        return key if found is None else found
+
+    def replace(self, key: Key, section: str) -> None:
+        """Put a section, with its header, in the place of [key] and all that is under it; add it if there is none.
+
+        Comments that stand alone on a line within the old section stay, above the new one, and so does that behind the
+        old header.
+        """
+        places = self._sections(key)
+        if not places:
+            self.add(section)
+            return
+        lines = self.text.splitlines(keepends=True)
+        gone = sorted(line for begin, end in places for line in range(begin, end))
+        kept = [lines[i] for i in gone if lines[i].lstrip().startswith("#")]
+        inside = set(gone)
+        made: list[str] = []
+        for i, line in enumerate(lines):
+            if i == gone[0]:
+                header, _, rest = section.strip().partition("\n")
+                said = _HEADER_COMMENT.match(lines[gone[0]])
+                made += [
+                    *kept,
+                    f"{header}{said[1] if said and '#' not in header else ''}\n{rest}".rstrip() + "\n",
+                    "\n",
+                ]
+            if i not in inside:
+                made.append(line)
+        self.text = "".join(made)
+        self._check()
+
+    def has(self, key: Key) -> bool:
+        """Whether there is such a key or section."""
+        return key in lines_of_keys(self.text)
+
+    def remove(self, key: Key) -> None:
+        """Take the sections [key] and [[key]] out, with all that is under them; comments that stand alone stay."""
+        for begin, end in reversed(self._sections(key)):
+            lines = self.text.splitlines(keepends=True)
+            kept = [line for line in lines[begin:end] if line.lstrip().startswith("#")]
+            self.text = "".join([*lines[:begin], *kept, *lines[end:]])
+        self._check()
+
+    def silence(self, key: Key, unit: str = "") -> None:
+        """Turn the line of a key, in whatever unit it stands, into a comment; nothing if it is not there."""
+        spans = spans_of_values(self.text)
+        found, _ = self._find(spans, key, unit)
+        if found is not None:
+            begin = self.text.rfind("\n", 0, spans[found][0]) + 1
+            self.text = f"{self.text[:begin]}# {self.text[begin:]}"
+            self._check()
+
+    def comment(self, key: Key, words: str) -> None:
+        """Add words to the comment behind a value; older ones at its end that begin with the same word are replaced."""
+        _, end = spans_of_values(self.text)[key]
+        after = self.text.find("\n", end)
+        after = len(self.text) if after < 0 else after
+        rest = self.text[end:after]
+        head = words.split(" ", 1)[0]
+        rest = re.sub(rf"(; |(?<=# )){re.escape(head)} [^;]*$", "", rest).rstrip()
+        joined = f"{rest}; {words}" if rest.strip(" #") else f"{rest.replace('#', '').rstrip()}  # {words}"
+        self.text = self.text[:end] + joined + self.text[after:]
+        self._check()
+
+    def add(self, section: str) -> None:
+        """Add a section at the end."""
+        self.text = f"{self.text.rstrip()}\n\n{section.strip()}\n"
+        self._check()
+
+    def _check(self) -> None:
+        try:
+            parse_toml(self.text, self.name)
+        except FileError as error:
+            raise FileError(f"{error} (in the changed text)") from None
+
+    def _find(self, spans: dict[Key, tuple[int, int]], key: Key, unit: str) -> tuple[Key | None, float]:
+        """The key as it stands in the file, and the factor from its unit to `unit`."""
+        if key in spans:
+            return key, 1.0
+        for each in spans:
+            if each[:-1] == key[:-1] and str(each[-1]).startswith(f"{key[-1]}_"):
+                try:
+                    return each, units.factor(str(each[-1]).removeprefix(f"{key[-1]}_"), unit)
+                except ParameterError:
+                    continue
+        return None, 1.0
+
+    def _insert(self, key: Key, value: float | str | bool, digits: int) -> None:
+        """A new line after the last key of the section, or after its header."""
+        lines = lines_of_keys(self.text)
+        section = key[:-1]
+        # a value may go on over several lines: the new line stands after its end
+        own = [
+            self.text.count("\n", 0, end) + 1
+            for each, (_, end) in spans_of_values(self.text).items()
+            if each[:-1] == section
+        ]
+        if section not in lines and not own:
+            raise ParameterError(f"{self.name}: there is no section [{'.'.join(map(str, section))}]")
+        after = max([*own, lines.get(section, 0)])
+        rows = self.text.splitlines(keepends=True)
+        if not own and any(line == after and len(each) > len(section) for each, line in lines.items()):
+            # the section has no header but that of a part of it: it gets one of its own, before that
+            while after > 1 and rows[after - 2].lstrip().startswith("#"):
+                after -= 1
+            rows[after - 1 : after - 1] = [f"[{'.'.join(map(str, section))}]\n", "\n"]
+        if not rows[after - 1].endswith("\n"):
+            rows[after - 1] += "\n"
+        rows.insert(after, f"{key[-1]} = {_written(value, digits)}\n")
+        self.text = "".join(rows)
+
+    def _sections(self, key: Key) -> list[tuple[int, int]]:
+        """Rows, from 0, of the tables [key], [[key]] and those below, each up to the next header."""
+        headers = [self.text.count("\n", 0, found.start()) for found in _HEADER.finditer(self.text)]
+        lines = lines_of_keys(self.text)
+        own = {line - 1 for each, line in lines.items() if each[: len(key)] == key}
+        total = self.text.count("\n") + 1
+        ends = [*headers[1:], total]
+        found: list[tuple[int, int]] = []
+        for begin, end in zip(headers, ends, strict=True):
+            if begin in own:
+                found.append((begin, self._before_comments(begin, end)))
+        return found
+
+    def _before_comments(self, begin: int, end: int) -> int:
+        """The end of a section without the comments that belong to the next header."""
+        rows = self.text.splitlines()
+        last = min(end, len(rows))
+        while last > begin + 1 and (not rows[last - 1].strip() or rows[last - 1].lstrip().startswith("#")):
+            last -= 1
+        blank = last
+        while blank < min(end, len(rows)) and not rows[blank].strip():
+            blank += 1
+        return blank
+
+
+def _written(value: float | str | bool, digits: int) -> str:
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, str):
+        return '"' + value.replace("\\", "\\\\").replace('"', '\\"') + '"'
+    rounded = float(f"{value:.{digits}g}")
+    return repr(rounded)

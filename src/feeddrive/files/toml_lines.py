@@ -1,0 +1,172 @@
+"""TOML files in which every key knows its line, so that an error says `machine.toml:12: axis.x.plant.mass ...`.
+
+The standard library reads the values; a small scanner of keys finds the lines.  Text is UTF-8, a file has at most 4 MB.
+"""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeAlias
+
+from feeddrive.files.messages import nearest, plain, shown
+from feeddrive.files.toml_keys import Key, lines_of_keys
+from feeddrive.files.whole import read_whole
+from feeddrive.language.errors import FileError, ParameterError
+
+MOST_BYTES = 4_000_000
+
+# A dotted name of 64 parts: tomllib's time grows with the square of that length, and nothing here nests so deep.
+_TOO_DEEP = re.compile(r"(?<![\w\"'-])(?:[\w\"'-]++[ \t]*+\.[ \t]*+){64}")
+
+_ADVICE = {
+    "Invalid value": 'a text needs quotes ("..."), a number a decimal point (1.5, not 1,5)',
+    "Expected '=' after a key": "a line reads  key = value",
+    "Expected newline or end of document": "write one key a line, a number with a decimal point (1.5, not 1,5)",
+    "Cannot overwrite a value": "the key is given twice; remove one",
+    "Cannot declare": "the section is opened twice; put its keys together",
+    "Unclosed array": "a bracket ] is missing",
+    "Unterminated string": "a closing quote is missing",
+    "Illegal character '\\n'": "a closing quote is missing",
+    "Invalid initial character": "a key consists of letters, digits, _ and -",
+}
+
+
+@dataclass(frozen=True)
+class TomlFile:
+    """What a TOML file holds, and where."""
+
+    name: str
+    text: str
+    content: Mapping[str, Any]
+    lines: Mapping[Key, int]
+
+    def where(self, key: Key) -> str:
+        """`machine.toml:12` for a key, or for the innermost table around it that has a line."""
+        for end in range(len(key), 0, -1):
+            if key[:end] in self.lines:
+                return f"{self.name}:{self.lines[key[:end]]}"
+        return self.name
+
+    def root(self) -> Section:
+        """The whole file as one section."""
+        return Section(self, (), self.content)
+
+
+Value: TypeAlias = Any
+
+
+@dataclass(frozen=True)
+class Section:
+    """A table in a TOML file, which can say where its keys stand."""
+
+    file: TomlFile
+    key: Key
+    values: Mapping[str, Value]
+
+    def dotted(self, name: str | int | None = None) -> str:
+        """The name of a key as people write it: `axis.x.plant.mass`."""
+        return ".".join(map(str, self.key if name is None else (*self.key, name)))
+
+    def where(self, name: str | int | None = None) -> str:
+        """`machine.toml:12` for this section or a key in it."""
+        return self.file.where(self.key if name is None else (*self.key, name))
+
+    def error(self, message: str, name: str | int | None = None) -> ParameterError:
+        """The ParameterError `file:line: message` for this section or a key in it."""
+        return ParameterError(plain(f"{self.where(name)}: {message}"))
+
+    def section(self, name: str) -> Section:
+        """The table of that name. Raises ParameterError if it is missing or not a table."""
+        found = self.optional(name)
+        if found is None:
+            raise self.error(f"section [{self.dotted(name)}] is missing")
+        return found
+
+    def optional(self, name: str) -> Section | None:
+        """The table of that name, or None. Raises ParameterError for anything else."""
+        value = self.values.get(name)
+        if value is None:
+            return None
+        if not isinstance(value, dict):
+            raise self.error(f"{self.dotted(name)} = {shown(value)} must be a section [{self.dotted(name)}]", name)
+        return Section(self.file, (*self.key, name), value)
+
+    def named(self, name: str) -> dict[str, Section]:
+        """The tables `[name.NAME]` by their own names. Raises ParameterError if there is none."""
+        group = self.optional(name)
+        if group is None or not group.values:
+            raise self.error(f"there must be at least one section [{self.dotted(name)}.NAME]")
+        return {each: group.section(each) for each in group.values}
+
+    def listed(self, name: str) -> tuple[Section, ...]:
+        """The tables `[[name]]` in their order. Raises ParameterError for anything else."""
+        value = self.values.get(name, [])
+        if not isinstance(value, list) or not all(isinstance(item, dict) for item in value):
+            raise self.error(
+                f"{self.dotted(name)} must be a list of sections, each under [[{self.dotted(name)}]]", name
+            )
+        return tuple(Section(self.file, (*self.key, name, k), item) for k, item in enumerate(value))
+
+    def refuse_unknown(self, known: Iterable[str]) -> None:
+        """Raise ParameterError at the first key that is not known, with those that are near."""
+        allowed = list(known)
+        for name in self.values:
+            if name not in allowed:
+                raise self.error(f"key '{self.dotted(name)}' is not known{nearest(name, allowed)}", name)
+
+
+def read_toml(path: str | Path) -> TomlFile:
+    """Read a TOML file. Raises FileError with file, line and what to do if it is missing, too large or not TOML."""
+    content = read_whole(path, MOST_BYTES)
+    return parse_toml(_decoded(str(path), content), str(path))
+
+
+def _decoded(name: str, content: bytes) -> str:
+    if content.startswith((b"\xff\xfe", b"\xfe\xff")):
+        raise FileError(f"{name}: is UTF-16 text; save it as UTF-8")
+    if b"\0" in content:
+        raise FileError(f"{name}: is a binary file, not TOML text")
+    try:
+        return content.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = content.count(b"\n", 0, error.start) + 1
+        raise FileError(
+            f"{name}:{line}: holds the byte 0x{content[error.start]:02x}, which is not UTF-8 text; save it as UTF-8"
+        ) from None
+
+
+def parse_toml(text: str, name: str) -> TomlFile:
+    """The content of a TOML text; `name` stands for the file in messages. Raises FileError as `read_toml`."""
+    deep = _TOO_DEEP.search(text)
+    if deep is not None:
+        raise FileError(f"{name}:{text.count(chr(10), 0, deep.start()) + 1}: a name of more than 64 parts")
+    try:
+        content = tomllib.loads(text)
+        lines = lines_of_keys(text)
+    except tomllib.TOMLDecodeError as error:
+        raise _syntax_error(name, text, str(error)) from None
+    except RecursionError:
+        raise FileError(f"{name}: is nested too deeply") from None
+    except ValueError as error:  # a whole number of thousands of digits, a date that does not exist
+        raise FileError(f"{name}: holds a value that cannot be read: {error}") from None
+    return TomlFile(name, text, content, lines)
+
+
+def _syntax_error(name: str, text: str, message: str) -> FileError:
+    found = re.fullmatch(r"(.*) \(at (?:line (\d+), column \d+|end of document)\)", message, re.DOTALL)
+    reason, line = (found[1], int(found[2] or 0)) if found else (message, 0)
+    rows = text.rstrip().split("\n")
+    line = min(line or len(rows), len(rows))
+    quoted = f" in  {_short(rows[line - 1])}" if rows and rows[line - 1].strip() else ""
+    advice = next((f"; {advice}" for start, advice in _ADVICE.items() if reason.startswith(start)), "")
+    stated = f"is not valid TOML: {reason[:1].lower()}{reason[1:]}{quoted}{advice}"
+    return FileError(plain(f"{name}:{max(line, 1)}: {stated}"))
+
+
+def _short(row: str) -> str:
+    row = row.strip()
+    return row if len(row) <= 60 else row[:57] + "..."

@@ -1,0 +1,141 @@
+"""A frequency response that was estimated from measured signals, with what is known about its errors."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from feeddrive.language.errors import LogError, ParameterError
+from feeddrive.language.table import Result, Table
+from feeddrive.loop.frequency_response import FRF
+
+_DOUBT = 0.1  # relative variance of an input from which its line does not count
+
+
+@dataclass(frozen=True, eq=False)
+class Level:
+    """What stands in the output on some lines and is not the linear answer, RMS over neighboring lines.
+
+    frequency  Hz, shape (m,)
+    output     amplitude at the output, in its unit
+    response   the same over the input that excites there, in the unit of the frequency response; NaN outside the band
+    """
+
+    frequency: np.ndarray
+    output: np.ndarray
+    response: np.ndarray
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class FrequencyEstimate(Result):
+    """An FRF with coherence and variance, the rule by which it was made, and how sure the variance itself is.
+
+    frf      `frf.variance` is E|dG|² of what stands there: noise, and nonlinear distortion as far as `total` says so
+    method   the rule, as a sentence
+    freedom  complex degrees of freedom of the variance on each line, shape (n,)
+    noise    E|dG|² by noise alone, shape (n,)
+    total    whether `frf.variance` holds nonlinear distortion beside noise
+    levels   "odd", "even", "nonlinear", "noise": levels over frequency, as far as the excitation shows them
+    counts   averages, periods, realisations, ... by name
+    remarks  what to know before trusting it
+    """
+
+    frf: FRF
+    method: str
+    freedom: np.ndarray
+    noise: np.ndarray
+    total: bool = False
+    levels: dict[str, Level] = field(default_factory=dict[str, Level])
+    counts: dict[str, int] = field(default_factory=dict[str, int])
+    remarks: tuple[str, ...] = ()
+
+    @property
+    def frequency(self) -> np.ndarray:
+        """Hz."""
+        return self.frf.frequency
+
+    def lines(self, kept: np.ndarray, *remarks: str) -> FrequencyEstimate:
+        """The lines where `kept` (bool, shape (n,)) is true, with further remarks."""
+        f = self.frf
+
+        def of(values: np.ndarray | None) -> np.ndarray | None:
+            return None if values is None else values[kept]
+
+        frf = replace(f, frequency=f.frequency[kept], response=f.response[kept], coherence=of(f.coherence),
+                      variance=of(f.variance))  # fmt: skip
+        return replace(
+            self, frf=frf, freedom=self.freedom[kept], noise=self.noise[kept], remarks=(*self.remarks, *remarks)
+        )
+
+    def where_told(self, doubt: np.ndarray) -> FrequencyEstimate:
+        """Without the lines on which the excitation hardly moved the input: `doubt`, its relative variance, > 0.1.
+
+        A quotient by a number that may be 0 has no variance.  Raises LogError if no line is left.
+        """
+        kept = doubt <= _DOUBT
+        if np.all(kept):
+            return self
+        f = self.frequency
+        if not np.any(kept):
+            raise LogError(
+                f"between {f[0]:.4g} and {f[-1]:.4g} Hz the excitation is not told from the noise of the input: "
+                f"measure again with more amplitude or longer"
+            )
+        left = f[~kept]
+        return self.lines(
+            kept,
+            f"{left.size} of {f.size} lines between {left[0]:.4g} and {left[-1]:.4g} Hz are left out: the excitation "
+            f"is not told from the noise of the input there; measure again with more amplitude, longer or rougher",
+        )
+
+    def radius(self, confidence: float = 0.95) -> np.ndarray:
+        """Radius of the disc around each response that holds the true one with this confidence.
+
+            r² = ν ((1 - p)^(-1/ν) - 1) · variance
+
+        This is Fisher's distribution with 2 and 2ν degrees of freedom: |dG|² is exponential, the variance a mean.
+        """
+        if not 0.0 < confidence < 1.0:
+            raise ParameterError(f"confidence = {confidence:g} must be > 0 and < 1")
+        assert self.frf.variance is not None
+        return np.sqrt(fisher(confidence, self.freedom) * self.frf.variance)
+
+    def table(self) -> Table:
+        """Response, deviation, noise and coherence at up to twelve lines."""
+        frf = self.frf
+        assert frf.variance is not None
+        assert frf.coherence is not None
+        n = frf.frequency.size
+        rows = [
+            [f"{frf.frequency[i]:.5g}", f"{frf.magnitude[i]:.4g}", f"{frf.phase_deg[i]:.1f}",
+             f"{100 * np.sqrt(frf.variance[i]) / frf.magnitude[i]:.3g}",
+             f"{100 * np.sqrt(self.noise[i]) / frf.magnitude[i]:.3g}", f"{frf.coherence[i]:.4f}"]
+            for i in np.unique(np.linspace(0, n - 1, 12).astype(int))
+        ]  # fmt: skip
+        title = f"{frf.output} / {frf.input} in {frf.unit or '1'}, {n} lines; {self.method}"
+        return Table(title, ["Hz", "magnitude", "deg", "deviation %", "by noise %", "coherence"], rows)
+
+    def plot(self) -> Any:
+        """Magnitude with its band, noise and distortion, phase and coherence, as a matplotlib figure."""
+        from feeddrive import plot
+
+        return plot.frequency_estimate(self)
+
+    def to_pandas(self) -> Any:
+        """A DataFrame of response, coherence, variance and noise variance over frequency in Hz."""
+        frame = self.frf.to_pandas()
+        return frame.assign(noise_variance=self.noise, freedom=self.freedom)
+
+
+def fisher(confidence: float, freedom: np.ndarray | float) -> np.ndarray:
+    """Quantile of F(2, 2ν), in closed form."""
+    nu = np.asarray(freedom, float)
+    return nu * ((1.0 - confidence) ** (-1.0 / nu) - 1.0)
+
+
+def coherence_of(response: np.ndarray, variance: np.ndarray, freedom: np.ndarray | float) -> np.ndarray:
+    """γ² = 1/(1 + ν var(G)/|G|²): the ordinary coherence of ν + 1 averages that would have given this variance."""
+    power = np.abs(response) ** 2
+    return power / (power + freedom * variance)

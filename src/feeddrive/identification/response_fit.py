@@ -1,0 +1,371 @@
+"""Models brought onto measured frequency responses: the cost, its descent, and what is known of each parameter."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from feeddrive.identification.covariance import ols_covariance, robust_covariance
+from feeddrive.language.errors import ParameterError
+from feeddrive.loop.frequency_response import FRF
+
+# from the parameters to each response, shape (lines,), and its slope, shape (lines, parameters)
+Model = Callable[[np.ndarray], "list[tuple[np.ndarray, np.ndarray]]"]
+
+_FAR = 2.0  # deviations of a residual from which it counts less and less
+_OPEN = 1.0  # standard error of a logarithm from which its start says more than the lines do
+_ROUNDING = 3e-7  # of a singular value of unit columns: its square is still well above that of doubles
+STEPS = 100
+_FLAT = 1e-7  # share of the cost by which a step must still lower it: far less than a standard error moves it
+_LITTLE = 1e-3  # of a squared residual: two steps in a row that lower the cost by less do not move an error
+
+
+@dataclass(frozen=True)
+class Unknown:
+    """A parameter that is sought. A positive one is sought by its logarithm; any other in steps of `scale`."""
+
+    name: str
+    unit: str
+    start: float
+    scale: float = 1.0
+    positive: bool = False
+    least: float = -np.inf
+    most: float = np.inf
+    fixed: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class Measured:
+    """One response with the standard deviation of its lines, `relative` ones if no variance was measured.
+
+    With a variance the residual is (G - Gm)/σ, σ² = variance + (model error · |Gm|)²; without one it is ln(G/Gm), which
+    gives peaks and valleys the same weight, divided by 1 or by what the coherence says of each line.
+    """
+
+    frf: FRF
+    sigma: np.ndarray
+    relative: bool
+
+    @property
+    def lines(self) -> int:
+        """How many."""
+        return self.frf.frequency.size
+
+
+@dataclass(frozen=True, eq=False)
+class Refined:
+    """The parameters of least cost, in the order of the unknowns.
+
+    covariance   robust to residuals that hang together from line to line; `ols` as if they did not
+    slopes       of the residuals, one row a real residual, one column an internal parameter
+    residuals    complex and weighted, of each response
+    spread       standard deviation of a real residual by their median; 1 is what the variances promise
+    model_error  share of the response by which the model is wrong beyond the noise
+    bound        which parameters ended at a bound
+    """
+
+    values: np.ndarray
+    covariance: np.ndarray
+    ols: np.ndarray
+    slopes: np.ndarray
+    residuals: tuple[np.ndarray, ...]
+    spread: float
+    model_error: float
+    bound: np.ndarray
+    settled: bool
+
+
+def measured(responses: Sequence[FRF], model_error: float = 0.0) -> tuple[Measured, ...]:
+    """The responses with their weights."""
+    found: list[Measured] = []
+    for frf in responses:
+        if np.any(frf.response == 0.0):
+            where = frf.frequency[np.argmin(frf.magnitude)]
+            raise ParameterError(f"the response to {frf.output} is zero at {where:g} Hz: leave out this line")
+        if frf.variance is not None:
+            # a variance of a real residual is half of E|dG|²
+            sigma = np.sqrt(0.5 * frf.variance + 0.5 * (model_error * frf.magnitude) ** 2)
+            least = 1e-9 * frf.magnitude
+            found.append(Measured(frf, np.maximum(sigma, least), False))
+        else:
+            sigma = np.ones(frf.frequency.size)
+            if frf.coherence is not None:
+                noise = (1.0 - frf.coherence) / np.maximum(frf.coherence, 1e-6)
+                # lines that are better than most are limited by the model and not by noise
+                sigma = np.sqrt(1.0 + noise / max(float(np.median(noise)), 1e-12))
+            found.append(Measured(frf, sigma, True))
+    return tuple(found)
+
+
+def refine(
+    model: Model,
+    unknowns: Sequence[Unknown],
+    responses: Sequence[FRF],
+    *,
+    logarithmic: bool = False,
+    use: Sequence[np.ndarray] | None = None,
+    start: np.ndarray | None = None,
+    steps: int = STEPS,
+    model_error: float = 0.0,
+) -> Refined:
+    """Gauss-Newton with Levenberg's damping from `start` (default: that of the unknowns) on the lines in `use`.
+
+    The cost is Σ ρ(r), ρ = 2 s² c² (√(1 + (r/sc)²) - 1), c = 2, s the median size of the residuals: a square for all
+    but lines that lie far off, which pull with bounded force.  Where the variances are known and the model is not as
+    good as they are, a `model_error` is added to them until both agree.
+    Sources: Levenberg 1944; Marquardt 1963; Pintelon & Schoukens, System Identification, section 9 (the cost).
+    """
+    chosen = [replace(frf, variance=None) if logarithmic else frf for frf in responses]
+    keep = [np.ones(frf.frequency.size, bool) for frf in chosen] if use is None else list(use)
+    u = _inner(unknowns, np.array([each.start for each in unknowns]) if start is None else start)
+    begin, data, found = u, measured(chosen), None
+    for _ in range(8):
+        data = measured(chosen, model_error)
+        found = _descend(model, unknowns, data, keep, u, steps)
+        u = _inner(unknowns, found.values)
+        found = replace(found, model_error=model_error)
+        wanted = _model_error(found, data, keep, model_error)
+        if wanted <= model_error * 1.05 + 1e-6:
+            break
+        model_error = wanted
+    assert found is not None
+    return _near_its_start(found, model, unknowns, data, keep, begin, steps)
+
+
+def _near_its_start(
+    found: Refined,
+    model: Model,
+    unknowns: Sequence[Unknown],
+    data: Sequence[Measured],
+    keep: Sequence[np.ndarray],
+    begin: np.ndarray,
+    steps: int,
+) -> Refined:
+    """Where noise leaves logarithms open: the point of the valley next to the start, if it is as low.
+
+    A free descent ends anywhere in such a valley, by its rounding, and the errors there are as arbitrary.
+    """
+    inner = np.array([each.positive and not each.fixed for each in unknowns])
+    loose = np.array([not each.fixed for each in unknowns]) & ~found.bound
+    normal = (found.slopes.T @ found.slopes)[np.ix_(loose, loose)]
+    if _told(normal, inner[loose], found.spread).shape[1] == normal.shape[0]:
+        return found
+    near = _descend(model, unknowns, data, keep, begin, steps, found.spread)
+    far = _FAR * found.spread
+    low, other = (
+        _cost(np.concatenate([part for r in each.residuals for part in (np.real(r), np.imag(r))]), far)
+        for each in (found, near)
+    )
+    # a chi-square of four: no more than noise does
+    return replace(near, model_error=found.model_error) if other <= low + 4.0 * found.spread**2 else found
+
+
+def _told(normal: np.ndarray, inner: np.ndarray, noise: float) -> np.ndarray:
+    """Directions, one a column, that leave out those in which noise of this size leaves the logarithms open.
+
+    Of the logarithms' own part of the normal equations, with all other parameters left to follow:  H₁₁ - H₁₂ H₂₂⁻¹ H₂₁.
+    """
+    if not np.any(inner):
+        return np.eye(inner.size)
+    other = ~inner
+    cross = normal[np.ix_(inner, other)]
+    own = normal[np.ix_(inner, inner)] - cross @ np.linalg.pinv(normal[np.ix_(other, other)]) @ cross.T
+    curvature, directions = np.linalg.eigh(own)
+    told = directions[:, curvature > (noise / _OPEN) ** 2]
+    ways = np.zeros((inner.size, told.shape[1] + int(np.sum(other))))
+    ways[np.flatnonzero(inner), : told.shape[1]] = told
+    ways[np.flatnonzero(other), told.shape[1] :] = np.eye(int(np.sum(other)))
+    return ways
+
+
+def _inner(unknowns: Sequence[Unknown], values: np.ndarray) -> np.ndarray:
+    return np.array([np.log(v) if each.positive else v / each.scale for each, v in zip(unknowns, values, strict=True)])
+
+
+def _outer(unknowns: Sequence[Unknown], u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Values and their slopes."""
+    values = np.array([np.exp(v) if each.positive else v * each.scale for each, v in zip(unknowns, u, strict=True)])
+    slopes = np.array([v if each.positive else each.scale for each, v in zip(unknowns, values, strict=True)])
+    return values, slopes
+
+
+def _residuals(
+    model: Model, unknowns: Sequence[Unknown], data: Sequence[Measured], use: Sequence[np.ndarray], u: np.ndarray
+) -> tuple[list[np.ndarray], np.ndarray, np.ndarray]:
+    """Complex residuals of each response, and all real ones with their slopes."""
+    values, inner = _outer(unknowns, u)
+    whole: list[np.ndarray] = []
+    rows: list[np.ndarray] = []
+    slopes: list[np.ndarray] = []
+    with np.errstate(all="ignore"):
+        for (response, slope), each, kept in zip(model(values), data, use, strict=True):
+            if each.relative:
+                r = np.log(response / each.frf.response) / each.sigma
+                j = slope / (response * each.sigma)[:, None]
+            else:
+                r = (response - each.frf.response) / each.sigma
+                j = slope / each.sigma[:, None]
+            whole.append(r[kept])
+            part = j[kept] * inner
+            rows += [np.real(r[kept]), np.imag(r[kept])]
+            slopes += [np.real(part), np.imag(part)]
+    return whole, np.concatenate(rows), np.vstack(slopes)
+
+
+def _cost(r: np.ndarray, far: float) -> float:
+    if not np.all(np.isfinite(r)):
+        return np.inf
+    return float(np.sum(2.0 * far * far * (np.sqrt(1.0 + (r / far) ** 2) - 1.0)))
+
+
+def _spread(r: np.ndarray) -> float:
+    """Of residuals that are mostly alike, as a standard deviation."""
+    return 1.4826 * float(np.median(np.abs(r))) + 1e-12
+
+
+def _descend(
+    model: Model,
+    unknowns: Sequence[Unknown],
+    data: Sequence[Measured],
+    use: Sequence[np.ndarray],
+    u: np.ndarray,
+    steps: int,
+    noise: float | None = None,
+) -> Refined:
+    """From `u`; with the size of the noise only along directions in which the residuals tell the parameters."""
+    lower, upper = (
+        np.array([getattr(each, side) / (1.0 if each.positive else each.scale) for each in unknowns])
+        for side in ("least", "most")
+    )
+    inner = np.array([each.positive for each in unknowns])
+    with np.errstate(all="ignore"):
+        lower = np.where(inner, np.where(lower > 0.0, np.log(lower), -np.inf), lower)
+        upper = np.where(inner, np.log(upper), upper)
+    whole, r, slopes = _residuals(model, unknowns, data, use, u)
+    damping, settled, flat = 1e-3, False, 0
+    far = _FAR * _spread(r)
+    cost = _cost(r, far)
+    loose = np.array([not each.fixed for each in unknowns])
+    free = loose
+    for step in range(steps):
+        if step % 5 == 4:  # what counts as far off follows the fit, not each step of it
+            far = _FAR * _spread(r)
+            cost = _cost(r, far)
+        weight = 1.0 / np.sqrt(1.0 + (r / far) ** 2)
+        gradient, normal = slopes.T @ (weight * r), (slopes * weight[:, None]).T @ slopes
+        free = loose & ~(((u <= lower) & (gradient > 0.0)) | ((u >= upper) & (gradient < 0.0)))
+        size = np.diag(normal)[free]
+        size = size + 1e-12 * float(np.max(size, initial=1e-300))
+        ways = np.eye(size.size) if noise is None else _told(normal[np.ix_(free, free)], inner[free], noise)
+        before = cost
+        while damping < 1e12:
+            move = np.zeros(u.size)
+            damped = normal[np.ix_(free, free)] + np.diag(damping * size)
+            move[free] = -ways @ np.linalg.solve(ways.T @ damped @ ways, ways.T @ gradient[free])
+            # a positive parameter changes by a factor of e at most in one step
+            move = np.where(inner, np.clip(move, -1.0, 1.0), move)
+            tried = np.clip(u + move, lower, upper)
+            other = _residuals(model, unknowns, data, use, tried)
+            lowered = _cost(other[1], far)
+            if lowered < cost:
+                u, (whole, r, slopes), cost = tried, other, lowered
+                damping = max(damping * 0.2, 1e-12)
+                break
+            damping *= 6.0
+        else:
+            settled = True
+            break
+        little = before - cost <= max(_FLAT * before, _LITTLE * (far / _FAR) ** 2)
+        flat = flat + 1 if little and step % 5 != 4 else 0
+        if flat == 2:
+            settled = True
+            break
+    values, slope = _outer(unknowns, u)
+    covariance, ols = _covariances(r, slopes, slope, free)
+    return Refined(values, covariance, ols, slopes, tuple(whole), _spread(r), 0.0, loose & ~free, settled)
+
+
+def beside(
+    model: Model,
+    unknowns: Sequence[Unknown],
+    responses: Sequence[FRF],
+    values: np.ndarray,
+    *,
+    logarithmic: bool,
+    model_error: float,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Covariances, robust and plain, of all these parameters at given values, also of those that were not moved there.
+
+    What is known of a parameter is less if others that were fixed for want of knowledge count as unknown.
+    """
+    chosen = [replace(frf, variance=None) if logarithmic else frf for frf in responses]
+    everywhere = [np.ones(frf.frequency.size, bool) for frf in chosen]
+    u = np.array([np.log(v) if each.positive else v / each.scale for each, v in zip(unknowns, values, strict=True)])
+    _, r, slopes = _residuals(model, unknowns, measured(chosen, model_error), everywhere, u)
+    return _covariances(r, slopes, _outer(unknowns, u)[1], np.array([not each.fixed for each in unknowns]))
+
+
+def _covariances(
+    r: np.ndarray, slopes: np.ndarray, scale: np.ndarray, free: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Robust and plain covariance of the values; `scale` is the slope of each value in its internal parameter.
+
+    Of an estimate that satisfies Σ ψ(r) ∂r = 0 with ψ = ρ r:  mean ψ² / (mean ψ')² (JᵀJ)⁻¹.  Source: Huber 1981.
+    """
+    # a parameter that moves nothing has no error to speak of; its bound says the rest
+    free = free & (np.linalg.norm(slopes, axis=0) > 0.0)
+    moving = np.ix_(free, free)
+    robust_whole, plain_whole = (np.zeros((free.size, free.size)) for _ in range(2))
+    if not np.any(free):
+        return robust_whole, plain_whole
+    weight = 1.0 / np.sqrt(1.0 + (r / (_FAR * _spread(r))) ** 2)
+    root, curved = np.sqrt(weight), float(np.mean(weight**3))
+    columns, left = _independent((slopes * root[:, None])[:, free]), root * r
+    between = np.outer(scale[free], scale[free])
+    average = float(np.mean(weight))
+    plain = ols_covariance(columns, left) * (
+        float(np.mean(weight**2 * r**2)) * average / (float(np.mean(weight * r**2)) * curved**2)
+    )
+    robust = robust_covariance(columns, left) * (average / curved) ** 2
+    # with few lines the robust estimate may fall below that of a white residual by chance
+    wider = np.sqrt(np.maximum(np.diag(plain) / np.maximum(np.diag(robust), 1e-300), 1.0))
+    robust_whole[moving] = robust * np.outer(wider, wider) * between
+    plain_whole[moving] = plain * between
+    return robust_whole, plain_whole
+
+
+def _independent(columns: np.ndarray) -> np.ndarray:
+    """The columns, moved as little as makes them independent in doubles: what nothing tells has an error without end.
+
+    Of exactly dependent ones rounding alone would give errors of any size, small ones too.
+    """
+    size = np.linalg.norm(columns, axis=0)
+    left, values, right = np.linalg.svd(columns / size, full_matrices=False)
+    return (left * np.maximum(values, _ROUNDING)) @ right * size
+
+
+def _model_error(found: Refined, data: Sequence[Measured], use: Sequence[np.ndarray], now: float) -> float:
+    """The share that makes residuals of known variance as large as their weights say; `now` if they are."""
+    parts = [
+        (np.abs(r * each.sigma[kept]) ** 2, each.frf.variance[kept], each.frf.magnitude[kept] ** 2)
+        for r, each, kept in zip(found.residuals, data, use, strict=True)
+        if each.frf.variance is not None
+    ]
+    if not parts:
+        return 0.0
+    apart, variance, size = (np.concatenate(column) for column in zip(*parts, strict=True))
+    freedom = 1.0 - found.values.size / max(2.0 * sum(r.size for r in found.residuals), found.values.size + 1.0)
+
+    def ratio(share: float) -> float:
+        return float(np.median(apart / np.maximum(variance + share * share * size, 1e-300))) / (np.log(2.0) * freedom)
+
+    # a median of |r|² of a complex normal residual is ln 2 of its mean; 1.5 leaves room for its own scatter
+    if ratio(now) <= 1.5:
+        return now
+    low, high = now, 10.0
+    for _ in range(40):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if ratio(middle) > 1.0 else (low, middle)
+    return high

@@ -1,0 +1,111 @@
+"""What a frequency response leads from and to: its order, its scale, and the units of what is found in it."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from feeddrive.analysis.conversion import as_frf
+from feeddrive.language.errors import ParameterError
+from feeddrive.loop.frequency_response import FRF
+
+_SI = {("m", "N"): {}, ("rad", "N m"): {"kg": "kg m2", "N/m": "N m/rad", "N s/m": "N m s/rad", "m/N": "rad/(N m)"}}
+FEWEST = 8  # lines
+
+
+@dataclass(frozen=True)
+class ResponseUnits:
+    """Position (`output`) over force (`input`), differentiated `order` times: m/N, (m/s)/N, (m/s2)/N, rad/A ..."""
+
+    output: str
+    input: str
+    order: int
+
+    @property
+    def si(self) -> bool:
+        """Whether masses come out in kg and stiffnesses in N/m."""
+        return (self.output, self.input) == ("m", "N")
+
+    def of(self, unit: str) -> str:
+        """What stands for a unit of a linear axis in SI, as kg, N/m, N s/m, m/N."""
+        known = _SI.get((self.output, self.input))
+        if known is not None:
+            return known.get(unit, unit)
+        force, travel = self.input, self.output
+        own = {"kg": f"{force} s2/{travel}", "N/m": f"{force}/{travel}", "N s/m": f"{force} s/{travel}"}
+        return {**own, "m/N": f"{travel}/{force}"}.get(unit, unit)
+
+
+def response_units(frf: FRF) -> ResponseUnits:
+    """From the unit of an FRF; one without a unit counts as m/N."""
+    output, _, force = (frf.unit or "m/N").rpartition("/")
+    found = re.fullmatch(r"\(?([^()/]+?)(?:/(s2?|s\^2))?\)?", output.strip())
+    if found is None or not force:
+        raise ParameterError(
+            f"the unit '{frf.unit}' of the response to {frf.output} is not one of position, velocity or acceleration "
+            f"over force or current; give it as m/N, (m/s)/N, rad/A ..."
+        )
+    order = {None: 0, "s": 1}.get(found[2], 2)
+    return ResponseUnits(found[1].strip(), force.strip(" ()"), order)
+
+
+def taken(
+    responses: Mapping[str, FRF | None],
+    band: tuple[float, float] | None,
+    force_per_unit: float | None,
+    travel_per_unit: float | None,
+) -> tuple[dict[str, FRF], ResponseUnits]:
+    """The responses that are there, cut to a band in Hz and in SI, with what they lead from and to.
+
+    force_per_unit    N for each unit of the input, as the force constant of a motor in N/A
+    travel_per_unit   m for each unit of the output, as lead/2π for an angle in rad
+    Raises ParameterError if none is there, if one is 0, if their units differ or if too few lines are left.
+    """
+    there = {name: as_frf(frf) for name, frf in responses.items() if frf is not None}
+    if not there:
+        raise ParameterError("a fit needs at least one frequency response, of the motor's or of the load's position")
+    for name, frf in there.items():
+        silent = np.flatnonzero(frf.response == 0.0)
+        if silent.size:
+            raise ParameterError(
+                f"the response of the {name} is 0 at {frf.frequency[silent[0]]:g} Hz ({silent.size} such lines), which "
+                f"no axis does: check its columns, and leave out lines on which nothing was measured"
+            )
+    units = {name: response_units(frf) for name, frf in there.items()}
+    first = next(iter(units.values()))
+    for name, each in units.items():
+        if each != first:
+            raise ParameterError(
+                f"the responses must lead from and to the same quantities: '{name}' is in {there[name].unit}, "
+                f"another in {next(iter(there.values())).unit}"
+            )
+    scale = (1.0 if travel_per_unit is None else travel_per_unit) / (1.0 if force_per_unit is None else force_per_unit)
+    if not (np.isfinite(scale) and scale > 0.0):
+        raise ParameterError("force_per_unit and travel_per_unit must be finite and > 0")
+    first = replace(
+        first,
+        output=first.output if travel_per_unit is None else "m",
+        input=first.input if force_per_unit is None else "N",
+    )
+    found = first.output if not first.order else f"({first.output}/{('s', 's2')[first.order - 1]})"
+    found = f"{found}/{first.input if ' ' not in first.input else f'({first.input})'}"
+    kept: dict[str, FRF] = {}
+    for name, frf in there.items():
+        low, high = band or (0.0, np.inf)
+        inside = (frf.frequency >= low) & (frf.frequency <= high)
+        if np.count_nonzero(inside) < FEWEST:
+            raise ParameterError(
+                f"the response to '{name}' has {np.count_nonzero(inside)} lines from {low:g} to {high:g} Hz and needs "
+                f"{FEWEST} at least"
+            )
+        parts = {
+            key: None if (values := getattr(frf, key)) is None else values[inside] for key in ("coherence", "variance")
+        }
+        cut = replace(frf, frequency=frf.frequency[inside], response=frf.response[inside], unit=found, **parts)
+        kept[name] = cut * scale if scale != 1.0 else cut
+        if scale != 1.0:
+            kept[name] = replace(kept[name], coherence=cut.coherence)
+    return kept, first

@@ -1,0 +1,228 @@
+"""Rows 1.a to 1.c: the equations of the paper, in the ideal loop."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from feeddrive.blocks.controller.cascade_ppi import CascadePPI
+from feeddrive.blocks.controller.dadsc import DADSC
+from feeddrive.blocks.feedforward.inertia import Inertia
+from feeddrive.papers.altintas2009.ideal import (
+    Fraction,
+    Ideal,
+    cascade_column,
+    closed_form_poles,
+    continuous,
+    dadsc_column,
+    run_ideal,
+    transfer,
+)
+from feeddrive.papers.altintas2009.setting import MASS, PLANT, VISCOUS, T, cascade, dadsc
+from feeddrive.papers.claims import Claim
+from feeddrive.plot.curves import pole_sweep
+from feeddrive.report.content import Shown
+
+R = T / MASS
+# r2 and r4 of the pole map, as they grow: r4 faster than r2
+SWEEP = ((56e3, 168.0), (56e3, 840.0), (56e3, 16e3), (112e3, 64e3), (224e3, 256e3))
+IDEAL = f"ideal loop (force answers the reading of the same sample), {PLANT}"
+
+
+def residual_6(law: DADSC, run: Ideal) -> np.ndarray:
+    """(6) as a residual in m/s: (Q + g1 R) s(k) - (1 + Q + g2 R) s(k-1) + s(k-2) + R (F_d(k) - F_d(k-1))."""
+    g1, g2 = law.prepare(T)
+    Q = 1.0 + law.reaching_rate * T
+    s = law.tracking_rate * run.position_error + run.velocity_error
+    return (Q + R * g1) * s[2:] - (1.0 + Q + R * g2) * s[1:-1] + s[:-2] + R * np.diff(run.disturbance)[1:]
+
+
+def residual_7(law: CascadePPI, run: Ideal) -> np.ndarray:
+    """(7) as a residual in m/s: Q' Δs(k) - Δs(k-1) - Kv T Δe_v(k) + R (Kp T/Tn) s(k) + R ΔF_d(k), Q' = 1 + Kp R."""
+    assert law.Tn is not None
+    s = law.Kv * run.position_error + run.velocity_error
+    moved = np.diff(s)
+    left = (1.0 + law.Kp * R) * moved[1:] - moved[:-1] - law.Kv * T * np.diff(run.velocity_error)[1:]
+    return left + R * (law.Kp * T / law.Tn) * s[2:] + R * np.diff(run.disturbance)[1:]
+
+
+def recovered(law: DADSC, run: Ideal) -> np.ndarray:
+    """F_d from sample 1 on, N: [(Q + g1 R) F̂d(k) - Q F̂d(k-1) - (g2 Q - g1) s(k-1)] / (g1 R), the inverse of (6)."""
+    g1, g2 = law.prepare(T)
+    Q = 1.0 + law.reaching_rate * T
+    estimate = np.array([state.estimate for state in run.states])
+    s = np.array([state.sliding for state in run.states])
+    return ((Q + g1 * R) * estimate[1:] - Q * estimate[:-1] - (g2 * Q - g1) * s[:-1]) / (g1 * R)
+
+
+def cascade_recovered(law: CascadePPI, run: Ideal) -> np.ndarray:
+    """The same under the cascade, whose integral is -F̂d, with Q' = 1 + Kp R and g1' = Kp T/Tn."""
+    assert law.Tn is not None
+    Q, g1 = 1.0 + law.Kp * R, law.Kp * T / law.Tn
+    estimate = -np.array([state.integral for state in run.states])
+    s = law.Kv * run.position_error + run.velocity_error
+    held = g1 * s[:-1] + g1 * law.Kv * T * run.velocity_error[1:]
+    return ((Q + g1 * R) * estimate[1:] - Q * estimate[:-1] + held) / (g1 * R)
+
+
+@dataclass(frozen=True)
+class Pair:
+    """A law in the ideal loop and what (8) says of it."""
+
+    name: str
+    run: Ideal
+    closed: Fraction
+    printed: Fraction
+
+
+def _run(law: DADSC | CascadePPI, disturbance: np.ndarray, setpoint: np.ndarray | None = None) -> Ideal:
+    forward = None if isinstance(law, DADSC) else Inertia(mass=MASS)
+    return run_ideal(law, MASS, VISCOUS, T, disturbance, setpoint=setpoint, feedforward=forward)
+
+
+def equations() -> tuple[list[Claim], list[Shown]]:
+    """Claims and pictures of rows 1.a to 1.c."""
+    law, ppi = dadsc(300.0), cascade(300.0)
+    coupled = replace(law, adaptation_ratio=0.9)
+    disturbance = 100.0 * np.random.default_rng(1).normal(size=3000)
+    claims = [
+        *_residuals(law, coupled, ppi, disturbance),
+        *_implicit(law, coupled, ppi),
+        *_closed_form(law, ppi),
+    ]
+    poles, pictures = _pole_map()
+    return claims + poles, pictures
+
+
+def _residuals(law: DADSC, coupled: DADSC, ppi: CascadePPI, disturbance: np.ndarray) -> list[Claim]:
+    rule = f"{IDEAL}; 3000 samples of white F_d, 100 N RMS, seed 1"
+    free, other, cascaded = (_run(each, disturbance) for each in (law, coupled, ppi))
+    worst = {
+        "(6), DADSC": residual_6(law, free),
+        "(6) with g2 = 0.9 g1/Q": residual_6(coupled, other),
+        "(7), cascade with b x'": residual_7(ppi, cascaded),
+    }
+    exact = {
+        "DADSC": recovered(law, free),
+        "DADSC with g2 = 0.9 g1/Q": recovered(coupled, other),
+        "the cascade": cascade_recovered(ppi, cascaded),
+    }
+    return [
+        *(
+            Claim("1.a", f"{name} holds along a run", rule, float(np.max(np.abs(left))), None, 1e-10, "m/s")
+            for name, left in worst.items()
+        ),
+        *(
+            Claim(
+                "1.a", f"the inverse of the loop gives F_d back exactly under {name}", rule,
+                float(np.max(np.abs(found - disturbance[1:]))), None, 1e-9, "N",
+            )
+            for name, found in exact.items()
+        ),
+    ]  # fmt: skip
+
+
+def _implicit(law: DADSC, coupled: DADSC, ppi: CascadePPI) -> list[Claim]:
+    """x/x_r = 1, the estimate without and with the coupling term, and the Lyapunov function."""
+    still = np.zeros(2000)
+    way = 0.05 * np.sin(2.0 * np.pi * 5.0 * T * np.arange(still.size)) ** 3
+    rule = f"{IDEAL}; x_r = 50 mm · sin³ at 5 Hz, no disturbance"
+    claims = [
+        Claim(
+            "1.a", f"x/x_r = 1 under {name}", rule, float(np.max(np.abs(_run(each, still, way).position_error))),
+            None, 1e-12, "m",
+        )
+        for name, each in (("DADSC", law), ("the cascade", ppi))
+    ]  # fmt: skip
+    step = np.full(600, 200.0)
+    fall = 1.0 / (1.0 + law.adaptation_rate * T)
+    rule = f"{IDEAL}; F_d = 200 N from the first sample on"
+    off = {}
+    for name, each in (("free", law), ("coupled", coupled)):
+        left = 200.0 - np.array([state.estimate for state in _run(each, step).states])
+        off[name] = float(np.max(np.abs(left[1:] - fall * left[:-1])))
+    claims += [
+        Claim("1.a", "with g2 = g1/Q the estimate's error falls by 1/(1 + ω_d T) each sample", rule, off["free"],
+              None, 1e-9, "N"),
+        Claim("1.a", "with g2 Q - g1 = -0.1 g1 the estimate depends on s: the error leaves that line", rule,
+              off["coupled"], 0.1, None, "N"),
+    ]  # fmt: skip
+    run = _run(law, step)
+    mu = lyapunov_weight(law)
+    s = np.array([state.sliding for state in run.states])
+    left = 200.0 - np.array([state.estimate for state in run.states])
+    value = s**2 + mu * left**2
+    growth = float(np.max(value[1:] / value[:-1]))
+    return [
+        *claims,
+        Claim("1.a", f"V = s² + μ F̃² falls in every sample (μ = {mu:.3g} m²/(s² N²))", rule, growth, None, 1.0),
+    ]
+
+
+def lyapunov_weight(law: DADSC, sample_time: float = T) -> float:
+    """Twice the least μ with which V = s² + μ F̃² falls for every s and F̃ under a constant disturbance, m²/(s² N²).
+
+    F̃(k) = f F̃(k-1) and Q s(k) = s(k-1) - R f F̃(k-1) with f = 1/(1 + ω_d T).  V falls for all states if
+    1 - AᵀVA is positive: μ (1 - f²) > (R f/Q)² (1 + 1/(Q² - 1)).
+    """
+    Q = 1.0 + law.reaching_rate * sample_time
+    f = 1.0 / (1.0 + law.adaptation_rate * sample_time)
+    r = sample_time / law.mass * f / Q
+    return 2.0 * r * r * (1.0 + 1.0 / (Q * Q - 1.0)) / (1.0 - f * f)
+
+
+def _closed_form(law: DADSC, ppi: CascadePPI) -> list[Claim]:
+    kick = np.zeros(1000)
+    kick[0] = 1.0
+    assert ppi.Tn is not None
+    claims = []
+    columns = (("DADSC", law, dadsc_column(law, T)), ("cascade", ppi, cascade_column(ppi.Kv, ppi.Kp, ppi.Tn, T)))
+    for name, each, column in columns:
+        found = _run(each, kick).position
+        for printed in (False, True):
+            expected = transfer(column, MASS, T, printed=printed).impulse(kick.size)
+            off = float(np.max(np.abs(found - expected)) / np.max(np.abs(found)))
+            rule = f"{IDEAL}; F_d = 1 N in sample 0; largest difference over the peak, 1000 samples"
+            if printed:
+                claims.append(Claim("1.b", f"(8) as printed, z² - 1, is not the loop: {name}", rule, off, 0.1))
+            else:
+                claims.append(Claim("1.b", f"(8) with z² - z is the impulse response: {name}", rule, off, None, 1e-9))
+    factors = np.poly(closed_form_poles(law, T))
+    denominator = transfer(dadsc_column(law, T), MASS, T).denominator
+    off = float(np.max(np.abs(denominator / denominator[0] - factors)))
+    rule = "coefficients of the denominator of (8) against the product of its three factors"
+    return [*claims, Claim("1.b", "with g2 = g1/Q the poles are 1/(1+λT), 1/Q, Q/(Q+g1R)", rule, off, None, 1e-13)]
+
+
+def _pole_map() -> tuple[list[Claim], list[Shown]]:
+    """λ = Kv = 200, both laws with the same r2 and r4."""
+    ours, theirs = [], []
+    for r2, r4 in SWEEP:
+        K = r2 / MASS
+        law = DADSC(mass=MASS, tracking_rate=200.0, reaching_rate=K, adaptation_rate=r4 / (MASS * (1.0 + K * T)))
+        ours.append(continuous(closed_form_poles(law, T), T))
+        cascaded = transfer(cascade_column(200.0, r2, r2 * T / r4, T), MASS, T)
+        theirs.append(continuous(np.roots(cascaded.denominator), T))
+    rule = "poles of (8), s = ln z / T; λ = Kv = 200 1/s; (r2, r4) = (56000, 168), (56000, 840), (56000, 16000), "
+    rule += "(112000, 64000), (224000, 256000)"
+    swing = [float(np.max(np.abs(poles.imag))) for poles in theirs]
+    largest = theirs[-1][np.argmax(theirs[-1].imag)]
+    claims = [
+        Claim("1.c", "all poles of DADSC are real along the sweep", rule,
+              max(float(np.max(np.abs(poles.imag))) for poles in ours), None, 1e-4, "rad/s"),
+        Claim("1.c", "the cascade's are real at the first two points", rule, max(swing[:2]), None, 1e-4, "rad/s"),
+        Claim("1.c", "and complex from the third on", rule, min(swing[2:]), 1000.0, None, "rad/s"),
+        Claim("1.c", "the cascade's last pair: real part", rule, largest.real, -3900.0, -3896.0, "rad/s",
+              "-3898 + 5354j"),
+        Claim("1.c", "the cascade's last pair: imaginary part", rule, largest.imag, 5350.0, 5358.0, "rad/s"),
+    ]  # fmt: skip
+    picture = Shown(
+        "poles",
+        "Poles as the gains grow",
+        "Poles of (8) with the same r2 and r4, which grow along the sweep (marks grow with them; r4 faster than r2). "
+        "Raised together, r2 and r4 would bring the cascade's poles back to the real axis.",
+        "Pole map: DADSC stays on the real axis, the cascade leaves it from the third point on.",
+        lambda: pole_sweep({"DADSC": ours, "P-PI cascade": theirs}),
+    )
+    return claims, [picture]

@@ -1,0 +1,155 @@
+"""The small mill of the paper: three axes, two legs in a slot, and one run for each case of the table."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from feeddrive.analysis.observe import observe
+from feeddrive.blocks.controller.active_disturbance_rejection import ActiveDisturbanceRejection
+from feeddrive.blocks.cutting.helical_cutter import HelicalCutter
+from feeddrive.blocks.families import Friction, Load, Reference
+from feeddrive.blocks.force.gravity import Gravity
+from feeddrive.blocks.friction.coulomb import Coulomb
+from feeddrive.blocks.friction.regularised import Regularised
+from feeddrive.blocks.load.force_sum import ForceSum
+from feeddrive.blocks.load.milling_force import MillingForce
+from feeddrive.blocks.observer.gpi_observer import GpiObserver
+from feeddrive.blocks.plant.milling_axis import MillingAxis
+from feeddrive.blocks.reference.bezier10 import Bezier10
+from feeddrive.blocks.reference.linear_move import LinearMove
+from feeddrive.blocks.sensor.encoder import Encoder
+from feeddrive.loop.axis import Axis
+from feeddrive.loop.control import Control
+from feeddrive.loop.loop import Loop
+from feeddrive.loop.simulate import Run, simulate
+
+AXES = ("x", "y", "z")
+# the paper's table of parameters is not available: chosen numbers
+CARRIAGE = {"x": 60.0, "y": 100.0, "z": 40.0}  # kg
+C_B = {"x": 40.0, "y": 60.0, "z": 30.0}  # N s/m
+COULOMB = {"x": 60.0, "y": 90.0, "z": 40.0}  # N
+INERTIA, LEAD, C_T = 2e-4, 0.010, 2e-4  # kg m², m, N m s/rad
+GRAVITY = 9.81  # m/s²
+TRANSITION = 10e-6  # m/s, of the tanh that stands for the sign
+FEED, LEG = 3e-3, 2e-3  # m/s, m; the paper's legs are 80 mm long
+SPINDLE, CHIP = 1800.0, 5e-5  # rpm, m per tooth
+OMEGA_C, OMEGA_O, ZETA = 12.0, 700.0, 0.7071  # rad/s, rad/s
+T = 1e-4  # s
+SKIPPED = 0.3  # s, in which the observer finds the weight
+
+
+@dataclass(frozen=True)
+class Case:
+    """A row of the table: what differs from the paper's law on its linear reference.
+
+    gain      true over believed input gain, a M̂ / (a M)
+    friction  "tanh", or "set" for Coulomb friction with a true standstill
+    chip      "constant", or "feed" if it follows the instantaneous feed of the reference
+    opposite  the second leg of the cut runs towards -x, as far as y feels it
+    """
+
+    name: str
+    reference: str = "linear"
+    share: float = 1.0
+    hold: str = "first_order"
+    taylor_states: int = 5
+    gain: float = 1.0
+    resolution: float | None = None
+    friction: str = "tanh"
+    chip: str = "constant"
+    leg: float = LEG
+    opposite: bool = False
+
+
+def plant(axis: str) -> MillingAxis:
+    """The carriage on its screw."""
+    return MillingAxis(inertia=INERTIA, lead=LEAD, carriage_mass=CARRIAGE[axis], c_b=C_B[axis], c_t=C_T)
+
+
+def mass(axis: str) -> float:
+    """M = m + J/a², kg."""
+    return float(plant(axis).rigid_mass())
+
+
+def law(axis: str, case: Case) -> ActiveDisturbanceRejection:
+    """The paper's gains."""
+    believed = case.gain * mass(axis)
+    observer = GpiObserver(
+        mass=believed, omega_o=OMEGA_O, zeta_o=ZETA, taylor_states=case.taylor_states, hold=case.hold
+    )
+    return ActiveDisturbanceRejection(mass=believed, omega_c=OMEGA_C, zeta_c=ZETA, share=case.share, observer=observer)
+
+
+def loop(axis: str, case: Case, *, dry: bool = True, sample_time: float = T) -> Loop:
+    """One axis under the law; without `dry` it has no Coulomb friction."""
+    friction: Friction | None = None
+    if dry and case.friction == "tanh":
+        friction = Regularised(coulomb=COULOMB[axis], transition_velocity=TRANSITION)
+    elif dry:
+        friction = Coulomb(coulomb=COULOMB[axis])
+    return Loop(
+        control=Control(law=law(axis, case)),
+        axis=Axis(
+            plant=plant(axis),
+            friction_load=friction,
+            forces=(Gravity(force=-CARRIAGE[axis] * GRAVITY),) if axis == "z" else (),
+            encoder_load=None if case.resolution is None else Encoder(resolution=case.resolution),
+        ),
+        sample_time=sample_time,
+    )
+
+
+def legs(kind: str, leg: float) -> dict[str, Reference]:
+    """From 1 to 2 along y, then from 2 to 3 along x; z stands."""
+    move, time = (LinearMove if kind == "linear" else Bezier10), leg / FEED
+    return {
+        "x": move(distance=leg, travel_time=time, dwell_before=time),
+        "y": move(distance=leg, travel_time=time, dwell_after=time),
+        "z": move(distance=0.0, travel_time=time, dwell_after=time),
+    }
+
+
+def cutting(axis: str, case: Case) -> Load:
+    """The cutting force on an axis, in N."""
+    cutter = HelicalCutter.beltran2013()
+    if case.opposite:
+        time = case.leg / FEED
+        first, second = (0.0, 0.5 * np.pi, time), (time, np.pi, 2.0 * time)
+        return ForceSum(
+            loads=tuple(
+                MillingForce(
+                    cutter=cutter, spindle_speed=SPINDLE, component=axis, chip_load=CHIP, direction=direction,
+                    start=start, end=end,
+                )
+                for start, direction, end in (first, second)
+            )
+        )  # fmt: skip
+    path = legs("linear" if case.chip == "constant" else case.reference, case.leg)
+    return MillingForce(cutter=cutter, spindle_speed=SPINDLE, component=axis, references=(path["x"], path["y"]))
+
+
+def run(axis: str, case: Case, *, cut: bool = True, dry: bool = True) -> Run:
+    """One axis along its legs, from rest."""
+    return simulate(
+        loop(axis, case, dry=dry), legs(case.reference, case.leg)[axis], load=cutting(axis, case) if cut else None,
+        start=(0.0, 0.0), name=f"{axis}, {case.name}",
+    )  # fmt: skip
+
+
+def errors(found: Run) -> tuple[float, float]:
+    """Largest and RMS tracking error in µm after the first 0.3 s."""
+    counted = 1e6 * found["tracking_error"][found.time >= SKIPPED]
+    return float(np.max(np.abs(counted))), float(np.sqrt(np.mean(counted**2)))
+
+
+def disturbances(axis: str, case: Case, found: Run) -> tuple[np.ndarray, np.ndarray]:
+    """True ξ over the sample before each row, and its estimate, both in m/s²."""
+    mechanics = loop(axis, case).axis.mechanics()
+    weight = CARRIAGE[axis] * GRAVITY if axis == "z" else 0.0
+    cut = np.concatenate([[0.0], found["load_force"][:-1]])
+    viscous = mechanics.damping[0][0] * found["velocity_load"]
+    true = (cut + found["friction_load"] - viscous - weight) / mass(axis)
+    seen = observe(law(axis, case).observer, found["reading_load"], found["force"], T)
+    return true, seen.disturbance / (case.gain * mass(axis))

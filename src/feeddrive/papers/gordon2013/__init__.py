@@ -1,0 +1,70 @@
+"""Gordon & Erkorkmaz 2013: pole placement with active damping, and a prefilter of the trajectory, on a ball screw."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+from feeddrive.blocks.plant.two_bodies import Gains
+from feeddrive.papers.claims import Claim, Experiment
+from feeddrive.papers.gordon2013 import contributions, disturbance, frequency, motion
+from feeddrive.papers.gordon2013.setting import DESIGN, TRUTH, Part
+
+_PARTS: tuple[tuple[str, Callable[[], Part]], ...] = (
+    ("margins and stiffness", frequency.loop_figures),
+    ("rope snap", motion.rope_snap),
+    ("high-speed tracking", motion.tracking_error),
+    ("frequency view of the contributions", contributions.frequency_view),
+    ("ablation", motion.ablation),
+    ("friction", disturbance.friction),
+    ("machining", disturbance.machining),
+    ("tooth passing", frequency.tooth_passing),
+    ("robustness", frequency.robustness),
+    ("another table, a clock that jitters", disturbance.other_axis),
+)
+
+
+def _numbered(claims: Sequence[Claim]) -> list[Claim]:
+    """The claims in the order of their letters, with short keys: 2.a1, 2.a2, ..."""
+    count: Counter[str] = Counter()
+    found: list[Claim] = []
+    for claim in sorted(claims, key=lambda claim: claim.key.split()[0]):
+        letter = claim.key.split()[0]
+        count[letter] += 1
+        found.append(replace(claim, key=f"{letter}{count[letter]}"))
+    return found
+
+
+def gordon2013(step: Callable[[str], None]) -> Experiment:
+    """All experiments of the paper; `step(text)` is called before each."""
+    parts: list[Part] = []
+    for words, run in _PARTS:
+        step(words)
+        parts.append(run())
+    gains = ", ".join(f"{name} {value:.5g}" for name, value in zip(Gains._fields, DESIGN.gains(), strict=True))
+    return Experiment(
+        name="gordon2013",
+        title="Pole placement and trajectory prefilter on a ball screw",
+        citation="Gordon & Erkorkmaz, Accurate control of ball screw drives using pole-placement vibration damping and "
+        "a novel trajectory prefilter, Precision Engineering 37 (2013)",
+        claims=_numbered([claim for part in parts for claim in part.claims]),
+        tables=[table for part in parts for table in part.tables],
+        pictures=[picture for part in parts for picture in part.pictures],
+        facts={
+            "plant": TRUTH,
+            "model of the design": "130 kg and 33 kg, 18 N/µm, 700 N s/m, 1500 and 20 N s/m: two masses",
+            "gains": f"{gains} (SI)",
+            "filter pack": "notch 460 Hz (0.06 / 0.6) and low-pass 2.5 kHz, on the feedback only, both laws",
+            "sample time": "50 µs",
+        },
+        notes=[
+            "The paper's identified masses, poles and gains are not published: the plant is of the same order, and the "
+            "expected figures are those of an independent computation on it.",
+            "Peaks of the tracking error depend on how the last digits of timing are simulated (feedforward at the "
+            "sample or in its middle, dwell in the record): they agree with the expected ones within 40 %, RMS within "
+            "20 %; every claim states a ratio or an order.",
+            "Where P-PI wins: stiffness around 60 Hz, tooth passing from 30 to 100 Hz. With the table at 43 kg and "
+            "the screw 20 % softer at once the advantage in rope snap is 7 %.",
+        ],
+    )

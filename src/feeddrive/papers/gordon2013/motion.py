@@ -1,0 +1,224 @@
+"""Rope snap, high-speed tracking with and without prefilter, and what each contribution is worth."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from feeddrive import plot
+from feeddrive.blocks.load.step_force import StepForce
+from feeddrive.blocks.reference.snap_limited_move import SnapLimitedMove
+from feeddrive.language.table import Table
+from feeddrive.loop.loop import Loop
+from feeddrive.loop.simulate import Run, simulate
+from feeddrive.papers.claims import Claim
+from feeddrive.papers.gordon2013.setting import (
+    CASCADE,
+    FULL,
+    GAINS,
+    LONG,
+    PLACED,
+    RIGID,
+    SHORT,
+    SOFTER,
+    TRUTH,
+    Part,
+    cascade,
+    figures,
+    fits,
+    follow,
+    peak,
+    placed,
+    rms,
+    with_prefilter,
+)
+from feeddrive.plot import style
+from feeddrive.report.content import Shown
+
+CUT = 0.5  # s, when the rope is cut: the table has settled under it
+SETTLED = 0.5e-6  # m
+
+
+def rope_snap() -> Part:
+    """A table that a rope holds, and that is let go."""
+    rest = SnapLimitedMove(distance=0.0, velocity=1.0, acceleration=1.0, jerk=1.0, snap=1.0, dwell_before=CUT + 0.2)
+    runs: dict[str, Run] = {}
+    for name, loop in ((PLACED, placed()), (CASCADE, cascade())):
+        runs[name] = simulate(loop, rest, load=StepForce(force=-150.0, end=CUT), record=("position_load",), name=name)
+    stronger = simulate(placed(), rest, load=StepForce(force=-300.0, end=CUT), record=("position_load",))
+    peaks, left, settled = ([f(run) for run in runs.values()] for f in (_peak, _left, _settling))
+    rule = f"-150 N on the table until {CUT:g} s, then 0 N; {GAINS}"
+    claims = [
+        Claim("2.b peak", "The peak hardly differs: table mass and screw set it", rule, peaks[0] / peaks[1], 0.9, 1.1,
+              "", "17.7 / 18.4 µm"),
+        Claim("2.b rms", "Less is left in the first 50 ms", rule, left[0] / left[1], None, 0.85, "",
+              "4.84 / 6.16 µm RMS"),
+        Claim("2.b settling", "Pole placement is back within 0.5 µm in half the time", rule, settled[0] / settled[1],
+              None, 0.55, "", "18.8 / 40.4 ms"),
+        Claim("2.b linear", "100 to 300 N give the same picture", f"300 against 150 N; {rule}", _peak(stronger)
+              / peaks[0], 1.99, 2.01, "", "linear but for the counts of the encoders"),
+    ]  # fmt: skip
+    rows = [
+        [name, f"{a:.3g}", f"{b:.3g}", f"{c:.3g}"] for name, a, b, c in zip(runs, peaks, left, settled, strict=True)
+    ]
+    heads = ["law", "peak, µm", "RMS of 50 ms, µm", "settled to 0.5 µm, ms"]
+    caption = "Position of the table after 150 N are let go."
+    alt = f"Both peaks are {peaks[0]:.3g} and {peaks[1]:.3g} µm; pole placement settles in {settled[0]:.3g} ms."
+    drawing = Shown("rope", "Rope snap", caption, alt, lambda: _rope(runs))
+    return Part(claims, [Table("Rope snap from 150 N", heads, rows)], [drawing])
+
+
+def _after(run: Run) -> np.ndarray:
+    return run["position_load"][round(CUT / run.sample_time) :]
+
+
+def _peak(run: Run) -> float:
+    return peak(_after(run))
+
+
+def _left(run: Run) -> float:
+    return rms(_after(run)[: round(0.05 / run.sample_time)])
+
+
+def _settling(run: Run) -> float:
+    """ms."""
+    return 1e3 * run.sample_time * float(np.flatnonzero(np.abs(_after(run)) > SETTLED)[-1])
+
+
+def _rope(runs: Mapping[str, Run]) -> Any:
+    figure, (ax,) = style.picture(1, height=3.0)
+    for i, (name, run) in enumerate(runs.items()):
+        after = _after(run)[:2000]
+        ax.plot(1e3 * run.sample_time * np.arange(after.size), 1e6 * after, label=name, **style.curve(i))
+    style.labels(ax, "time after the rope is cut (ms)", "position (µm)")
+    style.legend(figure, ax)
+    return figure
+
+
+def tracking_error() -> Part:
+    """A fast move and a slower one, without and with prefilter."""
+    rule = f"300 mm at 1 m/s, 10 m/s², 800 m/s³, 8e4 m/s⁴, 0.1 s dwell, no friction; {GAINS}"
+    claims: list[Claim] = []
+    shown: dict[str, Run] = {}
+    runs: dict[tuple[str, str], Run] = {}
+    for name, loop in ((PLACED, placed()), (CASCADE, cascade())):
+        first, second = fits(loop, LONG, 2)
+        short = fits(loop, SHORT)[0]
+        for words, reference, fit in (
+            ("long move", LONG, None),
+            ("long move, prefilter", LONG, first),
+            ("long move, prefilter fitted twice", LONG, second),
+            ("short move", SHORT, None),
+            ("short move, prefilter of the long one", SHORT, first),
+            ("short move, its own prefilter", SHORT, short),
+        ):
+            held = loop if fit is None else with_prefilter(loop, fit)
+            runs[name, words] = follow(held, reference, name)
+        shown[name] = runs[name, "long move"]
+        shown[f"{name}, prefilter"] = runs[name, "long move, prefilter"]
+        if name == PLACED:
+            after = runs[name, "long move, prefilter fitted twice"]
+            largest = max(map(abs, second.correlation(after["following_error"]).values()))
+            claims.append(
+                Claim("2.c correlation", "After two fits the error is hardly one of the derivatives", rule, largest,
+                      None, 0.2, "", "largest |correlation| 0.14")
+            )  # fmt: skip
+    rows = [
+        [words, *(figures(runs[name, words]) for name in (PLACED, CASCADE))]
+        for words in dict.fromkeys(words for _, words in runs)
+    ]
+
+    def rated(name: str, words: str) -> float:
+        return rms(runs[name, words]["tracking_error"])
+
+    def largest_of(name: str, words: str) -> float:
+        return peak(runs[name, words]["tracking_error"])
+
+    slow = f"100 mm at 0.3 m/s, 5 m/s², 400 m/s³, 4e4 m/s⁴, no friction; {GAINS}"
+    claims[:0] = [
+        Claim("2.c laws", "Pole placement follows at least eight times closer", rule,
+              rated(CASCADE, "long move") / rated(PLACED, "long move"), 8.0, None, "",
+              "RMS 2.99 / 0.204 µm, peak 11.2 / 0.66 µm"),
+        Claim("2.c laws, peak", "Its peak too", rule,
+              largest_of(CASCADE, "long move") / largest_of(PLACED, "long move"), 8.0, None, "", "11.2 / 0.66 µm"),
+        Claim("2.c prefilter", "One fit of the prefilter takes much of what is left", rule,
+              rated(PLACED, "long move") / rated(PLACED, "long move, prefilter"), 1.6, None, "",
+              "RMS 0.204 -> 0.107 µm"),
+        Claim("2.c prefilter, P-PI", "It helps P-PI as well, which stays behind", rule,
+              rated(CASCADE, "long move") / rated(CASCADE, "long move, prefilter"), 1.6, None, "",
+              "RMS 2.99 -> 1.21 µm"),
+        Claim("2.c other move", "Fitted on the long move it helps on the short one", slow,
+              rated(PLACED, "short move") / rated(PLACED, "short move, prefilter of the long one"), 1.2, None, "",
+              "RMS 0.095 -> 0.064 µm"),
+    ]  # fmt: skip
+    heads = ["tracking error, peak / RMS in µm", PLACED, CASCADE]
+    alt = "Tracking error of both laws over time without and with prefilter; each row has its own scale."
+    picture = Shown("tracking", "High-speed tracking", "300 mm at 1 m/s and 10 m/s². Each row has its own scale.", alt,
+                    lambda: plot.following_error(shown))  # fmt: skip
+    return Part(claims, [Table("High-speed tracking without friction", heads, rows)], [picture])
+
+
+def ablation() -> Part:
+    """What each contribution is worth without the others."""
+
+    def loop(commands: str, feedforward: tuple[Any, ...]) -> Loop:
+        return placed(replace(SOFTER, commands=commands), feedforward)
+
+    whole = loop("series", (FULL,))
+    bare = loop("series", ())
+    kinds = {
+        "feedback alone, x1r = x2r": (loop("rigid", ()), "44.9"),
+        "+ compatible x1r": (bare, "33.2"),
+        "+ prefilter, no feedforward": (with_prefilter(bare, fits(bare, LONG)[0]), "11"),
+        "rigid inverse, x1r = x2r": (loop("rigid", (RIGID,)), "11.9"),
+        "rigid inverse, compatible": (loop("series", (RIGID,)), "1.51"),
+        "full inverse, x1r = x2r": (loop("rigid", (FULL,)), "12.8"),
+        "full inverse, compatible": (whole, "0.74"),
+        "all, and prefilter": (with_prefilter(whole, fits(whole, LONG)[0]), "0.48"),
+    }
+    found = {name: peak(follow(each, LONG, name)["tracking_error"]) for name, (each, _) in kinds.items()}
+    rule = f"largest tracking error on the 300 mm move, no friction; gains of 45 Hz and ζ 0.6; {TRUTH}"
+    order = list(found.values())
+
+    def falls(after: int, before: int) -> float:
+        return order[after] / order[before]
+
+    claims = [
+        Claim("2.d commands", "Compatible commands alone are worth little", rule, falls(1, 0), 0.6, 1.0, "",
+              "44.9 -> 33.2 µm"),
+        Claim("2.d stall", "The prefilter stalls without feedforward", rule, order[2], 5.0, None, "µm", "11 µm"),
+        Claim("2.d inverse", "Inverse dynamics without compatible commands are worth little", rule,
+              min(order[3], order[5]), 8.0, None, "µm", "11.9 and 12.8 µm"),
+        Claim("2.d rigid", "A rigid inverse with compatible commands is worth more than both alone", rule,
+              order[4] / min(order[1], order[3]), None, 0.3, "", "1.51 µm"),
+        Claim("2.d full", "The full inverse with compatible commands is worth most", rule, falls(6, 4), None, 0.7, "",
+              "1.51 -> 0.74 µm"),
+        Claim("2.d together", "Commands and inverse are effective only together", rule,
+              order[6] / min(order[1], order[3], order[5]), None, 0.1, "", "0.74 of 12 µm"),
+        Claim("2.d prefilter", "The prefilter takes off the rest", rule, falls(7, 6), None, 0.75, "",
+              "0.74 -> 0.48 µm"),
+    ]  # fmt: skip
+    rows = [[name, kinds[name][1], f"{value:.3g}"] for name, value in found.items()]
+    title = "Ablation: largest tracking error in µm"
+    alt = ", ".join(f"{name} {value:.3g} µm" for name, value in found.items())
+    drawing = Shown("ablation", "What each contribution is worth", "Largest tracking error, logarithmic.", alt,
+                    lambda: _bars(found))  # fmt: skip
+    return Part(claims, [Table(title, ["contributions", "expected", "got"], rows)], [drawing])
+
+
+def _bars(found: Mapping[str, float]) -> Any:
+    figure, (ax,) = style.picture(1, height=3.2)
+    names = list(found)[::-1]
+    ax.barh(names, [found[name] for name in names], color=style.color(0), height=0.6)
+    for i, name in enumerate(names):
+        ax.annotate(f"{found[name]:.3g}", (found[name], i), xytext=(4, 0), textcoords="offset points", va="center",
+                    fontsize=style.SMALL, color=style.INK)  # fmt: skip
+    ax.set_xscale("log")
+    ax.set_xlim(0.5 * min(found.values()), 2.0 * max(found.values()))
+    style.plain_decades(ax.xaxis)
+    ax.grid(visible=False, axis="y")
+    style.labels(ax, "largest tracking error (µm)", "")
+    return figure

@@ -1,0 +1,99 @@
+"""The axis, the two laws and the motions of the experiments, and how figures are taken from a run."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from feeddrive.blocks.controller.pole_placement import PolePlacement
+from feeddrive.blocks.families import Feedforward, Friction, Reference
+from feeddrive.blocks.feedforward.inverse_dynamics import InverseDynamics
+from feeddrive.blocks.plant.two_bodies import two_bodies
+from feeddrive.blocks.plant.two_mass import TwoMass
+from feeddrive.blocks.reference.snap_limited_move import SnapLimitedMove
+from feeddrive.files.machine import read_machine
+from feeddrive.language.table import Table
+from feeddrive.loop.loop import Loop
+from feeddrive.loop.simulate import Run, simulate
+from feeddrive.papers.claims import Claim
+from feeddrive.report.content import Shown
+from feeddrive.tuning.trajectory_prefilter import PrefilterFit, tune_prefilter
+
+MODEL = TwoMass(
+    mass_motor=130.0, mass_load=33.0, stiffness=1.8e7, damping=700.0, viscous_motor=1500.0, viscous_load=20.0
+)
+DESIGN = PolePlacement(model=MODEL, bandwidth=50.0, rigid_damping=0.45, axial_damping=0.1)
+# softer gains, with which the ablation was made
+SOFTER = PolePlacement(
+    model=MODEL,
+    bandwidth=45.0,
+    rigid_damping=0.6,
+    axial_damping=0.1,
+    axial_frequency=0.98 * float(two_bodies("", MODEL).mode) / (2.0 * np.pi),
+)
+FULL, RIGID = InverseDynamics(model=MODEL), InverseDynamics(model=MODEL, order="rigid")
+LONG = SnapLimitedMove(distance=0.3, velocity=1.0, acceleration=10.0, jerk=800.0, snap=8e4, dwell_after=0.1)
+SHORT = SnapLimitedMove(distance=0.1, velocity=0.3, acceleration=5.0, jerk=400.0, snap=4e4, dwell_after=0.1)
+
+PLACED, CASCADE = "pole placement", "P-PI"
+TRUTH = (
+    "three-mass axis of the machine file ball_screw, one sample of computation, current loop 1.5 kHz, 10 nm encoders"
+)
+GAINS = f"{TRUTH}; pole placement at 50 Hz (ζ 0.45; 0.10) against P-PI Kv 100, Kp 6.8e4, Tn 5.4 ms; same filter pack"
+
+
+@dataclass(frozen=True)
+class Part:
+    """What one group of experiments contributes."""
+
+    claims: Sequence[Claim]
+    tables: Sequence[Table] = ()
+    pictures: Sequence[Shown] = ()
+
+
+def placed(law: PolePlacement = DESIGN, feedforward: tuple[Feedforward, ...] = (FULL,)) -> Loop:
+    """Pole placement on the axis, with inverse dynamics and without friction."""
+    today = cascade()
+    return replace(today, control=replace(today.control, law=law, feedforward=feedforward))
+
+
+def cascade() -> Loop:
+    """The machine's own P-PI with velocity and acceleration feedforward, without friction."""
+    return with_friction(read_machine("ball_screw").loop("x"), None)
+
+
+def with_friction(loop: Loop, friction: Friction | None) -> Loop:
+    """The loop with another friction of the screw."""
+    return replace(loop, axis=replace(loop.axis, friction_motor=friction))
+
+
+def with_prefilter(loop: Loop, fit: PrefilterFit) -> Loop:
+    """The loop with the prefilter of a fit."""
+    return replace(loop, control=replace(loop.control, prefilter=fit.prefilter))
+
+
+def follow(loop: Loop, reference: Reference, name: str) -> Run:
+    """Tracking error of a run, and what a prefilter is fitted from."""
+    return simulate(loop, reference, name=name, record=("following_error", "tracking_error", "requested", "force"))
+
+
+def fits(loop: Loop, reference: Reference, runs: int = 1) -> tuple[PrefilterFit, ...]:
+    """Prefilters by least squares, each from a run with the one before."""
+    return tune_prefilter(loop, reference, runs=runs)
+
+
+def rms(values: np.ndarray) -> float:
+    """In µm, from m."""
+    return 1e6 * float(np.sqrt(np.mean(values * values)))
+
+
+def peak(values: np.ndarray) -> float:
+    """In µm, from m."""
+    return 1e6 * float(np.max(np.abs(values)))
+
+
+def figures(run: Run) -> str:
+    """Peak and RMS of the tracking error in µm, for a table."""
+    return f"{peak(run['tracking_error']):.3g} / {rms(run['tracking_error']):.3g}"

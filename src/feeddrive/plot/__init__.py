@@ -1,0 +1,77 @@
+"""Pictures of results, drawn with matplotlib's object API; every `.plot()` downstairs is one of these functions.
+
+Each returns a figure that shows itself in a notebook and writes itself with `savefig`.  Importing this package does not
+import matplotlib.
+"""
+
+from __future__ import annotations
+
+from feeddrive.plot.certificate import certificate, certificate_discs
+from feeddrive.plot.channels import log
+from feeddrive.plot.complex_plane import nyquist, poles
+from feeddrive.plot.distributions import batch, effort, gradient
+from feeddrive.plot.estimates import delay_map, disturbance
+from feeddrive.plot.frequency_estimate import excitation, frequency_estimate
+from feeddrive.plot.friction_curve import friction
+from feeddrive.plot.identification import (
+    cogging,
+    cogging_over_turn,
+    control_fit,
+    delay_fit,
+    identified_friction,
+    residuals,
+    rigid_fit,
+    steady_runs,
+    validation,
+)
+from feeddrive.plot.learning import iteration, trial, trials
+from feeddrive.plot.open_loop import open_loop
+from feeddrive.plot.over_frequency import bode, closed_loop, sensitivity, spectrum, stiffness
+from feeddrive.plot.over_time import comparison, following_error, force, motion, run
+from feeddrive.plot.prediction import replay
+from feeddrive.plot.prefilter import prefilter_fit
+from feeddrive.plot.response_fit import response_fit, response_nyquist, response_residuals
+
+__all__ = [
+    "batch",
+    "bode",
+    "certificate",
+    "certificate_discs",
+    "closed_loop",
+    "cogging",
+    "cogging_over_turn",
+    "comparison",
+    "control_fit",
+    "delay_fit",
+    "delay_map",
+    "disturbance",
+    "effort",
+    "excitation",
+    "following_error",
+    "force",
+    "frequency_estimate",
+    "friction",
+    "gradient",
+    "identified_friction",
+    "iteration",
+    "log",
+    "motion",
+    "nyquist",
+    "open_loop",
+    "poles",
+    "prefilter_fit",
+    "replay",
+    "residuals",
+    "response_fit",
+    "response_nyquist",
+    "response_residuals",
+    "rigid_fit",
+    "run",
+    "sensitivity",
+    "spectrum",
+    "steady_runs",
+    "stiffness",
+    "trial",
+    "trials",
+    "validation",
+]

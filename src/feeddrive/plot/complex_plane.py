@@ -1,0 +1,130 @@
+"""Pictures in the complex plane: Nyquist curve, pole map."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from feeddrive.analysis.margins import Margins
+from feeddrive.loop.linearize import StateSpace
+from feeddrive.plot import style
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+FINER = 4  # points drawn for each line of a modelled curve
+REACH = (-2.6, 1.4, -2.0, 2.0)  # of the Nyquist plot: what decides stability lies near -1
+
+
+def nyquist(loops: Margins | Mapping[str, Margins]) -> Any:
+    """Loop gains near -1, with the unit circle and for each loop the circle of radius 1/Ms that it touches."""
+    from matplotlib.patches import Circle
+
+    chosen = style.named(loops)
+    figure, (ax,) = style.picture(1, height=4.8)
+    figure.set_size_inches(5.4 if len(chosen) == 1 else style.WIDTH, max(4.8, 0.45 * len(chosen)))
+    ax.set_aspect("equal")
+    ax.set_xlim(*REACH[:2])
+    ax.set_ylim(*REACH[2:])
+    ax.axhline(0.0, color=style.MUTED, linewidth=0.8)
+    ax.axvline(0.0, color=style.MUTED, linewidth=0.8)
+    ax.add_patch(Circle((0.0, 0.0), 1.0, fill=False, edgecolor=style.MUTED, linewidth=1.0, linestyle=(0, (4, 3))))
+    for i, (name, margins) in enumerate(chosen.items()):
+        L = margins.loop_gain
+        said = f"Ms {margins.sensitivity_peak:.3g} at {margins.modulus_frequency:.4g} Hz"
+        label = style.caption(name, f"\n{said}" if len(chosen) > 1 else said, 40)
+        x, y = _visible(_rounded(L.response) if L.coherence is None else L.response)
+        ax.plot(x, y, label=label, **style.curve(i))
+        ax.plot(x, -y, color=style.color(i), linewidth=0.6, alpha=0.6)
+        radius = margins.modulus_margin
+        ax.add_patch(Circle((-1.0, 0.0), radius, facecolor=style.color(i), alpha=0.10, edgecolor="none"))
+        ax.add_patch(
+            Circle(
+                (-1.0, 0.0), radius, fill=False, edgecolor=style.color(i), linewidth=0.9, linestyle=style.DASHES[i % 6]
+            )
+        )
+        touch = _at(margins, margins.modulus_frequency)
+        ax.plot([touch.real], [touch.imag], style.MARKERS[i % 6], color=style.color(i), markersize=5)
+    ax.plot([-1.0], [0.0], "+", color=style.ALERT, markersize=11, markeredgewidth=1.8)
+    ax.annotate("-1", (-1.0, 0.0), xytext=(-5, -5), textcoords="offset points", ha="right", va="top",
+                fontsize=style.SMALL, color=style.ALERT)  # fmt: skip
+    ax.annotate("|L| = 1", (np.cos(0.9), np.sin(0.9)), xytext=(3, 3), textcoords="offset points",
+                fontsize=style.SMALL, color=style.MUTED)  # fmt: skip
+    style.labels(ax, "real part of L", "imaginary part of L")
+    handles, texts = ax.get_legend_handles_labels()
+    place = "outside upper left" if len(chosen) == 1 else "outside right upper"
+    figure.legend(handles, texts, loc=place, fontsize=style.SMALL, frameon=False, labelcolor=style.INK,
+                  handlelength=2.6, labelspacing=1.0)  # fmt: skip
+    return figure
+
+
+def _rounded(response: np.ndarray) -> np.ndarray:
+    """A modelled curve with points between its lines, on cubics through them, so that a resonance is round."""
+    if response.size < 3:
+        return response
+    slope = np.gradient(response)
+    t = np.arange(FINER)[:, None] / FINER
+    a, b, da, db = response[:-1], response[1:], slope[:-1], slope[1:]
+    between = a + t * (da + t * (3.0 * (b - a) - 2.0 * da - db + t * (2.0 * (a - b) + da + db)))
+    return np.append(between.T.ravel(), response[-1])
+
+
+def _visible(response: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Parts of a curve inside of the picture and one point around; the rest is cut out."""
+    low, high, bottom, top = REACH
+    near = (
+        (np.real(response) > low)
+        & (np.real(response) < high)
+        & (np.imag(response) > bottom)
+        & (np.imag(response) < top)
+    )
+    near = near | np.roll(near, 1) | np.roll(near, -1)
+    bounded = np.clip(np.real(response), 4 * low, 4 * high), np.clip(np.imag(response), 4 * bottom, 4 * top)
+    return np.where(near, bounded[0], np.nan), np.where(near, bounded[1], np.nan)
+
+
+def _at(margins: Margins, frequency: float) -> complex:
+    L = margins.loop_gain
+    x = np.log(L.frequency)
+    return complex(
+        np.interp(np.log(frequency), x, np.real(L.response)), np.interp(np.log(frequency), x, np.imag(L.response))
+    )
+
+
+def poles(model: StateSpace) -> Any:
+    """Poles in the z plane with the unit circle, and the same as damping ratio over natural frequency in Hz."""
+    from matplotlib.patches import Circle
+
+    figure, _ = style.picture(1, height=3.9)
+    figure.clear()
+    left, right = (style.dressed(ax) for ax in figure.subplots(1, 2))
+    found = model.poles().astype(complex)
+    outside = np.abs(found) >= 1.0
+    left.add_patch(Circle((0.0, 0.0), 1.0, fill=False, edgecolor=style.MUTED, linewidth=1.0))
+    left.set_aspect("equal")
+    reach = 1.15 * max(1.0, float(np.max(np.abs(found), initial=0.0)))
+    left.set_xlim(-reach, reach)
+    left.set_ylim(-reach, reach)
+    style.labels(left, "real part of z", "imaginary part of z")
+    # a pole at 0 (a pure delay) or at 1 (an integrator) has no frequency and damping
+    there = (np.abs(found) > 1e-9) & (np.abs(found - 1.0) > 1e-9)
+    s = np.zeros_like(found)
+    s[there] = np.log(found[there]) / (2.0 * np.pi * model.sample_time)
+    for chosen, tint, name in ((~outside, style.color(0), "dies out"), (outside, style.ALERT, "does not die out")):
+        if np.any(chosen):
+            _crosses(left, np.real(found[chosen]), np.imag(found[chosen]), tint, name)
+            kept = s[chosen & there]
+            _crosses(right, np.abs(kept), -np.real(kept) / np.abs(kept), tint, None)
+    right.axhline(0.0, color=style.INK, linewidth=1.0)
+    right.set_ylim(-1.08 if np.any(outside[there]) else -0.08, 1.08)
+    sizes = np.abs(s[there])
+    style.frequency_axis(right, 0.5 * float(sizes.min(initial=1e3)), 2.0 * float(sizes.max(initial=1.0)))
+    style.labels(right, "natural frequency (Hz)", "damping ratio")
+    style.legend(figure, left)
+    return figure
+
+
+def _crosses(ax: Axes, x: np.ndarray, y: np.ndarray, tint: str, name: str | None) -> None:
+    ax.plot(x, y, "x", color=tint, markersize=7, markeredgewidth=1.6, label=name)

@@ -1,0 +1,191 @@
+"""Pictures of identified drives: fits over measurements, residuals, friction curves and cogging."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from feeddrive.identification.cogging import CoggingFit
+from feeddrive.identification.cogging_run import CoggingRun
+from feeddrive.identification.control_law import ControlFit
+from feeddrive.identification.delay import DelayFit
+from feeddrive.identification.friction_curve import FrictionCurve
+from feeddrive.identification.parameters import NORMAL
+from feeddrive.identification.residuals import Residuals
+from feeddrive.identification.rigid import RigidFit
+from feeddrive.identification.steady_runs import SteadyRuns
+from feeddrive.identification.validation import Validation
+from feeddrive.plot import style
+from feeddrive.plot.envelope import envelope
+
+_LAGS = 40  # of an autocorrelation
+
+
+def rigid_fit(fit: RigidFit) -> Any:
+    """Measured and fitted force over time, and the residual."""
+    figure, axes = style.picture(2, height=3.8, ratios=(2, 1))
+    measured, off = fit.residuals.measured, fit.residuals.values
+    axes[0].plot(*envelope(fit.time, measured), color=style.MUTED, linewidth=2.6, alpha=0.55, label="measured")
+    axes[0].plot(*envelope(fit.time, measured - off), color=style.color(0), linewidth=1.0, label="fitted")
+    axes[1].plot(*envelope(fit.time, off), **style.curve(1) | {"linestyle": "-", "linewidth": 0.9})
+    unit = style.written(fit.frame.force)
+    style.labels(axes[0], None, f"force ({unit})")
+    style.labels(axes[1], "time (s)", f"residual ({unit})")
+    style.note(axes[1], f"{100.0 * fit.residuals.relative:.3g} % of the force's RMS")
+    figure.align_ylabels(axes)
+    style.legend(figure, axes[0])
+    return figure
+
+
+def residuals(found: Residuals) -> Any:
+    """Residual by row, and its autocorrelation with the bounds of a white one."""
+    figure, axes = style.picture(2, height=3.8, share=False)
+    axes[0].plot(*envelope(np.arange(found.values.size), found.values), **style.curve(1) | {"linestyle": "-"})
+    style.labels(axes[0], "row", f"residual ({found.unit})")
+    lags = np.arange(1, min(_LAGS, found.values.size // 4) + 1)
+    rho = [found.autocorrelation(int(lag)) for lag in lags]
+    bound = 1.96 / np.sqrt(found.values.size)
+    axes[1].bar(lags, rho, width=0.6, color=style.color(0))
+    for level in (-bound, bound):
+        axes[1].axhline(level, color=style.MUTED, linewidth=1.0, linestyle=(0, (4, 3)))
+    style.labels(axes[1], "lag (rows)", "autocorrelation")
+    style.note(axes[1], "dashed: 95 % of white residuals")
+    figure.align_ylabels(axes)
+    return figure
+
+
+def validation(found: Validation) -> Any:
+    """Error of each stretch when it was not used."""
+    figure, (ax,) = style.picture(1, height=2.6)
+    ax.bar(np.arange(1, found.errors.size + 1), 100.0 * found.errors, width=0.5, color=style.color(0))
+    ax.set_xlim(0.4, found.errors.size + 0.6)
+    style.labels(ax, "stretch that was left out", "error (%)")
+    return figure
+
+
+def delay_fit(found: DelayFit) -> Any:
+    """Residual over the delay that was tried."""
+    figure, (ax,) = style.picture(1, height=2.8)
+    near = np.abs(found.delays - found.nearest) <= 6
+    ax.plot(found.delays[near], 100.0 * found.residual[near], "o-", markersize=4.0, color=style.color(0), linewidth=1.0)
+    ax.axvline(found.dead_time, color=style.color(1), linewidth=1.0)
+    style.labels(ax, "dead time (samples, besides the hold)", "residual (%)")
+    style.note(ax, f"{found.dead_time:.2f} ± {found.error:.2f} samples")
+    ax.margins(x=0.03)
+    return figure
+
+
+def control_fit(found: ControlFit) -> Any:
+    """What each law that was tried leaves of the force, by its delay."""
+    figure, (ax,) = style.picture(1, height=2.8)
+    for i, delay in enumerate(sorted({d for _, d in found.tried})):
+        samples = [n for n, d in found.tried if d == delay]
+        left = [100.0 * found.tried[n, delay] for n in samples]
+        ax.plot(samples, left, marker="o", markersize=4.0, label=f"delay {delay}", **style.curve(i))
+    ax.set_yscale("log")
+    style.plain_decades(ax.yaxis)
+    style.labels(ax, "samples over which the velocity is differenced", "left of the force (%)")
+    style.legend(figure, ax)
+    return figure
+
+
+def steady_runs(runs: SteadyRuns) -> Any:
+    """Force over velocity."""
+    figure, (ax,) = style.picture(1, height=3.2)
+    _points(ax, runs)
+    return figure
+
+
+def identified_friction(curve: FrictionCurve) -> Any:
+    """The runs, the curve with its 95 % band, and what it leaves."""
+    figure, axes = style.picture(2, height=4.2, ratios=(2, 1))
+    _points(axes[0], curve.runs)
+    top = float(np.max(np.abs(curve.runs.velocity)))
+    factor, unit = _scale(curve.runs)
+    force, force_unit = _force_scale(curve.runs)
+    label: str | None = curve.model.name
+    for sign in (-1.0, 1.0):
+        v = sign * top * np.geomspace(1e-4, 1.0, 300)
+        axes[0].plot(factor * v, force * curve.at(v), label=label, **style.curve(0))
+        half = NORMAL * curve.error(v)
+        axes[0].fill_between(
+            factor * v, force * (curve.at(v) - half), force * (curve.at(v) + half), color=style.color(0), alpha=0.18,
+            linewidth=0.0, label=None if label is None else "95 % band of the curve",
+        )  # fmt: skip
+        axes[1].fill_between(factor * v, -force * half, force * half, color=style.color(0), alpha=0.18, linewidth=0.0)
+        label = None
+    axes[1].axhline(0.0, color=style.MUTED, linewidth=0.8)
+    axes[1].plot(factor * curve.runs.velocity, force * curve.residual, "o-", markersize=3.5, color=style.color(1),
+                 linewidth=0.8)  # fmt: skip
+    axes[0].set_xlabel("")
+    style.labels(axes[1], f"velocity ({unit})", f"residual ({force_unit})")
+    figure.align_ylabels(axes)
+    style.legend(figure, axes[0])
+    return figure
+
+
+def cogging(fit: CoggingFit) -> Any:
+    """Amplitudes by order, with twice their standard errors: cogging, and what changes sign with the direction."""
+    figure, (ax,) = style.picture(1, height=3.2)
+    kinds = {"cogging": "even", "changes sign with the direction": "odd"}
+    if fit.orders and fit.orders[0].even is None:
+        kinds = {"as measured": "forward" if fit.orders[0].forward is not None else "backward"}
+    for i, (label, field) in enumerate(kinds.items()):
+        shown = [(each.order, getattr(each, field)) for each in fit.significant]
+        orders = np.array([order for order, _ in shown]) + 0.4 * (i - 0.5 * (len(kinds) - 1))
+        ax.errorbar(
+            orders, [e.value for _, e in shown], [2.0 * e.error for _, e in shown], fmt=style.MARKERS[i],
+            markersize=4.0, color=style.color(i), ecolor=style.MUTED, elinewidth=0.9, label=label,
+        )  # fmt: skip
+    ax.set_yscale("log")
+    style.plain_decades(ax.yaxis)
+    ax.margins(x=0.03)
+    style.labels(ax, "order", f"amplitude ({fit.unit})")
+    style.legend(figure, ax)
+    return figure
+
+
+def cogging_over_turn(fit: CoggingFit, runs: Sequence[CoggingRun]) -> Any:
+    """Measured force over one period by direction, and what of it is cogging."""
+    figure, (ax,) = style.picture(1, height=3.4)
+    for i, (sign, label) in enumerate(((1, "forward"), (-1, "backward"))):
+        for run in (each for each in runs if each.direction == sign):
+            order = np.argsort(np.mod(run.turns, 1.0))
+            x, y = envelope(np.mod(run.turns, 1.0)[order], run.force[order])
+            ax.plot(x, y, ".", markersize=2.0, color=style.color(i + 1), alpha=0.5, label=label)
+            label = None
+    both = fit.coulomb is not None
+    x = np.linspace(0.0, 1.0, 2001)
+    y = np.full(x.size, fit.offset.value)
+    for each in fit.significant:
+        found = each.even if each.even is not None else each.forward or each.backward
+        assert found is not None
+        y += found.value * np.sin(2.0 * np.pi * each.order * x + (each.even_phase if both else each.phase))
+    ax.plot(x, y, label="cogging and offset" if both else "significant orders", **style.curve(0))
+    style.labels(ax, "position (periods)", f"force ({fit.unit})")
+    style.legend(figure, ax)
+    return figure
+
+
+def _scale(runs: SteadyRuns) -> tuple[float, str]:
+    return (1e3, "mm/s") if runs.frame.velocity == "m/s" else (1.0, runs.frame.velocity)
+
+
+def _force_scale(runs: SteadyRuns) -> tuple[float, str]:
+    small = runs.frame.force == "N m" and float(np.max(np.abs(runs.force))) < 0.1
+    return (1e3, "mN m") if small else (1.0, runs.frame.force)
+
+
+def _points(ax: Any, runs: SteadyRuns) -> None:
+    factor, unit = _scale(runs)
+    force, force_unit = _force_scale(runs)
+    errors = None if np.any(np.isnan(runs.error)) else 2.0 * force * runs.error
+    ax.axhline(0.0, color=style.MUTED, linewidth=0.8)
+    ax.errorbar(
+        factor * runs.velocity, force * runs.force, errors, fmt="o", markersize=4.0, color=style.INK,
+        ecolor=style.MUTED, elinewidth=0.8, label="measured",
+    )  # fmt: skip
+    style.labels(ax, f"velocity ({unit})", f"force ({force_unit})")
+    ax.margins(x=0.03)

@@ -1,0 +1,96 @@
+"""Pictures of trials: one trial, what it taught, and errors and parameters from trial to trial."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from feeddrive.language import tree
+from feeddrive.plot import style
+from feeddrive.plot.envelope import envelope
+from feeddrive.tuning.iterative_feedforward import Iteration
+from feeddrive.tuning.trial import Trial
+from feeddrive.tuning.trials import Trials
+
+_WORDS = {
+    "mass": "mass", "viscous": "viscous", "coulomb_positive": "Coulomb +", "coulomb_negative": "Coulomb -",
+    "stribeck": "Stribeck", "jerk_feedforward": "jerk", "snap_feedforward": "snap",
+}  # fmt: skip
+
+
+def trial(trial: Trial) -> Any:
+    """Following error over set velocity."""
+    figure, axes = style.picture(2, height=3.6, ratios=(2, 1))
+    axes[0].plot(*envelope(trial.time, 1e6 * trial.following_error), **style.curve(0))
+    style.labels(axes[0], None, "following error\n(µm)")
+    style.note(axes[0], f"RMS {1e6 * trial.rms:.4g} µm, peak {1e6 * trial.peak:.4g} µm")
+    _velocity(axes[1], trial)
+    figure.align_ylabels(axes)
+    return figure
+
+
+def iteration(iteration: Iteration) -> Any:
+    """The error of the trial, and under it that which is predicted for the next along the same reference."""
+    figure, axes = style.picture(2, height=3.8, ratios=(2, 1))
+    time = iteration.trial.time
+    before = f"this trial, RMS {1e6 * iteration.trial.rms:.4g} µm"
+    after = f"predicted for the next, RMS {1e6 * iteration.predicted_rms:.4g} µm"
+    axes[0].plot(*envelope(time, 1e6 * iteration.trial.following_error), label=before, **style.curve(0))
+    axes[0].plot(*envelope(time, 1e6 * iteration.predicted), label=after, **style.curve(1) | {"linestyle": "-"})
+    style.labels(axes[0], None, "following error\n(µm)")
+    _velocity(axes[1], iteration.trial)
+    figure.align_ylabels(axes)
+    style.legend(figure, axes[0])
+    return figure
+
+
+def trials(trials: Trials) -> Any:
+    """RMS of the error over the trials on a logarithmic scale, and each parameter with its standard error."""
+    return errors_and_parameters({"": trials})
+
+
+def errors_and_parameters(named: Mapping[str, Trials]) -> Any:
+    """The same for several sets of trials, each a curve; parameters are those of the last set."""
+    last = list(named.values())[-1]
+    values, errors = last.parameters(), last.errors()
+    rows = -(-len(values) // 2)
+    figure, _ = style.picture(1, height=2.6 + 1.35 * rows)
+    figure.clear()
+    grid = figure.add_gridspec(rows + 1, 2, height_ratios=[1.8, *[1.0] * rows])
+    top = style.dressed(figure.add_subplot(grid[0, :]))
+    most = 0
+    for i, (name, each) in enumerate(named.items()):
+        numbers = np.arange(1, len(each.trials) + 1)
+        most = max(most, numbers.size)
+        top.plot(
+            numbers, 1e6 * each.rms, marker=style.MARKERS[i % len(style.MARKERS)], markersize=4.5,
+            label=style.caption(name), **style.curve(i),
+        )  # fmt: skip
+    top.set_yscale("log")
+    style.plain_decades(top.yaxis)
+    style.labels(top, None, "following error\nRMS (µm)")
+    axes = [top]
+    for i, (name, row) in enumerate(values.items()):
+        ax = style.dressed(figure.add_subplot(grid[1 + i // 2, i % 2]))
+        numbers = np.arange(1, row.size + 1)
+        sigma = np.where(np.isnan(errors[name]), 0.0, errors[name])
+        ax.errorbar(
+            numbers, row, 2.0 * sigma, fmt="o-", markersize=3.5, color=style.color(i), ecolor=style.MUTED,
+            elinewidth=0.9, capsize=2.5, linewidth=1.0,
+        )  # fmt: skip
+        unit = style.written(tree.declaration(last.iterations[0].before, name).unit)
+        style.labels(ax, "trial" if i // 2 == rows - 1 else None, f"{_WORDS.get(name, name)}\n({unit})")
+        axes.append(ax)
+    for ax in axes:
+        ax.set_xlim(0.7, max(most, 2) + 0.3)
+        ax.set_xticks(range(1, max(most, 2) + 1))
+    figure.align_ylabels(axes)
+    style.legend(figure, top, columns=3)
+    return figure
+
+
+def _velocity(ax: Any, trial: Trial) -> None:
+    ax.plot(*envelope(trial.time, 1e3 * np.asarray(trial.setpoint.velocity)), color=style.INK, linewidth=1.0)
+    style.labels(ax, "time (s)", "set velocity\n(mm/s)")

@@ -1,0 +1,185 @@
+"""Pictures of runs over time: overview, following error, force, velocity and acceleration."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from feeddrive.analysis.reversal import Window, set_velocity
+from feeddrive.loop.simulate import Run
+from feeddrive.plot import style
+from feeddrive.plot.envelope import POINTS, envelope
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from feeddrive.workflow.comparison import Comparison
+
+_LIMITS = ((0, (5, 2)), (0, (1.5, 1.5)), (0, (5, 1.5, 1, 1.5)))  # dashes of the force limits
+
+Runs = Run | Mapping[str, Run] | Sequence[Run]
+
+
+def run(run: Run) -> Any:
+    """Following error, force and velocity of one run."""
+    figure, axes = style.picture(3, height=5.4)
+    _draw(axes[0], run.time, 1e6 * run["following_error"], style.curve(0))
+    style.labels(axes[0], None, "following error\n(µm)")
+    _draw(axes[1], run.time, run["force"], style.curve(1) | {"linestyle": "-"})
+    style.labels(axes[1], None, "force\n(N)")
+    if "velocity_load" in run.signals:  # an FMU need not tell it
+        _draw(axes[2], run.time, 1e3 * run["velocity_load"], style.curve(2) | {"linestyle": "-"}, "actual")
+    _draw(axes[2], run.time, 1e3 * set_velocity(run), _set_line(), "set")
+    style.labels(axes[2], "time (s)", "velocity\n(mm/s)")
+    style.row_legend(axes[2])
+    style.note(axes[0], f"RMS {_rms(1e6 * run['following_error']):.4g} µm")
+    return figure
+
+
+def following_error(runs: Runs, window: Window | None = None, points: int = POINTS) -> Any:
+    """Following error of each run in its own row, whole or in a window of time."""
+    chosen = style.named(runs)
+    values = {name: 1e6 * run["following_error"] for name, run in chosen.items()}
+    notes = {name: f"RMS {_rms(v):.4g} µm, peak {_peak(v):.4g} µm" for name, v in values.items()}
+    if window is not None:
+        inside = {name: _inside(run, window) for name, run in chosen.items()}
+        notes = {name: f"peak here {_peak(values[name][inside[name]]):.4g} µm" for name in chosen}
+    figure, axes = _rows(chosen, values, notes, "following error (µm)", window, points)
+    if window is not None and window.reversal is not None:
+        lines = [ax.axvline(window.reversal, color=style.INK, linewidth=1.0, linestyle=(0, (4, 3))) for ax in axes]
+        style.figure_legend(figure, {"the setpoint starts off in the other direction": lines[0]})
+    return figure
+
+
+def force(runs: Runs, limits: Mapping[str, float] | None = None, points: int = POINTS) -> Any:
+    """Force of each run in its own row, with the limits in N by name as lines on both sides."""
+    chosen = style.named(runs)
+    values = {name: run["force"] for name, run in chosen.items()}
+    notes = {name: f"RMS {_rms(v):.4g} N, peak {_peak(v):.4g} N" for name, v in values.items()}
+    figure, axes = _rows(chosen, values, notes, "force (N)", None, points, one_scale=True)
+    largest = max(_peak(v) for v in values.values())
+    outside: list[str] = []
+    lines: dict[str, Any] = {}
+    for i, (name, limit) in enumerate((limits or {}).items()):
+        if limit > 4.0 * largest:
+            outside.append(f"{name} ±{limit:.4g} N")
+            continue
+        look: dict[str, Any] = {"color": style.ALERT, "linewidth": 1.0, "linestyle": _LIMITS[i % len(_LIMITS)]}
+        for ax in axes:
+            drawn = [ax.axhline(side, **look) for side in (-limit, limit)]
+            low, high = ax.get_ylim()
+            ax.set_ylim(min(low, -1.12 * limit), max(high, 1.12 * limit))
+            lines[f"{name} ±{limit:.4g} N"] = drawn[0]
+    style.figure_legend(figure, lines)
+    if outside:
+        style.note(axes[-1], "outside of the picture: " + ", ".join(outside), x=0.005, align="left", y=0.0)
+    return figure
+
+
+def comparison(comparison: Comparison) -> Any:
+    """Following error of each law in its own row, and the forces of all in the last."""
+    return _with_force({row.name: row.run for row in comparison.rows})
+
+
+def _with_force(chosen: Mapping[str, Run]) -> Any:
+    rows = len(chosen) + 1
+    figure, axes = style.picture(rows, height=0.9 + 1.45 * rows)
+    errors = [1e6 * run["following_error"] for run in chosen.values()]
+    for i, (name, run) in enumerate(chosen.items()):
+        line = style.curve(i) | {"linestyle": "-"}
+        _draw(axes[i], run.time, errors[i], line, name)
+        style.row_legend(axes[i])
+        style.note(axes[i], f"RMS {_rms(errors[i]):.4g} µm, peak {_peak(errors[i]):.4g} µm")
+        style.labels(axes[i], None, "error (µm)")
+        _draw(axes[-1], run.time, run["force"], line)
+    if alike(errors):
+        low, high = min(float(np.min(e)) for e in errors), max(float(np.max(e)) for e in errors)
+        for ax in axes[:-1]:
+            ax.set_ylim(*style.padded(low, high))
+    style.labels(axes[-1], "time (s)", "force (N)")
+    figure.align_ylabels(axes)
+    return figure
+
+
+def motion(runs: Runs, points: int = POINTS) -> Any:
+    """Velocity and acceleration of the table, actual and set."""
+    chosen = style.named(runs)
+    figure, axes = style.picture(2, height=4.2)
+    first = next(iter(chosen.values()))
+    lows: list[float] = []
+    highs: list[float] = []
+    for i, (name, run) in enumerate(chosen.items()):
+        velocity = run["velocity_load"]
+        _draw(axes[0], run.time, 1e3 * velocity, style.curve(i), name or "actual", points)
+        acceleration = np.gradient(velocity, run.sample_time)
+        _draw(axes[1], run.time, acceleration, style.curve(i), points=points)
+        lows.append(float(np.min(acceleration)))
+        highs.append(float(np.max(acceleration)))
+    wanted = set_velocity(first)
+    _draw(axes[0], first.time, 1e3 * wanted, _set_line(), "set", points)
+    _draw(axes[1], first.time, np.gradient(wanted, first.sample_time), _set_line(), points=points)
+    # a log that starts in motion has a jump in its first set velocity, which is no acceleration of the axis
+    axes[1].set_ylim(*style.padded(min(lows), max(highs)))
+    style.labels(axes[0], None, "velocity (mm/s)")
+    style.labels(axes[1], "time (s)", "acceleration (m/s²)")
+    style.legend(figure, axes[0])
+    return figure
+
+
+def _rows(
+    chosen: Mapping[str, Run],
+    values: Mapping[str, np.ndarray],
+    notes: Mapping[str, str],
+    quantity: str,
+    window: Window | None,
+    points: int,
+    one_scale: bool = False,
+) -> tuple[Any, list[Axes]]:
+    """One row a run, over the same time; with one scale for all if their peaks are alike."""
+    rows = len(chosen)
+    figure, axes = style.picture(rows, height=2.7 if rows == 1 else 0.7 + 1.45 * rows)
+    shown: dict[str, np.ndarray] = {}
+    for i, (ax, (name, run)) in enumerate(zip(axes, chosen.items(), strict=True)):
+        inside = slice(None) if window is None else _inside(run, window)
+        shown[name] = values[name][inside]
+        _draw(ax, run.time[inside], shown[name], style.curve(i) | {"linestyle": "-"}, name, points)
+        style.row_legend(ax)
+        style.note(ax, notes[name])
+    if one_scale or alike(shown.values()):
+        low, high = min(np.min(v) for v in shown.values()), max(np.max(v) for v in shown.values())
+        for ax in axes:
+            ax.set_ylim(*style.padded(float(low), float(high)))
+    style.labels(axes[-1], "time (s)", quantity if rows == 1 else "")
+    if rows > 1:
+        figure.supylabel(quantity, fontsize=style.TEXT, color=style.INK)
+    return figure, axes
+
+
+def alike(curves: Iterable[np.ndarray]) -> bool:
+    """Whether the peaks of curves are so near each other that one scale shows them all."""
+    peaks = [_peak(curve) for curve in curves]
+    return max(peaks) <= style.WIDE * min(peaks)
+
+
+def _draw(
+    ax: Axes, x: np.ndarray, y: np.ndarray, line: Mapping[str, Any], name: str = "", points: int = POINTS
+) -> None:
+    ax.plot(*envelope(x, y, points), label=style.caption(name), **line)
+
+
+def _set_line() -> dict[str, Any]:
+    return {"color": style.INK, "linestyle": (0, (1, 1.5)), "linewidth": 1.0}
+
+
+def _inside(run: Run, window: Window) -> np.ndarray:
+    return (run.time >= window.begin) & (run.time <= window.end)
+
+
+def _rms(values: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(values * values))) if values.size else 0.0
+
+
+def _peak(values: np.ndarray) -> float:
+    return float(np.max(np.abs(values), initial=0.0))

@@ -1,0 +1,199 @@
+"""The house style of all pictures: colors, lines, units, axes. Nothing here changes a global setting."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from feeddrive.plot.picture import Picture
+
+Thing = TypeVar("Thing")
+
+# Okabe & Ito 2008, without yellow, which cannot be read on white, and without black, which is the ink
+COLORS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
+# a second mark for those who see no color and for gray print; the first curve is solid
+DASHES: tuple[Any, ...] = ("-", (0, (7, 2)), (0, (2, 1.5)), (0, (7, 2, 2, 2)), (0, (12, 3)), (0, (4, 1.5, 1, 1.5)))
+MARKERS = ("o", "s", "^", "D", "v", "P")
+INK, MUTED, GRID, PAPER, ALERT = "#1c2329", "#5a6772", "#d9dfe4", "#ffffff", "#b3261e"
+
+WIDTH = 8.6  # inches: the width of a report's column
+TEXT, SMALL = 9.5, 8.5  # points
+LINE = 1.4
+WIDE = 8.0  # a ratio of curves beyond which they need a logarithmic scale, or one scale each
+
+
+def color(i: int) -> str:
+    """Of the i-th curve."""
+    return COLORS[i % len(COLORS)]
+
+
+def curve(i: int) -> dict[str, Any]:
+    """Color, dashes and width of the i-th curve."""
+    return {"color": color(i), "linestyle": DASHES[i % len(DASHES)], "linewidth": LINE}
+
+
+def written(unit: str) -> str:
+    """A unit as people write it: um -> µm, m/s2 -> m/s²."""
+    return unit.replace("um", "µm").replace("s2", "s²").replace("s3", "s³")
+
+
+def named(things: Thing | Mapping[str, Thing] | Sequence[Thing]) -> dict[str, Thing]:
+    """One thing (its name is empty), several by name, or a row of them with a `name` each, as a mapping from names."""
+    if isinstance(things, Mapping):
+        return dict(things)  # type: ignore[arg-type]
+    if isinstance(things, Sequence):
+        found: dict[str, Thing] = {}
+        for i, thing in enumerate(things):
+            name = str(getattr(thing, "name", "")) or str(i + 1)
+            found[f"{name} {i + 1}" if name in found else name] = thing  # type: ignore[assignment]
+        return found
+    return {"": things}
+
+
+def caption(name: str, said: str = "", most: int = 60) -> str | None:
+    """A user's name, and what is said about it, as matplotlib shows them: no formulas, not hidden, not too long.
+
+    None if there is neither.
+    """
+    shown = "".join(c for c in name if c.isprintable())
+    shown = shown if len(shown) <= most else shown[: most - 1] + "…"
+    text = f"{shown}: {said}" if shown and said else shown or said
+    text = text.replace("$", r"\$")
+    return (f"\u200b{text}" if text.startswith("_") else text) or None
+
+
+def picture(rows: int = 1, *, height: float = 3.0, ratios: Sequence[float] | None = None, share: bool = True) -> Any:
+    """A figure with `rows` axes below each other over the same abscissa: (figure, list of axes)."""
+    from feeddrive.plot.picture import Picture
+
+    figure = Picture(figsize=(WIDTH, height), layout="constrained", facecolor=PAPER)
+    made = figure.subplots(
+        rows, 1, sharex=share, squeeze=False, gridspec_kw={"height_ratios": ratios} if ratios else None
+    )
+    axes = [dressed(ax) for ax in made[:, 0]]
+    return figure, axes
+
+
+def dressed(ax: Axes) -> Axes:
+    """Axes in the house style."""
+    ax.set_facecolor(PAPER)
+    for side, spine in ax.spines.items():
+        spine.set_visible(side in ("left", "bottom"))
+        spine.set_color(MUTED)
+        spine.set_linewidth(0.8)
+    ax.tick_params(which="both", colors=MUTED, labelcolor=INK, labelsize=SMALL, width=0.8)
+    ax.tick_params(which="minor", length=2)
+    ax.grid(True, which="major", color=GRID, linewidth=0.8)
+    ax.set_axisbelow(True)
+    ax.margins(x=0)
+    ax.xaxis.label.set_color(INK)
+    ax.yaxis.label.set_color(INK)
+    return ax
+
+
+def labels(ax: Axes, x: str | None, y: str) -> None:
+    """Names of the axes, each with its unit."""
+    if x is not None:
+        ax.set_xlabel(x, fontsize=TEXT)
+    ax.set_ylabel(y, fontsize=TEXT)
+
+
+def legend(figure: Picture, ax: Axes, columns: int = 4) -> None:
+    """The curves of `ax` that have a name, in a row above the figure, where they cover nothing."""
+    handles, texts = ax.get_legend_handles_labels()
+    figure_legend(figure, dict(zip(texts, handles, strict=True)), columns)
+
+
+def narrow(things: Mapping[str, Any]) -> int:
+    """Columns of a legend with long texts."""
+    return 2 if len(things) <= 2 else 1
+
+
+def figure_legend(figure: Picture, lines: Mapping[str, Any], columns: int = 4) -> None:
+    """Some curves by name in a row above the figure."""
+    if not lines:
+        return
+    rows = -(-len(lines) // columns)
+    figure.set_figheight(figure.get_figheight() + 0.17 * (rows - 1))
+    drawn = figure.legend(
+        list(lines.values()), list(lines), loc="outside upper left", ncols=min(columns, len(lines)), fontsize=SMALL,
+        frameon=False, handlelength=2.6, columnspacing=1.6, borderaxespad=0.2, labelcolor=INK,
+    )  # fmt: skip
+    for handle in drawn.legend_handles:
+        if handle is not None:
+            handle.set_alpha(1.0)
+
+
+def row_legend(ax: Axes) -> None:
+    """The curves of one row above it, at the left."""
+    if ax.get_legend_handles_labels()[0]:
+        ax.legend(
+            loc="lower left", bbox_to_anchor=(0.0, 0.98), ncols=4, fontsize=SMALL, frameon=False, borderaxespad=0.0,
+            borderpad=0.2, handlelength=2.0, labelcolor=INK,
+        )  # fmt: skip
+
+
+def note(ax: Axes, text: str, *, x: float = 1.0, align: str = "right", y: float = 1.0, above: bool = True) -> None:
+    """A short text at the upper edge of axes, above them or inside."""
+    ax.annotate(
+        text, (x, y), xycoords="axes fraction", xytext=(0, 3 if above else -3), textcoords="offset points",
+        ha=align, va="bottom" if above else "top", fontsize=SMALL, color=MUTED,
+    )  # fmt: skip
+
+
+def frequency_axis(ax: Axes, low: float, high: float) -> None:
+    """A logarithmic axis in Hz with plain numbers: at decades, and at 2 and 5 if fewer than two lie inside."""
+    from matplotlib.ticker import LogLocator
+
+    ax.set_xscale("log")
+    ax.set_xlim(low, high)
+    plain_decades(ax.xaxis)
+    if np.floor(np.log10(high) + 1e-9) - np.ceil(np.log10(low) - 1e-9) < 1:
+        ax.xaxis.set_major_locator(LogLocator(base=10, subs=(1.0, 2.0, 5.0)))
+    ax.grid(True, which="minor", axis="x", color=GRID, linewidth=0.4)
+
+
+def frequency_grid(axes: Sequence[Axes]) -> None:
+    """The fine vertical grid in all rows over one frequency axis."""
+    for ax in axes:
+        ax.grid(True, which="minor", axis="x", color=GRID, linewidth=0.4)
+
+
+def plain_decades(axis: Any, crowded: bool = False) -> None:
+    """Numbers such as 0.1, 10, 1000 at the decades of a logarithmic axis, none between."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+    axis.set_major_locator(LogLocator(base=10, numticks=6 if crowded else 12))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: _plain(value)))
+    axis.set_minor_formatter(NullFormatter())
+
+
+def _plain(value: float) -> str:
+    if 1e-4 < abs(value) < 1e5 or value == 0.0:
+        return f"{value:.10g}"
+    return f"{value:.0e}".replace("e-0", "e-").replace("e+0", "e")
+
+
+def degrees_axis(ax: Axes, low: float, high: float) -> None:
+    """Ticks at multiples of 45° or 90°, and the whole range inside."""
+    from matplotlib.ticker import MultipleLocator
+
+    step = next((s for s in (15.0, 30.0, 45.0, 90.0, 180.0, 360.0) if (high - low) / s <= 6.0), 720.0)
+    ax.yaxis.set_major_locator(MultipleLocator(step))
+    ax.set_ylim(step * np.floor(low / step), step * np.ceil(high / step + 1e-9))
+
+
+def decibel(magnitude: np.ndarray) -> np.ndarray:
+    """20 log10 |x|, with the least positive number in place of zero."""
+    return 20.0 * np.log10(np.maximum(magnitude, np.finfo(float).tiny))
+
+
+def padded(low: float, high: float, part: float = 0.06) -> tuple[float, float]:
+    """A range with some room on both sides; one that is a point gets a range around it."""
+    room = part * (high - low) or 0.5 * abs(high) or 1.0
+    return low - room, high + room

@@ -1,0 +1,8 @@
+"""The report of a study: one self-contained HTML page. `build(study)` returns its text."""
+
+from __future__ import annotations
+
+from feeddrive.report.content import Entry, Study
+from feeddrive.report.page import build
+
+__all__ = ["Entry", "Study", "build"]

@@ -1,0 +1,178 @@
+"""The pictures of a report, each with what a reader needs to read it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+from feeddrive import plot
+from feeddrive.analysis.friction_map import FrictionMap, friction_map
+from feeddrive.analysis.reversal import worst_window
+from feeddrive.plot.envelope import POINTS
+from feeddrive.plot.friction_curve import has_friction
+from feeddrive.plot.over_time import alike
+from feeddrive.report.content import Entry, Shown, Study
+from feeddrive.report.numbers import number
+
+SHORT = 16  # samples: a shorter run has no picture over time
+MOST = 8  # laws that the pictures show; the tables have all
+CURVES = 4  # more curves than these share the points that as many would have: the page stays small
+
+
+def chosen(study: Study) -> Study:
+    """The study with the laws that the pictures show: the first, and those that follow best, in their order."""
+    others = sorted(study.entries[1:], key=lambda entry: entry.rms("following_error"))[: MOST - 1]
+    return replace(study, entries=[entry for i, entry in enumerate(study.entries) if i == 0 or entry in others])
+
+
+def figures(study: Study) -> Iterator[Shown]:
+    """In the order in which a reader needs them."""
+    study = chosen(study)
+    points = min(POINTS, max(200, POINTS * CURVES // len(study.entries)))
+    yield from _measured(study, points)
+    if all(entry.counted("following_error").size >= SHORT for entry in study.entries):
+        yield from _errors(study, points)
+        yield from _forces(study, points)
+    yield from _open_loop(study)
+    yield from _closed_loop(study)
+
+
+def _measured(study: Study, points: int) -> Iterator[Shown]:
+    entry = next((entry for entry in study.entries if entry.replay is not None), None)
+    if entry is None or entry.replay is None:
+        return
+    replay = entry.replay
+    yield Shown(
+        "prediction",
+        "Measured and predicted",
+        "Gray: the log. Blue: the model, given only the reference of the log and the state in which it starts. "
+        f"Residual: predicted - measured; the first {replay.skipped} samples do not count.",
+        f"Measured and predicted signals over time; residual {number(1e6 * replay.rms('position_load'))} µm RMS.",
+        lambda: plot.replay(replay, points),
+    )
+
+
+def _errors(study: Study, points: int) -> Iterator[Shown]:
+    runs = {entry.name: entry.shown for entry in study.entries}
+    own = "" if alike(run["following_error"] for run in runs.values()) else " Each row has its own scale."
+    listed = "; ".join(f"{e.name} {number(1e6 * e.rms('following_error'))} µm RMS" for e in study.entries)
+    yield Shown(
+        "error",
+        "Following error over time",
+        f"Setpoint minus the controller's reading.{own}",
+        f"Following error over time: {listed}.",
+        lambda: plot.following_error(runs, points=points),
+    )
+    window = worst_window(list(runs.values()))
+    what = "the worst reversal" if window.reversal is not None else "the largest error"
+    reason = " Friction changes its sign here." if window.reversal is not None else ""
+    yield Shown(
+        "zoom",
+        f"Following error around {what}",
+        f"{number(window.begin, 4)} s to {number(window.end, 4)} s.{reason}",
+        f"Following error around {what}.",
+        lambda: plot.following_error(runs, window, points),
+    )
+    spectra = {entry.name: entry.spectrum for entry in study.entries}
+    yield Shown(
+        "spectrum",
+        "Amplitude spectrum of the following error",
+        "Above: amplitude (Hann window), the largest of each of 500 bands. Below: the RMS of all that lies below a "
+        "frequency; its right end is the RMS of the whole error, and where it climbs the error is made.",
+        f"Amplitude spectrum and cumulative RMS of the following error: {listed}.",
+        lambda: plot.spectrum(spectra),
+    )
+
+
+def _forces(study: Study, points: int) -> Iterator[Shown]:
+    runs = {entry.name: entry.shown for entry in study.entries}
+    first = study.entries[0]
+    bounds = {k: v for entry in study.entries for k, v in entry.limits.items()}
+    yield Shown(
+        "force",
+        "Force",
+        "As commanded. The peak limit holds for every sample, the continuous one for the RMS of the whole work.",
+        f"Commanded force over time, {number(first.peak('force'))} N at most with {first.name}.",
+        lambda: plot.force(runs, bounds, points),
+    )
+    yield Shown(
+        "motion",
+        "Velocity and acceleration",
+        "Of the table, true values; dotted: as the reference states them.",
+        "Velocity and acceleration of the table over time.",
+        lambda: plot.motion(runs, points),
+    )
+    loops = {entry.name: entry.loop for entry in study.entries}
+    if not any(has_friction(loop) for loop in loops.values()):
+        return
+    measured = _measured_friction(first)
+    said = " Points with bars: the log, with the inertia taken out." if measured is not None else ""
+    yield Shown(
+        "friction",
+        "Friction",
+        f"Force against the motion over velocity, as the model has it, and as met in the run of '{first.name}'.{said}",
+        "Friction force over velocity in both directions.",
+        lambda: plot.friction(loops, first.shown, measured),
+    )
+
+
+def _measured_friction(entry: Entry) -> FrictionMap | None:
+    replay = entry.replay
+    if replay is None or "force" not in replay.measured:
+        return None
+    mass = float(entry.loop.axis.plant.rigid_mass())
+    measured = replay.measured
+    return friction_map(measured["position_load"], measured["force"], mass, entry.run.sample_time)
+
+
+def _open_loop(study: Study) -> Iterator[Shown]:
+    loops = {entry.name: entry.margins for entry in study.entries if entry.margins is not None}
+    if not loops:
+        return
+    listed = "; ".join(f"{name} Ms {number(m.sensitivity_peak)}" for name, m in loops.items())
+    yield Shown(
+        "open",
+        "Open loop and its margins",
+        "The loop gain with all delays, opened at the drive, in motion. Bars: phase margins, from the phase at 0 dB to "
+        "-180°, and gain margins, from the gain at -180° (open marks) to 0 dB.",
+        f"Bode plot of the open loop with gain and phase margins marked: {listed}.",
+        lambda: plot.open_loop(loops),
+    )
+    yield Shown(
+        "nyquist",
+        "Nyquist plot near -1",
+        "No loop comes nearer to -1 than the circle that it touches; its radius is 1/Ms. Thin: negative frequencies.",
+        f"Nyquist plot with unit circle and sensitivity circles: {listed}.",
+        lambda: plot.nyquist(loops),
+    )
+    yield Shown(
+        "sensitivity",
+        "Sensitivity",
+        "|S|: what is left of a disturbance force at the drive; below 0 dB the loop suppresses it, above it amplifies "
+        "it, at worst by Ms (marked). |T| = |1 - S|.",
+        f"Sensitivity and complementary sensitivity over frequency: {listed}.",
+        lambda: plot.sensitivity(loops),
+    )
+
+
+def _closed_loop(study: Study) -> Iterator[Shown]:
+    tracked = {entry.name: entry.tracking for entry in study.entries if entry.tracking is not None}
+    if tracked:
+        yield Shown(
+            "closed",
+            "Closed loop",
+            "True position over set position, feedforward included; marks where it falls below -3 dB.",
+            "Magnitude of the closed loop over frequency.",
+            lambda: plot.closed_loop(tracked),
+        )
+    stiff = {entry.name: entry.stiffness for entry in study.entries if entry.stiffness is not None}
+    if stiff:
+        listed = "; ".join(f"{name} at least {number(1e-6 * k.minimum)} N/µm" for name, k in stiff.items())
+        yield Shown(
+            "stiffness",
+            "Dynamic stiffness",
+            "Force on the table over the displacement that it causes, in closed loop and in motion: higher is better. "
+            "The rise at the right end is the inertia of the axis.",
+            f"Dynamic stiffness over frequency: {listed}.",
+            lambda: plot.stiffness(stiff),
+        )

@@ -1,0 +1,166 @@
+"""The tables of a report as HTML."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from html import escape
+from typing import Any
+
+from feeddrive.analysis.replay import Replay
+from feeddrive.language import tree
+from feeddrive.language.block import Declaration
+from feeddrive.language.table import shown
+from feeddrive.report.content import Entry, Extra, Study
+from feeddrive.report.numbers import decibel, number, percent
+
+Cells = Sequence[str]
+
+
+def table(caption: str, heads: Cells, rows: Sequence[Cells], best: Sequence[int | None] = ()) -> str:
+    """Rows under heads; the first column names the row. `best` marks one row for each further column."""
+    # a word joiner keeps a unit such as N/µm on one line
+    top = "".join(f'<th scope="col">{escape(head).replace("/", "/&#8288;")}</th>' for head in heads)
+    body: list[str] = []
+    for i, row in enumerate(rows):
+        cells = "".join(
+            f'<td class="best">{escape(cell)}</td>' if best and best[k] == i else f"<td>{escape(cell)}</td>"
+            for k, cell in enumerate(row[1:])
+        )
+        body.append(f'<tr><th scope="row">{escape(row[0])}</th>{cells}</tr>')
+    return (
+        f'<div class="scroll"><table><caption>{escape(caption)}</caption><thead><tr>{top}</tr></thead>'
+        f"<tbody>{''.join(body)}</tbody></table></div>"
+    )
+
+
+def extra(shown: Extra) -> str:
+    """A table of a study's own."""
+    made = table(shown.table.title, shown.table.heads, shown.table.rows, shown.best)
+    return made.replace("<table>", '<table class="text">', 1) if shown.text else made
+
+
+def errors(study: Study) -> str:
+    """RMS and peak errors and force of each law."""
+    columns: list[tuple[str, list[float]]] = [
+        ("following error RMS µm", [1e6 * entry.rms("following_error") for entry in study.entries]),
+        ("peak µm", [1e6 * entry.peak("following_error") for entry in study.entries]),
+        ("tracking error RMS µm", [1e6 * entry.rms("tracking_error") for entry in study.entries]),
+        ("peak µm", [1e6 * entry.peak("tracking_error") for entry in study.entries]),
+    ]
+    rows: list[list[str]] = []
+    for i, entry in enumerate(study.entries):
+        cells = [number(values[i]) for _, values in columns]
+        rows.append([entry.name, *cells, _against(entry, "force", "peak"), _against(entry, "force", "rms")])
+    best = [_least(values) for _, values in columns] + [None, None]
+    heads = ["law", *(head for head, _ in columns), "force peak N", "force RMS N"]
+    said = (
+        "Errors and force. Following error: setpoint minus the controller's reading. "
+        "Tracking error: setpoint minus true position."
+    )
+    return table(said, heads, rows, best if len(rows) > 1 else ())
+
+
+def _against(entry: Entry, signal: str, what: str) -> str:
+    """A force, and in brackets its share of the limit that it stands against."""
+    value = entry.peak(signal) if what == "peak" else entry.rms(signal)
+    bounds = entry.limits
+    limit = (
+        bounds.get("motor continuous (RMS)")
+        if what == "rms"
+        else bounds.get("motor peak", bounds.get("commanded limit"))
+    )
+    return number(value) if limit is None else f"{number(value)} ({percent(value / limit)})"
+
+
+def limits(study: Study) -> str:
+    """One sentence on what the percentages of the forces refer to."""
+    stated = study.entries[0].limits
+    if not stated:
+        return "The machine file states no force limits."
+    listed = ", ".join(f"{name} {number(limit, 4)} N" for name, limit in stated.items())
+    return f"Percentages of force: peak against the peak limit, RMS against the continuous one. Stated: {listed}."
+
+
+def frequency(study: Study) -> str:
+    """Margins, sensitivity peak and stiffness of each law; empty if no law has a loop gain."""
+    if all(entry.margins is None and entry.stiffness is None for entry in study.entries):
+        return ""
+    rows: list[list[str]] = []
+    for entry in study.entries:
+        m, k = entry.margins, entry.stiffness
+        row = [entry.name]
+        if m is None:
+            row += ["–"] * 6
+        else:
+            delay = number(None if m.delay_margin is None else 1e3 * m.delay_margin)
+            if m.delay_margin_samples is not None:
+                delay += f" ({number(m.delay_margin_samples)})"
+            row += [
+                number(m.crossover),
+                decibel(m.phase_margin_deg),
+                decibel(m.gain_increase_dB),
+                decibel(m.gain_reduction_dB),
+                delay,
+                f"{number(m.sensitivity_peak)} ({number(m.modulus_frequency)})",
+            ]
+        row.append("–" if k is None else f"{number(1e-6 * k.minimum)} ({number(k.minimum_frequency)})")
+        row.append("–" if k is None or not k.frequency[0] <= 1.0 <= k.frequency[-1] else number(1e-6 * k.at(1.0)))
+        rows.append(row)
+    heads = [
+        "law", "crossover Hz", "phase margin deg", "gain may rise dB", "gain may fall dB",
+        "delay margin ms (samples)" if _sampled(study) else "delay margin ms", "Ms (at Hz)",
+        "least stiffness N/µm (at Hz)", "stiffness at 1 Hz N/µm",
+    ]  # fmt: skip
+    return table("Robustness and stiffness, of the loop in motion, opened at the drive.", heads, rows)
+
+
+def _sampled(study: Study) -> bool:
+    return any(entry.margins is not None and entry.margins.delay_margin_samples is not None for entry in study.entries)
+
+
+def prediction(replay: Replay) -> str:
+    """Measured and predicted."""
+    found = replay.table()
+    rows = [
+        [cell.replace("um", "µm") if i == 1 else "–" if cell == "-" else cell for i, cell in enumerate(row)]
+        for row in found.rows
+    ]
+    return table(f"{found.title[0].upper()}{found.title[1:]}.", found.heads, rows)
+
+
+def parameters(study: Study) -> str:
+    """Every parameter of every law with its unit and meaning; rows in which the laws differ are marked."""
+    rows: dict[str, tuple[Declaration, list[Any]]] = {}
+    count = len(study.entries)
+    for i, entry in enumerate(study.entries):
+        for name, value in tree.leaves(entry.loop):
+            row = rows.setdefault(name, (tree.declaration(entry.loop, name), [None] * count))
+            row[1][i] = value
+    body: list[list[str]] = []
+    for name in sorted(rows, key=_place):
+        declaration, values = rows[name]
+        unit, factor = declaration.unit, 1.0
+        if unit == "m":
+            unit, factor = shown("m")
+        cells = [number(factor * float(value), 6) if value is not None else "–" for value in values]
+        differs = count > 1 and any(value != values[0] for value in values)
+        body.append(
+            [f"{name} *" if differs else name, *map(_trimmed, cells), unit.replace("um", "µm"), declaration.meaning]
+        )
+    heads = ["parameter", *(entry.name for entry in study.entries), "unit", "meaning"]
+    note = "Parameters of the loop; * marks those in which the laws differ." if count > 1 else "Parameters of the loop."
+    return table(note, heads, body)
+
+
+def _place(name: str) -> int:
+    """Control before axis, otherwise as in the loop."""
+    return 0 if name.startswith("control.") else 1
+
+
+def _trimmed(text: str) -> str:
+    return text.rstrip("0").rstrip(".") if "." in text and "e" not in text else text
+
+
+def _least(values: Sequence[float]) -> int | None:
+    low = min(range(len(values)), key=values.__getitem__)
+    return low if sum(value <= values[low] * 1.0001 for value in values) == 1 else None

@@ -1,0 +1,122 @@
+"""How fast a law may be made, over the dead time of the loop."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from feeddrive.language import tree
+from feeddrive.language.errors import FeeddriveError, ParameterError
+from feeddrive.language.table import Result, Table
+from feeddrive.loop.loop import Loop
+from feeddrive.tuning.robustness import Robustness, robustness
+
+_CLOSE = 1e-5  # of a factor: how far the bounds are narrowed
+_FARTHEST = 40  # doublings in which a bound is looked for
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class DelayMap(Result):
+    """Largest common factor of some knobs over the dead time (s), all of shape (n,).
+
+    edge     factor at which the loop stops being stable
+    robust   factor at which Ms reaches `sensitivity_bound`
+    knobs    values at a factor of 1, by dotted name; times (in s) are divided by the factor, all others multiplied
+    """
+
+    dead_time: np.ndarray
+    edge: np.ndarray
+    robust: np.ndarray
+    knobs: Mapping[str, float]
+    sensitivity_bound: float
+    sample_time: float
+
+    def at_edge(self, name: str) -> np.ndarray:
+        """Values of a knob that is multiplied, at the edge of stability."""
+        return self.edge * self.knobs[name]
+
+    def at_robust(self, name: str) -> np.ndarray:
+        """The same where Ms reaches its bound."""
+        return self.robust * self.knobs[name]
+
+    def table(self) -> Table:
+        """One row a dead time."""
+        rows = [
+            [f"{1e3 * tau:.4g}", f"{tau / self.sample_time:.3g}", f"{edge:.4g}", f"{robust:.4g}"]
+            for tau, edge, robust in zip(self.dead_time, self.edge, self.robust, strict=True)
+        ]
+        named = ", ".join(f"{name.rpartition('.')[2]} {value:.4g}" for name, value in self.knobs.items())
+        heads = ["dead time ms", "samples", "unstable above", f"Ms <= {self.sensitivity_bound:g} up to"]
+        return Table(f"factor of {named}", heads, rows)
+
+    def plot(self) -> Any:
+        """Both bounds over the dead time, as a matplotlib figure."""
+        from feeddrive import plot
+
+        return plot.delay_map(self)
+
+    def to_pandas(self) -> Any:
+        """A DataFrame with both factors over the dead time in s."""
+        from feeddrive.plot import frames
+
+        return frames.frame(self.dead_time, {"edge": self.edge, "robust": self.robust}, "dead_time")
+
+
+def delay_map(
+    loop: Loop,
+    knobs: Sequence[str],
+    dead_times: Sequence[float],
+    *,
+    sensitivity_bound: float = 2.0,
+    velocity: float = 0.05,
+) -> DelayMap:
+    """The edge of stability and the largest gains with Ms <= `sensitivity_bound`, for each dead time in s.
+
+    knobs  dotted names of parameters that are raised and lowered together, such as `control.law.Kp`
+
+    Between the gain at which a loop becomes stable and that at which it stops being so there is one stretch for the
+    laws of this library on rigid axes; the map shows its upper end.  Gains that a law refuses count as unstable.
+    Raises ParameterError if no factor within 2⁴⁰ of 1 is stable, or if all are.
+    """
+    values = {name: float(tree.get(loop, name)) for name in knobs}
+    times = {name for name in knobs if tree.declaration(loop, name).unit == "s"}
+    edges, robusts = [], []
+    for dead_time in dead_times:
+
+        def judged(factor: float, dead_time: float = dead_time) -> Robustness:
+            changed = {name: value / factor if name in times else value * factor for name, value in values.items()}
+            try:
+                return robustness(tree.vary(loop, {**changed, "axis.actuator.dead_time": dead_time}), velocity=velocity)
+            except FeeddriveError:
+                return Robustness(float("inf"))
+
+        edge = _largest(lambda factor: judged(factor).stable, dead_time)
+        robusts.append(_largest(lambda factor: judged(factor).sensitivity_peak <= sensitivity_bound, dead_time))
+        edges.append(edge)
+    return DelayMap(
+        np.asarray(dead_times, dtype=np.float64), np.array(edges), np.array(robusts), values,
+        sensitivity_bound, float(loop.sample_time),
+    )  # fmt: skip
+
+
+def _largest(admits: Callable[[float], bool], dead_time: float) -> float:
+    """The factor up to which `admits`, from a factor of 1 on by doubling and halving."""
+    low, high = 1.0, 1.0
+    if admits(1.0):
+        high = next((2.0**i for i in range(1, _FARTHEST) if not admits(2.0**i)), float("inf"))
+        low = 0.5 * high
+    else:
+        low = next((0.5**i for i in range(1, _FARTHEST) if admits(0.5**i)), 0.0)
+        high = 2.0 * low
+    if not 0.0 < low < high < float("inf"):
+        raise ParameterError(
+            f"with a dead time of {dead_time:g} s no bound lies within a factor of 2^{_FARTHEST} of the knobs: "
+            f"start from gains with which the loop is stable, and name knobs that bring it to its edge"
+        )
+    while high > low * (1.0 + _CLOSE):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if admits(middle) else (low, middle)
+    return low

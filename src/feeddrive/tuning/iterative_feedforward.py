@@ -1,0 +1,253 @@
+"""Iterative feedforward: one trial, and the parameters of feedforward and friction for the next one."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from feeddrive.blocks.families import Plant
+from feeddrive.blocks.feedforward.disturbance_compensator import DisturbanceCompensator
+from feeddrive.blocks.signals import Setpoint
+from feeddrive.language import tree
+from feeddrive.language.errors import LogError, ParameterError
+from feeddrive.language.table import Result, Table
+from feeddrive.loop.loop import Loop
+from feeddrive.tuning.compensated import compensated, compensator
+from feeddrive.tuning.error_model import decay, error_model, filtered
+from feeddrive.tuning.excitation import condition, not_excited, reasons
+from feeddrive.tuning.least_squares import solve, standard_errors
+from feeddrive.tuning.trial import Trial, check_clock
+
+SATURATION = ("refused", "left_out")
+_LEAST_ROWS = 20  # rows for each column that must be left
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Iteration(Result):
+    """What one trial taught: the feedforward before and after, and how sure its parameters are.
+
+    loop       the loop of the next trial
+    errors     standard error of each tuned parameter, of the full step (gamma = 1), SI
+    frozen     parameters that keep their value, with the reason
+    held       parameters that their bound holds
+    predicted  following error of the next trial along the same reference, m, shape (n,)
+    condition  number of the columns that were used, scaled to the same size
+    """
+
+    trial: Trial
+    before: DisturbanceCompensator
+    after: DisturbanceCompensator
+    loop: Loop
+    form: str
+    gamma: float
+    errors: Mapping[str, float]
+    frozen: Mapping[str, str]
+    held: tuple[str, ...]
+    predicted: np.ndarray
+    condition: float
+    remarks: tuple[str, ...] = ()
+
+    @property
+    def predicted_rms(self) -> float:
+        """Of the next trial's following error along the same reference, m."""
+        return float(np.sqrt(np.mean(self.predicted**2)))
+
+    def table(self) -> Table:
+        """Parameters now and next, each with its standard error or with what holds it."""
+        rows = []
+        was, now = self.before.parameters(), self.after.parameters()
+        for name, value in was.items():
+            unit = tree.declaration(self.before, name).unit
+            error = f"{self.errors[name]:.2g}" if name in self.errors else "-"
+            said = "frozen" if name in self.frozen else "at its bound" if name in self.held else ""
+            rows.append([name, unit, f"{value:.6g}", f"{now[name]:.6g}", error, said])
+        title = (
+            f"{self.trial.name}: error {1e6 * self.trial.rms:.4g} um RMS, next along the same reference "
+            f"{1e6 * self.predicted_rms:.4g} um predicted; {self.form}, gamma {self.gamma:g}, "
+            f"condition {self.condition:.3g}"
+        )
+        return Table(title, ["parameter", "unit", "now", "next", "standard error", ""], rows)
+
+    def plot(self) -> Any:
+        """Following error of the trial and the predicted one of the next, as a matplotlib figure."""
+        from feeddrive import plot
+
+        return plot.iteration(self)
+
+    def to_pandas(self) -> Any:
+        """A DataFrame of the error and the predicted one over time in s."""
+        from feeddrive.plot import frames
+
+        columns = {"following_error": self.trial.following_error, "predicted": self.predicted}
+        return frames.frame(self.trial.time, columns, "time")
+
+
+def iterate(
+    loop: Loop,
+    trial: Trial,
+    *,
+    form: str = "model_free",
+    gamma: float = 1.0,
+    mu: float = 1e-9,
+    columns: Sequence[str] | None = None,
+    plant: Plant | None = None,
+    least_mass: float = 0.0,
+    saturation: str = "refused",
+    skip: int = 0,
+) -> Iteration:
+    """The feedforward parameters for the next trial, from the error of this one.
+
+        Ψ = Ĝ_d φ,   θ_next = θ + gamma (ΨᵀΨ + mu S²)⁻¹ Ψᵀ e,   S scales the columns of Ψ to the same size
+
+    `loop` is the loop that ran the trial, with its present parameters in a DisturbanceCompensator; its control must be
+    the real one, its axis is used only where `form` or a frozen model asks for it.  The next reference may be another.
+
+    form        "model_free", "model_based" or "axis_model", see `error_model`
+    gamma       share of the step that is taken, 0 < gamma <= 1; at most 0.5 if the controller's gains are known only
+                roughly: the error of the parameters is multiplied by about |1 - gamma · true gain/believed gain|
+    mu          >= 0; draws the step towards 0 in directions that the trial hardly excites
+    columns     names of the parameters to tune; default: all that the block has.  What a trial does not excite is
+                frozen: friction without a reversal, columns that are 0, columns that others explain
+    plant       for the model-based form: the axis to assume
+    least_mass  kg; the mass stays above it; all parameters keep the bounds of their declaration
+    saturation  "refused", or "left_out": saturated samples, and those until their effect has died out, do not count
+    skip        samples at the start that do not count, for a log that starts in motion
+
+    The standard errors take the residual as noise with its own autocorrelation; they say nothing of the bias by a
+    wrong Ĝ_d, which further trials remove.
+    Raises LogError for a trial that teaches nothing (saturated, too short, no column excited) or whose clock is not the
+    controller's, ParameterError for values out of bounds, UnstableError for a model loop that is not stable.
+    Source: Wu, Han, Xiong & Ding 2017, section 3.
+    """
+    _check(loop, trial, gamma, mu, saturation)
+    block = compensator(loop)
+    model = error_model(loop, form, plant=plant, least_mass=least_mass)
+    names, phi, velocity = regressors(loop, block, trial.setpoint, columns)
+    seen = filtered(model, phi, moving=trial.starts_moving)
+    rows = _rows(trial, decay(model), saturation, skip)
+    frozen = dict.fromkeys((name for name in block.parameters() if name not in names), "not asked for")
+    frozen |= not_excited(names, phi[rows], seen[rows], velocity[rows], float(block.dead_band))
+    active = [i for i, name in enumerate(names) if name not in frozen]
+    if not active:
+        raise LogError(f"{trial.name}: teaches no parameter. {reasons({n: frozen[n] for n in names})}")
+    left, needed = int(np.count_nonzero(rows)), _LEAST_ROWS * len(active)
+    if left < needed:
+        raise LogError(
+            f"{trial.name}: {left} samples are left for {len(active)} parameters, {needed - left} too few; at least "
+            f"{needed} are needed"
+        )
+    now = np.array([float(block.parameters()[names[i]]) for i in active])
+    least = np.array([_least(block, names[i], least_mass) for i in active])
+    used, error = seen[rows][:, active], trial.following_error[rows]
+    step, held = solve(used, error, mu, least - now, np.full(now.size, np.inf))
+    sigma = standard_errors(used, error - used @ step, 2 * decay(model))
+    changed = {names[i]: float(value) for i, value in zip(active, np.maximum(now + gamma * step, least), strict=True)}
+    after = dataclasses.replace(block, **changed)
+    taken = np.array([changed[names[i]] for i in active]) - now
+    return Iteration(
+        trial=trial,
+        before=block,
+        after=after,
+        loop=compensated(loop, after),
+        form=form,
+        gamma=gamma,
+        errors={names[i]: float(s) for i, s in zip(active, sigma, strict=True)},
+        frozen=frozen,
+        held=tuple(names[i] for i, is_held in zip(active, held, strict=True) if is_held),
+        predicted=trial.following_error - seen[:, active] @ taken,
+        condition=condition(used),
+        remarks=(*trial.remarks, *_remarks(loop)),
+    )
+
+
+def regressors(
+    loop: Loop, block: DisturbanceCompensator, setpoint: Setpoint, columns: Sequence[str] | None = None
+) -> tuple[list[str], np.ndarray, np.ndarray]:
+    """Names, φ of shape (n, columns), and the set velocity (m/s) in the middle of the samples.
+
+    The block's own lines compute them, on the setpoint as it leaves the prefilter.
+    """
+    known = block.parameters()
+    names = list(known if columns is None else columns)
+    for name in names:
+        if name not in known:
+            raise ParameterError(
+                f"columns: the feedforward has no parameter '{name}'; it has {', '.join(known) or 'none'}: give it a "
+                f"value, 0 for a start"
+            )
+    T = float(loop.sample_time)
+    seen = _prefiltered(loop, setpoint)
+    count = np.asarray(seen.position).size
+    found = block.regressors(seen, T)
+    phi = np.column_stack([np.broadcast_to(found[name], count) for name in names]) if names else np.zeros((count, 0))
+    return names, phi.astype(np.float64), np.asarray(seen.shifted(0.5 * T).velocity, dtype=np.float64)
+
+
+def _prefiltered(loop: Loop, setpoint: Setpoint) -> Setpoint:
+    """The setpoint as law and feedforward see it."""
+    prefilter = loop.control.prefilter
+    if prefilter is None:
+        return setpoint
+    rows = np.column_stack([np.asarray(row, dtype=np.float64) for row in setpoint])
+    T = np.float64(loop.sample_time)
+    first = Setpoint(*rows[0])
+    state = prefilter.start(first)
+    out = np.empty_like(rows)
+    for k, row in enumerate(rows):
+        state, moved = prefilter.step(state, Setpoint(*row), T)
+        out[k] = [float(value) for value in moved]
+    return Setpoint(*out.T)
+
+
+def _check(loop: Loop, trial: Trial, gamma: float, mu: float, saturation: str) -> None:
+    if not 0.0 < gamma <= 1.0:
+        raise ParameterError(f"gamma = {gamma:g} must be > 0 and <= 1")
+    if not 0.0 <= mu < np.inf:
+        raise ParameterError(f"mu = {mu:g} must be a finite number >= 0")
+    if saturation not in SATURATION:
+        raise ParameterError(f"saturation = {saturation!r} must be one of {', '.join(SATURATION)}")
+    check_clock(trial.name, trial.sample_time, float(loop.sample_time))
+
+
+def _rows(trial: Trial, after: int, saturation: str, skip: int) -> np.ndarray:
+    """Which samples count."""
+    n = trial.following_error.size
+    if not 0 <= skip < n:
+        raise ParameterError(f"skip = {skip} samples must be >= 0 and < {n}, the length of the trial")
+    counted = np.ones(n, dtype=bool)
+    counted[:skip] = False
+    saturated = trial.saturated
+    if saturated is None or not np.any(saturated[counted]):
+        return counted
+    first = int(np.argmax(saturated & counted))
+    if saturation == "refused":
+        raise LogError(
+            f"{trial.name}: the force was limited in {int(np.sum(saturated & counted))} samples, the first at "
+            f"{first * trial.sample_time:.6g} s; 0 are admitted, since the error then says nothing of the feedforward: "
+            f"take a slower reference, or leave these samples out (saturation = 'left_out')"
+        )
+    for k in np.flatnonzero(saturated):
+        counted[k : k + after] = False
+    return counted
+
+
+def _least(block: DisturbanceCompensator, name: str, least_mass: float) -> float:
+    """The lower bound of a parameter."""
+    declared = tree.declaration(block, name).least
+    least = -np.inf if declared is None else declared
+    return max(least, least_mass) if name == "mass" else least
+
+
+def _remarks(loop: Loop) -> list[str]:
+    """What a reader of the parameters should know about the control."""
+    share = dict(tree.leaves(loop.control.law)).get("velocity_feedforward")
+    if share is None or share == 1.0:
+        return []
+    return [
+        f"the law feeds {share:g} of the set velocity forward and not all of it, so that `viscous` and `mass` also "
+        f"carry what its velocity loop lacks: they are no properties of the axis, and hold for these gains only"
+    ]

@@ -1,0 +1,104 @@
+"""What pole placement makes of an axis: gains, poles as placed and as they come out, and how far they may go."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from feeddrive.analysis.stability import Stability, stability
+from feeddrive.blocks.controller.pole_placement import PolePlacement
+from feeddrive.blocks.plant.two_bodies import Gains
+from feeddrive.language import tree
+from feeddrive.language.errors import ParameterError, UnstableError
+from feeddrive.language.table import Result, Table
+from feeddrive.loop.loop import Loop
+
+_SMALLEST = 0.02  # of a knob: how far down a stable value is looked for
+_HALVINGS = 20
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Placement(Result):
+    """The gains of a pole placement in SI, its five poles in rad/s, and those of the sampled loop as it really is.
+
+    poles    as placed, of the model in continuous time, slowest first
+    reached  of the loop with its axis, delay, filters and sampling, as s = ln z / T, slowest first
+    """
+
+    gains: Gains
+    poles: np.ndarray
+    reached: np.ndarray
+    stability: Stability
+
+    def table(self) -> Table:
+        """The gains, the poles as placed, and the slowest of those reached, as many."""
+        units = ("N/m", "N/m", "N s/m", "N s/m", "N/(m s)")
+        rows = [
+            [name, f"{value:.6g} {unit}"] for name, value, unit in zip(Gains._fields, self.gains, units, strict=True)
+        ]
+        rows += [["pole placed", _words(pole)] for pole in self.poles]
+        rows += [["pole of the loop", _words(pole)] for pole in self.reached[: self.poles.size]]
+        return Table(self.stability.sentence(), ["pole placement", "value"], rows)
+
+    def plot(self) -> Any:
+        """Pole map of the sampled loop as a matplotlib figure."""
+        return self.stability.plot()
+
+    def to_pandas(self) -> Any:
+        """The poles of the sampled loop as a DataFrame."""
+        return self.stability.to_pandas()
+
+
+def _words(pole: complex) -> str:
+    size = abs(pole)
+    return f"{pole.real:.4g}{pole.imag:+.4g}j 1/s ({size / (2.0 * np.pi):.4g} Hz, damping {-pole.real / size:.3f})"
+
+
+def placement(loop: Loop, *, velocity: float = 0.05) -> Placement:
+    """Gains and poles of a loop under pole placement.
+
+    Raises ParameterError for another law, and UnstableError, with |z|, its bound and the nearest stable value of each
+    knob, where the poles cannot be had on this axis: delay, filters and modes that the model leaves out are against it.
+    Poles that no gain could place are refused by the law itself: see `blocks/plant/two_bodies.py`.
+    """
+    law = loop.control.law
+    if not isinstance(law, PolePlacement):
+        raise ParameterError(f"control.law is '{law.kind}', which places no poles: take pole_placement")
+    found = stability(loop, velocity=velocity)
+    if not found.stable:
+        near = list(_stable_knobs(loop, velocity))
+        remedy = "; or ".join(near) or "none by turning one knob down alone"
+        raise UnstableError(
+            f"control.law: the poles cannot be had on this axis: {found.sentence()} (|z| = {found.growth:.6f}, must be "
+            f"< 1); the nearest stable values: {remedy}. If the axis has a mode there that the model leaves out, put a "
+            f"notch at {found.frequency:.4g} Hz"
+        )
+    poles = np.roots([float(a) for a in reversed(law.polynomial())])
+    z = found.model.poles()
+    reached = np.log(z[np.abs(z) > 1e-12].astype(complex)) / found.model.sample_time
+    return Placement(law.gains(), poles[np.argsort(np.abs(poles))], reached[np.argsort(np.abs(reached))], found)
+
+
+def _stable_knobs(loop: Loop, velocity: float) -> Iterator[str]:
+    """For each knob alone the largest value below the present one at which the loop is stable, in words."""
+    for knob in loop.control.law.knobs:
+        present = float(tree.get(loop, f"control.law.{knob}"))
+
+        def is_stable(share: float, knob: str = knob, present: float = present) -> bool:
+            law = tree.vary(loop.control.law, {knob: share * present})
+            varied = replace(loop, control=replace(loop.control, law=law))
+            return stability(varied, velocity=velocity).stable
+
+        shares = np.geomspace(1.0, _SMALLEST, 31)
+        stable = next((i for i, share in enumerate(shares) if i and is_stable(float(share))), None)
+        if stable is None:
+            continue
+        low, high = float(shares[stable]), float(shares[stable - 1])
+        for _ in range(_HALVINGS):
+            middle = float(np.sqrt(low * high))
+            low, high = (middle, high) if is_stable(middle) else (low, middle)
+        unit = tree.declaration(loop, f"control.law.{knob}").unit
+        yield f"{knob} = {low * present:.4g} {unit}".rstrip() + f" instead of {present:.4g}"

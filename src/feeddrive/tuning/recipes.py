@@ -1,0 +1,263 @@
+"""Rules of the trade for the P-PI cascade, on a measured or modelled axis and with the control that runs."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from feeddrive.analysis.margins import margins
+from feeddrive.blocks.controller.cascade_ppi import CascadePPI
+from feeddrive.language.errors import NotIdentifiableError, ParameterError
+from feeddrive.language.table import Result, Table
+from feeddrive.loop.control import Control
+from feeddrive.loop.frequency_response import FRF
+from feeddrive.loop.loop import Loop
+from feeddrive.tuning.shaping.control_response import ControlResponse
+from feeddrive.tuning.shaping.site import Site, modelled_site
+
+_OFF = 1e-9  # a gain that counts as none
+_STRAIGHT = math.radians(30.0)  # lag of the phase up to which mass and lag are read off
+_CRITICAL = 4.0  # Kv = ωv/4 damps a position loop around a first-order velocity loop critically
+_SLOW = 4.0  # Tn = 4/ωv: the integral takes 14° of the phase at the crossover
+GOALS = {"robust": (12.0, 60.0), "dynamic": (7.0, 45.0)}  # gain margin in dB and phase margin in deg
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Recipe(Result):
+    """What a rule gives: a law, how it came about, and what the rule was read off from.
+
+    mass       kg, of the free axis, as the velocity loop sees it
+    lag        s, of everything between force and velocity: computation, current loop, filters, difference
+    """
+
+    name: str
+    law: CascadePPI
+    reason: str
+    source: str
+    mass: float
+    lag: float
+
+    def table(self) -> Table:
+        """The gains and what they stand on."""
+        law = self.law
+        rows = [
+            ["Kv", f"{law.Kv:.5g}", "1/s"],
+            ["Kp", f"{law.Kp:.5g}", "N s/m"],
+            ["Tn", "none" if law.Tn is None else f"{law.Tn:.5g}", "s"],
+            ["moved mass", f"{self.mass:.5g}", "kg"],
+            ["lag", f"{self.lag:.4g}", "s"],
+        ]
+        return Table(f"{self.name}: {self.reason} ({self.source})", ["what", "value", "unit"], rows)
+
+    def plot(self) -> Any:
+        """Refused: a rule is no response. Raises ParameterError; draw the loop that has the law."""
+        raise ParameterError("a recipe has no picture: give its law to `shape` or `measured_loop`, and draw that")
+
+    def to_pandas(self) -> Any:
+        """A DataFrame with one row a gain."""
+        from feeddrive.plot import frames
+
+        law = self.law
+        return frames.frame(["Kv", "Kp", "Tn"], {"value": np.array([law.Kv, law.Kp, law.Tn or np.nan])}, "gain")
+
+
+class _Axis:
+    """A site with the velocity loop of a control around it: Kp = 1, no integral, no position loop."""
+
+    def __init__(self, site: Site | Loop, control: Control | None) -> None:
+        if isinstance(site, Loop):
+            control, site = control or site.control, modelled_site(site)
+        if control is None:
+            control = Control(law=CascadePPI(Kv=1.0, Kp=1.0))
+        law = control.law if isinstance(control.law, CascadePPI) else CascadePPI(Kv=1.0, Kp=1.0)
+        self.site, self.law = site, replace(law, position_every=1, viscous=None)
+        self.control = replace(control, law=self.law, compensation=())
+        self.frequency = site.frequency
+        self.unit = self.gain(replace(self.law, Kv=_OFF, Kp=1.0, Tn=None))
+        self.mass, self.lag = self._read()
+
+    def gain(self, law: CascadePPI) -> np.ndarray:
+        """The loop gain at the actuator with a law."""
+        response = ControlResponse(replace(self.control, law=law), self.site.sample_time, ())
+        return -np.einsum("kl,kl->l", response.at((), self.frequency).value, self.site.by_force)
+
+    def velocity_loop(self, Kp: float, Tn: float | None) -> FRF:
+        """Of PI around the velocity."""
+        gain = self.gain(replace(self.law, Kv=_OFF, Kp=Kp, Tn=Tn))
+        return FRF(self.frequency, gain, "cut", "force", "N/N", self.site.sample_time)
+
+    def _read(self) -> tuple[float, float]:
+        """Mass and lag from the lines below all resonances, on which velocity over force is 1/((m s + b) e^(s lag)).
+
+        Its inverse b + (m + b lag) s + (m lag + ...) s² is fitted with real coefficients, all lines with equal weight.
+        """
+        w = 2.0 * np.pi * self.frequency
+        phase = np.angle(self.unit * 1j)  # 0 for a free mass, up to 90° where friction holds it
+        late = np.flatnonzero(phase < -_STRAIGHT)
+        first = 0.4 * self.antiresonance()
+        last = min(int(late[0]) if late.size else w.size, int(np.searchsorted(self.frequency, first)))
+        if last < 5 or phase[last - 1] > 2.0 * _STRAIGHT:
+            end = self.frequency[max(last - 1, 0)]
+            raise NotIdentifiableError(
+                f"'{self.site.name}' shows no mass from {self.frequency[0]:.4g} to {end:.4g} Hz: measure between "
+                f"the friction, which holds it below, and its first resonance above"
+            )
+        s = 1j * w[:last] / w[last - 1]
+        rows = np.stack([s**0, s, s * s], axis=1) * np.abs(self.unit[:last, None])
+        right = np.abs(self.unit[:last]) / self.unit[:last]
+        both = np.vstack([np.real(rows), np.imag(rows)])
+        c0, c1, c2 = np.linalg.lstsq(both, np.concatenate([np.real(right), np.imag(right)]))[0]
+        scale = w[last - 1]
+        lag = max(float(c2 / c1 / scale), 0.5 * self.site.sample_time)
+        return float(c1 / scale - c0 * lag), lag
+
+    def antiresonance(self) -> float:
+        """Hz of the first antiresonance of the velocity loop's encoder; infinite if it shows none."""
+        level = np.log(np.abs(self.unit) * self.frequency)
+        for k in range(2, level.size - 2):
+            if level[k] == np.min(level[max(k - 5, 0) : k + 6]):
+                above = self.frequency > self.frequency[k]
+                below = self.frequency < self.frequency[k]
+                if np.max(level[above]) > level[k] + 0.4 and np.max(level[below]) > level[k] + 0.4:
+                    return float(self.frequency[k])
+        return math.inf
+
+    def made(self, name: str, Kp: float, Tn: float | None, Kv: float, reason: str, source: str) -> Recipe:
+        """The recipe with these gains."""
+        return Recipe(name, replace(self.law, Kp=Kp, Tn=Tn, Kv=Kv), reason, source, self.mass, self.lag)
+
+
+def symmetric_optimum(site: Site | Loop, control: Control | None = None, *, a: float = 2.0) -> Recipe:
+    """PI by the symmetric optimum of a free mass with a lag τ, and Kv a quarter of its crossover.
+
+        Kp = m/(a τ),   Tn = a² τ,   Kv = 1/(4 a τ)
+
+    The phase of the loop is highest at its crossover 1/(aτ): its margin is atan a - atan 1/a, 37° for a = 2.
+    When not: if a resonance lies below some 3/(aτ).
+    Source: Kessler 1958, Das symmetrische Optimum; Kv as in `kv_rule`.
+    """
+    if not a > 1.0:
+        raise ParameterError(f"a = {a:g} must be > 1")
+    axis = _Axis(site, control)
+    tau = axis.lag
+    reason = f"mass {axis.mass:.4g} kg, lag {1e3 * tau:.3g} ms, a = {a:g}"
+    return axis.made(
+        "symmetric optimum", axis.mass / (a * tau), a * a * tau, 1.0 / (_CRITICAL * a * tau), reason, "Kessler 1958"
+    )
+
+
+def kv_rule(site: Site | Loop, control: Control | None = None, *, damping: float = 1.0) -> Recipe:
+    """Kv from the crossover ωv of the present velocity loop: Kv = ωv/(4 D²).
+
+    A velocity loop that answers like a first-order lag 1/ωv gives the position loop the damping ratio D.
+    Raises ParameterError for a velocity loop without crossover.
+    Source: Weck & Brecher, Werkzeugmaschinen 3, position loops of feed drives.
+    """
+    axis = _Axis(site, control)
+    law = axis.law
+    crossover = margins(axis.velocity_loop(law.Kp, law.Tn)).crossover
+    if crossover is None:
+        raise ParameterError(f"with Kp = {law.Kp:g} N s/m the velocity loop has no crossover: set Kp first")
+    Kv = 2.0 * math.pi * crossover / (4.0 * damping * damping)
+    reason = f"the velocity loop crosses over at {crossover:.4g} Hz, damping ratio {damping:g}"
+    return axis.made("Kv rule", law.Kp, law.Tn, Kv, reason, "Weck & Brecher")
+
+
+def half_antiresonance(site: Site | Loop, control: Control | None = None) -> Recipe:
+    """The velocity loop crosses over at half of the first antiresonance, Tn = 4/ωv, Kv = ωv/4.
+
+    Below it motor and table still move as one, so that the velocity loop does not see the spring.  The crossover is
+    lowered to what the lag allows, 1/(2τ), if that is less.
+    Raises NotIdentifiableError if the axis shows no antiresonance.
+    Source: rule of the trade for drives with an elastic coupling.
+    """
+    axis = _Axis(site, control)
+    first = axis.antiresonance()
+    if not math.isfinite(first):
+        raise NotIdentifiableError(
+            f"'{axis.site.name}' shows no antiresonance up to {axis.frequency[-1]:.4g} Hz: take symmetric_optimum, or "
+            f"measure higher"
+        )
+    rate = min(math.pi * first, 0.5 / axis.lag)
+    reason = f"first antiresonance {first:.4g} Hz, crossover {rate / (2.0 * math.pi):.4g} Hz"
+    Kp = _by_crossover(axis, rate)
+    return axis.made("half the first antiresonance", Kp, _SLOW / rate, rate / _CRITICAL, reason, "rule of the trade")
+
+
+def margin_goals(site: Site | Loop, control: Control | None = None, *, goal: str = "robust") -> Recipe:
+    """The highest velocity gain, and then the highest Kv, that keep gain and phase margin on the real loop.
+
+        robust: 12 dB and 60°,   dynamic: 7 dB and 45°,   Tn = 4/ωv;   Kv at most ωv/4, and less if the margins want it
+
+    It goes like the automatic tuning of today's controllers, velocity loop first; the numbers of both goals are ours.
+    Raises NotIdentifiableError if no gain keeps them.
+    """
+    if goal not in GOALS:
+        raise ParameterError(f"goal = {goal!r} must be one of {', '.join(GOALS)}")
+    least_gain, least_phase = GOALS[goal]
+    axis = _Axis(site, control)
+
+    def keeps(L: FRF) -> bool:
+        found = margins(L)
+        gain, phase = found.gain_increase_dB, found.phase_margin_deg
+        return (gain is None or gain >= least_gain) and (phase is None or phase >= least_phase)
+
+    def integral(Kp: float) -> float:
+        return _SLOW * axis.mass / Kp
+
+    highest = axis.mass / axis.lag
+    Kp = _largest(lambda value: keeps(axis.velocity_loop(value, integral(value))), 1e-3 * highest, 3.0 * highest)
+    if Kp is None:
+        raise NotIdentifiableError(
+            f"no velocity gain keeps {least_gain:g} dB and {least_phase:g} deg: filter the resonances first"
+        )
+    Tn, rate = integral(Kp), Kp / axis.mass
+    inner = axis.velocity_loop(Kp, Tn).response
+
+    def position(Kv: float) -> FRF:
+        whole = axis.gain(replace(axis.law, Kv=Kv, Kp=Kp, Tn=Tn))
+        return FRF(axis.frequency, (whole - inner) / (1.0 + inner), "command", "command", "", axis.site.sample_time)
+
+    Kv = _largest(lambda value: keeps(position(value)), 1e-3 * rate, rate / _CRITICAL)
+    if Kv is None:
+        raise NotIdentifiableError(f"no Kv keeps {least_gain:g} dB and {least_phase:g} deg with Kp = {Kp:g} N s/m")
+    reason = f"gain margin >= {least_gain:g} dB and phase margin >= {least_phase:g} deg, velocity loop first"
+    return axis.made(f"margins, {goal}", Kp, Tn, Kv, reason, "own numbers")
+
+
+def _by_crossover(axis: _Axis, rate: float) -> float:
+    """Kp with which the velocity loop without integral crosses over at a rate in rad/s."""
+    size = np.interp(np.log(rate / (2.0 * np.pi)), np.log(axis.frequency), np.log(np.abs(axis.unit)))
+    return float(np.exp(-size))
+
+
+def _largest(admits: Callable[[float], bool], low: float, high: float) -> float | None:
+    """The largest value up to which all of a ladder are admitted, refined by halving; None if not even the lowest."""
+    if not admits(low):
+        return None
+    steps = np.geomspace(low, high, 40)
+    last = low
+    for value in steps[1:]:
+        if not admits(float(value)):
+            low, high = last, float(value)
+            break
+        last = float(value)
+    else:
+        return high
+    for _ in range(12):
+        middle = math.sqrt(low * high)
+        low, high = (middle, high) if admits(middle) else (low, middle)
+    return low
+
+
+RECIPES: dict[str, Callable[..., Recipe]] = {
+    "symmetric-optimum": symmetric_optimum,
+    "kv-rule": kv_rule,
+    "half-antiresonance": half_antiresonance,
+    "margins-robust": margin_goals,
+    "margins-dynamic": lambda site, control=None: margin_goals(site, control, goal="dynamic"),
+}

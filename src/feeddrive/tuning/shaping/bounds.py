@@ -1,0 +1,196 @@
+"""The bounds of a shaped loop: slack, slope to the knobs, and what noise leaves open.
+
+All are logarithms or shares, so that 0.01 is about a per cent: a bound keeps while its slack is >= 0.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from feeddrive.analysis.extremum import least
+from feeddrive.blocks.filter.notch import Notch
+from feeddrive.loop.control import Control
+from feeddrive.tuning.shaping.answer import Answer
+from feeddrive.tuning.shaping.limits import Limits
+
+NOTCH = "notch"  # the bound that keeps a notch from raising
+_NEAR = 0.7  # of a logarithm: bounds with more slack on a line are not written down
+_POINTS, _POLE = 41, 0.2  # between two neighbors of a line; and how near to a pole nothing is said
+_STRETCH = 0.08  # of ln f on both sides of a crossover, over which its slopes are taken
+
+
+class Bound(NamedTuple):
+    """One bound at one frequency of one site: its slack, slope, and standard deviation from the measurement."""
+
+    kind: str
+    site: int
+    frequency: float
+    slack: float
+    slope: np.ndarray
+    deviation: float
+    key: tuple[str, int, int]
+
+
+def bounds_of(i: int, each: Answer, limits: Limits) -> list[Bound]:
+    """All bounds of a site that are near."""
+    found: list[Bound] = []
+    f, L, dL = each.site.frequency, each.gain, each.gain_slope
+    spread = np.sqrt(0.5 * each.gain_variance)  # of the part along one direction
+    if limits.sensitivity_peak is not None:
+        away = np.abs(1.0 + L)
+        slack = _between_lines(np.log(f), 1.0 + L, np.log(away * limits.sensitivity_peak))
+        for k in np.flatnonzero(slack < _NEAR).tolist():
+            slope = (dL[k] / (1.0 + L[k])).real
+            found.append(Bound("Ms", i, float(f[k]), float(slack[k]), slope, float(spread[k] / away[k]), ("Ms", i, k)))
+    if limits.compliance_peak is not None:
+        size = np.abs(each.compliance)
+        slack = _at_vertex(np.log(f), np.log(limits.compliance_peak / size))
+        deviation = np.sqrt(0.5 * each.compliance_variance) / size
+        for k in np.flatnonzero(slack < _NEAR).tolist():
+            slope = -(each.compliance_slope[k] / each.compliance[k]).real
+            found.append(
+                Bound("peak compliance", i, float(f[k]), float(slack[k]), slope, float(deviation[k]), ("c", i, k))
+            )
+    found += _crossovers(i, each, limits, spread)
+    if limits.force_noise is not None:
+        found.append(_noise(i, each, limits))
+    return found
+
+
+def notches_stay_notches(control: Control, knobs: Sequence[str], x: np.ndarray) -> list[Bound]:
+    """That a notch lowers: damping_zero <= damping_pole, at the logarithms x of the knobs."""
+    found: list[Bound] = []
+    for i, block in enumerate(control.filters):
+        names = [f"filters.{i}.{each}" for each in ("damping_zero", "damping_pole")]
+        if not isinstance(block, Notch) or not set(names) & set(knobs) or not block.damping_zero > 0.0:
+            continue
+        slope, values = np.zeros(x.size), [np.log(block.damping_zero), np.log(block.damping_pole)]
+        for k, (name, sign) in enumerate(zip(names, (-1.0, 1.0), strict=True)):
+            if name in knobs:
+                place = list(knobs).index(name)
+                slope[place], values[k] = sign, x[place]
+        found.append(Bound(NOTCH, 0, 0.0, float(values[1] - values[0]), slope, 0.0, (NOTCH, i, 0)))
+    return found
+
+
+def _between_lines(x: np.ndarray, w: np.ndarray, slack: np.ndarray) -> np.ndarray:
+    """The slacks, at each line that has less than its neighbors the least that |w| reaches between them.
+
+    w = (w0 + b u)/(1 + c u) through the three lines, u = ln f - ln f0: a resonance is a circle, and its nearest point
+    may lie well off the lines.
+    """
+    out = slack.copy()
+    for k in np.flatnonzero((slack[1:-1] < slack[:-2]) & (slack[1:-1] < slack[2:])) + 1:
+        if slack[k] >= _NEAR:
+            continue
+        u = x[[k - 1, k + 1]] - x[k]
+        sides = w[[k - 1, k + 1]]
+        b, c = np.linalg.solve(np.stack([u, -u * sides], axis=1), sides - w[k])
+        way = np.linspace(u[0], u[1], _POINTS)
+        under = np.abs(1.0 + c * way)
+        if np.min(under) > _POLE:
+            out[k] += min(float(np.min(np.log(np.abs((w[k] + b * way) / (1.0 + c * way))))) - np.log(np.abs(w[k])), 0.0)
+    return out
+
+
+def _at_vertex(x: np.ndarray, slack: np.ndarray) -> np.ndarray:
+    """The slacks, at each line that has less than its neighbors that of the parabola through the three."""
+    out = slack.copy()
+    for k in np.flatnonzero((slack[1:-1] < slack[:-2]) & (slack[1:-1] < slack[2:])) + 1:
+        if slack[k] < _NEAR:
+            out[k] = least(x[k - 1 : k + 2], slack[k - 1 : k + 2])[1]
+    return out
+
+
+def _crossovers(i: int, each: Answer, limits: Limits, spread: np.ndarray) -> list[Bound]:
+    """Gain, phase and delay margins, at straight lines of ln L over ln f between two lines of the grid."""
+    found: list[Bound] = []
+    x, L = np.log(each.site.frequency), each.gain
+    pushed = each.gain_slope / L[:, None]  # of ln L
+    level, turn = np.log(np.abs(L)), np.angle(L[1:] * np.conj(L[:-1]))
+    lead = np.angle(-L)
+    T = each.site.sample_time
+    if limits.phase_margin_deg is not None or limits.delay_margin_samples is not None:
+        for k in np.flatnonzero(level[:-1] * level[1:] < 0.0):
+            part = level[k] / (level[k] - level[k + 1])
+            width = x[k + 1] - x[k]
+            f = float(np.exp(x[k] + part * width))
+            moved = (1.0 - part) * pushed[k] + part * pushed[k + 1]
+            along = -moved.real / ((level[k + 1] - level[k]) / width)  # of ln f of the crossover
+            slope = moved.imag + (turn[k] / width) * along
+            angle = float(np.angle(np.exp(1j * (lead[k] + part * turn[k]))))
+            tilt, bend = _tilts(x, level, turn, int(k))
+            deviation = float(spread[k]) * float(
+                np.hypot(1.0, bend / tilt)
+            )  # noise of the phase, and of where it crosses
+            if limits.phase_margin_deg is not None:
+                sign = 1.0 if angle >= 0.0 else -1.0
+                slack = abs(angle) - np.radians(limits.phase_margin_deg)
+                found.append(Bound("phase margin", i, f, float(slack), sign * slope, deviation, ("pm", i, int(k))))
+            if limits.delay_margin_samples is not None:
+                ahead = angle % (2.0 * np.pi)
+                slack = np.log(ahead / (2.0 * np.pi * f * T * limits.delay_margin_samples))
+                wide = float(spread[k]) * float(np.hypot(1.0 / ahead, (bend / ahead - 1.0) / tilt))
+                found.append(Bound("delay margin", i, f, float(slack), slope / ahead - along, wide, ("dm", i, int(k))))
+    if limits.gain_margin_dB is not None:
+        least = limits.gain_margin_dB * np.log(10.0) / 20.0
+        after = lead[:-1] + turn
+        for k in np.flatnonzero((lead[:-1] * after < 0.0) & (np.abs(turn) < 0.9 * np.pi)):
+            part = lead[k] / (lead[k] - after[k])
+            size = level[k] + part * (level[k + 1] - level[k])
+            if size > 0.0:
+                continue  # the gain may fall from here: Ms keeps it away
+            width = x[k + 1] - x[k]
+            moved = (1.0 - part) * pushed[k] + part * pushed[k + 1]
+            along = -moved.imag / (turn[k] / width)
+            slope = -(moved.real + (level[k + 1] - level[k]) / width * along)
+            f = float(np.exp(x[k] + part * width))
+            tilt, bend = _tilts(x, level, turn, int(k))
+            deviation = float(spread[k] / np.abs(L[k])) * float(np.hypot(1.0, tilt / bend))
+            found.append(Bound("gain margin", i, f, float(-size - least), slope, deviation, ("gm", i, int(k))))
+    return found
+
+
+def _tilts(x: np.ndarray, level: np.ndarray, turn: np.ndarray, k: int) -> tuple[float, float]:
+    """d ln|L|/d ln f and dφ/d ln f around a line: over a stretch, since two lines would show their noise."""
+    low, high = (int(each) for each in np.searchsorted(x, (x[k] - _STRETCH, x[k + 1] + _STRETCH)))
+    low, high = min(low, k), max(high, k + 2)
+    apart = x[low:high] - np.mean(x[low:high])
+    phase = np.concatenate([[0.0], np.cumsum(turn[low : high - 1])])
+    scale = apart @ apart
+    return float(apart @ level[low:high] / scale), float(apart @ phase / scale)
+
+
+def force_noise(each: Answer, reading_noise: tuple[float, float]) -> tuple[float, np.ndarray]:
+    """RMS of the command in N from white errors of the readings in m, and its slope; beyond the last line S = 1."""
+    C, dC = each.response.value, each.response.slope
+    S = 1.0 / (1.0 + each.gain)
+    dS = -(S * S)[:, None] * each.gain_slope
+    f, T = each.site.frequency, each.site.sample_time
+    width = np.zeros(f.size)
+    step = 0.5 * np.diff(f)
+    width[:-1] += step
+    width[1:] += step
+    width[0] += f[0]
+    width[-1] += max(0.5 / T - f[-1], 0.0)
+    if each.site.ratio is not None and np.all(each.site.ratio[0] == 1.0):  # one encoder gives both readings
+        parts = [(C[0] + C[1], dC[0] + dC[1], max(reading_noise))]
+    else:
+        parts = [(C[k], dC[k], reading_noise[k]) for k in range(2)]
+    total, slope = 0.0, np.zeros(dC.shape[2])
+    for value, moved, sigma in parts:
+        through, change = value * S, moved * S[:, None] + value[:, None] * dS
+        weight = 2.0 * T * width * sigma**2
+        total += float(np.sum(weight * np.abs(through) ** 2))
+        slope = slope + 2.0 * np.einsum("l,lp->p", weight * np.conj(through), change).real
+    return float(np.sqrt(total)), slope / (2.0 * np.sqrt(total))
+
+
+def _noise(i: int, each: Answer, limits: Limits) -> Bound:
+    value, slope = force_noise(each, limits.reading_noise)
+    assert limits.force_noise is not None
+    slack = float(np.log(limits.force_noise / value))
+    return Bound("force noise", i, 0.0, slack, -slope / value, 0.0, ("noise", i, 0))

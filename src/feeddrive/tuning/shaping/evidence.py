@@ -1,0 +1,164 @@
+"""What a shaped loop is checked by, in other ways than the search went; a loop with a model is run as it is."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from feeddrive.analysis.margins import margins
+from feeddrive.analysis.opened import Opened, opened
+from feeddrive.analysis.recovery import rope_snap
+from feeddrive.analysis.stability import stability
+from feeddrive.blocks.families import Sensor
+from feeddrive.blocks.load.step_force import StepForce
+from feeddrive.blocks.reference.recorded import Recorded
+from feeddrive.blocks.sensor.encoder import Encoder
+from feeddrive.language.errors import FeeddriveError
+from feeddrive.loop.control import Control
+from feeddrive.loop.loop import Loop
+from feeddrive.loop.simulate import simulate
+from feeddrive.tuning.shaping.figures import Figures
+from feeddrive.tuning.shaping.limits import Limits
+from feeddrive.tuning.shaping.site import Site
+from feeddrive.tuning.tuned import Checked
+
+_DENSE = 400  # lines a decade
+_ROOM = 2e-3  # of a bound: what lines may differ by
+_LONGEST = 400_000  # samples of a run
+_DECAYS = 10.0  # time constants of the slowest motion that the run covers
+_APART = 0.1  # by which share run and linear model may differ: friction, counts and the guard are in the run only
+_RUN = "run with friction, counts and limit"
+_USUAL_FORCE = 100.0  # N on the table, if the limits name none
+
+
+def of_measurement(found: Sequence[Figures], limits: Limits) -> tuple[Checked, ...]:
+    """Encirclement and bounds on all lines that were measured."""
+    checks: list[Checked] = []
+    for each in found:
+        said = "-1 is not encircled" if each.stable else "-1 is encircled"
+        checks.append(Checked(f"{each.site}: Nyquist", each.stable, f"{said}, {each.loop_gain.frequency.size} lines"))
+        if each.stable:
+            checks.append(_kept(each.site, limits, each))
+    return tuple(checks)
+
+
+def of_known(site: Site, control: Control, limits: Limits, velocity: float) -> tuple[Checked, ...]:
+    """A measured axis run as the loop that agrees with it: stable by its poles, and with friction, counts and limit.
+
+    The limits are those of the measurement, which that loop meets to some per cent only, and are not asked of it again.
+    """
+    if site.known_as is None:
+        said = "no loop is known that agrees with the response: give the machine, as identify writes it, as --baseline"
+        return (Checked(f"{site.name}: {_RUN}", None, said),)
+    loop, name = replace(site.known_as, control=control), f"{site.name}, on the baseline's axis"
+    poles = stability(loop, velocity=velocity)
+    checks = [Checked(f"{name}: poles", poles.stable, f"largest |z| {poles.growth:.6f}")]
+    if poles.stable:
+        checks.append(_run(name, loop, opened(loop, velocity=velocity), limits, velocity, poles.time_constant))
+    return tuple(checks)
+
+
+def _kept(site: str, limits: Limits, each: Figures) -> Checked:
+    m = each.margins
+    peak = each.peak_compliance
+    return _bounds(f"{site}: limits on all lines", limits, m.sensitivity_peak, m.gain_increase_dB, m.phase_margin_deg,
+                   m.delay_margin_samples, peak)  # fmt: skip
+
+
+def _bounds(
+    what: str, limits: Limits, Ms: float, gain: float | None, phase: float | None, delay: float | None, peak: float
+) -> Checked:
+    holds, said = True, [f"Ms {Ms:.4g}"]
+    for bound, value, least, text in (
+        (limits.sensitivity_peak, Ms, False, ""),
+        (limits.gain_margin_dB, math.inf if gain is None else gain, True, f"gain margin {gain or math.inf:.4g} dB"),
+        (limits.phase_margin_deg, math.inf if phase is None else phase, True, f"phase margin {phase or 0.0:.4g} deg"),
+        (limits.delay_margin_samples, math.inf if delay is None else delay, True,
+         f"delay margin {delay or math.inf:.4g} samples"),
+        (limits.compliance_peak, peak, False, f"peak compliance {1e6 * peak:.4g} um/N"),
+    ):  # fmt: skip
+        if bound is None:
+            continue
+        holds &= value >= bound * (1.0 - _ROOM) if least else value <= bound * (1.0 + _ROOM)
+        if text:
+            said.append(text)
+    return Checked(what, holds, ", ".join(said))
+
+
+def of_model(name: str, loop: Loop, limits: Limits, velocity: float) -> tuple[Checked, ...]:
+    """Poles of the whole loop, its limits on lines of its own, and a run of it with friction, counts and limit."""
+    poles = stability(loop, velocity=velocity)
+    checks = [Checked(f"{name}: poles", poles.stable, f"largest |z| {poles.growth:.6f}")]
+    if not poles.stable:
+        return tuple(checks)
+    both = opened(loop, velocity=velocity)
+    lines = both.lines(_DENSE)
+    m = margins(both.loop_gain(lines))
+    peak = float(np.max(both.closed.response(lines, "position_load", "load_force").magnitude))
+    checks.append(
+        _bounds(f"{name}: limits on {lines.size} own lines", limits, m.sensitivity_peak, m.gain_increase_dB,
+                m.phase_margin_deg, m.delay_margin_samples, peak)
+    )  # fmt: skip
+    checks.append(_run(name, loop, both, limits, velocity, poles.time_constant))
+    return tuple(checks)
+
+
+def _run(name: str, loop: Loop, both: Opened, limits: Limits, velocity: float, slowest: float | None) -> Checked:
+    """A force switched on while the axis slides, with friction, guard and limit.
+
+    Its answer is what two runs with and without it differ by, both without counts and noise, which two runs do not
+    share; a third run has them too, and must neither trip nor ask for more than the limit.
+    """
+    what, T = f"{name}: {_RUN}", float(loop.sample_time)
+    expected = rope_snap(both.closed)
+    settle = 1 if slowest is None else math.ceil(_DECAYS * slowest / T) + 1
+    if not math.isfinite(expected):
+        return Checked(what, None, "without integral action the table stays off")
+    if 2 * settle > _LONGEST:
+        return Checked(what, None, f"it would take {2 * settle} samples")
+    t = np.arange(2 * settle) * T
+    slide = Recorded(position=velocity * t, velocity=np.full(t.size, velocity), sample_time=T)
+    limit = loop.control.force_limit
+    force = limits.snap_force or (_USUAL_FORCE if limit is None else min(_USUAL_FORCE, 0.02 * limit))
+    guard = loop.control.guard
+    if guard is not None:  # the ends of the travel say nothing about a tuning
+        guard = replace(guard, travel_least=None, travel_most=None)
+    free = replace(loop, control=replace(loop.control, guard=guard))
+    axis = free.axis
+    smooth = replace(
+        free,
+        axis=replace(axis, encoder_motor=_smooth(axis.encoder_motor), encoder_load=_smooth(axis.encoder_load)),
+    )
+    step = StepForce(force=force, start=settle * T)
+    try:
+        runs = [
+            simulate(each, slide, load=load, start=(0.0, velocity), record=["position_load", "requested", "trip"])
+            for each, load in ((free, step), (smooth, step), (smooth, StepForce(force=0.0)))
+        ]
+    except FeeddriveError as error:
+        return Checked(what, False, str(error))
+    tripped = np.flatnonzero(runs[0]["trip"])
+    if tripped.size:
+        late = 1e3 * (tripped[0] - settle) * T
+        said = f"{late:.4g} ms after the force" if late >= 0.0 else "already before the force, as the axis moves off"
+        return Checked(what, False, f"the guard trips {said}")
+    largest = float(np.max(np.abs(runs[0]["requested"][settle:])))
+    if limit is not None and largest > limit:
+        return Checked(what, False, f"{force:g} N on the table ask for {largest:.4g} N, the limit is {limit:g} N")
+    moved = runs[1]["position_load"] - runs[2]["position_load"]
+    got = float(np.sqrt(T * np.sum(moved**2))) / force
+    off = got / expected - 1.0
+    noise = float(np.std(runs[0]["requested"][settle // 2 : settle]))
+    said = (
+        f"{force:g} N: rope snap {1e9 * got:.4g} nm s^1/2/N, {100.0 * abs(off):.1f} % off; the command swings by "
+        f"{noise:.3g} N RMS, at most {largest:.4g} N"
+    )
+    return Checked(what, abs(off) <= _APART, said)
+
+
+def _smooth(encoder: Sensor | None) -> Sensor | None:
+    """The encoder without counts and noise."""
+    return replace(encoder, resolution=None, noise=None, jitter=None) if isinstance(encoder, Encoder) else encoder

@@ -1,0 +1,105 @@
+"""The figures of a closed loop that people read: margins, stiffness, recovery, noise; with their uncertainty."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from feeddrive.analysis.margins import Margins, margins
+from feeddrive.analysis.stiffness import Stiffness, stiffness
+from feeddrive.loop.frequency_response import FRF
+from feeddrive.tuning.shaping.answer import Answer, encircles
+from feeddrive.tuning.shaping.bounds import force_noise
+from feeddrive.tuning.shaping.criteria import snap_weights
+
+
+@dataclass(frozen=True, eq=False)
+class Figures:
+    """Of one control at one site; infinite or 0 where the loop is unstable.
+
+    deviation  standard deviation of Ms from the variance of the measurement, 0 for a model
+    """
+
+    site: str
+    stable: bool
+    loop_gain: FRF
+    compliance: FRF
+    rope_snap: float  # m s^½/N
+    bandwidth: float | None  # Hz, where |S| rises to -3 dB
+    force_noise: float | None  # N RMS
+    deviation: float
+    at_drive: bool
+
+    @property
+    def margins(self) -> Margins:
+        """Of the loop gain."""
+        return margins(self.loop_gain)
+
+    @property
+    def stiffness(self) -> Stiffness:
+        """The inverse of the compliance."""
+        return stiffness(self.compliance)
+
+    @property
+    def peak_compliance(self) -> float:
+        """m/N."""
+        return float(1.0 / self.stiffness.minimum)
+
+
+def figures(answer: Answer, reading_noise: tuple[float, float]) -> Figures:
+    """From a closed loop on all lines of its site."""
+    site = answer.site
+    f, T = site.frequency, site.sample_time
+    L = FRF(f, answer.gain, "cut", "force", "N/N", T, variance=None if site.variance is None else answer.gain_variance)
+    C = FRF(f, answer.compliance, "load_force", "position_load", "m/N", T)
+    stable = not encircles(answer)
+    lines, y, _ = answer.recovery()
+    away = np.abs(1.0 + answer.gain)
+    k = int(np.argmin(away))
+    level = -20.0 * np.log10(away)
+    rises = np.flatnonzero((level[:-1] < -3.0103) & (level[1:] >= -3.0103))
+    width = None
+    if rises.size:
+        i = int(rises[0])
+        part = (-3.0103 - level[i]) / (level[i + 1] - level[i])
+        width = float(f[i] * (f[i + 1] / f[i]) ** part)
+    return Figures(
+        site=site.name,
+        stable=stable,
+        loop_gain=L,
+        compliance=C,
+        rope_snap=float(np.sqrt(np.sum(snap_weights(lines, T) * np.abs(y) ** 2))) if stable else np.inf,
+        bandwidth=width if stable else None,
+        force_noise=force_noise(answer, reading_noise)[0] if any(reading_noise) else None,
+        deviation=float(np.sqrt(0.5 * answer.gain_variance[k]) / away[k] ** 2),
+        at_drive=site.at_drive,
+    )
+
+
+def _at(each: Figures, frequency: float) -> float | None:
+    f = each.compliance.frequency
+    return 1e-6 * each.stiffness.at(frequency) if f[0] <= frequency <= f[-1] else None
+
+
+# head, unit, how it is read off
+FIGURES: tuple[tuple[str, str, Callable[[Figures], float | None]], ...] = (
+    ("Ms", "", lambda each: each.margins.sensitivity_peak),
+    ("its standard deviation", "", lambda each: each.deviation or None),
+    ("crossover", "Hz", lambda each: each.margins.crossover),
+    ("bandwidth (|S| at -3 dB)", "Hz", lambda each: each.bandwidth),
+    ("phase margin", "deg", lambda each: each.margins.phase_margin_deg),
+    ("gain may rise by", "dB", lambda each: each.margins.gain_increase_dB),
+    ("delay margin", "samples", lambda each: each.margins.delay_margin_samples),
+    ("least stiffness", "N/um", lambda each: 1e-6 * each.stiffness.minimum),
+    ("stiffness at 10 Hz", "N/um", lambda each: _at(each, 10.0)),
+    ("peak compliance", "um/N", lambda each: 1e6 * each.peak_compliance),
+    ("rope-snap error", "nm s^1/2/N", lambda each: 1e9 * each.rope_snap),
+    ("force noise", "N RMS", lambda each: each.force_noise),
+)
+# which of them are better when they are larger; of the others Ms is bounded and the crossover is neither
+LARGER = {
+    "bandwidth (|S| at -3 dB)": True, "phase margin": True, "gain may rise by": True, "delay margin": True,
+    "least stiffness": True, "stiffness at 10 Hz": True, "rope-snap error": False, "force noise": False,
+}  # fmt: skip

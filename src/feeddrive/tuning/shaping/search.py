@@ -1,0 +1,192 @@
+"""The search: sequential quadratic programming with a trust region, in logarithms of the knobs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+
+from feeddrive.language.errors import FeeddriveError
+from feeddrive.tuning.shaping.bounds import Bound
+from feeddrive.tuning.shaping.criteria import Criteria, Judged
+from feeddrive.tuning.shaping.quadratic import least_quadratic
+
+_FIRST, _LARGEST, _SMALLEST = 0.25, 0.6, 2e-3  # of a logarithm: how far a step may go
+_AGAIN = 0.1  # the same after a new look
+_STEPS = 60
+_ENOUGH = 1e-4  # of the goal's logarithm: less progress ends it
+_PENALTY, _DEARER, _DEAREST = 5.0, 6.0, 1e3  # for a bound that is broken by one; it grows while one stays broken
+_FLAT = 1e-2  # curvature of what has none of its own
+_ROOM = 1e-3  # of a logarithm: what the search keeps to every bound for what its lines miss
+
+
+class End(NamedTuple):
+    """Where a search ended: the point, its figures, and the force of each bound there, by key."""
+
+    x: np.ndarray
+    judged: Judged
+    force: Mapping[tuple[str, int, int], float]
+    broken: float
+
+
+class Search:
+    """Minimises the worst goal of all sites while every bound keeps its slack above `sure` standard deviations."""
+
+    def __init__(self, criteria: Criteria, low: np.ndarray, high: np.ndarray, sure: float = 0.0) -> None:
+        self.criteria, self.low, self.high, self.sure = criteria, low, high, sure
+        self.penalty = _PENALTY
+
+    def judge(self, x: np.ndarray) -> Judged | None:
+        """The figures, or None where the loop is unstable or has none."""
+        try:
+            found = self.criteria(x)
+        except (FeeddriveError, ArithmeticError, np.linalg.LinAlgError):
+            return None
+        return found if found.stable and np.all(np.isfinite(found.goal)) else None
+
+    def broken(self, found: Judged) -> float:
+        """By how much the worst bound is broken; negative if all keep."""
+        return max((self.room(b) - b.slack for b in found.bounds), default=-1.0)
+
+    def room(self, bound: Bound) -> float:
+        """The least slack that a bound must have."""
+        return _ROOM + self.sure * bound.deviation
+
+    def merit(self, found: Judged | None) -> float:
+        """What a step must lower."""
+        if found is None:
+            return np.inf
+        return float(np.max(found.goal)) + self.penalty * max(self.broken(found), 0.0)
+
+    def descend(self, x: np.ndarray, size: float = _FIRST) -> End:
+        """The end of the way down from a point that is stable, with all bounds kept if that can be reached."""
+        end = self._descend(x, size)
+        while end.broken > _ROOM and self.penalty < _DEAREST:
+            # a goal that falls faster than the penalty rises buys what it must not have
+            self.penalty *= _DEARER
+            end = self._descend(end.x, _FIRST)
+        return end
+
+    def _descend(self, x: np.ndarray, size: float) -> End:
+        x = np.clip(x, self.low, self.high)
+        here = self.judge(x)
+        assert here is not None
+        idle, fresh = 0, True
+        curvature = _definite(here.curvature)
+        force: dict[tuple[str, int, int], float] = {}
+        for _ in range(_STEPS):
+            step = self._step(x, here, curvature, size)
+            if step is None:
+                size *= 0.3
+                if size < _SMALLEST:
+                    break
+                continue
+            move, force, promised = step
+            if promised < _ENOUGH * 0.3:
+                if fresh:
+                    break
+                # what was learned of the curvature on the way may be what holds it: look again without it
+                curvature, fresh, size = _definite(here.curvature), True, max(size, _AGAIN)
+                continue
+            fresh = False
+            there = self.judge(x + move)
+            gained = self.merit(here) - self.merit(there)
+            if there is not None and gained < 0.1 * promised and self.broken(there) > 0.0:
+                # bounds are curved: solve once more with what they really are at the end of the step
+                again = self._step(x, here, curvature, size, self._curved(here, there, move))
+                other = None if again is None else self.judge(x + again[0])
+                if again is not None and self.merit(here) - self.merit(other) > max(gained, 0.0):
+                    move, force, there = again[0], again[1], other
+                    gained = self.merit(here) - self.merit(there)
+            if there is None or gained < 0.1 * promised:
+                size = 0.35 * min(size, float(np.max(np.abs(move))) + 1e-12)
+                if there is not None and gained > 0.0:
+                    curvature, x, here = self._bent(curvature, move, here, there, force), x + move, there
+                if size < _SMALLEST:
+                    break
+                continue
+            curvature = self._bent(curvature, move, here, there, force)
+            if gained > 0.7 * promised and np.max(np.abs(move)) > 0.9 * size:
+                size = min(2.0 * size, _LARGEST)
+            x, here = x + move, there
+            if gained < _ENOUGH:
+                idle += 1
+                curvature, size = _definite(here.curvature), max(size, _AGAIN)
+                if idle > 2:
+                    break
+        return End(x, here, force, self.broken(here))
+
+    def _curved(self, here: Judged, there: Judged, move: np.ndarray) -> dict[tuple[str, int, int], float]:
+        """By how much each bound has less slack after a move than its slope says."""
+        after = {bound.key: bound.slack for bound in there.bounds}
+        return {c.key: c.slack + float(c.slope @ move) - after[c.key] for c in here.bounds if c.key in after}
+
+    def _step(
+        self,
+        x: np.ndarray,
+        here: Judged,
+        curvature: np.ndarray,
+        size: float,
+        lost: Mapping[tuple[str, int, int], float] | None = None,
+    ) -> tuple[np.ndarray, dict[tuple[str, int, int], float], float] | None:
+        """Move, multipliers by bound, and the promised progress; t is the worst goal, e the excess over the bounds.
+
+        min  t + penalty e + ½ pᵀBp   subject to   t >= goal + slope p,   slack + slope p + e >= 0,   |p| <= size
+        """
+        n = x.size
+        worst = float(np.max(here.goal))
+        bounds = here.bounds
+        H = np.zeros((n + 2, n + 2))
+        H[:n, :n] = curvature
+        H[n, n] = H[n + 1, n + 1] = _FLAT
+        g = np.zeros(n + 2)
+        g[n], g[n + 1] = 1.0, self.penalty
+        sites, many = here.goal.size, len(bounds)
+        A = np.zeros((sites + many + 1 + 2 * n, n + 2))
+        b = np.zeros(A.shape[0])
+        A[:sites, :n], A[:sites, n], b[:sites] = -here.slope, 1.0, here.goal - worst
+        for i, bound in enumerate(bounds):
+            A[sites + i, :n], A[sites + i, n + 1] = bound.slope, 1.0
+            b[sites + i] = self.room(bound) - bound.slack + (lost or {}).get(bound.key, 0.0)
+        A[sites + many, n + 1] = 1.0
+        low, high = np.maximum(-size, self.low - x), np.minimum(size, self.high - x)
+        A[sites + many + 1 : sites + many + 1 + n, :n], b[sites + many + 1 : sites + many + 1 + n] = np.eye(n), low
+        A[sites + many + 1 + n :, :n], b[sites + many + 1 + n :] = -np.eye(n), -high
+        solved = least_quadratic(H, g, A, b)
+        if solved is None:
+            return None
+        p, multipliers = solved
+        move = np.clip(p[:n], low, high)
+        after = np.max(here.goal + here.slope @ move)
+        left = max((self.room(c) - c.slack - c.slope @ move for c in bounds), default=0.0)
+        promised = float(self.merit(here) - after - self.penalty * max(left, 0.0) - 0.5 * move @ curvature @ move)
+        force = {c.key: float(m) for c, m in zip(bounds, multipliers[sites : sites + many], strict=True) if m > 1e-6}
+        return move, force, promised
+
+    def _bent(
+        self, B: np.ndarray, move: np.ndarray, here: Judged, there: Judged, force: Mapping[tuple[str, int, int], float]
+    ) -> np.ndarray:
+        """Damped BFGS of the Lagrangian (Powell 1978)."""
+        worst = int(np.argmax(there.goal))
+        change = there.slope[worst] - here.slope[worst]
+        before, after = ({c.key: c.slope for c in each.bounds} for each in (here, there))
+        for key, weight in force.items():
+            if key in before and key in after:
+                change = change - weight * (after[key] - before[key])
+        Bs = B @ move
+        sBs = float(move @ Bs)
+        if sBs < 1e-14:
+            return B
+        sy = float(move @ change)
+        if sy < 0.2 * sBs:
+            part = 0.8 * sBs / (sBs - sy)
+            change = part * change + (1.0 - part) * Bs
+            sy = float(move @ change)
+        return _definite(B - np.outer(Bs, Bs) / sBs + np.outer(change, change) / sy, 1e-3)
+
+
+def _definite(H: np.ndarray, least: float = 0.05) -> np.ndarray:
+    """The nearest matrix with eigenvalues of at least a small size, and none that is huge."""
+    values, vectors = np.linalg.eigh(0.5 * (H + H.T))
+    return (vectors * np.clip(values, least, 1e4)) @ vectors.T

@@ -1,0 +1,234 @@
+"""One axis at one position and load, as responses on lines: measured, or from a model."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from feeddrive.language.errors import ParameterError
+from feeddrive.loop.frequency_response import FRF
+from feeddrive.loop.linearize import linearize
+from feeddrive.loop.loop import Loop
+from feeddrive.tuning.shaping.smoothing import smoothed, stiff_ratio
+
+_LOWEST = 3e-5  # of Nyquist: where the lines of a model begin
+_PER_DECADE = 250
+_BESIDE = np.linspace(-4.0, 4.0, 65)  # half widths of a resonance at which lines are added
+_STEP, _BEND = 0.035, 0.12  # of ln f, and of the response: what two lines of a search may differ by
+_FINEST = 0.003  # of ln f: lines of a measurement with variance keep this distance after smoothing
+_CLOSEST = 3e-4  # the same of lines without variance, which only a measurement of very many lines has
+_LEAST, _MOST = 1e-30, 1e6  # m/N, of a response that an axis can have
+_WIDTH = 5  # lines over which a noisy curve is averaged before its bends are counted
+_AVERAGES = 8  # behind a coherence that comes without a variance
+
+
+@dataclass(frozen=True, eq=False)
+class Site:
+    """An axis at one position and load: responses in m/N on lines in Hz, of the readings of motor and load.
+
+    by_force     from the command, shape (2, lines)
+    by_load      from a force on the table, shape (2, lines)
+    moved        of the table itself from both, shape (2, lines)
+    variance     of by_force, shape (2, lines), after smoothing; None for a model
+    load_variance  of by_load likewise
+    at_drive     no response to a force on the table is known: stiffness is that against a force at the drive
+    ratio        motor over load reading, by_force and by_load, shape (2, lines), where their errors are one: 1 with one
+                 encoder; NaN where both were measured on their own.  With a ratio the motor's row of a variance is what
+                 the ratio leaves open
+    loop         the loop of a model
+    known_as     a loop that agrees with what was measured (`with_table_force`), on which what is tuned is run
+    """
+
+    name: str
+    frequency: np.ndarray
+    by_force: np.ndarray
+    by_load: np.ndarray
+    moved: np.ndarray
+    sample_time: float
+    variance: np.ndarray | None = None
+    load_variance: np.ndarray | None = None
+    at_drive: bool = False
+    ratio: np.ndarray | None = None
+    loop: Loop | None = None
+    known_as: Loop | None = None
+
+    def chosen(self, keep: np.ndarray) -> Site:
+        """The site on some of its lines, by index."""
+        return replace(
+            self,
+            frequency=self.frequency[keep],
+            by_force=self.by_force[:, keep],
+            by_load=self.by_load[:, keep],
+            moved=self.moved[:, keep],
+            variance=None if self.variance is None else self.variance[:, keep],
+            load_variance=None if self.load_variance is None else self.load_variance[:, keep],
+            ratio=None if self.ratio is None else self.ratio[:, keep],
+        )
+
+    def sparse(self) -> np.ndarray:
+        """Indices of the lines that a search needs: dense where the response bends, sparse elsewhere."""
+        x = np.log(self.frequency)
+        shape = np.log(np.abs(self.by_force[1]) * self.frequency**2) + 1j * np.unwrap(np.angle(self.by_force[1]))
+        if self.variance is not None and x.size > _WIDTH:  # what noise is left is no bend
+            padded = np.pad(shape, _WIDTH // 2, mode="edge")
+            shape = np.convolve(padded, np.full(_WIDTH, 1.0 / _WIDTH), mode="valid")
+        steps = np.abs(np.diff(x)) / _STEP + np.abs(np.diff(shape)) / _BEND
+        walked = np.concatenate([[0.0], np.cumsum(steps)])
+        keep = np.searchsorted(walked, np.arange(0.0, walked[-1] + 1.0)).clip(0, x.size - 1)
+        return np.union1d(keep, [0, x.size - 1])
+
+
+def modelled_site(loop: Loop, name: str = "model", *, velocity: float = 0.05) -> Site:
+    """The axis of a loop that moves with `velocity` (m/s), its dead time, current loop and encoders with it."""
+    model = linearize(
+        loop, ["cut", "load_force"], ["reading_motor", "reading_load", "position_load"], velocity=velocity
+    )
+    T = float(loop.sample_time)
+    nyquist = 0.5 / T
+    spread = np.geomspace(_LOWEST * nyquist, nyquist * (1.0 - 1e-6), round(-np.log10(_LOWEST) * _PER_DECADE))
+    poles = model.poles()
+    poles = poles[(np.abs(poles) > 0.1) & (np.imag(poles) > 0.0)]
+    s = np.log(poles) / T
+    near = (s.imag[:, None] + np.abs(s.real)[:, None] * _BESIDE).ravel() / (2.0 * np.pi)
+    lines = np.unique(np.concatenate([spread, near[(near > spread[0]) & (near < spread[-1])]]))
+    lines = lines[np.append(True, np.diff(lines) > 2e-4 * lines[1:])]
+    found = {
+        (output, source): model.response(lines, output=output, input=source).response
+        for output in model.outputs
+        for source in model.inputs
+    }
+    readings = ("reading_motor", "reading_load")
+    return Site(
+        name,
+        lines,
+        np.array([found[each, "cut"] for each in readings]),
+        np.array([found[each, "load_force"] for each in readings]),
+        np.array([found["position_load", source] for source in ("cut", "load_force")]),
+        T,
+        loop=loop,
+    )
+
+
+def measured_site(
+    load: FRF,
+    motor: FRF | None = None,
+    *,
+    disturbance: tuple[FRF, FRF | None] | None = None,
+    sample_time: float,
+    delay: float = 0.0,
+    name: str = "measured",
+    averages: int = _AVERAGES,
+) -> Site:
+    """The axis behind measured responses, in m/N on the same lines.
+
+    load, motor   from the commanded force to the readings; with one encoder leave `motor` out
+    disturbance   from a force on the table (a hammer's) to the readings of load and motor; without it stiffness and
+                  rope-snap error are those against a force at the drive
+    sample_time   s, of the control that is to be tuned
+    delay         s, of computation, if the responses were measured from the force that acts and not from its command
+    averages      behind a coherence that comes without variance: var = |G|² (1 - γ²)/(γ² averages)
+
+    Responses with a variance are smoothed as far as it allows; where motor and table still move nearly as one, their
+    ratio is fitted (`stiff_ratio`).
+    Raises ParameterError for lines that differ, for fewer than ten, and for a unit that is not m/N.
+    """
+    both = (load if motor is None else motor, load)
+    hit: Sequence[FRF] = () if disturbance is None else (disturbance[1] or disturbance[0], disturbance[0])
+    for each in (*both, *hit):
+        if each.frequency.shape != load.frequency.shape or np.any(each.frequency != load.frequency):
+            raise ParameterError("the measured responses stand on different lines: measure or interpolate them alike")
+        if each.unit not in ("", "m/N"):
+            raise ParameterError(f"the response from {each.input} to {each.output} is in {each.unit}: it must be m/N")
+        bad = np.flatnonzero(~((np.abs(each.response) > _LEAST) & (np.abs(each.response) < _MOST)))
+        if bad.size:
+            raise ParameterError(
+                f"the response from {each.input} to {each.output} is {np.abs(each.response[bad[0]]):.3g} m/N at "
+                f"{each.frequency[bad[0]]:.4g} Hz ({bad.size} such lines), no axis does that: check columns and unit, "
+                f"and leave out lines on which nothing was measured"
+            )
+    inside = load.frequency < 0.5 / sample_time
+    if np.count_nonzero(inside) < 10:
+        raise ParameterError(
+            f"{np.count_nonzero(inside)} lines below half the sample rate are too few to shape a loop on: at least 10"
+        )
+    given = load.frequency[inside]
+    sources = [[_on(each, inside, averages) for each in row] for row in (both, hit) if row]
+    # neighbors that tell nothing apart help their smoothed neighbor, and are left out
+    marked = all(each.variance is not None for row in sources for each in row)
+    wanted = _thinned(given, _FINEST if marked else _CLOSEST)
+    lines = given[wanted]
+    late = np.exp(-2j * np.pi * lines * delay)
+    ratio = np.full((2, lines.size), np.nan, dtype=complex)
+    made: list[list[_Lines]] = []
+    for k, raw in enumerate(sources):
+        clean = [_cleaned(given, each, wanted) for each in raw]
+        own_variance = clean[0].variance
+        if motor is not None and own_variance is not None:
+            fitted, open_ = stiff_ratio(given, raw[0].response, raw[1].response, _variances(raw))
+            ratio[k] = fitted[wanted]
+            stiff = ~np.isnan(ratio[k])
+            load_ = clean[1].response
+            own = np.abs(load_) ** 2 * open_[wanted]  # what the ratio leaves open
+            clean[0] = _Lines(np.where(stiff, ratio[k] * load_, clean[0].response), np.where(stiff, own, own_variance))
+        made.append(clean)
+    if motor is None:
+        ratio[:] = 1.0
+        made = [[_without(row[0]), row[1]] for row in made]
+    by_force = np.array([each.response * late for each in made[0]])
+    by_load = by_force if len(made) == 1 else np.array([each.response for each in made[1]])
+    return Site(
+        name,
+        lines,
+        by_force,
+        by_load,
+        np.array([by_force[1], by_load[1]]),
+        float(sample_time),
+        variance=_variances(made[0]),
+        load_variance=_variances(made[1]) if len(made) > 1 else None,
+        at_drive=len(made) == 1,
+        ratio=ratio,
+    )
+
+
+def _thinned(frequency: np.ndarray, apart: float) -> np.ndarray:
+    """Indices of lines that keep a small distance in ln f."""
+    x = np.log(frequency)
+    keep = np.unique(np.searchsorted(x, np.arange(x[0], x[-1], apart)).clip(0, x.size - 1))
+    return np.union1d(keep, [x.size - 1])
+
+
+class _Lines(NamedTuple):
+    """A response and the variance of each line, if it is known."""
+
+    response: np.ndarray
+    variance: np.ndarray | None
+
+
+def _cleaned(frequency: np.ndarray, raw: _Lines, wanted: np.ndarray) -> _Lines:
+    """Smoothed, if its variance is known."""
+    if raw.variance is None:
+        return _Lines(raw.response[wanted], None)
+    return _Lines(*smoothed(frequency, raw.response, raw.variance, wanted))
+
+
+def _variances(made: Sequence[_Lines]) -> np.ndarray | None:
+    """Of both readings; None if one is not known."""
+    known = [each.variance for each in made if each.variance is not None]
+    return np.array(known) if len(known) == len(made) else None
+
+
+def _without(lines: _Lines) -> _Lines:
+    """The same without an error of its own."""
+    return lines if lines.variance is None else lines._replace(variance=np.zeros(lines.variance.size))
+
+
+def _on(frf: FRF, inside: np.ndarray, averages: int) -> _Lines:
+    """A response on the lines that count, its variance from the coherence if there is no other."""
+    variance = frf.variance
+    if variance is None and frf.coherence is not None:
+        share = np.maximum(frf.coherence, 1e-3)
+        variance = np.abs(frf.response) ** 2 * (1.0 - share) / (share * averages)
+    return _Lines(frf.response[inside], None if variance is None else variance[inside])

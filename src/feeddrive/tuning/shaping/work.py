@@ -1,0 +1,289 @@
+"""The work of a shaping: searches from several starts, on all lines, with the room that noise asks for."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from feeddrive.blocks.filter.notch import Notch
+from feeddrive.language import tree
+from feeddrive.language.errors import NotIdentifiableError, UnstableError
+from feeddrive.loop.control import Control
+from feeddrive.tuning.shaping import certainty
+from feeddrive.tuning.shaping.control_response import ControlResponse
+from feeddrive.tuning.shaping.criteria import Criteria
+from feeddrive.tuning.shaping.knobs import box, logarithms, speeds
+from feeddrive.tuning.shaping.limits import Limits
+from feeddrive.tuning.shaping.search import End, Search
+from feeddrive.tuning.shaping.site import Site
+
+_LADDER = np.log(2.0) * np.arange(2.0, -11.5, -0.5)  # factors 4 ... 1/2048
+_NEAR = 0.3  # a start that breaks its bounds by less is near enough
+_PAYS = 0.02  # of the goal: what a notch must bring
+_NOTCHES = 3  # that are tried
+_LOUD, _APART = 0.15, 0.12  # |L| of a resonance that is worth a notch; of ln f from a notch that is there
+_TURNS = 6  # in which the standard deviations to keep are settled
+_CUTS = 3  # rounds in which lines that the search had left out are added
+_COSTLY = 0.5  # of the goal: when noise costs more, the measurement is too poor
+
+
+class Best(NamedTuple):
+    """A control with the knobs that were turned and where they ended."""
+
+    control: Control
+    names: tuple[str, ...]
+    end: End
+    criteria: Criteria
+    sure: float
+    cost: float
+    spread: float
+    box: tuple[np.ndarray, np.ndarray]
+
+
+class Work:
+    """One shaping: the same sites, goal and limits for every set of knobs that is tried."""
+
+    def __init__(
+        self, sites: tuple[Site, ...], goal: str, limits: Limits, band: tuple[float, float], confidence: float,
+        starts: int, seed: int, velocity: float, step: Callable[[str], None],
+    ) -> None:  # fmt: skip
+        self.sites, self.goal, self.limits, self.band = sites, goal, limits, band
+        self.confidence, self.starts, self.velocity = confidence, starts, velocity
+        self.random = np.random.default_rng(seed)
+        self.kept = [site.sparse() for site in sites]
+        self.noisy = any(site.variance is not None for site in sites)
+        self.evaluations, self.step = 0, step
+
+    def criteria(self, control: Control, names: tuple[str, ...], whole: bool = False) -> Criteria:
+        """Of a set of knobs, on the lines of the search or on all."""
+        response = ControlResponse(control, self.sites[0].sample_time, names, self.velocity)
+        sites = self.sites if whole else tuple(s.chosen(k) for s, k in zip(self.sites, self.kept, strict=True))
+        return Criteria(sites, response, self.goal, self.limits, self.band)
+
+    def tuned(self, control: Control, names: tuple[str, ...], starts: int | None = None) -> Best:
+        """The best end of some searches, on all lines, with the room that the noise asks for."""
+        x = logarithms(control, names)
+        low, high = box(control, names, x, self.sites[0].sample_time)
+        criteria = self.criteria(control, names)
+        search = Search(criteria, low, high)
+        self.step("where to begin")
+        first = self._begin(search, x, speeds(control, names))
+        self.step(f"{len(names)} knobs, first search")
+        ends = [search.descend(first)]
+        for _ in range((self.starts if starts is None else starts) - 1):
+            self.step(f"{len(names)} knobs, from another start")
+            other = self._beside(search, ends[0].x)
+            if other is not None:
+                ends.append(search.descend(other))
+        end = min(ends, key=lambda each: search.merit(each.judged))
+        end = self._from_below(search, end, x, speeds(control, names))
+        costs = [float(np.max(each.judged.goal)) for each in ends]
+        end = self._on_all_lines(control, names, search, end)
+        free, sure = float(np.max(end.judged.goal)), 0.0
+        if self.noisy:
+            certainty.require_good(search.criteria.answers(end.x), 1.0)
+            sure = _one_sided(self.confidence)
+            self.step("room for the noise")
+            for _ in range(_TURNS):
+                search.sure = sure
+                end = self._from_below(search, search.descend(end.x), x, speeds(control, names))
+                end = self._on_all_lines(control, names, search, end)
+                wanted = certainty.needed(
+                    self.criteria(control, names, whole=True)(end.x).bounds, sure, self.confidence
+                )
+                if abs(wanted - sure) < 0.03:
+                    break
+                sure = wanted
+        cost = float(np.exp(float(np.max(end.judged.goal)) - free) - 1.0)
+        if search.broken(end.judged) > 5e-3:
+            certainty.require_covered(self.criteria(control, names, whole=True).answers(end.x))
+            self._refuse(search, end)
+        certainty.require_covered(self.criteria(control, names, whole=True).answers(end.x))
+        if self.noisy:
+            certainty.require_good(search.criteria.answers(end.x), 1.0)
+            if cost > _COSTLY:
+                self._too_costly(search, end, cost)
+        self.evaluations += search.criteria.count
+        return Best(control, names, end, search.criteria, sure, cost, max(costs) - min(costs), (low, high))
+
+    def as_it_is(self, control: Control, names: tuple[str, ...]) -> Best:
+        """A control that is not searched any further, with the knobs it names."""
+        x = logarithms(control, names)
+        criteria = self.criteria(control, names, whole=True)
+        search = Search(criteria, x, x)
+        found = search.judge(x)
+        if found is None:
+            raise UnstableError("the loop is unstable with these gains: take another rule, or let the goal search")
+        answers = criteria.answers(x)
+        certainty.require_covered(answers)
+        if self.noisy:
+            certainty.require_good(answers, 1.0)
+        self.evaluations += 1
+        return Best(
+            control, names, End(x, found, {}, search.broken(found)), criteria, 0.0, 0.0, 0.0, (x - 1.0, x + 1.0)
+        )
+
+    def _begin(self, search: Search, x: np.ndarray, powers: np.ndarray) -> np.ndarray:
+        """Where a search begins: at the values given if they are near, else at the best point as all gets slower."""
+        here = search.judge(x)
+        if here is not None and search.broken(here) < _NEAR:
+            return x
+        rungs = [np.clip(x + step * powers, search.low, search.high) for step in _LADDER]
+        judged = [(search.judge(rung), rung) for rung in rungs]
+        stable = [(found, rung) for found, rung in judged if found is not None]
+        if not stable:
+            raise UnstableError(
+                "no setting was found in which the loop is stable, as it is and with all its gains lower down to a "
+                "2000th: check the sign of the response, its unit (m/N), masses, filters and dead time"
+            )
+        return min(stable, key=lambda pair: (search.merit(pair[0]), abs(float(np.sum(pair[1] - x)))))[1]
+
+    def _from_below(self, search: Search, end: End, x: np.ndarray, powers: np.ndarray) -> End:
+        """The end; if it breaks a bound, that of a search from the fastest loop that is slow enough to keep all."""
+        if search.broken(end.judged) <= 2e-3:
+            return end
+        for step in _LADDER[_LADDER <= 0.0]:
+            rung = np.clip(x + step * powers, search.low, search.high)
+            found = search.judge(rung)
+            if found is not None and search.broken(found) <= 0.0:
+                other = search.descend(rung)
+                return other if search.broken(other.judged) < search.broken(end.judged) else end
+        return end
+
+    def _beside(self, search: Search, x: np.ndarray) -> np.ndarray | None:
+        """A stable point some way off."""
+        for size in (0.5, 0.35, 0.2):
+            point = np.clip(x + self.random.uniform(-size, size, x.size), search.low, search.high)
+            if search.judge(point) is not None:
+                return point
+        return None
+
+    def _on_all_lines(self, control: Control, names: tuple[str, ...], search: Search, end: End) -> End:
+        """The end, searched on with the lines on which a bound is broken, until none is."""
+        for _ in range(_CUTS):
+            whole = self.criteria(control, names, whole=True)
+            found = whole(end.x)
+            added = False
+            for bound in found.bounds:
+                site = self.sites[bound.site]
+                if search.sure * bound.deviation - bound.slack > 1e-3 and bound.frequency > 0.0:
+                    k = min(int(np.searchsorted(site.frequency, bound.frequency)), site.frequency.size - 1)
+                    beside = np.arange(max(k - 1, 0), min(k + 2, site.frequency.size))
+                    if not np.all(np.isin(beside, self.kept[bound.site])):
+                        self.kept[bound.site] = np.union1d(self.kept[bound.site], beside)
+                        added = True
+            if not added:
+                return end
+            self.evaluations += search.criteria.count
+            search.criteria = self.criteria(control, names)
+            if search.judge(end.x) is None:
+                return end
+            end = search.descend(end.x, 0.05)
+        return end
+
+    def _refuse(self, search: Search, end: End) -> None:
+        """Say which bounds are at odds, and what can be reached."""
+        worst = min(end.judged.bounds, key=lambda b: b.slack - search.sure * b.deviation)
+        noise = ""
+        if search.sure * worst.deviation > 0.5 * abs(worst.slack - search.sure * worst.deviation):
+            noise = ", for the noise of the measurement there, and it"
+        beyond = 100.0 * (search.sure * worst.deviation - worst.slack)
+        where = f" at {worst.frequency:.4g} Hz" if worst.frequency > 0.0 else ""
+        others = {b.kind for b in end.judged.bounds if search.room(b) - b.slack > 0.5 * search.broken(end.judged)}
+        against = f", at odds with {', '.join(sorted(others - {worst.kind}))}" if others - {worst.kind} else ""
+        found = [self._reachable(search, end, kind) for kind in (worst.kind, *sorted(others - {worst.kind}))]
+        reached = [each for each in found if each]
+        best = f"; within reach, each with the other limits kept: {' or '.join(reached)}" if reached else ""
+        raise UnstableError(
+            f"no setting was found that keeps {self.limits.sentence()}: {worst.kind}{where} "
+            f"('{self.sites[worst.site].name}'){noise} stays {beyond:.3g} % beyond its limit{against}{best}; ease a "
+            f"limit, or add a filter there"
+        )
+
+    def _reachable(self, search: Search, end: End, kind: str) -> str:
+        """The limit of a kind that can be kept with all others as they are; empty if easing it does not help."""
+
+        def eased(factor: float) -> bool:
+            self.step(f"what {kind} can be reached")
+            criteria = search.criteria
+            limits = self.limits.eased(kind, factor)
+            other = Search(
+                Criteria(criteria.sites, criteria.control, self.goal, limits, self.band), search.low, search.high
+            )
+            other.sure = search.sure
+            if other.judge(end.x) is None:
+                return False
+            return other.broken(other.descend(end.x).judged) <= 2e-3
+
+        factors = [1.1, 1.3, 1.7, 2.5, 4.0, 8.0, 20.0, 100.0]
+        wide = next((i for i, factor in enumerate(factors) if eased(factor)), None)
+        if wide is None:
+            return ""
+        low, high = (1.0, *factors)[wide], factors[wide]
+        for _ in range(3):
+            middle = float(np.sqrt(low * high))
+            low, high = (low, middle) if eased(middle) else (middle, high)
+        return self.limits.eased(kind, high).only(kind)
+
+    def _too_costly(self, search: Search, end: End, cost: float) -> None:
+        """Say where the noise that costs most stands."""
+        forced = [b for b in end.judged.bounds if end.force.get(b.key, 0.0) > 0.0 and b.deviation > 0.0]
+        worst = max(forced or end.judged.bounds, key=lambda b: end.force.get(b.key, 0.0) * b.deviation)
+        raise NotIdentifiableError(
+            f"do not tune, measure again: the noise of '{self.sites[worst.site].name}' costs {100.0 * cost:.3g} % of "
+            f"the goal, most of it from {0.7 * worst.frequency:.4g} to {1.4 * worst.frequency:.4g} Hz, where "
+            f"{worst.kind} is only known to {100.0 * worst.deviation:.2g} %; excite this band more strongly, or "
+            f"average longer"
+        )
+
+    def with_notches(self, best: Best, tried: list[str]) -> Best:
+        """Notches at resonances that are still loud, one after the other, as long as each pays."""
+        for frequency in self._loud(best)[:_NOTCHES]:
+            self.step(f"a notch at {frequency:.4g} Hz")
+            # nearly without effect, so that the search begins where the last one ended
+            notch = Notch(frequency=frequency, damping_zero=0.35, damping_pole=0.4)
+            control = replace(best.control, filters=(*best.control.filters, notch))
+            here = dict(zip(best.names, np.exp(best.end.x), strict=True))
+            control = tree.rebuild(control, (float(here.get(n, v)) for n, v in tree.leaves(control)))
+            i = len(control.filters) - 1
+            names = (*best.names, *(f"filters.{i}.{each}" for each in ("frequency", "damping_zero", "damping_pole")))
+            try:
+                other = self.tuned(control, names, starts=1)
+            except (UnstableError, NotIdentifiableError):
+                continue
+            gained = float(np.max(best.end.judged.goal) - np.max(other.end.judged.goal))
+            ended = float(np.exp(other.end.x[len(best.names)]))
+            if gained > _PAYS:
+                tried.append(f"at {ended:.4g} Hz (begun at {frequency:.4g} Hz): gains {100.0 * gained:.2g} %, taken")
+                best = other
+            else:
+                tried.append(f"at {frequency:.4g} Hz: would gain {max(100.0 * gained, 0.0):.2g} %, not taken")
+        return best
+
+    def _loud(self, best: Best) -> list[float]:
+        """Frequencies of the resonances above the crossover that are loudest in the loop gain."""
+        names = dict(zip(best.names, np.exp(best.end.x), strict=True))
+        taken = [
+            names.get(f"filters.{i}.frequency", each.frequency)
+            for i, each in enumerate(best.control.filters)
+            if isinstance(each, Notch)
+        ]
+        found: dict[float, float] = {}
+        for each in self.criteria(best.control, best.names, whole=True).answers(best.end.x):
+            f, size = each.site.frequency, np.abs(each.gain)
+            above = np.flatnonzero(size >= 1.0)
+            crossover = f[above[0]] if above.size else f[0]
+            for k in range(2, f.size - 2):
+                peak = size[k] == np.max(size[k - 2 : k + 3]) and size[k] > _LOUD and f[k] > 1.2 * crossover
+                if peak and all(abs(np.log(f[k] / other)) > _APART for other in (*taken, *found)):
+                    found[float(f[k])] = float(size[k])
+        return sorted(found, key=lambda each: -found[each])
+
+
+def _one_sided(confidence: float) -> float:
+    from scipy.stats import norm
+
+    return float(norm.ppf(confidence))

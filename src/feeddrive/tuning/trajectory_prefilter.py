@@ -1,0 +1,338 @@
+"""The prefilter that cancels what a loop leaves of its tracking error, by least squares from one run or log."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from feeddrive.blocks.families import Reference
+from feeddrive.blocks.prefilter.trajectory_prefilter import TrajectoryPrefilter
+from feeddrive.blocks.signals import Setpoint
+from feeddrive.language.errors import LogError, ParameterError
+from feeddrive.language.table import Result, Table
+from feeddrive.loop.loop import Loop
+from feeddrive.loop.simulate import Run, simulate
+from feeddrive.tuning.derivatives import differenced
+from feeddrive.tuning.least_squares import standard_errors
+
+REGRESSORS = ("velocity", "acceleration", "jerk", "snap")
+_UNITS = ("s", "s2", "s3", "s4")
+REST = 1e-9  # of a regressor's largest value: where all are below it the sample says nothing
+LEAST_SAMPLES = 25  # in motion, for each regressor: fewer are a fit through noise
+LARGEST_CONDITION = 1e3  # of columns of equal size: beyond it parameters take each other's part
+LIMIT_CLOCK = 1e-6  # share by which two clocks may differ
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class PrefilterFit(Result):
+    """What of a tracking error the derivatives of its reference explain: e = θ1 v + θ2 a + θ3 j + θ4 s + remainder.
+
+    theta             by regressor, in s, s², s³, s⁴
+    standard_error    of theta, with remainders that last from sample to sample
+    condition         of the regressors' columns, scaled to equal RMS
+    present           the prefilter that the run had; `prefilter` adds θ to it
+    error, explained  m, shape (n,); `regressors` the columns by name; `counted` the samples that are not at rest
+    """
+
+    theta: Mapping[str, float]
+    standard_error: Mapping[str, float]
+    condition: float
+    present: TrajectoryPrefilter
+    time: np.ndarray
+    error: np.ndarray
+    explained: np.ndarray
+    setpoint: Setpoint
+    counted: np.ndarray
+
+    @property
+    def prefilter(self) -> TrajectoryPrefilter:
+        """The prefilter for the next run: that of this one and θ."""
+        parts = {name: getattr(self.present, name) for name in _NAMES}
+        for name, value in self.theta.items():
+            parts[_NAMES[REGRESSORS.index(name)]] += value
+        return TrajectoryPrefilter(**parts)
+
+    @property
+    def exact(self) -> TrajectoryPrefilter:
+        """The same where θ is not small: (1 + present) / (1 - θ(s)) as a series, cut off above the snap."""
+        t1, t2, t3, t4 = (self.theta.get(name, 0.0) for name in REGRESSORS)
+        inverse = (
+            t1,
+            t2 + t1 * t1,
+            t3 + 2.0 * t1 * t2 + t1 * t1 * t1,
+            t4 + 2.0 * t1 * t3 + t2 * t2 + 3.0 * t1 * t1 * t2 + t1 * t1 * t1 * t1,
+        )
+        one = [1.0, *(getattr(self.present, name) for name in _NAMES)]
+        other = [1.0, *inverse]
+        product = [sum(one[i] * other[order - i] for i in range(order + 1)) for order in range(1, 5)]
+        return TrajectoryPrefilter(**dict(zip(_NAMES, product, strict=True)))
+
+    @property
+    def predicted(self) -> np.ndarray:
+        """The error that the next run will leave, m: the remainder, and θ(s)² x up to the snap.
+
+        As if the loop followed θ(s) x at once; it smooths the steps of a θ4 snap, and leaves less than this there.
+        """
+        t1, t2, t3, _ = (self.theta.get(name, 0.0) for name in REGRESSORS)
+        _, _, a, j, s = self.setpoint
+        return self.error - self.explained + t1 * t1 * a + 2.0 * t1 * t2 * j + (2.0 * t1 * t3 + t2 * t2) * s
+
+    def rms(self, error: np.ndarray) -> float:
+        """RMS of an error over the counted samples, m."""
+        return float(np.sqrt(np.mean(error[self.counted] ** 2)))
+
+    def correlation(self, error: np.ndarray) -> dict[str, float]:
+        """Of an error with every derivative of the reference that is not zero, over the counted samples."""
+        found: dict[str, float] = {}
+        for name in REGRESSORS:
+            column = getattr(self.setpoint, name)[self.counted]
+            if np.ptp(column) > 0.0 and np.ptp(error[self.counted]) > 0.0:
+                found[name] = float(np.corrcoef(error[self.counted], column)[0, 1])
+        return found
+
+    def table(self) -> Table:
+        """One row a regressor; the last columns are correlations with the error, and with what is left of it."""
+        before, after = self.correlation(self.error), self.correlation(self.error - self.explained)
+        rows = []
+        for i, name in enumerate(REGRESSORS):
+            cells = ["-", "-", "-"]
+            if name in self.theta:
+                value, error = self.theta[name], self.standard_error[name]
+                cells = [f"{value:.4g}", f"{error:.2g}", f"{getattr(self.prefilter, _NAMES[i]):.4g}"]
+            correlations = [f"{each[name]:.2f}" if name in each else "-" for each in (before, after)]
+            rows.append([name, _UNITS[i], *cells, *correlations])
+        title = (
+            f"{int(self.counted.sum())} samples in motion: error {1e6 * self.rms(self.error):.4g} um RMS, "
+            f"{1e6 * self.rms(self.predicted):.4g} um predicted; condition {self.condition:.3g}"
+        )
+        heads = ["regressor", "unit", "theta", "std. error", "next theta", "corr.", "left"]
+        return Table(title, heads, rows)
+
+    def plot(self) -> Any:
+        """The error, what is explained of it, and what is predicted to remain, as a matplotlib figure."""
+        from feeddrive import plot
+
+        return plot.prefilter_fit(self)
+
+    def to_pandas(self) -> Any:
+        """A DataFrame with error, explained part and prediction in m over time in s."""
+        from feeddrive.plot import frames
+
+        columns = {"error": self.error, "explained": self.explained, "predicted": self.predicted}
+        return frames.frame(self.time, columns, "time")
+
+
+_NAMES = ("theta1", "theta2", "theta3", "theta4")
+
+
+def fit_prefilter(
+    run: Run,
+    reference: Reference,
+    *,
+    regressors: Sequence[str] = REGRESSORS,
+    present: TrajectoryPrefilter | None = None,
+) -> PrefilterFit:
+    """The prefilter for a loop, from one run of it along a reference; iterate while it still falls.
+
+        least ‖e - [v a j s] θ‖ over the samples in motion,  e = set position - reading,  v .. s exact, not filtered
+
+    regressors  which derivatives may be used
+    present     the prefilter with which the run was made; θ is added to it
+    Columns are scaled to their largest value; standard errors are those of remainders that last (Newey & West 1987).
+
+    Raises ParameterError for regressors that do not exist, and LogError for a run that met its force limit, moves too
+    shortly, or does not excite what is asked for.
+    When not: with friction that is not fed forward, whose error is none of the derivatives.
+    Source: Gordon & Erkorkmaz 2013, section 2 (trajectory prefilter, identified from one run).
+    """
+    if "requested" in run.signals and "force" in run.signals:
+        _check_limit(run.name, np.flatnonzero(run["requested"] != run["force"]), run.time)
+    setpoint = reference.at(run.time)
+    return _fit(run.name, run.time, run["following_error"], setpoint, regressors, present)
+
+
+def fit_prefilter_to_log(
+    time: np.ndarray,
+    set_position: np.ndarray,
+    position: np.ndarray,
+    sample_time: float,
+    *,
+    reference: Reference | None = None,
+    regressors: Sequence[str] = REGRESSORS,
+    present: TrajectoryPrefilter | None = None,
+    force: np.ndarray | None = None,
+    control: Loop | None = None,
+    name: str = "the log",
+) -> PrefilterFit:
+    """The same from a measured log: positions in m of the command, before any prefilter, and of the table.
+
+    reference  the motion in closed form, for exact derivatives; it is laid over the set positions.  Without it the
+               derivatives are central differences of the set positions as they were sampled
+    force      N, to see whether the limit of `control` was met
+    control    the loop of the machine: the log must have its clock
+
+    Raises LogError also for a clock that is not the controller's, for a reference that is not that of the log, and for
+    set positions that are rounded too coarsely for a derivative.
+    """
+    time, set_position, position = (np.asarray(each, dtype=float) for each in (time, set_position, position))
+    if control is not None:
+        _check_clock(name, sample_time, float(control.sample_time))
+        limit = control.control.force_limit
+        if force is not None and limit is not None:
+            _check_limit(name, np.flatnonzero(np.abs(force) >= (1.0 - 1e-6) * limit), time)
+    if reference is None:
+        setpoint = differenced(name, set_position, sample_time, _known(regressors))
+    else:
+        setpoint = _laid_over(name, time, set_position, reference)
+    _check_follows(name, set_position, position)
+    return _fit(name, time, set_position - position, setpoint, regressors, present)
+
+
+def tune_prefilter(
+    loop: Loop, reference: Reference, *, runs: int = 2, regressors: Sequence[str] = REGRESSORS, seed: int = 0
+) -> tuple[PrefilterFit, ...]:
+    """Fit after fit, each from a simulated run with the prefilter of the one before; the last one's is the result."""
+    present = loop.control.prefilter
+    if present is not None and not isinstance(present, TrajectoryPrefilter):
+        raise ParameterError(f"control.prefilter is a {present.kind}: take it out, or tune a trajectory_prefilter")
+    fits: list[PrefilterFit] = []
+    record = ("following_error", "requested", "force")
+    for k in range(runs):
+        held = replace(loop, control=replace(loop.control, prefilter=present))
+        run = simulate(held, reference, seed=seed, record=record, name=f"run {k + 1}")
+        fits.append(fit_prefilter(run, reference, regressors=regressors, present=present))
+        present = fits[-1].prefilter
+    return tuple(fits)
+
+
+def _known(regressors: Sequence[str]) -> list[str]:
+    for name in regressors:
+        if name not in REGRESSORS:
+            raise ParameterError(f"regressor '{name}' is not known; there are {', '.join(REGRESSORS)}")
+    if not regressors:
+        raise ParameterError(f"a prefilter needs at least one regressor of {', '.join(REGRESSORS)}")
+    return [name for name in REGRESSORS if name in regressors]
+
+
+def _check_limit(name: str, limited: np.ndarray, time: np.ndarray) -> None:
+    if limited.size:
+        raise LogError(
+            f"{name}: the force met its limit in {limited.size} samples (> 0), first at {time[limited[0]]:.6g} s: its "
+            f"error is not that of the reference; take a run with lower acceleration or jerk"
+        )
+
+
+def _check_clock(name: str, found: float, wanted: float) -> None:
+    off = abs(found / wanted - 1.0)
+    if off > LIMIT_CLOCK:
+        raise LogError(
+            f"{name}: its sample time {found:.9g} s is not the controller's, {wanted:.9g} s: they differ by "
+            f"{100.0 * off:.3g} %, at most {100.0 * LIMIT_CLOCK:g} % is admitted; record on the controller's clock, "
+            f"{wanted:.9g} s, or name the machine file of this controller"
+        )
+
+
+def _check_follows(name: str, set_position: np.ndarray, position: np.ndarray) -> None:
+    """A prefilter takes out what is small; an error of half the travel is a dead encoder or another unit."""
+    travel, off = float(np.ptp(set_position)), float(np.max(np.abs(set_position - position), initial=0.0))
+    if travel > 0.0 and not off < 0.5 * travel:
+        raise LogError(
+            f"{name}: the position is up to {off:.4g} m away from the set position, less than half the travel, "
+            f"{0.5 * travel:.4g} m, is admitted: it does not follow; check the columns, their units and their offset"
+        )
+
+
+def _laid_over(name: str, time: np.ndarray, set_position: np.ndarray, reference: Reference) -> Setpoint:
+    """The reference at the times of the log, shifted to where its set positions are half way for the first time."""
+    travel = float(np.ptp(set_position))
+    own = np.linspace(0.0, reference.duration, 200_001)
+    shift = _half_way(time, set_position) - _half_way(own, np.asarray(reference.at(own).position))
+    setpoint = reference.at(time - shift)
+    off = float(np.max(np.abs(setpoint.position - set_position), initial=0.0))
+    if not off <= 1e-5 * travel:
+        raise LogError(
+            f"{name}: its set positions are not those of the reference: they differ by up to {1e6 * off:.4g} um, at "
+            f"most {10.0 * travel:.4g} um is admitted; give the job that was run, or none"
+        )
+    return setpoint
+
+
+def _half_way(time: np.ndarray, position: np.ndarray) -> float:
+    middle = 0.5 * (float(np.min(position)) + float(np.max(position)))
+    level = (position - middle) * (1.0 if position[0] <= middle else -1.0)
+    first = int(np.argmax(level > 0.0))
+    if first == 0:
+        return float(time[0])
+    part = level[first - 1] / (level[first - 1] - level[first])
+    return float(time[first - 1] + part * (time[first] - time[first - 1]))
+
+
+def _fit(
+    name: str,
+    time: np.ndarray,
+    error: np.ndarray,
+    setpoint: Setpoint,
+    regressors: Sequence[str],
+    present: TrajectoryPrefilter | None,
+) -> PrefilterFit:
+    chosen = _known(regressors)
+    columns = np.column_stack([np.asarray(getattr(setpoint, each), dtype=float) for each in chosen])
+    largest = np.max(np.abs(columns), axis=0, initial=0.0)
+    for each, size in zip(chosen, largest, strict=True):
+        if size == 0.0:
+            there = ", ".join(other for other, s in zip(chosen, largest, strict=True) if s > 0.0)
+            raise LogError(
+                f"{name}: the reference has no {each} (0 {_si(each)}, > 0 is needed), so that its part cannot be "
+                f"identified: take a reference that has it, or only the regressors {there or 'of one that moves'}"
+            )
+    scaled = columns / largest
+    counted = np.max(np.abs(scaled), axis=1) > REST
+    least = LEAST_SAMPLES * len(chosen)
+    if int(counted.sum()) < least:
+        raise LogError(
+            f"{name}: only {int(counted.sum())} samples are in motion; {len(chosen)} regressors need at least {least}: "
+            f"take a longer move, or fewer regressors"
+        )
+    rows, target = scaled[counted], error[counted]
+    condition, weakest = _condition(rows)
+    if not condition <= LARGEST_CONDITION:
+        together = [each for each, part in zip(chosen, weakest, strict=True) if abs(part) > 0.2]
+        raise LogError(
+            f"{name}: {' and '.join(together)} cannot be told apart in this motion (condition {condition:.3g}, "
+            f"at most {LARGEST_CONDITION:g} is admitted): leave one out, or take a move with dwells and plateaus"
+        )
+    parameters = np.linalg.lstsq(rows, target, rcond=None)[0]
+    remainder = target - rows @ parameters
+    theta, errors = parameters / largest, standard_errors(rows, remainder, _memory(remainder)) / largest
+    return PrefilterFit(
+        theta=dict(zip(chosen, map(float, theta), strict=True)),
+        standard_error=dict(zip(chosen, map(float, errors), strict=True)),
+        condition=condition,
+        present=present or TrajectoryPrefilter(),
+        time=time,
+        error=error,
+        explained=columns @ theta,
+        setpoint=setpoint,
+        counted=counted,
+    )
+
+
+def _condition(rows: np.ndarray) -> tuple[float, np.ndarray]:
+    """Of columns scaled to equal RMS, and the combination of them that the motion shows least."""
+    _, sizes, directions = np.linalg.svd(rows / np.sqrt(np.mean(rows**2, axis=0)), full_matrices=False)
+    return float(sizes[0] / sizes[-1]) if sizes[-1] > 0.0 else float("inf"), directions[-1]
+
+
+def _memory(remainder: np.ndarray) -> int:
+    """Samples until the correlation of the remainder with itself is gone twice over."""
+    n = remainder.size
+    correlation = np.fft.irfft(np.abs(np.fft.rfft(remainder, 2 * n)) ** 2)[:n]
+    gone = np.flatnonzero(correlation <= 0.0)
+    return int(2 * gone[0]) if gone.size else n
+
+
+def _si(regressor: str) -> str:
+    return ("m/s", "m/s2", "m/s3", "m/s4")[REGRESSORS.index(regressor)]

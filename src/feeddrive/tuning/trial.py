@@ -1,0 +1,238 @@
+"""A trial: what the axis was told, and the following error with which it answered; simulated or from a log."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from feeddrive.blocks.families import Reference
+from feeddrive.blocks.signals import Setpoint
+from feeddrive.language.errors import LogError, ParameterError
+from feeddrive.language.table import Result, Table
+from feeddrive.loop.loop import Loop
+from feeddrive.loop.simulate import Run
+
+CLOCK = 1e-3  # share of the sample time by which the clock of a log may differ from the controller's
+_NOISE = 0.02  # share of the acceleration's RMS that the rounding of a logged reference may make
+_WIDEST = 64  # samples on each side over which a rounded reference is smoothed at most
+_ENDS = 3  # rows that a third difference needs on each side
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Trial(Result):
+    """Setpoint and following error (m) over time, each of shape (n,), at a sample time in s.
+
+    `saturated` is true in samples in which the force was limited; None where that is not known.  `remarks` say what was
+    done to the reference.
+    """
+
+    name: str
+    setpoint: Setpoint
+    following_error: np.ndarray
+    sample_time: float
+    saturated: np.ndarray | None = None
+    remarks: tuple[str, ...] = ()
+
+    @property
+    def rms(self) -> float:
+        """Of the following error, m."""
+        return float(np.sqrt(np.mean(self.following_error**2)))
+
+    @property
+    def peak(self) -> float:
+        """Of the following error, m."""
+        return float(np.max(np.abs(self.following_error)))
+
+    @property
+    def starts_moving(self) -> bool:
+        """Whether the first sample moves faster than two samples of the largest acceleration make of rest."""
+        first = abs(float(np.asarray(self.setpoint.velocity)[0]))
+        return first > 2.0 * self.sample_time * float(np.max(np.abs(self.setpoint.acceleration)))
+
+    @property
+    def time(self) -> np.ndarray:
+        """s, from 0."""
+        return np.arange(self.following_error.size) * self.sample_time
+
+    def table(self) -> Table:
+        """How long, how far, how fast, how good."""
+        x, v, a = (np.asarray(each) for each in self.setpoint[:3])
+        row = [
+            self.name, f"{self.following_error.size}", f"{1e3 * np.ptp(x):.4g}", f"{1e3 * np.max(np.abs(v)):.4g}",
+            f"{np.max(np.abs(a)):.4g}", f"{1e6 * self.rms:.4g}", f"{1e6 * self.peak:.4g}",
+        ]  # fmt: skip
+        heads = ["trial", "samples", "travel mm", "velocity mm/s", "acceleration m/s2", "error RMS um", "peak um"]
+        return Table(f"a trial of {self.following_error.size * self.sample_time:.4g} s", heads, [row])
+
+    def plot(self) -> Any:
+        """Set velocity and following error over time, as a matplotlib figure."""
+        from feeddrive import plot
+
+        return plot.trial(self)
+
+    def to_pandas(self) -> Any:
+        """A DataFrame of setpoint and error over time in s."""
+        from feeddrive.plot import frames
+
+        columns = {f"set_{name}": np.asarray(row) for name, row in zip(Setpoint._fields, self.setpoint, strict=True)}
+        return frames.frame(self.time, {**columns, "following_error": self.following_error}, "time")
+
+
+def simulated_trial(run: Run, reference: Reference) -> Trial:
+    """The trial of a simulated run along a reference, with its exact derivatives.
+
+    Raises LogError for a run whose guard tripped: its axis did not follow.
+    """
+    if "trip" in run.signals and np.any(run["trip"] > 0.0):
+        k = int(np.argmax(run["trip"] > 0.0))
+        raise LogError(f"{run.name}: the guard tripped at {run.time[k]:.6g} s (code {run['trip'][k]:g}): no trial")
+    rows = (np.broadcast_to(np.asarray(row, dtype=np.float64), run.time.shape) for row in reference.at(run.time))
+    return Trial(
+        name=run.name,
+        setpoint=Setpoint(*rows),  # type: ignore[arg-type]
+        following_error=run["following_error"],
+        sample_time=run.sample_time,
+        saturated=run["requested"] != run["force"],
+    )
+
+
+def measured_trial(
+    loop: Loop,
+    set_position: np.ndarray,
+    position: np.ndarray,
+    *,
+    sample_time: float,
+    force: np.ndarray | None = None,
+    smoothing: int | None = None,
+    name: str = "log",
+) -> Trial:
+    """The trial of a log: set and actual position in m, and the force in N if it was logged, each of shape (n,).
+
+    sample_time  s, the clock of the log; it must be that of the loop within 0.1 %
+    smoothing    samples on each side over which the set position is averaged, twice; 0: none; default: as few as keep
+                 the rounding of the logged reference below 2 % of its acceleration
+
+    The log holds no derivatives.  They are differences of the commanded samples about the middle of the sample over
+    which the force acts, where the feedforward needs them:
+
+        v(k+½) = (x(k+1) - x(k)) / T,   a(k+½) = (x(k+2) - x(k+1) - x(k) + x(k-1)) / 2T²
+        j(k+½) = (x(k+2) - 3 x(k+1) + 3 x(k) - x(k-1)) / T³
+        s(k+½) = (x(k+3) - 3 x(k+2) + 2 x(k+1) + 2 x(k) - 3 x(k-1) + x(k-2)) / 2T⁴
+
+    and the setpoint at kT is Taylor's from there, so that half a sample later it is these numbers again.
+    A sample counts as saturated where |force| reaches the force limit of the control.
+    Raises LogError for another clock (by how much, what is admissible), rows that do not match, and a log too short.
+    """
+    T = float(loop.sample_time)
+    check_clock(name, sample_time, T)
+    x, y = np.asarray(set_position, dtype=np.float64), np.asarray(position, dtype=np.float64)
+    if x.shape != y.shape or x.ndim != 1:
+        raise LogError(f"{name}: set position has {x.size} rows, position {y.size}: they must be equal")
+    for what, row in (("set position", x), ("position", y)):
+        if not np.all(np.isfinite(row)):
+            raise LogError(
+                f"{name}: the {what} is not finite in row {int(np.argmin(np.isfinite(row)))}: cut the log there"
+            )
+    if x.size < 4 * _ENDS:
+        raise LogError(f"{name}: has {x.size} rows, {4 * _ENDS - x.size} too few; a trial needs at least {4 * _ENDS}")
+    width, remarks = _width(x, T) if smoothing is None else (_checked(smoothing, x.size), ())
+    limit = loop.control.force_limit
+    saturated = np.zeros(x.size, dtype=bool) if limit is None else None
+    if force is not None and limit is not None:
+        saturated = np.abs(force) >= (1.0 - 1e-6) * limit
+    return Trial(
+        name=name,
+        setpoint=_differenced(_smoothed(x, width), T)._replace(position=x),  # type: ignore[arg-type]
+        following_error=x - y,
+        sample_time=T,
+        saturated=saturated,
+        remarks=remarks,
+    )
+
+
+def check_clock(name: str, sample_time: float, T: float) -> None:
+    """Raise LogError if a clock in s is not that of the controller."""
+    off = abs(sample_time - T)
+    if off <= CLOCK * T:
+        return
+    near = T * (1.0 + CLOCK if sample_time > T else 1.0 - CLOCK)
+    raise LogError(
+        f"{name}: its clock of {1e3 * sample_time:.6g} ms differs from the controller's {1e3 * T:.6g} ms by "
+        f"{1e3 * off:.6g} ms; {100 * CLOCK:g} % or {1e3 * CLOCK * T:.4g} ms is admitted, so the nearest admissible "
+        f"clock is {1e3 * near:.6g} ms: log every sample of the controller, or give the machine the sample time it has"
+    )
+
+
+def _checked(smoothing: int, rows: int) -> int:
+    most = rows // 4
+    if not 0 <= smoothing <= most:
+        raise ParameterError(f"smoothing = {smoothing} must be a whole number of samples, >= 0 and <= {most}")
+    return smoothing
+
+
+def _padded(x: np.ndarray, rows: int) -> np.ndarray:
+    """Some rows more on each side, along the straight line on which the record begins and ends."""
+    return np.pad(x, rows, mode="reflect", reflect_type="odd")
+
+
+def _smoothed(x: np.ndarray, width: int) -> np.ndarray:
+    """Averaged twice over 2 width + 1 samples."""
+    if width == 0:
+        return x
+    box = np.full(2 * width + 1, 1.0 / (2 * width + 1))
+    base = x[0]  # the sum of small numbers keeps more digits
+    return base + np.convolve(_padded(x - base, 2 * width), np.convolve(box, box), mode="valid")
+
+
+def _differenced(x: np.ndarray, T: float) -> Setpoint:
+    """The setpoint at kT whose Taylor series half a sample later holds the differences about the middle."""
+    n, wide = x.size, _padded(x, _ENDS)
+
+    def at(k: int) -> np.ndarray:
+        return wide[_ENDS + k : _ENDS + k + n]
+
+    middle = Setpoint(
+        position=0.5 * (at(0) + at(1)),  # type: ignore[arg-type]
+        velocity=(at(1) - at(0)) / T,  # type: ignore[arg-type]
+        acceleration=(at(2) - at(1) - at(0) + at(-1)) / (2.0 * T * T),  # type: ignore[arg-type]
+        jerk=(at(2) - 3.0 * at(1) + 3.0 * at(0) - at(-1)) / (T * T * T),  # type: ignore[arg-type]
+        snap=(at(3) - 3.0 * at(2) + 2.0 * at(1) + 2.0 * at(0) - 3.0 * at(-1) + at(-2)) / (2.0 * T * T * T * T),  # type: ignore[arg-type]
+    )
+    return middle.shifted(-0.5 * T)
+
+
+def _width(x: np.ndarray, T: float) -> tuple[int, tuple[str, ...]]:
+    """How many samples of smoothing a reference needs that was rounded to decimals when it was logged."""
+    step = _rounded_to(x) if np.ptp(x) > 0.0 else 0.0
+    if step == 0.0:
+        return 0, ()
+    for width in (0, 1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, _WIDEST):
+        if 4 * width > x.size // 4:
+            break
+        pulse = np.zeros(8 * width + 16)
+        pulse[pulse.size // 2] = step / np.sqrt(12.0)
+        noise = float(np.linalg.norm(_acceleration(pulse, width, T)))
+        if noise <= _NOISE * float(np.sqrt(np.mean(_acceleration(x, width, T) ** 2))):
+            said = f"the set position was rounded to {step:g} m and is averaged over ±{2 * width} samples"
+            return width, (said,) if width else ()
+    raise LogError(
+        f"the set position is rounded to {step:g} m, which hides its acceleration at a sample time of {1e3 * T:g} ms: "
+        f"log it with more digits"
+    )
+
+
+def _acceleration(x: np.ndarray, width: int, T: float) -> np.ndarray:
+    """In the middle of the samples."""
+    return np.asarray(_differenced(_smoothed(x, width), T).shifted(0.5 * T).acceleration)
+
+
+def _rounded_to(x: np.ndarray) -> float:
+    """The decimal step, in m, of which all positions are multiples; 0 if there is none above 1e-12 m."""
+    for digits in range(3, 12):
+        for part in (1.0, 0.5, 0.25, 0.2):
+            step = part * 10.0**-digits
+            if float(np.max(np.abs(x / step - np.rint(x / step)))) < 1e-4 + 4e-16 * float(np.max(np.abs(x))) / step:
+                return step
+    return 0.0

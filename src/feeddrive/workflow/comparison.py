@@ -1,0 +1,322 @@
+"""A job, run: every law over the same work, with its margins and its stiffness."""
+
+from __future__ import annotations
+
+import platform
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from feeddrive.analysis.replay import replay
+from feeddrive.analysis.resolution import fastest_mode, substeps_needed
+from feeddrive.analysis.stability import require_stable
+from feeddrive.blocks.families import Reference
+from feeddrive.files.job import Job
+from feeddrive.files.measured import Log
+from feeddrive.language.block import Block, declarations
+from feeddrive.language.errors import FeeddriveError, LogError
+from feeddrive.language.table import Result, Table
+from feeddrive.loop.control import Control
+from feeddrive.loop.linearize import compliance, loop_gain, tracking
+from feeddrive.loop.loop import Loop
+from feeddrive.loop.simulate import Run, samples, simulate
+from feeddrive.report import Entry, Study
+
+LINES = 1500  # of the frequency responses, from 1 Hz to Nyquist
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Comparison(Result):
+    """All rows of a job, today's control first, and what must be said about them.
+
+    `velocity` in m/s is the speed at which margins and stiffness are taken: the axis slides.
+    """
+
+    job: Job
+    rows: tuple[Entry, ...]
+    log: Log | None
+    velocity: float
+    remarks: tuple[str, ...]
+    versions: Mapping[str, str]
+
+    def table(self) -> Table:
+        """Following error, force, margins and least dynamic stiffness by law."""
+        heads = ["law", "RMS um", "peak um", "force N", "PM deg", "Ms", "N/um"]
+        lines: list[list[str]] = []
+        for row in self.rows:
+            figures = numbers(row)
+            lines.append(
+                [
+                    row.name,
+                    _scaled(figures["following_error_rms_m"], 1e6, ".4g"),
+                    _scaled(figures["following_error_peak_m"], 1e6, ".4g"),
+                    _scaled(figures["force_peak_N"], 1.0, ".4g"),
+                    _scaled(figures["phase_margin_deg"], 1.0, ".1f"),
+                    _scaled(figures["sensitivity_peak"], 1.0, ".2f"),
+                    _scaled(figures["stiffness_least_N_per_m"], 1e-6, ".3g"),
+                ]
+            )
+            if row.replay is not None:
+                off = (figures["position_residual_rms_m"], figures["position_residual_peak_m"])
+                lines.append(["  predicted - measured", *(_scaled(value, 1e6, ".4g") for value in off), *["-"] * 4])
+        return Table(self.job.title, heads, lines)
+
+    def study(self) -> Study:
+        """What the report is made from."""
+        job, loop = self.job, self.rows[0].loop
+        facts = {
+            "Machine": job.machine.name,
+            "Source of its numbers": job.machine.source or "not stated",
+            "Sample time": f"{1e3 * loop.sample_time:g} ms, {loop.axis.substeps} substep(s) of exact hold",
+            "Work": _work(job, self.log),
+            "Load": "none" if job.load is None else sentence(job.load),
+            "Noise": f"seed {job.seed}",
+            "Linear model": f"sliding at {1e3 * self.velocity:.4g} mm/s",
+        }
+        if job.machine.remark:
+            facts["Remark"] = job.machine.remark
+        return Study(
+            title=job.title,
+            entries=self.rows,
+            facts=facts,
+            rule=job.rule,
+            job=job.file.text,
+            versions=self.versions,
+            notes=self.remarks,
+        )
+
+    def plot(self) -> Any:
+        """Following error and force of all laws, as a matplotlib figure."""
+        from feeddrive import plot
+
+        return plot.comparison(self)
+
+    def to_pandas(self) -> Any:
+        """A DataFrame with one row a law."""
+        from feeddrive.plot import frames
+
+        names = np.array([row.name for row in self.rows])
+        figures = [numbers(row) for row in self.rows]
+        return frames.frame(names, {key: np.array([each[key] for each in figures], float) for key in figures[0]}, "law")
+
+
+def numbers(row: Entry) -> dict[str, float | None]:
+    """The figures of a row by name, in SI, for a file."""
+    found: dict[str, float | None] = {
+        "following_error_rms_m": row.rms("following_error"),
+        "following_error_peak_m": row.peak("following_error"),
+        "tracking_error_rms_m": row.rms("tracking_error"),
+        "force_rms_N": row.rms("force"),
+        "force_peak_N": row.peak("force"),
+    }
+    if row.margins is not None:
+        found |= {**row.margins.numbers(), "sensitivity_peak": row.margins.sensitivity_peak}
+    if row.stiffness is not None:
+        found["stiffness_least_N_per_m"] = row.stiffness.minimum
+        found["stiffness_least_frequency_Hz"] = row.stiffness.minimum_frequency
+    if row.replay is not None:
+        found["position_residual_rms_m"] = row.replay.rms("position_load")
+        found["position_residual_peak_m"] = float(np.max(np.abs(row.replay.residual("position_load"))))
+        if "force" in row.replay.measured:
+            found["force_residual_share"] = row.replay.share("force")
+    return found
+
+
+def _scaled(value: float | None, factor: float, form: str) -> str:
+    """A figure as it is shown; a dash for what does not occur."""
+    return "-" if value is None else format(factor * value, form)
+
+
+def compare(job: Job, step: Callable[[str], None] | None = None) -> Comparison:
+    """Run all laws of a job. `step(text)` is called before each piece of work.
+
+    Raises UnstableError for a law whose loop is not stable, DivergedError for one whose run leaves its bounds, and
+    LogError for a log that does not fit the job.
+    """
+    log = _log(job)
+    measured = None if log is None else _measured(job, log)
+    velocity = _velocity(job.reference, measured, next(iter(job.loops.values())).sample_time)
+    rows = []
+    for name, loop in job.loops.items():
+        if step is not None:
+            step(name)
+        rows.append(_row(job, name, loop, measured, velocity))
+    return Comparison(job, tuple(rows), log, velocity, tuple(_remarks(rows)), versions())
+
+
+def _row(job: Job, name: str, loop: Loop, measured: Mapping[str, np.ndarray] | None, velocity: float) -> Entry:
+    """One law, judged and run; errors name the job and the law."""
+    where = f"{job.file.name}: law '{name}'"
+    require_stable(loop, velocity=velocity, where=where)
+    try:
+        again = None
+        if measured is not None:
+            again = replay(loop, measured, skip=job.log.skip_samples if job.log else 0, name=name)
+        run = again.run if again is not None else _simulated(job, loop, name)
+        # a law with a slow part is linear from period to period only: it has no loop gain, and responses up to there
+        period = loop.control.law.period()
+        nyquist = 0.5 / (loop.sample_time * period)
+        frequency = np.geomspace(min(1.0, 0.01 * nyquist), nyquist, LINES)
+        return Entry(
+            name=name,
+            description=described(loop.control),
+            run=run,
+            loop=loop,
+            loop_gain=loop_gain(loop, frequency, velocity=velocity) if period == 1 else None,
+            compliance=compliance(loop, frequency, velocity=velocity),
+            tracking=tracking(loop, frequency, velocity=velocity) if period == 1 else None,
+            replay=again,
+        )
+    except FeeddriveError as error:
+        raise type(error)(f"{where}: {error}") from None
+
+
+def _simulated(job: Job, loop: Loop, name: str) -> Run:
+    assert job.reference is not None
+    return simulate(loop, job.reference, load=job.load, duration=job.duration, seed=job.seed, name=name)
+
+
+def _log(job: Job) -> Log | None:
+    """The job's log, with those optional channels that it really has."""
+    return None if job.log is None else job.log.read()
+
+
+def _measured(job: Job, log: Log) -> dict[str, np.ndarray]:
+    """The log's channels under the names of the loop's signals, in SI."""
+    loop = next(iter(job.loops.values()))
+    channels = log.channels
+    for role in ("setpoint_position", "position_load"):
+        if role not in channels:
+            raise LogError(f"{log.name}: the job needs the channel {role}: name its column under [log.channels]")
+    if abs(log.sample_time / loop.sample_time - 1.0) > 1e-4:
+        raise LogError(
+            f"{log.name}: one sample takes {log.sample_time:g} s, but the machine's control runs every "
+            f"{loop.sample_time:g} s: resample the log, or set sample_time in {job.machine.file.name}"
+        )
+    found = {"set_position": channels["setpoint_position"], "position_load": channels["position_load"]}
+    if "force" in channels:
+        found["force"] = channels["force"]
+    elif "command" in channels:
+        motor = loop.axis.actuator.motor
+        if motor is None:
+            raise LogError(
+                f"{log.name}: the channel command needs axis.*.actuator.motor in {job.machine.file.name}, "
+                f"which turns the drive's unit into N"
+            )
+        found["force"] = motor.force_per_unit() * channels["command"]
+    if "load_force" in channels:
+        found["load_force"] = channels["load_force"]
+    return found
+
+
+def _velocity(reference: Reference | None, measured: Mapping[str, np.ndarray] | None, T: float) -> float:
+    """Half of the largest set speed, in m/s; 10 mm/s for a reference that stands still."""
+    if measured is not None:
+        largest = float(np.max(np.abs(np.diff(measured["set_position"])), initial=0.0)) / T
+    else:
+        assert reference is not None
+        some = np.unique(np.linspace(0, samples(reference.duration, T) - 1, 2001).astype(np.int64)) * T
+        largest = float(np.max(np.abs(reference.at(some).velocity)))
+    return 0.5 * largest if largest > 0.0 else 0.01
+
+
+def _remarks(rows: list[Entry]) -> list[str]:
+    """What must be said: trips, limits, a step too long, and where a new law loses to today's by more than 1 %."""
+    remarks: list[str] = []
+    needed, used = substeps_needed(rows[0].loop), rows[0].loop.axis.substeps
+    if used < needed:
+        remarks.append(
+            f"The fastest mode of the axis, {fastest_mode(rows[0].loop):.4g} Hz, is too fast for friction in "
+            f"{used} substep(s) a sample: set substeps = {needed}."
+        )
+    for row in rows:
+        tripped = np.flatnonzero(row.run["trip"] > 0.0)
+        if tripped.size:
+            remarks.append(f"'{row.name}': the guard tripped at {row.run.time[tripped[0]]:.4g} s, no force after it.")
+        held = float(np.mean(row.run["force"] != row.run["requested"]))
+        if held > 0.0:
+            remarks.append(f"'{row.name}': the force was at its limit for {100.0 * held:.3g} % of the samples.")
+        if row.loop_gain is None:
+            remarks.append(f"'{row.name}' repeats itself every {row.loop.control.law.period()} samples: no margins.")
+    today = numbers(rows[0])
+    for row in rows[1:]:
+        now = numbers(row)
+        worse = [
+            f"{text} {_ratio(now[key], today[key])}"
+            for key, text in (
+                ("following_error_rms_m", "RMS error"),
+                ("following_error_peak_m", "peak error"),
+                ("force_peak_N", "peak force"),
+                ("sensitivity_peak", "Ms"),
+            )
+            if _above(now[key], today[key])
+        ]
+        if _above(today["stiffness_least_N_per_m"], now["stiffness_least_N_per_m"]):
+            worse.append(f"least stiffness {_ratio(now['stiffness_least_N_per_m'], today['stiffness_least_N_per_m'])}")
+        if worse:
+            remarks.append(f"'{row.name}' is worse than today in: {', '.join(worse)}.")
+    return remarks
+
+
+def _above(a: float | None, b: float | None) -> bool:
+    return a is not None and b is not None and a > 1.01 * b
+
+
+def _ratio(a: float | None, b: float | None) -> str:
+    return f"x {a / b:.2f}" if a is not None and b else ""
+
+
+def _work(job: Job, log: Log | None) -> str:
+    if log is not None:
+        return f"the reference of {log.name}, {len(log)} samples, SHA-256 {log.provenance['sha256']}"
+    assert job.reference is not None
+    return sentence(job.reference)
+
+
+def sentence(block: Block) -> str:
+    """A block by its kind, the parameters that are there, and its parts in brackets."""
+    declared = declarations(type(block))
+    values = {name: getattr(block, name) for name in declared}
+    given = [
+        f"{name.replace('_', ' ')} {value:.6g} {declared[name].unit}".rstrip()
+        for name, value in values.items()
+        if isinstance(value, float)
+    ]
+    parts = [
+        f"({sentence(part)})"
+        for value in values.values()
+        for part in (value if isinstance(value, tuple) else (value,))
+        if isinstance(part, Block)
+    ]
+    return f"{block.kind.replace('_', ' ')}: {', '.join([*given, *parts])}"
+
+
+def versions() -> dict[str, str]:
+    """What is needed to repeat a run: of feeddrive, Python and the libraries that compute."""
+    import llvmlite
+    import scipy
+
+    import feeddrive
+
+    return {
+        "feeddrive": feeddrive.__version__,
+        "python": platform.python_version(),
+        "numpy": np.__version__,
+        "scipy": scipy.__version__,
+        "llvmlite": llvmlite.__version__,
+    }
+
+
+def described(control: Control) -> str:
+    """What a control consists of, part by part, with the parameters that are there."""
+    parts = [sentence(control.law)]
+    parts += [f"compensation {sentence(block)}" for block in control.compensation]
+    parts += [f"filter {sentence(block)}" for block in control.filters]
+    parts += [f"feedforward {sentence(block)}" for block in control.feedforward]
+    if control.prefilter is not None:
+        parts.append(f"prefilter {sentence(control.prefilter)}")
+    if control.force_limit is not None:
+        parts.append(f"limit {control.force_limit:.4g} N")
+    return "; ".join(parts)

@@ -1,0 +1,270 @@
+"""The report of `feeddrive tune`, and the files beside it."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from html import escape
+from pathlib import Path
+from typing import Any
+
+from feeddrive import plot
+from feeddrive.analysis.margins import Margins
+from feeddrive.analysis.stiffness import Stiffness
+from feeddrive.certificate.certificate import Certificate
+from feeddrive.files.blocks_to_toml import to_toml
+from feeddrive.files.messages import sentence
+from feeddrive.files.whole import new_directory
+from feeddrive.language import tree
+from feeddrive.language.table import Table
+from feeddrive.report.content import Shown
+from feeddrive.report.page import definitions, header, page, picture
+from feeddrive.report.tables import table
+from feeddrive.tuning.judged_recipes import JudgedRecipe
+from feeddrive.tuning.shaping.figures import FIGURES, Figures
+from feeddrive.tuning.shaping.knobs import readable
+from feeddrive.tuning.shaping.limits import Limits
+from feeddrive.tuning.shaping.shaped_loop import ShapedLoop
+from feeddrive.tuning.shaping.words import broken_limits
+from feeddrive.workflow.certificate_file import write_certificate
+
+
+@dataclass(frozen=True)
+class Story:
+    """What a report knows beside the tuning: what was tuned, how, the rules of the trade beside it, and remarks.
+
+    today  the name of the first row of each comparison
+    """
+
+    what: str
+    facts: Mapping[str, str]
+    rules: tuple[JudgedRecipe, ...] = ()
+    said: tuple[str, ...] = ()
+    today: str = "today"
+
+
+def write_tuned(
+    found: ShapedLoop, machine: str | None, axis: str, out: str | Path, story: Story, certificate: Certificate | None
+) -> Path:
+    """Write report, summary, the control and, if the tuning holds, machine file and certificate into a directory.
+
+    The path of the report.  Raises FileError if `out` cannot be written.
+    """
+    with new_directory(out) as folder:
+        (folder / "report.html").write_text(build(found, story), encoding="utf-8")
+        (folder / "summary.json").write_text(json.dumps(summary(found, story), indent=2) + "\n", encoding="utf-8")
+        if found.holds:
+            (folder / "control.toml").write_text(to_toml(found.control, f"axis.{axis}.control"), encoding="utf-8")
+            if machine is not None:
+                (folder / "machine.toml").write_text(machine, encoding="utf-8")
+            if certificate is not None:
+                write_certificate(folder / "certificate.json", certificate)
+    return Path(out) / "report.html"
+
+
+def build(found: ShapedLoop, story: Story) -> str:
+    """The page. Pure: the same tuning gives the same text."""
+    drawn = list(_pictures(found, story))
+    made = "".join(
+        table(
+            f"{each.title[:1].upper()}{each.title[1:]}.",
+            [_printed(head) for head in each.heads],
+            [[_printed(cell) for cell in row] for row in each.rows],
+        )
+        for each in tables(found, story)
+    )
+    links = [("result", "Result"), *((f"figure-{each.key}", each.title) for each in drawn), ("facts", "What was tuned")]
+    title = f"{story.what}: {found.rule.split(' subject to ')[0].split(';')[0]}"
+    parts = [
+        header(
+            "feeddrive tune", title, [found.recommendation(), f"Rule: {found.rule}.", *map(sentence, story.said)], links
+        ),
+        f'<section id="result">\n<h2>Result</h2>\n{made}{_said(found)}\n</section>\n',
+        f'<section id="pictures">\n<h2>Pictures</h2>\n{"".join(picture(each) for each in drawn)}</section>\n',
+        f'<section id="facts">\n<h2>What was tuned</h2>\n{definitions(story.facts.items())}\n</section>\n',
+    ]
+    return page(title, [_printed(part) if i != 2 else part for i, part in enumerate(parts)])
+
+
+def _printed(text: str) -> str:
+    """Units as they are printed, in place of what every terminal can show."""
+    for plain, shown in (
+        ("um/N", "µm/N"),
+        ("N/um", "N/µm"),
+        ("nm s^1/2/N", "nm √s/N"),
+        (" -> ", " → "),
+        (" -&gt; ", " → "),
+        ("<= ", "≤ "),
+        ("&lt;= ", "≤ "),
+        (">= ", "≥ "),
+        ("&gt;= ", "≥ "),
+    ):
+        text = text.replace(plain, shown)
+    return text
+
+
+def _said(found: ShapedLoop) -> str:
+    said = [f"Held back by {each.sentence()}." for each in found.held]
+    said += [sentence(text) for text in found.advice]
+    said += [f"Notch {text}." for text in found.notches]
+    listed = "".join(f"<li>{escape(text)}</li>" for text in said)
+    return (
+        f'<div class="remarks"><h3>What holds it back, and what would help</h3><ul>{listed}</ul></div>' if said else ""
+    )
+
+
+def tables(found: ShapedLoop, story: Story) -> list[Table]:
+    """Old against new: values, figures at each site, rules of the trade, the cascade loop by loop, the proof."""
+    rows = [
+        [
+            readable(found.control, name), "–" if math.isnan(found.started[name]) else f"{found.started[name]:.5g}",
+            f"{value:.5g}", _change(found.started[name], value), tree.declaration(found.control, name).unit,
+        ]
+        for name, value in found.knobs.items()
+    ]  # fmt: skip
+    made = [Table("values of the control, old and new", ["parameter", story.today, "new", "change", "unit"], rows)]
+    for i, after in enumerate(found.after):
+        before = found.before[i] if found.before else None
+        made.append(_figures(before, after, len(found.after) > 1, story.today))
+    if story.rules:
+        made.append(_compared(found, story))
+    for name, each in zip((story.today, "new"), found.cascade, strict=False):
+        shown = each.table()
+        made.append(Table(f"{shown.title}, {name}", shown.heads, shown.rows))
+    proof = [[line.what, {None: "not proven", True: "holds", False: "does not hold"}[line.holds], line.said]
+             for line in found.proof]  # fmt: skip
+    made.append(Table("proof: computed anew in other ways", ["what", "", "figures"], proof))
+    return made
+
+
+def _figures(before: Figures | None, after: Figures, several: bool, today: str) -> Table:
+    rows: list[list[str]] = []
+    for head, unit, read in FIGURES:
+        cells = [
+            "-" if each is None else "unstable" if not each.stable else _number(read(each)) for each in (before, after)
+        ]
+        if cells != ["-", "-"]:
+            rows.append([head, *cells, unit])
+    against = ", against a force at the drive" if after.at_drive else ""
+    place = f" at {after.site}" if several else ""
+    return Table(f"figures of the closed loop{place}{against}", ["what", today, "new", "unit"], rows)
+
+
+def _compared(found: ShapedLoop, story: Story) -> Table:
+    """Today, every rule of the trade and the new control, each at its worst site."""
+    shown = [(story.today, found.before), *((rule.name, rule.figures) for rule in story.rules), ("new", found.after)]
+    rows = [[name, *_cells(row, found.limits)] for name, row in shown]
+    return Table(
+        "beside the rules of the trade: Ms, phase margin, least stiffness, rope-snap error at the worst site",
+        ["", *_COMPARED],
+        rows,
+    )
+
+
+_COMPARED = ["Ms", "phase deg", "stiffness N/um", "snap nm s^1/2/N", "limits"]
+
+
+def _cells(row: Sequence[Figures], limits: Limits) -> list[str]:
+    nothing = ["-"] * (len(_COMPARED) - 1)
+    if not row:
+        return [*nothing, "no gains"]
+    if not all(each.stable for each in row):
+        return [*nothing, "unstable"]
+    phases = [p for each in row if (p := each.margins.phase_margin_deg) is not None]
+    return [
+        f"{max(each.margins.sensitivity_peak for each in row):.4g}",
+        f"{min(phases):.3g}" if phases else "-",
+        f"{1e-6 * min(each.stiffness.minimum for each in row):.4g}",
+        f"{1e9 * max(each.rope_snap for each in row):.4g}",
+        "broken" if broken_limits(row, limits, 2e-3) else "kept",
+    ]
+
+
+def _number(value: float | None) -> str:
+    return "-" if value is None else f"{value:#.4g}".rstrip(".")
+
+
+def _change(before: float, after: float) -> str:
+    return "-" if math.isnan(before) else f"{100.0 * (after / before - 1.0):+.3g} %"
+
+
+def _rows(found: ShapedLoop, today: str) -> Sequence[tuple[str, Figures]]:
+    """Stable loops by name."""
+    many = len(found.after) > 1
+    return [
+        (f"{name}, {each.site}" if many else name, each)
+        for name, row in ((today, found.before), ("new", found.after))
+        for each in row
+        if each.stable
+    ]
+
+
+def _pictures(found: ShapedLoop, story: Story) -> Iterator[Shown]:
+    rows = _rows(found, story.today)
+    where = "at the drive" if found.at_drive else "on the table"
+    stiff: dict[str, Stiffness] = {name: each.stiffness for name, each in rows}
+    loops: dict[str, Margins] = {name: each.margins for name, each in rows}
+    yield Shown(
+        "stiffness",
+        "Dynamic stiffness",
+        f"The force {where} that moves the table by 1 µm, in closed loop; higher is better.",
+        "Dynamic stiffness over frequency, before and after.",
+        lambda: plot.stiffness(stiff),
+    )
+    yield Shown(
+        "margins",
+        "Open loop and margins",
+        "The loop opened at the actuator, filters and dead time included.",
+        "Bode plot of the loop gain before and after, with margins.",
+        lambda: plot.open_loop(loops),
+    )
+    yield Shown(
+        "sensitivity",
+        "Sensitivity",
+        "What is left of a disturbance, and the answer to noise; the mark is Ms.",
+        "Sensitivity functions before and after.",
+        lambda: plot.sensitivity(loops),
+    )
+    if found.cascade:
+        last = found.cascade[-1]
+        yield Shown(
+            "cascade",
+            "Velocity and position loop",
+            "The velocity loop without position loop, and the position loop around the closed velocity loop.",
+            "Bode plot of velocity loop and position loop of the new gains.",
+            last.plot,
+        )
+
+
+def summary(found: ShapedLoop, story: Story) -> dict[str, Any]:
+    """All figures as plain numbers; what does not occur is null."""
+    return {
+        "rule": found.rule,
+        "recommendation": found.recommendation(),
+        "holds": found.holds,
+        "knobs": dict(found.knobs),
+        "today": {name: None if math.isnan(value) else value for name, value in found.started.items()},
+        "figures": {
+            name: {each.site: _plain(each) for each in row}
+            for name, row in (("today", found.before), ("new", found.after))
+        },
+        "held_back_by": [
+            {"what": h.what, "site": h.site, "frequency_Hz": h.frequency, "gain_percent": h.gain} for h in found.held
+        ],
+        "against": "a force at the drive" if found.at_drive else "a force on the table",
+        "remarks": [*story.said, *found.advice],
+        "rules": {
+            rule.name: {"reason": rule.reason, "figures": {each.site: _plain(each) for each in rule.figures}}
+            for rule in story.rules
+        },
+        "standard_deviations_kept": found.sure,
+        "probability_that_all_limits_hold": found.confidence,
+        "proof": {line.what: {"holds": line.holds, "said": line.said} for line in found.proof},
+    }
+
+
+def _plain(each: Figures) -> dict[str, float | bool | None]:
+    values = {head: read(each) if each.stable else None for head, _, read in FIGURES}
+    return {"stable": each.stable, **{k: None if v is None or not math.isfinite(v) else v for k, v in values.items()}}

@@ -1,0 +1,152 @@
+"""What is asked of a drive before it is switched on, against drives that lack or refuse something."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import pytest
+
+from bus_bench import LIMITS, drive
+from feeddrive.bus.client import DriveClient
+from feeddrive.bus.commissioning import check_scaling, identify, write_cycle_time, write_limits
+from feeddrive.bus.objects import AT, DEVICE_NAME, OBJECTS, Layout
+from feeddrive.bus.scaling import DriveScaling
+from feeddrive.bus.transport import RefusedError
+from feeddrive.language.errors import BusError
+
+SCREW = DriveScaling(counts_per_turn=1e6, lead=0.01, gear=2.0, rated_torque=1.0)
+
+
+class Paper:
+    """A drive that is nothing but its objects; it refuses what it does not have, and what it is told to."""
+
+    where = "paper, station 1"
+
+    def __init__(self, refuses: tuple[str, ...] = (), **values: int) -> None:
+        self.values = {"device_type": 0x20192, **values}
+        self.refuses = refuses
+
+    def open(self) -> None:
+        pass
+
+    def read(self, index: int, subindex: int) -> bytes:
+        if (index, subindex) == DEVICE_NAME:
+            return b"Paper\x00"
+        name = AT[index, subindex].name
+        if name not in self.values:
+            raise RefusedError(self.where, index, subindex, 0x06020000, False)
+        return OBJECTS[name].encode(self.values[name])
+
+    def write(self, index: int, subindex: int, content: bytes) -> None:
+        name = AT[index, subindex].name
+        if name not in self.values or name in self.refuses:
+            raise RefusedError(self.where, index, subindex, 0x06090030, True)
+        self.values[name] = OBJECTS[name].decode(content)
+
+    def map(self, sent: Layout, told: Layout) -> None:
+        raise AssertionError("a drive that is refused is not mapped")
+
+    def operate(self, content: bytes) -> None:
+        raise AssertionError("a drive that is refused is not operated")
+
+    def exchange(self, content: bytes, timeout: float) -> bytes | None:
+        raise AssertionError("a drive that is refused is not driven")
+
+    def state(self) -> str:
+        return "it is paper"
+
+    def close(self) -> None:
+        pass
+
+
+def test_a_device_of_another_profile_is_no_drive() -> None:
+    with pytest.raises(BusError, match="is no drive by CiA 402 but a device of profile 401"):
+        identify(Paper(device_type=401), drive("ethercat"))
+
+
+def test_a_drive_says_who_it_is_as_far_as_it_does() -> None:
+    assert identify(Paper(vendor=2), drive("ethercat")) == {"vendor": 2, "name": "Paper"}
+
+
+@pytest.mark.parametrize(
+    ("values", "words"),
+    [
+        ({"rated_torque": 1500}, "scaling.rated_torque = 1 .* the drive says 1.5 in object 0x6076:00"),
+        ({"gear_motor_turns": 3, "gear_shaft_turns": 1}, "scaling.gear = 2 .* drive says 3 in object 0x6091:01"),
+        ({"gear_motor_turns": 24, "gear_shaft_turns": 10}, "drive says 2.4 in object 0x6091:01"),
+        ({"encoder_increments": 1 << 20, "encoder_turns": 1}, "says 1.04858e.06 in object 0x608F:01"),
+        # positions in micrometres of the table: 10 000 in a turn of the shaft, whatever the encoder counts
+        ({"feed_constant": 10_000, "encoder_increments": 10**6}, "says 5000 in object 0x6092:01"),
+    ],
+)  # fmt: skip
+def test_units_that_differ_are_refused_with_both_numbers(values: dict[str, int], words: str) -> None:
+    with pytest.raises(BusError, match=words):
+        check_scaling(Paper(**values), SCREW)
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        {"feed_constant": 2 * 10**6, "feed_shaft_turns": 1},
+        {"feed_constant": 6 * 10**6, "feed_shaft_turns": 3},
+        {"encoder_increments": 10**6},
+        {"encoder_increments": 4 * 10**6, "encoder_turns": 4},
+    ],
+)
+def test_units_that_agree_are_taken_and_what_is_not_said_is_remarked(values: dict[str, int]) -> None:
+    remarks = check_scaling(Paper(rated_torque=1000, **values), SCREW)
+    assert remarks == ["The drive has no object 0x6091:01: scaling.gear could not be checked."]
+
+
+def test_a_linear_motor_is_compared_by_its_rated_force() -> None:
+    linear = DriveScaling(increment=1e-7, rated_force=500.0)
+    assert check_scaling(Paper(rated_torque=500_000), linear) == []
+    with pytest.raises(BusError, match=r"scaling\.rated_force = 500 .* the drive says 400 in object 0x6076:00"):
+        check_scaling(Paper(rated_torque=400_000), linear)
+
+
+def test_limits_go_into_the_drive_and_what_it_does_not_take_is_remarked() -> None:
+    bounded = LIMITS.__class__(
+        travel=0.2, velocity=0.5, force=100.0, following_error=2e-3, quick_stop_deceleration=5.0, position_most=0.3
+    )
+    made = drive("ethercat", limits=bounded)
+    paper = Paper(("quick_stop_option",), max_torque=0, following_error_window=0, quick_stop_deceleration=0,
+                  quick_stop_option=0, position_most=0)  # fmt: skip
+    remarks = write_limits(paper, made)
+    assert paper.values["max_torque"] == int(100.0 / made.scaling.newton)  # rounded towards the safe side
+    assert paper.values["following_error_window"] == 200_000
+    assert paper.values["quick_stop_deceleration"] == 500_000_000
+    assert paper.values["position_most"] == 30_000_000
+    assert remarks == ["The drive does not take 0x605A:00 (quick stop option): set this limit with its maker's tool."]
+
+
+def test_the_cycle_time_is_written_where_it_can_be() -> None:
+    paper = Paper(cycle_value=1, cycle_exponent=-3)
+    write_cycle_time(paper, drive("ethercat", cycle_time=250e-6))
+    assert (paper.values["cycle_value"], paper.values["cycle_exponent"]) == (250, -6)
+    write_cycle_time(Paper(), drive("ethercat"))  # a drive without the object is asked for nothing
+    with pytest.raises(BusError, match="cycle_time = 1000 us does not suit the drive"):
+        write_cycle_time(Paper(("cycle_value",), cycle_value=1, cycle_exponent=-3), drive("ethercat"))
+
+
+NEEDED = {"controlword": 0, "statusword": 0, "mode": 0, "mode_display": 0, "position": 0, "torque": 0,
+          "rated_torque": 1000, "target_position": 0}  # fmt: skip
+
+
+@pytest.mark.parametrize("missing", ["statusword", "torque", "target_position"])
+def test_a_drive_without_what_is_needed_is_refused_by_object(missing: str) -> None:
+    paper = Paper(**{name: value for name, value in NEEDED.items() if name != missing})
+    with pytest.raises(BusError, match=f"has no object {OBJECTS[missing].place} \\({missing}\\)"):
+        DriveClient(paper, drive("ethercat")).open()
+
+
+def test_what_no_object_can_hold_is_refused() -> None:
+    client = DriveClient(Paper(), drive("ethercat"))
+    tried: list[Callable[[], float]] = [
+        lambda: client.command(position=30.0),  # 3e9 increments
+        lambda: client.command(position=0.0, velocity=30.0),
+        lambda: client.command(position=0.0, force=1e6),
+    ]
+    for each in tried:
+        with pytest.raises(BusError, match=r"does not fit into 0x60.*look at \[scaling\] of the drive file"):
+            each()

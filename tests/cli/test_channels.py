@@ -1,0 +1,106 @@
+"""Which column of a log is what: guessed and shown, written as a short TOML, and taken from there."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from drive_logs import TRUTH, T, simulated
+from feeddrive.cli.commands import app
+from feeddrive.files.machine import read_machine
+from feeddrive.language import tree
+from feeddrive.language.errors import FileError, LogError
+
+runner = CliRunner()
+
+
+def written(folder: Path, heads: str, scales: tuple[float, float, float, float]) -> Path:
+    """A simulated log under other names and units."""
+    log = simulated(size=0.5)
+    assert log.set_position is not None
+    t = np.arange(log.position.size) * T
+    columns = np.column_stack([t, log.set_position, log.position, log.force]) / np.array(scales)
+    path = folder / "log.csv"
+    np.savetxt(path, columns, delimiter=",", fmt="%.14g", header=heads, comments="")
+    return path
+
+
+def mass(folder: Path) -> float:
+    return float(tree.get(read_machine(folder / "machine.toml").loop("x"), "axis.plant.mass"))
+
+
+def test_a_guess_is_shown_before_it_is_used(tmp_path: Path) -> None:
+    path = written(tmp_path, "t [ms],x_cmd_mm,x_fb_mm,fx [kN]", (1e-3, 1e-3, 1e-3, 1e3))
+    done = runner.invoke(app, ["identify", str(path), "--out", str(tmp_path / "out")])
+    assert done.exit_code == 0, done.output
+    assert "roles guessed by names and units" in done.output
+    assert "feeddrive channels" in done.output
+    assert mass(tmp_path / "out") == pytest.approx(TRUTH["mass"], rel=3e-3)
+
+
+def test_a_mapping_is_written_corrected_and_used(tmp_path: Path) -> None:
+    """Position in counts of 50 nm, force in percent of 200 N: only factors make them physics."""
+    heads = "t,wanted [mm],x_fb [counts],torque [%]"
+    path = written(tmp_path, heads, (1.0, 1e-3, 50e-9, 2.0))
+    roles = tmp_path / "channels.toml"
+    done = runner.invoke(app, ["channels", str(path), "--out", str(roles)])
+    assert done.exit_code == 0, done.output
+    text = roles.read_text(encoding="utf-8")
+    assert "[log.channels]" in text
+    roles.write_text(
+        """[log]
+file = "log.csv"
+[log.channels]
+time = "t"
+setpoint_position = { column = "wanted", unit = "mm" }
+position_load = { column = "x_fb", factor = 50e-9 }
+force = { column = "torque", factor = 2.0 }
+""",
+        encoding="utf-8",
+    )
+    asked = ["identify", str(path), "--channels", str(roles), "--out", str(tmp_path / "out")]
+    done = runner.invoke(app, asked)
+    assert done.exit_code == 0, done.output
+    assert "guessed" not in done.output
+    assert mass(tmp_path / "out") == pytest.approx(TRUTH["mass"], rel=3e-3)
+
+
+def test_factors_and_a_clock_of_another_name_on_the_command_line(tmp_path: Path) -> None:
+    path = written(tmp_path, "k,wanted,act,push", (1e-3, 1e-3, 50e-9, 2.0))
+    names = ["--time", "k:ms", "--set-position", "wanted:mm", "--position", "act*5e-8", "--force", "push*2"]
+    done = runner.invoke(app, ["identify", str(path), *names, "--out", str(tmp_path / "out")])
+    assert done.exit_code == 0, done.output
+    assert mass(tmp_path / "out") == pytest.approx(TRUTH["mass"], rel=3e-3)
+
+
+def test_a_response_by_roles(tmp_path: Path) -> None:
+    random = np.random.default_rng(1)
+    force = random.standard_normal(6000)
+    position = np.convolve(force, [0.0, 1.0, 0.5])[:6000]
+    path = tmp_path / "log.csv"
+    table = np.column_stack([np.arange(6000) * 1e-3, force, 1e3 * position])
+    np.savetxt(path, table, delimiter=",", header="t,kraft_N,lageistwert_mm", comments="")
+    done = runner.invoke(app, ["frf", str(path), "--out", str(tmp_path / "guessed")])
+    assert done.exit_code == 0, done.output
+    assert "roles guessed" in done.output
+    roles = tmp_path / "roles.toml"
+    runner.invoke(app, ["channels", str(path), "--out", str(roles)])
+    done = runner.invoke(app, ["frf", str(path), "--channels", str(roles), "--out", str(tmp_path / "mapped")])
+    assert done.exit_code == 0, done.output
+    assert "roles guessed" not in done.output
+    responses = [(tmp_path / each / "frf.csv").read_bytes() for each in ("guessed", "mapped")]
+    assert responses[0] == responses[1]
+    assert b"# unit: m/N" in responses[0]
+
+
+def test_what_is_missing_is_said_with_what_to_do(tmp_path: Path) -> None:
+    path = written(tmp_path, "t,a,b,c", (1.0, 1.0, 1.0, 1.0))
+    done = runner.invoke(app, ["identify", str(path), "--channels", str(tmp_path / "none.toml")])
+    assert isinstance(done.exception, FileError)
+    assert "feeddrive channels" in str(done.exception)
+    done = runner.invoke(app, ["identify", str(path)])
+    assert isinstance(done.exception, LogError)
+    assert "--position" in str(done.exception)

@@ -1,0 +1,90 @@
+"""`feeddrive frf` and `feeddrive identify` on measured axes, with their files as they are published."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from feeddrive.cli.commands import app
+
+DATA = Path(__file__).parents[3] / "shared" / "data"
+BENCH = DATA / "tokyo_motor_bench"
+STAGE = DATA / "tokyo_stage_frf" / "frf.csv"
+needs_bench = pytest.mark.skipif(not BENCH.exists(), reason="NOT RUN: tokyo_motor_bench is not in ../shared")
+needs_stage = pytest.mark.skipif(not STAGE.exists(), reason="NOT RUN: tokyo_stage_frf is not in ../shared")
+
+runner = CliRunner()
+
+
+def called(*asked: str) -> str:
+    done = runner.invoke(app, list(asked), catch_exceptions=False)
+    assert done.exit_code == 0, done.output
+    return done.output
+
+
+def value(output: str, name: str) -> float:
+    """The first number after the unit in the row of a parameter."""
+    row = next(line for line in output.splitlines() if line.strip().startswith(name))
+    return float(re.findall(r"-?\d+\.?\d*(?:e[+-]?\d+)?", row.replace("s2", ""))[0])
+
+
+def check_bench(output: str) -> None:
+    """Published: antiresonance 53.95 Hz, resonance 76.21 Hz, ratio of the inertias 0.995."""
+    assert re.search(r"two-mass .* taken", output)
+    assert value(output, "antiresonance") == pytest.approx(53.95, rel=0.002)
+    assert value(output, "resonance") == pytest.approx(76.21, rel=0.002)
+    assert value(output, "inertia_ratio") == pytest.approx(0.995, rel=0.01)
+
+
+@needs_bench
+def test_from_the_log_of_a_bench_to_its_two_inertias(tmp_path: Path) -> None:
+    columns = ["--input", "iq_adx:A", "--output", "theta_mx:rad", "--output", "theta_my*-1:rad"]
+    shown = called(
+        "frf", str(BENCH / "MultisineTypeA.mat"), *columns, "--band", "11..250", "--out", str(tmp_path / "frf")
+    )
+    assert "Noise of the mean, scatter beyond noise, odd and even distortion" in shown
+    page = (tmp_path / "frf" / "report.html").read_text(encoding="utf-8")
+    for said in ("noise %", "odd %", "coherence"):
+        assert said in page
+    found = str(tmp_path / "frf" / "frf.csv")
+    shown = called(
+        "identify", found, "--motor", "theta_mx", "--load", "theta_my", "--measured-input", "--out", str(tmp_path / "o")
+    )
+    check_bench(shown)
+    page = (tmp_path / "o" / "report.html").read_text(encoding="utf-8")
+    for figure in ("figure-fit", "figure-residual", "figure-nyquist"):
+        assert figure in page
+    assert "95 % band" in page
+    assert not (tmp_path / "o" / "machine.toml").exists()  # in A and rad; no constants were given
+
+
+@needs_bench
+def test_the_averaged_response_of_the_bench_as_it_is_published(tmp_path: Path) -> None:
+    asked = ["--motor", "Gm", "--load", "Gl", "--unit", "rad/A", "--force-constant", "2", "--lead", "0.01"]
+    shown = called("identify", str(BENCH / "frf_typeA.csv"), *asked, "--out", str(tmp_path))
+    check_bench(shown)
+    assert (tmp_path / "machine.toml").exists()
+
+
+@needs_stage
+@pytest.mark.parametrize("band", [("--band", "10..400"), ()], ids=["to 400 Hz", "all lines"])
+def test_modes_of_a_stage(tmp_path: Path, band: tuple[str, ...]) -> None:
+    """Published: 30.47, 89.17 and 298.05 Hz with damping ratios of 0.0285, 0.0405 and 0.07."""
+    asked = ["--motor", "Pv1", "--load", "Pv2", "--unit", "(m/s)/N", "--model", "modes", *band]
+    shown = called("identify", str(STAGE), *asked, "--out", str(tmp_path))
+    rows = [line.split() for line in shown.splitlines() if re.match(r"^ [123] +\d", line)]
+    for row, f, ratio in zip(rows, (30.47, 89.17, 298.05), (0.0285, 0.0405, 0.07), strict=True):
+        assert float(row[1]) == pytest.approx(f, rel=0.01)
+        assert float(row[3]) == pytest.approx(ratio, rel=0.15)
+
+
+@needs_stage
+def test_a_stage_that_is_driven_elsewhere_gets_no_machine(tmp_path: Path) -> None:
+    asked = ["--motor", "Pv1", "--load", "Pv2", "--unit", "(m/s)/N", "--band", "10..400"]
+    shown = called("identify", str(STAGE), *asked, "--out", str(tmp_path))
+    assert "Do not use this model" in shown
+    assert "--model modes" in " ".join(shown.split())
+    assert not (tmp_path / "machine.toml").exists()

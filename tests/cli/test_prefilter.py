@@ -1,0 +1,84 @@
+"""`feeddrive prefilter` as a user meets it."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import feeddrive as fd
+from feeddrive import cli
+from feeddrive.blocks.families import Prefilter
+from feeddrive.files.blocks_from_toml import read_block
+from feeddrive.files.result import write_run_csv
+from feeddrive.files.toml_lines import read_toml
+from feeddrive.papers.gordon2013.setting import LONG, placed
+
+
+@pytest.fixture
+def call(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
+    """Runs `feeddrive prefilter` beside run.csv, a simulated log: exit code, output, errors."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "160")
+    run = fd.simulate(placed(), LONG)
+    write_run_csv("run.csv", run.time, run.signals, run.units)
+
+    def asked(*words: str) -> tuple[int, str, str]:
+        monkeypatch.setattr(sys, "argv", ["feeddrive", "prefilter", *words])
+        with pytest.raises(SystemExit) as ended:
+            cli.main()
+        captured = capsys.readouterr()
+        return int(ended.value.code or 0), captured.out, captured.err
+
+    return asked
+
+
+def test_the_section_is_the_fit_of_the_run(call, tmp_path: Path) -> None:
+    code, out, _ = call("run.csv", "--controller", "ball_screw", "--out", "section.toml")
+    assert code == 0
+    assert "std. error" in out
+    assert "central differences" in out
+    section = read_toml(tmp_path / "section.toml").root().section("axis").section("x")
+    made = read_block(Prefilter, section.section("control").section("prefilter"))  # type: ignore[type-abstract]
+    fit = fd.fit_prefilter(fd.simulate(placed(), LONG), LONG).prefilter
+    assert isinstance(made, fd.TrajectoryPrefilter)
+    for name in ("theta1", "theta2", "theta3", "theta4"):
+        assert getattr(made, name) == pytest.approx(getattr(fit, name), rel=0.02)
+
+
+def test_a_job_gives_exact_derivatives(call, tmp_path: Path) -> None:
+    (tmp_path / "job.toml").write_text(
+        'machine = "ball_screw"\n[reference]\nkind = "snap_limited_move"\ndistance = 0.3\nvelocity = 1\n'
+        "acceleration = 10\njerk = 800\nsnap = 8e4\ndwell_after = 0.1\n"
+    )
+    code, out, _ = call("run.csv", "--job", "job.toml", "--regressors", "a,s")
+    assert code == 0
+    assert "those of the job's reference, exact" in out
+    assert "theta1 = 0.0" in out
+
+
+def test_named_columns_in_other_units(call, tmp_path: Path) -> None:
+    run = fd.simulate(placed(), LONG)
+    rows = np.column_stack([run.time, 1e3 * run["set_position"], 1e3 * run["reading_load"]])
+    np.savetxt(tmp_path / "own.csv", rows, delimiter=",", header="t,soll_mm,ist_mm", comments="", fmt="%.17g")
+    code, out, errors = call("own.csv", "--set-position", "soll_mm", "--position", "ist_mm")
+    assert (code, errors) == (0, "")
+    assert "error 0.222" in out
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("run.csv", "--controller", "emps"), "is not the controller's"),
+        (("run.csv", "--regressors", "v,q"), "'q' is none of v, a, j, s"),
+        (("run.csv", "--position", "nothing"), "there is no column 'nothing'"),
+        (("missing.csv",), "no such file"),
+    ],
+)
+def test_bad_input_is_one_line(call, words: tuple[str, ...], said: str) -> None:
+    code, _, errors = call(*words)
+    assert code == 2
+    assert said in errors
+    assert errors.count("\n") == 1

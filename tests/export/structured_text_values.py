@@ -1,0 +1,135 @@
+"""Numbers, names and first values of Structured Text, as strict as the machine that runs it."""
+
+from __future__ import annotations
+
+import math
+import re
+from typing import Any
+
+import numpy as np
+from blark import transform as ast
+
+from feeddrive.export.identifiers import ST_WORDS
+
+LEAST_NORMAL = 2.0**-1022
+LEAST_NORMAL_SHORT = 2.0**-126
+REALS = ("LREAL", "REAL")
+INTEGERS = ("INT", "DINT")
+
+
+class IllegalTextError(Exception):
+    """Text that a PLC would refuse, or that would mean something else on another one."""
+
+
+def divide(a: float, b: float) -> float:
+    """IEEE 754: by zero as well."""
+    if b != 0.0:
+        return a / b
+    if a == 0.0 or a != a:
+        return math.nan
+    return math.copysign(math.inf, a) * math.copysign(1.0, b)
+
+
+def root(a: float) -> float:
+    """IEEE 754: NaN below 0."""
+    return math.sqrt(a) if a >= 0.0 else math.nan
+
+
+def flushed(x: float) -> float:
+    """Zero of the same sign for a number below the normal ones."""
+    return x if x >= LEAST_NORMAL or x <= -LEAST_NORMAL or x != x else x * 0.0
+
+
+def short(x: float) -> float:
+    """Rounded to 32 bits."""
+    with np.errstate(all="ignore"):
+        return float(np.float32(x))
+
+
+def short_flushed(x: float) -> float:
+    """Rounded to 32 bits; zero below the normal ones of those."""
+    y = short(x)
+    return y if y >= LEAST_NORMAL_SHORT or y <= -LEAST_NORMAL_SHORT or y != y else y * 0.0
+
+
+def to_integer(x: float, kind: str) -> int:
+    """A real that is a whole number within an integer's range, since PLCs differ in all others."""
+    most = 2**15 if kind == "INT" else 2**31
+    if not (-most <= x < most) or x != int(x):
+        raise IllegalTextError(f"{x!r} becomes {kind}, which PLCs do differently")
+    return int(x)
+
+
+def truncated(a: int, b: int) -> int:
+    """Division of integers, towards zero."""
+    return int(a / b) if abs(a) < 2**52 else -(-a // b) if (a < 0) != (b < 0) else a // b
+
+
+def checked_name(name: str, taken: set[str]) -> None:
+    """A new name: no keyword, and not taken in any case."""
+    if name.upper() in ST_WORDS or "__" in name or name.endswith("_") or not name.isascii():
+        raise IllegalTextError(f"{name} is no name")
+    if name.upper() in taken:
+        raise IllegalTextError(f"{name} is declared twice")
+    taken.add(name.upper())
+
+
+def initial(kind: Any, value: Any) -> Any:
+    """The value of a constant that stands in a declaration."""
+    if value is None:
+        return None
+    if isinstance(value, ast.Boolean) and kind == "BOOL":
+        return str(value.value).upper() == "TRUE"
+    sign = 1.0
+    if isinstance(value, ast.UnaryOperation) and str(value.op) == "-":
+        sign, value = -1.0, value.expr
+    if isinstance(value, ast.Real) and kind in REALS:
+        return sign * real(value, kind)[0]
+    if isinstance(value, ast.Integer) and kind in INTEGERS:
+        return int(sign) * int(value.value)
+    raise IllegalTextError(f"{type(value).__name__} cannot be the first value of {kind}")
+
+
+def entry(text: str, kind: str) -> Any:
+    """One first value of a row."""
+    patterns = {"BOOL": r"TRUE|FALSE", "INT": r"-?\d+", "DINT": r"-?\d+"}
+    if not re.fullmatch(patterns.get(kind, r"-?\d+\.\d+(E-?\d+)?"), text):
+        raise IllegalTextError(f"{text} cannot be the first value of {kind}")
+    if kind == "BOOL":
+        return text == "TRUE"
+    return int(text) if kind in INTEGERS else short(float(text)) if kind == "REAL" else float(text)
+
+
+def elements(value: Any) -> list[Any]:
+    """The numbers of an array; blark nests those with a type in front."""
+    if isinstance(value, ast.ArrayInitialization):
+        return [each for inner in value.elements for each in elements(inner)]
+    if isinstance(value, ast.ArrayInitialElement):
+        return elements(value.element)
+    return [value]
+
+
+def real(node: Any, wanted: str | None = None) -> tuple[float, str]:
+    """Value and type of a real literal."""
+    text = str(node.value)
+    value = float(text)
+    if "." not in text:
+        raise IllegalTextError(f"{text} is no real number: it has no point")
+    if node.type_name is None:
+        if wanted is None and short(value) != value:
+            raise IllegalTextError(f"{text} needs its type in front: a short real rounds it")
+        return (short(value) if wanted == "REAL" else value), wanted or "ANY_REAL"
+    kind = str(node.type_name)
+    if wanted not in (None, kind):
+        raise IllegalTextError(f"{kind}#{text} where {wanted} is needed")
+    return (short(value) if kind == "REAL" else value), kind
+
+
+class Struct:
+    """A value of a structure."""
+
+    def __init__(self, values: dict[str, Any]) -> None:
+        self.__dict__.update(values)
+
+    def copy(self) -> Struct:
+        return Struct(self.__dict__)

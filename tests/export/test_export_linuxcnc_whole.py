@@ -1,0 +1,170 @@
+"""A whole LinuxCNC, headless: G-code, its planner, our controller, our axis as a HAL component."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from feeddrive.export.design import read_design
+from feeddrive.export.linuxcnc import controller, names, session
+from feeddrive.export.linuxcnc.session import HalError
+from feeddrive.export.linuxcnc.write import write_linuxcnc
+from feeddrive.language.errors import MissingProgramError
+from feeddrive.loop.routine_run import run
+
+
+def _missing() -> str:
+    try:
+        session.check_session()
+    except (MissingProgramError, HalError) as error:
+        return f"NOT TESTED against LinuxCNC: {error}"
+    return ""
+
+
+pytestmark = [pytest.mark.slow, pytest.mark.skipif(bool(_missing()), reason=_missing())]
+
+PROGRAM = """\
+G21 G90 G64
+G0 {axis}10
+G1 {axis}60 F12000
+G1 {axis}20 F3000
+G4 P0.1
+G0 {axis}0
+M2
+"""
+
+# stands in for a graphical interface: switches on, homes, jogs, runs the program, and drains the sampler
+RUNNER = """\
+#!/usr/bin/python3
+import struct, sys, time
+import hal, linuxcnc
+
+component = hal.component("recorder")
+stream = hal.stream(component, 0x48534130)
+component.ready()
+row = struct.Struct("<%dd" % len(stream.element_types))
+out = open("out.bin", "wb")
+command, status, errors = linuxcnc.command(), linuxcnc.stat(), linuxcnc.error_channel()
+
+
+def drain():
+    while stream.readable:
+        out.write(row.pack(*map(float, stream.read())))
+
+
+def wait(what, test, patience=30.0):
+    until = time.monotonic() + patience
+    while time.monotonic() < until:
+        status.poll()
+        drain()
+        said = errors.poll()
+        if said:
+            print("SAID", said, flush=True)
+        if test():
+            return
+        time.sleep(0.002)
+    sys.exit("no end of: " + what)
+
+
+def ask(method, *arguments):
+    method(*arguments)
+    command.wait_complete()
+    drain()
+
+
+wait("start", lambda: True)
+ask(command.state, linuxcnc.STATE_ESTOP_RESET)
+ask(command.state, linuxcnc.STATE_ON)
+wait("machine on", lambda: status.task_state == linuxcnc.STATE_ON)
+ask(command.mode, linuxcnc.MODE_MANUAL)
+ask(command.teleop_enable, 0)
+ask(command.home, -1)
+wait("home", lambda: all(status.homed[: status.joints]))
+ask(command.teleop_enable, 1)
+command.jog(linuxcnc.JOG_INCREMENT, False, {index}, 20.0, 5.0)
+wait("jog", lambda: abs(status.position[{index}] - 5.0) < 1e-3)
+time.sleep(0.2)
+ask(command.mode, linuxcnc.MODE_AUTO)
+ask(command.program_open, sys.path[0] + "/program.ngc")
+command.auto(linuxcnc.AUTO_RUN, 0)
+wait("program started", lambda: status.interp_state != linuxcnc.INTERP_IDLE)
+wait("program", lambda: status.interp_state == linuxcnc.INTERP_IDLE)
+time.sleep(0.3)
+drain()
+ask(command.state, linuxcnc.STATE_OFF)
+time.sleep(0.1)
+drain()
+out.close()
+print("DONE, overruns:", stream.num_overruns, flush=True)
+component.exit()
+"""
+
+
+@pytest.mark.parametrize(("machine", "axis"), [("emps", "x"), ("xy_table", "y")])
+def test_every_servo_cycle_of_a_program_is_the_simulators(tmp_path, machine, axis):
+    """`linuxcnc desk.ini` as it was exported, with a script for its interface; each cycle replayed bit for bit."""
+    design = read_design(machine, axis)
+    write_linuxcnc(design, tmp_path / "desk")
+    routine, folder = design.routine, tmp_path / "desk"
+    letter = axis.upper()
+    index = "XYZ".index(letter)
+    (folder / "program.ngc").write_text(PROGRAM.format(axis=letter))
+    (folder / "runner.py").write_text(RUNNER.replace("{index}", str(index)))
+    (folder / "runner.py").chmod(0o755)
+    c, p = names.hal(routine.name), names.hal(f"{routine.name}_plant")
+    pins = [f"{c}.{controller.input_pin(v.name)}" for v in routine.inputs]
+    pins += [f"{c}.{pin}" for pin in ("force-cmd", "drive-cmd", "trip-code", "running", "fault-code")]
+    pins.append(f"{p}.load-position")
+    kinds = "".join(
+        "s" if pin.endswith("code") else "b" if pin.endswith(("enable", "running")) else "f" for pin in pins
+    )
+    record = [f"loadrt sampler depth=50000 cfg={kinds}", "addf sampler.0 servo-thread"]
+    desk_nets = _nets(folder / f"{routine.name}.hal") | _nets(folder / "desk.hal")
+    record += [f"net {desk_nets.get(pin, f'record-{i}')} {pin} => sampler.0.pin.{i}" for i, pin in enumerate(pins)]
+    (folder / "record.hal").write_text("\n".join(record) + "\n")
+    ini = (folder / "desk.ini").read_text()
+    ini = ini.replace("DISPLAY = axis", f"DISPLAY = {folder}/runner.py")
+    (folder / "desk.ini").write_text(ini.replace("HALFILE = desk.hal", "HALFILE = desk.hal\nHALFILE = record.hal"))
+    components = [folder / f"{routine.name}.comp", folder / f"{routine.name}_plant.comp"]
+    printed = session.session(folder, components, "linuxcnc -r desk.ini", 120.0)
+    assert "DONE, overruns: 0" in printed, printed
+    assert "SAID" not in printed, printed
+    rows = np.fromfile(folder / "out.bin").reshape(-1, len(pins))
+    width = len(routine.inputs)
+    given, fault, position = rows[:, :width].copy(), rows[:, -2], rows[:, -1]
+    given[:, :-1] /= 1000.0  # as the component does
+    assert np.all(fault == 0.0)
+    answer = np.ascontiguousarray(rows[:, width:-2])
+    expected = run(routine, given)
+    assert np.array_equal(answer.view(np.uint64), expected.view(np.uint64))
+    # it really moved: jog to 5 mm, 60 mm, home
+    enabled = rows[:, width - 1] > 0.5
+    assert abs(np.max(position) - 60.0) < 0.5
+    assert abs(position[enabled][-1]) < 0.2
+    assert np.max(np.abs(rows[:, 2])) > 100.0, "the planner gives its acceleration"
+    _check_derivatives(rows[enabled], routine.sample_time)
+
+
+def _check_derivatives(rows, T):
+    """`acc-cmd` and `vel-cmd` are the derivatives at the sample: Taylor from one cycle to the next, jerk excepted.
+
+    The planner's acceleration is steady but for its steps: in nine cycles of ten the set position of the next cycle
+    follows to rounding, 1 nm in some tens of mm.
+    """
+    x, v, a = rows[:, 0], rows[:, 1], rows[:, 2]
+    rest = np.abs(x[:-1] + T * v[:-1] + 0.5 * T * T * a[:-1] - x[1:])
+    moving = np.abs(v[:-1]) > 1.0
+    assert np.mean(rest[moving] < 1e-6) > 0.9
+    assert np.mean(np.abs(v[:-1] + T * a[:-1] - v[1:])[moving] < 1e-6) > 0.9
+
+
+def _nets(file: Path) -> dict[str, str]:
+    """Signal of every pin in a .hal file."""
+    found = {}
+    for line in file.read_text().splitlines():
+        words = [word for word in line.split() if word not in ("=>", "<=")]
+        if words[:1] == ["net"]:
+            found |= dict.fromkeys(words[2:], words[1])
+    return found

@@ -1,0 +1,95 @@
+"""Cogging: harmonics that stand out by more than chance, and friction kept apart by the direction."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from feeddrive.identification.cogging_passes import cogging_passes
+from feeddrive.identification.cogging_run import CoggingRun
+from feeddrive.identification.identify_cogging import identify_cogging
+from feeddrive.language.errors import LogError, NotIdentifiableError, ParameterError
+
+TURNS = np.arange(512) / 512.0
+
+
+def runs(seed: int, noise: float = 0.05, cogging: float = 0.5, ripple: float = 0.2) -> list[CoggingRun]:
+    """Order 12 is cogging, order 5 varies with the friction; Coulomb 0.3, constant 0.1."""
+    rng = np.random.default_rng(seed)
+    found = []
+    for direction in (1, -1):
+        force = 0.1 + direction * (0.3 + ripple * np.sin(2.0 * np.pi * 5 * TURNS))
+        force = force + cogging * np.sin(2.0 * np.pi * 12 * TURNS + 0.7) + noise * rng.standard_normal(512)
+        found.append(CoggingRun(TURNS, force, direction))
+    return found
+
+
+def test_cogging_and_friction_come_apart_by_the_direction() -> None:
+    fit = identify_cogging(runs(1))
+    twelve, five = fit.order(12), fit.order(5)
+    assert twelve.even is not None
+    assert five.odd is not None
+    # an amplitude of 1024 rows with noise 0.05 has the error 0.05 √(2/1024) = 0.0022; four of them
+    assert twelve.even.value == pytest.approx(0.5, abs=0.009)
+    assert twelve.even_phase == pytest.approx(0.7, abs=0.02)
+    assert five.odd.value == pytest.approx(0.2, abs=0.009)
+    assert fit.coulomb is not None
+    assert fit.coulomb.value == pytest.approx(0.3, abs=0.007)
+    assert fit.offset.value == pytest.approx(0.1, abs=0.007)
+    assert twelve.even.error == pytest.approx(0.05 * np.sqrt(2.0 / 1024.0), rel=0.25)
+    assert [each.order for each in fit.significant[:2]] == [12, 5]
+    assert any("order 5" in remark for remark in fit.remarks)
+
+
+def test_orders_that_are_not_there_are_called_significant_in_few_cases() -> None:
+    """5 % of 30 noise-only sets are 1.5; 6 or more come by chance once in 250."""
+    false = sum(
+        bool(identify_cogging(runs(seed, cogging=0.0, ripple=0.0), range(1, 21)).significant) for seed in range(30)
+    )
+    assert false <= 5
+
+
+def test_the_block_balances_what_was_measured() -> None:
+    fit = identify_cogging(runs(3, noise=0.0, ripple=0.0))
+    block = fit.block(period=0.01, force_per_unit=40.0, most=1)
+    x = TURNS * 0.01
+    harmonic = block.harmonics[0]
+    made = (
+        float(block.force)
+        * float(harmonic.share)
+        * np.sin(2.0 * np.pi * harmonic.order * x / 0.01 + float(harmonic.phase))
+    )
+    # the force that held the axis is the opposite of what pulled it, 0.5 A at 40 N/A
+    np.testing.assert_allclose(made, -20.0 * np.sin(2.0 * np.pi * 12 * TURNS + 0.7), atol=1e-9)
+
+
+def test_a_long_log_is_cut_at_its_reversals_and_averaged() -> None:
+    way = np.linspace(0.0, 3.2, 100_000)
+    x = np.concatenate([way, np.full(500, 3.2), way[::-1], way[:20_000]])
+    direction = np.repeat([1.0, 1.0, -1.0, 1.0], [100_000, 500, 100_000, 20_000])
+    force = 0.3 * direction + np.sin(2.0 * np.pi * 20 * x)
+    made = cogging_passes(np.mod(x, 1.0), force, highest=20)
+    # the last way is 0.64 periods and is left out
+    assert [run.direction for run in made] == [1, -1]
+    assert all(run.turns.size <= 32 * 20 * 3.2 for run in made)
+    fit = identify_cogging(made, range(1, 21))
+    even = fit.order(20).even
+    assert even is not None
+    # a mean over 1/32 of a wave has sin(π/32) / (π/32) = 0.9984 of its amplitude
+    assert even.value == pytest.approx(0.9984, abs=2e-4)
+    assert fit.coulomb is not None
+    assert fit.coulomb.value == pytest.approx(0.3, abs=1e-3)
+
+
+def test_what_runs_cannot_tell_is_said() -> None:
+    one = identify_cogging(runs(1)[:1])
+    assert one.coulomb is None
+    assert "the other way" in one.remarks[0]
+    with pytest.raises(NotIdentifiableError, match="goes both ways"):
+        CoggingRun(np.sin(np.arange(100) / 10.0), np.ones(100))
+    with pytest.raises(NotIdentifiableError, match="whole turn"):
+        identify_cogging([CoggingRun(0.3 * TURNS, np.sin(TURNS))], range(1, 13))
+    with pytest.raises(LogError, match="not finite at row 3"):
+        CoggingRun(np.arange(5.0), np.array([1.0, 2.0, np.nan, 1.0, 1.0]))
+    with pytest.raises(ParameterError, match="orders"):
+        identify_cogging(runs(1), (0, 1))

@@ -1,0 +1,102 @@
+"""Friction curves from constant-speed runs: the right model, its parameters, and what the runs cannot tell."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from feeddrive.blocks.friction.coulomb import Coulomb
+from feeddrive.blocks.friction.directional import Directional
+from feeddrive.blocks.friction.stribeck import Stribeck
+from feeddrive.identification.friction_curve import fit_friction
+from feeddrive.identification.friction_models import CANDIDATES
+from feeddrive.identification.steady_runs import runs_of, steady_runs
+from feeddrive.language.errors import LogError, NotIdentifiableError, ParameterError
+
+SPEEDS = np.concatenate([-np.geomspace(1e-3, 0.2, 14)[::-1], np.geomspace(1e-3, 0.2, 14)])
+TRUE = {
+    "coulomb and viscous": Coulomb(coulomb=20.0, viscous=200.0),
+    "directional": Directional(
+        coulomb_positive=20.0, coulomb_negative=23.0, viscous_positive=170.0, viscous_negative=240.0
+    ),
+    "stribeck, gaussian": Stribeck(coulomb=20.0, breakaway=30.0, stribeck_velocity=0.01, viscous=200.0),
+    "stribeck, exponential": Stribeck(
+        coulomb=20.0, breakaway=30.0, stribeck_velocity=0.01, viscous=200.0, exponent=1
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", TRUE)
+def test_the_model_that_made_the_runs_is_taken(name: str) -> None:
+    """In at least 18 of 20 sets of runs: 39 of 40 and more when measured."""
+    clean = np.array([float(TRUE[name].steady(np.float64(v))) for v in SPEEDS])
+    taken = []
+    for seed in range(20):
+        noise = 0.2 * np.random.default_rng(seed).standard_normal(SPEEDS.size)
+        taken.append(fit_friction(runs_of(SPEEDS, clean + noise)).model.name)
+    assert taken.count(name) >= 18, taken
+
+
+def test_parameters_come_back_within_their_errors_and_as_a_block() -> None:
+    truth = TRUE["stribeck, exponential"]
+    clean = np.array([float(truth.steady(np.float64(v))) for v in SPEEDS])
+    hits: dict[str, int] = {}
+    candidates = [each for each in CANDIDATES if each.name == "stribeck, exponential"]
+    for seed in range(60):
+        noise = 0.2 * np.random.default_rng(seed).standard_normal(SPEEDS.size)
+        curve = fit_friction(runs_of(SPEEDS, clean + noise), candidates)
+        for each in curve.estimates:
+            hits[each.name] = hits.get(each.name, 0) + (abs(each.value - getattr(truth, each.name)) < 1.96 * each.error)
+        block = curve.block()
+        np.testing.assert_allclose([float(block.steady(np.float64(v))) for v in SPEEDS], curve.at(SPEEDS), rtol=1e-12)
+    # of 60 intervals of 95 % fewer than 50 hold once in 2000 cases; a Stribeck curve is not linear in its velocity
+    assert all(count >= 50 for count in hits.values()), hits
+
+
+def test_a_residual_with_a_memory_is_no_evidence_for_more_parameters() -> None:
+    """A slow wave over the speeds, as a wrong lubrication model leaves it, is not taken for a Stribeck curve."""
+    v = np.concatenate([-np.linspace(0.02, 0.2, 40)[::-1], np.linspace(0.02, 0.2, 40)])
+    base = np.array([float(TRUE["coulomb and viscous"].steady(np.float64(x))) for x in v])
+    taken = []
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        walk = np.zeros(v.size)
+        for k in range(1, v.size):
+            walk[k] = 0.9 * walk[k - 1] + 0.3 * rng.standard_normal()
+        taken.append(fit_friction(runs_of(v, base + walk)).model.name)
+    assert sum("stribeck" in name for name in taken) <= 3, taken
+
+
+def test_plateaus_are_found_in_a_raw_log() -> None:
+    rng = np.random.default_rng(2)
+    levels = [0.0, 0.05, 0.1, 0.0, -0.1, -0.05, 0.0]
+    v = np.concatenate([np.concatenate([np.full(300, level), np.linspace(level, after, 40)])
+                        for level, after in zip(levels, [*levels[1:], 0.0], strict=True)])  # fmt: skip
+    force = 20.0 * np.sign(v) + 200.0 * v
+    runs = steady_runs([(v + 1e-3 * rng.standard_normal(v.size), force + rng.standard_normal(v.size))])
+    # 240 to 340 rows a mean: 1e-3 / √240 and 1 / √240, times four
+    np.testing.assert_allclose(runs.velocity, [-0.1, -0.05, 0.05, 0.1], atol=2.6e-4)
+    np.testing.assert_allclose(runs.force, [-40.0, -30.0, 30.0, 40.0], atol=0.26)
+    # 10 % of each end are cut away: the ramps of 40 rows are outside
+    assert np.all(runs.rows >= 220)
+    np.testing.assert_allclose(runs.error, 1.0 / np.sqrt(runs.rows), rtol=0.35)
+
+
+def test_what_runs_cannot_tell_is_said() -> None:
+    with pytest.raises(NotIdentifiableError, match=r"not 14 forward and 0 backward; record next runs at"):
+        fit_friction(runs_of(SPEEDS[14:], np.abs(SPEEDS[14:]) + 1.0))
+    with pytest.raises(NotIdentifiableError, match="no constant speed is held"):
+        steady_runs([(np.linspace(0.0, 1.0, 500), np.ones(500))])
+    with pytest.raises(LogError, match="not finite"):
+        steady_runs([(np.array([1.0, np.nan] * 50), np.ones(100))])
+    clean = np.array([float(TRUE["stribeck, gaussian"].steady(np.float64(v))) for v in SPEEDS])
+    with pytest.raises(NotIdentifiableError, match="sign of force or velocity inverted"):
+        fit_friction(runs_of(SPEEDS, -clean))
+    rotary = fit_friction(runs_of(SPEEDS, clean, rotary=True))
+    with pytest.raises(ParameterError, match=r"at_table\(lead"):
+        rotary.block()
+    # F = τ / r and v = r ω with r = lead / 2π
+    r = 0.01 / (2.0 * np.pi)
+    table = rotary.at_table(0.01)
+    assert table["coulomb"].value == pytest.approx(rotary["coulomb"].value / r, rel=1e-6)
+    assert table["stribeck_velocity"].value == pytest.approx(rotary["stribeck_velocity"].value * r, rel=1e-6)

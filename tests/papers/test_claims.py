@@ -1,0 +1,85 @@
+"""Claims that can fail, their page, and what `reproduce` leaves behind."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from feeddrive.language.errors import ParameterError
+from feeddrive.language.table import Table
+from feeddrive.papers import papers
+from feeddrive.papers.claims import Claim, Experiment
+from feeddrive.papers.page import build
+from feeddrive.papers.papers import Reproduced, chosen
+from feeddrive.papers.results import write_reproduced
+
+
+def claim(got: float, least: float | None = None, most: float | None = None) -> Claim:
+    return Claim("1.a", "The <ratio> is right.", "equal gains", got, least, most, "um")
+
+
+@pytest.mark.parametrize(
+    ("got", "least", "most", "holds"),
+    [
+        (1.0, 1.0, 1.0, True),
+        (0.99, 1.0, None, False),
+        (1.01, None, 1.0, False),
+        (5.0, None, None, True),
+        (float("nan"), None, None, False),
+        (float("nan"), 0.0, 1.0, False),
+        (float("inf"), 0.0, None, True),
+    ],
+)
+def test_a_claim_holds_within_its_bounds_and_never_for_nan(
+    got: float, least: float | None, most: float | None, holds: bool
+) -> None:
+    assert claim(got, least, most).holds is holds
+
+
+def test_figures_are_shown_with_four_digits_and_their_unit() -> None:
+    shown = claim(1.23456e-7, 1e-10, 1.0)
+    assert shown.shown == "1.235e-07 um"
+    assert shown.bounds == "1e-10 to 1 um"
+    assert claim(1.0).bounds == "any number um"
+
+
+def experiment(*claims: Claim) -> Experiment:
+    return Experiment(
+        "altintas2009",
+        "A paper",
+        "Somebody, A paper, 2009",
+        claims,
+        tables=(Table("errors & co", ["law", "um"], [["P-PI", "1.0"]]),),
+        facts={"Plant": "rigid"},
+        notes=("said <b>honestly</b>",),
+    )
+
+
+def test_the_page_escapes_and_marks_what_does_not_hold() -> None:
+    page = build(experiment(claim(2.0, None, 1.0), claim(0.5, None, 1.0)))
+    assert page.count('<tr class="broken">') == 1
+    assert "The &lt;ratio&gt; is right." in page
+    assert "said &lt;b&gt;honestly&lt;/b&gt;" in page
+    assert "1 of 2 claims hold; these do not: 1.a." in page
+    assert "<script" not in page
+
+
+def test_what_is_written_holds_every_claim(tmp_path: Path) -> None:
+    one = Reproduced(experiment(claim(float("nan"), None, 1.0)))
+    report = write_reproduced([one], tmp_path / "one")
+    assert report.read_text(encoding="utf-8") == one.page
+    rows = json.loads((tmp_path / "one" / "claims.json").read_text(encoding="utf-8"))["papers"]["altintas2009"]
+    assert rows[0]["got"] is None
+    assert rows[0]["holds"] is False
+    index = write_reproduced([one, one], tmp_path / "two").read_text(encoding="utf-8")
+    assert 'href="altintas2009.html"' in index
+
+
+def test_a_paper_that_is_not_known_is_named_with_its_neighbour() -> None:
+    assert chosen("all") == papers.PAPERS
+    with pytest.raises(ParameterError, match=r"not known\. There are: altintas2009"):
+        chosen("nobody")
+    with pytest.raises(ParameterError, match="did you mean gordon2013"):
+        chosen("gordon2031")

@@ -1,0 +1,50 @@
+"""The experiments of Wu, Han, Xiong & Ding 2017: every claim holds, and the rows where something loses are there."""
+
+from __future__ import annotations
+
+import pytest
+
+from feeddrive.papers.claims import Experiment
+from feeddrive.papers.page import build
+from feeddrive.papers.wu2017 import wu2017
+from feeddrive.papers.wu2017.learning import EXPECTED
+from feeddrive.papers.wu2017.rates import identity_error
+
+
+@pytest.fixture(scope="module")
+def experiment() -> Experiment:
+    return wu2017(lambda _: None)
+
+
+def test_every_claim_holds(experiment: Experiment) -> None:
+    assert not [(claim.key, claim.claim, claim.shown, claim.bounds) for claim in experiment.broken]
+
+
+def test_every_row_is_there_with_its_rule_and_what_loses(experiment: Experiment) -> None:
+    assert {claim.key for claim in experiment.claims} == {f"4.{row}" for row in "abcdefghijklmn"}
+    assert all(claim.rule for claim in experiment.claims)
+    assert any("loses" in claim.claim for claim in experiment.claims)
+    assert any("diverges" in claim.claim for claim in experiment.claims)
+
+
+def test_errors_over_the_trials_are_those_of_an_independent_program(experiment: Experiment) -> None:
+    """Dwells and noise are not the same there: 12 % of each RMS, a little more than what either moves it by."""
+    rows = {(row[0], row[1]): row for row in experiment.tables[0].rows}
+    for name, (steps, last) in EXPECTED.items():
+        got = [float(cell) for cell in rows[name, "same"][2:8]]
+        for found, wanted in zip(got, steps, strict=False):
+            assert found == pytest.approx(wanted, rel=0.12), name
+        assert float(rows[name, "changing"][7]) == pytest.approx(last, rel=0.12), name
+
+
+def test_the_identity_holds_to_rounding() -> None:
+    assert identity_error() < 1e-8
+
+
+def test_the_page_has_the_papers_kinds_of_pictures(experiment: Experiment) -> None:
+    page = build(experiment)
+    for shown in experiment.pictures:
+        assert f"figure-{shown.key}" in page
+    assert {s.key for s in experiment.pictures} == {
+        "errors", "parameters", "overtime", "convergence", "contour", "quadrant", "signal",
+    }  # fmt: skip

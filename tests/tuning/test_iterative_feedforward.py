@@ -1,0 +1,408 @@
+"""Iterative feedforward: the error model, the update, what it freezes and refuses, and how sure it is."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from feeddrive.blocks.controller.cascade_ppi import CascadePPI
+from feeddrive.blocks.feedforward.disturbance_compensator import DisturbanceCompensator
+from feeddrive.blocks.feedforward.inertia import Inertia
+from feeddrive.blocks.filter.low_pass import LowPass
+from feeddrive.blocks.plant.rigid import Rigid
+from feeddrive.blocks.reference.snap_limited_move import SnapLimitedMove
+from feeddrive.language import tree
+from feeddrive.language.errors import LogError, ParameterError, StructureError, UnstableError
+from feeddrive.loop.linearize import StateSpace
+from feeddrive.tuning.compensated import begin_compensation, compensated, compensator
+from feeddrive.tuning.convergence import convergence
+from feeddrive.tuning.error_model import error_model, filtered, true_error_model
+from feeddrive.tuning.iterative_feedforward import iterate, regressors
+from feeddrive.tuning.trials import iterate_trials
+from trials import (
+    MOVE,
+    OUT_AND_BACK,
+    POSITIVE,
+    START,
+    TRUE,
+    T,
+    along,
+    linear_loop,
+    trial_with_friction,
+)
+
+HOUSE = settings(max_examples=12, deadline=None)
+
+
+def impulse(model: StateSpace, count: int) -> np.ndarray:
+    pulse = np.zeros((count, 1))
+    pulse[0] = 1.0
+    return filtered(model, pulse)[:, 0]
+
+
+class TestErrorModel:
+    def test_it_is_the_golden_vector(self) -> None:
+        """a = 0.4, b = 4/3 at 300 N/A, no dead time: coefficients of an independent program, in powers of 1/z."""
+        num = np.array([0.0, 7.810330294e-8, -2.169220359e-11, -7.808161073e-8])
+        den = np.array([1.0, -2.951047569, 2.951466492, -1.047252271, 0.046848966])
+        loop = linear_loop({"mass": 120.0, "viscous": 400.0}, dead_time=0.0)
+        g = 300.0 * impulse(error_model(loop, "model_based"), 8)  # per ampere
+        # den(z) times the impulse response is num(z); ten printed digits of den leave 5e-10 of the largest value
+        assert np.convolve(den, g)[:8] == pytest.approx(np.append(num, np.zeros(4)), abs=2e-9 * 7.8e-8 * 30)
+
+    def test_model_free_is_the_closed_form_of_the_cascade(self) -> None:
+        """Δ/C with C = K (1 + T/Ti - 1/z)(Cp + 1/T - 1/zT), the inverse of the P-PI law in powers of 1/z."""
+        loop = linear_loop(START)
+        law = loop.control.law
+        assert isinstance(law, CascadePPI)
+        assert law.Tn is not None
+        c = law.Kp * np.convolve([1.0 + T / law.Tn, -1.0], [law.Kv + 1.0 / T, -1.0 / T])
+        g = impulse(error_model(loop), 400)
+        found = np.convolve(c, g)[:400]
+        assert found[:2] == pytest.approx([1.0, -1.0], abs=1e-12)
+        assert np.max(np.abs(found[2:])) < 1e-12  # of 1
+
+    @HOUSE
+    @given(
+        mass=st.floats(2.0, 800.0), viscous=st.floats(0.0, 3.0), period=st.sampled_from([1e-4, 2.5e-4, 5e-4]),
+        delay=st.integers(0, 2), stribeck=st.booleans(), higher=st.booleans(),
+    )  # fmt: skip
+    def test_the_difference_of_two_runs_is_the_model_times_the_columns(
+        self, mass: float, viscous: float, period: float, delay: int, stribeck: bool, higher: bool
+    ) -> None:
+        """e(θ) - e(θ0) = G_d φᵀ (θ0 - θ) to 1e-8: other masses, sample times, delays and sets of columns."""
+        true = {**TRUE, "mass": mass, "viscous": viscous * mass}
+        start = {**START, "mass": 0.3 * mass}
+        if stribeck:
+            true["stribeck"], start["stribeck"] = 35.0, 0.0
+        if higher:
+            true |= {"jerk_feedforward": 0.02, "snap_feedforward": 1e-5}
+            start |= {"jerk_feedforward": 0.0, "snap_feedforward": 0.0}
+        law = CascadePPI(Kv=40.0, Kp=0.09 / period * mass, Tn=0.015)
+        loops = [
+            linear_loop(
+                theta, law=law, mass=mass, viscous=true["viscous"], sample_time=period, dead_time=delay * period,
+                stribeck_velocity=6e-3 if stribeck else None,
+            )
+            for theta in (start, true)
+        ]  # fmt: skip
+        errors = [trial_with_friction(loop, MOVE).following_error for loop in loops]
+        names, phi, _ = regressors(loops[0], compensator(loops[0]), MOVE.at(along(MOVE, period)))
+        predicted = filtered(true_error_model(loops[0]), phi) @ [true[name] - start[name] for name in names]
+        # 1e-8 of the largest error; a position of 0.1 m rounds to 1e-17 m, its own share is far below
+        assert np.max(np.abs(errors[0] - errors[1] - predicted)) < 1e-8 * np.max(np.abs(predicted)) + 1e-13
+
+    def test_a_model_loop_that_is_not_stable_names_the_nearest_mass(self) -> None:
+        loop = linear_loop({**START, "mass": 1.2})
+        with pytest.raises(UnstableError, match=r"mass of 1\.2 kg .* nearest admissible mass is (\S+) kg") as caught:
+            error_model(loop, "model_based")
+        near = float(str(caught.value).split("admissible mass is ")[1].split()[0])
+        assert 1.2 < near < 30.0
+        error_model(linear_loop({**START, "mass": 1.001 * near}), "model_based")
+        with pytest.raises(UnstableError):
+            error_model(linear_loop({**START, "mass": 0.95 * near}), "model_based")
+
+    def test_gains_that_the_axis_cannot_have_are_named(self) -> None:
+        law = CascadePPI(Kv=40.0, Kp=2e6, Tn=0.015)
+        with pytest.raises(UnstableError, match=r"with the axis is not stable: .* these gains are not those"):
+            error_model(linear_loop(START, law=law), "axis_model")
+
+    def test_a_mass_of_zero_is_refused_in_the_same_way_and_least_mass_helps(self) -> None:
+        loop = linear_loop({**START, "mass": 0.0})
+        with pytest.raises(UnstableError, match="nearest admissible mass"):
+            error_model(loop, "model_based")
+        assert error_model(loop, "model_based", least_mass=60.0).is_stable()
+
+    def test_a_filter_pack_does_not_spoil_the_model_free_form(self) -> None:
+        """A low-pass by Tustin has no inverse; the form leaves the filters out."""
+        loop = linear_loop(START, filters=(LowPass(frequency=400.0),))
+        assert np.array_equal(impulse(error_model(loop), 50), impulse(error_model(linear_loop(START)), 50))
+
+    def test_a_slow_position_loop_is_refused(self) -> None:
+        law = CascadePPI(Kv=40.0, Kp=45e3, Tn=0.015, position_every=4)
+        with pytest.raises(ParameterError, match=r"every 4 samples.* admissible is a period of 1"):
+            error_model(linear_loop(START, law=law))
+
+    def test_a_form_that_is_none_is_refused(self) -> None:
+        with pytest.raises(ParameterError, match="model_free, model_based, axis_model"):
+            error_model(linear_loop(START), "exact")
+
+
+class TestUpdate:
+    def test_one_exact_step_finds_what_an_independent_program_found(self) -> None:
+        """In units of a drive of 300 N/A; what is missing to the truth is the dead time of one sample."""
+        loop = linear_loop(START)
+        found = iterate(loop, trial_with_friction(loop, MOVE), form="axis_model", mu=0.0)
+        values = np.array(list(found.after.parameters().values())) / 300.0
+        assert values == pytest.approx([0.4003, 1.289, 0.323, 0.273], abs=6e-4)  # half a printed digit
+
+    def test_without_dead_time_one_exact_step_finds_the_axis(self) -> None:
+        loop = linear_loop(START, dead_time=0.0)
+        found = iterate(loop, trial_with_friction(loop, MOVE), form="axis_model", mu=0.0)
+        values = found.after.parameters()
+        # the acceleration is that in the middle of a sample and not its mean: jerk is constant over most samples
+        assert values["mass"] == pytest.approx(120.0, rel=1e-4)
+        assert values["viscous"] == pytest.approx(400.0, rel=2e-3)
+        assert values["coulomb_positive"] == pytest.approx(POSITIVE, rel=2e-3)
+
+    def test_a_jerk_column_takes_the_dead_time(self) -> None:
+        """A force that comes τ too late must be that of φ(t + τ) = φ(t) + τ φ'(t): the jerk gets mass · τ."""
+        start = {**START, "jerk_feedforward": 0.0}
+        loop = linear_loop(start)
+        found = iterate(loop, trial_with_friction(loop, MOVE), form="axis_model", mu=0.0)
+        values = found.after.parameters()
+        # friction here acts late too, so that only inertia and viscous friction are ahead of their force
+        assert values["jerk_feedforward"] == pytest.approx(120.0 * T, rel=0.02)
+        assert values["viscous"] == pytest.approx(400.0, rel=5e-3)
+
+    def test_the_prediction_is_the_error_of_the_next_trial(self) -> None:
+        """With the exact model, no noise: sample by sample."""
+        loop = linear_loop(START)
+        found = iterate(loop, trial_with_friction(loop, MOVE), form="axis_model")
+        after = trial_with_friction(found.loop, MOVE)
+        # 1e-8 of the 19 um of the first trial
+        assert np.max(np.abs(after.following_error - found.predicted)) < 1e-8 * found.trial.peak
+
+    @HOUSE
+    @given(
+        mass=st.floats(5.0, 500.0), period=st.sampled_from([1e-4, 2.5e-4, 5e-4]), delay=st.integers(0, 2),
+        columns=st.sampled_from([("mass", "viscous"), tuple(TRUE), (*TRUE, "stribeck"), (*TRUE, "jerk_feedforward")]),
+    )  # fmt: skip
+    def test_trials_converge_for_other_axes(
+        self, mass: float, period: float, delay: int, columns: tuple[str, ...]
+    ) -> None:
+        """Model-free, from nothing: the second of two updates finds the mass within 3 %, whatever the rest."""
+        law = CascadePPI(Kv=40.0, Kp=0.09 / period * mass, Tn=0.015)
+        dry = DisturbanceCompensator(coulomb_positive=0.8 * mass, coulomb_negative=0.6 * mass)
+        loop = linear_loop(
+            dict.fromkeys(columns, 0.0), law=law, mass=mass, viscous=3.0 * mass, sample_time=period,
+            dead_time=delay * period, stribeck_velocity=6e-3 if "stribeck" in columns else None,
+        )  # fmt: skip
+        if "coulomb_positive" not in columns:
+            dry = DisturbanceCompensator(coulomb_positive=0.0)
+        first = trial_with_friction(loop, MOVE, dry)
+        for _ in range(3):
+            loop = iterate(loop, trial_with_friction(loop, MOVE, dry)).loop
+        assert compensator(loop).parameters()["mass"] == pytest.approx(mass, rel=0.03)
+        assert trial_with_friction(loop, MOVE, dry).rms < 0.05 * first.rms
+
+    def test_gamma_takes_a_share_of_the_step(self) -> None:
+        loop = linear_loop(START)
+        trial = trial_with_friction(loop, MOVE)
+        whole, half = (iterate(loop, trial, gamma=gamma).after.parameters() for gamma in (1.0, 0.5))
+        for name, value in START.items():
+            assert half[name] - value == pytest.approx(0.5 * (whole[name] - value), rel=1e-12)
+
+    def test_mu_draws_the_step_to_nothing(self) -> None:
+        loop = linear_loop(START)
+        trial = trial_with_friction(loop, MOVE)
+        found = iterate(loop, trial, mu=1e6)
+        for name, value in found.after.parameters().items():
+            assert value == pytest.approx(START[name], abs=1e-3)
+
+    def test_bounds_are_kept_and_named_and_the_others_are_fitted_again(self) -> None:
+        """An axis that is pushed forward by its friction: Coulomb levels below 0 stay at 0."""
+        loop = linear_loop({**START, "mass": 150.0})
+        dry = DisturbanceCompensator(coulomb_positive=0.0)
+        helped = linear_loop({**TRUE, "coulomb_positive": 0.0, "coulomb_negative": 0.0}, viscous=0.0)
+        found = iterate(helped, trial_with_friction(helped, MOVE, dry))
+        assert found.held
+        for name in found.held:
+            assert found.after.parameters()[name] == 0.0
+        heavy = iterate(loop, trial_with_friction(loop, MOVE), least_mass=140.0)
+        assert heavy.after.parameters()["mass"] == 140.0
+        assert heavy.held == ("mass",)
+        free = iterate(loop, trial_with_friction(loop, MOVE))
+        assert heavy.predicted_rms > free.predicted_rms
+
+    def test_references_may_change_between_trials(self) -> None:
+        loop = linear_loop(START, dead_time=0.0)
+        before = trial_with_friction(loop, MOVE).rms
+        for distance, velocity in ((0.1, 0.25), (0.06, 0.15), (0.2, 0.4), (0.03, 0.1)):
+            move = SnapLimitedMove(distance=distance, **{**OUT_AND_BACK, "velocity": velocity})
+            loop = iterate(loop, trial_with_friction(loop, move)).loop
+        # four updates at a rate of 0.04, judged on a move that was learned from only once
+        assert trial_with_friction(loop, MOVE).rms < 0.002 * before
+
+    def test_the_loop_of_trials_is_the_update_again_and_again(self) -> None:
+        """Against the same by hand, to the bit."""
+        loop = linear_loop(START)
+        trials = iterate_trials(loop, MOVE, 3)
+        for j, trial in enumerate(trials.trials[:-1]):
+            step = iterate(trials.loops[j], trial)
+            assert step.after.parameters() == compensator(trials.loops[j + 1]).parameters()
+        assert trials.rms[2] < 0.05 * trials.rms[0]
+        assert trials.table().heads == ["trial", "1", "2", "3"]
+
+    def test_wrong_values_are_refused(self) -> None:
+        loop = linear_loop(START)
+        trial = trial_with_friction(loop, MOVE)
+        wrong: list[dict[str, Any]] = [{"gamma": 0.0}, {"gamma": 1.5}, {"mu": -1.0}, {"saturation": "no"}, {"skip": -1}]
+        for given_ in wrong:
+            with pytest.raises(ParameterError, match=next(iter(given_))):
+                iterate(loop, trial, **given_)
+        with pytest.raises(ParameterError, match="no parameter 'lead'; it has mass, viscous"):
+            iterate(loop, trial, columns=("lead",))
+
+
+class TestFrozen:
+    def test_friction_without_a_reversal(self) -> None:
+        one_way = SnapLimitedMove(distance=0.1, **{**OUT_AND_BACK, "back": False})
+        loop = linear_loop(START)
+        found = iterate(loop, trial_with_friction(loop, one_way))
+        assert set(found.frozen) == {"coulomb_positive", "coulomb_negative"}
+        assert "no reversal: 0 % of its moving samples go towards smaller positions" in found.frozen["coulomb_negative"]
+        assert "at least 2 % are needed" in found.frozen["coulomb_negative"]
+        assert found.after.parameters()["coulomb_negative"] == START["coulomb_negative"]
+        assert "mass" in found.errors
+
+    def test_a_trial_that_teaches_nothing_is_refused_with_the_reasons(self) -> None:
+        one_way = SnapLimitedMove(distance=-0.1, **{**OUT_AND_BACK, "back": False})
+        loop = linear_loop(START)
+        trial = trial_with_friction(loop, one_way)
+        with pytest.raises(LogError, match=r"teaches no parameter.*towards larger positions.*samples more"):
+            iterate(loop, trial, columns=("coulomb_positive", "coulomb_negative"))
+
+    def test_viscous_friction_at_one_speed(self) -> None:
+        """Almost without acceleration: b v and the Coulomb levels are one column."""
+        hard = {**OUT_AND_BACK, "acceleration": 2e3, "jerk": 2e7, "snap": 2e11}
+        loop = linear_loop(START)
+        one = SnapLimitedMove(distance=0.3, **hard)
+        found = iterate(
+            loop, trial_with_friction(loop, one), columns=("viscous", "coulomb_positive", "coulomb_negative")
+        )
+        assert "not explained by coulomb_positive and coulomb_negative" in found.frozen["viscous"]
+        assert "add a second speed" in found.frozen["viscous"]
+
+    def test_an_axis_at_rest(self) -> None:
+        loop = linear_loop(START)
+        rest = SnapLimitedMove(distance=0.0, **OUT_AND_BACK)
+        with pytest.raises(LogError, match="does not move"):
+            iterate(loop, trial_with_friction(loop, rest))
+
+    def test_what_was_not_asked_for_keeps_its_value(self) -> None:
+        loop = linear_loop({**START, "coulomb_positive": 7.0})
+        found = iterate(loop, trial_with_friction(loop, MOVE), columns=("mass", "viscous"))
+        assert found.after.parameters()["coulomb_positive"] == 7.0
+        assert found.frozen["coulomb_positive"] == "not asked for"
+
+
+class TestSaturation:
+    def limited(self) -> Any:
+        loop = linear_loop(START)
+        control = dataclasses.replace(loop.control, force_limit=420.0)
+        return dataclasses.replace(loop, control=control)
+
+    def test_a_saturated_trial_is_refused(self) -> None:
+        loop = self.limited()
+        trial = trial_with_friction(loop, MOVE)
+        assert trial.saturated is not None
+        count = int(np.sum(trial.saturated))
+        assert count > 0
+        with pytest.raises(LogError, match=f"limited in {count} samples, the first at .* s; 0 are admitted"):
+            iterate(loop, trial)
+
+    def test_its_samples_may_be_left_out(self) -> None:
+        """The rest of the trial still finds the mass, which the whole one would miss."""
+        loop = self.limited()
+        trial = trial_with_friction(loop, MOVE)
+        rest = iterate(loop, trial, saturation="left_out").after.parameters()["mass"]
+        blind = iterate(loop, dataclasses.replace(trial, saturated=None)).after.parameters()["mass"]
+        assert abs(rest - 120.0) < abs(blind - 120.0)
+        assert rest == pytest.approx(120.0, rel=0.05)
+
+
+class TestStandardErrors:
+    def test_they_are_the_scatter_over_many_runs(self) -> None:
+        """100 N white force noise, coloured by the loop: 60 runs know a scatter to ±10 %, a run its own to ±15 %."""
+        loop = linear_loop(TRUE)
+        found = [iterate(loop, trial_with_friction(loop, MOVE, noise=100.0, seed=seed)) for seed in range(60)]
+        scatter = np.std([list(each.after.parameters().values()) for each in found], axis=0, ddof=1)
+        reported = np.mean([[each.errors[name] for name in TRUE] for each in found], axis=0)
+        ratio = reported / scatter
+        assert np.all(ratio > 0.75)
+        assert np.all(ratio < 1.35)
+
+    def test_white_noise_gives_the_usual_errors(self) -> None:
+        from feeddrive.tuning.least_squares import standard_errors
+
+        rng = np.random.default_rng(1)
+        seen = rng.standard_normal((4000, 3)) * [1.0, 3.0, 0.1]
+        residual = 0.5 * rng.standard_normal(4000)
+        usual = 0.5 * np.sqrt(np.diag(np.linalg.inv(seen.T @ seen)))
+        # 20 lags of a sampled autocorrelation are each uncertain by 1/√4000
+        assert standard_errors(seen, residual, 20) == pytest.approx(usual, rel=0.1)
+
+    def test_noise_does_not_bias(self) -> None:
+        """The columns are free of noise: the mean over runs is the estimate without noise, within 3 standard errors."""
+        loop = linear_loop(TRUE)
+        clean = iterate(loop, trial_with_friction(loop, MOVE)).after.parameters()
+        runs = [iterate(loop, trial_with_friction(loop, MOVE, noise=50.0, seed=seed)) for seed in range(25)]
+        for name, value in clean.items():
+            values = [run.after.parameters()[name] for run in runs]
+            assert np.mean(values) == pytest.approx(value, abs=3.0 * np.std(values) / 5.0)
+
+
+class TestConvergence:
+    def test_the_rate_is_what_trials_show(self) -> None:
+        """The slowest direction alone, without noise, shrinks by ρ from trial to trial."""
+        loop = linear_loop(TRUE, dead_time=0.0)
+        found = convergence(loop, MOVE)
+        values, vectors = np.linalg.eig(found.matrix)
+        slowest = int(np.argmax(np.abs(values)))
+        _, phi, _ = regressors(loop, compensator(loop), MOVE.at(along(MOVE)))
+        slow = np.real(vectors[:, slowest]) / np.linalg.norm(filtered(error_model(loop), phi), axis=0)
+        slow = 0.1 * slow / np.max(np.abs(slow / list(TRUE.values())))
+        moved = {name: value + float(off) for (name, value), off in zip(TRUE.items(), slow, strict=True)}
+        away = compensated(loop, DisturbanceCompensator(**moved))
+        ends = [
+            list(iterate(each, trial_with_friction(each, MOVE), mu=0.0).after.parameters().values())
+            for each in (loop, away)
+        ]
+        rate = float(np.real(values[slowest]))
+        # rounding of the two runs, over the size of the deviation
+        assert np.subtract(ends[1], ends[0]) == pytest.approx(rate * slow, abs=1e-6 * float(np.max(np.abs(slow))))
+
+    def test_wrong_gains_diverge_at_gamma_1_and_converge_at_a_half(self) -> None:
+        loop = linear_loop(TRUE)
+        believed = tree.vary(loop, {"control.law.Kp": 2.0 * float(tree.get(loop, "control.law.Kp"))})
+        assert not convergence(loop, MOVE, believed=believed).converges
+        assert convergence(loop, MOVE, believed=believed, gamma=0.5).rate < 0.1
+
+    def test_a_column_that_is_not_excited_is_named(self) -> None:
+        with pytest.raises(ParameterError, match="does not excite coulomb_negative"):
+            convergence(linear_loop(TRUE), SnapLimitedMove(distance=0.1, **{**OUT_AND_BACK, "back": False}))
+
+
+class TestBegin:
+    def test_inertia_is_taken_over(self) -> None:
+        loop = linear_loop(START)
+        control = dataclasses.replace(loop.control, feedforward=(Inertia(mass=70.0, viscous=10.0),))
+        begun = compensator(begin_compensation(dataclasses.replace(loop, control=control)))
+        assert begun.parameters() == {"mass": 70.0, "viscous": 10.0, "coulomb_positive": 0.0, "coulomb_negative": 0.0}
+
+    def test_a_law_without_compensator_is_told_what_to_do(self) -> None:
+        loop = linear_loop(START)
+        bare = dataclasses.replace(loop, control=dataclasses.replace(loop.control, feedforward=()))
+        with pytest.raises(StructureError, match="there is none: add one"):
+            iterate(bare, trial_with_friction(loop, MOVE))
+
+    def test_columns_and_their_velocity(self) -> None:
+        loop = linear_loop(START)
+        with pytest.raises(ParameterError, match="needs the velocity"):
+            begin_compensation(loop, ("stribeck",))
+        with pytest.raises(ParameterError, match="there is no 'friction'; there are mass"):
+            begin_compensation(loop, ("friction",))
+        assert compensator(begin_compensation(loop, ("stribeck",), stribeck_velocity=5e-3)).stribeck == 0.0
+
+
+def test_the_rigid_plant_may_be_given() -> None:
+    loop = linear_loop({**START, "mass": 1.0})
+    trial = trial_with_friction(loop, MOVE)
+    found = iterate(loop, trial, form="model_based", plant=Rigid(mass=100.0))
+    assert found.after.parameters()["mass"] == pytest.approx(120.0, rel=0.03)

@@ -1,0 +1,85 @@
+"""Every law of the library shaped on a measurement: the limits hold on the true axis, which no search has seen."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import feeddrive as fd
+from feeddrive.analysis.opened import opened
+from feeddrive.analysis.recovery import rope_snap
+from feeddrive.language.errors import UnstableError
+from feeddrive.tuning.designs import Design, designs
+from feeddrive.tuning.shaping.limits import Limits
+from feeddrive.tuning.shaping.shape import shape
+from feeddrive.tuning.shaping.site import Site, measured_site
+from feeddrive.tuning.shaping.table_force import with_table_force
+
+# rope snap in nm √s/N that each reaches here on the true axis, and a hundredth more: another noise may cost that
+SNAP = {
+    "P-PI": 9.08,
+    "P-PI + compensator": 9.08,
+    "P-PI + recovery": 8.91,
+    "DADSC": 29.4,
+    "DADSC + recovery": 23.1,
+    "GPI, 1 Taylor state": 7.78,
+    "pole placement": 6.88,
+}
+# within Ms <= 2 its peak compliance is ten times the others' at best: the limit of 0.2 µm/N is refused
+REFUSED = "GPI, 5 Taylor states"
+
+
+@pytest.fixture(scope="module")
+def screw() -> fd.Loop:
+    return fd.read_machine("ball_screw").loop("x")
+
+
+@pytest.fixture(scope="module")
+def site(screw: fd.Loop) -> Site:
+    """Two encoders, 1000 lines with 0.3 % of noise; the force on the table by the plant, as with --baseline."""
+    random, lines = np.random.default_rng(0), np.arange(1.0, 2001.0, 2.0)
+    model = fd.linearize(screw, ["cut"], ["reading_load", "reading_motor"])
+    found = []
+    for reading in model.outputs:
+        true = model.response(lines, reading, "cut").response
+        a, b = random.standard_normal((2, lines.size))
+        noisy = true + 0.003 * np.abs(true) * (a + 1j * b) / np.sqrt(2.0)
+        variance = (0.003 * np.abs(true)) ** 2
+        found.append(fd.FRF(lines, noisy, "cut", reading, "m/N", screw.sample_time, variance=variance))
+    return with_table_force(measured_site(*found, sample_time=float(screw.sample_time)), screw, "the plant")[0]
+
+
+def design_of(screw: fd.Loop, name: str) -> Design:
+    return next(each for each in designs(screw)[0] if each.name == name)
+
+
+@pytest.mark.parametrize("name", SNAP)
+def test_every_law_on_a_measurement(screw: fd.Loop, site: Site, name: str) -> None:
+    """Stable by the poles of the true loop, Ms and peak compliance as asked, half a per cent for 95 %."""
+    design = design_of(screw, name)
+    limits = Limits(sensitivity_peak=2.0, compliance_peak=0.2e-6)
+    found = shape(design.loop.control, site, limits=limits, filters="kept", starts=1)
+    assert found.holds, found.proof
+    assert set(found.knobs) == {knob.removeprefix("control.") for knob in design.knobs}
+    both = opened(replace(design.loop, control=found.control))
+    assert np.abs(both.closed.poles()[0]) < 1.0
+    lines = both.lines(400)
+    assert fd.margins(both.loop_gain(lines)).sensitivity_peak <= 2.01
+    peak = np.max(both.closed.response(lines, "position_load", "load_force").magnitude)
+    assert peak <= 0.201e-6
+    assert 1e9 * rope_snap(both.closed) <= SNAP[name]
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(1200)
+def test_what_a_law_cannot_keep_is_refused_with_what_it_can(screw: fd.Loop) -> None:
+    """The other tuner, on poles and sums, finds the same law soft: 66 nm √s/N with Ms <= 2 alone."""
+    loop = design_of(screw, REFUSED).loop
+    with pytest.raises(UnstableError, match=r"at odds with .*within reach.*Ms <= "):
+        shape(loop.control, loop, limits=Limits(2.0, compliance_peak=0.2e-6), filters="kept", starts=1)
+
+
+def test_all_laws_are_here(screw: fd.Loop) -> None:
+    assert {each.name for each in designs(screw)[0] if not each.prefilter} == {*SNAP, REFUSED}

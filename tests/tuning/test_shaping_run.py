@@ -1,0 +1,54 @@
+"""A tuning on a measurement is run on the machine that agrees with it: friction, counts, guard and force limit."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import feeddrive as fd
+from feeddrive.tuning.shaping.limits import Limits
+from feeddrive.tuning.shaping.shape import shape
+from feeddrive.tuning.shaping.site import Site, measured_site
+from feeddrive.tuning.shaping.table_force import with_table_force
+
+RUN = "run with friction, counts and limit"
+
+
+@pytest.fixture(scope="module")
+def screw() -> fd.Loop:
+    return fd.read_machine("ball_screw").loop("x")
+
+
+def site_of(loop: fd.Loop) -> Site:
+    """Both encoders, 2000 lines, without noise."""
+    model = fd.linearize(loop, ["cut"], ["reading_load", "reading_motor"])
+    load, motor = (model.response(np.arange(1.0, 2001.0), each, "cut") for each in model.outputs)
+    return measured_site(replace(load, unit="m/N"), replace(motor, unit="m/N"), sample_time=float(loop.sample_time))
+
+
+def test_the_run_keeps_the_force_limit(screw: fd.Loop) -> None:
+    """50 N on the table ask for 50 N and some overshoot: within 1000 N it holds, within 40 N it cannot."""
+    limits = Limits(sensitivity_peak=2.0, compliance_peak=0.2e-6, snap_force=50.0)
+    for most, holds in ((1000.0, True), (40.0, False)):
+        strong = replace(screw, control=replace(screw.control, force_limit=most))
+        site, said = with_table_force(site_of(screw), strong, "the plant of the baseline")
+        assert "agrees" in said
+        found = shape(strong.control, site, limits=limits, filters="kept", starts=1)
+        line = next(each for each in found.proof if RUN in each.what)
+        assert line.holds is holds, line
+        assert found.holds is holds
+        assert found.recommendation().startswith("Do not use" if not holds else ("Take", "Leave"))
+
+
+def test_a_plant_that_is_another_one_is_not_run(screw: fd.Loop) -> None:
+    heavy = fd.vary(screw, {"axis.plant.mass_load": 90.0})
+    site, said = with_table_force(site_of(screw), heavy, "the plant of the baseline")
+    assert "% off the response" in said
+    assert site.known_as is None
+    found = shape(screw.control, site, limits=Limits(2.0), filters="kept", starts=1)
+    line = next(each for each in found.proof if RUN in each.what)
+    assert line.holds is None
+    assert "--baseline" in line.said
+    assert found.recommendation().startswith("Against a force at the drive") or found.not_worth
