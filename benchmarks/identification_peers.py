@@ -24,9 +24,9 @@ from rounds import machine, measure, ratio, table
 from scipy.signal import butter, lfilter, sosfiltfilt
 
 from feeddrive.files.log import read_log
-from feeddrive.identification.identify import identify
-from feeddrive.identification.motion_log import MotionLog
-from feeddrive.identification.rigid import RigidFit, identify_rigid
+from feeddrive.identification.motion.identify import identify
+from feeddrive.identification.motion.motion_log import MotionLog
+from feeddrive.identification.motion.rigid import RigidFit, identify_rigid
 from identification import simulated
 
 ROUNDS = 5

@@ -12,7 +12,7 @@ from feeddrive.blocks.load.recorded_force import RecordedForce
 from feeddrive.blocks.reference.recorded import Recorded
 from feeddrive.blocks.reference.snap_limited_move import SnapLimitedMove
 from feeddrive.files.machine import read_machine
-from feeddrive.identification.motion_log import MotionLog
+from feeddrive.identification.motion.motion_log import MotionLog
 from feeddrive.language import tree
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import simulate

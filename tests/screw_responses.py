@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from feeddrive.blocks.plant.two_mass import TwoMass
-from feeddrive.identification.plant_response import Asked, PlantResponse
+from feeddrive.identification.response.plant_response import Asked, PlantResponse
 from feeddrive.loop.frequency_response import FRF
 
 SCREW = TwoMass(

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from feeddrive.files.log import Column, read_log
-from feeddrive.identification.estimate_frf import estimate_frf
-from feeddrive.identification.frequency_estimate import FrequencyEstimate
-from feeddrive.identification.record import Record
+from feeddrive.identification.excitation.estimate_frf import estimate_frf
+from feeddrive.identification.excitation.frequency_estimate import FrequencyEstimate
+from feeddrive.identification.excitation.record import Record
 
 FOLDER = Path(__file__).parents[2] / "shared" / "data" / "tokyo_motor_bench"
 needs_log = pytest.mark.skipif(not FOLDER.exists(), reason="NOT RUN: the bench's log is not in ../shared")

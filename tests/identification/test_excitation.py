@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 import feeddrive as fd
-from feeddrive.identification.estimate_frf import estimate_frf
-from feeddrive.identification.excitation import Excitation
-from feeddrive.identification.excitation_design import design_excitation
-from feeddrive.identification.multisine_design import (
+from feeddrive.identification.excitation.design import design_excitation
+from feeddrive.identification.excitation.estimate_frf import estimate_frf
+from feeddrive.identification.excitation.excitation import Excitation
+from feeddrive.identification.excitation.multisine import (
     crest_factor,
     grid_lines,
     low_crest_phases,

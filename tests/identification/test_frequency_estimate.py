@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from feeddrive.identification.estimate_frf import estimate_frf
-from feeddrive.identification.frequency_estimate import FrequencyEstimate, fisher
-from feeddrive.identification.periods import cut, find_period, repeating, transient_periods
-from feeddrive.identification.record import Record
+from feeddrive.identification.excitation.estimate_frf import estimate_frf
+from feeddrive.identification.excitation.frequency_estimate import FrequencyEstimate, fisher
+from feeddrive.identification.excitation.periods import cut, find_period, repeating, transient_periods
+from feeddrive.identification.excitation.record import Record
 from feeddrive.language.errors import LogError, ParameterError
 
 T = 1e-3

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from feeddrive.files.frf import read_frfs
-from feeddrive.identification.modal_fit import fit_modes
+from feeddrive.identification.response.modal_fit import fit_modes
 from feeddrive.loop.frequency_response import FRF
 
 STAGE = Path(__file__).parents[3] / "shared" / "data" / "tokyo_stage_frf" / "frf.csv"

@@ -13,11 +13,11 @@ from feeddrive.blocks.controller.cascade_ppi import CascadePPI
 from feeddrive.blocks.plant.modal import Modal
 from feeddrive.blocks.plant.mode import Mode
 from feeddrive.blocks.plant.three_mass_chain import ThreeMassChain
-from feeddrive.identification.modal_fit import fit_modes
-from feeddrive.identification.plant_response import Asked, PlantResponse
-from feeddrive.identification.response_units import response_units
-from feeddrive.identification.two_mass_fit import fit_modal_axis, fit_plant, fit_two_mass
-from feeddrive.identification.vector_fitting import common_poles
+from feeddrive.identification.response.modal_fit import fit_modes
+from feeddrive.identification.response.plant_response import Asked, PlantResponse
+from feeddrive.identification.response.two_mass_fit import fit_modal_axis, fit_plant, fit_two_mass
+from feeddrive.identification.response.units import response_units
+from feeddrive.identification.response.vector_fitting import common_poles
 from feeddrive.language import tree
 from feeddrive.language.errors import FeeddriveError, NotIdentifiableError, ParameterError
 from feeddrive.loop.axis import Axis
@@ -327,8 +327,8 @@ def test_two_inertia_bench_from_its_log() -> None:
     """The same from the averaged periods of the log itself, weighted by their variance."""
     import scipy.io
 
-    from feeddrive.identification.estimate_frf import estimate_frf
-    from feeddrive.identification.record import Record
+    from feeddrive.identification.excitation.estimate_frf import estimate_frf
+    from feeddrive.identification.excitation.record import Record
 
     log = scipy.io.loadmat(BENCH / "MultisineTypeA.mat")
     found = []

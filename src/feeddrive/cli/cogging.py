@@ -17,9 +17,9 @@ from feeddrive.files.columns import is_time
 from feeddrive.files.log import read_arrays
 from feeddrive.files.messages import nearest, sentence
 from feeddrive.files.roles import ROLES
-from feeddrive.identification.cogging_passes import cogging_passes
-from feeddrive.identification.cogging_run import CoggingRun
-from feeddrive.identification.identify_cogging import identify_cogging
+from feeddrive.identification.cogging.cogging_passes import cogging_passes
+from feeddrive.identification.cogging.cogging_run import CoggingRun
+from feeddrive.identification.cogging.identify_cogging import identify_cogging
 from feeddrive.language import units
 from feeddrive.language.errors import LogError, NotIdentifiableError, ParameterError
 from feeddrive.language.table import Table

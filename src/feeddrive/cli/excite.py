@@ -10,7 +10,7 @@ from rich.console import Console
 from feeddrive.cli.frf import frequencies
 from feeddrive.cli.working import drawn
 from feeddrive.files.machine import read_machine
-from feeddrive.identification.excitation_design import design_excitation
+from feeddrive.identification.excitation.design import design_excitation
 from feeddrive.language.errors import ParameterError
 from feeddrive.workflow.excitation_page import WARNING, write_excitation
 

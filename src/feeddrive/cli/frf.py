@@ -16,9 +16,9 @@ from feeddrive.files.log import read_log
 from feeddrive.files.measured import Log
 from feeddrive.files.messages import nearest
 from feeddrive.files.words import unit_in_name
-from feeddrive.identification.estimate_frf import estimate_frf
-from feeddrive.identification.frequency_estimate import FrequencyEstimate
-from feeddrive.identification.record import Record
+from feeddrive.identification.excitation.estimate_frf import estimate_frf
+from feeddrive.identification.excitation.frequency_estimate import FrequencyEstimate
+from feeddrive.identification.excitation.record import Record
 from feeddrive.language import units
 from feeddrive.language.errors import LogError, ParameterError
 from feeddrive.workflow.frf_page import levels, sentences, write_estimates

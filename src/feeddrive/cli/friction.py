@@ -14,8 +14,8 @@ from feeddrive.cli.working import drawn
 from feeddrive.files.measured import Log
 from feeddrive.files.messages import sentence
 from feeddrive.identification.frame import SHAFT
-from feeddrive.identification.friction_curve import fit_friction
-from feeddrive.identification.steady_runs import LEAST_ROWS, SteadyRuns, steady_runs
+from feeddrive.identification.steady_runs.friction_curve import fit_friction
+from feeddrive.identification.steady_runs.steady_runs import LEAST_ROWS, SteadyRuns, steady_runs
 from feeddrive.language.errors import NotIdentifiableError, ParameterError
 from feeddrive.workflow.friction_page import (
     kept_away,

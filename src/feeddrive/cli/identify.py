@@ -13,8 +13,8 @@ from feeddrive.cli.working import drawn
 from feeddrive.files.machine import Machine, read_machine
 from feeddrive.files.measured import Log
 from feeddrive.files.messages import sentence
-from feeddrive.identification.identify import identify
-from feeddrive.identification.motion_log import MotionLog
+from feeddrive.identification.motion.identify import identify
+from feeddrive.identification.motion.motion_log import MotionLog
 from feeddrive.language.errors import LogError, ParameterError
 from feeddrive.loop.loop import Loop
 from feeddrive.workflow.identified_machine import machine_text

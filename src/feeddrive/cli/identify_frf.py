@@ -19,8 +19,8 @@ from feeddrive.cli.working import drawn
 from feeddrive.files.frf import encoders, names_frequency, read_frfs
 from feeddrive.files.machine import Machine, read_machine
 from feeddrive.files.messages import nearest, sentence
-from feeddrive.identification.fit_axis import AxisFits, fit_axis
-from feeddrive.identification.modal_fit import ModalFit, fit_modes
+from feeddrive.identification.response.fit_axis import AxisFits, fit_axis
+from feeddrive.identification.response.modal_fit import ModalFit, fit_modes
 from feeddrive.language import tree, units
 from feeddrive.language.errors import FeeddriveError, ParameterError
 from feeddrive.language.table import Table

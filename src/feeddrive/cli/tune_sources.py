@@ -12,7 +12,7 @@ import numpy as np
 from feeddrive.files.frf import read_frfs
 from feeddrive.files.machine import BUNDLED, Machine, read_machine
 from feeddrive.files.messages import nearest
-from feeddrive.identification.two_mass_fit import fit_modal_axis
+from feeddrive.identification.response.two_mass_fit import fit_modal_axis
 from feeddrive.language import units
 from feeddrive.language.errors import FeeddriveError, ParameterError
 from feeddrive.loop.axis import Axis

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from feeddrive.identification.excitation import Excitation
-from feeddrive.identification.frequency_estimate import FrequencyEstimate
+from feeddrive.identification.excitation.excitation import Excitation
+from feeddrive.identification.excitation.frequency_estimate import FrequencyEstimate
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.plot import style
 from feeddrive.plot.envelope import envelope

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from feeddrive.identification.agreement import Agreement
+from feeddrive.identification.response.agreement import Agreement
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.plot import style
 

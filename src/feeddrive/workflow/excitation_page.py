@@ -10,9 +10,9 @@ import numpy as np
 
 from feeddrive.files.result import write_run_csv, write_run_parquet
 from feeddrive.files.whole import new_directory
-from feeddrive.identification.estimate_frf import estimate_frf
-from feeddrive.identification.excitation import Excitation, said
-from feeddrive.identification.frequency_estimate import FrequencyEstimate
+from feeddrive.identification.excitation.estimate_frf import estimate_frf
+from feeddrive.identification.excitation.excitation import Excitation, said
+from feeddrive.identification.excitation.frequency_estimate import FrequencyEstimate
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.linearize import linearize
 from feeddrive.loop.loop import Loop

@@ -11,7 +11,7 @@ import numpy as np
 
 from feeddrive.files.frf import write_frf
 from feeddrive.files.whole import new_directory
-from feeddrive.identification.frequency_estimate import FrequencyEstimate
+from feeddrive.identification.excitation.frequency_estimate import FrequencyEstimate
 from feeddrive.language.table import Table
 from feeddrive.report.content import Shown
 from feeddrive.report.page import definitions, header, page, picture

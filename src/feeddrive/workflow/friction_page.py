@@ -18,8 +18,8 @@ from feeddrive.files.messages import sentence
 from feeddrive.files.toml_edit import TomlEdit
 from feeddrive.files.whole import new_directory
 from feeddrive.identification.frame import SHAFT
-from feeddrive.identification.friction_curve import Compared, FrictionCurve
-from feeddrive.identification.known_axis import own_viscous
+from feeddrive.identification.motion.known_axis import own_viscous
+from feeddrive.identification.steady_runs.friction_curve import Compared, FrictionCurve
 from feeddrive.language.block import declarations
 from feeddrive.language.table import Table
 from feeddrive.loop.axis import Axis

@@ -8,8 +8,8 @@ from feeddrive.blocks.plant.rigid import Rigid
 from feeddrive.files.blocks_to_toml import to_toml
 from feeddrive.files.machine import Machine
 from feeddrive.files.toml_edit import TomlEdit
-from feeddrive.identification.identify import Identified
-from feeddrive.identification.parameters import Estimate
+from feeddrive.identification.estimate import Estimate
+from feeddrive.identification.motion.identify import Identified
 from feeddrive.language import tree
 from feeddrive.language.block import Block, declarations
 from feeddrive.loop.loop import Loop

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from feeddrive import plot
 from feeddrive.files.whole import new_directory
-from feeddrive.identification.identify import Identified
+from feeddrive.identification.motion.identify import Identified
 from feeddrive.language.table import Table
 from feeddrive.report.content import Shown
 from feeddrive.report.page import definitions, header, page, picture

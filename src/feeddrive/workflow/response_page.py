@@ -14,9 +14,9 @@ from feeddrive.files.machine import Machine
 from feeddrive.files.messages import sentence
 from feeddrive.files.toml_edit import TomlEdit
 from feeddrive.files.whole import new_directory
-from feeddrive.identification.fit_axis import AxisFits
-from feeddrive.identification.modal_fit import ModalFit
-from feeddrive.identification.plant_fit import PlantFit
+from feeddrive.identification.response.fit_axis import AxisFits
+from feeddrive.identification.response.modal_fit import ModalFit
+from feeddrive.identification.response.plant_fit import PlantFit
 from feeddrive.language import tree
 from feeddrive.language.table import Table
 from feeddrive.report.content import Shown

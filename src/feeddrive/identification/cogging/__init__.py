@@ -1,0 +1,1 @@
+"""Force over position in turns goes in; the harmonics of the cogging come out."""

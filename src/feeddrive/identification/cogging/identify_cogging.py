@@ -1,0 +1,173 @@
+"""From runs over the travel to the harmonics of the cogging, with friction and chance apart from them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import f as f_distribution
+
+from feeddrive.identification.cogging.cogging_fit import CoggingFit, CoggingOrder
+from feeddrive.identification.cogging.cogging_run import CoggingRun
+from feeddrive.identification.covariance import ols_covariance
+from feeddrive.identification.estimate import Estimate
+from feeddrive.language.errors import NotIdentifiableError, ParameterError
+
+RISK = 0.05  # that any order at all is called significant where there is none
+_ROWS = 3  # rows a column needs
+
+
+def identify_cogging(runs: Sequence[CoggingRun], orders: Sequence[int] | None = None, *, unit: str = "A") -> CoggingFit:
+    """Harmonics of the position by least squares, with the friction apart.
+
+        force = offset + d coulomb + Σ over orders of (even + d odd),   d = ±1 the direction
+        even, odd: a cos(2π order x) + b sin(2π order x)
+
+    Cogging does not know the direction of motion and friction changes its sign with it; so with runs in both directions
+    even is cogging and odd is friction that varies along the travel.  With one direction only their sum is seen.
+
+    orders  default: all up to 128, or as many as a third of the visited positions can carry
+
+    An order is significant if its F statistic exceeds what the strongest of all orders would show by chance in 5 % of
+    cases without any (Bonferroni).  Each run is fitted alone and those of a direction are averaged.  Errors follow from
+    the residual of each run, with what neighboring rows share, and grow where runs of one direction differ by more than
+    they allow: wear of the position's zero, temperature.
+    Raises NotIdentifiableError for runs that do not go round once.
+    """
+    if not runs:
+        raise ParameterError("identify_cogging needs at least one run")
+    chosen = tuple(orders) if orders is not None else tuple(range(1, _most(runs) + 1))
+    if not chosen or min(chosen) < 1 or len(set(chosen)) != len(chosen):
+        raise ParameterError("orders must be whole numbers >= 1, each once")
+    for i, run in enumerate(runs):
+        covered = np.unique(np.floor(np.mod(run.turns, 1.0) * 2 * max(chosen))).size
+        if covered < 0.95 * min(2 * max(chosen), run.turns.size):
+            raise NotIdentifiableError(
+                f"run {i + 1} visits {covered} of {2 * max(chosen)} places of a turn that order {max(chosen)} needs; "
+                f"record next a whole turn at low speed, or ask for fewer orders"
+            )
+    sides = {sign: _side([run for run in runs if run.direction == sign], chosen) for sign in (1, -1)}
+    there = {sign: side for sign, side in sides.items() if side is not None}
+    found = [_order(n, i, there, unit, len(chosen)) for i, n in enumerate(chosen)]
+    found.sort(key=lambda each: -each.amplitude)
+    both = len(there) == 2
+    levels = np.array([side.level for side in there.values()])
+    error = float(np.sqrt(sum(side.level_variance for side in there.values()))) / len(there)
+    coulomb = Estimate("coulomb", float(0.5 * (levels[0] - levels[1])), unit, error, error) if both else None
+    offset = Estimate("offset", float(np.mean(levels)), unit, error, error)
+    residual = np.concatenate([side.residual for side in there.values()])
+    return CoggingFit(tuple(found), coulomb, offset, residual, unit, _remarks(found, both))
+
+
+def _most(runs: Sequence[CoggingRun]) -> int:
+    places = min(np.unique(np.mod(run.turns, 1.0)).size for run in runs)
+    return max(1, min(128, places // (2 * _ROWS)))
+
+
+@dataclass(frozen=True, eq=False)
+class _Side:
+    """The mean over the runs of one direction: level, and pairs (a, b) by order with their covariances."""
+
+    level: float
+    level_variance: float
+    pairs: np.ndarray  # shape (orders, 2)
+    spreads: np.ndarray  # shape (orders, 2, 2)
+    residual: np.ndarray
+    freedom: int  # rows less columns
+
+
+def _side(runs: Sequence[CoggingRun], orders: Sequence[int]) -> _Side | None:
+    """Least squares of each run, then their mean; where runs differ by more than their errors these grow with it."""
+    if not runs:
+        return None
+    fits = [_alone(run, orders) for run in runs]
+    values, count = np.array([fit[0] for fit in fits]), len(fits)
+    mean = values.mean(axis=0)
+    covariance = np.sum([fit[1] for fit in fits], axis=0) / count**2
+    groups = [slice(0, 1), *(slice(1 + 2 * i, 3 + 2 * i) for i in range(len(orders)))]
+    spreads = [
+        covariance[group, group] * _between(values[:, group] - mean[group], [fit[1][group, group] for fit in fits])
+        for group in groups
+    ]
+    return _Side(
+        float(mean[0]), float(spreads[0][0, 0]), mean[1:].reshape(-1, 2), np.array(spreads[1:]),
+        np.concatenate([fit[2] for fit in fits]), sum(fit[2].size - values.shape[1] for fit in fits),
+    )  # fmt: skip
+
+
+def _alone(run: CoggingRun, orders: Sequence[int]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Values of 1, cos and sin by order, their covariance, and the residual of one run."""
+    angle = 2.0 * np.pi * np.outer(run.turns, orders)
+    waves = np.stack([np.cos(angle), np.sin(angle)], axis=-1).reshape(run.turns.size, -1)
+    columns = np.column_stack([np.ones(run.turns.size), waves])
+    values = np.linalg.lstsq(columns, run.force, rcond=None)[0]
+    residual = run.force - columns @ values
+    along = residual[np.argsort(run.turns)]
+    rho = max(0.0, float(along[1:] @ along[:-1]) / (float(along @ along) or 1.0))
+    # the fit took what the noise has at these orders; what neighboring rows share is taken as the same at all orders
+    return values, ols_covariance(columns, residual) * (1.0 + rho) / (1.0 - min(rho, 0.95)), residual
+
+
+def _between(off: np.ndarray, spreads: Sequence[np.ndarray]) -> float:
+    """By how much runs differ more than their own errors say, as a factor of the variance, at least 1."""
+    count, width = off.shape
+    if count < 2:
+        return 1.0
+    statistic = sum(float(row @ np.linalg.pinv(spread) @ row) for row, spread in zip(off, spreads, strict=True))
+    return max(1.0, statistic / (width * (count - 1)))
+
+
+def _order(n: int, place: int, sides: Mapping[int, _Side], unit: str, tried: int) -> CoggingOrder:
+    """Amplitudes of an order by direction, and its significance."""
+    pairs = {sign: side.pairs[place] for sign, side in sides.items()}
+    spreads = {sign: side.spreads[place] for sign, side in sides.items()}
+    statistic = sum(float(pairs[sign] @ np.linalg.pinv(spreads[sign]) @ pairs[sign]) for sign in sides)
+    width, freedom = 2 * len(sides), sum(side.freedom for side in sides.values())
+    p_value = float(f_distribution.sf(statistic / width, width, freedom))
+    forward = _amplitude("forward", pairs[1], spreads[1], unit) if 1 in sides else None
+    backward = _amplitude("backward", pairs[-1], spreads[-1], unit) if -1 in sides else None
+    even = odd = None
+    phase = 0.0
+    if forward is not None and backward is not None:
+        spread = 0.25 * (spreads[1] + spreads[-1])
+        even = _amplitude("even", 0.5 * (pairs[1] + pairs[-1]), spread, unit)
+        odd = _amplitude("odd", 0.5 * (pairs[1] - pairs[-1]), spread, unit)
+        phase = _phase(0.5 * (pairs[1] + pairs[-1]))
+    shown = pairs[1] if 1 in sides else pairs[-1]
+    return CoggingOrder(n, even, phase, odd, forward, backward, _phase(shown), p_value, p_value < RISK / tried)
+
+
+def _amplitude(name: str, pair: np.ndarray, spread: np.ndarray, unit: str) -> Estimate:
+    """√(a² + b²) with the error along it."""
+    size = float(np.hypot(*pair))
+    along = pair / (size or 1.0)
+    error = float(np.sqrt(along @ spread @ along))
+    return Estimate(name, size, unit, error, error)
+
+
+def _phase(pair: np.ndarray) -> float:
+    """φ of a cos + b sin = A sin(angle + φ)."""
+    return float(np.arctan2(pair[0], pair[1]))
+
+
+def _remarks(found: Sequence[CoggingOrder], both: bool) -> tuple[str, ...]:
+    if not both:
+        return (
+            "all runs go one way: friction is in the offset, and friction that varies along the travel in the "
+            "harmonics; record next the same travel the other way",
+        )
+    flipped = [
+        each.order
+        for each in found
+        if each.significant and each.even is not None and each.odd is not None and each.odd.value > each.even.value
+        and each.amplitude > 0.05 * found[0].amplitude
+    ]  # fmt: skip
+    if not flipped:
+        return ()
+    listed = ", ".join(map(str, flipped))
+    return (
+        f"order {listed}: changes its sign with the direction of motion, so it is no cogging but friction that "
+        f"varies along the travel, or an error of the current's zero; a compensation "
+        f"by position alone must know the direction",
+    )

@@ -1,0 +1,128 @@
+"""One door to all estimators of frequency responses: it takes the one that fits the excitation."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from feeddrive.identification.excitation.averaged import METHODS, averaged
+from feeddrive.identification.excitation.frequency_estimate import FrequencyEstimate
+from feeddrive.identification.excitation.local_polynomial import local_polynomial
+from feeddrive.identification.excitation.periodic import periodic
+from feeddrive.identification.excitation.periods import find_period, repeating
+from feeddrive.identification.excitation.record import Record
+from feeddrive.language.errors import LogError, ParameterError
+
+ALL = ("auto", "periodic", "local_polynomial", *METHODS)
+MOST_LINES = 2000  # that a local polynomial is asked for if nobody says how many
+_LEAST_PERIODS = 2
+_ENDS = 0.01  # share of a period that may differ without being cut off
+
+
+def estimate_frf(
+    records: Record | Sequence[Record],
+    *,
+    method: str = "auto",
+    band: tuple[float, float] | None = None,
+    period: int | None = None,
+    skip: int | None = None,
+    segment: int | None = None,
+    overlap: float = 0.5,
+    lines: int | None = None,
+) -> FrequencyEstimate:
+    """Frequency response from one or more records of the same channels, with coherence and variance on each line.
+
+    method   "periodic" (multisines in steady state), "local_polynomial" (chirp, step, PRBS, noise), "h1", "h2", "hv",
+             "indirect", "joint" (averaged spectra); "auto": periodic if what excites repeats itself in the record, else
+             local polynomials
+    band     lowest and highest frequency, Hz
+    period   samples; default: found in the reference, or in the input if there is none
+    skip     periods dropped at the start; default: by a test
+    segment  samples of a stretch of averaged spectra, and `overlap` the share that two have in common
+    lines    at most so many lines of the local polynomials; default: 2000
+
+    In a closed loop give the reference, whatever the method: without it noise that comes back through the control
+    counts as excitation.  Periodic records are the exception: noise averages out from period to period.
+    Raises ParameterError for a method that is not known and for records that do not belong together, LogError for
+    records that hold too little.
+    """
+    given = [records] if isinstance(records, Record) else list(records)
+    if not given:
+        raise ParameterError("there is no record to estimate from")
+    if method not in ALL:
+        raise ParameterError(f"method = {method!r} must be one of {', '.join(ALL)}")
+    _belong(given)
+    shortest = min(map(len, given))
+    if period is not None and not 2 <= period <= shortest // _LEAST_PERIODS:
+        raise ParameterError(
+            f"period = {period} samples must be >= 2 and <= {shortest // _LEAST_PERIODS}, so that the shortest record "
+            f"holds {_LEAST_PERIODS} of them"
+        )
+    if skip is not None and skip < 0:
+        raise ParameterError(f"skip = {skip} periods must be >= 0")
+    if band is not None:
+        _check_band(given[0], band)
+    if method in ("auto", "periodic"):
+        found = period or _period(given)
+        if found is not None:
+            return periodic([_steady(record, found) for record in given], found, band=band, skip=skip)
+        if method == "periodic":
+            raise LogError(
+                f"{given[0].name}: what excites does not repeat at least {_LEAST_PERIODS} times within the record: "
+                f"give the period in samples, or take method 'local_polynomial'"
+            )
+    if method in METHODS:
+        return within(averaged(given, method, segment=segment, overlap=overlap), band)
+    if method == "local_polynomial" and (found := _period(given)) is not None:
+        raise LogError(
+            f"{given[0].name}: what excites repeats every {found} samples, so that most lines of the whole record are "
+            f"empty and local polynomials find nothing between the others: take method 'periodic'"
+        )
+    return local_polynomial(given, band=band, lines=lines or MOST_LINES)
+
+
+def _period(records: Sequence[Record]) -> int | None:
+    first = records[0]
+    found = find_period(first.references[0] if first.references else first.input)
+    return found if found is not None and min(map(len, records)) // found >= _LEAST_PERIODS else None
+
+
+def _steady(record: Record, period: int) -> Record:
+    """The stretch in which the reference repeats itself, at least two periods; the whole record without a reference."""
+    if not record.references:
+        return record
+    begin, end = repeating(record.references[0], period)
+    # a few samples at the ends, as where a generator stops, are not worth a period
+    if end - begin < 2 * period or len(record) - (end - begin) <= _ENDS * period:
+        return record
+    kept = slice(begin, end)
+    references = tuple(each[kept] for each in record.references)
+    return replace(record, input=record.input[kept], output=record.output[kept], references=references)
+
+
+def _belong(records: Sequence[Record]) -> None:
+    first = records[0]
+    for record in records[1:]:
+        if record.sample_time != first.sample_time or len(record.references) != len(first.references):
+            raise ParameterError(f"{record.name}: has another sample time or other references than {first.name}")
+
+
+def _check_band(record: Record, band: tuple[float, float]) -> None:
+    low, high = band
+    if not 0.0 <= low < high <= record.nyquist * (1.0 + 1e-9):
+        raise ParameterError(
+            f"band {low:g} .. {high:g} Hz must rise and lie between 0 Hz and Nyquist, {record.nyquist:g} Hz"
+        )
+
+
+def within(found: FrequencyEstimate, band: tuple[float, float] | None) -> FrequencyEstimate:
+    """The lines of a band only. Raises ParameterError if there are none."""
+    if band is None:
+        return found
+    f = found.frf
+    kept = (f.frequency >= band[0] * (1.0 - 1e-9)) & (f.frequency <= band[1] * (1.0 + 1e-9))
+    if not np.any(kept):
+        raise ParameterError(f"no line lies in {band[0]:g} .. {band[1]:g} Hz: take longer stretches, or excite there")
+    return found.lines(kept)

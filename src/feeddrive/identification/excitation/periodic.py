@@ -1,0 +1,187 @@
+"""Frequency response from periods of a multisine: noise from period to period, nonlinearity from draw to draw."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from feeddrive.identification.excitation.distortion import (
+    Averaged,
+    detection,
+    excited_lines,
+    local_scatter,
+)
+from feeddrive.identification.excitation.frequency_estimate import FrequencyEstimate, Level, coherence_of
+from feeddrive.identification.excitation.periods import cut, transient_periods
+from feeddrive.identification.excitation.record import Record
+from feeddrive.language.errors import LogError
+from feeddrive.loop.frequency_response import FRF
+
+_ROUGH = 1.5  # scatter over noise, as median, from which a single draw of phases is called nonlinear
+
+
+@dataclass(frozen=True, eq=False)
+class _Realisation:
+    """Means over periods and covariances of these means, shape (lines,); noise powers of y and u and y u*."""
+
+    input: np.ndarray
+    output: np.ndarray
+    reference: np.ndarray | None
+    yy: np.ndarray
+    uu: np.ndarray
+    yu: np.ndarray
+    periods: int
+    dropped: int
+
+
+def periodic(
+    records: Sequence[Record],
+    period: int,
+    *,
+    band: tuple[float, float] | None = None,
+    skip: int | None = None,
+) -> FrequencyEstimate:
+    """Frequency response on the excited lines, from P periods of each of M realisations (records) in steady state.
+
+        G = Ȳ/Ū,   var = (σ_y² + |G|² σ_u² - 2 Re(conj(G) σ_yu²))/|Ū|²
+
+    σ² are (co)variances of the means: over the periods for the noise; over realisations with other phases for noise and
+    nonlinear distortion together (`total`).  With a reference Y and U are turned by its phase and averaged over the
+    realisations before they are divided, so that noise at the input leaves no bias; it holds in a closed loop.
+    One realisation: the distortion on the excited lines is that on odd empty lines between them, if there are any; on a
+    full grid it is the scatter around a smooth response, if that is clearly more than the noise.  Else only noise.
+
+    period  samples
+    band    Hz; default: all excited lines
+    skip    periods dropped at the start; default: as many as a test finds not in steady state, at most half
+
+    Raises LogError for less than two periods that are left.
+    Source: Pintelon & Schoukens 2012, sections 2.5 and 4.3.
+    """
+    cuts = [cut(record, period) for record in records]
+    cause = cuts[0][2][0] if records[0].references else cuts[0][0]
+    frequency = np.arange(1, (period + 1) // 2) / (period * records[0].sample_time)
+    excited = excited_lines(cause.mean(axis=0))
+    if band is not None:
+        asked = (frequency >= band[0] * (1.0 - 1e-9)) & (frequency <= band[1] * (1.0 + 1e-9))
+        chosen = excited & asked
+    else:
+        chosen = excited
+    if not np.any(chosen):
+        raise LogError(f"{records[0].name}: no excited line lies in the band")
+    drawn = [_realisation(record, made, skip, excited) for record, made in zip(records, cuts, strict=True)]
+    lines = np.flatnonzero(chosen)
+    response, noise, freedom = _response(drawn, lines)
+    first = records[0]
+    remarks = [remark for record in records for remark in record.remarks]
+    levels = _levels(drawn[0], frequency, excited)
+    variance, total, nu, rule = _total(drawn, lines, frequency, response, noise, freedom, levels)
+    if len(drawn) == 1 and not total:
+        remarks.append("one realisation: the variance is that of noise alone")
+    if any(each.dropped >= (each.dropped + each.periods) // 2 for each in drawn if each.dropped):
+        remarks.append(
+            "half of the periods, the most that may be, were dropped: something at the start dies out so slowly that "
+            "it is still told from the noise; if the deviation is too large measure more periods, or wait longer before"
+        )
+    frf = FRF(frequency[lines], response, first.input_name, first.output_name, first.unit, first.sample_time,
+              coherence_of(response, noise, freedom), variance)  # fmt: skip
+    counts = {
+        "realisations": len(drawn), "periods": sum(each.periods for each in drawn),
+        "dropped": sum(each.dropped for each in drawn),
+    }  # fmt: skip
+    text = (
+        f"periods of {period} samples: {counts['periods']} averaged, {counts['dropped']} dropped, "
+        f"{len(drawn)} realisation{'s' if len(drawn) > 1 else ''}; variance by {rule}"
+    )
+    estimate = FrequencyEstimate(frf, text, nu, noise, total, levels, counts, tuple(remarks))
+    doubt = np.mean([each.uu[lines] / np.abs(each.input[lines]) ** 2 for each in drawn], axis=0)
+    return estimate.where_told(doubt)
+
+
+def _realisation(
+    record: Record, made: tuple[np.ndarray, np.ndarray, np.ndarray], skip: int | None, excited: np.ndarray
+) -> _Realisation:
+    u, y, r = made
+    dropped = max(transient_periods(u[:, excited]), transient_periods(y[:, excited])) if skip is None else skip
+    if u.shape[0] - dropped < 2:
+        raise LogError(f"{record.name}: {u.shape[0]} periods less {dropped} leave no two to tell noise by")
+    u, y = u[dropped:], y[dropped:]
+    p = u.shape[0]
+    du, dy = u - u.mean(axis=0), y - y.mean(axis=0)
+    share = 1.0 / (p * (p - 1))
+    yy, uu = share * np.sum(np.abs(dy) ** 2, axis=0), share * np.sum(np.abs(du) ** 2, axis=0)
+    yu = share * np.sum(dy * np.conj(du), axis=0)
+    reference = r[0].mean(axis=0) if len(r) else None
+    return _Realisation(u.mean(axis=0), y.mean(axis=0), reference, yy, uu, yu, p, dropped)
+
+
+def _turned(drawn: Sequence[_Realisation], lines: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Inputs and outputs of all realisations, turned so that what excites them has one phase; shape (M, lines)."""
+    turns = [
+        np.exp(-1j * np.angle((each.input if each.reference is None else each.reference)[lines])) for each in drawn
+    ]
+    u = np.array([each.input[lines] * turn for each, turn in zip(drawn, turns, strict=True)])
+    y = np.array([each.output[lines] * turn for each, turn in zip(drawn, turns, strict=True)])
+    return u, y
+
+
+def _response(drawn: Sequence[_Realisation], lines: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Response, its variance by noise, and the degrees of freedom of that variance."""
+    u, y = _turned(drawn, lines)
+    mean_u, mean_y = u.mean(axis=0), y.mean(axis=0)
+    response = mean_y / mean_u
+    m = len(drawn)
+    yy, uu, yu = (np.sum([getattr(each, name)[lines] for each in drawn], axis=0) / m**2 for name in ("yy", "uu", "yu"))
+    noise = np.maximum(yy + np.abs(response) ** 2 * uu - 2.0 * np.real(np.conj(response) * yu), 0.0)
+    freedom = np.full(lines.size, float(sum(each.periods - 1 for each in drawn)))
+    return response, noise / np.abs(mean_u) ** 2, freedom
+
+
+def _levels(first: _Realisation, frequency: np.ndarray, excited: np.ndarray) -> dict[str, Level]:
+    """Levels of the first realisation, on all of its lines."""
+    lines = np.flatnonzero(excited)
+    response = first.output[lines] / first.input[lines]
+    freedom = first.periods - 1
+    mean = Averaged(frequency, first.input, first.output, first.yy, first.uu, first.yu, freedom, excited)
+    levels = detection(mean, response)
+    noise = np.sqrt(mean.noise(response, lines))
+    size = np.abs(first.input[lines])
+    levels["noise"] = Level(frequency[lines], noise, noise / size)
+    scatter = local_scatter(frequency[lines], first.input[lines], first.output[lines])
+    if scatter is not None:
+        level = np.sqrt(np.maximum(scatter - noise**2, 0.0))
+        levels["nonlinear"] = Level(frequency[lines], level, level / size)
+    return levels
+
+
+def _total(
+    drawn: Sequence[_Realisation],
+    lines: np.ndarray,
+    frequency: np.ndarray,
+    response: np.ndarray,
+    noise: np.ndarray,
+    freedom: np.ndarray,
+    levels: dict[str, Level],
+) -> tuple[np.ndarray, bool, np.ndarray, str]:
+    """Variance with nonlinear distortion, whether it holds it, its degrees of freedom, and by what rule."""
+    m = len(drawn)
+    if m > 1:
+        u, y = _turned(drawn, lines)
+        rest = y - response * u
+        spread = np.sum(np.abs(rest - rest.mean(axis=0)) ** 2, axis=0) / (m * (m - 1))
+        return spread / np.abs(u.mean(axis=0)) ** 2, True, np.full(lines.size, m - 1.0), "the spread of realisations"
+    odd = levels.get("odd")
+    if odd is not None and np.any(between := np.isfinite(odd.response)):
+        if not np.any(odd.response[between]):
+            return noise, False, freedom, "the noise of periods; odd distortion on empty lines is not more than noise"
+        added = np.interp(frequency[lines], odd.frequency[between], odd.response[between]) ** 2
+        return noise + added, True, freedom, "the noise of periods and the odd distortion on empty lines"
+    rough = levels.get("nonlinear")
+    if rough is not None:
+        quiet = np.maximum(levels["noise"].output ** 2, 1e-300)
+        if np.median((rough.output**2 + quiet) / quiet) > _ROUGH:
+            added = np.interp(frequency[lines], rough.frequency, rough.response) ** 2
+            return noise + added, True, freedom, "the noise of periods and the scatter around a smooth response"
+    return noise, False, freedom, "the noise of periods"

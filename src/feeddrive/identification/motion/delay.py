@@ -1,0 +1,129 @@
+"""How long a logged force takes until the axis feels it, from the inverse dynamics."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from feeddrive.identification.covariance import errors, robust_covariance
+from feeddrive.identification.motion.motion_log import MotionLog
+from feeddrive.identification.motion.preparation import HOLD, Preparation, prepare
+from feeddrive.identification.motion.rigid import columns_of
+from feeddrive.language.errors import NotIdentifiableError
+from feeddrive.language.table import Result, Table
+
+REACH = 20  # samples to both sides that are tried
+LATEST = 5e-3  # s: a force that acts later than that does not belong to this clock
+CLEAR = 0.9  # share of the residual of another delay that one may leave at most to be better beyond doubt
+_DRIFT = 2  # samples by which the delays of the two halves of a log must differ to be called a drift
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class DelayFit(Result):
+    """Dead time in samples, without the half sample of the hold, with its standard error; the residual by delay tried.
+
+    delays, residual  whole samples that were tried, and what the inverse dynamics left with them, both of shape (m,)
+    """
+
+    name: str
+    dead_time: float
+    error: float
+    delays: np.ndarray
+    residual: np.ndarray
+    sample_time: float
+
+    @property
+    def nearest(self) -> int:
+        """The whole number of samples with the least residual."""
+        return int(self.delays[np.argmin(self.residual)])
+
+    @property
+    def clear(self) -> bool:
+        """Whether the best delay leaves a tenth less than none does."""
+        return float(np.min(self.residual)) < CLEAR * float(self.residual[np.flatnonzero(self.delays == 0)[0]])
+
+    def table(self) -> Table:
+        """Residual of the delays around the best."""
+        near = np.abs(self.delays - self.nearest) <= 2
+        rows = [[f"{d:g}", f"{100.0 * r:.4g}"] for d, r in zip(self.delays[near], self.residual[near], strict=True)]
+        title = f"{self.name}: dead time {self.dead_time:.2f} ± {self.error:.2f} samples besides the hold"
+        return Table(title, ["samples", "residual %"], rows)
+
+    def plot(self) -> Any:
+        """Residual over delay, as a matplotlib figure."""
+        from feeddrive import plot
+
+        return plot.delay_fit(self)
+
+    def to_pandas(self) -> Any:
+        """A DataFrame with one row a delay."""
+        from feeddrive.plot import frames
+
+        return frames.frame(self.delays, {"residual": self.residual}, "samples")
+
+
+def find_delay(log: MotionLog, *, friction: str = "directional", how: Preparation | None = None) -> DelayFit:
+    """The dead time between a logged force and the acceleration that it causes, in samples.
+
+        force(k - 1/2 - dead_time) = inverse dynamics(k),   the dead time that leaves the least residual
+
+    Whole samples are tried; about the best one the delay is one more parameter of the least squares, with the slope of
+    the force as its column, which gives the fraction and its error.  The logged force is the one that was commanded at
+    its sample.
+
+    When not to trust it alone: in a closed loop the force answers disturbances, and part of that answer is taken for a
+    delay; the more of the force the model leaves, the more.  There `refine` decides between whole samples.
+    Raises NotIdentifiableError where the force comes before its cause, acts later than 5 ms, or where its delay drifts:
+    then force and position were recorded on two clocks.
+    """
+    how = replace(how or Preparation(), delay=HOLD)
+    delays = np.arange(-REACH, REACH + 1)
+    base = prepare(log, how)
+    columns = columns_of(base, friction)
+    basis = np.linalg.qr(columns)[0]
+    forces = [base.force_with(log.force, HOLD + d) for d in delays]
+    residual = np.array([_left(basis, force) for force in forces])
+    best = int(np.argmin(residual))
+    _check(log, int(delays[best]), delays, residual)
+    _check_drift(log, columns, forces, delays)
+    slope = 0.5 * (forces[min(best + 1, delays.size - 1)] - forces[max(best - 1, 0)])
+    wide = np.column_stack([columns, -slope])
+    values = np.linalg.lstsq(wide, forces[best], rcond=None)[0]
+    error = float(errors(robust_covariance(wide, forces[best] - wide @ values))[-1])
+    return DelayFit(log.name, float(delays[best]) + float(values[-1]), error, delays, residual, log.sample_time)
+
+
+def _left(basis: np.ndarray, force: np.ndarray) -> float:
+    """Share of the force that the columns do not explain."""
+    off = force - basis @ (basis.T @ force)
+    return float(np.linalg.norm(off) / np.linalg.norm(force))
+
+
+def _check(log: MotionLog, best: int, delays: np.ndarray, residual: np.ndarray) -> None:
+    at_zero = float(residual[np.flatnonzero(delays == 0)[0]])
+    clear = float(np.min(residual)) < CLEAR * at_zero  # else nothing speaks against 0
+    late = best * log.sample_time > LATEST
+    if clear and (best < -1 or late or abs(best) == REACH):
+        when = (
+            f"{-best} samples before" if best < 0 else f"{best} samples ({1e3 * best * log.sample_time:.3g} ms) after"
+        )
+        raise NotIdentifiableError(
+            f"{log.name}: force and position are not synchronised: the axis seems to feel the force {when} it was "
+            f"logged; record both channels with one recorder and one trigger, or shift one of them by that much"
+        )
+
+
+def _check_drift(log: MotionLog, columns: np.ndarray, forces: list[np.ndarray], delays: np.ndarray) -> None:
+    """Two halves of a log that clearly have their own delays were recorded on two clocks."""
+    half = columns.shape[0] // 2
+    halves = (slice(0, half), slice(half, None))
+    left = [np.array([_left(np.linalg.qr(columns[rows])[0], force[rows]) for force in forces]) for rows in halves]
+    first, second = (int(np.argmin(each)) for each in left)
+    sure = left[0][first] < CLEAR * left[0][second] and left[1][second] < CLEAR * left[1][first]
+    if sure and abs(second - first) >= _DRIFT:
+        raise NotIdentifiableError(
+            f"{log.name}: force and position are not on one clock: the force acts {delays[first]} samples late in the "
+            f"first half of the log and {delays[second]} in the second; record both channels with one recorder"
+        )

@@ -1,0 +1,222 @@
+"""A whole identification of one log: inverse dynamics, delay, the law that ran, output error, what to make of it."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from feeddrive.analysis.friction_map import FrictionMap, friction_map
+from feeddrive.identification.frame import TABLE
+from feeddrive.identification.motion.control_law import ControlFit, identify_control
+from feeddrive.identification.motion.delay import DelayFit, find_delay
+from feeddrive.identification.motion.known_axis import is_richer, refined_names, with_rigid
+from feeddrive.identification.motion.known_axis import remarks as known_axis_remarks
+from feeddrive.identification.motion.motion_log import MotionLog
+from feeddrive.identification.motion.output_error import Refinement, refine
+from feeddrive.identification.motion.preparation import HOLD, Preparation
+from feeddrive.identification.motion.rigid import RigidFit, identify_rigid
+from feeddrive.language.errors import FeeddriveError
+from feeddrive.language.table import Result, Table
+from feeddrive.loop.axis import Axis
+from feeddrive.loop.control import Control
+from feeddrive.loop.loop import Loop
+
+_CLEARLY = 1.02  # times the position residual of plain friction up to which the machine's own kind is kept
+POOR = 0.15  # share of the force that a rigid drive may leave before its values are advised against
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Identified(Result):
+    """What one log tells of a drive.
+
+    loop        the loop with what was found, ready to simulate; None if the law that ran is not known, or at a shaft
+    control     the law that was found in the log, or None
+    refinement  the output-error fit, or None
+    remarks     what could not be found, and why
+    """
+
+    log: MotionLog
+    rigid: RigidFit
+    delay: DelayFit
+    control: ControlFit | None
+    refinement: Refinement | None
+    friction: FrictionMap | None
+    loop: Loop | None
+    remarks: tuple[str, ...]
+
+    def table(self) -> Table:
+        """Parameters of the inverse dynamics."""
+        return self.rigid.table()
+
+    def plot(self) -> Any:
+        """Fit over measurement, as a matplotlib figure."""
+        return self.rigid.plot()
+
+    def to_pandas(self) -> Any:
+        """Measured and fitted force over time in s."""
+        return self.rigid.to_pandas()
+
+    @property
+    def recommendation(self) -> str:
+        """One plain sentence on what to do, with its reason."""
+        left, unused = 100.0 * self.rigid.residuals.relative, 100.0 * self.rigid.validation.relative
+        if self.rigid.residuals.relative > POOR:
+            return (
+                f"Do not tune on these values: a rigid drive with {self.rigid.friction} friction leaves {left:.3g} % "
+                f"of the force, so the axis bends, binds or is driven by something else; measure a frequency "
+                f"response next (feeddrive excite)."
+            )
+        if self.rigid.validation.relative > 1.5 * self.rigid.residuals.relative:
+            return (
+                f"Measure once more before you trust these values: stretches that were not used are predicted to "
+                f"{unused:.3g} %, but those that were to {left:.3g} %, so the axis is not the same along the log."
+            )
+        reason = f"they predict stretches of the log that were not used to {unused:.3g} % of the force"
+        if self.refinement is not None:
+            found = self.refinement.replay
+            reason += f", and in closed loop the position to {1e6 * found.rms('position_load'):.3g} um RMS"
+        return f"Use these values: {reason}{self._why_friction()}."
+
+    def _why_friction(self) -> str:
+        criterion = self.rigid.criterion
+        if len(criterion) < 2:
+            return ""
+        other = next(name for name in criterion if name != self.rigid.friction)
+        worse = criterion[other] - criterion[self.rigid.friction]
+        return f"; friction is taken as {self.rigid.friction}, as the criterion of {other} is worse by {worse:.3g}"
+
+
+def identify(
+    log: MotionLog,
+    start: Loop | None = None,
+    *,
+    friction: str = "best",
+    how: Preparation | None = None,
+    lead: float | None = None,
+    gear: float = 1.0,
+) -> Identified:
+    """Everything that a log of position and force, and if possible of the set position, tells of a rigid drive.
+
+    start      the loop of the log, as far as it is known: its law, limits, encoders and dead time are kept
+    friction   "best", "symmetric" or "directional"
+    lead, gear of a log at a shaft, m and 1: with them the result stands at the table
+
+    Each step that is not possible leaves a remark and not an error; only the rigid drive itself must be identifiable.
+    Raises NotIdentifiableError with what to measure next, LogError for a log that cannot be used.
+    """
+    delay = find_delay(log, how=how)
+    remarks: list[str] = [*_travel(log)]
+    closed = log.set_position is not None and not log.rotary
+    known = 0.0 if start is None else float(start.axis.actuator.dead_time) / log.sample_time
+    late = 0 if closed or start is not None or not delay.clear else max(0, delay.nearest)
+    rigid = _rigid(log, friction, how, known + late)
+    if log.rotary:
+        rigid = rigid if lead is None else rigid.at_table(lead, gear)
+        remarks += [*_about(rigid, late), _SHAFT if lead is None else _NO_LOOP]
+        return Identified(log, rigid, delay, None, None, None, None, tuple(remarks))
+    control = _attempted(lambda: identify_control(log), remarks) if start is None and closed else None
+    loop = _loop(log, rigid, start, control)
+    refinement = None
+    if loop is not None and closed:
+        whole = loop
+        refinement = _attempted(lambda: refine(whole, log, refined_names(whole)), remarks)
+    if start is not None:
+        remarks += known_axis_remarks(start.axis, rigid)
+    if loop is not None and start is not None and is_richer(start.axis):
+        loop, refinement = _by_friction(log, start, rigid, loop, refinement, remarks)
+    if refinement is not None and refinement.delay:
+        late = refinement.delay
+        rigid = _rigid(log, friction, how, known + late)
+    remarks += _about(rigid, late)
+    seen = friction_map(log.position, log.force, rigid["mass"].value, log.sample_time)
+    final = loop if refinement is None else refinement.loop
+    return Identified(log, rigid, delay, control, refinement, seen, final, tuple(remarks))
+
+
+def _by_friction(
+    log: MotionLog, start: Loop, rigid: RigidFit, loop: Loop, plain: Refinement | None, remarks: list[str]
+) -> tuple[Loop, Refinement | None]:
+    """The loop with the machine's own kind of friction, unless the log is met clearly better without it."""
+    kind, other = start.axis.friction_load, loop.axis.friction_load
+    assert kind is not None
+    assert other is not None
+    own = dataclasses.replace(start, axis=with_rigid(start.axis, rigid, richer=True))
+    if plain is None:
+        remarks.append(
+            f"friction stays {kind.kind} with the levels that were found: near standstill, where it differs from "
+            f"{other.kind}, a log without closed loop tells nothing; runs at constant speeds do"
+        )
+        return own, None
+    kept = _attempted(lambda: refine(own, log, refined_names(own)), remarks)
+    if kept is None:
+        remarks.append(f"friction is {other.kind} now, and no longer {kind.kind}: with that the fit failed")
+        return loop, plain
+    left, without = (1e6 * each.replay.rms("position_load") for each in (kept, plain))
+    if left <= _CLEARLY * without:
+        remarks.append(
+            f"friction stays {kind.kind}, with new levels: in closed loop it leaves {left:.4g} um RMS of the position, "
+            f"{other.kind} {without:.4g} um; what it does near standstill was not fitted"
+        )
+        return own, kept
+    remarks.append(
+        f"friction is {other.kind} now, and no longer {kind.kind}: in closed loop it leaves {without:.4g} um RMS of "
+        f"the position, {kind.kind} {left:.4g} um; runs at constant speeds tell a Stribeck curve (fit_friction)"
+    )
+    return loop, plain
+
+
+_SHAFT = "the log is that of a shaft and no lead is given: the result stays in N m and rad"
+_NO_LOOP = "the log is that of a shaft: closed loop and friction over the travel need positions of the table"
+
+
+def _rigid(log: MotionLog, friction: str, how: Preparation | None, delay: float) -> RigidFit:
+    """The inverse dynamics with the force so many samples late besides its hold, unless `how` says otherwise."""
+    return identify_rigid(log, friction=friction, how=how or Preparation(delay=HOLD + delay))
+
+
+def _travel(log: MotionLog) -> list[str]:
+    """A travel that no feed drive has is a unit or a factor that is wrong."""
+    travel = float(np.ptp(log.position))
+    if log.rotary or 1e-5 <= travel <= 100.0:
+        return []
+    return [f"the travel of the log is {travel:.3g} m: check unit and factor of the position before you use any value"]
+
+
+def _about(rigid: RigidFit, late: int) -> list[str]:
+    """What a reader of the errors must know."""
+    found: list[str] = []
+    if late:
+        found.append(f"the force acts {late} samples later than known; that is taken into account")
+    if not rigid.residuals.white:
+        ratio = max(each.error / each.ols for each in rigid.estimates)
+        found.append(
+            f"the residual hangs together from row to row ({rigid.residuals.autocorrelation(1):.2f} at lag 1): the "
+            f"errors account for it and are up to {ratio:.2g} times those that assume the contrary (ols)"
+        )
+    return found
+
+
+def _attempted(what: Any, remarks: list[str]) -> Any:
+    """The result, or None and a remark."""
+    try:
+        return what()
+    except FeeddriveError as error:
+        remarks.append(str(error))
+        return None
+
+
+def _loop(log: MotionLog, rigid: RigidFit, start: Loop | None, control: ControlFit | None) -> Loop | None:
+    """The loop of the log with what was found in place of what it had."""
+    if rigid.frame is not TABLE:
+        return None
+    if start is not None:
+        return dataclasses.replace(start, axis=with_rigid(start.axis, rigid))
+    if control is None:
+        return None
+    T = log.sample_time
+    axis = with_rigid(Axis(plant=rigid.plant()), rigid)
+    delayed = dataclasses.replace(axis, actuator=dataclasses.replace(axis.actuator, dead_time=control.delay * T))
+    return Loop(control=Control(law=control.law(), force_limit=log.force_limit), axis=delayed, sample_time=T)

@@ -1,0 +1,264 @@
+"""Output-error refinement: the closed loop of a log is simulated, and its physics fitted to what was measured."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from feeddrive.analysis.replay import Replay, estimate_start, replay
+from feeddrive.blocks.reference.recorded import Recorded
+from feeddrive.identification.covariance import errors, robust_covariance
+from feeddrive.identification.estimate import Estimate, estimates_table
+from feeddrive.identification.motion.motion_log import MotionLog
+from feeddrive.language import tree
+from feeddrive.language.errors import DivergedError, NotIdentifiableError, ParameterError
+from feeddrive.language.table import Result, Table
+from feeddrive.loop.loop import Loop
+from feeddrive.loop.simulate import simulate
+
+_SIGNALS = ("position_load", "force")
+_STEP = 1e-3  # of a parameter, for its difference
+_FINE = 1e-13  # m, counts of the encoders in the simulations that are differenced
+_MOST = 12  # steps of Gauss and Newton
+_DONE = 1e-5  # of the cost: a step that gains less is the last
+DELAYS = (0, 1)  # samples of dead time beyond that of the loop that are tried at least
+_LATEST = 10  # samples: as long as the last one that was tried is the best, one more is, up to this
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Refinement(Result):
+    """The loop whose simulation comes nearest to the log.
+
+    estimates   by dotted name in the loop, with standard errors
+    start       value before, by name
+    cost        weighted RMS before and after; 1 means as the best fit of the chosen delay
+    by_delay    samples of dead time that were tried -> RMS of the position residual, m
+    replay      of the fitted loop
+    """
+
+    name: str
+    loop: Loop
+    estimates: tuple[Estimate, ...]
+    start: dict[str, float]
+    by_delay: dict[int, float]
+    delay: int
+    replay: Replay
+    steps: int
+
+    def __getitem__(self, parameter: str) -> Estimate:
+        return next(each for each in self.estimates if each.name.endswith(parameter))
+
+    def table(self) -> Table:
+        """Parameters with their errors."""
+        off = f"position {1e6 * self.replay.rms('position_load'):.3g} um RMS"
+        if "force" in self.replay.measured:
+            off += f", force {100.0 * self.replay.share('force'):.3g} %"
+        last = [each.name.rsplit(".", 1)[-1] for each in self.estimates]
+        short = tuple(
+            dataclasses.replace(each, name=end if last.count(end) == 1 else each.name)
+            for each, end in zip(self.estimates, last, strict=True)
+        )
+        return estimates_table(f"{self.name}: output error, {self.delay} samples of delay; {off}", short)
+
+    def plot(self) -> Any:
+        """Measured and predicted with the residual, as a matplotlib figure."""
+        return self.replay.plot()
+
+    def to_pandas(self) -> Any:
+        """Predicted and measured columns over time in s."""
+        return self.replay.to_pandas()
+
+
+def physics(loop: Loop) -> tuple[str, ...]:
+    """The names of mass, friction and constant force of a loop: what output error fits if nothing else is asked."""
+    wanted = ("axis.plant.mass", "axis.friction_load.", "axis.friction_motor.", "axis.forces.")
+    skipped = ("stribeck_velocity", "smoothing", "transition_velocity", "period", "phase", "share")
+    found = [
+        name
+        for name, value in tree.leaves(loop)
+        if name.startswith(wanted) and isinstance(value, float) and not name.endswith(skipped)
+    ]
+    return tuple(name for name in found if tree.get(loop, name) != 0.0)
+
+
+def refine(
+    loop: Loop,
+    log: MotionLog,
+    names: Sequence[str] | None = None,
+    *,
+    delays: Sequence[int] | None = None,
+    skip: int = 49,
+) -> Refinement:
+    """Fit parameters of a loop to a log by simulating the log's reference through it.
+
+        least of  Σ ((x - x_model) / σx)² + Σ ((F - F_model) / σF)²,   σ: RMS of each residual, found on the way
+
+    by Gauss-Newton steps with differences of whole runs.  Dead time is a discrete candidate: each of `delays`, in
+    samples beyond that of the loop, is fitted, and the one with the least position residual is taken; by default 0 and
+    1, and further ones as long as they are better.
+
+    names  dotted names; default: mass, friction and constant forces that are not 0
+    skip   samples at the start that do not count
+
+    The loop must be that of the log: its law, its gains, its clock.  Standard errors are robust to the residual's
+    autocorrelation.  When to use: after `identify_rigid`, where noise or quantisation spoils derivatives, or to fit
+    friction near standstill, which the inverse dynamics leave out.
+    Raises NotIdentifiableError for a log without set position, and for a parameter that moves nothing.
+    """
+    if log.set_position is None:
+        raise NotIdentifiableError(
+            f"{log.name}: output error needs the set position: record it next, on the same clock"
+        )
+    if abs(log.sample_time / float(loop.sample_time) - 1.0) > 1e-3:
+        raise ParameterError(
+            f"{log.name}: its sample time {log.sample_time:.6g} s is not that of the loop, "
+            f"{float(loop.sample_time):.6g} s"
+        )
+    chosen = tuple(names or physics(loop))
+    for name in chosen:
+        tree.declaration(loop, name)
+    fits = {d: _fitted(_later(loop, d), log, chosen, skip) for d in delays or DELAYS}
+    while delays is None and _is_last(fits) and max(fits) < _LATEST:
+        fits[max(fits) + 1] = _fitted(_later(loop, max(fits) + 1), log, chosen, skip)
+    if all(fit is None for fit in fits.values()):
+        raise DivergedError(f"{log.name}: the loop diverges along the log's reference: check its gains and its start")
+    there = {d: fit for d, fit in fits.items() if fit is not None}
+    by_delay = {d: fit[1] for d, fit in there.items()}
+    best = min(by_delay, key=lambda d: by_delay[d])
+    fitted, _, found, steps = there[best]
+    measured = {"set_position": log.set_position, "position_load": log.position, "force": log.force}
+    return Refinement(
+        name=log.name,
+        loop=fitted,
+        estimates=found,
+        start={name: float(tree.get(loop, name)) for name in chosen},
+        by_delay=by_delay,
+        delay=best,
+        replay=replay(fitted, measured, skip=skip, name="fitted"),
+        steps=steps,
+    )
+
+
+def _is_last(fits: Mapping[int, Any]) -> bool:
+    """Whether the longest delay has the least position residual so far."""
+    left = {d: fit[1] for d, fit in fits.items() if fit is not None}
+    return bool(left) and min(left, key=lambda d: left[d]) == max(fits)
+
+
+def _later(loop: Loop, samples: int) -> Loop:
+    if samples == 0:
+        return loop
+    dead_time = float(loop.axis.actuator.dead_time) + samples * float(loop.sample_time)
+    return tree.vary(loop, {"axis.actuator.dead_time": dead_time})
+
+
+def _signals(loop: Loop, log: MotionLog, skip: int) -> np.ndarray:
+    """Position and force of the simulated log, shape (2, n); counts and noise would drown small differences."""
+    loop = tree.vary(
+        loop, dict.fromkeys(_encoder(loop, "resolution"), _FINE) | dict.fromkeys(_encoder(loop, "noise"), 0.0)
+    )
+    assert log.set_position is not None
+    reference = Recorded(position=log.set_position, sample_time=float(loop.sample_time))
+    start = estimate_start(log.position, log.sample_time)
+    run = simulate(loop, reference, start=start, record=_SIGNALS)
+    return np.array([run[name][skip : log.position.size] for name in _SIGNALS])
+
+
+def _fitted(
+    loop: Loop, log: MotionLog, names: tuple[str, ...], skip: int
+) -> tuple[Loop, float, tuple[Estimate, ...], int] | None:
+    """The fitted loop, its position residual, its parameters and the steps it took; None if it diverges."""
+    measured = np.array([log.position[skip:], log.force[skip:]])
+    try:
+        model = _signals(loop, log, skip)
+    except DivergedError:
+        return None
+    steps = 0
+    sizes = _sizes(measured - model)
+    while True:
+        columns = _columns(loop, log, names, skip, model) / sizes[:, None, None]
+        left = (measured - model) / sizes[:, None]
+        change = _step(log, columns, left, names)
+        loop, model, gained = _advance(loop, log, names, skip, change, (measured, sizes, model))
+        steps += 1
+        if gained < _DONE or steps == _MOST:
+            break
+        sizes = _sizes(measured - model)
+    left = (measured - model) / sizes[:, None]
+    # with both signals divided by their own RMS the sum over them is one least-squares problem
+    robust = errors(robust_covariance(columns, left))
+    flat = columns.reshape(-1, len(names))
+    white = errors(np.linalg.inv(flat.T @ flat) * float(np.mean(left**2)))
+    found = tuple(
+        Estimate(name, float(tree.get(loop, name)), tree.declaration(loop, name).unit, float(e), float(o))
+        for name, e, o in zip(names, robust, white, strict=True)
+    )
+    return loop, float(np.sqrt(np.mean((measured - model)[0] ** 2))), found, steps
+
+
+def _encoder(loop: Loop, parameter: str) -> list[str]:
+    return [
+        name for name, _ in tree.leaves(loop) if name.startswith("axis.encoder_") and name.endswith(f".{parameter}")
+    ]
+
+
+def _sizes(residual: np.ndarray) -> np.ndarray:
+    return np.maximum(np.sqrt(np.mean(residual**2, axis=1)), np.finfo(float).tiny)
+
+
+def _columns(loop: Loop, log: MotionLog, names: tuple[str, ...], skip: int, model: np.ndarray) -> np.ndarray:
+    """d signals / d parameters by one-sided differences, shape (2, n, p)."""
+    slopes = []
+    for name in names:
+        value = float(tree.get(loop, name))
+        step = _STEP * (abs(value) or 1.0)
+        slopes.append((_signals(tree.vary(loop, {name: value + step}), log, skip) - model) / step)
+    return np.stack(slopes, axis=-1)
+
+
+def _step(log: MotionLog, columns: np.ndarray, left: np.ndarray, names: tuple[str, ...]) -> np.ndarray:
+    flat = columns.reshape(-1, len(names))
+    sizes = np.linalg.norm(flat, axis=0)
+    for name, size in zip(names, sizes, strict=True):
+        if size == 0.0 or not np.isfinite(size):
+            raise NotIdentifiableError(
+                f"{log.name}: {name} is not identifiable: the run does not change with it; record next a motion in "
+                f"which it acts, or leave it out"
+            )
+    return np.linalg.lstsq(flat / sizes, left.ravel(), rcond=1e-10)[0] / sizes
+
+
+def _advance(
+    loop: Loop,
+    log: MotionLog,
+    names: tuple[str, ...],
+    skip: int,
+    change: np.ndarray,
+    now: tuple[np.ndarray, np.ndarray, np.ndarray],
+) -> tuple[Loop, np.ndarray, float]:
+    """The loop after as much of the step as lowers the cost, its signals, and the share of the cost that it gained."""
+    measured, sizes, model = now
+    before = float(np.mean(((measured - model) / sizes[:, None]) ** 2))
+    for share in (1.0, 0.5, 0.25, 0.1, 0.01):
+        values = {name: _bounded(loop, name, share * dv) for name, dv in zip(names, change, strict=True)}
+        try:
+            tried = tree.vary(loop, values)
+            signals = _signals(tried, log, skip)
+        except (DivergedError, ParameterError):
+            continue
+        after = float(np.mean(((measured - signals) / sizes[:, None]) ** 2))
+        if after < before:
+            return tried, signals, 1.0 - after / before
+    return loop, model, 0.0
+
+
+def _bounded(loop: Loop, name: str, change: float) -> float:
+    """A value after a change, not less than a tenth of what it was where it must stay positive."""
+    value = float(tree.get(loop, name))
+    declared = tree.declaration(loop, name)
+    positive = declared.above == 0 or declared.least == 0
+    return max(0.1 * value, value + change) if positive else value + change

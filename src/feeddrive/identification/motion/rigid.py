@@ -1,0 +1,175 @@
+"""A rigid drive with friction from a motion log, by the inverse dynamics."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from feeddrive.blocks.families import Friction
+from feeddrive.blocks.force.gravity import Gravity
+from feeddrive.blocks.friction.coulomb import Coulomb
+from feeddrive.blocks.friction.directional import Directional
+from feeddrive.blocks.plant.rigid import Rigid
+from feeddrive.identification.covariance import errors, ols_covariance, robust_covariance
+from feeddrive.identification.criterion import information
+from feeddrive.identification.estimate import Estimate, estimates_table
+from feeddrive.identification.frame import TABLE, Frame, lever, require_table
+from feeddrive.identification.motion.identifiable import check_columns, check_mass, check_motion
+from feeddrive.identification.motion.motion_log import MotionLog
+from feeddrive.identification.motion.preparation import Preparation, Prepared, prepare
+from feeddrive.identification.residuals import Residuals
+from feeddrive.identification.validation import Validation, cross_validated
+from feeddrive.language.errors import ParameterError
+from feeddrive.language.table import Result, Table
+
+FRICTIONS = ("symmetric", "directional")
+NAMES = {
+    "symmetric": ("mass", "viscous", "coulomb", "offset"),
+    "directional": ("mass", "viscous_positive", "coulomb_positive", "viscous_negative", "coulomb_negative"),
+}
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class RigidFit(Result):
+    """A rigid drive that was found in a log; a drive at a shaft has an inertia in kg m² under the name of mass.
+
+    estimates   every parameter with its standard errors
+    covariance  robust, in the order of the estimates
+    validation  how well rows are predicted that were not used
+    criterion   by friction model: the information criterion (less is better), as far as they were compared
+    """
+
+    name: str
+    friction: str
+    estimates: tuple[Estimate, ...]
+    covariance: np.ndarray
+    residuals: Residuals
+    validation: Validation
+    criterion: dict[str, float]
+    time: np.ndarray
+    frame: Frame
+
+    def __getitem__(self, parameter: str) -> Estimate:
+        for each in self.estimates:
+            if each.name == parameter:
+                return each
+        raise ParameterError(f"the fit has no parameter '{parameter}'; it has {', '.join(NAMES[self.friction])}")
+
+    def table(self) -> Table:
+        """Parameters with both standard errors."""
+        off = f"residual {100.0 * self.residuals.relative:.3g} %, unused rows {100.0 * self.validation.relative:.3g} %"
+        return estimates_table(f"{self.name}: rigid drive, {self.friction} friction; {off}", self.estimates)
+
+    def plot(self) -> Any:
+        """Measured and fitted force over time with the residual, as a matplotlib figure."""
+        from feeddrive import plot
+
+        return plot.rigid_fit(self)
+
+    def to_pandas(self) -> Any:
+        """A DataFrame with measured and fitted force over time in s."""
+        from feeddrive.plot import frames
+
+        measured = self.residuals.measured
+        columns = {"measured": measured, "fitted": measured - self.residuals.values}
+        return frames.frame(self.time, columns, "time")
+
+    def at_table(self, lead: float, gear: float = 1.0) -> RigidFit:
+        """The same drive in kg and N at a table that a screw of `lead` (m) moves; `gear`: motor turns a screw turn."""
+        if self.frame is TABLE:
+            return self
+        r = lever(lead, gear)
+        found = tuple(each.at_table(r) for each in self.estimates)
+        factors = np.array(
+            [new.value / old.value if old.value else 0.0 for new, old in zip(found, self.estimates, strict=True)]
+        )
+        residuals = replace(
+            self.residuals, values=self.residuals.values / r, measured=self.residuals.measured / r, unit="N"
+        )
+        return replace(
+            self, estimates=found, covariance=self.covariance * np.outer(factors, factors), residuals=residuals,
+            frame=TABLE,
+        )  # fmt: skip
+
+    def plant(self) -> Rigid:
+        """The moving mass as a plant."""
+        require_table(self.frame, "the mass")
+        return Rigid(mass=self["mass"].value)
+
+    def friction_block(self) -> Friction:
+        """The friction as a block; a viscous or Coulomb part that came out negative is taken as 0."""
+        require_table(self.frame, "the friction")
+        value = {each.name: max(0.0, each.value) for each in self.estimates}
+        if self.friction == "symmetric":
+            return Coulomb(coulomb=value["coulomb"], viscous=value["viscous"])
+        return Directional(**{name: value[name] for name in NAMES["directional"][1:]})
+
+    def gravity(self) -> Gravity | None:
+        """The constant force that the drive had to overcome, as it acts on the table; None for directional friction."""
+        require_table(self.frame, "the offset")
+        return Gravity(force=-self["offset"].value) if self.friction == "symmetric" else None
+
+
+def identify_rigid(
+    log: MotionLog, *, friction: str = "best", how: Preparation | None = None, folds: int = 5
+) -> RigidFit:
+    """Mass, friction and offset of a rigid drive by least squares on its inverse dynamics.
+
+        symmetric:    force = mass a + viscous v + coulomb sign(v) + offset
+        directional:  force = mass a + (viscous± v + coulomb± sign(v)),   ± the direction of v
+
+    friction  "symmetric", "directional", or "best": the one with the lesser information criterion
+    how       filters and times; default: `Preparation()`
+    folds     of the cross-validation: each stretch of the log is predicted by a fit of the others
+
+    Standard errors are robust; those of an unbiased white residual are beside them.  When not to use: on an axis
+    whose screw bends in the motion (fit its frequency response), or near standstill (fit constant-speed runs).
+    Raises NotIdentifiableError with what to measure next, LogError for a log that is too short.
+    Source: Janot, Gautier & Brunot 2019, with the force half a sample later, where its hold acts.
+    """
+    if friction not in (*FRICTIONS, "best"):
+        raise ParameterError(f"friction = {friction!r} must be one of best, {', '.join(FRICTIONS)}")
+    rows = prepare(log, how or Preparation())
+    check_motion(log.name, rows.velocity, log.frame)
+    asked = FRICTIONS if friction == "best" else (friction,)
+    fits = [_fit(log, rows, each, folds) for each in asked]
+    criterion = {fit.friction: fit.criterion[fit.friction] for fit in fits}
+    best = min(fits, key=lambda fit: criterion[fit.friction])
+    return replace(best, criterion=criterion)
+
+
+def columns_of(rows: Prepared, friction: str) -> np.ndarray:
+    """The columns of the inverse dynamics, shape (n, p), in the order of `NAMES`."""
+    if friction == "symmetric":
+        columns = (rows.acceleration, rows.velocity, rows.direction, rows.constant)
+    else:
+        columns = (rows.acceleration, rows.velocity_forward, rows.forward, rows.velocity_backward, -rows.backward)
+    return np.column_stack(columns)
+
+
+def _fit(log: MotionLog, rows: Prepared, friction: str, folds: int) -> RigidFit:
+    names, columns = NAMES[friction], columns_of(rows, friction)
+    check_columns(log.name, columns, names)
+    values = np.linalg.lstsq(columns, rows.force, rcond=None)[0]
+    residual = rows.force - columns @ values
+    robust = robust_covariance(columns, residual)
+    frame = log.frame
+    units = [{"mass": frame.inertia, "viscous": frame.viscous}.get(name.split("_")[0], frame.force) for name in names]
+    found = tuple(
+        Estimate(*each)
+        for each in zip(names, values, units, errors(robust), errors(ols_covariance(columns, residual)), strict=True)
+    )
+    check_mass(log.name, found[0].value, found[0].error, found[0].unit)
+    return RigidFit(
+        name=log.name,
+        friction=friction,
+        estimates=found,
+        covariance=robust,
+        residuals=Residuals(residual, rows.force, float(np.linalg.cond(columns)), frame.force),
+        validation=cross_validated(columns, rows.force, folds, frame.force),
+        criterion={friction: information(residual, len(names))},
+        time=rows.time,
+        frame=frame,
+    )

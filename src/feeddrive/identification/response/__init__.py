@@ -1,0 +1,1 @@
+"""Frequency responses go in; modes, masses, springs and dampers come out."""

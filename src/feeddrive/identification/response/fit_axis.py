@@ -1,0 +1,162 @@
+"""Which structure an axis has, by evidence: rigid, two masses, modes, or that of a machine file."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from feeddrive.blocks.actuator.actuator import Actuator
+from feeddrive.blocks.families import Plant
+from feeddrive.blocks.plant.rigid import Rigid
+from feeddrive.identification.response.plant_fit import PlantFit
+from feeddrive.identification.response.two_mass_fit import fit_modal_axis, fit_plant, fit_two_mass
+from feeddrive.identification.response.units import taken
+from feeddrive.language import tree
+from feeddrive.language.errors import FeeddriveError, ParameterError
+from feeddrive.language.table import Result, Table
+from feeddrive.loop.frequency_response import FRF
+
+_AS_GOOD = 1.1  # times the least error on unused lines that counts as equally good
+_NOISE = 0.3  # autocorrelation from line to line below which nothing is left to model
+_DECIBEL = 20.0 / np.log(10.0)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class AxisFits(Result):
+    """Fits of several structures to the same lines, and the one to use.
+
+    fits     by structure; `chosen` is the name of the one to use
+    refused  structures that could not be fitted, with why, or that were not needed
+    """
+
+    fits: Mapping[str, PlantFit]
+    chosen: str
+    refused: Mapping[str, str]
+
+    @property
+    def fit(self) -> PlantFit:
+        """The one to use."""
+        return self.fits[self.chosen]
+
+    def table(self) -> Table:
+        """One row a structure: parameters, error on unused lines in dB RMS, how residuals hang together."""
+        rows = [
+            [name, f"{len(each.estimates)}", f"{_DECIBEL * each.agreement.unused:.3f}",
+             f"{each.agreement.autocorrelation():.2f}", "taken" if name == self.chosen else ""]
+            for name, each in self.fits.items()
+        ]  # fmt: skip
+        rows += [[name, "", "", "", why] for name, why in self.refused.items()]
+        heads = ["structure", "parameters", "unused lines dB", "from line to line", ""]
+        return Table("structures: the fewest parameters among those that predict unused lines best", heads, rows)
+
+    def plot(self) -> Any:
+        """The chosen fit over the measurement."""
+        return self.fit.plot()
+
+    def to_pandas(self) -> Any:
+        """The parameters of the chosen fit."""
+        return self.fit.to_pandas()
+
+
+def fit_axis(
+    motor: FRF | None = None,
+    load: FRF | None = None,
+    *,
+    plant: Plant | None = None,
+    actuator: Actuator | None = None,
+    modes: int | None = None,
+    fixed: Mapping[str, float] | None = None,
+    structure: str | None = None,
+    held: bool = True,
+    band: tuple[float, float] | None = None,
+    force_per_unit: float | None = None,
+    travel_per_unit: float | None = None,
+    step: Callable[[str], None] = lambda _: None,
+) -> AxisFits:
+    """Fit the structures that an axis may have, from the simple to the rich, and take the one that predicts best.
+
+    plant      of a machine file: its structure is tried too, from its values, if it is not rigid
+    actuator   of that file: with a current loop in it, that of the lines is found too
+    modes      how many, for modes in parallel; None: as many as unused lines tell
+    fixed      parameters that are known; structures that lack one of them are not tried
+    structure  "rigid", "machine", "two-mass" or "modal": that one alone
+    step       is told the name of each structure when it begins
+
+    The rest is as in `fit_plant`.  Each structure predicts lines that its fit lacked; of those within a tenth of the
+    least error the one with the fewest parameters is taken.  Modes in parallel are tried only where the residuals of
+    the others still hang together from line to line.
+    Raises ParameterError if no structure can be fitted, with why for each.
+    """
+    ways = _ways(motor, load, plant, actuator, modes, dict(fixed or {}), held, band, force_per_unit, travel_per_unit)
+    if structure is not None and structure not in ways:
+        raise ParameterError(f"there is no structure '{structure}' to fit; there are {', '.join(ways)}")
+    found: dict[str, PlantFit] = {}
+    refused: dict[str, str] = {}
+    for name, way in ways.items():
+        if structure not in (None, name):
+            continue
+        white = [other for other, fit in found.items() if abs(fit.agreement.autocorrelation()) < _NOISE]
+        if white and name == "modal":
+            refused[name] = f"not tried: nothing regular is left by {white[-1]}"
+            continue
+        step(name)
+        try:
+            found[name] = way()
+        except FeeddriveError as error:
+            if structure is not None:
+                raise
+            refused[name] = str(error)
+    if not found:
+        raise ParameterError("; ".join(f"{name}: {why}" for name, why in refused.items()))
+    best = min(fit.agreement.unused for fit in found.values())
+    good = [name for name, fit in found.items() if fit.agreement.unused <= _AS_GOOD * best + 1e-9]
+    return AxisFits(found, min(good, key=lambda name: len(found[name].estimates)), refused)
+
+
+def _ways(
+    motor: FRF | None,
+    load: FRF | None,
+    plant: Plant | None,
+    actuator: Actuator | None,
+    modes: int | None,
+    fixed: dict[str, float],
+    held: bool,
+    band: tuple[float, float] | None,
+    force_per_unit: float | None,
+    travel_per_unit: float | None,
+) -> dict[str, Callable[[], PlantFit]]:
+    """The fits that make sense for these parameters that are known, in the order in which they are tried."""
+    corner = None if actuator is None else actuator.current_loop
+    common: dict[str, Any] = {
+        "held": held, "band": band, "force_per_unit": force_per_unit, "travel_per_unit": travel_per_unit,
+        "current_loop": None if corner is None else float(corner), "find_current_loop": corner is not None,
+    }  # fmt: skip
+
+    def rigid() -> PlantFit:
+        responses, units = taken({"motor": motor, "load": load}, band, force_per_unit, travel_per_unit)
+        sizes = [frf.magnitude * (2.0 * np.pi * frf.frequency) ** (2 - units.order) for frf in responses.values()]
+        start = Rigid(mass=1.0 / float(np.median(np.concatenate(sizes))), viscous=0.0)
+        return fit_plant(start, motor, load, fixed=fixed, absent=("viscous",), **common)
+
+    ways: dict[str, Callable[[], PlantFit]] = {"rigid": rigid}
+    if plant is not None and plant.kind not in ("rigid", "two_mass"):
+        given = plant
+        absent = tuple(name for name, _ in tree.leaves(given) if name.rsplit(".", 1)[-1].startswith("viscous"))
+        ways["machine"] = lambda: fit_plant(given, motor, load, fixed=fixed, absent=absent, **common)
+    ways["two-mass"] = lambda: fit_two_mass(motor, load, fixed=fixed, **common)
+    ways["modal"] = lambda: fit_modal_axis(motor, load, modes, **common)
+    if not fixed:
+        return ways
+    fitting = {
+        "rigid": {"mass", "viscous"},
+        "machine": set() if plant is None else {name for name, _ in tree.leaves(plant)},
+        "two-mass": {"mass_motor", "mass_load", "stiffness", "damping", "viscous_motor", "viscous_load"},
+    }
+    kept = {name: way for name, way in ways.items() if set(fixed) <= fitting.get(name, set())}
+    if not kept:
+        every = sorted({name for name in ways if name in fitting for name in fitting[name]})
+        raise ParameterError(f"no structure has all of {', '.join(fixed)}; there are {', '.join(every)}")
+    return kept

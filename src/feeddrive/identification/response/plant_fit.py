@@ -1,0 +1,276 @@
+"""The masses, springs and dampers of a plant from one or several frequency responses, in SI."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from feeddrive.blocks.actuator.actuator import Actuator
+from feeddrive.blocks.families import Plant
+from feeddrive.identification.estimate import Estimate, estimates_table
+from feeddrive.identification.response.advice import advice, blind, entangled
+from feeddrive.identification.response.agreement import Agreement, agreement
+from feeddrive.identification.response.plant_response import Asked, PlantResponse
+from feeddrive.identification.response.refine import STEPS, Refined, Unknown, beside, refine
+from feeddrive.identification.response.units import ResponseUnits
+from feeddrive.language import tree
+from feeddrive.language.errors import ParameterError
+from feeddrive.language.table import Result, Table
+from feeddrive.loop.frequency_response import FRF
+
+UNKNOWN = 0.5  # standard error over value from which a parameter counts as not identifiable
+_IDEAL = 20.0  # times the highest line: a current loop beyond is ideal
+DRIVE = ("dead_time", "current_loop")  # of the actuator
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class PlantFit(Result):
+    """A plant with the actuator before it, brought onto measured responses.
+
+    estimates         every parameter that was sought, with its standard errors; `covariance` in their order
+    derived           what follows from them: antiresonance, resonance, inertia ratio, total mass
+    not_identifiable  by parameter: why, and what to measure next; it stands at the value that `plant` has
+    agreement         how well the responses are met, on lines that were used and on lines that were not
+    remarks           what else the residuals and the errors say
+    """
+
+    plant: Plant
+    actuator: Actuator
+    estimates: tuple[Estimate, ...]
+    covariance: np.ndarray
+    derived: tuple[Estimate, ...]
+    not_identifiable: Mapping[str, str]
+    agreement: Agreement
+    units: ResponseUnits
+    remarks: tuple[str, ...]
+
+    def __getitem__(self, name: str) -> Estimate:
+        found = {each.name: each for each in (*self.estimates, *self.derived)}
+        if name not in found:
+            raise ParameterError(f"the fit has no parameter '{name}'; there are {', '.join(found)}")
+        return found[name]
+
+    def blocks(self) -> tuple[Plant, Actuator]:
+        """Plant and actuator as parts of an axis. Raises ParameterError for a result that is not in kg and N/m."""
+        if not self.units.si:
+            raise ParameterError(
+                f"the fit is in {self.units.of('kg')} and not in kg: give force_per_unit in N/{self.units.input}"
+                + ("" if self.units.output == "m" else f" and travel_per_unit in m/{self.units.output}")
+                + " before it becomes part of an axis"
+            )
+        return self.plant, self.actuator
+
+    def table(self) -> Table:
+        """One row a parameter, and one for each that is not identifiable."""
+        title = f"{self.plant.kind}; unused lines are predicted within {8.686 * self.agreement.unused:.3f} dB RMS"
+        found = estimates_table(title, (*self.estimates, *self.derived))
+        rows = [[*row[:5], "not identifiable" if row[0] in self.not_identifiable else row[5]] for row in found.rows]
+        there = {row[0] for row in rows}
+        held = dict(tree.leaves(self.plant))
+        rows += [
+            [name, "", f"{float(held.get(name, 0.0)):.6g}", "", "", "not identifiable"]
+            for name in self.not_identifiable
+            if name not in there
+        ]
+        return Table(title, found.heads, rows)
+
+    def plot(self) -> Any:
+        """Measured and fitted responses as a Bode plot."""
+        return self.agreement.plot()
+
+    def to_pandas(self) -> Any:
+        """A DataFrame with one row a parameter."""
+        from feeddrive.plot import frames
+
+        every = (*self.estimates, *self.derived)
+        columns = {
+            "value": [e.value for e in every],
+            "error": [e.error for e in every],
+            "unit": [e.unit for e in every],
+        }
+        return frames.frame([e.name for e in every], columns, "parameter")
+
+
+@dataclass(frozen=True)
+class Task:
+    """What is to be fitted: the start and what is known. The responses are those of `taken`, by sensor."""
+
+    plant: Plant
+    actuator: Actuator
+    fixed: Mapping[str, float]
+    responses: Mapping[str, FRF]
+    units: ResponseUnits
+    held: bool = True
+
+    @property
+    def frfs(self) -> list[FRF]:
+        """In their order."""
+        return list(self.responses.values())
+
+    @property
+    def band(self) -> tuple[float, float]:
+        """Lowest and highest line, Hz."""
+        return min(f.frequency[0] for f in self.frfs), max(f.frequency[-1] for f in self.frfs)
+
+    def model(self, names: Sequence[str]) -> PlantResponse:
+        """With these parameters free."""
+        asked = [
+            Asked(frf.frequency, sensor, self.units.order, frf.sample_time if self.held else None)
+            for sensor, frf in self.responses.items()
+        ]
+        known = {"dead_time": self.actuator.dead_time, **self.fixed}
+        if self.actuator.current_loop is not None and "current_loop" not in names:
+            known.setdefault("current_loop", self.actuator.current_loop)
+        return PlantResponse(self.plant, names, asked, known)
+
+    def unknowns(self, names: Sequence[str]) -> list[Unknown]:
+        """Start, scale and bounds of each."""
+        leaves = dict(tree.leaves(self.plant))
+        low, high = (2.0 * np.pi * f for f in self.band)
+        mass = float(self.plant.rigid_mass())
+        found: list[Unknown] = []
+        for name in names:
+            if name == "dead_time":
+                found.append(Unknown(name, "s", self.actuator.dead_time, scale=0.1 / high))
+                continue
+            if name == "current_loop":
+                start = self.actuator.current_loop or high / np.pi
+                most = 1e3 * high / (2.0 * np.pi)
+                found.append(Unknown(name, "Hz", start, positive=True, least=1e-3 * low, most=most))
+                continue
+            declared = tree.declaration(self.plant, name)
+            unit, value = self.units.of(declared.unit), float(leaves[name])
+            if declared.above == 0.0 and value > 0.0:
+                # a resonance stays near its line; nothing need run far beyond what the lines can tell
+                reach = 3.0 if declared.unit == "Hz" else 1e6
+                found.append(Unknown(name, unit, value, positive=True, least=value / reach, most=value * reach))
+            else:
+                if name.endswith("damping_ratio"):
+                    found.append(Unknown(name, unit, max(value, 1e-4), positive=True, least=1e-5, most=2.0))
+                    continue
+                usual = {"N s/m": mass * np.sqrt(low * high), "": 1.0}.get(declared.unit, abs(value) or 1.0)
+                least = max((b for b in (declared.least, declared.above) if b is not None), default=-np.inf)
+                most = min((b for b in (declared.most, declared.below) if b is not None), default=np.inf)
+                found.append(Unknown(name, unit, value, scale=usual, least=least, most=most))
+        return found
+
+
+def solve(task: Task, names: Sequence[str], *, logarithmic: bool, steps: int = STEPS) -> tuple[Task, Refined]:
+    """The task with its plant and actuator where the cost is least, and what was found on the way."""
+    model, unknowns = task.model(names), task.unknowns(names)
+    found = refine(model, unknowns, task.frfs, logarithmic=logarithmic, steps=steps)
+    given = dict(zip(names, found.values, strict=True))
+    plant = tree.rebuild(task.plant, iter(model.values(found.values)))
+    actuator = replace(
+        task.actuator,
+        dead_time=max(float(given.get("dead_time", task.actuator.dead_time)), 0.0),
+        current_loop=given.get("current_loop", task.actuator.current_loop),
+    )
+    return replace(task, plant=plant, actuator=actuator), found
+
+
+def finished(
+    task: Task, names: Sequence[str], neutral: Sequence[str] = (), known: Mapping[str, float] | None = None
+) -> PlantFit:
+    """Fit to the end, fix what of `neutral` the lines do not tell, and say what they do not tell else.
+
+    `neutral` names parameters, in the order in which they are given up, that a plant can do without; they are fixed at
+    zero, or at a value that is `known` of them before.  The errors of all others count them as unknown.
+    """
+    kept = {name: (known or {}).get(name, 0.0) for name in neutral}
+    names, gone = list(names), {}
+    task, found = solve(task, names, logarithmic=True)
+    weighted = any(frf.variance is not None for frf in task.frfs)
+    while True:
+        if weighted:
+            task, found = solve(task, names, logarithmic=False)
+        covariance = _covariance(task, names, found, weighted, {})
+        error = np.sqrt(np.maximum(np.diag(covariance[0]), 0.0))
+        weak = {
+            name: float(e)
+            for name, value, e, bound in zip(names, found.values, error, found.bound, strict=True)
+            if bound or e > UNKNOWN * abs(value)
+        }
+        if "current_loop" in weak and (task.actuator.current_loop or 0.0) > _IDEAL * task.band[1]:
+            # faster than the lines can tell: it would stand for nothing, and no drive has such a one
+            gone["current_loop"] = f"it is faster than {_IDEAL:g} times the highest line; left out, it acts at once"
+            names.remove("current_loop")
+            task = replace(task, actuator=replace(task.actuator, current_loop=None))
+            task, found = solve(task, names, logarithmic=True)
+            continue
+        first = next((name for name in neutral if name in weak), None)
+        if first is None:
+            break
+        gone[first] = advice(first, task.band, float(task.plant.rigid_mass()), weak[first], task.units)
+        names.remove(first)
+        task = replace(task, plant=tree.vary(task.plant, {first: kept[first]}))
+        task, found = solve(task, names, logarithmic=True)
+    model, unknowns = task.model(names), task.unknowns(names)
+    covariance = _covariance(task, names, found, weighted, {name: kept[name] for name in gone if name in kept})
+    found = replace(found, covariance=covariance[0], ols=covariance[1])
+    error, plain = (np.sqrt(np.maximum(np.diag(c), 0.0)) for c in (found.covariance, found.ols))
+    estimates = tuple(
+        Estimate(each.name, float(v), each.unit, float(e), float(o))
+        for each, v, e, o in zip(unknowns, found.values, error, plain, strict=True)
+    )
+    for each, bound in zip(estimates, found.bound, strict=True):
+        # a dead time of zero within its error is an answer
+        if each.name != "dead_time" and (bound or each.error > UNKNOWN * abs(each.value)):
+            gone[each.name] = advice(each.name, task.band, float(task.plant.rigid_mass()), each.error, task.units)
+    gone = {**blind(estimates, found), **gone}
+    fit = agreement(model, unknowns, task.frfs, found, task.units.order)
+    said = [*fit.remarks(), *entangled(names, found)]
+    if not found.settled:
+        said.append("the descent did not settle: cut the band to where the coherence is high")
+    late = next((e for e in estimates if e.name == "dead_time"), None)
+    if late is not None and late.value < -3.0 * late.error:
+        said.append(
+            f"the dead time comes out as {1e3 * late.value:.3g} ms: the position was logged that much later than "
+            f"the force, the input is a measured current (held=False, --measured-input), or a mode above the band is "
+            f"missing; it counts as 0"
+        )
+    return PlantFit(task.plant, task.actuator, estimates, found.covariance, (), gone, fit, task.units, tuple(said))
+
+
+def _covariance(
+    task: Task, names: Sequence[str], found: Refined, weighted: bool, gone: Mapping[str, float]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Robust and plain, of all that was sought; what was given up, at its value, counts as unknown."""
+    every = [*names, *gone]
+    at = np.concatenate([found.values, [*gone.values()]])
+    both = beside(
+        task.model(every), task.unknowns(every), task.frfs, at,
+        logarithmic=not weighted, model_error=found.model_error,
+    )  # fmt: skip
+    n = len(names)
+    return both[0][:n, :n], both[1][:n, :n]
+
+
+def with_derived(fit: PlantFit, derived: Sequence[tuple[str, str, Any]]) -> PlantFit:
+    """The fit with quantities that follow from its plant: name, unit, function of the plant; errors to first order."""
+    leaves = [name for name, _ in tree.leaves(fit.plant)]
+    places = [(i, e) for i, e in enumerate(fit.estimates) if e.name in leaves]
+    found: list[Estimate] = []
+    for name, unit, function in derived:
+        value, slope = float(function(fit.plant)), np.zeros(len(fit.estimates))
+        for i, each in places:
+            step = 1e-5 * max(abs(each.value), 1e-12)
+            up, down = (
+                float(function(tree.rebuild(fit.plant, _other(fit.plant, each.name, each.value + sign * step))))
+                for sign in (1.0, -1.0)
+            )
+            slope[i] = (up - down) / (2.0 * step)
+        error = float(np.sqrt(max(slope @ fit.covariance @ slope, 0.0)))
+        found.append(Estimate(name, value, unit, error, error))
+    gone = dict(fit.not_identifiable)
+    for each in found:
+        if each.error > UNKNOWN * abs(each.value):
+            gone[each.name] = f"its standard error is {each.error:.2g} {each.unit}; it follows from {', '.join(leaves)}"
+    return replace(fit, derived=tuple(found), not_identifiable=gone)
+
+
+def _other(plant: Plant, changed: str, value: float) -> Any:
+    return iter([value if name == changed else old for name, old in tree.leaves(plant)])

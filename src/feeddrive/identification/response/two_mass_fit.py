@@ -1,0 +1,195 @@
+"""Two masses and a spring, or a rigid mass with modes, from frequency responses of one or both encoders."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from feeddrive.blocks.actuator.actuator import Actuator
+from feeddrive.blocks.families import Plant
+from feeddrive.blocks.plant.modal import Modal
+from feeddrive.blocks.plant.mode import Mode
+from feeddrive.blocks.plant.two_mass import TwoMass
+from feeddrive.identification.response.advice import beyond
+from feeddrive.identification.response.modal_fit import ModalFit, fit_modes
+from feeddrive.identification.response.plant_fit import DRIVE, PlantFit, Task, finished, solve, with_derived
+from feeddrive.identification.response.two_mass_start import check_signs, starts
+from feeddrive.identification.response.units import taken
+from feeddrive.language import tree
+from feeddrive.language.errors import NotIdentifiableError, ParameterError
+from feeddrive.loop.frequency_response import FRF
+
+
+def fit_plant(
+    plant: Plant,
+    motor: FRF | None = None,
+    load: FRF | None = None,
+    *,
+    fixed: Mapping[str, float] | None = None,
+    absent: tuple[str, ...] = (),
+    dead_time: float | None = None,
+    current_loop: float | None = None,
+    find_current_loop: bool = False,
+    held: bool = True,
+    band: tuple[float, float] | None = None,
+    force_per_unit: float | None = None,
+    travel_per_unit: float | None = None,
+) -> PlantFit:
+    """Any plant of the house, from its own values as the start, brought onto responses of motor and load encoder.
+
+        x/f = e^(-s·dead_time) / (1 + s/ω) · Sᵢ (M s² + C s + K)⁻¹ S_driveᵀ,   both responses together
+
+    motor, load        position (or velocity, acceleration, by their unit) over the drive's force, one of them or both
+    fixed              parameters that are known, by name; they keep that value
+    absent             parameters, as friction, that keep the value of `plant` where the lines do not tell them
+    dead_time          s; None: it is found.  Of a sampled response, one with a sample time, the hold is no part of it
+    held               whether the input of a sampled response is a command, held over each sample; False for a current
+                       or force that was measured
+    current_loop       Hz; None: the force follows at once, unless `find_current_loop`
+    band               Hz, lowest and highest line that counts
+    force_per_unit     N for each unit of the responses' input (a motor's force constant); travel_per_unit m for each
+                       unit of their output (lead/2π for rad).  Without them a result is in the responses' own units
+
+    The cost is that of `refine`: weighted by the variances where they are known, else the complex logarithmic ratio.
+    Raises ParameterError for units that differ, a name that is not there and too few lines.
+    When not: far from the start; `fit_two_mass` and `fit_modal_axis` find their own.
+    """
+    responses, units = taken({"motor": motor, "load": load}, band, force_per_unit, travel_per_unit)
+    known = dict(fixed or {})
+    for name in known:
+        tree.get(plant, name)
+    actuator = Actuator(dead_time=dead_time or 0.0, current_loop=current_loop)
+    names = [name for name, _ in tree.leaves(plant) if name not in known]
+    names += ["dead_time"] if dead_time is None else []
+    names += ["current_loop"] if find_current_loop else []
+    start = tree.vary(plant, known)
+    stated = {name: float(tree.get(start, name)) for name in absent}
+    return finished(Task(start, actuator, {}, responses, units, held), names, absent, stated)
+
+
+def fit_two_mass(
+    motor: FRF | None = None,
+    load: FRF | None = None,
+    *,
+    fixed: Mapping[str, float] | None = None,
+    dead_time: float | None = None,
+    current_loop: float | None = None,
+    find_current_loop: bool = False,
+    held: bool = True,
+    band: tuple[float, float] | None = None,
+    force_per_unit: float | None = None,
+    travel_per_unit: float | None = None,
+) -> PlantFit:
+    """Two masses and a spring from the responses of the motor's encoder, or of both together.
+
+        (m1 s² + (b1 + c) s + k) x1 - (c s + k) x2 = e^(-s·dead_time) f,   (m2 s² + (b2 + c) s + k) x2 = (c s + k) x1
+
+    Arguments as in `fit_plant`; no start is needed, it follows from a modal fit:  m2/m1 = residue/free at the motor,
+    k = ω² m1 m2/(m1 + m2).  Viscous friction that the lines do not tell is fixed at zero and said to be not
+    identifiable.  Derived: antiresonance √(k/m2), resonance √(k (m1 + m2)/(m1 m2)), inertia ratio m2/m1, total mass.
+
+    Raises NotIdentifiableError if only the load's response is there and no mass is fixed: it holds the total mass and
+    the resonance, and any split of the masses fits it.
+    When not: for an axis with further modes in the band; cut the band, or take `fit_modal_axis`.
+    """
+    responses, units = taken({"motor": motor, "load": load}, band, force_per_unit, travel_per_unit)
+    known = dict(fixed or {})
+    if "motor" not in responses and not {"mass_motor", "mass_load", "stiffness"} & set(known):
+        raise NotIdentifiableError(
+            "mass_motor and mass_load are not identifiable from the load's response alone: it tells their sum and the "
+            "resonance; measure next the motor's encoder too, or fix one of them"
+        )
+    every = ("mass_motor", "mass_load", "stiffness", "damping", "viscous_motor", "viscous_load")
+    names = [name for name in every if name not in known]
+    names += ["dead_time"] if dead_time is None else []
+    names += ["current_loop"] if find_current_loop else []
+    best: tuple[float, Task] | None = None
+    actuator = Actuator(dead_time=dead_time or 0.0, current_loop=current_loop)
+    for start in starts(responses, units, dead_time):
+        task = Task(tree.vary(start, known), actuator, {}, responses, units, held)
+        task, found = solve(task, names, logarithmic=True, steps=25)
+        far = float(np.mean(np.minimum(np.abs(np.concatenate(found.residuals)), 1.0)))
+        if best is None or far < best[0]:
+            best = far, task
+    assert best is not None
+    fit = finished(best[1], names, ("viscous_load", "viscous_motor", "damping"))
+    fit = with_derived(
+        fit,
+        [
+            ("antiresonance", "Hz", lambda p: np.sqrt(p.stiffness / p.mass_load) / (2.0 * np.pi)),
+            ("resonance", "Hz", _resonance),
+            ("inertia_ratio", "", lambda p: p.mass_load / p.mass_motor),
+            ("total_mass", units.of("kg"), lambda p: p.mass_motor + p.mass_load),
+        ],
+    )
+    return replace(fit, remarks=(*fit.remarks, *beyond(fit["resonance"], best[1].band)))
+
+
+def _check_driven(modal: ModalFit, frequency: float, residue: float) -> None:
+    """Raise ParameterError for a mode that the motor's encoder shows against the force."""
+    known = {each.name: each for each in modal.estimates}
+    number = int(np.argmin(np.abs(modal.values[: modal.model.modes] - frequency))) + 1
+    error = known[f"residue_{number}_motor"].error if f"residue_{number}_motor" in known else np.inf
+    if residue < -3.0 * error:
+        raise ParameterError(
+            f"the mode at {frequency:.4g} Hz has the wrong sign at the motor's encoder (residue {residue:.3g} ± "
+            f"{error:.1g}): the force does not act where this encoder sits, and no masses can be told; give the "
+            f"response as `load` alone, or take fit_modes"
+        )
+
+
+def _resonance(plant: TwoMass) -> float:
+    both = 1.0 / plant.mass_motor + 1.0 / plant.mass_load
+    return float(np.sqrt(plant.stiffness * both) / (2.0 * np.pi))
+
+
+def fit_modal_axis(
+    motor: FRF | None = None,
+    load: FRF | None = None,
+    modes: int | None = None,
+    *,
+    dead_time: float | None = None,
+    current_loop: float | None = None,
+    find_current_loop: bool = False,
+    held: bool = True,
+    band: tuple[float, float] | None = None,
+    force_per_unit: float | None = None,
+    travel_per_unit: float | None = None,
+) -> PlantFit:
+    """A rigid mass with any number of modes in parallel, from the responses of one encoder or of both together.
+
+        x/f = e^(-s·dead_time) [ 1/(M s² + b s) + Σ shapeᵢ / (mᵢ (s² + 2ζᵢωᵢs + ωᵢ²)) ],   shape 1 at the motor
+
+    Arguments as in `fit_plant`; modes None: as many as unused lines can tell.  Modal masses are positive, as those of a
+    driven point are: a mode that has the wrong sign at the motor ends with a very large mass and is said to be not
+    identifiable.  With the load's response alone a mode's shape at the load is ±1 and its mass what fits.
+    When not: where residues are far from real, see `fit_modes` with proportional=False.
+    """
+    responses, units = taken({"motor": motor, "load": load}, band, force_per_unit, travel_per_unit)
+    plain = {name: replace(frf, variance=None) for name, frf in responses.items()}
+    modal = fit_modes(plain, modes, proportional=True, dead_time=dead_time)
+    check_signs(modal)
+    model, values = modal.model, modal.values
+    free = float(np.mean([abs(values[model.common + i * model.own]) for i in range(len(modal.outputs))]))
+    parts: list[Mode] = []
+    fixed: list[str] = []
+    for i, mode in enumerate((*modal.modes, *modal.beyond)):
+        at = dict(zip(modal.outputs, (r.real for r in mode.residues), strict=True))
+        _check_driven(modal, mode.frequency.value, at.get("motor", 0.0))
+        drive = abs(at.get("motor", at.get("load", 0.0))) or 1e-6 * free
+        shape = at.get("load", drive) / drive
+        fixed += [f"modes.{i}.motor"]
+        if "load" not in at or "motor" not in at:
+            shape = float(np.sign(shape)) or 1.0
+            fixed += [f"modes.{i}.load"]
+        ratio = min(mode.damping_ratio.value, 1.0)
+        parts.append(Mode(frequency=mode.frequency.value, damping_ratio=ratio, mass=1.0 / drive, motor=1.0, load=shape))
+    corner = float(values[2 * model.modes])
+    plant = Modal(mass=1.0 / free, viscous=corner / free, modes=tuple(parts))
+    actuator = Actuator(dead_time=max(modal["dead_time"].value, 0.0) if dead_time is None else dead_time,
+                        current_loop=current_loop)  # fmt: skip
+    names = [name for name, _ in tree.leaves(plant) if name not in fixed]
+    names += [each for each, wanted in zip(DRIVE, (dead_time is None, find_current_loop), strict=True) if wanted]
+    return finished(Task(plant, actuator, {}, responses, units, held), names, ("viscous",))

@@ -1,0 +1,1 @@
+"""Runs at constant speeds go in; a friction curve comes out."""

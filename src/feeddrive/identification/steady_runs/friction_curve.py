@@ -1,0 +1,315 @@
+"""A friction curve from constant-speed runs: which model the runs support, and its parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.optimize import minimize_scalar
+
+from feeddrive.blocks.families import Friction
+from feeddrive.blocks.force.gravity import Gravity
+from feeddrive.identification.covariance import errors
+from feeddrive.identification.criterion import information, likely_memory
+from feeddrive.identification.estimate import Estimate, estimates_table
+from feeddrive.identification.frame import SHAFT, Frame, require_table
+from feeddrive.identification.steady_runs.friction_models import CANDIDATES, SEPARATE, Candidate
+from feeddrive.identification.steady_runs.steady_runs import SteadyRuns
+from feeddrive.language.errors import NotIdentifiableError, ParameterError
+from feeddrive.language.table import Result, Table
+
+_GRID = 60  # Stribeck velocities that are tried before the best is refined
+EQUAL = 2.0  # difference of the criterion that is not worth a mention: the simpler model is taken then
+_SAME = 1.02  # ratio of two mean speeds from which they count as two
+CLEAR = 6.0  # difference of the criterion that counts as strong evidence (Kass & Raftery 1995)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Compared:
+    """A model that was tried: its criterion (less is better), its RMS residual, how many parameters it took."""
+
+    name: str
+    criterion: float
+    rms: float
+    parameters: int
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class FrictionCurve(Result):
+    """The friction model that constant-speed runs support best.
+
+    compared    all that were tried, the best first
+    memory      autocorrelation of the residual from speed to speed
+    remarks     what a reader must know
+    covariance  of the estimates, with that memory, in their order
+    """
+
+    model: Candidate
+    estimates: tuple[Estimate, ...]
+    runs: SteadyRuns
+    residual: np.ndarray
+    memory: float
+    compared: tuple[Compared, ...]
+    remarks: tuple[str, ...]
+    covariance: np.ndarray
+
+    def __getitem__(self, parameter: str) -> Estimate:
+        for each in self.estimates:
+            if each.name == parameter:
+                return each
+        raise ParameterError(f"the curve has no '{parameter}'; it has {', '.join(self.model.parameters)}")
+
+    @property
+    def values(self) -> dict[str, float]:
+        """Parameter values by name."""
+        return {each.name: each.value for each in self.estimates}
+
+    @property
+    def frame(self) -> Frame:
+        """Units of a table or of a shaft."""
+        return self.runs.frame
+
+    def at(self, velocity: np.ndarray) -> np.ndarray:
+        """Friction against the motion, with the offset, at velocities other than 0."""
+        return _predicted(self.model, self.values, velocity)
+
+    def error(self, velocity: np.ndarray) -> np.ndarray:
+        """Standard error of the curve at velocities other than 0: √(j Σ jᵀ), j = d force / d parameters."""
+        columns = _slopes(self.model, self.values, np.asarray(velocity, dtype=np.float64))
+        return np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", columns, self.covariance, columns), 0.0))
+
+    def table(self) -> Table:
+        """Parameters with both standard errors."""
+        rms = float(np.sqrt(np.mean(self.residual**2)))
+        title = f"{self.model.name}: RMS {rms:.3g} {self.frame.force}, memory {self.memory:.2f} from speed to speed"
+        return estimates_table(title, self.estimates)
+
+    def comparison(self) -> Table:
+        """All models that were tried, the best first."""
+        best = self.compared[0].criterion
+        rows = [
+            [
+                each.name,
+                str(each.parameters),
+                f"{each.rms:.4g}",
+                f"{each.criterion:.1f}",
+                f"{each.criterion - best:.1f}",
+            ]
+            for each in self.compared
+        ]
+        heads = ["model", "parameters", f"RMS {self.frame.force}", "criterion", "worse by"]
+        return Table("models of friction; a criterion worse by 6 is strong evidence against a model", heads, rows)
+
+    def plot(self) -> Any:
+        """The runs and the curve over each other, as a matplotlib figure."""
+        from feeddrive import plot
+
+        return plot.identified_friction(self)
+
+    def to_pandas(self) -> Any:
+        """A DataFrame with measured and fitted force by velocity."""
+        from feeddrive.plot import frames
+
+        columns = {"force": self.runs.force, "fitted": self.runs.force - self.residual}
+        return frames.frame(self.runs.velocity, columns, "velocity")
+
+    def at_table(self, lead: float, gear: float = 1.0) -> FrictionCurve:
+        """The curve at a table that a screw of `lead` (m) moves: fitted again to the same runs in m/s and N."""
+        return fit_friction(self.runs.at_table(lead, gear), (self.model,)) if self.frame is SHAFT else self
+
+    def block(self) -> Friction:
+        """The curve as a friction block; raises ParameterError while it is one of a shaft."""
+        require_table(self.frame, "the friction curve")
+        return self.model.block(self.values)
+
+    def gravity(self) -> Gravity | None:
+        """The constant force behind the offset, as it acts on the table; None without one."""
+        require_table(self.frame, "the offset")
+        return Gravity(force=-self["offset"].value) if self.model.offset else None
+
+
+def fit_friction(runs: SteadyRuns, candidates: Sequence[Candidate] = CANDIDATES) -> FrictionCurve:
+    """Fit all candidates to constant-speed runs; the least information criterion decides, or a simpler model as good.
+
+        force(v) = level(v) sign(v) + viscous v (+ offset)
+        level(v) = coulomb + (breakaway - coulomb) e^-|v / stribeck_velocity|^exponent
+
+    Estimates are least squares with equal weights.  The criterion and the standard errors account for a residual that
+    hangs together from one speed to the next (`criterion.information`): a curve that is wrong in its shape leaves such
+    a residual, and it is no evidence for more parameters than it can carry.  Two curves that share nothing are
+    compared too; no block holds them, so they are never taken, but a remark says so if they are clearly better.
+
+    When not to use: on runs in which the speed is not constant (use `identify_rigid`).
+    Raises NotIdentifiableError with the speeds to measure next.
+    """
+    _check(runs)
+    fits = [fit for each in candidates if (fit := _fitted(runs, each)) is not None]
+    if not fits:
+        raise NotIdentifiableError(
+            f"none of the friction models fits the {runs.velocity.size} runs with positive levels; is the sign of "
+            f"force or velocity inverted? The force must point along the motion that it sustains"
+        )
+    fits.sort(key=lambda fit: fit[0].criterion)
+    near = [fit for fit in fits if fit[0].criterion < fits[0][0].criterion + EQUAL]
+    compared, model, values, residual = min(near, key=lambda fit: fit[0].parameters)
+    others = [fit[0] for fit in fits]
+    separate = [_separate(runs, each) for each in SEPARATE] if len(candidates) > 1 else []
+    listed = sorted([*others, *(each for each in separate if each is not None)], key=lambda each: each.criterion)
+    remarks = _remarks(compared, listed, others, runs)
+    rho = likely_memory(residual, _sides(runs))
+    estimates, covariance = _estimates(runs, model, values, residual, rho)
+    return FrictionCurve(model, estimates, runs, residual, rho, tuple(listed), remarks, covariance)
+
+
+def _check(runs: SteadyRuns) -> None:
+    v, unit = runs.velocity, runs.frame.velocity
+    forward, backward = _speeds(v[v > 0.0]), _speeds(-v[v < 0.0])
+    if forward < 3 or backward < 3:
+        top = float(np.max(np.abs(v), initial=0.0))
+        raise NotIdentifiableError(
+            f"a friction curve needs at least 3 speeds in each direction, not {forward} forward and {backward} "
+            f"backward; record next runs at {0.02 * top:.2g}, {0.1 * top:.2g}, {0.3 * top:.2g} and {top:.2g} {unit} in "
+            f"both directions"
+        )
+
+
+def _speeds(speeds: np.ndarray) -> int:
+    """How many speeds there are: means of the same set speed differ a little, and count once."""
+    count, last = 0, 0.0
+    for speed in np.sort(speeds):
+        if speed > _SAME * last:
+            count, last = count + 1, float(speed)
+    return count
+
+
+def _sides(runs: SteadyRuns) -> tuple[slice, slice]:
+    """Rows of the two directions, each in the order of its speeds."""
+    turn = int(np.searchsorted(runs.velocity, 0.0))
+    return slice(0, turn), slice(turn, runs.velocity.size)
+
+
+def _fitted(runs: SteadyRuns, model: Candidate) -> tuple[Compared, Candidate, dict[str, float], np.ndarray] | None:
+    if runs.velocity.size <= len(model.parameters) + 1:
+        return None
+    values = _values(runs.velocity, runs.force, model)
+    if values is None:
+        return None
+    residual = runs.force - _predicted(model, values, runs.velocity)
+    return _judged(model.name, residual, len(model.parameters), runs), model, values, residual
+
+
+def _values(v: np.ndarray, force: np.ndarray, model: Candidate) -> dict[str, float] | None:
+    """Least squares; the Stribeck velocity by a search between the slowest and the fastest run."""
+    if not model.exponent:
+        found = np.linalg.lstsq(model.columns(v), force, rcond=None)[0]
+        values = dict(zip(model.parameters, map(float, found), strict=True))
+        return values if model.is_sound(values) else None
+    speeds = np.abs(v)
+    grid = np.geomspace(float(np.min(speeds)), float(np.max(speeds)), _GRID)
+
+    def linear(log_velocity: float) -> tuple[float, dict[str, float]]:
+        columns = model.columns(v, float(np.exp(log_velocity)))
+        found = np.linalg.lstsq(columns, force, rcond=None)[0]
+        values = dict(zip(model.parameters, [*map(float, found), float(np.exp(log_velocity))], strict=True))
+        return (float(np.sum((force - columns @ found) ** 2)), values)
+
+    tried = [linear(float(x)) for x in np.log(grid)]
+    sound = [i for i, (_, values) in enumerate(tried) if model.is_sound(values)]
+    if not sound:
+        return None
+    best = min(sound, key=lambda i: tried[i][0])
+    ends = np.log(grid[max(0, best - 1)]), np.log(grid[min(_GRID - 1, best + 1)])
+    found = minimize_scalar(lambda x: linear(x)[0], bounds=ends, method="bounded", options={"xatol": 1e-9})
+    values = linear(float(found.x))[1]  # type: ignore[attr-defined]
+    return values if model.is_sound(values) else tried[best][1]
+
+
+def _predicted(model: Candidate, values: dict[str, float], v: np.ndarray) -> np.ndarray:
+    names = [name for name in model.parameters if name != "stribeck_velocity"]
+    columns = model.columns(v, values.get("stribeck_velocity", 1.0))
+    return columns @ np.array([values[name] for name in names])
+
+
+def _judged(name: str, residual: np.ndarray, parameters: int, runs: SteadyRuns) -> Compared:
+    rms = float(np.sqrt(np.mean(residual**2)))
+    return Compared(name, information(residual, parameters, _sides(runs)), rms, parameters)
+
+
+def _separate(runs: SteadyRuns, model: Candidate) -> Compared | None:
+    """A curve of its own for each direction."""
+    alone = Candidate(model.name, exponent=model.exponent)
+    residual = np.zeros(runs.velocity.size)
+    for side in _sides(runs):
+        v, force = runs.velocity[side], runs.force[side]
+        if v.size <= 5:
+            return None
+        values = _values(v, force, alone)
+        if values is None:
+            return None
+        residual[side] = force - _predicted(alone, values, v)
+    return _judged(model.name, residual, 8, runs)
+
+
+def _remarks(best: Compared, listed: list[Compared], others: list[Compared], runs: SteadyRuns) -> tuple[str, ...]:
+    found: list[str] = []
+    close = [each.name for each in others if each is not best and abs(each.criterion - best.criterion) < EQUAL]
+    if close:
+        found.append(
+            f"the runs hardly tell {best.name} from {', '.join(close)}: the criterion differs by less than {EQUAL:g}"
+        )
+    first = listed[0]
+    if first.criterion < best.criterion - CLEAR:
+        found.append(
+            f"a curve of its own for each direction fits better (criterion lower by "
+            f"{best.criterion - first.criterion:.1f} with {first.parameters} parameters, RMS {first.rms:.3g} for "
+            f"{best.rms:.3g} {runs.frame.force}): the "
+            f"directions differ in more than an offset, and no friction block holds that"
+        )
+    slowest = float(np.min(np.abs(runs.velocity)))
+    if "stribeck" not in best.name and slowest > 0.05 * float(np.max(np.abs(runs.velocity))):
+        found.append(
+            f"whether there is a Stribeck effect is not known: the slowest run has {slowest:.3g} "
+            f"{runs.frame.velocity}; record runs at a tenth of it"
+        )
+    return tuple(found)
+
+
+def _estimates(
+    runs: SteadyRuns, model: Candidate, values: dict[str, float], residual: np.ndarray, rho: float
+) -> tuple[tuple[Estimate, ...], np.ndarray]:
+    """Estimates and their covariance to first order.
+
+    (JᵀJ)⁻¹ Jᵀ Σ J (JᵀJ)⁻¹,   Σ(i, j) = s² rho^|i - j| within a direction
+    """
+    columns = _slopes(model, values, runs.velocity)
+    n, p = columns.shape
+    inverse = np.linalg.pinv(columns.T @ columns, hermitian=True)
+    s2 = float(residual @ residual) / (n - p)
+    shared = np.zeros((n, n))
+    for side in _sides(runs):
+        k = np.arange(n)[side]
+        shared[side, side] = rho ** np.abs(k[:, None] - k[None, :])
+    covariance = s2 * inverse @ columns.T @ shared @ columns @ inverse
+    robust = errors(covariance)
+    ols = errors(s2 * inverse)
+    frame = runs.frame
+    units = [_unit(name, frame) for name in model.parameters]
+    found = tuple(
+        Estimate(*each)
+        for each in zip(model.parameters, values.values(), units, map(float, robust), map(float, ols), strict=True)
+    )
+    return found, covariance
+
+
+def _slopes(model: Candidate, values: dict[str, float], v: np.ndarray) -> np.ndarray:
+    """d force / d parameter in the order of the parameters, shape (n, p)."""
+    columns = model.columns(v, values.get("stribeck_velocity", 1.0))
+    return np.column_stack([columns, model.slope(v, values)]) if model.exponent else columns
+
+
+def _unit(name: str, frame: Frame) -> str:
+    if name == "stribeck_velocity":
+        return frame.velocity
+    return frame.viscous if name.startswith("viscous") else frame.force
