@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib.util
-import os
 import re
 import shutil
 import subprocess
@@ -198,8 +197,7 @@ def assert_prints(console: str, folder: Path, code: int) -> None:
         "from feeddrive.cli import main; main()",
         *first.removeprefix("$ ").split()[1:],
     ]
-    wide = {**os.environ, "COLUMNS": "160", "NO_COLOR": "1"}
-    done = subprocess.run(asked, cwd=folder, env=wide, capture_output=True, text=True, timeout=300, check=False)
+    done = subprocess.run(asked, cwd=folder, capture_output=True, text=True, timeout=300, check=False)
     assert done.returncode == code, done.stderr
     printed = (done.stdout + done.stderr).splitlines()
     for line in lines:

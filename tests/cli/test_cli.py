@@ -214,12 +214,10 @@ def test_a_place_that_cannot_be_written_is_named_before_the_work(run) -> None:
 
 
 def test_ctrl_c_ends_with_one_line_and_nothing_written(tmp_path) -> None:
-    env = {**os.environ, "COLUMNS": "200"}
     command = [sys.executable, "-c", "from feeddrive.cli import main; main()", "run", "emps", "--out", "d"]
     child = subprocess.Popen(
         command,
         cwd=tmp_path,
-        env=env,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,

@@ -25,7 +25,6 @@ AXIS = ("--controller", "xy_table", "--axis", "x")
 def call(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
     """Runs `feeddrive iterate`: exit code, output, errors."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("COLUMNS", "160")
 
     def asked(*words: str) -> tuple[int, str, str]:
         monkeypatch.setattr(sys, "argv", ["feeddrive", "iterate", *words])

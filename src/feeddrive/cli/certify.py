@@ -8,11 +8,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from rich.console import Console
-
 from feeddrive.certificate.certificate import Certificate
 from feeddrive.certificate.certify import PlantLike, certify
 from feeddrive.certificate.sites import site_plants
+from feeddrive.cli.terminal import open_console
 from feeddrive.cli.working import drawn
 from feeddrive.files.frf import encoders, read_frf, read_frfs
 from feeddrive.files.machine import BUNDLED, Machine, read_machine
@@ -44,7 +43,7 @@ class Asked:
 
 def perform(asked: Asked) -> None:
     """Certify, show, write."""
-    console = Console(highlight=False)
+    console = open_console()
     machine = read_machine(asked.source)
     loop = machine.loop(asked.axis)
     found = certify(

@@ -12,6 +12,7 @@ from rich.console import Console
 
 from feeddrive.cli.drive_logs import Drive, chosen, columns_said, drive_of, logs_said, read_logs, stem
 from feeddrive.cli.roles import column
+from feeddrive.cli.terminal import open_console
 from feeddrive.cli.working import drawn
 from feeddrive.files.columns import is_time
 from feeddrive.files.log import read_arrays
@@ -71,7 +72,7 @@ class _Seen:
 
 def perform(logs: Sequence[Path], asked: Asked) -> None:
     """Read, fit, show, write."""
-    console = Console(highlight=False)
+    console = open_console()
     drive = drive_of(asked.machine, asked.axis, asked.force_constant, asked.lead, asked.gear)
     orders = _orders(asked.orders)
     if asked.backward and not asked.map:

@@ -15,10 +15,12 @@ from feeddrive.cli.export_command import export, verify
 from feeddrive.cli.friction_command import friction
 from feeddrive.cli.out import Out
 from feeddrive.cli.play_command import listen, play
+from feeddrive.cli.terminal import Commands
 from feeddrive.cli.tune_command import tune
 from feeddrive.cli.virtual_drive_command import virtual_drive
 
 app = typer.Typer(
+    cls=Commands,
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,

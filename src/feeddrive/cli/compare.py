@@ -8,6 +8,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
+from feeddrive.cli.terminal import open_console
 from feeddrive.cli.working import drawn
 from feeddrive.comparison.arena import Arena, arena, pieces
 from feeddrive.comparison.results import write_arena
@@ -17,7 +18,7 @@ from feeddrive.loop.runner import cores
 
 def perform(machine: str, axis: str | None, laws: list[str] | None, starts: int, out: Path | None) -> None:
     """Tune all laws, run them, write the report, and show the figures and who loses where."""
-    console = Console(highlight=False)
+    console = open_console()
     found, report = _run(console, machine, axis, laws or None, starts, out)
     console.print(drawn(found.table()))
     console.print(f"- rule: {found.rule}", markup=False)

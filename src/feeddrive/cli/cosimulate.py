@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from rich.console import Console
-
+from feeddrive.cli.terminal import open_console
 from feeddrive.cli.working import drawn
 from feeddrive.cosimulation.comparison import cosimulate, write_cosimulation
 from feeddrive.files.job import read_job
@@ -17,7 +16,7 @@ def perform(
     job: str, fmu: Path, names: Sequence[str], parameters: Sequence[str], dead_time: float, out: Path | None
 ) -> None:
     """Read the job, run it, show the table, and write the signals."""
-    console = Console(highlight=False)
+    console = open_console()
     asked = read_job(job)
     values = {name: _number(name, text) for name, text in _pairs("--set", parameters).items()}
     with console.status("") as status:

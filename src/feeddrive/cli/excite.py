@@ -5,9 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from rich.console import Console
-
 from feeddrive.cli.frf import frequencies
+from feeddrive.cli.terminal import open_console
 from feeddrive.cli.working import drawn
 from feeddrive.files.machine import read_machine
 from feeddrive.identification.excitation.design import design_excitation
@@ -17,7 +16,7 @@ from feeddrive.workflow.excitation_page import WARNING, write_excitation
 
 def perform(machine: str, axis: str | None, band: str, out: Path | None, asked: dict[str, Any]) -> None:
     """Design, simulate, show, write."""
-    console = Console(highlight=False)
+    console = open_console()
     held = read_machine(machine)
     loop = held.loop(axis)
     asked_band = frequencies(band)

@@ -5,15 +5,14 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from rich.console import Console
-
+from feeddrive.cli.terminal import open_console
 from feeddrive.export.targets import write_export
 
 
 def perform(source: str, target: str, out: Path | None, **options: Any) -> None:
     """Write, and say where."""
     design, readme = write_export(source, target, out, **options)
-    console = Console(highlight=False)
+    console = open_console()
     said = f"{design.title}; for the target {target}, every {design.period}"
     console.print(said, markup=False, soft_wrap=True)
     for remark in design.remarks:

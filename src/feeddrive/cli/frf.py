@@ -9,6 +9,7 @@ import numpy as np
 from rich.console import Console
 
 from feeddrive.cli.roles import clock, requested, show
+from feeddrive.cli.terminal import open_console
 from feeddrive.cli.working import drawn
 from feeddrive.files.columns import unit_of
 from feeddrive.files.guess import guess_roles
@@ -39,7 +40,7 @@ def perform(
     out: Path | None, channels: Path | None = None, time: str | None = None,
 ) -> None:  # fmt: skip
     """Read, estimate the response of each output, show, write."""
-    console = Console(highlight=False)
+    console = open_console()
     read = _read(logs, input_ is None and not outputs, channels, time, sample_time, console)
     inside = frequencies(band)
     found: list[FrequencyEstimate] = []

@@ -6,10 +6,10 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
-from rich.console import Console
 
 from feeddrive.cli.drive_logs import Drive, chosen, columns_said, drive_of, logs_said, read_logs, stem
 from feeddrive.cli.identify_frf import narrow
+from feeddrive.cli.terminal import open_console
 from feeddrive.cli.working import drawn
 from feeddrive.files.measured import Log
 from feeddrive.files.messages import sentence
@@ -38,7 +38,7 @@ def perform(
     sample_time: float | None, out: Path | None,
 ) -> None:  # fmt: skip
     """Read, find the runs, fit, show, write."""
-    console = Console(highlight=False)
+    console = open_console()
     drive = drive_of(machine, axis, force_constant, lead, gear)
     read, mapping = read_logs(logs, named, channels, ("time", *_TABLE, *_SHAFT, *_FORCES), sample_time, console)
     runs, without = _runs(logs, read, named, drive)

@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
-from rich.console import Console
-
 from feeddrive.cli.identify_frf import narrow, positive
 from feeddrive.cli.roles import mapped
+from feeddrive.cli.terminal import open_console
 from feeddrive.cli.working import drawn
 from feeddrive.files.machine import Machine, read_machine
 from feeddrive.files.measured import Log
@@ -38,7 +37,7 @@ def perform(
     out: Path | None,
 ) -> None:
     """Read, fit, show, write."""
-    console = Console(highlight=False)
+    console = open_console()
     positive(force_constant, lead, gear)
     given = None if machine is None else read_machine(machine)
     loop = None if given is None else given.loop(axis)

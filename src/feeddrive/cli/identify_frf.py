@@ -8,13 +8,13 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from rich.console import Console
 from rich.markup import escape
 from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
 from feeddrive.blocks.families import Plant
 from feeddrive.blocks.plant.two_mass import TwoMass
 from feeddrive.cli.frf import frequencies
+from feeddrive.cli.terminal import open_console
 from feeddrive.cli.working import drawn
 from feeddrive.files.frf import encoders, names_frequency, read_frfs
 from feeddrive.files.machine import Machine, read_machine
@@ -63,7 +63,7 @@ def responses_in(path: Path) -> dict[str, FRF] | None:
 
 def perform(path: Path, found: Mapping[str, FRF], asked: Asked) -> None:
     """Choose, fit, show, write."""
-    console = Console(highlight=False)
+    console = open_console()
     positive(asked.force_constant, asked.lead, asked.gear)
     model = asked.model or ("modal" if asked.modes else "auto")
     if model not in MODELS:

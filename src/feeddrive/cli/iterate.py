@@ -12,6 +12,7 @@ from feeddrive.blocks.families import Feedforward, Reference
 from feeddrive.blocks.feedforward.disturbance_compensator import DisturbanceCompensator
 from feeddrive.blocks.feedforward.inertia import Inertia
 from feeddrive.blocks.reference.snap_limited_move import SnapLimitedMove
+from feeddrive.cli.terminal import open_console
 from feeddrive.cli.working import drawn
 from feeddrive.files.blocks_to_toml import to_toml
 from feeddrive.files.job import read_job
@@ -65,7 +66,7 @@ def perform_on_log(log: Path, asked: Asked, named: Mapping[str, str | None], ski
         loop, trial, form=asked.form.replace("-", "_"), gamma=asked.gamma, columns=asked.columns,
         least_mass=asked.least_mass, skip=skip,
     )  # fmt: skip
-    console = Console(highlight=False)
+    console = open_console()
     console.print(drawn(found.table()))
     if trial.starts_moving and skip == 0:
         console.print(
@@ -82,7 +83,7 @@ def perform_trials(asked: Asked, trials: int, jobs: Sequence[str], seed: int) ->
         loop, references, trials, form=asked.form.replace("-", "_"), gamma=asked.gamma, columns=asked.columns,
         least_mass=asked.least_mass, seed=seed,
     )  # fmt: skip
-    console = Console(highlight=False)
+    console = open_console()
     console.print(drawn(found.table()))
     if not jobs:
         console.print(

@@ -16,6 +16,7 @@ from feeddrive.bus.drive_file import DriveFile, read_drive
 from feeddrive.bus.pace import Lateness
 from feeddrive.bus.play import Played, listened, play
 from feeddrive.bus.profile import Profile, read_profile
+from feeddrive.cli.terminal import open_console
 from feeddrive.cli.working import drawn
 from feeddrive.files.measured import write_log
 from feeddrive.files.whole import new_directory
@@ -28,7 +29,7 @@ def perform(
     out: Path,
 ) -> None:  # fmt: skip
     """All profiles are read and checked before the bus is touched; logs are written also of one that was aborted."""
-    console = Console(highlight=False)
+    console = open_console()
     file = read_drive(drive_path)
     profiles = [read_profile(path, file.drive, share=share, ramp=ramp) for path in paths]
     done: list[Played] = []
@@ -79,7 +80,7 @@ def _play(
 
 def perform_listening(drive_path: Path, seconds: float, unpaced: bool, out: Path) -> None:
     """A log of the drive as it stands, or as somebody moves it by hand."""
-    console = Console(highlight=False)
+    console = open_console()
     file = read_drive(drive_path)
     with _named(file), _client(file, unpaced) as client:
         _greet(console, client)

@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
-from rich.console import Console
-
 from feeddrive.blocks.families import Reference
 from feeddrive.blocks.prefilter.trajectory_prefilter import TrajectoryPrefilter
+from feeddrive.cli.terminal import open_console
 from feeddrive.cli.working import drawn
 from feeddrive.files.blocks_to_toml import to_toml
 from feeddrive.files.job import read_job
@@ -41,7 +40,7 @@ def perform(
     loop, name = _loop(controller, axis)
     fit = _fit(log, _chosen(regressors), loop, _reference(job), columns)
     text = to_toml(fit.prefilter, f"axis.{name}.control.prefilter")
-    console = Console(highlight=False)
+    console = open_console()
     console.print(drawn(fit.table()))
     if job is None:
         console.print("- Derivatives are central differences of the log's set positions, not filtered.", markup=False)

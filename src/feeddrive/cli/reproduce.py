@@ -7,6 +7,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
+from feeddrive.cli.terminal import open_console
 from feeddrive.cli.working import drawn
 from feeddrive.files.whole import new_directory
 from feeddrive.language.table import Table
@@ -17,7 +18,7 @@ from feeddrive.papers.results import fill
 def perform(paper: str, out: Path | None) -> None:
     """Run the papers, write the report, show the claims; exit with 1 if one does not hold."""
     names = chosen(paper)
-    console = Console(highlight=False)
+    console = open_console()
     out = out or Path("results") / paper
     with new_directory(out) as folder:  # before the work: a place that cannot be written is refused at once
         reproduced = _run(names, console)

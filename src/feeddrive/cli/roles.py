@@ -7,6 +7,7 @@ from pathlib import Path
 
 from rich.console import Console
 
+from feeddrive.cli.terminal import open_console
 from feeddrive.cli.working import drawn
 from feeddrive.files.guess import Guess, guess_roles, write_roles
 from feeddrive.files.job import LogRequest, read_request
@@ -102,7 +103,7 @@ def show(guess: Guess, path: Path, console: Console) -> None:
 
 def perform(path: Path, axis: str | None, sample_time: float | None, out: Path | None) -> None:
     """`feeddrive channels`: guess, show, and write what is to be corrected by hand."""
-    console = Console(highlight=False)
+    console = open_console()
     guess = guess_roles(read_log(path, sample_time=sample_time), axis)
     console.print(drawn(guess.table(), 3))
     if out is None:

@@ -16,6 +16,7 @@ from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 from feeddrive.certificate.certificate import Certificate
 from feeddrive.cli.certify import certified
 from feeddrive.cli.frf import frequencies
+from feeddrive.cli.terminal import open_console
 from feeddrive.cli.tune_sources import Measurement, machine_of, several, site_of
 from feeddrive.cli.working import drawn
 from feeddrive.files.machine import Machine, read_machine
@@ -62,7 +63,7 @@ class Asked:
 
 def perform(asked: Asked) -> None:
     """Tune, show, write; exit code 1 if the tuning does not hold what it should."""
-    console = Console(highlight=False)
+    console = open_console()
     _check(asked)
     bar = Progress(SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn(), console=console,
                    transient=True, disable=not console.is_terminal)  # fmt: skip

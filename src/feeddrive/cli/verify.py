@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 import typer
-from rich.console import Console
 
+from feeddrive.cli.terminal import open_console
 from feeddrive.export.verify import MOST, verify
 from feeddrive.files.whole import write_whole
 from feeddrive.language.errors import ParameterError
@@ -20,7 +20,7 @@ def perform(
         raise ParameterError(f"--samples = {samples} must be from 1 to {MOST}")
     if seed < 0:
         raise ParameterError(f"--seed = {seed} must be a whole number >= 0")
-    console = Console(highlight=False)
+    console = open_console()
     with console.status(f"verifying {directory}"):
         found = verify(directory, samples=samples, seed=seed, flags=flags, command=compiler)
     text = found.sentences()

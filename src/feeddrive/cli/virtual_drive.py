@@ -8,14 +8,13 @@ import threading
 from pathlib import Path
 from types import FrameType
 
-from rich.console import Console
-
 from feeddrive.bus.play import ENDINGS
 from feeddrive.bus.virtual.canopen_node import serve_canopen
 from feeddrive.bus.virtual.described import drive_text, scaling_of
 from feeddrive.bus.virtual.driven_axis import DrivenAxis
 from feeddrive.bus.virtual.ethercat_slave import serve_ethercat
 from feeddrive.bus.virtual.firmware import Firmware
+from feeddrive.cli.terminal import open_console
 from feeddrive.files.machine import read_machine
 from feeddrive.files.whole import write_whole
 from feeddrive.language.errors import ParameterError
@@ -26,7 +25,7 @@ def perform(
     seed: int, watchdog_ms: float | None, master: str, drive_file: Path | None,
 ) -> None:  # fmt: skip
     """Read, build, serve, and say at the end how many cycles ran."""
-    console = Console(highlight=False)
+    console = open_console()
     if bus not in ("ethercat", "canopen"):
         raise ParameterError(f"--bus {bus} must be ethercat or canopen")
     if bus == "canopen" and watchdog_ms is not None:

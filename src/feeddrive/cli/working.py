@@ -12,6 +12,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table as Shown
 from rich.text import Text
 
+from feeddrive.cli.terminal import open_console
 from feeddrive.files.job import read_job
 from feeddrive.language.table import Table
 from feeddrive.workflow.comparison import compare
@@ -20,7 +21,7 @@ from feeddrive.workflow.results import write_results
 
 def perform(job: str, log: Path | None, out: Path) -> None:
     """Read a job, run it, write its results, and show a short table and the path of the report."""
-    console = Console(highlight=False)
+    console = open_console()
     asked = read_job(job, log)
     bar = Progress(TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn(), console=console, transient=True)
     with bar:

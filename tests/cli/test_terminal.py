@@ -1,0 +1,69 @@
+"""What is no terminal gets every sentence on one line, however long its paths are and whatever COLUMNS says."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from feeddrive.cli.commands import app
+from feeddrive.cli.terminal import open_console
+
+RUN = CliRunner(env={"COLUMNS": "40"})
+
+
+@pytest.fixture
+def far(tmp_path: Path) -> Path:
+    """A folder with a path of more than a thousand characters, with blanks, at which a line could be broken."""
+    folder = tmp_path.joinpath(*[f"{k} a long name of a folder " + "x" * 180 for k in range(5)])
+    folder.mkdir(parents=True)
+    return folder
+
+
+@pytest.fixture
+def log(far: Path) -> Path:
+    force = np.random.default_rng(1).standard_normal(2000)
+    table = np.column_stack([np.arange(2000) * 1e-3, force, np.convolve(force, [0.0, 1.0, 0.5])[:2000]])
+    np.savetxt(far / "log.csv", table, delimiter=",", header="t,force_N,position_mm", comments="")
+    return far / "log.csv"
+
+
+def test_a_message_with_a_long_path_is_one_line(log: Path) -> None:
+    out = log.parent / "r.toml"
+    done = RUN.invoke(app, ["channels", str(log), "--out", str(out)])
+    assert done.exit_code == 0, done.output
+    assert f"Written: {out}; correct it and give it with --channels {out}" in done.output.splitlines()
+
+
+def test_remarks_and_tables_are_not_broken(log: Path) -> None:
+    done = RUN.invoke(app, ["frf", str(log), "--out", str(log.parent / "o")])
+    assert done.exit_code == 0, done.output
+    lines = done.output.splitlines()
+    assert any(
+        f"feeddrive channels {log} --out channels.toml, edit that file, then --channels" in each for each in lines
+    )
+    row = " ".join(next(each for each in lines if "force_N" in each).split())
+    assert row == "force force_N N force, by its name; no unit is stated, N is taken"
+
+
+@pytest.mark.parametrize(
+    ("words", "line"),
+    [
+        (["frf", "{far}", "--bla"], "Error: No such option: --bla"),
+        (["tune", "emps", "--starts", "{far}"], "Error: Invalid value for '--starts': Input should be a valid integer"),
+        (["tune", "--help"], "  Tune gains and filters of an axis within limits; write a machine file and a report "),
+    ],
+)
+def test_help_and_usage_errors_are_plain_lines(far: Path, words: list[str], line: str) -> None:
+    output = RUN.invoke(app, [each.format(far=far) for each in words]).output
+    assert any(each.startswith(line) for each in output.splitlines()), output
+    assert not set("╭│╰─") & set(output), "no box"
+
+
+def test_a_terminal_breaks_lines_at_its_width(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", "60")
+    monkeypatch.setattr(sys.stdout, "isatty", lambda: True)
+    assert open_console().width == 60
