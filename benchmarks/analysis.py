@@ -19,7 +19,7 @@ from scipy import signal
 import feeddrive as fd
 from feeddrive.analysis.opened import opened
 from feeddrive.report import build
-from feeddrive.workflow.comparison import compare
+from feeddrive.workflow import jobs
 
 ROUNDS = 15
 LINES = 2000
@@ -147,7 +147,7 @@ def main() -> None:
     margins_of(loop)
     response_of(loop)
     estimates()
-    study = compare(replace(job)).study()
+    study = jobs.run(replace(job)).study()
     report = measure({"report": lambda: build(study)}, 5)
     table(["report of three laws", "CPU s"], [["build", f"{np.median(report['report']):.2f}"]])
 

@@ -21,7 +21,7 @@ TARGET = Path(__file__).parent / "images" / "emps.svg"
 
 def draw(log: str) -> None:
     """One stroke out and back: following error above, prediction minus measurement below."""
-    replay = fd.compare(fd.read_job("emps_log", log)).rows[0].replay
+    replay = fd.run(fd.read_job("emps_log", log)).rows[0].replay
     assert replay is not None
     t = replay.run.time
     part = (t >= 2.0) & (t <= 12.0)

@@ -39,11 +39,7 @@ FLOORS = [
 ]
 # arrows that still run up and are on their way out
 PENDING = {
-    ("cosimulation", "workflow"),
-    ("papers", "workflow"),
-    ("comparison", "workflow"),
     ("plot", "comparison"),
-    ("plot", "workflow"),
 }
 # Blocks that are part of a step, and so are traced; those of reference/ and load/ are sampled and may use numpy.
 TRACED = [

@@ -225,8 +225,8 @@ from feeddrive.tuning.trials import iterate_trials as iterate_trials
 from feeddrive.tuning.tuned import Tuned as Tuned
 from feeddrive.workflow.certificate_file import read_certificate as read_certificate
 from feeddrive.workflow.certificate_file import write_certificate as write_certificate
-from feeddrive.workflow.comparison import Comparison as Comparison
-from feeddrive.workflow.comparison import compare as compare
-from feeddrive.workflow.results import write_results as write_results
+from feeddrive.workflow.job_results import write_results as write_results
+from feeddrive.workflow.jobs import JobResult as JobResult
+from feeddrive.workflow.jobs import run as run
 
 __version__: str

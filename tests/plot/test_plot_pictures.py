@@ -8,7 +8,6 @@ import sys
 from collections.abc import Callable
 from functools import cache
 from io import BytesIO
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -118,7 +117,7 @@ PICTURES: dict[str, Callable[[], Any]] = {
     "batch": lambda: simulate_batch(tree.vary(loop(), {"control.law.Kv": np.linspace(30, 60, 24)}), Stroke()).plot(),
     "gradient": lambda: gradient(loop(), Stroke(), ["control.law.Kv", "control.law.Tn", "axis.plant.mass_load"]).plot(),
     "replay": lambda: replay().plot(),
-    "comparison": lambda: plot.comparison(SimpleNamespace(rows=[SimpleNamespace(name=r.name, run=r) for r in runs()])),
+    "comparison": lambda: plot.comparison({r.name: r for r in runs()}),
 }
 UNIT = re.compile(r"\((µm|mm/s|m/s²|N|s|Hz|dB.*|deg|N/µm|mm|%)\)|part of|ratio|variants|coherence|^$")
 

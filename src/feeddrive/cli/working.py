@@ -15,8 +15,8 @@ from rich.text import Text
 from feeddrive.cli.terminal import open_console
 from feeddrive.files.job import read_job
 from feeddrive.language.table import Table
-from feeddrive.workflow.comparison import compare
-from feeddrive.workflow.results import write_results
+from feeddrive.workflow import jobs
+from feeddrive.workflow.job_results import write_results
 
 
 def perform(job: str, log: Path | None, out: Path) -> None:
@@ -30,7 +30,7 @@ def perform(job: str, log: Path | None, out: Path) -> None:
         def step(text: str) -> None:
             bar.update(task, description=escape(text), advance=1)
 
-        comparison = compare(asked, step)
+        comparison = jobs.run(asked, step)
         step("report")
         report = write_results(comparison, out)
     console.print(drawn(comparison.table()))

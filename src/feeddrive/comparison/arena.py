@@ -16,6 +16,7 @@ from feeddrive.comparison.figures import counted, effort_of, linear, recovered, 
 from feeddrive.comparison.tuning import Rule, tuned_all
 from feeddrive.comparison.work import Work, work_of
 from feeddrive.files.machine import Machine
+from feeddrive.files.provenance import versions
 from feeddrive.language.errors import FeeddriveError, ParameterError, UnstableError
 from feeddrive.language.table import Result, Table
 from feeddrive.loop.loop import Loop
@@ -23,7 +24,6 @@ from feeddrive.loop.simulate import Run, simulate
 from feeddrive.tuning.designs import Design, Refusal, designs
 from feeddrive.tuning.trajectory_prefilter import tune_prefilter
 from feeddrive.tuning.tuned import Tuned
-from feeddrive.workflow.comparison import versions
 
 TODAY = "today's gains"
 PLAIN = "P-PI"

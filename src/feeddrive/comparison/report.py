@@ -11,9 +11,9 @@ from feeddrive.comparison.criteria import CRITERIA, Criterion, ranks
 from feeddrive.language import tree
 from feeddrive.language.table import Table
 from feeddrive.loop.linearize import compliance, tracking
-from feeddrive.report.content import Entry, Extra, Shown, Study
+from feeddrive.report.block_sentences import block_sentence, described
+from feeddrive.report.content import RESPONSE_LINES, Entry, Extra, Shown, Study
 from feeddrive.report.numbers import number
-from feeddrive.workflow.comparison import LINES, described, sentence
 
 
 def study(found: Arena) -> Study:
@@ -24,7 +24,7 @@ def study(found: Arena) -> Study:
         "Machine": f"{found.machine.name}, axis {found.axis}",
         "Source of its numbers": found.machine.source or "not stated",
         "Sample time": f"{1e3 * loop.sample_time:g} ms, {loop.axis.substeps} substep(s) of exact hold",
-        "Move": f"{sentence(work.move)}; the first {work.skip:g} s do not count",
+        "Move": f"{block_sentence(work.move)}; the first {work.skip:g} s do not count",
         "Rope snap": f"the table pulled back by {work.force:g} N, let go after {work.begin:g} s",
         "Force step": f"{work.force:g} N switched on after {work.begin:g} s",
         "Settled": f"what stays within {1e6 * work.near:g} µm until the end, {work.rest:g} s after the force changed",
@@ -57,7 +57,7 @@ def _entry(found: Arena, each: Competitor) -> Entry:
     loop_gain = track = None
     period = each.loop.control.law.period()
     nyquist = 0.5 / (each.loop.sample_time * period)
-    frequency = np.geomspace(min(1.0, 0.01 * nyquist), nyquist, LINES)
+    frequency = np.geomspace(min(1.0, 0.01 * nyquist), nyquist, RESPONSE_LINES)
     if each.model is not None:
         loop_gain = each.model.loop_gain(frequency)
         track = tracking(each.loop, frequency, velocity=found.velocity)

@@ -20,9 +20,9 @@ from feeddrive.comparison.arena import Arena, Competitor
 from feeddrive.comparison.criteria import CRITERIA, ranks
 from feeddrive.comparison.report import study
 from feeddrive.files.blocks_to_toml import to_toml
+from feeddrive.files.provenance import file_names
 from feeddrive.files.whole import new_directory
 from feeddrive.report import build
-from feeddrive.workflow.results import file_names
 
 
 def write_arena(found: Arena, out: str | Path) -> Path:

@@ -13,13 +13,12 @@ import numpy as np
 
 from feeddrive.cosimulation.simulate_with_fmu import simulate_with_fmu
 from feeddrive.files.job import Job
+from feeddrive.files.provenance import file_names, versions
 from feeddrive.files.result import write_run_csv, write_run_parquet
 from feeddrive.files.whole import new_directory, read_whole
 from feeddrive.language.errors import FeeddriveError, ParameterError
 from feeddrive.language.table import Result, Table
 from feeddrive.loop.simulate import Run
-from feeddrive.workflow.comparison import versions
-from feeddrive.workflow.results import file_names
 
 MOST = 500_000_000  # bytes of an FMU
 

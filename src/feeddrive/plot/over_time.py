@@ -15,8 +15,6 @@ from feeddrive.plot.envelope import POINTS, envelope
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from feeddrive.workflow.comparison import Comparison
-
 _LIMITS = ((0, (5, 2)), (0, (1.5, 1.5)), (0, (5, 1.5, 1, 1.5)))  # dashes of the force limits
 
 Runs = Run | Mapping[str, Run] | Sequence[Run]
@@ -78,12 +76,8 @@ def force(runs: Runs, limits: Mapping[str, float] | None = None, points: int = P
     return figure
 
 
-def comparison(comparison: Comparison) -> Any:
+def comparison(chosen: Mapping[str, Run]) -> Any:
     """Following error of each law in its own row, and the forces of all in the last."""
-    return _with_force({row.name: row.run for row in comparison.rows})
-
-
-def _with_force(chosen: Mapping[str, Run]) -> Any:
     rows = len(chosen) + 1
     figure, axes = style.picture(rows, height=0.9 + 1.45 * rows)
     errors = [1e6 * run["following_error"] for run in chosen.values()]

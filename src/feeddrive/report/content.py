@@ -18,6 +18,8 @@ from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import Run
 
+RESPONSE_LINES = 1500  # of the frequency responses of an entry, from 1 Hz to Nyquist
+
 
 @dataclass(frozen=True)
 class Shown:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import platform
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -15,20 +14,19 @@ from feeddrive.analysis.stability import require_stable
 from feeddrive.blocks.families import Reference
 from feeddrive.files.job import Job
 from feeddrive.files.measured import Log
-from feeddrive.language.block import Block, declarations
+from feeddrive.files.provenance import versions
 from feeddrive.language.errors import FeeddriveError, LogError
 from feeddrive.language.table import Result, Table
-from feeddrive.loop.control import Control
 from feeddrive.loop.linearize import compliance, loop_gain, tracking
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import Run, samples, simulate
 from feeddrive.report import Entry, Study
-
-LINES = 1500  # of the frequency responses, from 1 Hz to Nyquist
+from feeddrive.report.block_sentences import block_sentence, described
+from feeddrive.report.content import RESPONSE_LINES
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Comparison(Result):
+class JobResult(Result):
     """All rows of a job, today's control first, and what must be said about them.
 
     `velocity` in m/s is the speed at which margins and stiffness are taken: the axis slides.
@@ -71,7 +69,7 @@ class Comparison(Result):
             "Source of its numbers": job.machine.source or "not stated",
             "Sample time": f"{1e3 * loop.sample_time:g} ms, {loop.axis.substeps} substep(s) of exact hold",
             "Work": _work(job, self.log),
-            "Load": "none" if job.load is None else sentence(job.load),
+            "Load": "none" if job.load is None else block_sentence(job.load),
             "Noise": f"seed {job.seed}",
             "Linear model": f"sliding at {1e3 * self.velocity:.4g} mm/s",
         }
@@ -91,7 +89,7 @@ class Comparison(Result):
         """Following error and force of all laws, as a matplotlib figure."""
         from feeddrive import plot
 
-        return plot.comparison(self)
+        return plot.comparison({row.name: row.run for row in self.rows})
 
     def to_pandas(self) -> Any:
         """A DataFrame with one row a law."""
@@ -129,7 +127,7 @@ def _scaled(value: float | None, factor: float, form: str) -> str:
     return "-" if value is None else format(factor * value, form)
 
 
-def compare(job: Job, step: Callable[[str], None] | None = None) -> Comparison:
+def run(job: Job, step: Callable[[str], None] | None = None) -> JobResult:
     """Run all laws of a job. `step(text)` is called before each piece of work.
 
     Raises UnstableError for a law whose loop is not stable, DivergedError for one whose run leaves its bounds, and
@@ -143,7 +141,7 @@ def compare(job: Job, step: Callable[[str], None] | None = None) -> Comparison:
         if step is not None:
             step(name)
         rows.append(_row(job, name, loop, measured, velocity))
-    return Comparison(job, tuple(rows), log, velocity, tuple(_remarks(rows)), versions())
+    return JobResult(job, tuple(rows), log, velocity, tuple(_remarks(rows)), versions())
 
 
 def _row(job: Job, name: str, loop: Loop, measured: Mapping[str, np.ndarray] | None, velocity: float) -> Entry:
@@ -158,7 +156,7 @@ def _row(job: Job, name: str, loop: Loop, measured: Mapping[str, np.ndarray] | N
         # a law with a slow part is linear from period to period only: it has no loop gain, and responses up to there
         period = loop.control.law.period()
         nyquist = 0.5 / (loop.sample_time * period)
-        frequency = np.geomspace(min(1.0, 0.01 * nyquist), nyquist, LINES)
+        frequency = np.geomspace(min(1.0, 0.01 * nyquist), nyquist, RESPONSE_LINES)
         return Entry(
             name=name,
             description=described(loop.control),
@@ -272,51 +270,4 @@ def _work(job: Job, log: Log | None) -> str:
     if log is not None:
         return f"the reference of {log.name}, {len(log)} samples, SHA-256 {log.provenance['sha256']}"
     assert job.reference is not None
-    return sentence(job.reference)
-
-
-def sentence(block: Block) -> str:
-    """A block by its kind, the parameters that are there, and its parts in brackets."""
-    declared = declarations(type(block))
-    values = {name: getattr(block, name) for name in declared}
-    given = [
-        f"{name.replace('_', ' ')} {value:.6g} {declared[name].unit}".rstrip()
-        for name, value in values.items()
-        if isinstance(value, float)
-    ]
-    parts = [
-        f"({sentence(part)})"
-        for value in values.values()
-        for part in (value if isinstance(value, tuple) else (value,))
-        if isinstance(part, Block)
-    ]
-    return f"{block.kind.replace('_', ' ')}: {', '.join([*given, *parts])}"
-
-
-def versions() -> dict[str, str]:
-    """What is needed to repeat a run: of feeddrive, Python and the libraries that compute."""
-    import llvmlite
-    import scipy
-
-    import feeddrive
-
-    return {
-        "feeddrive": feeddrive.__version__,
-        "python": platform.python_version(),
-        "numpy": np.__version__,
-        "scipy": scipy.__version__,
-        "llvmlite": llvmlite.__version__,
-    }
-
-
-def described(control: Control) -> str:
-    """What a control consists of, part by part, with the parameters that are there."""
-    parts = [sentence(control.law)]
-    parts += [f"compensation {sentence(block)}" for block in control.compensation]
-    parts += [f"filter {sentence(block)}" for block in control.filters]
-    parts += [f"feedforward {sentence(block)}" for block in control.feedforward]
-    if control.prefilter is not None:
-        parts.append(f"prefilter {sentence(control.prefilter)}")
-    if control.force_limit is not None:
-        parts.append(f"limit {control.force_limit:.4g} N")
-    return "; ".join(parts)
+    return block_sentence(job.reference)

@@ -11,44 +11,44 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
 from feeddrive.files.log import write_log
+from feeddrive.files.provenance import file_names
 from feeddrive.files.result import write_run_csv, write_run_parquet
 from feeddrive.files.whole import new_directory
 from feeddrive.language import tree
 from feeddrive.report import Entry, build
-from feeddrive.workflow.comparison import Comparison, numbers
+from feeddrive.workflow.jobs import JobResult, numbers
 
 
-def write_results(comparison: Comparison, out: str | Path) -> Path:
+def write_results(result: JobResult, out: str | Path) -> Path:
     """Write the directory whole or not at all, and return the path of the report.
 
     Raises FileError if `out` cannot be written, or is a directory that feeddrive did not write.
     """
-    page = build(comparison.study())
+    page = build(result.study())
     with new_directory(out) as folder:
         (folder / "report.html").write_text(page, encoding="utf-8")
-        (folder / "summary.json").write_text(json.dumps(summary(comparison), indent=2) + "\n", encoding="utf-8")
-        (folder / "job.toml").write_text(repeatable(comparison), encoding="utf-8")
-        (folder / "machine.toml").write_text(comparison.job.machine.file.text, encoding="utf-8")
+        (folder / "summary.json").write_text(json.dumps(summary(result), indent=2) + "\n", encoding="utf-8")
+        (folder / "job.toml").write_text(repeatable(result), encoding="utf-8")
+        (folder / "machine.toml").write_text(result.job.machine.file.text, encoding="utf-8")
         runs = folder / "runs"
         runs.mkdir()
-        for name, row in zip(file_names(comparison.rows), comparison.rows, strict=True):
-            metadata = {"law": row.name, "seed": comparison.job.seed, **comparison.versions}
+        for name, row in zip(file_names(result.rows), result.rows, strict=True):
+            metadata = {"law": row.name, "seed": result.job.seed, **result.versions}
             run = row.run
             write_run_parquet(runs / f"{name}.parquet", run.time, run.signals, run.units, run.sample_time, metadata)
             write_run_csv(runs / f"{name}.csv", run.time, run.signals, run.units)
-        if comparison.log is not None:
-            write_log(folder / "measured.parquet", comparison.log)
+        if result.log is not None:
+            write_log(folder / "measured.parquet", result.log)
     return Path(out) / "report.html"
 
 
-def repeatable(comparison: Comparison) -> str:
+def repeatable(result: JobResult) -> str:
     """The job as it was given, but for its machine, which is the copy beside it, and its log, by its whole path."""
-    job = comparison.job
+    job = result.job
     text = re.sub(r"(?m)^machine\s*=.*$", lambda _: 'machine = "machine.toml"', job.file.text, count=1)
     if job.log is None:
         return text
@@ -56,34 +56,25 @@ def repeatable(comparison: Comparison) -> str:
     return re.sub(r"(?m)^file\s*=.*$", lambda _: f"file = {path}", text, count=1)
 
 
-def summary(comparison: Comparison) -> dict[str, Any]:
+def summary(result: JobResult) -> dict[str, Any]:
     """All figures as plain numbers; what does not occur is null."""
-    job = comparison.job
+    job = result.job
     found: dict[str, Any] = {
         "title": job.title,
         "rule": job.rule,
         "machine": job.machine.name,
         "source": job.machine.source,
         "seed": job.seed,
-        "velocity_of_the_linear_model_m_per_s": comparison.velocity,
-        "versions": dict(comparison.versions),
-        "remarks": list(comparison.remarks),
-        "laws": {row.name: {**numbers(row), "control": _control(row)} for row in comparison.rows},
+        "velocity_of_the_linear_model_m_per_s": result.velocity,
+        "versions": dict(result.versions),
+        "remarks": list(result.remarks),
+        "laws": {row.name: {**numbers(row), "control": _control(row)} for row in result.rows},
     }
-    if comparison.log is not None:
-        found["log"] = {key: comparison.log.provenance[key] for key in ("sha256", "format")}
-        found["log"]["rows"] = len(comparison.log)
+    if result.log is not None:
+        found["log"] = {key: result.log.provenance[key] for key in ("sha256", "format")}
+        found["log"]["rows"] = len(result.log)
     return found
 
 
 def _control(row: Entry) -> dict[str, float]:
     return {name: float(value) for name, value in tree.leaves(row.loop.control)}
-
-
-def file_names(rows: Iterable[Any]) -> list[str]:
-    """A file name for each law: its letters and digits, and a number where two would be the same."""
-    names: list[str] = []
-    for row in rows:
-        plain = re.sub(r"[^a-z0-9]+", "_", row.name.lower()).strip("_") or "law"
-        names.append(plain if plain not in names else f"{plain}_{len(names) + 1}")
-    return names
