@@ -8,9 +8,12 @@ from __future__ import annotations
 import json
 import os
 import signal
+import struct
 import sys
 import time
 import traceback
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
@@ -26,7 +29,9 @@ from feeddrive.bus.power_states import FAULT_RESET
 from feeddrive.bus.profile import Profile
 from feeddrive.bus.scaling import DriveScaling
 from feeddrive.bus.transport import write_object
+from feeddrive.bus.virtual import coe
 from feeddrive.bus.virtual.driven_axis import DrivenAxis
+from feeddrive.bus.virtual.pdo_map import PdoMap
 from feeddrive.language.errors import FeeddriveError
 from feeddrive.loop.simulate import simulate
 
@@ -256,6 +261,62 @@ def hearing(bus: str) -> dict[str, Any]:
         return {"rows": len(heard.log), "channels": sorted(heard.log.channels), "state": bench.state}
 
 
+def mapping(bus: str) -> dict[str, Any]:
+    """A drive that answers to an entry of its mapping too late, or never, or keeps a mapping of its own."""
+    found: dict[str, Any] = {}
+    for name, few in (("late", 1), ("mute", 1 << 30)):
+        with unanswered(0x1600, 2, few), powered(bus) as bench:
+
+            def opened(interface: str = bench.interface, name: str = name) -> None:
+                with client(drive(bus), interface) as master:
+                    found[f"{name}_state"] = str(master.state)
+
+            found[name] = said(opened)
+    with kept_mapping(), powered(bus) as bench:
+        found["fixed"] = said(client(drive(bus), bench.interface).__enter__)
+    return found
+
+
+@contextmanager
+def unanswered(index: int, subindex: int, few: int) -> Iterator[None]:
+    """The virtual drive swallows its answers to the first few reads of an object that follow the assignment."""
+    whole, left = coe.answer, [few]
+
+    def answer(message: bytes, objects: PdoMap) -> bytes | None:
+        asked = message[8] >> 5 == 2 and struct.unpack_from("<HB", message, 9) == (index, subindex)
+        if asked and left[0] and objects.read(0x1C13, 0) != b"\0":
+            left[0] -= 1
+            return None
+        return whole(message, objects)
+
+    coe.answer = answer
+    try:
+        yield
+    finally:
+        coe.answer = whole
+
+
+@contextmanager
+def kept_mapping() -> Iterator[None]:
+    """The virtual drive acknowledges another mapping, and keeps its own, which has an entry less each way."""
+    write, begin = PdoMap.write, PdoMap.__init__
+
+    def ignore(self: PdoMap, index: int, subindex: int, content: bytes) -> None:
+        if not 0x1600 <= index < 0x1C20:
+            write(self, index, subindex, content)
+
+    def shortened(self: PdoMap, *words: Any) -> None:
+        begin(self, *words)
+        for first in (0x1600, 0x1A00):
+            self._counts[first] -= 1
+
+    PdoMap.write, PdoMap.__init__ = ignore, shortened  # type: ignore[method-assign]
+    try:
+        yield
+    finally:
+        PdoMap.write, PdoMap.__init__ = write, begin  # type: ignore[method-assign]
+
+
 def said(asked: Any) -> str:
     """The sentence of the FeeddriveError that it raises; empty if it raises none."""
     try:
@@ -265,7 +326,7 @@ def said(asked: Any) -> str:
     return ""
 
 
-SCENARIOS = (exact, torque, speed, losses, faults, limits, wrong, refusals, silence, kinds, second, hearing)
+SCENARIOS = (exact, torque, speed, losses, faults, limits, wrong, refusals, silence, kinds, second, hearing, mapping)
 
 if __name__ == "__main__":
     results: dict[str, Any] = {}

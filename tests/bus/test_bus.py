@@ -246,6 +246,15 @@ def test_one_of_several_stations_moves_and_the_others_do_not() -> None:
     assert "station 4 is not there, there are 3; correct `station` in the drive file" in found["fourth"]
 
 
+def test_a_mapping_that_is_not_heard_whole_is_asked_for_again() -> None:
+    """The master leaves out an entry that the drive does not answer in time: no fixed mapping, and no wrong one."""
+    found = over_ethercat("mapping")
+    assert found["late"] == ""
+    assert found["late_state"].endswith("SWITCH_ON_DISABLED")
+    assert "was not answered" in found["mute"]
+    assert "reads back as another mapping than was written: it is fixed" in found["fixed"]
+
+
 def test_a_drive_is_logged_without_being_switched_on(tried: Scenario) -> None:
     found = tried("hearing")
     assert (found["rows"], found["state"]) == (200, "SWITCH_ON_DISABLED")

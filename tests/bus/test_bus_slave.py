@@ -103,6 +103,21 @@ def test_a_broadcast_counts_the_slaves_and_an_address_finds_one(slave: SlaveCont
     assert ask(slave, BRD, 0, 0x0000, bytes(1))[0] == b"\x11"  # what it is cannot be written
 
 
+def test_a_mailbox_whose_frame_was_lost_is_fetched_again(slave: SlaveController) -> None:
+    """Repeat request of ETG.1000.4: the master toggles a bit, the slave puts its answer back and toggles its own."""
+    in_op(slave)
+    first = sdo(slave, struct.pack("<BHB", 0x40, 0x6041, 0).ljust(8, b"\0"))
+    ask(slave, FPWR, STATION, 0x080E, b"\x03")
+    status, _ = ask(slave, FPRD, STATION, 0x080D, bytes(3))
+    assert status[0] & 0x08, "the mailbox is full again"
+    assert status[2] & 0x02 == 0x02, "the slave acknowledges by the same bit"
+    again, _ = ask(slave, FPRD, STATION, MAILBOX_IN[0], bytes(MAILBOX_IN[1]))
+    assert again[8 : 8 + len(first)] == first
+    assert not ask(slave, FPRD, STATION, 0x080D, b"\0")[0][0] & 0x08
+    mailboxes(slave)  # set up anew: no answer of before is left
+    assert not ask(slave, FPRD, STATION, 0x080D, b"\0")[0][0] & 0x08
+
+
 def test_states_are_entered_one_by_one_and_a_jump_is_refused(slave: SlaveController) -> None:
     assert to(slave, OP) == (INIT | 0x10, 0x0011)  # invalid requested state change
     assert to(slave, PREOP) == (INIT | 0x10, 0x0011)  # the error is to be acknowledged first

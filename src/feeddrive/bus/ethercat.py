@@ -9,10 +9,10 @@ from typing import Any
 
 from feeddrive.bus.interfaces import check_interface, not_permitted
 from feeddrive.bus.objects import Layout
-from feeddrive.bus.transport import RefusedError, write_mapping
+from feeddrive.bus.transport import RefusedError, holds_mapping, write_mapping
 from feeddrive.language.errors import BusError, MissingExtraError
 
-_ATTEMPTS = 4  # for an object whose frame was lost
+_ATTEMPTS = 4  # for an object whose frame was lost, and for a mapping that was not heard whole
 _PATIENCE = 20_000  # us for a frame to come back while nothing moves; a busy computer may need them
 _STEP = 50_000  # us for a change of state
 _TOWARDS_OP = 2.0  # s of process data until a slave must be in OP
@@ -45,6 +45,10 @@ class EtherCAT:
         except ConnectionError:
             self._master = None
             raise BusError(not_permitted(self.interface)) from None
+        self._find()
+
+    def _find(self) -> None:
+        """All stations from INIT to PRE-OP: FMMUs and sync managers of an earlier mapping are cleared."""
         found = self._master.config_init()
         if found <= 0:
             raise BusError(
@@ -79,24 +83,45 @@ class EtherCAT:
         raise BusError(f"{self.where}: object 0x{index:04X}:{subindex:02X} was not answered ({lost}); {self.state()}")
 
     def map(self, sent: Layout, told: Layout) -> None:
-        """Mapping, assignment, and the sync managers and FMMUs by what the drive says of its mapping."""
+        """Mapping, assignment, and the sync managers and FMMUs by what the drive says of its mapping.
+
+        The master asks the drive for each entry of its mapping, and leaves out without a word what is not answered in
+        time. So sizes are compared, the mapping is read back, and the drive is mapped again from INIT on; its mapping
+        is fixed only if it reads back twice as another one than was written.
+        """
         self._sent, self._told = sent, told
-        for first, assigned, layout in ((0x1600, 0x1C12, sent), (0x1A00, 0x1C13, told)):
-            self.write(assigned, 0, b"\x00")
-            write_mapping(self, first, layout)
-            for k in range(len(layout.groups)):
-                self.write(assigned, k + 1, (first + k).to_bytes(2, "little"))
-            self.write(assigned, 0, bytes([len(layout.groups)]))
-        try:
-            self._master.config_map()
-        except self._soem.ConfigMapError as error:
-            raise BusError(f"{self.where}: the process data cannot be mapped: {error.error_list}") from None
-        sizes = len(self._slave.output), len(self._slave.input)
-        if sizes != (sent.size, told.size):
-            raise BusError(
-                f"{self.where}: maps {sizes[0]} bytes out and {sizes[1]} bytes in, not the {sent.size} and {told.size} "
-                "that were asked for; its mapping seems to be fixed"
+        wrong = ""
+        for attempt in range(_ATTEMPTS):
+            if attempt:
+                self._find()
+            for first, assigned, layout in ((0x1600, 0x1C12, sent), (0x1A00, 0x1C13, told)):
+                self.write(assigned, 0, b"\x00")
+                write_mapping(self, first, layout)
+                for k in range(len(layout.groups)):
+                    self.write(assigned, k + 1, (first + k).to_bytes(2, "little"))
+                self.write(assigned, 0, bytes([len(layout.groups)]))
+            try:
+                self._master.config_map()
+            except self._soem.ConfigMapError as error:
+                wrong = f"the process data cannot be mapped: {error.error_list}"
+                continue
+            sizes = len(self._slave.output), len(self._slave.input)
+            held = holds_mapping(self, 0x1600, 0x1C12, sent) and holds_mapping(self, 0x1A00, 0x1C13, told)
+            if held and sizes == (sent.size, told.size):
+                return
+            wrong = (
+                f"maps {sizes[0]} bytes out and {sizes[1]} bytes in, where {sent.size} and {told.size} were asked for; "
             )
+            if held:
+                wrong += (
+                    "the mapping reads back as it was written, so answers are lost: look at the cable, and at what "
+                    "else this computer does"
+                )
+            else:
+                wrong += "it reads back as another mapping than was written: it is fixed"
+                if attempt:
+                    break
+        raise BusError(f"{self.where}: {wrong}")
 
     def operate(self, content: bytes) -> None:
         """To SAFE-OP and OP; the exchange runs meanwhile, as drives watch for it."""

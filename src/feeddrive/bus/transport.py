@@ -96,3 +96,19 @@ def write_mapping(transport: Transport, first: int, layout: Layout) -> None:
         for place, name in enumerate(group, start=1):
             transport.write(first + k, place, OBJECTS[name].mapped.to_bytes(4, "little"))
         transport.write(first + k, 0, bytes([len(group)]))
+
+
+def holds_mapping(transport: Transport, first: int, assigned: int, layout: Layout) -> bool:
+    """Whether the process data objects from `first` on, and their list `assigned`, read back as they were written."""
+
+    def read(index: int, subindex: int, size: int) -> int:
+        return int.from_bytes(transport.read(index, subindex)[:size], "little")
+
+    if read(assigned, 0, 1) != len(layout.groups):
+        return False
+    for k, group in enumerate(layout.groups):
+        if read(assigned, k + 1, 2) != first + k or read(first + k, 0, 1) != len(group):
+            return False
+        if any(read(first + k, place, 4) != OBJECTS[name].mapped for place, name in enumerate(group, start=1)):
+            return False
+    return True

@@ -23,8 +23,11 @@ _INVALID_CHANGE, _UNKNOWN_STATE, _NO_MAILBOX, _WRONG_OUTPUTS, _WRONG_INPUTS = 0x
 _STATION, _AL_CONTROL, _AL_STATUS, _AL_CODE = 0x0010, 0x0120, 0x0130, 0x0134
 _EEPROM_CONTROL, _EEPROM_ADDRESS, _EEPROM_DATA = 0x0502, 0x0504, 0x0508
 _FMMU, _SYNC = 0x0600, 0x0800
-_READ_ONLY = frozenset((*range(0x0010), *range(0x0110, 0x0112), *range(0x0130, 0x0136), *range(0x0140, 0x0142)))
+_READ_ONLY = frozenset((*range(0x0010), *range(0x0110, 0x0112), *range(0x0130, 0x0136), *range(0x0140, 0x0142))) | {
+    _SYNC + 8 * k + 5 for k in range(4)
+}  # the status of each sync manager
 _FULL = 0x08  # status of a sync manager: mailbox full
+_REPEAT = 0x02  # a mailbox asked for again: toggled in `activate` of its sync manager, and by the slave behind it
 
 _READS = {1, 3, 4, 6, 7, 9, 13, 14}
 _WRITES = {2, 3, 5, 6, 8, 9}
@@ -151,6 +154,7 @@ class SlaveController:
         return found
 
     def _write(self, register: int, content: bytes) -> None:
+        repeat = self._memory[_SYNC + 14] & _REPEAT
         for k, value in enumerate(content):
             if register + k < len(self._memory) and register + k not in _READ_ONLY:
                 self._memory[register + k] = value
@@ -159,9 +163,11 @@ class SlaveController:
             self._control(self._memory[_AL_CONTROL])
         if _EEPROM_CONTROL + 1 in touched:
             self._serve_eeprom()
-        if any(_SYNC + 8 * k + 5 in touched for k in range(4)):
-            for k in range(4):  # the status of a sync manager cannot be written
-                self._memory[_SYNC + 8 * k + 5] &= _FULL if k == 1 else 0
+        if _SYNC + 8 in touched:  # set up anew: empty
+            self._memory[_SYNC + 13] &= ~_FULL
+        elif self._memory[_SYNC + 14] & _REPEAT != repeat:  # the frame that fetched the mailbox was lost
+            self._memory[_SYNC + 13] |= _FULL
+        self._memory[_SYNC + 15] = self._memory[_SYNC + 14] & _REPEAT
         if sum(MAILBOX_OUT) - 1 in touched and self.state >= PREOP:
             self._serve_mailbox()
 
