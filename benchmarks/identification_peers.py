@@ -23,7 +23,7 @@ import numpy as np
 from rounds import machine, measure, ratio, table
 from scipy.signal import butter, lfilter, sosfiltfilt
 
-from feeddrive.files.log import read_log
+from feeddrive.files.read_log import read_log
 from feeddrive.identification.motion.identify import identify
 from feeddrive.identification.motion.motion_log import MotionLog
 from feeddrive.identification.motion.rigid import RigidFit, identify_rigid

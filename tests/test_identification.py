@@ -13,8 +13,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from feeddrive.files.log import read_log
 from feeddrive.files.machine import read_machine
+from feeddrive.files.read_log import read_log
 from feeddrive.identification.cogging.cogging_run import CoggingRun
 from feeddrive.identification.cogging.identify_cogging import identify_cogging
 from feeddrive.identification.motion.control_law import identify_control

@@ -10,7 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from feeddrive.files.log import Column, read_log
+from feeddrive.files.columns import Column
+from feeddrive.files.read_log import read_log
 from feeddrive.identification.excitation.estimate_frf import estimate_frf
 from feeddrive.identification.excitation.frequency_estimate import FrequencyEstimate
 from feeddrive.identification.excitation.record import Record

@@ -128,12 +128,12 @@ from feeddrive.files.guess import write_roles as write_roles
 from feeddrive.files.job import Job as Job
 from feeddrive.files.job import read_job as read_job
 from feeddrive.files.job import read_request as read_request
-from feeddrive.files.log import read_arrays as read_arrays
-from feeddrive.files.log import read_log as read_log
+from feeddrive.files.log import Log as Log
+from feeddrive.files.log import write_log as write_log
 from feeddrive.files.machine import Machine as Machine
 from feeddrive.files.machine import read_machine as read_machine
-from feeddrive.files.measured import Log as Log
-from feeddrive.files.measured import write_log as write_log
+from feeddrive.files.read_log import read_arrays as read_arrays
+from feeddrive.files.read_log import read_log as read_log
 from feeddrive.identification.cogging.cogging_fit import CoggingFit as CoggingFit
 from feeddrive.identification.cogging.cogging_passes import cogging_passes as cogging_passes
 from feeddrive.identification.cogging.cogging_run import CoggingRun as CoggingRun

@@ -11,7 +11,7 @@ from bus_bench import drive
 from feeddrive.bus import pace as clock
 from feeddrive.bus.pace import Pace, urgent
 from feeddrive.bus.profile import read_profile
-from feeddrive.files.result import write_run_csv
+from feeddrive.files.run_files import write_run_csv
 from feeddrive.language.errors import ParameterError
 
 T = 1e-3

@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 from feeddrive import cli
-from feeddrive.files.log import read_log
+from feeddrive.files.read_log import read_log
 
 SHARED = Path(__file__).parents[3] / "shared"
 LOG = SHARED / "data" / "emps" / "DATA_EMPS.mat"

@@ -10,9 +10,9 @@ import pytest
 
 from feeddrive import cli
 from feeddrive.files.frf import encoders, read_frf, read_frfs
-from feeddrive.files.log import read_log
 from feeddrive.files.machine import read_machine
-from feeddrive.files.result import write_run_csv
+from feeddrive.files.read_log import read_log
+from feeddrive.files.run_files import write_run_csv
 from feeddrive.loop.linearize import linearize
 
 EXCITED = ("excite", "ball_screw", "--band", "10..500", "--amplitude", "300", "--resolution", "5", "--out", "sent")

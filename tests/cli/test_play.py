@@ -15,8 +15,8 @@ from feeddrive import cli
 from feeddrive.blocks.controller.cascade_ppi import CascadePPI
 from feeddrive.blocks.plant.three_mass_chain import ThreeMassChain
 from feeddrive.blocks.reference.recorded import Recorded
-from feeddrive.files.log import read_log
 from feeddrive.files.machine import read_machine
+from feeddrive.files.read_log import read_log
 from feeddrive.loop.simulate import simulate
 
 FEEDDRIVE = f"{sys.executable} -c 'from feeddrive.cli import main; main()'"

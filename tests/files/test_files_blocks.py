@@ -16,10 +16,9 @@ from hypothesis import strategies as st
 from feeddrive.blocks.catalogue import catalogue
 from feeddrive.blocks.families import Force, Friction, Law, Plant
 from feeddrive.blocks.plant.two_mass import TwoMass
-from feeddrive.files.blocks_from_toml import read_block
+from feeddrive.files.blocks_from_toml import Hint, defaults, hints, members, read_block
 from feeddrive.files.blocks_to_toml import to_toml
-from feeddrive.files.fields import Hint, defaults, hints, members
-from feeddrive.files.toml_lines import parse_toml
+from feeddrive.files.toml_file import parse_toml
 from feeddrive.language import tree, units
 from feeddrive.language.block import Block, Declaration, choice, declarations, parameter, part, table
 from feeddrive.language.errors import FeeddriveError, ParameterError, StructureError

@@ -16,7 +16,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from feeddrive.files.frf import encoders, read_frf, read_frfs, write_frf
-from feeddrive.files.log import read_log
+from feeddrive.files.read_log import read_log
 from feeddrive.files.readers.ast_xml import controller_sets
 from feeddrive.files.readers.frf_columns import named
 from feeddrive.language.errors import FileError, LogError, MissingExtraError, ParameterError

@@ -25,9 +25,10 @@ from mdf_files import mdf4
 from feeddrive.files import machine
 from feeddrive.files.frf import read_frf, read_frfs
 from feeddrive.files.job import read_job
-from feeddrive.files.log import Log, read_log
+from feeddrive.files.log import Log
 from feeddrive.files.machine import read_machine
-from feeddrive.files.result import write_run_csv, write_run_parquet
+from feeddrive.files.read_log import read_log
+from feeddrive.files.run_files import write_run_csv, write_run_parquet
 from feeddrive.language.errors import FeeddriveError
 from feeddrive.loop.frequency_response import FRF
 

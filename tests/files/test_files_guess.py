@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from feeddrive.files.guess import guess_roles, write_roles
+from feeddrive.files.columns import Column
+from feeddrive.files.guess import guess_roles, read_name, unit_in_name, words_of, write_roles
 from feeddrive.files.job import read_request
-from feeddrive.files.log import Log, read_log
-from feeddrive.files.roles import Column
-from feeddrive.files.words import read_name, unit_in_name, words_of
+from feeddrive.files.log import Log
+from feeddrive.files.read_log import read_log
 from feeddrive.language.errors import ParameterError
 
 T = 1e-3

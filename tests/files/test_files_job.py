@@ -9,9 +9,9 @@ import pytest
 from feeddrive.blocks.controller.cascade_ppi import CascadePPI
 from feeddrive.blocks.friction.stribeck import Stribeck
 from feeddrive.blocks.plant.two_mass import TwoMass
+from feeddrive.files.columns import Column
 from feeddrive.files.job import read_job
 from feeddrive.files.machine import read_machine
-from feeddrive.files.roles import Column
 from feeddrive.language.errors import FeeddriveError, FileError, ParameterError
 
 MACHINE = """name = "mill"

@@ -17,8 +17,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from feeddrive.files import columns, formats
-from feeddrive.files.clock import checked_clock
-from feeddrive.files.log import Column, Log, read_log
+from feeddrive.files.columns import Column
+from feeddrive.files.log import Log
+from feeddrive.files.read_log import checked_clock, read_log
 from feeddrive.language.errors import FileError, LogError, MissingExtraError, ParameterError
 
 TEXT = "t [ms],x [mm],f,note\n" + "".join(f"{2 * k},{k},{10 * k},a\n" for k in range(10))

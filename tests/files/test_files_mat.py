@@ -17,10 +17,9 @@ import scipy.sparse
 
 from feeddrive.files import columns
 from feeddrive.files.formats import read_columns
-from feeddrive.files.log import read_log
+from feeddrive.files.read_log import read_log
 from feeddrive.files.readers import mat
-from feeddrive.files.readers.mat import read_mat
-from feeddrive.files.readers.mat73 import read_mat73
+from feeddrive.files.readers.mat import read_mat, read_mat73
 from feeddrive.language.errors import LogError, MissingExtraError
 
 T = np.arange(50) * 1e-3

@@ -9,7 +9,7 @@ import pytest
 from mdf_files import mdf4
 
 from feeddrive.files.formats import read_columns
-from feeddrive.files.log import read_log
+from feeddrive.files.read_log import read_log
 from feeddrive.language.errors import LogError
 
 

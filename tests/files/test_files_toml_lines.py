@@ -11,8 +11,7 @@ from typing import Any
 import pytest
 
 from feeddrive.files.messages import plain, shown
-from feeddrive.files.toml_keys import Key, lines_of_keys
-from feeddrive.files.toml_lines import Section, TomlFile, parse_toml, read_toml
+from feeddrive.files.toml_file import Key, Section, TomlFile, lines_of_keys, parse_toml, read_toml
 from feeddrive.language.errors import FileError, ParameterError
 
 EVERYTHING = (

@@ -11,8 +11,8 @@ import pytest
 from feeddrive.analysis.replay import estimate_start
 from feeddrive.blocks.reference.recorded import Recorded
 from feeddrive.blocks.reference.snap_limited_move import SnapLimitedMove
-from feeddrive.files.log import read_log
 from feeddrive.files.machine import read_machine
+from feeddrive.files.read_log import read_log
 from feeddrive.language.errors import LogError, ParameterError
 from feeddrive.loop.simulate import simulate
 from feeddrive.tuning.compensated import begin_compensation

@@ -23,7 +23,7 @@ from pathlib import Path
 
 from feeddrive.bus.scaling import DriveScaling
 from feeddrive.files.blocks_from_toml import read_block
-from feeddrive.files.toml_lines import read_toml
+from feeddrive.files.toml_file import read_toml
 from feeddrive.language.block import Block, Number, choice, parameter, part
 from feeddrive.language.errors import ParameterError
 

@@ -15,7 +15,7 @@ from feeddrive.bus.client import DriveClient, Told
 from feeddrive.bus.pace import Lateness, urgent
 from feeddrive.bus.power_states import PowerState
 from feeddrive.bus.profile import Profile
-from feeddrive.files.measured import Log
+from feeddrive.files.log import Log
 from feeddrive.language.errors import BusError
 
 _SETTLING = 0.1  # s that the last target is held before the drive is switched off

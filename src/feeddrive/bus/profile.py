@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from feeddrive.bus.drive_file import BusDrive
-from feeddrive.files.log import read_log
+from feeddrive.files.read_log import read_log
 from feeddrive.language.errors import ParameterError
 
 _UNITS = {"csp": ("N", "m"), "csv": ("N", "m/s"), "cst": ("N",)}

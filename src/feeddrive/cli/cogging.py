@@ -14,10 +14,9 @@ from feeddrive.cli.drive_logs import Drive, chosen, columns_said, drive_of, logs
 from feeddrive.cli.roles import column
 from feeddrive.cli.terminal import open_console
 from feeddrive.cli.working import drawn
-from feeddrive.files.columns import is_time
-from feeddrive.files.log import read_arrays
+from feeddrive.files.columns import ROLES, is_time
 from feeddrive.files.messages import nearest, sentence
-from feeddrive.files.roles import ROLES
+from feeddrive.files.read_log import read_arrays
 from feeddrive.identification.cogging.cogging_passes import cogging_passes
 from feeddrive.identification.cogging.cogging_run import CoggingRun
 from feeddrive.identification.cogging.identify_cogging import identify_cogging

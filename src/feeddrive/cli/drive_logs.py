@@ -11,10 +11,10 @@ from rich.console import Console
 from feeddrive.blocks.actuator.screw import Screw
 from feeddrive.cli.identify_frf import positive
 from feeddrive.cli.roles import mapped
-from feeddrive.files.log import read_log
+from feeddrive.files.columns import Column
+from feeddrive.files.log import Log
 from feeddrive.files.machine import Machine, read_machine
-from feeddrive.files.measured import Log
-from feeddrive.files.roles import Column
+from feeddrive.files.read_log import read_log
 from feeddrive.identification.frame import lever
 from feeddrive.language.errors import LogError
 from feeddrive.loop.loop import Loop

@@ -12,11 +12,10 @@ from feeddrive.cli.roles import clock, requested, show
 from feeddrive.cli.terminal import open_console
 from feeddrive.cli.working import drawn
 from feeddrive.files.columns import unit_of
-from feeddrive.files.guess import guess_roles
-from feeddrive.files.log import read_log
-from feeddrive.files.measured import Log
+from feeddrive.files.guess import guess_roles, unit_in_name
+from feeddrive.files.log import Log
 from feeddrive.files.messages import nearest
-from feeddrive.files.words import unit_in_name
+from feeddrive.files.read_log import read_log
 from feeddrive.identification.excitation.estimate_frf import estimate_frf
 from feeddrive.identification.excitation.frequency_estimate import FrequencyEstimate
 from feeddrive.identification.excitation.record import Record

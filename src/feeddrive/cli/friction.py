@@ -11,7 +11,7 @@ from feeddrive.cli.drive_logs import Drive, chosen, columns_said, drive_of, logs
 from feeddrive.cli.identify_frf import narrow
 from feeddrive.cli.terminal import open_console
 from feeddrive.cli.working import drawn
-from feeddrive.files.measured import Log
+from feeddrive.files.log import Log
 from feeddrive.files.messages import sentence
 from feeddrive.identification.frame import SHAFT
 from feeddrive.identification.steady_runs.friction_curve import fit_friction

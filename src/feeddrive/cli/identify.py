@@ -9,8 +9,8 @@ from feeddrive.cli.identify_frf import narrow, positive
 from feeddrive.cli.roles import mapped
 from feeddrive.cli.terminal import open_console
 from feeddrive.cli.working import drawn
+from feeddrive.files.log import Log
 from feeddrive.files.machine import Machine, read_machine
-from feeddrive.files.measured import Log
 from feeddrive.files.messages import sentence
 from feeddrive.identification.motion.identify import identify
 from feeddrive.identification.motion.motion_log import MotionLog

@@ -14,13 +14,13 @@ from feeddrive.blocks.feedforward.inertia import Inertia
 from feeddrive.blocks.reference.snap_limited_move import SnapLimitedMove
 from feeddrive.cli.terminal import open_console
 from feeddrive.cli.working import drawn
+from feeddrive.files.atomic_io import write_whole
 from feeddrive.files.blocks_to_toml import to_toml
+from feeddrive.files.columns import Column
 from feeddrive.files.job import read_job
-from feeddrive.files.log import read_log
 from feeddrive.files.machine import read_machine
 from feeddrive.files.messages import nearest
-from feeddrive.files.roles import Column
-from feeddrive.files.whole import write_whole
+from feeddrive.files.read_log import read_log
 from feeddrive.language.errors import LogError, ParameterError
 from feeddrive.loop.loop import Loop
 from feeddrive.tuning.compensated import begin_compensation

@@ -11,7 +11,7 @@ import typer
 def _writable(out: Path | None) -> Path | None:
     """The directory itself. Raises FileError if it could not be replaced or made."""
     if out is not None:
-        from feeddrive.files.whole import check_directory
+        from feeddrive.files.atomic_io import check_directory
 
         check_directory(out)
     return out

@@ -18,8 +18,8 @@ from feeddrive.bus.play import Played, listened, play
 from feeddrive.bus.profile import Profile, read_profile
 from feeddrive.cli.terminal import open_console
 from feeddrive.cli.working import drawn
-from feeddrive.files.measured import write_log
-from feeddrive.files.whole import new_directory
+from feeddrive.files.atomic_io import new_directory
+from feeddrive.files.log import write_log
 from feeddrive.language.errors import AbortedError, BusError, FeeddriveError
 from feeddrive.workflow.excitation_page import WARNING
 

@@ -9,12 +9,12 @@ from feeddrive.blocks.families import Reference
 from feeddrive.blocks.prefilter.trajectory_prefilter import TrajectoryPrefilter
 from feeddrive.cli.terminal import open_console
 from feeddrive.cli.working import drawn
+from feeddrive.files.atomic_io import write_whole
 from feeddrive.files.blocks_to_toml import to_toml
 from feeddrive.files.job import read_job
-from feeddrive.files.log import read_log
 from feeddrive.files.machine import read_machine
 from feeddrive.files.messages import nearest
-from feeddrive.files.whole import write_whole
+from feeddrive.files.read_log import read_log
 from feeddrive.language.errors import LogError, ParameterError
 from feeddrive.loop.loop import Loop
 from feeddrive.tuning.trajectory_prefilter import REGRESSORS, PrefilterFit, fit_prefilter_to_log

@@ -9,7 +9,7 @@ from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
 from feeddrive.cli.terminal import open_console
 from feeddrive.cli.working import drawn
-from feeddrive.files.whole import new_directory
+from feeddrive.files.atomic_io import new_directory
 from feeddrive.language.table import Table
 from feeddrive.papers.papers import Reproduced, chosen, reproduce
 from feeddrive.papers.results import fill

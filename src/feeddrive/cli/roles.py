@@ -9,11 +9,11 @@ from rich.console import Console
 
 from feeddrive.cli.terminal import open_console
 from feeddrive.cli.working import drawn
+from feeddrive.files.columns import OWN_UNIT, ROLES, Column
 from feeddrive.files.guess import Guess, guess_roles, write_roles
 from feeddrive.files.job import LogRequest, read_request
-from feeddrive.files.log import read_log
-from feeddrive.files.measured import Log
-from feeddrive.files.roles import OWN_UNIT, ROLES, Column
+from feeddrive.files.log import Log
+from feeddrive.files.read_log import read_log
 from feeddrive.language import units
 from feeddrive.language.errors import FileError, LogError, ParameterError
 

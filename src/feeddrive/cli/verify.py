@@ -8,7 +8,7 @@ import typer
 
 from feeddrive.cli.terminal import open_console
 from feeddrive.export.verify import MOST, verify
-from feeddrive.files.whole import write_whole
+from feeddrive.files.atomic_io import write_whole
 from feeddrive.language.errors import ParameterError
 
 

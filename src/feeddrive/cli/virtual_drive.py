@@ -15,8 +15,8 @@ from feeddrive.bus.virtual.driven_axis import DrivenAxis
 from feeddrive.bus.virtual.ethercat_slave import serve_ethercat
 from feeddrive.bus.virtual.firmware import Firmware
 from feeddrive.cli.terminal import open_console
+from feeddrive.files.atomic_io import write_whole
 from feeddrive.files.machine import read_machine
-from feeddrive.files.whole import write_whole
 from feeddrive.language.errors import ParameterError
 
 

@@ -19,9 +19,9 @@ from typing import Any
 from feeddrive.comparison.arena import Arena, Competitor
 from feeddrive.comparison.criteria import CRITERIA, ranks
 from feeddrive.comparison.report import study
+from feeddrive.files.atomic_io import new_directory
 from feeddrive.files.blocks_to_toml import to_toml
 from feeddrive.files.provenance import file_names
-from feeddrive.files.whole import new_directory
 from feeddrive.report import build
 
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from feeddrive.files.whole import refusal
+from feeddrive.files.atomic_io import refusal
 from feeddrive.language.errors import FmuError, MissingExtraError
 
 MOST = 2_000_000_000  # bytes that are unpacked

@@ -12,10 +12,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from feeddrive.cosimulation.simulate_with_fmu import simulate_with_fmu
+from feeddrive.files.atomic_io import new_directory, read_whole
 from feeddrive.files.job import Job
 from feeddrive.files.provenance import file_names, versions
-from feeddrive.files.result import write_run_csv, write_run_parquet
-from feeddrive.files.whole import new_directory, read_whole
+from feeddrive.files.run_files import write_run_csv, write_run_parquet
 from feeddrive.language.errors import FeeddriveError, ParameterError
 from feeddrive.language.table import Result, Table
 from feeddrive.loop.simulate import Run

@@ -11,7 +11,7 @@ from typing import Any
 
 import feeddrive
 from feeddrive.export.design import MACHINE_FILE, Design
-from feeddrive.files.whole import read_whole
+from feeddrive.files.atomic_io import read_whole
 from feeddrive.language.errors import FileError
 
 FILE = "export.json"

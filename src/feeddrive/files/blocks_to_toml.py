@@ -6,7 +6,7 @@ import json
 from collections.abc import Iterator
 from typing import Any
 
-from feeddrive.files.fields import Hint, hints
+from feeddrive.files.blocks_from_toml import Hint, hints
 from feeddrive.language.block import Block, Declaration, declarations
 from feeddrive.language.errors import StructureError
 

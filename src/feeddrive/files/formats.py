@@ -8,17 +8,23 @@ from collections.abc import Callable
 
 from feeddrive.files.columns import Columns, Reader, most_unpacked
 from feeddrive.files.readers import mdf
-from feeddrive.files.readers.csv_log import read_csv
-from feeddrive.files.readers.epos import is_epos, read_epos
-from feeddrive.files.readers.linuxcnc import is_halsampler, is_halscope, read_halsampler, read_halscope
-from feeddrive.files.readers.mat import read_mat
-from feeddrive.files.readers.mat73 import read_mat73
+from feeddrive.files.readers.csv_text import read_csv
+from feeddrive.files.readers.mat import read_mat, read_mat73
 from feeddrive.files.readers.npy import START as _NPY
 from feeddrive.files.readers.npy import read_npy
-from feeddrive.files.readers.parquet import read_parquet
-from feeddrive.files.readers.twincat import is_twincat, read_twincat
+from feeddrive.files.readers.recorders import (
+    is_epos,
+    is_halsampler,
+    is_halscope,
+    is_twincat,
+    read_epos,
+    read_halsampler,
+    read_halscope,
+    read_twincat,
+)
 from feeddrive.files.readers.uff import STARTS as _UFF
 from feeddrive.files.readers.uff import read_uff
+from feeddrive.files.run_files import read_parquet
 from feeddrive.language.errors import LogError
 
 _PIECE = 10_000_000  # bytes that gzip unpacks at a time: a bomb is noticed one piece beyond what is read

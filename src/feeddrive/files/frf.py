@@ -10,13 +10,13 @@ from pathlib import Path
 
 import numpy as np
 
+from feeddrive.files.atomic_io import read_whole, write_whole
 from feeddrive.files.columns import Columns, is_time
 from feeddrive.files.formats import refuse_others, unpacked
 from feeddrive.files.messages import nearest, plain
 from feeddrive.files.readers import ast_xml, uff
-from feeddrive.files.readers.csv_log import read_csv
+from feeddrive.files.readers.csv_text import read_csv
 from feeddrive.files.readers.frf_columns import Response, frequency_of, in_si, responses_of
-from feeddrive.files.whole import read_whole, write_whole
 from feeddrive.language.errors import LogError, ParameterError
 from feeddrive.loop.frequency_response import FRF
 

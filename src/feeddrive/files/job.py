@@ -26,11 +26,11 @@ from typing import Any
 
 from feeddrive.blocks.families import Load, Reference
 from feeddrive.files.blocks_from_toml import read_block
-from feeddrive.files.log import read_log
+from feeddrive.files.columns import ROLES, Column
+from feeddrive.files.log import Log
 from feeddrive.files.machine import Machine, found, read_machine
-from feeddrive.files.measured import Log
-from feeddrive.files.roles import ROLES, Column
-from feeddrive.files.toml_lines import Section, TomlFile, read_toml
+from feeddrive.files.read_log import read_log
+from feeddrive.files.toml_file import Section, TomlFile, read_toml
 from feeddrive.language import tree, units
 from feeddrive.language.errors import FeeddriveError, FileError, ParameterError
 from feeddrive.loop.control import Control

@@ -1,254 +1,180 @@
-"""Measured logs: from a file of any known format to channels in SI on one clock, or an error that says why not."""
+"""A measured log: channels over time on one clock, and what is odd about them.
+
+`read_log.py` makes one from a file.  A channel that is constant, clipped or slower than the clock is not refused; a
+remark says so.
+"""
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from feeddrive.files.clock import checked_clock
-from feeddrive.files.columns import MOST_BYTES, Columns, is_time, unit_of
-from feeddrive.files.formats import read_columns
-from feeddrive.files.measured import Log, write_log
-from feeddrive.files.messages import nearest, plain
-from feeddrive.files.roles import OWN_UNIT, ROLES, Column, Named
-from feeddrive.files.whole import read_whole
-from feeddrive.language import units
+from feeddrive.files.messages import nearest
+from feeddrive.files.run_files import write_parquet
 from feeddrive.language.errors import LogError, ParameterError
-
-# names of a constant that is the sampling rate in Hz
-_RATES = ("fs", "sampling_rate", "sample_rate", "samplerate", "fsample", "f_s")
-_LARGEST = 1e30  # of any number of a log: its powers must not overflow, and recorders mark a missing value by 1.8e308
-
-__all__ = ["ROLES", "Column", "Log", "Named", "read_log", "write_log"]
+from feeddrive.language.table import Result, Table, shown
 
 
-def read_log(
-    path: str | Path,
-    mapping: Mapping[str, Named] | None = None,
-    *,
-    optional: Mapping[str, Named] | None = None,
-    sample_time: float | None = None,
-    name: str | None = None,
-) -> Log:
-    """Read a measured log: MATLAB (5 to 7.3), CSV of any kind, Parquet, numpy, EPOS Studio, halscope and halsampler;
-    also packed by gzip.
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Log(Result):
+    """Channels over time, all finite, on one clock. `log["position_load"]` is an array of shape (n,) in `units`.
 
-    mapping      role -> column, for the roles in `ROLES`; without it every column of numbers is a channel in its own
-                 unit; a column that is named like time need not be mapped
-    optional     the same for columns that may be missing
-    sample_time  s, for a file without a column of time, or whose stamps are rounded
-    name         of the log, by which errors call it; default: that which the file holds, else the path as given
-
-    Raises FileError (no such file, ...) or LogError (of another kind, damaged, empty, NaN, gaps, a clock that is not
-    uniform, a column that is missing or in another unit), each with file, row and what to do.
+    `time` holds the stamps as they were recorded, s; `sample_time` their common step, s, and `jitter` the largest
+    deviation from it as a share of it.  `constants` are single numbers that stood beside the columns; `left_out` says
+    of other columns why they are not there; `provenance` says where all of it comes from.
     """
-    try:
-        return _read_log(path, mapping, optional or {}, sample_time, name)
-    except LogError as error:
-        raise LogError(plain(str(error))) from None
-    except MemoryError:
-        raise LogError(f"{path}: does not fit into the memory; map only the columns that are needed") from None
+
+    name: str
+    time: np.ndarray
+    channels: Mapping[str, np.ndarray]
+    units: Mapping[str, str]
+    sample_time: float
+    jitter: float = 0.0
+    constants: Mapping[str, float] = field(default_factory=dict[str, float])
+    left_out: Mapping[str, str] = field(default_factory=dict[str, str])
+    provenance: Mapping[str, Any] = field(default_factory=dict[str, Any])
+
+    def __post_init__(self) -> None:
+        time = _held(self.name, "time", self.time)
+        channels = {channel: _held(self.name, channel, values) for channel, values in self.channels.items()}
+        for channel, values in channels.items():
+            if values.size != time.size:
+                raise LogError(f"{self.name}: '{channel}' has {values.size} rows, time has {time.size}")
+        object.__setattr__(self, "time", time)
+        object.__setattr__(self, "channels", channels)
+
+    def __getitem__(self, channel: str) -> np.ndarray:
+        if channel not in self.channels:
+            raise ParameterError(f"the log '{self.name}' has no channel '{channel}'{nearest(channel, self.channels)}")
+        return self.channels[channel]
+
+    def __len__(self) -> int:
+        return self.time.size
+
+    @property
+    def duration(self) -> float:
+        """From the first to the last row, s."""
+        return float(self.time[-1] - self.time[0])
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """A sentence for each channel that is constant, clipped, or recorded more slowly than the clock."""
+        return remarks(self.channels)
+
+    def table(self) -> Table:
+        """Least, largest and RMS value of every channel."""
+        rows: list[list[str]] = []
+        for channel, values in self.channels.items():
+            unit, factor = shown(self.units.get(channel, ""))
+            rms = float(np.sqrt(np.mean(np.square(values))))
+            figures = (float(np.min(values)), float(np.max(values)), rms)
+            rows.append([channel, unit, *(f"{factor * figure:.5g}" for figure in figures)])
+        rate = f"{1e3 * self.sample_time:.6g} ms"
+        title = f"{self.name}: {self.time.size} rows, {self.duration:.4g} s at {rate}, jitter {100 * self.jitter:.2g} %"
+        return Table(title, ["channel", "unit", "least", "most", "RMS"], rows)
+
+    def plot(self) -> Any:
+        """Every channel over time, as a matplotlib figure."""
+        from feeddrive import plot
+
+        return plot.log(self)
+
+    def to_pandas(self) -> Any:
+        """A DataFrame with one column a channel, over time in s."""
+        from feeddrive.plot import frames
+
+        return frames.frame(self.time, self.channels, "time")
 
 
-def read_arrays(path: str | Path) -> dict[str, np.ndarray]:
-    """The columns of numbers of a file that is no log over time: a cogging map, a friction curve.
+def _held(name: str, channel: str, values: Any) -> np.ndarray:
+    """A float64 array of one dimension that nobody can change; it is copied only if it could be changed elsewhere."""
+    array = np.asarray(values, dtype=np.float64)
+    if array.ndim != 1:
+        raise LogError(f"{name}: '{channel}' must be a row of numbers, not of shape {array.shape}")
+    if not np.all(np.isfinite(array)):
+        raise LogError(f"{name}: '{channel}' is not finite at row {int(np.argmin(np.isfinite(array))) + 1}")
+    if array.flags.writeable and array is values:
+        array = array.copy()
+    array.flags.writeable = False
+    return array
 
-    No clock is asked for.  They are as they stand in the file, NaN included; a matrix of numpy gives column_1, ...
-    Raises FileError or LogError as `read_log`.
+
+def write_log(path: str | Path, log: Log) -> None:
+    """Write a log as Parquet, with units, sample time and origin; `read_log` gives the same numbers, bit for bit.
+
+    Raises FileError if it cannot be written.
     """
-    try:
-        return dict(read_columns(str(path), read_whole(path, MOST_BYTES), None).values)
-    except LogError as error:
-        raise LogError(plain(str(error))) from None
-    except MemoryError:
-        raise LogError(f"{path}: does not fit into the memory") from None
+    metadata = {
+        "name": log.name,
+        "sample_time": log.sample_time,
+        "units": {"time": "s", **log.units},
+        "constants": dict(log.constants),
+        "provenance": dict(log.provenance),
+    }
+    write_parquet(path, {"time": log.time, **log.channels}, metadata)
 
 
-def _read_log(
-    path: str | Path,
-    mapping: Mapping[str, Named] | None,
-    optional: Mapping[str, Named],
-    sample_time: float | None,
-    name: str | None,
-) -> Log:
-    where = str(path)
-    if sample_time is not None and not (np.isfinite(sample_time) and sample_time > 0.0):
-        raise ParameterError(f"{where}: sample_time = {sample_time:g} s must be > 0 s")
-    given = None if mapping is None else {role: _column(where, role, column) for role, column in mapping.items()}
-    extra = {role: _column(where, role, column) for role, column in optional.items()}
-    content = read_whole(path, MOST_BYTES)
-    wanted = None if given is None else frozenset(column.name for column in (*given.values(), *extra.values()))
-    columns = read_columns(where, content, wanted)
-    there = {*columns.values, *columns.left_out}
-    asked = {role: column for role, column in extra.items() if column.name in there} | (given or {})
-    chosen = _chosen(columns, asked, everything=given is None)
-    values = {role: _values(where, columns, role, column, asked) for role, column in chosen.items()}
-    recorded = values.pop("time", None)
-    channels = {role: numbers for role, (numbers, _) in values.items()}
-    stored = columns.metadata.get("sample_time")
-    step = stored if sample_time is None and isinstance(stored, float) else sample_time
-    counter = str(columns.metadata.get("counter", ""))
-    told = ""
-    if recorded is not None:
-        time, told = _scaled_by_rate(columns, chosen["time"], recorded[0])
-    elif counter in columns.values and step is not None:  # exact stamps: a jump of the counter is a gap
-        time, step = step * (columns.values[counter] - columns.values[counter][0]), None
-        channels.pop(counter, None)
-    else:
-        time = _stamps(where, columns, channels, step)
-    left_out = dict(columns.left_out)
-    for role, numbers in list(channels.items()):
-        if numbers.size != time.size:
-            if role in asked:
-                raise LogError(
-                    f"{where}: column '{chosen[role].name}' has {numbers.size} rows, that of time {time.size}"
-                )
-            left_out[role] = f"{numbers.size} rows long, not {time.size}"
-            del channels[role]
-    clock = checked_clock(where, time, columns.place, step)
-    origin = columns.metadata.get("provenance")
-    return Log(
-        name=name or str(columns.metadata.get("name") or where),
-        time=time,
-        channels=channels,
-        units={role: values[role][1] for role in channels},
-        sample_time=clock.sample_time,
-        jitter=clock.jitter,
-        constants=columns.constants,
-        left_out=left_out,
-        provenance={
-            "file": where,
-            "sha256": hashlib.sha256(content).hexdigest(),
-            "format": columns.format,
-            **({"time": told} if told else {}),
-            **({"clock": "given"} if recorded is None and sample_time is not None else {}),
-            **({"origin": origin} if origin else {}),
-        },
-    )
+_LONG = 4  # samples at the same extreme value: the least that counts as clipped once
+_TIMES = 2  # how often it must happen
+_ABRUPT = 0.2  # last whole step before the clip over the usual step: a position that comes to rest has a small one
+_LEVELS = 32  # different values: fewer are a state or a coarse number, which stands still by nature
+_HELD = 0.98  # share of the changes that lie on one grid of every second, third ... sample
 
 
-def _column(path: str, role: str, named: Named) -> Column:
-    """A Column from its short forms. Raises ParameterError for a role or a unit that is not known."""
-    if role not in ROLES:
-        raise ParameterError(f"{path}: a log has no role '{role}'{nearest(role, ROLES)}")
-    match named:
-        case Column():
-            column = named
-        case str():
-            column = Column(name=named)
-        case (name, str(unit)):
-            column = Column(name=name, unit=unit)
-        case (name, factor):
-            column = Column(name=name, factor=float(factor))
-    column = replace(column, unit=unit_of(column.unit) or column.unit)
-    try:
-        return column.checked(role)
-    except ParameterError as error:
-        raise ParameterError(f"{path}: {error}") from None
-
-
-def _chosen(columns: Columns, asked: Mapping[str, Column], *, everything: bool) -> dict[str, Column]:
-    """The asked columns, time by its usual name if it is not asked for, and every other one under its own name."""
-    chosen = dict(asked)
-    time = next((name for name in columns.values if is_time(name)), None)
-    if "time" not in chosen and time is not None:
-        chosen = {"time": Column(name=time), **chosen}
-    if everything:
-        taken = {column.name for column in chosen.values()}
-        chosen |= {name: Column(name=name) for name in columns.values if name not in taken}
-    return chosen
-
-
-def _values(
-    path: str, columns: Columns, role: str, column: Column, asked: Mapping[str, Column]
-) -> tuple[np.ndarray, str]:
-    """The numbers of a column, all finite, and their unit: that of the role if it is one, else that of the file."""
-    numbers = columns.values.get(column.name)
-    if numbers is None:
-        if column.name in columns.left_out:
-            why = columns.left_out[column.name]
-            raise LogError(f"{path}: column '{column.name}' ({role}) is not numbers but {why}")
-        known = [*columns.values, *columns.unread, *columns.constants]
-        raise LogError(f"{path}: there is no column '{column.name}' ({role}){nearest(column.name, known)}")
-    bad = np.flatnonzero(~np.isfinite(numbers))
-    if bad.size:
-        place = columns.place(int(bad[0]))
-        raise LogError(
-            f"{path}: column '{column.name}' is {numbers[bad[0]]} at {place} ({bad.size} such rows); "
-            "cut the log there, repair the row, or map only the columns that are needed"
-        )
-    if numbers.size and max(float(numbers.max()), -float(numbers.min())) > _LARGEST:
-        k = int(np.argmax(np.abs(numbers)))
-        raise LogError(
-            f"{path}: column '{column.name}' reaches {numbers[k]:.3g} at {columns.place(k)}, beyond {_LARGEST:g}, as "
-            "no measured quantity does: look at exponents and decimal mark, cut the log there, or map only the columns "
-            "that are needed"
-        )
-    unit = columns.units.get(column.name, "")
-    as_it_is = role != "time" and role not in asked
-    factor = 1.0 if as_it_is else _factor(path, role, column, unit)
-    held = numbers if factor == 1.0 else numbers * factor
-    held.flags.writeable = False
-    if as_it_is or (role in OWN_UNIT and not column.unit):
-        return held, unit
-    return held, column.unit if role in OWN_UNIT else ROLES[role]
-
-
-def _factor(path: str, role: str, column: Column, unit: str) -> float:
-    """From the column's unit to that of its role: as given, else as the file says, else by the end of its name.
-
-    A name that ends with `_in` says input and not inch.
-    """
-    if column.factor is not None or role in OWN_UNIT:
-        return 1.0 if column.factor is None else column.factor
-    if column.unit:
-        return units.factor(column.unit, ROLES[role])
-    if unit:
-        try:
-            return units.factor(unit, ROLES[role])
-        except ParameterError:
-            raise LogError(
-                f"{path}: column '{column.name}' is in '{unit}', which is not a unit of {role} ({ROLES[role]}); "
-                f"give the factor from one to the other, as in  {role} = {{ column = '{column.name}', factor = 1.0 }}"
-            ) from None
-    for start in [k + 1 for k, letter in enumerate(column.name) if letter == "_"]:
-        try:
-            return units.factor(column.name[start:], ROLES[role]) if column.name[start:] != "in" else 1.0
-        except ParameterError:
+def remarks(channels: Mapping[str, np.ndarray]) -> tuple[str, ...]:
+    """One sentence for each channel, of shape (n,), that is constant, clipped or slower than its clock."""
+    found: list[str] = []
+    for name, values in channels.items():
+        if values.size < 2:
             continue
-    return 1.0
+        if np.ptp(values) == 0.0:
+            found.append(f"'{name}' is constant, {values[0]:.6g}: it says nothing, or it was not connected")
+            continue
+        found += [sentence for sentence in (_clipped(name, values), _slow(name, values)) if sentence]
+    return tuple(found)
 
 
-def _scaled_by_rate(columns: Columns, column: Column, time: np.ndarray) -> tuple[np.ndarray, str]:
-    """Stamps without a unit in s, if a sampling rate that stands beside them says in what they are; and how it did."""
-    if column.unit or column.factor is not None or columns.units.get(column.name) or "_" in column.name:
-        return time, ""
-    rates = {name: value for name, value in columns.constants.items() if name.lower() in _RATES and value > 0.0}
-    if not rates or time.size < 2:
-        return time, ""
-    name, rate = next(iter(rates.items()))
-    usual = float(np.median(np.diff(time)))
-    for unit in ("ms", "us", "ns"):
-        size = units.factor(unit, "s")
-        if abs(usual * size * rate - 1.0) < 1e-3:
-            return time * size, f"in {unit}, by {name} = {rate:g} Hz in the file"
-    return time, ""
+def _clipped(name: str, values: np.ndarray) -> str:
+    """A signal that runs into its largest or smallest value at full speed and stays there, several times."""
+    if np.unique(values).size < _LEVELS:
+        return ""
+    steps = np.abs(np.diff(values))
+    moving = steps[steps > 0.0]
+    usual = float(np.sqrt(np.mean(moving**2)))
+    for limit, word in ((np.max(values), "largest"), (np.min(values), "smallest")):
+        starts, lengths = _runs(values == limit)
+        long = (lengths >= _LONG) & (starts > 1)
+        before = np.abs(values[starts[long] - 2] - limit) > np.abs(values[starts[long] - 1] - limit)
+        long[long] = before  # on its way there already: a state jumps
+        if np.count_nonzero(long) >= _TIMES and np.median(steps[starts[long] - 2]) > _ABRUPT * usual:
+            share = 100.0 * np.mean(values == limit)
+            return (
+                f"'{name}' is clipped: it stands at its {word} value {limit:.6g} {np.count_nonzero(long)} times for "
+                f"{_LONG} samples or more, and in {share:.2g} % of the log; what is fitted there is wrong"
+            )
+    return ""
 
 
-def _stamps(path: str, columns: Columns, channels: Mapping[str, np.ndarray], sample_time: float | None) -> np.ndarray:
-    """The stamps of a uniform clock, for a file that has none."""
-    rows = max((numbers.size for numbers in channels.values()), default=0)
-    left = "".join(f"; '{name[:40]}' is {why}" for name, why in list(columns.left_out.items())[:5])
-    if rows == 0:
-        raise LogError(f"{path}: holds no column of numbers{left}")
-    if sample_time is None:
-        names = ", ".join(name[:40] for name in list(columns.values)[:12])
-        raise LogError(
-            f"{path}: has no column of time among {names}{left}; "
-            "name it, as in  time = { column = 'x', unit = 'ms' }, or give the sample time"
-        )
-    return sample_time * np.arange(rows, dtype=np.float64)
+def _slow(name: str, values: np.ndarray) -> str:
+    """A signal that changes only at every m-th sample, as one from a slower task that is not synchronous does."""
+    changes = np.flatnonzero(np.diff(values))
+    if changes.size < 20:
+        return ""
+    gaps = np.diff(changes)
+    for step in (20, 16, 10, 8, 5, 4, 3, 2):
+        if np.mean(gaps % step == 0) >= _HELD and np.median(gaps) == step:
+            return (
+                f"'{name}' changes only at every {step}th sample: it comes from a slower clock and lags the other "
+                f"channels by up to {step - 1} samples"
+            )
+    return ""
+
+
+def _runs(true: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Start and length of each run of True."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], true.astype(np.int8), [0]])))
+    return edges[::2], edges[1::2] - edges[::2]

@@ -17,7 +17,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from feeddrive.files.blocks_from_toml import read_block
-from feeddrive.files.toml_lines import Section, TomlFile, nearest, read_toml
+from feeddrive.files.messages import nearest
+from feeddrive.files.toml_file import Section, TomlFile, read_toml
 from feeddrive.language.errors import FileError, ParameterError
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.control import Control

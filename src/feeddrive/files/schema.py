@@ -16,9 +16,9 @@ from pathlib import Path
 from typing import Any, TypeAlias
 
 from feeddrive.blocks.families import Load, Reference
-from feeddrive.files.fields import Hint, defaults, hints, members, options_of_type
-from feeddrive.files.roles import ROLES
-from feeddrive.files.whole import write_whole
+from feeddrive.files.atomic_io import write_whole
+from feeddrive.files.blocks_from_toml import Hint, defaults, hints, members, options_of_type
+from feeddrive.files.columns import ROLES
 from feeddrive.language.block import Block, Declaration, declarations
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.control import Control

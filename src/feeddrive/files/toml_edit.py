@@ -13,8 +13,7 @@ from __future__ import annotations
 
 import re
 
-from feeddrive.files.toml_keys import Key, lines_of_keys, spans_of_values
-from feeddrive.files.toml_lines import parse_toml
+from feeddrive.files.toml_file import Key, lines_of_keys, parse_toml, spans_of_values
 from feeddrive.language import units
 from feeddrive.language.errors import FileError, ParameterError
 

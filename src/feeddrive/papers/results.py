@@ -8,8 +8,8 @@ from collections.abc import Sequence
 from html import escape
 from pathlib import Path
 
+from feeddrive.files.atomic_io import new_directory
 from feeddrive.files.provenance import versions
-from feeddrive.files.whole import new_directory
 from feeddrive.papers.page import claims_table
 from feeddrive.papers.papers import Reproduced
 from feeddrive.report.page import header, page

@@ -9,7 +9,7 @@ from feeddrive.plot import style
 from feeddrive.plot.envelope import POINTS, envelope
 
 if TYPE_CHECKING:
-    from feeddrive.files.measured import Log
+    from feeddrive.files.log import Log
 
 MOST = 12  # rows; a log with more channels shows the first ones
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from feeddrive.certificate import check
 from feeddrive.certificate.certificate import Certificate
-from feeddrive.files.whole import read_whole, write_whole
+from feeddrive.files.atomic_io import read_whole, write_whole
 from feeddrive.language.errors import FileError
 
 

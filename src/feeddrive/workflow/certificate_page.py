@@ -9,7 +9,7 @@ from typing import Any
 
 from feeddrive import plot
 from feeddrive.certificate.certificate import Certificate
-from feeddrive.files.whole import new_directory
+from feeddrive.files.atomic_io import new_directory
 from feeddrive.language.table import Table
 from feeddrive.report.content import Shown
 from feeddrive.report.page import definitions, header, page, picture

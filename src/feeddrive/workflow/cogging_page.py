@@ -11,11 +11,11 @@ import numpy as np
 
 from feeddrive import plot
 from feeddrive.blocks.force.cogging import Cogging
+from feeddrive.files.atomic_io import new_directory
 from feeddrive.files.blocks_to_toml import to_toml
 from feeddrive.files.machine import Machine
 from feeddrive.files.messages import sentence
 from feeddrive.files.toml_edit import TomlEdit
-from feeddrive.files.whole import new_directory
 from feeddrive.identification.cogging.cogging_fit import CoggingFit, CoggingOrder
 from feeddrive.identification.cogging.cogging_run import CoggingRun
 from feeddrive.language.block import Number

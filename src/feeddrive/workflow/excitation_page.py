@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from feeddrive.files.result import write_run_csv, write_run_parquet
-from feeddrive.files.whole import new_directory
+from feeddrive.files.atomic_io import new_directory
+from feeddrive.files.run_files import write_run_csv, write_run_parquet
 from feeddrive.identification.excitation.estimate_frf import estimate_frf
 from feeddrive.identification.excitation.excitation import Excitation, said
 from feeddrive.identification.excitation.frequency_estimate import FrequencyEstimate

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
+from feeddrive.files.atomic_io import new_directory
 from feeddrive.files.frf import write_frf
-from feeddrive.files.whole import new_directory
 from feeddrive.identification.excitation.frequency_estimate import FrequencyEstimate
 from feeddrive.language.table import Table
 from feeddrive.report.content import Shown

@@ -12,11 +12,11 @@ import numpy as np
 
 from feeddrive.blocks.families import Friction
 from feeddrive.blocks.force.gravity import Gravity
+from feeddrive.files.atomic_io import new_directory
 from feeddrive.files.blocks_to_toml import to_toml
 from feeddrive.files.machine import Machine
 from feeddrive.files.messages import sentence
 from feeddrive.files.toml_edit import TomlEdit
-from feeddrive.files.whole import new_directory
 from feeddrive.identification.frame import SHAFT
 from feeddrive.identification.motion.known_axis import own_viscous
 from feeddrive.identification.steady_runs.friction_curve import Compared, FrictionCurve

@@ -7,7 +7,7 @@ from html import escape
 from pathlib import Path
 
 from feeddrive import plot
-from feeddrive.files.whole import new_directory
+from feeddrive.files.atomic_io import new_directory
 from feeddrive.identification.motion.identify import Identified
 from feeddrive.language.table import Table
 from feeddrive.report.content import Shown

@@ -14,10 +14,10 @@ import re
 from pathlib import Path
 from typing import Any
 
+from feeddrive.files.atomic_io import new_directory
 from feeddrive.files.log import write_log
 from feeddrive.files.provenance import file_names
-from feeddrive.files.result import write_run_csv, write_run_parquet
-from feeddrive.files.whole import new_directory
+from feeddrive.files.run_files import write_run_csv, write_run_parquet
 from feeddrive.language import tree
 from feeddrive.report import Entry, build
 from feeddrive.workflow.jobs import JobResult, numbers

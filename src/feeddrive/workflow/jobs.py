@@ -13,7 +13,7 @@ from feeddrive.analysis.resolution import fastest_mode, substeps_needed
 from feeddrive.analysis.stability import require_stable
 from feeddrive.blocks.families import Reference
 from feeddrive.files.job import Job
-from feeddrive.files.measured import Log
+from feeddrive.files.log import Log
 from feeddrive.files.provenance import versions
 from feeddrive.language.errors import FeeddriveError, LogError
 from feeddrive.language.table import Result, Table

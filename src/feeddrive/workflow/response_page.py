@@ -9,11 +9,11 @@ from pathlib import Path
 
 from feeddrive import plot
 from feeddrive.blocks.actuator.actuator import Actuator
+from feeddrive.files.atomic_io import new_directory
 from feeddrive.files.blocks_to_toml import to_toml
 from feeddrive.files.machine import Machine
 from feeddrive.files.messages import sentence
 from feeddrive.files.toml_edit import TomlEdit
-from feeddrive.files.whole import new_directory
 from feeddrive.identification.response.fit_axis import AxisFits
 from feeddrive.identification.response.modal_fit import ModalFit
 from feeddrive.identification.response.plant_fit import PlantFit

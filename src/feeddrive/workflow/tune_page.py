@@ -14,9 +14,9 @@ from feeddrive import plot
 from feeddrive.analysis.margins import Margins
 from feeddrive.analysis.stiffness import Stiffness
 from feeddrive.certificate.certificate import Certificate
+from feeddrive.files.atomic_io import new_directory
 from feeddrive.files.blocks_to_toml import to_toml
 from feeddrive.files.messages import sentence
-from feeddrive.files.whole import new_directory
 from feeddrive.language import tree
 from feeddrive.language.table import Table
 from feeddrive.report.content import Shown

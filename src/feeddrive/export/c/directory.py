@@ -9,7 +9,7 @@ from feeddrive.export.c.selftest import SAMPLES, self_test
 from feeddrive.export.c.text import texts
 from feeddrive.export.design import CONTROL, MACHINE_FILE, Design
 from feeddrive.export.manifest import FILE, manifest_text
-from feeddrive.files.whole import new_directory
+from feeddrive.files.atomic_io import new_directory
 from feeddrive.loop.guard import TRIPS
 from feeddrive.loop.routine import Variable
 

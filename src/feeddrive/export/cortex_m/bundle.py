@@ -13,7 +13,7 @@ from feeddrive.export.cortex_m.readme import readme
 from feeddrive.export.cortex_m.startup import STARTUP, linker_script
 from feeddrive.export.design import CONTROL, MACHINE_FILE, Design
 from feeddrive.export.manifest import FILE, manifest_text
-from feeddrive.files.whole import new_directory
+from feeddrive.files.atomic_io import new_directory
 from feeddrive.language.errors import ParameterError
 
 

@@ -8,7 +8,7 @@ from feeddrive.export.design import CONTROL, MACHINE_FILE, Design
 from feeddrive.export.fmu.fmu import fmu
 from feeddrive.export.fmu.variables import FmuVariable, variables
 from feeddrive.export.manifest import FILE, manifest_text
-from feeddrive.files.whole import check_directory, new_directory
+from feeddrive.files.atomic_io import check_directory, new_directory
 
 
 def write_fmu(design: Design, out: Path, *, version: int = 2, binary: bool = True) -> Path:

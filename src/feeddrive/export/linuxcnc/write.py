@@ -15,7 +15,7 @@ from feeddrive.export.linuxcnc.plant import plant_comp
 from feeddrive.export.linuxcnc.readme import readme
 from feeddrive.export.linuxcnc.wiring import LETTERS, axis_hal, axis_ini, desk_hal, desk_ini
 from feeddrive.export.manifest import FILE, manifest_text
-from feeddrive.files.whole import check_directory, new_directory
+from feeddrive.files.atomic_io import check_directory, new_directory
 from feeddrive.language.errors import ParameterError
 from feeddrive.loop.routine_trace import plant_routine
 

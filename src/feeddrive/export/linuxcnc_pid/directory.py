@@ -16,7 +16,7 @@ from feeddrive.export.linuxcnc_pid.comparison import Difference, difference, req
 from feeddrive.export.linuxcnc_pid.fragments import hal_fragment, ini_fragment
 from feeddrive.export.linuxcnc_pid.mapping import left_out, stock_law, stock_loop
 from feeddrive.export.manifest import FILE, manifest_text
-from feeddrive.files.whole import new_directory
+from feeddrive.files.atomic_io import new_directory
 from feeddrive.language.errors import ParameterError
 
 JOINTS = 16  # of a LinuxCNC

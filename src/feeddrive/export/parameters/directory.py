@@ -18,7 +18,7 @@ from feeddrive.export.parameters.maker import NOT_CHECKED, Line, Maker, lines_of
 from feeddrive.export.parameters.odrive import ODRIVE
 from feeddrive.export.parameters.sinumerik import SINUMERIK
 from feeddrive.export.parameters.twincat import TWINCAT
-from feeddrive.files.whole import new_directory
+from feeddrive.files.atomic_io import new_directory
 from feeddrive.language.errors import ParameterError
 from feeddrive.loop.loop import Loop
 

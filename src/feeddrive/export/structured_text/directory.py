@@ -11,7 +11,7 @@ from feeddrive.export.structured_text.controller import program
 from feeddrive.export.structured_text.plcopen import plcopen
 from feeddrive.export.structured_text.readme import header, readme
 from feeddrive.export.structured_text.twincat import twincat_file
-from feeddrive.files.whole import new_directory
+from feeddrive.files.atomic_io import new_directory
 from feeddrive.language.errors import ParameterError
 
 

@@ -1,24 +1,30 @@
-"""MATLAB files of level 5 (save -v5, -v6, -v7): their real numeric arrays, and those in 1×1 structures as `s.x`.
+"""MATLAB files: level 5 (save -v5, -v6, -v7), and level 7.3 (save -v7.3), which is HDF5.
 
-The layout is the published one (MathWorks, MAT-File Format, chapter 1): elements of a tag (type, length) and
-content, padded to 8 bytes; an array is an element of elements: flags, dimensions, name, numbers; an element
-may be packed by zlib.
+Level 5: real numeric arrays, and those in 1×1 structures as `s.x`.  The layout is the published one (MathWorks,
+MAT-File Format, chapter 1): elements of a tag (type, length) and content, padded to 8 bytes; an array is an element of
+elements: flags, dimensions, name, numbers; an element may be packed by zlib.
 
-`scipy.io.loadmat` is not used: a damaged file can crash it (a segmentation fault, not an exception), it unpacks without
-a limit, and it builds objects.  Here every length is checked before it is believed, and objects, functions, cells,
-texts and sparse or complex arrays are passed over.
+`scipy.io.loadmat` is not used: a damaged file can crash it (see tests/files/test_files_reasons.py), it unpacks without
+a limit, and it builds objects.  Here every length is checked before it is used, and objects, functions, cells, texts
+and sparse or complex arrays are left out.
+
+Level 7.3 and plain HDF5 need h5py (the extra `matlab`).  Links to other files and data stored in other files are not
+followed.
 """
 
 from __future__ import annotations
 
+import io
+import math
 import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from feeddrive.files.columns import MOST_NUMBERS, Columns, is_wanted, most_unpacked
-from feeddrive.language.errors import LogError
+from feeddrive.files.columns import MOST_NUMBERS, Columns, check_size, check_unpacked, is_wanted, most_unpacked
+from feeddrive.language.errors import LogError, MissingExtraError
 
 _MATRIX, _PACKED = 14, 15
 _NUMBERS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
@@ -186,3 +192,59 @@ def _keep(
         else:
             unread.append(column)
     return unread
+
+
+def read_mat73(name: str, content: bytes, wanted: frozenset[str] | None) -> Columns:
+    """The columns of an HDF5 file, groups as `group.x`; a single number is a constant.
+
+    Raises LogError for a damaged file, MissingExtraError without h5py.
+    """
+    try:
+        import h5py
+    except ImportError:
+        raise MissingExtraError("h5py", "matlab", f"{name}: reading a MATLAB 7.3 or HDF5 file") from None
+    values: dict[str, np.ndarray] = {}
+    constants: dict[str, float] = {}
+    left_out: dict[str, str] = {}
+    unread: list[str] = []
+    try:
+        with h5py.File(io.BytesIO(content), "r") as file:
+            for label, found in _datasets(h5py, file, "", 0):
+                if isinstance(found, str):
+                    left_out[label] = found
+                elif found.size == 1:
+                    constants[label] = float(np.asarray(found[()]).ravel()[0])
+                elif is_wanted(label, wanted):
+                    check_size(name, len(values) + 1, found.size)
+                    check_unpacked(name, sum(each.size for each in values.values()) + found.size, len(content))
+                    values[label] = np.asarray(found[()]).ravel().astype(np.float64)
+                else:
+                    unread.append(label)
+    except LogError:
+        raise
+    except Exception:  # h5py hands every kind of error of its C library through
+        raise LogError(f"{name}: is damaged or cut off; copy it again") from None
+    return Columns("MATLAB 7.3 (HDF5)", values, {}, constants, tuple(unread), left_out)
+
+
+def _datasets(h5py: Any, group: Any, prefix: str, depth: int) -> Iterator[tuple[str, Any]]:
+    """Dotted name and dataset of everything numeric with one dimension, or why it is left out."""
+    for key in group:
+        label = f"{prefix}{key}"
+        if key.startswith("#"):  # what MATLAB keeps for its cells and objects
+            continue
+        if not isinstance(group.get(key, getlink=True), h5py.HardLink):
+            yield label, "a link to somewhere else"
+            continue
+        found = group[key]
+        if isinstance(found, h5py.Group):
+            if depth < _DEEPEST:
+                yield from _datasets(h5py, found, f"{label}.", depth + 1)
+        elif found.external or found.is_virtual:
+            yield label, "stored in another file"
+        elif found.dtype.kind not in "fiu" or found.attrs.get("MATLAB_class", b"") == b"char":
+            yield label, "text" if found.dtype.kind not in "fiu" or found.dtype.itemsize == 2 else "no real numbers"
+        elif math.prod(found.shape) != max(found.shape, default=1):
+            yield label, "a matrix"
+        else:
+            yield label, found

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from feeddrive.files import whole
-from feeddrive.files.whole import check_directory, new_directory, read_whole, write_whole, written_whole
+from feeddrive.files import atomic_io
+from feeddrive.files.atomic_io import check_directory, new_directory, read_whole, write_whole, written_whole
 from feeddrive.language.errors import FileError
 
 
@@ -82,7 +82,7 @@ def test_a_full_disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def full(handle: int) -> None:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
-    monkeypatch.setattr(whole.os, "fsync", full)
+    monkeypatch.setattr(atomic_io.os, "fsync", full)
     with pytest.raises(FileError, match=r"a: cannot be written: no space left on device; free some space"):
         write_whole(tmp_path / "a", "content")
     assert listing(tmp_path) == []

@@ -1,1 +1,0 @@
-"""Machines and jobs that come with feeddrive, as TOML files."""

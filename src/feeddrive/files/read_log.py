@@ -1,0 +1,351 @@
+"""Measured logs: from a file of any known format to channels in SI on one clock.
+
+The clock must have one sample time, no gap and no step back.  Every error says where it is and what to do.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from feeddrive.files.atomic_io import read_whole
+from feeddrive.files.columns import MOST_BYTES, OWN_UNIT, ROLES, Column, Columns, Named, is_time, unit_of
+from feeddrive.files.formats import read_columns
+from feeddrive.files.log import Log, write_log
+from feeddrive.files.messages import nearest, plain
+from feeddrive.language import units
+from feeddrive.language.errors import LogError, ParameterError
+
+# names of a constant that is the sampling rate in Hz
+_RATES = ("fs", "sampling_rate", "sample_rate", "samplerate", "fsample", "f_s")
+_LARGEST = 1e30  # of any number of a log: its powers must not overflow, and recorders mark a missing value by 1.8e308
+
+__all__ = ["ROLES", "Column", "Log", "Named", "read_log", "write_log"]
+
+
+def read_log(
+    path: str | Path,
+    mapping: Mapping[str, Named] | None = None,
+    *,
+    optional: Mapping[str, Named] | None = None,
+    sample_time: float | None = None,
+    name: str | None = None,
+) -> Log:
+    """Read a measured log: MATLAB (5 to 7.3), CSV of any kind, Parquet, numpy, EPOS Studio, halscope and halsampler;
+    also packed by gzip.
+
+    mapping      role -> column, for the roles in `ROLES`; without it every column of numbers is a channel in its own
+                 unit; a column that is named like time need not be mapped
+    optional     the same for columns that may be missing
+    sample_time  s, for a file without a column of time, or whose stamps are rounded
+    name         of the log, by which errors call it; default: that which the file holds, else the path as given
+
+    Raises FileError (no such file, ...) or LogError (of another kind, damaged, empty, NaN, gaps, a clock that is not
+    uniform, a column that is missing or in another unit), each with file, row and what to do.
+    """
+    try:
+        return _read_log(path, mapping, optional or {}, sample_time, name)
+    except LogError as error:
+        raise LogError(plain(str(error))) from None
+    except MemoryError:
+        raise LogError(f"{path}: does not fit into the memory; map only the columns that are needed") from None
+
+
+def read_arrays(path: str | Path) -> dict[str, np.ndarray]:
+    """The columns of numbers of a file that is no log over time: a cogging map, a friction curve.
+
+    No clock is asked for.  They are as they stand in the file, NaN included; a matrix of numpy gives column_1, ...
+    Raises FileError or LogError as `read_log`.
+    """
+    try:
+        return dict(read_columns(str(path), read_whole(path, MOST_BYTES), None).values)
+    except LogError as error:
+        raise LogError(plain(str(error))) from None
+    except MemoryError:
+        raise LogError(f"{path}: does not fit into the memory") from None
+
+
+def _read_log(
+    path: str | Path,
+    mapping: Mapping[str, Named] | None,
+    optional: Mapping[str, Named],
+    sample_time: float | None,
+    name: str | None,
+) -> Log:
+    where = str(path)
+    if sample_time is not None and not (np.isfinite(sample_time) and sample_time > 0.0):
+        raise ParameterError(f"{where}: sample_time = {sample_time:g} s must be > 0 s")
+    given = None if mapping is None else {role: _column(where, role, column) for role, column in mapping.items()}
+    extra = {role: _column(where, role, column) for role, column in optional.items()}
+    content = read_whole(path, MOST_BYTES)
+    wanted = None if given is None else frozenset(column.name for column in (*given.values(), *extra.values()))
+    columns = read_columns(where, content, wanted)
+    there = {*columns.values, *columns.left_out}
+    asked = {role: column for role, column in extra.items() if column.name in there} | (given or {})
+    chosen = _chosen(columns, asked, everything=given is None)
+    values = {role: _values(where, columns, role, column, asked) for role, column in chosen.items()}
+    recorded = values.pop("time", None)
+    channels = {role: numbers for role, (numbers, _) in values.items()}
+    stored = columns.metadata.get("sample_time")
+    step = stored if sample_time is None and isinstance(stored, float) else sample_time
+    counter = str(columns.metadata.get("counter", ""))
+    told = ""
+    if recorded is not None:
+        time, told = _scaled_by_rate(columns, chosen["time"], recorded[0])
+    elif counter in columns.values and step is not None:  # exact stamps: a jump of the counter is a gap
+        time, step = step * (columns.values[counter] - columns.values[counter][0]), None
+        channels.pop(counter, None)
+    else:
+        time = _stamps(where, columns, channels, step)
+    left_out = dict(columns.left_out)
+    for role, numbers in list(channels.items()):
+        if numbers.size != time.size:
+            if role in asked:
+                raise LogError(
+                    f"{where}: column '{chosen[role].name}' has {numbers.size} rows, that of time {time.size}"
+                )
+            left_out[role] = f"{numbers.size} rows long, not {time.size}"
+            del channels[role]
+    clock = checked_clock(where, time, columns.place, step)
+    origin = columns.metadata.get("provenance")
+    return Log(
+        name=name or str(columns.metadata.get("name") or where),
+        time=time,
+        channels=channels,
+        units={role: values[role][1] for role in channels},
+        sample_time=clock.sample_time,
+        jitter=clock.jitter,
+        constants=columns.constants,
+        left_out=left_out,
+        provenance={
+            "file": where,
+            "sha256": hashlib.sha256(content).hexdigest(),
+            "format": columns.format,
+            **({"time": told} if told else {}),
+            **({"clock": "given"} if recorded is None and sample_time is not None else {}),
+            **({"origin": origin} if origin else {}),
+        },
+    )
+
+
+def _column(path: str, role: str, named: Named) -> Column:
+    """A Column from its short forms. Raises ParameterError for a role or a unit that is not known."""
+    if role not in ROLES:
+        raise ParameterError(f"{path}: a log has no role '{role}'{nearest(role, ROLES)}")
+    match named:
+        case Column():
+            column = named
+        case str():
+            column = Column(name=named)
+        case (name, str(unit)):
+            column = Column(name=name, unit=unit)
+        case (name, factor):
+            column = Column(name=name, factor=float(factor))
+    column = replace(column, unit=unit_of(column.unit) or column.unit)
+    try:
+        return column.checked(role)
+    except ParameterError as error:
+        raise ParameterError(f"{path}: {error}") from None
+
+
+def _chosen(columns: Columns, asked: Mapping[str, Column], *, everything: bool) -> dict[str, Column]:
+    """The asked columns, time by its usual name if it is not asked for, and every other one under its own name."""
+    chosen = dict(asked)
+    time = next((name for name in columns.values if is_time(name)), None)
+    if "time" not in chosen and time is not None:
+        chosen = {"time": Column(name=time), **chosen}
+    if everything:
+        taken = {column.name for column in chosen.values()}
+        chosen |= {name: Column(name=name) for name in columns.values if name not in taken}
+    return chosen
+
+
+def _values(
+    path: str, columns: Columns, role: str, column: Column, asked: Mapping[str, Column]
+) -> tuple[np.ndarray, str]:
+    """The numbers of a column, all finite, and their unit: that of the role if it is one, else that of the file."""
+    numbers = columns.values.get(column.name)
+    if numbers is None:
+        if column.name in columns.left_out:
+            why = columns.left_out[column.name]
+            raise LogError(f"{path}: column '{column.name}' ({role}) is not numbers but {why}")
+        known = [*columns.values, *columns.unread, *columns.constants]
+        raise LogError(f"{path}: there is no column '{column.name}' ({role}){nearest(column.name, known)}")
+    bad = np.flatnonzero(~np.isfinite(numbers))
+    if bad.size:
+        place = columns.place(int(bad[0]))
+        raise LogError(
+            f"{path}: column '{column.name}' is {numbers[bad[0]]} at {place} ({bad.size} such rows); "
+            "cut the log there, repair the row, or map only the columns that are needed"
+        )
+    if numbers.size and max(float(numbers.max()), -float(numbers.min())) > _LARGEST:
+        k = int(np.argmax(np.abs(numbers)))
+        raise LogError(
+            f"{path}: column '{column.name}' reaches {numbers[k]:.3g} at {columns.place(k)}, beyond {_LARGEST:g}, as "
+            "no measured quantity does: look at exponents and decimal mark, cut the log there, or map only the columns "
+            "that are needed"
+        )
+    unit = columns.units.get(column.name, "")
+    as_it_is = role != "time" and role not in asked
+    factor = 1.0 if as_it_is else _factor(path, role, column, unit)
+    held = numbers if factor == 1.0 else numbers * factor
+    held.flags.writeable = False
+    if as_it_is or (role in OWN_UNIT and not column.unit):
+        return held, unit
+    return held, column.unit if role in OWN_UNIT else ROLES[role]
+
+
+def _factor(path: str, role: str, column: Column, unit: str) -> float:
+    """From the column's unit to that of its role: as given, else as the file says, else by the end of its name.
+
+    A name that ends with `_in` says input and not inch.
+    """
+    if column.factor is not None or role in OWN_UNIT:
+        return 1.0 if column.factor is None else column.factor
+    if column.unit:
+        return units.factor(column.unit, ROLES[role])
+    if unit:
+        try:
+            return units.factor(unit, ROLES[role])
+        except ParameterError:
+            raise LogError(
+                f"{path}: column '{column.name}' is in '{unit}', which is not a unit of {role} ({ROLES[role]}); "
+                f"give the factor from one to the other, as in  {role} = {{ column = '{column.name}', factor = 1.0 }}"
+            ) from None
+    for start in [k + 1 for k, letter in enumerate(column.name) if letter == "_"]:
+        try:
+            return units.factor(column.name[start:], ROLES[role]) if column.name[start:] != "in" else 1.0
+        except ParameterError:
+            continue
+    return 1.0
+
+
+def _scaled_by_rate(columns: Columns, column: Column, time: np.ndarray) -> tuple[np.ndarray, str]:
+    """Stamps without a unit in s, if a sampling rate that stands beside them says in what they are; and how it did."""
+    if column.unit or column.factor is not None or columns.units.get(column.name) or "_" in column.name:
+        return time, ""
+    rates = {name: value for name, value in columns.constants.items() if name.lower() in _RATES and value > 0.0}
+    if not rates or time.size < 2:
+        return time, ""
+    name, rate = next(iter(rates.items()))
+    usual = float(np.median(np.diff(time)))
+    for unit in ("ms", "us", "ns"):
+        size = units.factor(unit, "s")
+        if abs(usual * size * rate - 1.0) < 1e-3:
+            return time * size, f"in {unit}, by {name} = {rate:g} Hz in the file"
+    return time, ""
+
+
+def _stamps(path: str, columns: Columns, channels: Mapping[str, np.ndarray], sample_time: float | None) -> np.ndarray:
+    """The stamps of a uniform clock, for a file that has none."""
+    rows = max((numbers.size for numbers in channels.values()), default=0)
+    left = "".join(f"; '{name[:40]}' is {why}" for name, why in list(columns.left_out.items())[:5])
+    if rows == 0:
+        raise LogError(f"{path}: holds no column of numbers{left}")
+    if sample_time is None:
+        names = ", ".join(name[:40] for name in list(columns.values)[:12])
+        raise LogError(
+            f"{path}: has no column of time among {names}{left}; "
+            "name it, as in  time = { column = 'x', unit = 'ms' }, or give the sample time"
+        )
+    return sample_time * np.arange(rows, dtype=np.float64)
+
+
+LEAST_ROWS = 3
+JITTER = 0.1  # of the sample time: the most by which a step may differ from it
+GAP = 1.5  # of the sample time: a longer step has lost a sample
+_BLOCK = 100_000  # rows that are looked at together
+_SLOWEST, _FASTEST = 0.5, 1e-7  # s; a servo log outside is one in another unit
+
+
+@dataclass(frozen=True)
+class Clock:
+    """Sample time in s, and the largest deviation of a step from it as a share of it."""
+
+    sample_time: float
+    jitter: float
+
+
+def checked_clock(name: str, time: np.ndarray, place: Callable[[int], str], sample_time: float | None = None) -> Clock:
+    """The clock of stamps in s, shape (n,).
+
+    With a `sample_time` given, the stamps may be rounded, as long as none is off by half a sample.
+    Raises LogError that names the file, the first bad row, its stamps, and what to do.
+    """
+    if time.size < LEAST_ROWS:
+        raise LogError(f"{name}: has {time.size} row{'s' * (time.size != 1)}; a log needs at least {LEAST_ROWS}")
+    if sample_time is not None:
+        return _fitted(name, time, place, sample_time)
+    steps = np.diff(time)
+    back = np.flatnonzero(steps <= 0.0)
+    if back.size:
+        k = int(back[0])
+        what = "stands still" if steps[k] == 0.0 else "runs backward"
+        raise LogError(
+            f"{name}: time {what} at {place(k + 1)}: {time[k]:.9g} s is followed by {time[k + 1]:.9g} s "
+            f"({back.size} such rows); remove the repeated rows, or give the sample time if the stamps are only rounded"
+        )
+    usual = float(np.median(steps))
+    gaps = np.flatnonzero(steps > GAP * usual)
+    if gaps.size:
+        k = int(gaps[0])
+        raise LogError(
+            f"{name}: a gap lies before {place(k + 1)}: {time[k]:.9g} s is followed by {time[k + 1]:.9g} s, "
+            f"where the step is {usual:.6g} s ({gaps.size} such rows); "
+            "cut the log there, or record it again without loss"
+        )
+    mean = float(time[-1] - time[0]) / (time.size - 1)
+    deviation = np.divide(steps, mean, out=steps)  # in place: logs are large
+    np.abs(np.subtract(deviation, 1.0, out=deviation), out=deviation)
+    worst = int(np.argmax(deviation))
+    if deviation[worst] > JITTER:
+        k = int(np.argmax(deviation > JITTER))
+        raise LogError(
+            f"{name}: the clock is not uniform: the step to {place(k + 1)} is {time[k + 1] - time[k]:.6g} s, "
+            f"the mean {mean:.6g} s; "
+            "resample the log to a uniform clock, or give the sample time if the stamps are only rounded"
+        )
+    _check_plausible(name, mean)
+    largest = float(deviation[worst])
+    del deviation, steps
+    return Clock(_decimal(mean, time), largest)
+
+
+def _fitted(name: str, time: np.ndarray, place: Callable[[int], str], sample_time: float) -> Clock:
+    _check_plausible(name, sample_time)
+    off = (time - time[0]) / sample_time - np.arange(time.size)
+    bad = np.flatnonzero(np.abs(off) >= 0.5)
+    if bad.size:
+        k = int(bad[0])
+        raise LogError(
+            f"{name}: with a sample time of {sample_time:.6g} s, {place(k)} should be at "
+            f"{time[0] + k * sample_time:.9g} s, not at {time[k]:.9g} s; "
+            "give the right sample time, or cut the log there"
+        )
+    return Clock(units.decimal(sample_time), float(np.max(np.abs(np.diff(off)))))
+
+
+def _check_plausible(name: str, sample_time: float) -> None:
+    if not _FASTEST <= sample_time <= _SLOWEST:
+        raise LogError(
+            f"{name}: a sample time of {sample_time:.6g} s is not one of a servo loop, {_FASTEST:g} to {_SLOWEST:g} s; "
+            "is the time in another unit? Then say so, as in  time = { column = 't', unit = 'ms' }"
+        )
+
+
+def _decimal(mean: float, time: np.ndarray) -> float:
+    """The shortest decimal that the stamps cannot tell from their mean step: 0.001, not 0.0010000000000002."""
+    n = time.size
+    scatter = max(
+        float(np.max(np.abs(time[k : k + _BLOCK] - time[0] - mean * np.arange(k, min(k + _BLOCK, n)))))
+        for k in range(0, n, _BLOCK)
+    )
+    for digits in range(1, 12):
+        near = float(f"{mean:.{digits}g}")
+        if abs(near - mean) * (n - 1) <= scatter + 1e-9 * mean * n:
+            return near
+    return units.decimal(mean)

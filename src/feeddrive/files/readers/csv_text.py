@@ -1,0 +1,331 @@
+"""Text with columns: CSV of any separator, decimal point or comma, with or without heads, units and a preamble.
+
+The layout is found from the first lines: most of them are rows of numbers, and what stands above is heads and preamble.
+A text without heads, with one comma in each line and no other separator, is two columns and not a decimal comma.
+
+Comment lines (#, %, //) and empty lines are skipped; columns of text are left out; anything else that is not a row of
+numbers is an error with its line.  Up to 500 MB; a larger log is better kept as Parquet.  The text is read in pieces:
+beside the file and its numbers, 8 bytes each, a few pieces are in memory.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import re
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from feeddrive.files.columns import COUNTS, Columns, check_size, is_wanted, unit_of
+from feeddrive.language.errors import LogError
+
+_SAMPLE = 400  # lines
+_LINE = 20_000  # characters of a line that are looked at
+_SEPARATORS = (";", "\t", ",", "")  # the last one is any run of spaces
+_NUMBER = {
+    ".": re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?|[+-]?(nan|inf|infinity)", re.IGNORECASE),
+    ",": re.compile(r"[+-]?(\d+(,\d+)?|,\d+)([eE][+-]?\d+)?|[+-]?(nan|inf|infinity)", re.IGNORECASE),
+}
+_COMMENT = re.compile(r"\s*(#|%|//)")
+_HEAD = re.compile(r"(.*?)\s*[\[(]([^\])]*)[\])]\s*")
+
+
+@dataclass(frozen=True)
+class CsvLayout:
+    """`first` counts lines from 0; `numeric` says which columns hold numbers."""
+
+    separator: str
+    decimal: str
+    first: int
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    numeric: tuple[bool, ...]
+
+    def __str__(self) -> str:
+        separator = {"\t": "tab", "": "space"}.get(self.separator, self.separator)
+        return f"text, separator '{separator}', decimal '{self.decimal}'"
+
+    def is_number(self, cell: str) -> bool:
+        """True for a number in this layout."""
+        return _NUMBER[self.decimal].fullmatch(cell) is not None
+
+
+def split(line: str, separator: str) -> list[str]:
+    """The cells of a line, without quotes and spaces around them."""
+    if separator == "":
+        return line.split()
+    if '"' in line:
+        try:
+            return [cell.strip() for cell in next(csv.reader([line], delimiter=separator), [])]
+        except csv.Error:
+            pass
+    return [cell.strip() for cell in line.split(separator)]
+
+
+def is_skipped(line: str) -> bool:
+    """True for an empty line or a comment."""
+    return not line.strip() or _COMMENT.match(line) is not None
+
+
+def layout_of(text: str) -> CsvLayout | None:
+    """The layout of a text, or None if it holds no rows of numbers."""
+    lines = [line[:_LINE] for line in text[: _SAMPLE * 2000].split("\n")[:_SAMPLE]]
+    rows = [(k, line) for k, line in enumerate(lines) if not is_skipped(line)]
+    candidates: list[tuple[tuple[float, bool, int], CsvLayout]] = []
+    for separator in _SEPARATORS:
+        for decimal in ".," if separator != "," else ".":
+            mask = _usual_mask([line for _, line in rows], separator, decimal)
+            if any(mask):
+                first = _first(rows, separator, decimal, mask)
+                heads = _heads(lines[:first], separator, decimal, len(mask))
+                layout = CsvLayout(separator, decimal, first, *_names(heads, len(mask)), mask)
+                candidates.append(((sum(mask) / len(mask), bool(heads), len(mask)), layout))
+    if not candidates:
+        return None
+    best = max(candidates, key=lambda candidate: candidate[0])[1]
+    if best.separator != "," and _has_decimal_comma(rows, best.separator, best.numeric):
+        return replace(best, decimal=",")
+    return best
+
+
+def _mask(line: str, separator: str, decimal: str) -> tuple[bool, ...]:
+    return tuple(_NUMBER[decimal].fullmatch(cell) is not None for cell in split(line, separator))
+
+
+def _usual_mask(lines: list[str], separator: str, decimal: str) -> tuple[bool, ...]:
+    """Which cells are numbers in most of the lines of the second half; at least two lines, or the only one."""
+    half = lines[len(lines) // 2 :]
+    usual, count = Counter(_mask(line, separator, decimal) for line in half).most_common(1)[0] if half else ((), 0)
+    return usual if count >= min(2, len(half)) else ()
+
+
+def _has_decimal_comma(rows: list[tuple[int, str]], separator: str, mask: tuple[bool, ...]) -> bool:
+    """Whole numbers fit both marks; one number with a comma decides."""
+    fitting = [split(line, separator) for _, line in rows if _mask(line, separator, ",") == mask]
+    return any("," in cell for cells in fitting for cell, numeric in zip(cells, mask, strict=True) if numeric)
+
+
+def _first(rows: list[tuple[int, str]], separator: str, decimal: str, mask: tuple[bool, ...]) -> int:
+    """The line at which the numbers begin: the first of two usual ones, or an unusual one with numbers above it."""
+    fits = [_mask(line, separator, decimal) == mask for _, line in rows]
+    start = next((k for k, fit in enumerate(fits) if fit and (k + 1 == len(fits) or fits[k + 1])), fits.index(True, 0))
+    while start > 0:
+        above = _mask(rows[start - 1][1], separator, decimal)
+        if len(above) != len(mask) or not any(above):
+            break
+        start -= 1
+    return rows[start][0]
+
+
+def _heads(above: list[str], separator: str, decimal: str, count: int) -> list[list[str]]:
+    """The one or two lines of heads that stand just above the numbers, as cells; none if there are none."""
+    found: list[list[str]] = []
+    for line in [line for line in above if line.strip()][:-3:-1]:
+        cells = _cells(line, separator)
+        if len(cells) != count and _COMMENT.match(line):  # a remark may follow the names, with commas of its own
+            cells = _cells(line.split(" (")[0], separator)
+        if len(cells) != count or not any(cells) or any(_NUMBER[decimal].fullmatch(cell) for cell in cells):
+            break
+        found.insert(0, cells)
+    return found
+
+
+def _names(heads: list[list[str]], count: int) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Names and units of the columns; the lower of two lines is one of units if all its cells are."""
+    names, units = heads[-1] if heads else [""] * count, [""] * count
+    if len(heads) == 2 and all(unit_of(cell) is not None or cell.lower() in COUNTS for cell in names):
+        names, units = heads[0], [cell if cell.lower() in COUNTS else unit_of(cell) or "" for cell in names]
+    found: list[str] = []
+    for k in range(count):
+        name, unit = _named(names[k])
+        units[k] = unit or units[k]
+        if not name:
+            name = "time" if k == 0 and units[k] in ("s", "ms", "us", "ns") else f"column_{k + 1}"
+        while name in found:
+            name += "_again"
+        found.append(name)
+    return tuple(found), tuple(units)
+
+
+def _cells(line: str, separator: str) -> list[str]:
+    comment = _COMMENT.match(line)
+    return split(line[comment.end() :] if comment else line, separator)
+
+
+def _named(head: str) -> tuple[str, str]:
+    """`velocity [mm/s]` and `velocity (mm/s)` as name and unit."""
+    found = _HEAD.fullmatch(head)
+    if found is None:
+        return head, ""
+    unit = unit_of(found[2])
+    if unit is None and "[" in head and len(found[2]) <= 20:
+        unit = found[2].strip()
+    return (found[1], unit) if unit is not None else (head, "")
+
+
+MOST_BYTES = 500_000_000
+PIECE = 2_000_000  # bytes that are taken at once; the layout is found in the first ones
+
+
+@dataclass(frozen=True)
+class Piece:
+    """Some whole lines of a text: the number of the first, from 0, and whether they are the last ones."""
+
+    line: int
+    text: str
+    is_last: bool
+
+
+@dataclass(frozen=True)
+class Text:
+    """The bytes of a text and how they are read."""
+
+    content: bytes
+    encoding: str
+
+    def pieces(self, first: int = 0) -> Iterator[Piece]:
+        """The text from a line of the first piece on, piece by piece."""
+        line, at, length = 0, 0, len(self.content)
+        while True:
+            end = self.content.find(b"\n", at + PIECE) + 1 or length
+            text = self.content[at:end].decode(self.encoding, "replace")
+            if "\r" in text:
+                text = text.replace("\r\n", "\n").replace("\r", "\n")
+            if at == 0:
+                text = text.removeprefix("\ufeff")
+                text, line = text.split("\n", first)[-1], first
+            yield Piece(line, text, end >= length)
+            line += text.count("\n")
+            at = end
+            if at >= length:
+                return
+
+
+def text_of(content: bytes) -> Text:
+    """The text in some bytes: UTF-8, UTF-16 by its mark, else that of older Windows programs (µ, °)."""
+    if content.startswith((b"\xff\xfe", b"\xfe\xff")):
+        content = content.decode("utf-16", "replace").encode("utf-8", "replace")
+    if b"\n" not in content:
+        content = content.replace(b"\r", b"\n")
+    found = Text(content, "utf-8")
+    for piece in found.pieces():
+        if "\ufffd" in piece.text:
+            return Text(content, "cp1252")
+    return found
+
+
+def read_csv(name: str, content: bytes, wanted: frozenset[str] | None) -> Columns:
+    """The columns of a text. Raises LogError that names file and line."""
+    if len(content) > MOST_BYTES:
+        raise LogError(
+            f"{name}: has {len(content) / 1e6:,.0f} MB of text, more than the {MOST_BYTES / 1e6:,.0f} MB that are "
+            "read; convert it to Parquet or cut it"
+        )
+    text = text_of(content)
+    begin = next(text.pieces()).text
+    layout = layout_of(begin)
+    if layout is None:
+        start = next((line.strip() for line in begin.split("\n", 50) if line.strip()), "")
+        shown = f"; it begins with '{start[:40]}'" if start else ""
+        raise LogError(f"{name}: holds no rows of numbers{shown}; a log is a table of numbers with one row a sample")
+    chosen = [k for k, column in enumerate(layout.names) if layout.numeric[k] and is_wanted(column, wanted)]
+    left_out = {column: "text" for column, numeric in zip(layout.names, layout.numeric, strict=True) if not numeric}
+    # filled piece by piece; a row has a letter and a separator for each number at least
+    room = min(text.content.count(b"\n") + 1, len(text.content) // max(2 * len(layout.names) - 1, 1) + 1)
+    columns = [np.empty(room) for _ in chosen]
+    rows = 0
+    for piece in text.pieces(layout.first) if chosen else ():
+        numbers = _numbers(name, piece, layout, chosen)
+        check_size(name, len(chosen), rows + len(numbers))
+        for i, column in enumerate(columns):
+            column[rows : rows + len(numbers)] = numbers[:, i]
+        rows += len(numbers)
+
+    def place(row: int) -> str:
+        return f"line {_line_of(text, layout.first, row) + 1}"
+
+    values = {layout.names[k]: column[:rows] for k, column in zip(chosen, columns, strict=True)}
+    units = {layout.names[k]: layout.units[k] for k in chosen if layout.units[k]}
+    unread = tuple(column for column in layout.names if column not in values and column not in left_out)
+    return Columns(str(layout), values, units, unread=unread, left_out=left_out, place=place)
+
+
+def _rows(body: str) -> Iterator[tuple[int, str]]:
+    """Number, from 0, and text of the lines that are neither empty nor comments."""
+    for k, line in enumerate(io.StringIO(body)):
+        if not is_skipped(line):
+            yield k, line.rstrip("\n")
+
+
+def _line_of(text: Text, first: int, row: int) -> int:
+    """The line, from 0, of a row of numbers."""
+    count = 0
+    for piece in text.pieces(first):
+        for k, _ in _rows(piece.text):
+            if count == row:
+                return piece.line + k
+            count += 1
+    return first + row
+
+
+def _numbers(name: str, piece: Piece, layout: CsvLayout, chosen: list[int]) -> np.ndarray:
+    """The chosen columns as an array of shape (rows, columns): fast if the text is plain, else cell by cell."""
+    plain = body = piece.text
+    if re.search(r"[#%/]|\n[ \t]+\n|\A\s*\n", body):
+        plain = "\n".join(line for _, line in _rows(body))
+    if '"' not in plain:
+        if layout.decimal == ",":
+            plain = plain.replace(",", ".")
+        if not plain.strip():
+            return np.empty((0, len(chosen)))
+        try:
+            found = np.loadtxt(
+                io.StringIO(plain),
+                delimiter=layout.separator or None,
+                usecols=None if len(chosen) == len(layout.names) else chosen,
+                comments=None,
+                ndmin=2,
+            )
+        except (ValueError, OverflowError, MemoryError):
+            found = None
+        if found is not None and _is_complete(plain, layout, found):
+            return found
+    return _numbers_one_by_one(name, piece, layout, chosen)
+
+
+def _is_complete(plain: str, layout: CsvLayout, found: np.ndarray) -> bool:
+    """Whether every row had as many cells as the layout: `usecols` does not look at the rest of a row."""
+    if layout.separator == "":
+        return found.shape[1] == len(layout.names)
+    return plain.count(layout.separator) == len(found) * (len(layout.names) - 1)
+
+
+def _numbers_one_by_one(name: str, piece: Piece, layout: CsvLayout, chosen: list[int]) -> np.ndarray:
+    """The slow way: it knows the line of whatever is wrong, and takes quotes."""
+    count = len(layout.names)
+    rows: list[list[float]] = []
+    total = piece.text.count("\n") + 1
+    for k, line in _rows(piece.text):
+        where = f"{name}: line {k + piece.line + 1}"
+        cells = split(line, layout.separator)
+        if len(cells) != count:
+            raise LogError(f"{where} {_count_reason(line, len(cells), count, last=piece.is_last and k >= total - 2)}")
+        row: list[float] = []
+        for i in chosen:
+            if not layout.is_number(cells[i]):
+                what = f"'{cells[i][:40]}' is not a number" if cells[i] else "is empty"
+                raise LogError(f"{where}, column '{layout.names[i]}': {what}; correct or remove that line")
+            row.append(float(cells[i].replace(",", ".") if layout.decimal == "," else cells[i]))
+        rows.append(row)
+    return np.array(rows, dtype=np.float64).reshape(len(rows), len(chosen))
+
+
+def _count_reason(line: str, found: int, expected: int, *, last: bool) -> str:
+    if "overrun" in line.lower():
+        return "says that samples were lost ('overrun'); cut the log there, or record it again with a longer period"
+    if last and found < expected:
+        return f"has {found} cells, the lines above {expected}: the file is cut off there; remove its last line"
+    return f"has {found} cells, the lines above {expected}: '{line.strip()[:40]}'; correct or remove that line"
