@@ -51,6 +51,8 @@ def blocks_of(draw: st.DrawFn, cls: type[Block]) -> Any:
                 given[name] = draw(_choices(declared))
             elif declared.role == "table":
                 given[name] = draw(_rows(declared))
+            elif declared.role == "label":
+                given[name] = "y"
             else:
                 given[name] = draw(_parts(hints[name]))
         try:

@@ -130,7 +130,7 @@ from feeddrive.files.job import read_job as read_job
 from feeddrive.files.job import read_request as read_request
 from feeddrive.files.log import Log as Log
 from feeddrive.files.log import write_log as write_log
-from feeddrive.files.machine import Machine as Machine
+from feeddrive.files.machine import MachineFile as MachineFile
 from feeddrive.files.machine import read_machine as read_machine
 from feeddrive.files.read_log import read_arrays as read_arrays
 from feeddrive.files.read_log import read_log as read_log

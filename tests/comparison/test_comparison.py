@@ -16,7 +16,7 @@ from feeddrive.comparison.arena import PLAIN, TODAY, Arena, arena
 from feeddrive.comparison.criteria import CRITERIA, Criterion, ranks
 from feeddrive.comparison.results import write_arena
 from feeddrive.comparison.work import work_of
-from feeddrive.files.machine import Machine, read_machine
+from feeddrive.files.machine import MachineFile, read_machine
 from feeddrive.language import tree
 from feeddrive.language.errors import ParameterError
 from feeddrive.loop.loop import Loop
@@ -33,7 +33,7 @@ def same(a: Loop, b: Loop) -> bool:
     return tree.structure(a) == tree.structure(b) and list(tree.leaves(a)) == list(tree.leaves(b))
 
 
-def with_law(machine: Machine, **values: float) -> Machine:
+def with_law(machine: MachineFile, **values: float) -> MachineFile:
     loop = tree.vary(machine.loop("x"), {f"control.law.{name}": value for name, value in values.items()})
     return replace(machine, loops={"x": loop})
 

@@ -45,6 +45,8 @@ def field_values(kind: type[Block], name: str, declared: Declaration, depth: int
                 values = st.integers(int(declared.least), int(declared.least) + 8)
         case "table":
             values = st.lists(st.floats(-1e6, 1e6), min_size=2, max_size=20)
+        case "label":
+            values = st.just(defaults(kind)[name])
         case _:
             values = parts(hints(kind)[name], depth)
     if name in defaults(kind):

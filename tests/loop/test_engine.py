@@ -14,9 +14,10 @@ from feeddrive.blocks.families import Load
 from feeddrive.blocks.signals import Noise, Setpoint
 from feeddrive.language import tree
 from feeddrive.language.graph import ELEMENTARY, Graph
+from feeddrive.language.recent import Recent
 from feeddrive.loop import groups, runner
+from feeddrive.loop.engine import lazy_branches
 from feeddrive.loop.engine import native as machine
-from feeddrive.loop.engine import sides
 from feeddrive.loop.engine.native import native
 from feeddrive.loop.engine.plan import plan
 from feeddrive.loop.loop import Loop, Signals
@@ -289,13 +290,13 @@ def test_what_is_the_same_for_all_variants_is_gathered_for_each():
 
 @pytest.mark.parametrize("name", LOOPS)
 def test_a_choice_computes_only_the_side_that_is_chosen(name: str, monkeypatch):
-    """Computing sides only when they are chosen changes no bit, however small the sides."""
+    """Computing branches only when they are taken changes no bit, however cheap the branches."""
     loop, load = LOOPS[name]
     given_enable = given(loop, 2001)
     plain = simulate(loop, REFERENCE, load=load, enable=given_enable, duration=0.1, seed=1)
     for least in (1, 10**9):
-        monkeypatch.setattr(sides, "LEAST_COST", least)
-        monkeypatch.setattr(runner, "_natives", {})
+        monkeypatch.setattr(lazy_branches, "LEAST_COST", least)
+        monkeypatch.setattr(runner, "_natives", Recent(8))
         other = simulate(loop, REFERENCE, load=load, enable=given_enable, duration=0.1, seed=1)
         for signal in Signals._fields:
             assert np.array_equal(plain[signal], other[signal]), (least, signal)
@@ -382,7 +383,7 @@ def test_what_stays_the_same_costs_nothing_in_the_loop():
 def fresh(tmp_path, monkeypatch):
     """An empty folder for machine code, and nothing in memory."""
     monkeypatch.setenv("FEEDDRIVE_CACHE", str(tmp_path))
-    monkeypatch.setattr(machine, "_made", {})
+    monkeypatch.setattr(machine, "_engines", Recent(8))
     return tmp_path
 
 
@@ -403,7 +404,7 @@ def test_machine_code_is_kept_on_disk_and_read_back(fresh, monkeypatch):
     kept = list(fresh.iterdir())
     assert len(kept) == 1
     before = kept[0].stat().st_mtime_ns
-    monkeypatch.setattr(machine, "_made", {})
+    monkeypatch.setattr(machine, "_engines", Recent(8))
     assert result(small()) == 6.0
     assert [path.stat().st_mtime_ns for path in fresh.iterdir()] == [before]
     assert result(small(5.0)) == 10.0
@@ -418,7 +419,7 @@ def test_damaged_machine_code_is_made_anew(fresh, monkeypatch, damage: str):
     if damage == "flip":
         held[len(held) // 2] ^= 1
     path.write_bytes({"cut": held[: len(held) // 2], "flip": held, "empty": b""}[damage])
-    monkeypatch.setattr(machine, "_made", {})
+    monkeypatch.setattr(machine, "_engines", Recent(8))
     assert result(small()) == 6.0
 
 
@@ -430,14 +431,14 @@ def test_a_folder_that_others_can_write_to_is_not_used(fresh):
 
 
 def test_the_cache_can_be_switched_off_and_a_wrong_place_is_no_error(monkeypatch, tmp_path):
-    monkeypatch.setattr(machine, "_made", {})
+    monkeypatch.setattr(machine, "_engines", Recent(8))
     monkeypatch.setenv("FEEDDRIVE_CACHE", "")
     assert machine.cache_directory() is None
     assert result(small(7.0)) == 14.0
     blocked = tmp_path / "file"
     blocked.write_text("not a folder")
     monkeypatch.setenv("FEEDDRIVE_CACHE", str(blocked / "cache"))
-    monkeypatch.setattr(machine, "_made", {})
+    monkeypatch.setattr(machine, "_engines", Recent(8))
     assert result(small(9.0)) == 18.0
 
 

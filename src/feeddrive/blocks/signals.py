@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 from feeddrive.language import ops
 from feeddrive.language.block import Number
+from feeddrive.language.units import Unit
 
 
 class Setpoint(NamedTuple):
-    """Where the axis should be at t = kT, with exact derivatives (m, m/s, m/s², m/s³, m/s⁴)."""
+    """Where the axis should be at t = kT, with exact derivatives."""
 
-    position: Number
-    velocity: Number = 0.0
-    acceleration: Number = 0.0
-    jerk: Number = 0.0
-    snap: Number = 0.0
+    position: Annotated[Number, Unit("m")]
+    velocity: Annotated[Number, Unit("m/s")] = 0.0
+    acceleration: Annotated[Number, Unit("m/s2")] = 0.0
+    jerk: Annotated[Number, Unit("m/s3")] = 0.0
+    snap: Annotated[Number, Unit("m/s4")] = 0.0
 
     def backward_velocity(self, T: Number) -> Number:
         """(x(k) - x(k-1)) / T in m/s, by Taylor to snap: exact while the snap is constant over the last sample.

@@ -14,7 +14,7 @@ from feeddrive.certificate.sites import site_plants
 from feeddrive.cli.terminal import open_console
 from feeddrive.cli.working import drawn
 from feeddrive.files.frf import encoders, read_frf, read_frfs
-from feeddrive.files.machine import BUNDLED, Machine, read_machine
+from feeddrive.files.machine import BUNDLED, MachineFile, read_machine
 from feeddrive.language.errors import FeeddriveError, ParameterError
 from feeddrive.loop.control import Control
 from feeddrive.loop.frequency_response import FRF
@@ -86,7 +86,7 @@ def certified(
     return found, found.sentence()
 
 
-def source(machine: Machine) -> dict[str, str]:
+def source(machine: MachineFile) -> dict[str, str]:
     """What a certificate says of a machine file: its name and the digest of its text."""
     digest = hashlib.sha256(machine.file.text.encode()).hexdigest()
     return {"name": machine.name, "file": Path(machine.file.name).name, "sha256": digest}

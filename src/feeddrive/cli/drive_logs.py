@@ -13,7 +13,7 @@ from feeddrive.cli.identify_frf import positive
 from feeddrive.cli.roles import mapped
 from feeddrive.files.columns import Column
 from feeddrive.files.log import Log
-from feeddrive.files.machine import Machine, read_machine
+from feeddrive.files.machine import MachineFile, read_machine
 from feeddrive.files.read_log import read_log
 from feeddrive.identification.frame import lever
 from feeddrive.language.errors import LogError
@@ -28,7 +28,7 @@ class Drive:
     lead, gear      of the screw, m, and turns of the motor in one of the screw
     """
 
-    machine: Machine | None
+    machine: MachineFile | None
     axis: str
     loop: Loop | None
     force_constant: float | None
@@ -53,7 +53,7 @@ def drive_of(
         force_constant = float(motor.force_per_unit())
     if isinstance(motor, Screw) and lead is None:
         lead, gear = float(motor.lead), float(motor.gear) if gear is None else gear
-    name = axis or ("x" if given is None else next(name for name, each in given.loops.items() if each is loop))
+    name = axis or ("x" if loop is None else loop.name)
     return Drive(given, name, loop, force_constant, lead, 1.0 if gear is None else gear)
 
 

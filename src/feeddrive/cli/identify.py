@@ -10,7 +10,7 @@ from feeddrive.cli.roles import mapped
 from feeddrive.cli.terminal import open_console
 from feeddrive.cli.working import drawn
 from feeddrive.files.log import Log
-from feeddrive.files.machine import Machine, read_machine
+from feeddrive.files.machine import read_machine
 from feeddrive.files.messages import sentence
 from feeddrive.identification.motion.identify import identify
 from feeddrive.identification.motion.motion_log import MotionLog
@@ -48,7 +48,7 @@ def perform(
         console.print(drawn(narrow(each)))
     for remark in found.remarks:
         console.print(f"- {sentence(remark)}", markup=False)
-    text = machine_text(found, given, _name(given, loop, axis))
+    text = machine_text(found, given, _name(loop, axis))
     facts = {
         "Log": str(log),
         "Rows": f"{len(measured)}, {1e3 * measured.sample_time:.6g} ms apart",
@@ -98,10 +98,8 @@ def _motion(path: Path, log: Log, loop: Loop | None, force_constant: float | Non
     )  # fmt: skip
 
 
-def _name(machine: Machine | None, loop: Loop | None, axis: str | None) -> str:
-    if machine is None:
-        return axis or "x"
-    return next(name for name, each in machine.loops.items() if each is loop)
+def _name(loop: Loop | None, axis: str | None) -> str:
+    return axis or "x" if loop is None else loop.name
 
 
 def _there(log: Log) -> str:

@@ -17,7 +17,7 @@ from feeddrive.cli.frf import frequencies
 from feeddrive.cli.terminal import open_console
 from feeddrive.cli.working import drawn
 from feeddrive.files.frf import encoders, names_frequency, read_frfs
-from feeddrive.files.machine import Machine, read_machine
+from feeddrive.files.machine import MachineFile, read_machine
 from feeddrive.files.messages import nearest, sentence
 from feeddrive.identification.response.fit_axis import AxisFits, fit_axis
 from feeddrive.identification.response.modal_fit import ModalFit, fit_modes
@@ -115,7 +115,7 @@ def positive(force_constant: float | None, lead: float | None, gear: float) -> N
             raise ParameterError(f"{name} = {value:g} must be > 0")
 
 
-def _axis_name(machine: Machine | None, axis: str | None) -> str:
+def _axis_name(machine: MachineFile | None, axis: str | None) -> str:
     return axis or ("x" if machine is None else next(iter(machine.loops)))
 
 

@@ -127,7 +127,7 @@ def _loop(asked: Asked) -> tuple[Loop, str]:
     """The loop with a compensator that has the columns, and the name of its axis."""
     machine = read_machine(asked.controller)
     loop = machine.loop(asked.axis)
-    axis = next(name for name, each in machine.loops.items() if each is loop)
+    axis = loop.name
     has = any(isinstance(block, DisturbanceCompensator) for block in loop.control.feedforward)
     if has and asked.columns is None and asked.stribeck_velocity is None:
         return loop, axis

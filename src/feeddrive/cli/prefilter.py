@@ -107,9 +107,8 @@ _UNITS = ("m", "mm", "um", "nm", "N", "kN")
 def _loop(controller: str | None, axis: str | None) -> tuple[Loop | None, str]:
     if controller is None:
         return None, axis or "x"
-    machine = read_machine(controller)
-    loop = machine.loop(axis)
-    return loop, next(name for name, each in machine.loops.items() if each is loop)
+    loop = read_machine(controller).loop(axis)
+    return loop, loop.name
 
 
 def _reference(job: str | None) -> Reference | None:

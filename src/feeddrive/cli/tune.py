@@ -19,7 +19,7 @@ from feeddrive.cli.frf import frequencies
 from feeddrive.cli.terminal import open_console
 from feeddrive.cli.tune_sources import Measurement, machine_of, several, site_of
 from feeddrive.cli.working import drawn
-from feeddrive.files.machine import Machine, read_machine
+from feeddrive.files.machine import MachineFile, read_machine
 from feeddrive.files.messages import nearest
 from feeddrive.language.errors import ParameterError, StructureError
 from feeddrive.loop.control import Control
@@ -101,7 +101,7 @@ def _tuned(asked: Asked, step: Callable[[str], None]) -> tuple[ShapedLoop, Story
             f"--sample-time {asked.sample_time:g} s is not that of the machine file, {float(loop.sample_time):g} s: "
             f"leave it out, or change sample_time there"
         )
-    name = _name(base, loop, asked.axis)
+    name = _name(loop, asked.axis)
     sites, said = _sites(asked, machine, loop, step)
     control, begun = _control(asked, loop, sites)
     band = frequencies(asked.band) or (0.0, math.inf)
@@ -170,14 +170,12 @@ def _show(console: Console, found: ShapedLoop, story: Story, report: Path, writt
     console.print(f"Report: {report}", markup=False, soft_wrap=True)
 
 
-def _name(machine: Machine | None, loop: Loop | None, axis: str | None) -> str:
-    if machine is None:
-        return axis or "x"
-    return next(name for name, each in machine.loops.items() if each is loop)
+def _name(loop: Loop | None, axis: str | None) -> str:
+    return axis or "x" if loop is None else loop.name
 
 
 def _sites(
-    asked: Asked, machine: Machine | None, loop: Loop | None, step: Callable[[str], None]
+    asked: Asked, machine: MachineFile | None, loop: Loop | None, step: Callable[[str], None]
 ) -> tuple[list[Site | Loop], list[str]]:
     """The axis at every position and load that was given: machines and measurements."""
     machines = {i: made for i, each in enumerate(asked.others) if (made := machine_of(each)) is not None}

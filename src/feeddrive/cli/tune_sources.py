@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from feeddrive.files.frf import read_frfs
-from feeddrive.files.machine import BUNDLED, Machine, read_machine
+from feeddrive.files.machine import BUNDLED, MachineFile, read_machine
 from feeddrive.files.messages import nearest
 from feeddrive.identification.response.two_mass_fit import fit_modal_axis
 from feeddrive.language import units
@@ -45,7 +45,7 @@ class Measurement:
     struck_motor: Path | None = None
 
 
-def machine_of(source: str) -> Machine | None:
+def machine_of(source: str) -> MachineFile | None:
     """The machine in a TOML file or bundled under a name; None for a measurement."""
     given = Path(source)
     bundled = not given.suffix and not given.exists()

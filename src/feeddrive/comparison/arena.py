@@ -15,7 +15,7 @@ from feeddrive.comparison.criteria import CRITERIA, beats, ranks
 from feeddrive.comparison.figures import counted, effort_of, linear, recovered, tracked
 from feeddrive.comparison.tuning import Rule, tuned_all
 from feeddrive.comparison.work import Work, work_of
-from feeddrive.files.machine import Machine
+from feeddrive.files.machine import MachineFile
 from feeddrive.files.provenance import versions
 from feeddrive.language.errors import FeeddriveError, ParameterError, UnstableError
 from feeddrive.language.table import Result, Table
@@ -63,7 +63,7 @@ class Arena(Result):
     `velocity` in m/s is the speed at which margins and stiffness are taken: the axis slides.
     """
 
-    machine: Machine
+    machine: MachineFile
     axis: str
     work: Work
     velocity: float
@@ -131,7 +131,7 @@ def shown(value: float | None, factor: float = 1.0, digits: int = 3) -> str:
 
 
 def arena(
-    machine: Machine,
+    machine: MachineFile,
     axis: str | None = None,
     *,
     laws: Sequence[str] | None = None,
@@ -184,7 +184,7 @@ def arena(
     return Arena(machine, name, work, velocity, seed, rule.sentence, rows, tuple(refusals), remarks, versions())
 
 
-def pieces(machine: Machine, axis: str | None, laws: Sequence[str] | None = None) -> int:
+def pieces(machine: MachineFile, axis: str | None, laws: Sequence[str] | None = None) -> int:
     """How often `arena` calls `step`."""
     return 1 + len(_wanted(machine.loop(axis), laws)[0])
 

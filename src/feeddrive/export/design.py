@@ -13,7 +13,7 @@ from feeddrive.analysis.margins import margins
 from feeddrive.export.exportable import check_exportable
 from feeddrive.export.identifiers import check_name
 from feeddrive.export.layout import Layout, layout
-from feeddrive.files.machine import Machine, read_machine
+from feeddrive.files.machine import MachineFile, read_machine
 from feeddrive.loop.linearize import loop_gain
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.routine import Routine
@@ -28,7 +28,7 @@ MACHINE_FILE = "machine.toml"  # the copy of the machine file in an export
 class Design:
     """A control or an axis of a machine file, as a routine that is laid out in some precision."""
 
-    machine: Machine
+    machine: MachineFile
     axis: str
     loop: Loop
     what: str
@@ -122,10 +122,9 @@ def read_design(
     """
     machine = read_machine(source)
     loop = machine.loop(axis)
-    called = next(each for each, found in machine.loops.items() if found is loop)
-    prefix = name or f"{'axis' if what == CONTROL else 'plant'}_{called}"
+    prefix = name or f"{'axis' if what == CONTROL else 'plant'}_{loop.name}"
     check_name(prefix, "--name" if name else "the name of the axis")
     routine = controller_routine(loop, prefix) if what == CONTROL else plant_routine(loop, prefix)
     made = layout(routine, precision)
     check_exportable(made)
-    return Design(machine, called, loop, what, made)
+    return Design(machine, loop.name, loop, what, made)

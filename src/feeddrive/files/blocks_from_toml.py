@@ -243,7 +243,7 @@ def _kind(hint: Hint, section: Section) -> type[Block]:
 
 def _named(kind: type[Block], key: str, section: Section) -> tuple[str, float]:
     """The field that a key means, and the factor to its unit."""
-    declared = declarations(kind)
+    declared = {name: each for name, each in declarations(kind).items() if each.role != "label"}
     if key in declared:
         return key, 1.0
     wrong = ""

@@ -40,6 +40,8 @@ def _lines(block: Block, key: str, header: str, *, named: bool) -> Iterator[str]
             if value is None or value == ():
                 yield f"# {name}: none ({declared.meaning})"
             below += _part(value, f"{key}.{name}" if key else name, hint)
+        elif declared.role == "label":
+            continue
         elif value is None:
             yield _line(f"# {name} =", _meaning(declared))
         else:

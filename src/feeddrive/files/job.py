@@ -28,7 +28,7 @@ from feeddrive.blocks.families import Load, Reference
 from feeddrive.files.blocks_from_toml import read_block
 from feeddrive.files.columns import ROLES, Column
 from feeddrive.files.log import Log
-from feeddrive.files.machine import Machine, found, read_machine
+from feeddrive.files.machine import MachineFile, found, read_machine
 from feeddrive.files.read_log import read_log
 from feeddrive.files.toml_file import Section, TomlFile, read_toml
 from feeddrive.language import tree, units
@@ -60,7 +60,7 @@ class Job:
 
     title: str
     rule: str
-    machine: Machine
+    machine: MachineFile
     axis: str | None
     seed: int
     duration: float | None
@@ -107,7 +107,7 @@ def read_job(path: str | Path, log: str | Path | None = None) -> Job:
     )
 
 
-def _machine(root: Section, place: Path) -> Machine:
+def _machine(root: Section, place: Path) -> MachineFile:
     name = _optional_text(root, "machine")
     if name is None:
         raise root.error('machine is missing: machine = "file.toml", or the name of a bundled machine')

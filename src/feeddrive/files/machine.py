@@ -29,7 +29,7 @@ _TEXTS = ("name", "source", "remark")
 
 
 @dataclass(frozen=True)
-class Machine:
+class MachineFile:
     """What a machine file says: a loop for each axis, and where the numbers come from."""
 
     name: str
@@ -49,7 +49,7 @@ class Machine:
         return self.loops[axis]
 
 
-def read_machine(path: str | Path) -> Machine:
+def read_machine(path: str | Path) -> MachineFile:
     """The machine in a file, or the bundled one of that name.
 
     Raises FileError (the file) and ParameterError or StructureError (a key in it), all with file and line.
@@ -57,8 +57,8 @@ def read_machine(path: str | Path) -> Machine:
     file = read_toml(found(path, "machines"))
     root = file.root()
     text = {name: _text(root, name) for name in _TEXTS}
-    loops = {name: _loop(root, section) for name, section in root.named("axis").items()}
-    return Machine(text["name"] or Path(file.name).stem, text["source"], text["remark"], loops, file)
+    loops = {name: _loop(root, name, section) for name, section in root.named("axis").items()}
+    return MachineFile(text["name"] or Path(file.name).stem, text["source"], text["remark"], loops, file)
 
 
 def found(path: str | Path, folder: str) -> Path:
@@ -73,10 +73,10 @@ def found(path: str | Path, folder: str) -> Path:
     raise FileError(f"{given}: there is no such file, and no bundled one of that name{nearest(given.name, names)}")
 
 
-def _loop(root: Section, section: Section) -> Loop:
+def _loop(root: Section, name: str, section: Section) -> Loop:
     axis = read_block(Axis, section, besides={"control"})
     control = read_block(Control, section.section("control"))
-    return read_block(Loop, root, besides={"axis", *_TEXTS}, given={"axis": axis, "control": control})
+    return read_block(Loop, root, besides={"axis", *_TEXTS}, given={"axis": axis, "control": control, "name": name})
 
 
 def _text(section: Section, name: str) -> str:

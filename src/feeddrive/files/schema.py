@@ -82,7 +82,7 @@ class _Definitions:
         patterns: dict[str, Schema] = {}
         needed: list[Schema] = []
         for name, declared in declarations(block).items():
-            if name in without:
+            if name in without or declared.role == "label":
                 continue
             properties[name] = self.field(block, name, declared)
             required = name not in defaults(block)

@@ -12,6 +12,7 @@ A field is one of
     choice()     shapes the graph: a count, a name, a flag; changing it means tracing anew
     table()      a row of numbers read by `ops.gather`; its length shapes the graph
     part()       a nested block, a tuple of blocks, or None
+    label()      a text that names the block; it shapes nothing
 A block is abstract or final: nobody overrides a method that has a body.
 """
 
@@ -100,13 +101,21 @@ def part(meaning: str, *, default: Any = MISSING) -> Any:
     return field(default=default, metadata={"declaration": Declaration(role="part", unit="", meaning=meaning)})
 
 
+def label(meaning: str, *, default: str) -> Any:
+    """Declare a name for people and files: blocks that differ in it alone have the same graph."""
+    return field(default=default, metadata={"declaration": Declaration(role="label", unit="", meaning=meaning)})
+
+
 def snake_case(name: str) -> str:
     """`CascadePPI` -> `cascade_ppi`: the name of a block in files and of the module it stands in."""
     return re.sub(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", "_", name).lower()
 
 
 @dataclass_transform(
-    frozen_default=True, kw_only_default=True, eq_default=False, field_specifiers=(parameter, choice, table, part)
+    frozen_default=True,
+    kw_only_default=True,
+    eq_default=False,
+    field_specifiers=(parameter, choice, table, part, label),
 )
 class Block:
     """Base of all blocks. Subclasses become frozen, keyword-only dataclasses that check themselves."""
@@ -118,7 +127,9 @@ class Block:
         dataclass(frozen=True, kw_only=True, eq=False, repr=False)(cls)
         for spec in dataclasses.fields(cls):  # type: ignore[arg-type]
             if "declaration" not in spec.metadata:
-                raise StructureError(f"{cls.__name__}.{spec.name} must be declared by parameter, choice, table or part")
+                raise StructureError(
+                    f"{cls.__name__}.{spec.name} must be declared by parameter, choice, table, part or label"
+                )
 
     def __post_init__(self) -> None:
         for name, declaration in declarations(type(self)).items():
@@ -155,6 +166,10 @@ def checked(kind: str, name: str, declaration: Declaration, value: Any) -> Any:
             return value
         case "table":
             return None if value is None else _checked_table(where, declaration, value)
+        case "label":
+            if not isinstance(value, str) or not value:
+                raise ParameterError(f"{where} ({declaration.meaning}) must be a text, not {value!r}")
+            return value
         case _:
             parts = value if isinstance(value, tuple) else (value,)
             for item in parts:

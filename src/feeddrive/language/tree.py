@@ -173,6 +173,8 @@ def structure(tree: Any) -> Any:
                     shape.append(value)
                 case "table":
                     shape.append(None if value is None else len(value))
+                case "label":
+                    pass
                 case _:
                     shape.append(structure(value))
         return tuple(shape)

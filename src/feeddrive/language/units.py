@@ -10,10 +10,32 @@ from __future__ import annotations
 
 import math
 import re
-from functools import lru_cache
-from typing import TypeAlias
+from functools import cache, lru_cache
+from typing import Annotated, Any, NamedTuple, TypeAlias, get_args, get_origin, get_type_hints
 
 from feeddrive.language.errors import ParameterError
+
+
+class Unit(NamedTuple):
+    """The unit of a field, declared in its annotation: `force: Annotated[Number, Unit("N")]`."""
+
+    name: str
+
+
+@cache
+def units_of(fields: type) -> dict[str, str]:
+    """The unit that each field of a class declares in its annotation; fields without one are left out."""
+    found: dict[str, str] = {}
+    for name, hint in get_type_hints(fields, include_extras=True).items():
+        units = [each.name for each in _metadata(hint) if isinstance(each, Unit)]
+        if units:
+            found[name] = units[0]
+    return found
+
+
+def _metadata(hint: Any) -> tuple[Any, ...]:
+    return get_args(hint)[1:] if get_origin(hint) is Annotated else ()
+
 
 # exponents of (m, kg, s, A, rad)
 Dimension: TypeAlias = tuple[int, int, int, int, int]

@@ -14,6 +14,7 @@ from feeddrive.language import tree
 from feeddrive.language.block import Number
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.graph import Graph, Symbol
+from feeddrive.language.recent import Recent
 from feeddrive.language.table import Result, Table
 from feeddrive.loop.differentiate import push
 from feeddrive.loop.engine.native import Native, native
@@ -62,7 +63,7 @@ class Gradient(Result):
         return frames.frame(np.array(list(self.gradient)), columns, "parameter")
 
 
-_gradients: dict[Any, Native] = {}
+_gradients: Recent[Native] = Recent(64)
 
 
 def gradient(
@@ -100,12 +101,14 @@ def gradient(
     prepared = Prepared(loop, work.first(), start, seed, partial=delayed)
     program = prepared.program(load=load is not None, enable=False)
     seeds, first = _seeds(loop, prepared, work.first(), start, tuple(parameters))
-    key = (id(program), objective, frozenset(seeds), frozenset(first), arithmetic)
-    if key not in _gradients:
+    key = (program.key, objective, frozenset(seeds), frozenset(first), arithmetic)
+
+    def differentiated() -> Native:
         augmented = _augmented(program, objective, frozenset(seeds), frozenset(first))
         varying = [f"d.{name}" for name in (*seeds, *first)]
-        _gradients[key] = native(plan(augmented, lanes=LANES, varying=varying, arithmetic=arithmetic))
-    made = _gradients[key]
+        return native(plan(augmented, lanes=LANES, varying=varying, arithmetic=arithmetic))
+
+    made = _gradients.get(key, differentiated)
     inputs, slopes, cost = work.inputs(made, 0, count), [], 0.0
     for begin in range(0, len(parameters), LANES):
         part = slice(begin, min(begin + LANES, len(parameters)))
@@ -152,7 +155,7 @@ def _augmented(
     return replace(program, states=(*states, *carried), constants=constants).keeping(())
 
 
-_prepares: dict[Any, tuple[Graph, dict[str, int], dict[str, int]]] = {}
+_prepares: Recent[tuple[Graph, dict[str, int], dict[str, int]]] = Recent(64)
 
 
 def _seeds(
@@ -164,9 +167,7 @@ def _seeds(
     """
     position, velocity = (setpoint.position, setpoint.velocity) if start is None else start
     key = (tree.structure(loop), prepared.timing)
-    if key not in _prepares:
-        _prepares[key] = _traced_prepare(loop, prepared)
-    graph, constants, states = _prepares[key]
+    graph, constants, states = _prepares.get(key, lambda: _traced_prepare(loop, prepared))
     leaves = {
         **prepared.numbers,
         "start.position": np.float64(position),

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from feeddrive.language.recent import Recent
 from feeddrive.loop.engine.native import Native
 from feeddrive.loop.runner import Prepared
 
@@ -16,7 +17,7 @@ WIDTHS = (8, 16, 32)
 # Samples of all variants together from which on wider vectors, and a trial of them, pay for being compiled.
 WIDE, TRIED = 5_000_000, 100_000_000
 _TRIAL = 400  # samples
-_fastest: dict[Native, int] = {}
+_fastest: Recent[int] = Recent(64)  # by the source of the narrowest machine code
 
 
 class Groups:
@@ -79,10 +80,12 @@ def grouped(
     if work < TRIED or len(fitting) < 3:
         return Groups(prepared, native(fitting[min(1, len(fitting) - 1)]), variants)
     made = [native(width) for width in fitting]
-    if made[0] not in _fastest:
+
+    def tried() -> int:
         stretch = inputs(made[0])
-        _fastest[made[0]] = min(range(len(made)), key=lambda i: Groups(prepared, made[i], fitting[i]).trial(stretch))
-    return Groups(prepared, made[_fastest[made[0]]], variants)
+        return min(range(len(made)), key=lambda i: Groups(prepared, made[i], fitting[i]).trial(stretch))
+
+    return Groups(prepared, made[_fastest.get(made[0].key, tried)], variants)
 
 
 def _dealt(names: Sequence[str], values: Mapping[str, Any], lanes: int, variants: int) -> np.ndarray:

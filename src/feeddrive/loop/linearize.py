@@ -12,6 +12,7 @@ import numpy as np
 from feeddrive.blocks.signals import Setpoint
 from feeddrive.language.errors import MissingExtraError, ParameterError
 from feeddrive.language.table import Result, Table
+from feeddrive.language.units import units_of
 from feeddrive.loop.differentiate import push
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.loop import UNITS, Loop, Probe, Signals
@@ -21,9 +22,9 @@ from feeddrive.loop.trace import SETPOINT, node_values
 OF_CONTROL = ("control.", "prepared.control.", "sample_time")  # names of the numbers that a controller stores
 
 INPUT_UNITS = {
-    **dict(zip(SETPOINT, ["m", "m/s", "m/s2", "m/s3", "m/s4"], strict=True)),
+    **dict(zip(SETPOINT, units_of(Setpoint).values(), strict=True)),
     "load_force": "N",
-    **dict(zip(Probe._fields, ["N", "N", "m", "m"], strict=True)),
+    **units_of(Probe),
 }
 
 

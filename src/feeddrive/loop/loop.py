@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 from feeddrive.blocks.signals import Noise, Setpoint
-from feeddrive.language.block import Block, Number, parameter, part
+from feeddrive.language.block import Block, Number, label, parameter, part
 from feeddrive.language.errors import StructureError
+from feeddrive.language.units import Unit, units_of
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.control import Control
 from feeddrive.loop.fastest import check_fastest
@@ -16,45 +17,39 @@ from feeddrive.loop.hold import Hold, Timing
 class Signals(NamedTuple):
     """What can be recorded; row k holds the values at t = kT, forces those commanded at kT or acting from it on."""
 
-    set_position: Number  # m
-    set_velocity: Number  # m/s
-    set_acceleration: Number  # m/s²
-    position_motor: Number  # m, true
-    position_load: Number  # m, true
-    velocity_motor: Number  # m/s, true
-    velocity_load: Number  # m/s, true
-    reading_motor: Number  # m, as the controller sees it
-    reading_load: Number  # m
-    following_error: Number  # m, setpoint - reading of the load
-    tracking_error: Number  # m, setpoint - true position of the load
-    force: Number  # N, commanded
-    requested: Number  # N, wanted before the limit
-    feedback: Number  # N, part of the law
-    feedforward: Number  # N
-    compensation: Number  # N, subtracted disturbance and the like
-    drive_force: Number  # N, acting in the last substep
-    friction_motor: Number  # N
-    friction_load: Number  # N
-    load_force: Number  # N
-    trip: Number  # 0, or the code of the guard
+    set_position: Annotated[Number, Unit("m")]
+    set_velocity: Annotated[Number, Unit("m/s")]
+    set_acceleration: Annotated[Number, Unit("m/s2")]
+    position_motor: Annotated[Number, Unit("m")]  # true
+    position_load: Annotated[Number, Unit("m")]  # true
+    velocity_motor: Annotated[Number, Unit("m/s")]  # true
+    velocity_load: Annotated[Number, Unit("m/s")]  # true
+    reading_motor: Annotated[Number, Unit("m")]  # as the controller sees it
+    reading_load: Annotated[Number, Unit("m")]
+    following_error: Annotated[Number, Unit("m")]  # setpoint - reading of the load
+    tracking_error: Annotated[Number, Unit("m")]  # setpoint - true position of the load
+    force: Annotated[Number, Unit("N")]  # commanded
+    requested: Annotated[Number, Unit("N")]  # wanted before the limit
+    feedback: Annotated[Number, Unit("N")]  # part of the law
+    feedforward: Annotated[Number, Unit("N")]
+    compensation: Annotated[Number, Unit("N")]  # subtracted disturbance and the like
+    drive_force: Annotated[Number, Unit("N")]  # acting in the last substep
+    friction_motor: Annotated[Number, Unit("N")]
+    friction_load: Annotated[Number, Unit("N")]
+    load_force: Annotated[Number, Unit("N")]
+    trip: Annotated[Number, Unit("")]  # 0, or the code of the guard
 
 
 class Probe(NamedTuple):
     """Where a loop can be opened or excited for analysis; what is absent costs nothing."""
 
-    cut: Number | None = None  # N, what the axis obeys in place of the control's command: the loop is open there
-    added_force: Number | None = None  # N, added to the command between control and axis
-    reading_motor: Number | None = None  # m, added to the reading of the motor's encoder
-    reading_load: Number | None = None  # m, added to the reading of the load's encoder
+    cut: Annotated[Number | None, Unit("N")] = None  # what the axis obeys in place of the command: the loop is open
+    added_force: Annotated[Number | None, Unit("N")] = None  # added to the command between control and axis
+    reading_motor: Annotated[Number | None, Unit("m")] = None  # added to the reading of the motor's encoder
+    reading_load: Annotated[Number | None, Unit("m")] = None  # added to the reading of the load's encoder
 
 
-UNITS = dict(
-    zip(
-        Signals._fields,
-        ["m", "m/s", "m/s2", "m", "m", "m/s", "m/s", "m", "m", "m", "m", *["N"] * 9, ""],
-        strict=True,
-    )
-)
+UNITS = units_of(Signals)
 
 
 class Loop(Block):
@@ -67,6 +62,7 @@ class Loop(Block):
     control: Control = part("all that runs on the controller")
     axis: Axis = part("all that is physics")
     sample_time: Number = parameter("s", "time from sample to sample", above=0)
+    name: str = label("name of the axis", default="x")
 
     class Prepared(NamedTuple):
         """What control and axis prepared."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from functools import lru_cache
 from typing import Any
 
@@ -11,14 +12,15 @@ import numpy as np
 from feeddrive.blocks.families import Load, Reference
 from feeddrive.blocks.signals import Setpoint
 from feeddrive.language import tree
+from feeddrive.language.recent import Recent
 from feeddrive.loop.engine.native import Native, native
 from feeddrive.loop.engine.plan import plan
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.statistics import begin, gathering
 from feeddrive.loop.trace import SETPOINT, Program, concrete, numbers, trace
 
-_programs: dict[Any, Program] = {}
-_natives: dict[Any, Native] = {}
+_programs: Recent[Program] = Recent(256)
+_natives: Recent[Native] = Recent(256)
 
 
 class Prepared:
@@ -55,9 +57,12 @@ class Prepared:
     def program(self, *, load: bool, enable: bool, probes: tuple[str, ...] = ()) -> Program:
         """The program of the loop, traced once for all loops of the same structure."""
         key = (tree.structure(self.loop), self.timing, load, enable, probes)
-        if key not in _programs:
-            _programs[key] = trace(self.loop, self._made, self._begun, load=load, enable=enable, probes=probes)
-        return _programs[key]
+
+        def traced() -> Program:
+            made = trace(self.loop, self._made, self._begun, load=load, enable=enable, probes=probes)
+            return replace(made, key=key)
+
+        return _programs.get(key, traced)
 
     def varying(self) -> frozenset[str]:
         """Names of numbers and states that are arrays over lanes."""
@@ -80,11 +85,13 @@ class Prepared:
         arithmetic: str = "exact",
     ) -> Native:
         """Machine code that records some signals and gathers statistics of others."""
-        key = (id(program), tuple(record), tuple(gather), bounded, lanes, self.varying(), arithmetic)
-        if key not in _natives:
+        key = (program.key, tuple(record), tuple(gather), bounded, lanes, self.varying(), arithmetic)
+
+        def made() -> Native:
             chosen = gathering(program, gather, bounded).keeping(record)
-            _natives[key] = native(plan(chosen, lanes=lanes, varying=self.varying(), arithmetic=arithmetic))
-        return _natives[key]
+            return native(plan(chosen, lanes=lanes, varying=self.varying(), arithmetic=arithmetic))
+
+        return made() if program.key is None else _natives.get(key, made)
 
     def constants(self, made: Native, lanes: slice | None = None) -> np.ndarray:
         """Constants in the order of the machine code, shape (n, lanes)."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple, TypeVar, cast
 
@@ -36,6 +36,7 @@ class Program:
     outputs    name -> node: the signals
     sample     node of the index k of the sample, or None
     tables     name -> node
+    key        what it was traced from: programs with equal keys have equal graphs; None: not known
     """
 
     graph: Graph
@@ -45,6 +46,7 @@ class Program:
     outputs: dict[str, int]
     sample: int | None
     tables: dict[str, int]
+    key: Hashable = None
 
     def keeping(self, outputs: Sequence[str]) -> Program:
         """The program with these outputs only, and without what nobody needs then."""

@@ -13,7 +13,7 @@ from feeddrive import plot
 from feeddrive.blocks.force.cogging import Cogging
 from feeddrive.files.atomic_io import new_directory
 from feeddrive.files.blocks_to_toml import to_toml
-from feeddrive.files.machine import Machine
+from feeddrive.files.machine import MachineFile
 from feeddrive.files.messages import sentence
 from feeddrive.files.toml_edit import TomlEdit
 from feeddrive.identification.cogging.cogging_fit import CoggingFit, CoggingOrder
@@ -107,7 +107,7 @@ def recommendation(fit: CoggingFit) -> str:
     )
 
 
-def machine_text(fit: CoggingFit, at_table: AtTable, machine: Machine | None, axis: str) -> str:
+def machine_text(fit: CoggingFit, at_table: AtTable, machine: MachineFile | None, axis: str) -> str:
     """A machine file with the cogging among its forces, comments kept; without one, the section alone."""
     block = _rounded(fit.block(at_table.period, force_per_unit=at_table.force_per_unit))
     section = _section(block, axis)

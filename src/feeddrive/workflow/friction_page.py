@@ -14,7 +14,7 @@ from feeddrive.blocks.families import Friction
 from feeddrive.blocks.force.gravity import Gravity
 from feeddrive.files.atomic_io import new_directory
 from feeddrive.files.blocks_to_toml import to_toml
-from feeddrive.files.machine import Machine
+from feeddrive.files.machine import MachineFile
 from feeddrive.files.messages import sentence
 from feeddrive.files.toml_edit import TomlEdit
 from feeddrive.identification.frame import SHAFT
@@ -130,7 +130,7 @@ def recommendation(curve: FrictionCurve) -> str:
     return f"Take {kind} ({curve.model.name}): it leaves {share:.2g} % of the force, and {_against(curve)}."
 
 
-def machine_text(curve: FrictionCurve, machine: Machine | None, axis: str) -> str:
+def machine_text(curve: FrictionCurve, machine: MachineFile | None, axis: str) -> str:
     """A machine file with the friction and the constant force, comments kept; without one, the sections alone."""
     gravity = curve.gravity()
     if machine is None:

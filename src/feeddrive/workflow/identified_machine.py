@@ -6,7 +6,7 @@ from pathlib import Path
 
 from feeddrive.blocks.plant.rigid import Rigid
 from feeddrive.files.blocks_to_toml import to_toml
-from feeddrive.files.machine import Machine
+from feeddrive.files.machine import MachineFile
 from feeddrive.files.toml_edit import TomlEdit
 from feeddrive.identification.estimate import Estimate
 from feeddrive.identification.motion.identify import Identified
@@ -15,7 +15,7 @@ from feeddrive.language.block import Block, declarations
 from feeddrive.loop.loop import Loop
 
 
-def machine_text(found: Identified, machine: Machine | None, axis: str) -> str | None:
+def machine_text(found: Identified, machine: MachineFile | None, axis: str) -> str | None:
     """The text of the machine file; None if the loop is not known whole (no law, or a shaft without a lead)."""
     if found.loop is None:
         return None
@@ -27,7 +27,7 @@ def estimates_of(found: Identified) -> tuple[Estimate, ...]:
     return found.rigid.estimates if found.refinement is None else found.refinement.estimates
 
 
-def _edited(found: Identified, machine: Machine, axis: str) -> str:
+def _edited(found: Identified, machine: MachineFile, axis: str) -> str:
     assert found.loop is not None
     edit = TomlEdit(machine.file.text, machine.file.name)
     before, after = machine.loop(axis).axis, found.loop.axis

@@ -11,7 +11,7 @@ from feeddrive import plot
 from feeddrive.blocks.actuator.actuator import Actuator
 from feeddrive.files.atomic_io import new_directory
 from feeddrive.files.blocks_to_toml import to_toml
-from feeddrive.files.machine import Machine
+from feeddrive.files.machine import MachineFile
 from feeddrive.files.messages import sentence
 from feeddrive.files.toml_edit import TomlEdit
 from feeddrive.identification.response.fit_axis import AxisFits
@@ -141,7 +141,7 @@ def recommendation(found: AxisFits | ModalFit) -> str:
     return f"Use this model{which} in its band: lines that were not used are predicted within {unused:.2g} dB RMS."
 
 
-def machine_text(fit: PlantFit, machine: Machine | None, axis: str) -> str:
+def machine_text(fit: PlantFit, machine: MachineFile | None, axis: str) -> str:
     """A machine file with the fitted plant and dead time, comments kept; without one, the two sections alone."""
     plant, actuator = fit.blocks()
     section, place = to_toml(plant, f"axis.{axis}.plant"), ("axis", axis, "plant")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from feeddrive.files.blocks_to_toml import to_toml
-from feeddrive.files.machine import Machine
+from feeddrive.files.machine import MachineFile
 from feeddrive.files.toml_edit import TomlEdit
 from feeddrive.language import tree, units
 from feeddrive.language.block import Block
@@ -13,7 +13,7 @@ _LISTS = ("filters", "feedforward", "compensation")
 _DIGITS = 7
 
 
-def machine_text(machine: Machine, axis: str, control: Control) -> str:
+def machine_text(machine: MachineFile, axis: str, control: Control) -> str:
     """The text of the machine's file with another control of one axis.
 
     A law of the same kind is changed number by number; another law takes the place of the section.  Lists of blocks are

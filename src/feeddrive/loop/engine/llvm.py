@@ -11,8 +11,8 @@ from collections.abc import Callable
 
 from feeddrive.language.graph import ELEMENTARY, arguments
 from feeddrive.language.primitives import MIX, STRIDES
+from feeddrive.loop.engine.lazy_branches import Branch, lazy_branches
 from feeddrive.loop.engine.plan import Plan
-from feeddrive.loop.engine.sides import Side, one_sided
 
 _BINARY = {"add": "fadd", "sub": "fsub", "mul": "fmul", "div": "fdiv"}
 _COMPARE = {"lt": "olt", "le": "ole", "eq": "oeq"}
@@ -32,8 +32,8 @@ class Printer:
 
     def __init__(self, plan: Plan) -> None:
         self.plan = plan
-        self.sides = one_sided(plan) if plan.lanes == 1 else {}
-        self.aside = {index for inner in self.sides.values() for index in inner}
+        self.branches = lazy_branches(plan) if plan.lanes == 1 else {}
+        self.aside = {index for inner in self.branches.values() for index in inner}
         self.lines: list[str] = []
         self.block = "entry"  # the label under which lines are written
         self.names: dict[int, str] = {}  # node -> value, scalar or vector as its kind says
@@ -154,7 +154,7 @@ class Printer:
 
     def select(self, index: int, inner: tuple[int, ...], vector: bool) -> str:
         """A choice between two values, by one truth for all lanes or one for each."""
-        if Side(index, 1) in self.sides or Side(index, 2) in self.sides:
+        if Branch(index, 1) in self.branches or Branch(index, 2) in self.branches:
             return self.branch(index, inner)
         kind = self.type(vector, "i1" if self.plan.kinds.truth[index] else "double")
         each = vector and self.varies(inner[0])
@@ -163,15 +163,15 @@ class Printer:
         return self.emit(f"select {condition}, {kind} {a}, {kind} {b}")
 
     def branch(self, index: int, inner: tuple[int, ...]) -> str:
-        """A choice of which only the side that is chosen is computed."""
-        labels = {side: f"side{index}.{side}" for side in (1, 2)}
+        """A choice of which only the branch that is taken is computed."""
+        labels = {branch: f"branch{index}.{branch}" for branch in (1, 2)}
         self.lines.append(f"  br i1 {self.names[inner[0]]}, label %{labels[1]}, label %{labels[2]}")
         ends: list[str] = []
-        for side in (1, 2):
-            self.begin(labels[side])
-            for one in self.sides.get(Side(index, side), ()):
+        for branch in (1, 2):
+            self.begin(labels[branch])
+            for one in self.branches.get(Branch(index, branch), ()):
                 self.node(one)
-            ends.append(f"[ {self.names[inner[side]]}, %{self.block} ]")
+            ends.append(f"[ {self.names[inner[branch]]}, %{self.block} ]")
             self.lines.append(f"  br label %after{index}")
         self.begin(f"after{index}")
         return self.emit(f"phi {'i1' if self.plan.kinds.truth[index] else 'double'} {', '.join(ends)}")

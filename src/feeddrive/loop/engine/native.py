@@ -10,12 +10,14 @@ import stat
 import sys
 import tempfile
 from collections.abc import Sequence
+from functools import lru_cache
 from pathlib import Path
 from threading import Lock
 from typing import Any
 
 import numpy as np
 
+from feeddrive.language.recent import Recent
 from feeddrive.loop.engine import time_loop
 from feeddrive.loop.engine.plan import Plan
 
@@ -23,7 +25,7 @@ from feeddrive.loop.engine.plan import Plan
 # its end.  The option is one of the whole process; no program depends on it.  LLVM 20, 21 and 22 know it.
 _ORDER = "-misched-prera-direction=bidirectional"
 _SIGNATURE = ctypes.CFUNCTYPE(None, ctypes.c_int64, ctypes.c_int64, *[ctypes.c_void_p] * 5)
-_made: dict[str, Any] = {}
+_engines: Recent[tuple[Any, int]] = Recent(512)  # a `Native` keeps its own engine alive
 _lock = Lock()
 
 
@@ -32,7 +34,7 @@ class Native:
 
     def __init__(self, plan: Plan, source: str) -> None:
         self.plan = plan
-        self._engine, address = _machine_code(source)
+        self.key, self._engine, address = _machine_code(source)
         self._call = _SIGNATURE(address)
 
     def run(
@@ -66,29 +68,26 @@ def native(plan: Plan) -> Native:
     return Native(plan, time_loop.text(plan, "feeddrive_run", target()[0]))
 
 
+@lru_cache(maxsize=1)
 def target() -> tuple[str, str, str]:
     """Triple, processor and its features."""
-    if "target" not in _made:
-        import llvmlite.binding as binding
+    import llvmlite.binding as binding
 
-        binding.set_option("feeddrive", _ORDER)
-        binding.initialize_native_target()
-        binding.initialize_native_asmprinter()
-        triple = binding.get_process_triple()
-        _made["target"] = (triple, binding.get_host_cpu_name(), binding.get_host_cpu_features().flatten())
-    return _made["target"]
+    binding.set_option("feeddrive", _ORDER)
+    binding.initialize_native_target()
+    binding.initialize_native_asmprinter()
+    return binding.get_process_triple(), binding.get_host_cpu_name(), binding.get_host_cpu_features().flatten()
 
 
-def _machine_code(source: str) -> tuple[Any, int]:
-    """The engine that holds the code, and the address of the function."""
+def _machine_code(source: str) -> tuple[str, Any, int]:
+    """The key of the code, the engine that holds it, and the address of the function."""
     import llvmlite
     import llvmlite.binding as binding
 
     triple, processor, features = target()
     key = hashlib.sha256("\n".join([llvmlite.__version__, processor, features, _ORDER, source]).encode()).hexdigest()
-    with _lock:
-        if key in _made:
-            return _made[key]
+
+    def compiled() -> tuple[Any, int]:
         machine = binding.Target.from_triple(triple).create_target_machine(
             cpu=processor, features=features, opt=2, jit=True
         )
@@ -96,8 +95,10 @@ def _machine_code(source: str) -> tuple[Any, int]:
         engine = binding.create_mcjit_compiler(module, machine)
         engine.set_object_cache(lambda _, code: _store(key, code), lambda _: _stored(key))
         engine.finalize_object()
-        _made[key] = (engine, engine.get_function_address("feeddrive_run"))
-        return _made[key]
+        return engine, engine.get_function_address("feeddrive_run")
+
+    with _lock:
+        return key, *_engines.get(key, compiled)
 
 
 def _stub(source: str) -> str:
