@@ -6,12 +6,12 @@ VENV := .venv
 BIN := $(VENV)/bin
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test slow bench docs format clean
+.PHONY: help demo test slow slow-share bench docs format clean
 
 help:
 	@echo "make demo    install into $(VENV), run the bundled job, name the report to open"
 	@echo "make test    install into $(VENV), then ruff, pyright and the tests without the slow proofs"
-	@echo "make slow    the slow proofs"
+	@echo "make slow    the slow proofs, each with its reason (pytest -m slow --collect-only names them)"
 	@echo "make bench   all benchmarks; they print their tables (needs gcc, takes long)"
 	@echo "make docs    build the documentation into site/"
 	@echo "make format  let ruff format and mend the sources"
@@ -24,10 +24,14 @@ test: $(VENV)/installed-dev
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/pyright --pythonpath $(BIN)/python
-	$(BIN)/python -m pytest -n 2 -m "not slow"
+	$(BIN)/python -m pytest -n 2 --dist loadfile -m "not slow"
 
 slow: $(VENV)/installed-dev
 	$(BIN)/python -m pytest -n 2 -m slow
+
+# what .ci/run adds to `make test`: 100 s of the slow proofs, drawn by the hash of the commit
+slow-share: $(VENV)/installed-dev
+	$(BIN)/python -m pytest -n 2 --slow-share 100
 
 bench: $(VENV)/installed-dev
 	@for each in $$(grep -l '__name__ == "__main__"' benchmarks/*.py); do \

@@ -8,6 +8,8 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 
+import slow_share
+
 # Before numpy is there: the tests share the cores already, and small matrices gain nothing by more threads.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
@@ -18,6 +20,58 @@ settings.load_profile("feeddrive")
 
 # Measured files that are not part of the repository: they lie beside it, or the tests that need them are skipped.
 SHARED = Path(__file__).parents[1].parent / "shared" / "data"
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    group = parser.getgroup("slow tests")
+    group.addoption("--slow-share", type=float, metavar="SECONDS", help="run only slow tests, drawn to fit SECONDS")
+    group.addoption("--slow-seed", metavar="TEXT", help="what draws them; the hash of the commit if left out")
+    group.addoption("--store-slow-durations", action="store_true", help="write tests/slow_durations.json anew")
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    if config.option.slow_share is not None and config.option.slow_seed is None:
+        config.option.slow_seed = slow_share.commit()  # workers take the options of the process that starts them
+
+
+def pytest_report_header(config: pytest.Config) -> str | None:
+    seconds, seed = config.option.slow_share, config.option.slow_seed
+    return None if seconds is None else f"slow tests: --slow-share {seconds:g} --slow-seed '{seed}'"
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """A slow test states its reason; `--slow-share` leaves all but its share out."""
+    if unexplained := slow_share.missing_reasons(items):
+        raise pytest.UsageError(f"say why they are slow, @pytest.mark.slow(reason=...): {', '.join(unexplained[:5])}")
+    if config.option.slow_share is None:
+        return
+    slow = [item.nodeid for item in items if item.get_closest_marker("slow")]
+    share = slow_share.drawn(slow, slow_share.read_durations(), config.option.slow_share, config.option.slow_seed)
+    config.hook.pytest_deselected(items=[item for item in items if item.nodeid not in share])
+    items[:] = [item for item in items if item.nodeid in share]
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: pytest.Config) -> None:
+    """What the slow tests took, for `--store-slow-durations`."""
+    if not config.option.store_slow_durations:
+        return
+    took: dict[str, float] = {}
+    for report in terminalreporter.getreports("passed") + terminalreporter.getreports(""):
+        if "slow" in report.keywords:
+            took[report.nodeid] = took.get(report.nodeid, 0.0) + report.duration
+    slow_share.write_durations(took)
+    terminalreporter.write_line(f"{len(took)} durations are stored in {slow_share.DURATIONS}")
+
+
+@pytest.fixture(autouse=True)
+def _few_pictures(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nine tenths of a command's time go into the pictures of its report: tests of commands leave them empty.
+
+    `@pytest.mark.pictures` keeps them: one test a command, so that every page is drawn once.
+    """
+    if request.path.parent.name == "cli" and not request.node.get_closest_marker("pictures"):
+        monkeypatch.setattr("feeddrive.report.page.svg", lambda _figure, _key, alt: f'<svg aria-label="{alt}"></svg>')
 
 
 @pytest.fixture

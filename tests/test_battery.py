@@ -293,26 +293,34 @@ def _exercise(data: st.DataObject, block: type[Block], ask: Callable[[Any, Input
     return Exercise(made, ask, Inputs(*map(np.float64, data.draw(_inputs()))))
 
 
-def _slopes(graph: Graph, nodes: list[int], leaves: dict[str, Any], name: str) -> list[float]:
-    """The tangents of nodes for a unit change of one leaf."""
+def _moved(leaves: dict[str, Any], steps: dict[str, np.ndarray]) -> dict[str, Any]:
+    """The leaves with some of them moved, lane by lane."""
+    return {**leaves, **{name: np.float64(leaves[name]) + step for name, step in steps.items()}}
+
+
+def _answers(graph: Graph, nodes: list[int], leaves: dict[str, Any], lanes: int) -> np.ndarray:
+    """Nodes by lanes."""
     with np.errstate(all="ignore"):
-        pushed = push(graph, nodes, node_values(graph, nodes, leaves), {graph.input(name).index: np.float64(1.0)})
-    return [0.0 if slope is None else float(slope) for slope in pushed]
+        return np.array([np.broadcast_to(v, lanes).astype(float) for v in evaluate(graph, nodes, leaves)])
+
+
+def _slopes(graph: Graph, nodes: list[int], leaves: dict[str, Any], names: list[str]) -> np.ndarray:
+    """The tangents of nodes for a unit change of one leaf in each lane."""
+    seeds = {graph.input(name).index: unit for name, unit in zip(names, np.eye(len(names)), strict=True)}
+    with np.errstate(all="ignore"):
+        pushed = push(graph, nodes, node_values(graph, nodes, leaves), seeds)
+    return np.array([np.broadcast_to(0.0 if slope is None else slope, len(names)).astype(float) for slope in pushed])
 
 
 def _rounding(graph: Graph, nodes: list[int], leaves: dict[str, Any], moved: list[str], base: np.ndarray) -> np.ndarray:
     """How far the answers move if every number moves by its last digits: higher differences cancel all others."""
-    rng = np.random.default_rng(0)
-    found = np.zeros(len(base))
-    for _ in range(8):
-        nudged: dict[str, Any] = {}
-        for name in moved:
-            least = 0.1 if name.startswith("x.") and name != "x.mobility" else 0.0
-            value = float(leaves[name])
-            nudged[name] = np.float64(value + 1e-12 * rng.uniform(-1.0, 1.0) * max(abs(value), least))
-        beside = np.array([float(v) for v in evaluate(graph, nodes, {**leaves, **nudged})])
-        found = np.fmax(found, np.abs(beside - base))
-    return found
+    rng, lanes = np.random.default_rng(0), 8
+    steps: dict[str, np.ndarray] = {}
+    for name in moved:
+        least = 0.1 if name.startswith("x.") and name != "x.mobility" else 0.0
+        steps[name] = 1e-12 * rng.uniform(-1.0, 1.0, lanes) * max(abs(float(leaves[name])), least)
+    beside = _answers(graph, nodes, _moved(leaves, steps), lanes)
+    return np.fmax.reduce(np.abs(beside - base[:, None]), axis=1, initial=0.0)
 
 
 def _without_denormal(values: Sequence[Any]) -> list[float]:
@@ -390,7 +398,7 @@ class TestBlock:
     ) -> None:
         made, constants, rows, found = _exercise(data, block, ask).native(1)
         folder = tmp_path_factory.mktemp("c")
-        library = compiled(c.text(made, "feeddrive_run"), folder, "-Wno-unused-parameter")
+        library = compiled(c.text(made, "feeddrive_run"), folder, "-Wno-unused-parameter", "-O0")
         outputs = np.empty_like(found)
         tables = (ctypes.c_void_p * max(1, len(rows)))(*[row.ctypes.data for row in rows])
         arrays = (constants, np.empty((1, 0)), np.empty((0, 1)), outputs)
@@ -418,27 +426,35 @@ class TestBlock:
         sizes = np.abs([float(value) for value in values.values() if not isinstance(value, np.ndarray)])
         largest = np.max(sizes[np.isfinite(sizes)], initial=1e-9)
         rounding = _rounding(graph, nodes, leaves, moved, base)
-        for name in moved:
-            value = float(leaves[name])
-            h = 1e-6 * max(abs(value), 1e-2 if name.startswith("x.") and name != "x.mobility" else 1e-6)
-            above, below, far_above, far_below = (
-                np.array([float(v) for v in evaluate(graph, nodes, {**leaves, name: np.float64(value + step)})])
-                for step in (h, -h, 2.0 * h, -2.0 * h)
-            )
-            slopes, beside = (
-                _slopes(graph, nodes, {**leaves, name: np.float64(value + step)}, name) for step in (0.0, h)
-            )
-            for i, node in enumerate(nodes):
-                slope = slopes[i]
-                right, left = (above[i] - base[i]) / h, (base[i] - below[i]) / h
-                # rounding of the largest number inside, or what cancellation makes of it, over the step
-                blur = max(16 * 2.3e-16 * largest, 4.0 * rounding[i]) / h
-                found, wide = 0.5 * (right + left), (far_above[i] - far_below[i]) / (4.0 * h)
-                bent = max(abs(right - left), abs(found - wide))
-                jumps = abs(slope - beside[i]) > 1e-3 * abs(slope)
-                if truth[node] or jumps or bent > 1e-4 * max(abs(right), abs(left)) + blur:
-                    continue  # a kink, a jump, or too curved for this step
-                assert abs(found - slope) <= 1e-3 * abs(slope) + 10 * blur, f"output {i} by {name}"
+
+        def size(name: str) -> float:
+            return max(abs(float(leaves[name])), 1e-2 if name.startswith("x.") and name != "x.mobility" else 1e-6)
+
+        # a lane for each number that moves: lanes compute the bits of floats, as another row asserts
+        h = 1e-6 * np.array([size(name) for name in moved])
+        steps = dict(zip(moved, np.diag(h), strict=True))
+        above, below, far_above, far_below = (
+            _answers(graph, nodes, _moved(leaves, {name: k * step for name, step in steps.items()}), len(moved))
+            for k in (1.0, -1.0, 2.0, -2.0)
+        )
+        slopes, beside = (
+            _slopes(graph, nodes, _moved(leaves, {name: k * step for name, step in steps.items()}), moved)
+            for k in (0.0, 1.0)
+        )
+        for i, node in enumerate(nodes):
+            if truth[node]:
+                continue
+            slope = slopes[i]
+            right, left = (above[i] - base[i]) / h, (base[i] - below[i]) / h
+            # rounding of the largest number inside, or what cancellation makes of it, over the step
+            blur = max(16 * 2.3e-16 * largest, 4.0 * rounding[i]) / h
+            found, wide = 0.5 * (right + left), (far_above[i] - far_below[i]) / (4.0 * h)
+            bent = np.maximum(np.abs(right - left), np.abs(found - wide))
+            jumps = np.abs(slope - beside[i]) > 1e-3 * np.abs(slope)
+            # a kink, a jump, or too curved for this step
+            uneven = jumps | (bent > 1e-4 * np.maximum(np.abs(right), np.abs(left)) + blur)
+            wrong = ~uneven & ~(np.abs(found - slope) <= 1e-3 * np.abs(slope) + 10 * blur)
+            assert not np.any(wrong), f"output {i} by {[name for name, bad in zip(moved, wrong, strict=True) if bad]}"
 
     @asked
     @drawn

@@ -165,6 +165,7 @@ def test_the_error_that_the_documentation_shows_is_the_one_that_comes(tmp_path: 
     assert said in page.read_text(encoding="utf-8")
 
 
+@pytest.mark.slow(reason="a page of commands is walked; every command and option of it is checked quickly")
 def test_the_first_axis_prints_what_its_page_shows(tmp_path: Path):
     """The tables of the tutorial, line by line; the log of EMPS is not needed."""
     page = ROOT / "docs/first-axis.md"
@@ -179,6 +180,7 @@ def test_the_first_axis_prints_what_its_page_shows(tmp_path: Path):
     assert_prints(wrong, tmp_path, 2)
 
 
+@pytest.mark.slow(reason="a page of ten commands is walked; every command and option of it is checked quickly")
 def test_the_afternoon_goes_as_its_page_shows(tmp_path: Path):
     """From excitation to certificate, one command after the other in one folder."""
     for console in blocks(ROOT / "docs/afternoon.md", "console"):

@@ -32,6 +32,7 @@ from feeddrive.loop.control import Control
 from feeddrive.loop.linearize import linearize
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import simulate
+from slow_share import all_but
 
 PAPER = GpiObserver(mass=1.0, omega_o=700.0, zeta_o=0.7071)
 
@@ -244,7 +245,7 @@ def test_an_observer_alone_says_its_limit(taylor_states: int, hold: str) -> None
         dataclasses.replace(made, omega_o=1.001 * rate).fits(2e-3)
 
 
-@pytest.mark.parametrize("late", [0, 1, 3])
+@pytest.mark.parametrize("late", all_but([1], [0, 1, 3], "the same search of a limit for other dead times"))
 def test_what_is_admitted_is_stable_and_what_is_refused_is_not(late: int) -> None:
     """The check of the law against the poles of the loop, on either side of its limit."""
 

@@ -103,7 +103,12 @@ class TestAgainstARunningHal:
         against_hal(tmp_path, [StockPid(**trap) for trap in TRAPS.values()], random_rows(rng, 500, ()), ())
 
     @pytest.mark.parametrize(
-        "wired", [(), ("command-deriv",), ("feedback-deriv",), ("command-deriv", "feedback-deriv")]
+        "wired",
+        [
+            pytest.param(wired, marks=pytest.mark.slow(reason="a session of HAL for each; a quick one has both pins"))
+            for wired in ((), ("command-deriv",), ("feedback-deriv",))
+        ]
+        + [("command-deriv", "feedback-deriv")],
     )
     def test_random_gains_limits_and_pins(self, wired: tuple[str, ...], tmp_path: Path) -> None:
         rng = np.random.default_rng(len(str(wired)))

@@ -25,6 +25,7 @@ def run(*words: str, code: int = 0) -> str:
     return " ".join(found.output.split())
 
 
+@pytest.mark.pictures
 def test_a_machine_gets_a_certificate_and_a_report(tmp_path: Path) -> None:
     out = tmp_path / "out"
     said = run("certify", "ball_screw", "--float32", "--out", str(out))

@@ -77,6 +77,7 @@ def refused(run, *words: str, code: int = 2) -> str:
     return errors
 
 
+@pytest.mark.pictures
 def test_the_demo_writes_all_it_promises_and_ends_with_the_report(run) -> None:
     code, out, errors = run("demo", "--out", "d")
     assert code == 0, errors

@@ -66,6 +66,7 @@ def row(output: str, order: int) -> list[float]:
     return [float(each) for each in re.findall(r"([0-9.e-]+) ±", found[1])]
 
 
+@pytest.mark.pictures
 def test_one_log_to_and_fro_becomes_a_force_in_a_machine_whose_comments_stay(tmp_path: Path) -> None:
     start = tmp_path / "mine.toml"
     start.write_text((BUNDLED / "machines" / "emps_symmetric.toml").read_text(encoding="utf-8"), encoding="utf-8")

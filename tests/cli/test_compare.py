@@ -43,6 +43,7 @@ Kp = 1.0e4
 """
 
 
+@pytest.mark.pictures
 def test_a_machine_of_ones_own(run) -> None:
     Path("m.toml").write_text(RIGID, encoding="utf-8")
     code, out, errors = run("compare", "m.toml", "--starts", "1", "--law", "pole placement", "--out", "d")

@@ -34,6 +34,7 @@ def call(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.Capture
     return asked
 
 
+@pytest.mark.pictures
 def test_what_is_sent_comes_back_as_the_model(call) -> None:
     """excite -> simulated logs -> frf -> frf.csv -> read_frf: the linear model of the machine file to 1 %."""
     code, out, _ = call(*EXCITED)

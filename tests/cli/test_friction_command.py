@@ -179,6 +179,7 @@ def test_what_runs_cannot_tell_is_said_and_nothing_is_written(tmp_path: Path) ->
     assert "unit 'mmm'" in str(refused(tmp_path, log, "--velocity", "velocity_mm_per_s*2:mmm", "--force", "force_N"))
 
 
+@pytest.mark.pictures
 @needs_screw
 def test_a_lead_screw_from_its_raw_records(tmp_path: Path) -> None:
     """The curve that another program found: 2.320, 3.196 mN m, 4.78 rad/s, 0.0586 mN m s/rad, -0.359 mN m."""

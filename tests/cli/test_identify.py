@@ -31,6 +31,7 @@ def written(folder: Path) -> Path:
     return path
 
 
+@pytest.mark.pictures
 def test_without_a_machine_the_whole_loop_comes_out_of_the_log(tmp_path: Path) -> None:
     done = runner.invoke(app, ["identify", str(written(tmp_path)), "--out", str(tmp_path / "out")])
     assert done.exit_code == 0, done.output

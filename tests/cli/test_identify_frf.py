@@ -33,6 +33,7 @@ def written(folder: Path, scale: float = 1.0, unit: str = "m/N") -> Path:
     return path
 
 
+@pytest.mark.pictures
 def test_two_masses_go_into_a_machine_file_that_keeps_its_comments(tmp_path: Path) -> None:
     given = tmp_path / "mine.toml"
     given.write_text(

@@ -66,6 +66,7 @@ def mass_of(path: Path) -> tuple[float, float]:
     return float(line.split()[2]), float(line.split("standard error ")[1].split()[0])
 
 
+@pytest.mark.slow(reason="six commands and a bus; a move is played over it quickly")
 def test_excite_play_frf_identify_gives_the_mass_back(call, tmp_path: Path) -> None:
     """EMPS over EtherCAT: 95.154 kg within four of its own standard errors, and they are under a thousandth."""
     assert call("excite", "emps", *EXCITED, "--out", "sent")[0] == 0
@@ -90,7 +91,7 @@ def test_excite_play_frf_identify_gives_the_mass_back(call, tmp_path: Path) -> N
     assert abs(mass - 95.1540) < 4.0 * error
 
 
-@pytest.mark.slow
+@pytest.mark.slow(reason="370 000 bus cycles")
 @pytest.mark.timeout(1200)  # 370 000 cycles; a busy machine needs minutes
 def test_the_afternoon_with_two_encoders_gives_the_masses_back(call, tmp_path: Path) -> None:
     """The ball screw at 20 kHz over EtherCAT: screw and table by both encoders, the motor by its data sheet."""

@@ -55,6 +55,7 @@ def test_the_exit_code_is_1_if_a_claim_does_not_hold(run, monkeypatch, got: floa
     assert said in Path("results/wu2017/report.html").read_text(encoding="utf-8")
 
 
+@pytest.mark.pictures
 def test_a_paper_runs_and_writes_every_claim(run) -> None:
     """The quickest of the four, through the door; the claims themselves are tested beside their experiment."""
     code, out, _ = run("reproduce", "gordon2013", "--out", "there")

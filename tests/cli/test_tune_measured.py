@@ -52,6 +52,7 @@ def fast(*words: str) -> tuple[str, ...]:
     return ("tune", *words, "--baseline", "ball_screw", "--filters", "kept", "--starts", "1")
 
 
+@pytest.mark.pictures
 def test_from_a_run_to_a_tuned_loop(tmp_path: Path, screw: fd.Loop) -> None:
     """excite, frf, tune: the table's compliance on the true axis keeps its limit, the dead time is counted once."""
     command("excite", "ball_screw", "--band", "5..1000", "--amplitude", "400", "--out", str(tmp_path / "excite"))

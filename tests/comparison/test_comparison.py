@@ -158,7 +158,7 @@ def test_the_pictures_are_drawn(found: Arena) -> None:
     assert found.ranking().rows[0][0] == TODAY
 
 
-@pytest.mark.slow
+@pytest.mark.slow(reason="all laws are tuned on whole machines")
 @pytest.mark.parametrize(("name", "axis"), [("ball_screw", "x"), ("mill", "x"), ("emps", "x")])
 def test_every_bundled_machine(name: str, axis: str, tmp_path: Path) -> None:
     found = arena(read_machine(name), axis, starts=1)

@@ -105,6 +105,7 @@ def test_our_own_plant_gives_the_bits_of_the_simulator(plants: Path, plant: str)
     assert same(found.time, expected.time)
 
 
+@pytest.mark.slow(reason="four laws run through an FMU; its command does so quickly")
 def test_the_work_of_a_bundled_job_has_the_figures_of_its_simulation(plants: Path, tmp_path: Path) -> None:
     job = read_job("ball_screw")
     found = cosimulate(job, plants / "ball_screw2.fmu")

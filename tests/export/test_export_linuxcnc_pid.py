@@ -30,6 +30,7 @@ from feeddrive.loop.loop import Loop
 from feeddrive.loop.routine_trace import plant_routine
 from feeddrive.loop.simulate import simulate
 from hal_programs import needs_linuxcnc
+from slow_share import all_but
 
 # it needs the notch that its velocity over 30 samples is, and a pid differences over one
 LONG_DIFFERENCE = (
@@ -133,7 +134,13 @@ def in_hal(directory: Path, folder: Path, loop: Loop, law: LinuxcncPid, run: dic
 
 
 @needs_linuxcnc
-@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize(
+    "case",
+    all_but(
+        ("hanging axis", "linear motor, one pid and a low pass", "stick and slip, learned feedforward"), CASES,
+        "a session of HAL for each; the quick ones have both routes and every part",
+    ),
+)  # fmt: skip
 def test_the_fragments_close_the_loop_as_it_was_simulated(case: str, tmp_path: Path) -> None:
     """A move beyond the force limit where there is one: outputs of the pids and positions, every sample, every bit."""
     machine, route, changes = CASES[case]

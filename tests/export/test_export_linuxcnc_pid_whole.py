@@ -17,7 +17,7 @@ from feeddrive.export.linuxcnc_pid.directory import write_linuxcnc_pid
 from feeddrive.export.linuxcnc_pid.mapping import period, stock_law
 from hal_programs import needs_linuxcnc
 
-pytestmark = [pytest.mark.slow, needs_linuxcnc]
+pytestmark = [pytest.mark.slow(reason="LinuxCNC as a whole runs a program in its own time"), needs_linuxcnc]
 
 PINS = {
     "axis-x-set": ("axis-x.position.command", "f"),

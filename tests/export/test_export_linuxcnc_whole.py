@@ -23,7 +23,10 @@ def _missing() -> str:
     return ""
 
 
-pytestmark = [pytest.mark.slow, pytest.mark.skipif(bool(_missing()), reason=_missing())]
+pytestmark = [
+    pytest.mark.slow(reason="LinuxCNC as a whole runs a program in its own time"),
+    pytest.mark.skipif(bool(_missing()), reason=_missing()),
+]
 
 PROGRAM = """\
 G21 G90 G64

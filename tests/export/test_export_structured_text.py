@@ -29,12 +29,12 @@ from feeddrive.loop.guard import TRIP_READING
 from feeddrive.loop.routine import Routine
 from feeddrive.loop.routine_run import run
 from feeddrive.loop.routine_trace import controller_routine, guarded
+from slow_share import all_but
 
 # beside the laws: feedforwards and a prefilter, functions of the text's own, a table
 BESIDE = ["cascade_ppi, inverse dynamics, friction and prefilter", "cascade_ppi, learned force"]
-CASES = [
-    name if name in LAWS or name in BESIDE else pytest.param(name, marks=pytest.mark.slow) for name in LOOPS
-]  # blark reads some 100 lines a second
+QUICK = ["cascade_ppi", "dadsc", BESIDE[1]]
+CASES = all_but(QUICK, LOOPS, "blark reads some 100 lines a second; functions of the text's own are tested one by one")
 
 
 class Exported:
@@ -140,7 +140,9 @@ def test_every_loop_has_the_simulators_bits(name: str) -> None:
     assert same_bits(found[:, names.index("trip")], simulated["trip"])
 
 
-@pytest.mark.parametrize("name", ["cascade_ppi, plain", *(pytest.param(name, marks=pytest.mark.slow) for name in LAWS)])
+@pytest.mark.parametrize(
+    "name", all_but(["cascade_ppi, plain"], ["cascade_ppi, plain", *LAWS], "blark reads some 100 lines a second")
+)
 def test_short_reals_have_the_bits_of_single_precision(name: str) -> None:
     made = exported(name, "float")
     tried = made.trial(400, seed=2, changes=3)

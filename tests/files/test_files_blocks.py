@@ -92,7 +92,7 @@ def families() -> list[tuple[type[Block], type[Block]]]:
 
 @pytest.mark.parametrize(("family", "kind"), families(), ids=lambda kind: kind.__name__)
 def test_every_block_comes_back_from_its_text(family: type[Block], kind: type[Block]) -> None:
-    @settings(max_examples=15, deadline=None, suppress_health_check=list(HealthCheck))
+    @settings(max_examples=8, deadline=None, suppress_health_check=list(HealthCheck))
     @given(blocks(kind))
     def comes_back(block: Block) -> None:
         text = to_toml(block)

@@ -102,6 +102,7 @@ def test_two_masses_from_both_encoders_with_noise() -> None:
     assert fit["resonance"].value == pytest.approx(131.6, rel=1e-3)
 
 
+@pytest.mark.slow(reason="200 fits to count how often the truth is inside")
 def test_the_errors_cover_the_truth() -> None:
     """Of 200 measurements 95 % intervals hold the truth in 92 to 98 % over all parameters, each one in 90 % at least.
 

@@ -10,16 +10,20 @@ from feeddrive.papers.wu2017 import wu2017
 from feeddrive.papers.wu2017.learning import EXPECTED
 from feeddrive.papers.wu2017.rates import identity_error
 
+learning = pytest.mark.slow(reason="some hundred trials of learning; test_iterative_feedforward.py has the law")
+
 
 @pytest.fixture(scope="module")
 def experiment() -> Experiment:
     return wu2017(lambda _: None)
 
 
+@learning
 def test_every_claim_holds(experiment: Experiment) -> None:
     assert not [(claim.key, claim.claim, claim.shown, claim.bounds) for claim in experiment.broken]
 
 
+@learning
 def test_every_row_is_there_with_its_rule_and_what_loses(experiment: Experiment) -> None:
     assert {claim.key for claim in experiment.claims} == {f"4.{row}" for row in "abcdefghijklmn"}
     assert all(claim.rule for claim in experiment.claims)
@@ -27,6 +31,7 @@ def test_every_row_is_there_with_its_rule_and_what_loses(experiment: Experiment)
     assert any("diverges" in claim.claim for claim in experiment.claims)
 
 
+@learning
 def test_errors_over_the_trials_are_those_of_an_independent_program(experiment: Experiment) -> None:
     """Dwells and noise are not the same there: 12 % of each RMS, a little more than what either moves it by."""
     rows = {(row[0], row[1]): row for row in experiment.tables[0].rows}
@@ -41,6 +46,7 @@ def test_the_identity_holds_to_rounding() -> None:
     assert identity_error() < 1e-8
 
 
+@learning
 def test_the_page_has_the_papers_kinds_of_pictures(experiment: Experiment) -> None:
     page = build(experiment)
     for shown in experiment.pictures:

@@ -237,6 +237,7 @@ def test_the_same_study_gives_the_same_text() -> None:
     assert build(compared()) == page()
 
 
+@pytest.mark.slow(reason="twenty laws full of noise are drawn")
 def test_many_noisy_laws_stay_below_a_megabyte_and_the_pictures_show_the_best() -> None:
     noisy = loop(True, Encoder(resolution=50e-9, noise=2e-6))
     entries = [entry(f"law {i}", noisy, run=simulate(noisy, Stroke(), seed=i)) for i in range(20)]

@@ -361,6 +361,7 @@ def test_unstable_gains_of_today_are_no_obstacle(screw: fd.Loop) -> None:
     assert "today's loop is unstable" in found.recommendation()
 
 
+@pytest.mark.slow(reason="thirty drives are tuned; the ball screw is quickly")
 def test_tunings_from_noise_hold_on_the_true_axis() -> None:
     """Thirty random drives: none unstable, and at least 26 keep all limits: 95 % of them would be 28.5, ±1.2."""
     found = [outcome(seed) for seed in range(2000, 2030)]
@@ -371,7 +372,7 @@ def test_tunings_from_noise_hold_on_the_true_axis() -> None:
     assert not [each.refusal for each in found if each.refusal and each.coherent]
 
 
-@pytest.mark.slow
+@pytest.mark.slow(reason="a thousand drives are tuned")
 @pytest.mark.timeout(3600)
 def test_a_thousand_random_drives() -> None:
     """93 to 98 % hold, none is unstable, at most 5 % of the coherent measurements are refused."""

@@ -72,7 +72,7 @@ def test_every_law_on_a_measurement(screw: fd.Loop, site: Site, name: str) -> No
     assert 1e9 * rope_snap(both.closed) <= SNAP[name]
 
 
-@pytest.mark.slow
+@pytest.mark.slow(reason="two searches of a law that cannot keep its limits")
 @pytest.mark.timeout(1200)
 def test_what_a_law_cannot_keep_is_refused_with_what_it_can(screw: fd.Loop) -> None:
     """The other tuner, on poles and sums, finds the same law soft: 66 nm √s/N with Ms <= 2 alone."""
