@@ -12,6 +12,7 @@ from feeddrive.blocks.controller.polynomial_stability import is_stable
 from feeddrive.blocks.feedforward.inertia import Inertia
 from feeddrive.blocks.plant.rigid import Rigid
 from feeddrive.blocks.signals import Reading, Setpoint
+from feeddrive.language import tree
 from feeddrive.language.errors import ParameterError, StructureError
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.control import Control
@@ -119,7 +120,7 @@ def test_rates_inside_the_bound_are_stable_and_beyond_it_refused(ratios: tuple[f
     for factor in np.geomspace(1.0, 300.0, 25):
         made = law(**{name: factor * rate for name, rate in rates.items()}, viscous=0.0)
         try:
-            made.fits(T)
+            tree.check_sampled(made, T)
         except ParameterError:
             break
         closed = Loop(control=Control(law=made), axis=Axis(plant=Rigid(mass=40.0)), sample_time=T)
@@ -155,8 +156,8 @@ def test_roots_in_the_left_half_plane_are_found_without_roots(degree: int) -> No
 @pytest.mark.parametrize("rate", [1e-9, 1e-3, 1.0])
 def test_slow_rates_are_not_too_fast(rate: float) -> None:
     """Their poles lie closer to 1 than a number resolves."""
-    triple(rate).fits(T)
-    law(tracking_rate=rate).fits(T)
+    tree.check_sampled(triple(rate), T)
+    tree.check_sampled(law(tracking_rate=rate), T)
 
 
 def test_a_missing_coupling_is_refused_with_the_bound() -> None:
@@ -165,7 +166,7 @@ def test_a_missing_coupling_is_refused_with_the_bound() -> None:
     with pytest.raises(
         ParameterError, match=r"adaptation_ratio = 0 must be at least 0\.[0-9]+ at these rates"
     ) as refused:
-        law(adaptation_ratio=0.0, **rates).fits(T)
+        tree.check_sampled(law(adaptation_ratio=0.0, **rates), T)
     least = float(str(refused.value).split("at least ")[1].split()[0])
     for ratio, stable in ((least + 1e-4, True), (least - 1e-4, False)):
         made = law(adaptation_ratio=max(least, ratio), viscous=0.0, **rates)
@@ -173,4 +174,4 @@ def test_a_missing_coupling_is_refused_with_the_bound() -> None:
         assert np.max(np.abs(linearize(closed, ["load_force"], ["position_load"]).poles())) < 1.0
         if not stable:
             with pytest.raises(ParameterError, match="at least"):
-                law(adaptation_ratio=ratio, **rates).fits(T)
+                tree.check_sampled(law(adaptation_ratio=ratio, **rates), T)

@@ -19,6 +19,7 @@ from feeddrive.blocks.observer.kalman_recovery import KalmanRecovery
 from feeddrive.blocks.plant.rigid import Rigid
 from feeddrive.blocks.reference.polynomial7 import Polynomial7
 from feeddrive.blocks.signals import Reading
+from feeddrive.language import tree
 from feeddrive.language.errors import LogError, ParameterError
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.control import Control
@@ -160,8 +161,8 @@ def test_start_takes_the_force_that_acts_for_balanced(observer: Observer) -> Non
 
 def test_a_filter_above_half_the_sample_rate_is_refused() -> None:
     with pytest.raises(ParameterError, match="below half the sample rate, 500 Hz"):
-        replace(EXACT, form="butterworth", frequency=600.0).fits(1e-3)
-    replace(EXACT, frequency=600.0).fits(1e-3)  # the exact form has no filter
+        tree.check_sampled(replace(EXACT, form="butterworth", frequency=600.0), 1e-3)
+    tree.check_sampled(replace(EXACT, frequency=600.0), 1e-3)  # the exact form has no filter
 
 
 def test_observing_says_what_is_wrong_with_a_log() -> None:

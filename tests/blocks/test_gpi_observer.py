@@ -219,18 +219,18 @@ def test_law_and_observer_place_their_poles_apart(mass: float, T: float, taylor_
 )
 def test_an_observer_too_fast_for_the_sample_time_is_refused(hold: str, limit: float, T: float) -> None:
     made = law(hold=hold)
-    made.fits(0.98 * limit)
+    tree.check_sampled(made, 0.98 * limit)
     with pytest.raises(ParameterError, match=r"over the limit 1") as refused:
         loop(made, T=T)
     text = str(refused.value)
     nearest = float(re.findall(r"sample every ([0-9.e-]+) s", text)[0])
     assert nearest == pytest.approx(limit, rel=0.005)
-    made.fits(0.999 * nearest)
+    tree.check_sampled(made, 0.999 * nearest)
     # each of the others that the message names is admitted, alone
     named = re.findall(r"take ([a-z_.0]+) <= ([0-9.e-]+)", text)
     assert "observer.omega_o" in dict(named)
     for name, value in named:
-        tree.vary(made, {name: 0.999 * float(value)}).fits(T)
+        tree.check_sampled(tree.vary(made, {name: 0.999 * float(value)}), T)
 
 
 @pytest.mark.parametrize(("taylor_states", "hold"), [(3, "first_order"), (5, "first_order"), (7, "zero_order")])
@@ -238,11 +238,11 @@ def test_an_observer_alone_says_its_limit(taylor_states: int, hold: str) -> None
     """As part of a compensation, where no law knows of it."""
     made = GpiObserver(mass=5.0, omega_o=3000.0, taylor_states=taylor_states, hold=hold)
     with pytest.raises(ParameterError, match=r"omega_o T = [0-9.]+ is [0-9.]+ over the limit") as refused:
-        made.fits(2e-3)
+        tree.check_sampled(made, 2e-3)
     rate = float(re.findall(r"omega_o <= ([0-9.]+)", str(refused.value))[0])
-    dataclasses.replace(made, omega_o=0.999 * rate).fits(2e-3)
+    tree.check_sampled(dataclasses.replace(made, omega_o=0.999 * rate), 2e-3)
     with pytest.raises(ParameterError):
-        dataclasses.replace(made, omega_o=1.001 * rate).fits(2e-3)
+        tree.check_sampled(dataclasses.replace(made, omega_o=1.001 * rate), 2e-3)
 
 
 @pytest.mark.parametrize("late", all_but([1], [0, 1, 3], "the same search of a limit for other dead times"))
@@ -263,7 +263,7 @@ def test_what_is_admitted_is_stable_and_what_is_refused_is_not(late: int) -> Non
     for _ in range(12):
         middle = 0.5 * (good + bad)
         try:
-            made.fits(middle)
+            tree.check_sampled(made, middle)
         except ParameterError:
             bad = middle
         else:
@@ -301,9 +301,9 @@ def _poles(loop: Loop) -> np.ndarray:
 def test_a_tracking_frequency_beyond_the_observer_is_refused_with_the_largest() -> None:
     made = law(omega_c=300.0)
     with pytest.raises(ParameterError, match="take omega_c <= ") as refused:
-        made.fits(2.5e-3)
+        tree.check_sampled(made, 2.5e-3)
     largest = float(re.findall(r"omega_c <= ([0-9.]+)", str(refused.value))[0])
-    dataclasses.replace(made, omega_c=0.999 * largest).fits(2.5e-3)
+    tree.check_sampled(dataclasses.replace(made, omega_c=0.999 * largest), 2.5e-3)
 
 
 @pytest.mark.parametrize("omega_c", [1e6, 1e12])
@@ -311,7 +311,7 @@ def test_a_tracking_frequency_that_is_absurd_gets_the_same_remedy(omega_c: float
     def refusal(value: float) -> str:
         made = ActiveDisturbanceRejection(mass=40.0, omega_c=value, observer=GpiObserver(mass=40.0, omega_o=500.0))
         with pytest.raises(ParameterError) as refused:
-            made.fits(1e-4)
+            tree.check_sampled(made, 1e-4)
         return str(refused.value)
 
     near, far = (refusal(value).split("take omega_c <= ")[1].split()[0] for value in (2e4, omega_c))

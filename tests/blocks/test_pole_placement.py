@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 import feeddrive as fd
 from feeddrive.blocks.plant.two_bodies import place, polynomial, series, two_bodies
 from feeddrive.blocks.signals import Reading, Setpoint
+from feeddrive.language import tree
 from feeddrive.language.errors import ParameterError, StructureError
 
 MODEL = fd.TwoMass(
@@ -365,9 +366,9 @@ def test_a_model_of_another_form_is_refused() -> None:
 
 def test_poles_beyond_nyquist_are_refused_with_the_nearest_value() -> None:
     with pytest.raises(ParameterError, match=r"bandwidth < 5000 Hz"):
-        law(bandwidth=6000.0).fits(1e-4)
+        tree.check_sampled(law(bandwidth=6000.0), 1e-4)
     with pytest.raises(ParameterError, match=r"rigid_frequency < 505\.1"):
-        law(rigid_frequency=600.0, rigid_damping=5.0).fits(1e-4)
+        tree.check_sampled(law(rigid_frequency=600.0, rigid_damping=5.0), 1e-4)
 
 
 def test_one_encoder_is_refused() -> None:

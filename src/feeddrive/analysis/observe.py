@@ -95,7 +95,7 @@ def observe(
         raise LogError("positions and forces for an observer must be finite: cut the rows without a reading out")
     if not 0.0 < sample_time < np.inf:
         raise ParameterError(f"sample_time = {sample_time:g} s must be > 0 s")
-    observer.fits(float(sample_time))
+    tree.check_sampled(observer, float(sample_time))
     T = np.float64(sample_time)
     plain = tree.rebuild(observer, (np.float64(value) for _, value in tree.leaves(observer)))
     last = x[0] - velocity * T

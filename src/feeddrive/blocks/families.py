@@ -1,8 +1,8 @@
 """The families of blocks, and the few questions that each member answers.
 
 A member is final: it fills in what is abstract here and overrides nothing that has a body, except the empty hooks
-`prepare`, `retune`, `period`, `check`, `fed`, `lag`, `settled` and `fits`.  Its `step` is pure: state goes in and
-comes out.
+`prepare`, `retune`, `period`, `check`, `rules`, `sampled_rules`, `fed`, `lag`, `settled`, `suits` and `fits`.  Its
+`step` is pure: state goes in and comes out.
 
     prepare(T)   work that depends on parameters only, done once per run; returns a named tuple of numbers
     start(...)   the state of a block that has been at rest for ever
@@ -171,15 +171,9 @@ class Law(Block, ABC):
         """As it is while no limit of its own acts; linear models take this (empty hook)."""
         return self
 
-    def fits(self, sample_time: float) -> None:
-        """Raise ParameterError if the law cannot run at this sample time (empty hook)."""
-
 
 class Filter(Block, ABC):
     """A scalar filter in the forward path."""
-
-    def fits(self, sample_time: float) -> None:
-        """Raise ParameterError if the filter cannot run at this sample time (empty hook)."""
 
     @abstractmethod
     def prepare(self, T: Number) -> Any:
@@ -257,9 +251,6 @@ class Observer(Block, ABC):
         """s by which the estimate of a slow disturbance comes late; 0.0 where it is not known (empty hook)."""
         return 0.0
 
-    def fits(self, sample_time: float) -> None:
-        """Raise ParameterError if the observer cannot run at this sample time (empty hook)."""
-
 
 class Compensation(Block, ABC):
     """What goes beside any law: it moves the setpoint, or adds a force, by what it learns from the reading.
@@ -289,8 +280,8 @@ class Compensation(Block, ABC):
         """As it is after a long time, when what blends in has done so; linear models take this (empty hook)."""
         return self
 
-    def fits(self, law: Law, sample_time: float) -> None:
-        """Raise StructureError, with the reason, if it makes no sense with this law or sample time (empty hook)."""
+    def suits(self, law: Law) -> None:
+        """Raise StructureError, with the reason, if it makes no sense with this law (empty hook)."""
 
 
 class Cutter(Block, ABC):

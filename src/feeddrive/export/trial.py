@@ -86,7 +86,7 @@ def _changes(routine: Routine, places: list[int], random: np.random.Generator) -
             moved = {variable.path: _moved(variable, random) for variable in (list(first.values())[i] for i in chosen)}
             try:
                 after = tree.vary(both, moved)
-                after.control.fits(routine.sample_time)
+                tree.check_sampled(after, routine.sample_time)
             except FeeddriveError:
                 continue
             both, found[sample] = after, moved

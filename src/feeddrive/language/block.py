@@ -21,8 +21,9 @@ from __future__ import annotations
 import dataclasses
 import math
 import re
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import MISSING, dataclass, field
-from typing import Any, ClassVar, TypeAlias, dataclass_transform
+from typing import Any, ClassVar, NamedTuple, TypeAlias, dataclass_transform
 
 import numpy as np
 
@@ -31,6 +32,7 @@ from feeddrive.language.graph import Symbol
 
 # A number of a law: float in a single run, array over lanes in the oracle, Symbol in a trace.
 Number: TypeAlias = float
+LARGEST = float(np.finfo(np.float64).max)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,14 +53,37 @@ class Declaration:
         signs = (("> ", self.above), (">= ", self.least), ("< ", self.below), ("<= ", self.most))
         return " and ".join(f"{sign}{bound:g} {self.unit}".rstrip() for sign, bound in signs if bound is not None)
 
+    def conditions(self, value: Number) -> Iterator[Any]:
+        """What must be true of a number or a symbol: it is finite and keeps the bounds."""
+        yield value >= -LARGEST
+        yield value <= LARGEST
+        if self.above is not None:
+            yield value > self.above
+        if self.least is not None:
+            yield value >= self.least
+        if self.below is not None:
+            yield value < self.below
+        if self.most is not None:
+            yield value <= self.most
+
     def admits(self, value: float) -> bool:
-        """True if a finite value keeps the bounds."""
-        return (
-            (self.above is None or value > self.above)
-            and (self.least is None or value >= self.least)
-            and (self.below is None or value < self.below)
-            and (self.most is None or value <= self.most)
-        )
+        """True if a value is finite and keeps the bounds."""
+        return all(self.conditions(value))
+
+
+class Rule(NamedTuple):
+    """A condition on the parameters of a block, in arithmetic that means the same on numbers and on symbols.
+
+    The constructor takes it as its check, and an export computes it on the target.
+
+    holds     truth value
+    sentence  what must hold, for a person who reads the code of a refusal
+    refusal   what the constructor says, with the numbers and what to do
+    """
+
+    holds: Any
+    sentence: str
+    refusal: Callable[[], str]
 
 
 def parameter(
@@ -135,14 +160,61 @@ class Block:
         for name, declaration in declarations(type(self)).items():
             value = getattr(self, name)
             object.__setattr__(self, name, checked(self.kind, name, declaration, value))
-        self.check()
+        self.require()
 
     def check(self) -> None:
-        """Raise ParameterError where parameters do not fit each other; a block overrides this empty one."""
+        """Raise an error where parts or choices do not fit each other (empty hook)."""
+
+    def rules(self) -> Iterator[Rule]:
+        """What must hold between the parameters (empty hook)."""
+        yield from ()
+
+    def sampled_rules(self, T: Number) -> Iterator[Rule]:
+        """What must hold at a sample time in s, where the block runs on a controller or is simulated (empty hook)."""
+        yield from ()
+
+    def require(self) -> None:
+        """Raise the error of `check`, or ParameterError for the first of `rules` that does not hold."""
+        self.check()
+        if type(self).rules is not Block.rules:
+            enforce(self, lambda block: block.rules())
 
     def __repr__(self) -> str:
         shown = ", ".join(f"{name}={getattr(self, name)!r}" for name in declarations(type(self)))
         return f"{type(self).__name__}({shown})"
+
+
+def enforce(block: Block, rules: Callable[[Any], Iterable[Rule]]) -> None:
+    """Raise ParameterError for the first rule of a block that does not hold.
+
+    The rules are computed as a target computes them, where a division by zero is infinite and no error.  A block with
+    symbols is a trace; variants in lanes are checked as the single blocks that they come from.
+    """
+    plain = _plain(block)
+    if plain is None:
+        return
+    with np.errstate(all="ignore"):
+        for rule in rules(plain):
+            if not rule.holds:
+                raise ParameterError(rule.refusal())
+
+
+def _plain(block: Block) -> Block | None:
+    """The same block with numpy's numbers for parameters; None if one of them is an array or a symbol."""
+    made = object.__new__(type(block))
+    for name, declared in declarations(type(block)).items():
+        value = getattr(block, name)
+        if value is not None and declared.role == "parameter":
+            if not isinstance(value, float):
+                return None
+            value = np.float64(value)
+        elif value is not None and declared.role == "part":
+            parts = [_plain(each) for each in (value if isinstance(value, tuple) else (value,))]
+            if None in parts:
+                return None
+            value = tuple(parts) if isinstance(value, tuple) else parts[0]
+        object.__setattr__(made, name, value)
+    return made
 
 
 def declarations(block: type[Block]) -> dict[str, Declaration]:

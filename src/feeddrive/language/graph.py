@@ -20,13 +20,14 @@ from feeddrive.language.errors import StructureError
 
 # Operations on numbers by name, and how many arguments they take.  "select" takes a truth value first;
 # "lt", "le", "eq", "and", "or" and "not" return one.  "table" and "input" are leaves.
+# "decays" takes the entries of a square matrix, row by row; it is computed once, for a rule, never in a step.
 ARITY: dict[str, int] = {
     "add": 2, "sub": 2, "mul": 2, "div": 2, "neg": 1, "abs": 1, "sqrt": 1, "floor": 1,
     "lt": 2, "le": 2, "eq": 2, "and": 2, "or": 2, "not": 1, "select": 3,
     "exp": 1, "expm1": 1, "log": 1, "sin": 1, "cos": 1, "tanh": 1, "atan": 1,
     "power_of_two": 1, "exponent": 1, "quantise": 2, "uniform": 3, "gather": 2,
 }  # fmt: skip
-TRUTH = frozenset({"lt", "le", "eq", "and", "or", "not"})
+TRUTH = frozenset({"lt", "le", "eq", "and", "or", "not", "decays"})
 # Functions with an own implementation in `mathematics.py`; everything else maps to one machine operation or a few.
 ELEMENTARY = frozenset({"exp", "expm1", "log", "sin", "cos", "tanh", "atan"})
 

@@ -12,6 +12,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from feeddrive.language import ops
+from feeddrive.language.graph import Symbol
 
 Row: TypeAlias = tuple[Any, ...]
 Matrix: TypeAlias = tuple[Row, ...]
@@ -105,19 +106,29 @@ def expm1(a: Sequence[Sequence[Any]]) -> Matrix:
     s is the least with ‖A‖∞/2ˢ <= 1/2, for each lane on its own; 2⁹ is the largest norm.  Without the 1 the result
     keeps the digits of a small A, so that an axis at rest does not creep by the rounding of ones.
     """
+    return expm1_doubled(a)[0][-1]
+
+
+def expm1_doubled(a: Sequence[Sequence[Any]]) -> tuple[list[Matrix], Any]:
+    """What `expm1` comes by: e^(A/2ˢ) - 1, e^(2A/2ˢ) - 1, ..., e^A - 1, and s.
+
+    On symbols, for which s is not known, there are eleven; the last ones repeat e^A - 1.
+    """
     norm = _norm(a)
     squarings: Any = 0.0
     for s in range(MOST_SQUARINGS):
         squarings = ops.where(norm > 0.5 * 2.0**s, s + 1.0, squarings)
     small = scale(1.0 / ops.power_of_two(squarings), a)
     total = _series(small)
+    found = [total]
     for s in range(_most(squarings)):
         squared = add(scale(2.0, total), multiply(total, total))
         total = tuple(
             tuple(x if is_zero(x) and is_zero(y) else ops.where(squarings > s, x, y) for x, y in zip(r, q, strict=True))
             for r, q in zip(squared, total, strict=True)
         )
-    return total
+        found.append(total)
+    return found, squarings
 
 
 def _series(a: Matrix) -> Matrix:
@@ -153,8 +164,39 @@ def _most(squarings: Any) -> int:
     return int(ops.most(squarings, MOST_SQUARINGS))
 
 
+SQUARINGS, TOO_LARGE = 48, 1e150
+
+
+def decays(a: Sequence[Sequence[Any]]) -> Any:
+    """True if the powers of a square matrix fall towards 0: all |eigenvalues| are below 1, for rules.
+
+    It is squared until its norm, the largest sum of sizes in a row, is below 1 (true) or above 1e150, or 48 times
+    (false): eigenvalues closer to 1 than some 1e-13 are not told from it.  False for numbers that are not finite.
+    """
+    graph = next((x.graph for row in a for x in row if isinstance(x, Symbol)), None)
+    if graph is not None:
+        return graph.apply("decays", *(x for row in a for x in row))
+    power = np.array(a, dtype=np.float64)
+    columns = range(len(power))
+    with np.errstate(all="ignore"):
+        for _ in range(SQUARINGS):
+            sizes = np.abs(power)
+            norm = sizes[:, 0]
+            for k in columns[1:]:
+                norm = norm + sizes[:, k]
+            if not np.all(norm < TOO_LARGE):
+                return False
+            if np.all(norm < 1.0):
+                return True
+            squared = power[:, :1] * power[:1, :]
+            for k in columns[1:]:
+                squared = squared + power[:, k : k + 1] * power[k : k + 1, :]
+            power = squared
+    return False
+
+
 def growth(a: Sequence[Sequence[float]]) -> float:
-    """Largest |eigenvalue| of a matrix of floats, the rate at which its powers grow: for checks, not for steps.
+    """Largest |eigenvalue| of a matrix of floats, the rate at which its powers grow: for what a refusal says.
 
     Infinite for a matrix with numbers that are not finite.
     """

@@ -14,7 +14,7 @@ from typing import Any, TypeVar, cast
 import numpy as np
 
 from feeddrive.language import ops
-from feeddrive.language.block import Block, Declaration, checked, declarations
+from feeddrive.language.block import Block, Declaration, Number, Rule, checked, declarations, enforce
 from feeddrive.language.errors import ParameterError
 
 Tree = TypeVar("Tree")
@@ -117,8 +117,19 @@ def vary(block: Tree, changes: Mapping[str, Any]) -> Tree:
     varied = rebuild(block, (given.get(name, value) for name, value in leaves(block)))
     for part in blocks(varied):
         if not lengths:
-            part.check()
+            part.require()
     return varied
+
+
+def sampled_rules(tree: Any, T: Number) -> Iterator[Rule]:
+    """The rules of every block of a tree at a sample time in s, outermost first."""
+    for block in blocks(tree):
+        yield from block.sampled_rules(T)
+
+
+def check_sampled(block: Block, sample_time: float) -> None:
+    """Raise ParameterError for the first rule that a block or a part of it breaks at a sample time in s."""
+    enforce(block, lambda plain: sampled_rules(plain, np.float64(sample_time)))
 
 
 def blocks(tree: Any) -> Iterator[Block]:

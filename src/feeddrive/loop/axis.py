@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 from feeddrive.blocks.actuator.actuator import Actuator
 from feeddrive.blocks.families import Force, Friction, Mechanics, Nothing, Plant, Sensor
 from feeddrive.blocks.signals import Motion, Noise
 from feeddrive.language import matrix, ops
-from feeddrive.language.block import Block, Number, choice, part
+from feeddrive.language.block import Block, Number, Rule, choice, part
 from feeddrive.language.errors import StructureError
 from feeddrive.loop.contacts import Contact, plus, settle, share_mass
+from feeddrive.loop.fastest import slow_enough
 from feeddrive.loop.hold import Hold, Timing, hold
 
 # noise channels of the encoders; each has room for several kinds of noise
@@ -62,6 +64,10 @@ class Axis(Block):
             )
         for i, force in enumerate(self.forces):
             force.fits(self.plant, self.forces[:i] + self.forces[i + 1 :])
+
+    def sampled_rules(self, T: Number) -> Iterator[Rule]:
+        """The exact hold of a substep can be computed."""
+        return slow_enough(self.mechanics(), self.actuator.current_loop, T / self.substeps)
 
     def timing(self, T: float) -> Timing:
         """How many whole samples of dead time there are, and whether a part is left. All lanes must agree."""

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 from feeddrive.blocks.families import FEEDS, Compensation, Feedforward, Filter, Law, Nothing, Prefilter
 from feeddrive.blocks.signals import Reading, Setpoint
 from feeddrive.language import ops, tree
-from feeddrive.language.block import Block, Number, parameter, part
-from feeddrive.language.errors import ParameterError, StructureError
+from feeddrive.language.block import Block, Number, Rule, parameter, part
+from feeddrive.language.errors import StructureError
 from feeddrive.loop.guard import Guard
 
 
@@ -65,14 +66,23 @@ class Control(Block):
         trip: Number
         running: Number
 
-    def check(self) -> None:
-        """Nothing of the set motion may be fed forward twice; the safe force is within the limit."""
+    def rules(self) -> Iterator[Rule]:
+        """The safe force is within the limit."""
         limit, held = self.force_limit, None if self.guard is None else self.guard.safe_force
-        if isinstance(limit, float) and isinstance(held, float) and abs(held) > limit:
-            raise ParameterError(
-                f"control.guard.safe_force = {held:g} N is beyond control.force_limit = {limit:g} N by "
-                f"{abs(held) - limit:g} N: raise the limit, or lower the force"
+        if limit is not None and held is not None:
+            yield Rule(
+                ops.absolute(held) <= limit,
+                "guard.safe_force is within the force_limit",
+                lambda: (
+                    f"control.guard.safe_force = {held:g} N is beyond control.force_limit = {limit:g} N by "
+                    f"{abs(held) - limit:g} N: raise the limit, or lower the force"
+                ),
             )
+
+    def check(self) -> None:
+        """Nothing of the set motion may be fed forward twice; compensations suit the law."""
+        for block in self.compensation:
+            block.suits(self.law)
         fed = dict.fromkeys(self.law.feeds, self.law.kind)
         for i, block in enumerate(self.feedforward):
             for name in (each for each in FEEDS if each in block.fed()):
@@ -82,14 +92,6 @@ class Control(Block):
                         f"already: the force would act twice; leave one of them out"
                     )
                 fed[name] = block.kind
-
-    def fits(self, sample_time: float) -> None:
-        """Raise ParameterError or StructureError for a part that cannot run at the sample time, or with the law."""
-        self.law.fits(sample_time)
-        for block in self.compensation:
-            block.fits(self.law, sample_time)
-        for filter_ in self.filters:
-            filter_.fits(sample_time)
 
     def prepare(self, T: Number) -> Prepared:
         """Of every part."""

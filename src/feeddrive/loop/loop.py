@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Annotated, Any, NamedTuple
 
 from feeddrive.blocks.signals import Noise, Setpoint
-from feeddrive.language.block import Block, Number, label, parameter, part
+from feeddrive.language import tree
+from feeddrive.language.block import Block, Number, Rule, label, parameter, part
 from feeddrive.language.errors import StructureError
 from feeddrive.language.units import Unit, units_of
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.control import Control
-from feeddrive.loop.fastest import check_fastest
 from feeddrive.loop.hold import Hold, Timing
 
 
@@ -77,7 +78,7 @@ class Loop(Block):
         axis: Any
 
     def check(self) -> None:
-        """Dead time and fastest motion can be simulated; the parts of the control fit sample time, axis and law."""
+        """The law finds the encoders that it needs; the dead time can be simulated."""
         if self.control.law.encoders > self.axis.encoders():
             raise StructureError(
                 f"control.law: {self.control.law.kind} needs the position of the motor and that of the load, but the "
@@ -85,8 +86,10 @@ class Loop(Block):
             )
         if isinstance(self.sample_time, float) and isinstance(self.axis.actuator.dead_time, float):
             self.timing()
-            check_fastest(self.axis, self.sample_time)
-            self.control.fits(self.sample_time)
+
+    def rules(self) -> Iterator[Rule]:
+        """What every part asks for at this sample time."""
+        return tree.sampled_rules(self, self.sample_time)
 
     def timing(self) -> Timing:
         """The structure that the dead time leaves."""

@@ -115,7 +115,9 @@ class ControllerRun:
         """Other parameters, by their dotted names, from the next sample on. Raises ParameterError as the blocks do."""
         self._unload()
         before, made = self._plain.control, self._made
-        self._both = tree.vary(self._both, changes)
+        changed = tree.vary(self._both, changes)
+        tree.check_sampled(changed, float(self.T))
+        self._both = changed
         self._prepare()
         with np.errstate(all="ignore"):
             self.state = self._plain.control.retune(self.state, before, made, self._made)

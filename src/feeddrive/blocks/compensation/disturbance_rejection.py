@@ -45,14 +45,13 @@ class DisturbanceRejection(Compensation):
         observer: Any
         reached: tuple[Number, ...]
 
-    def fits(self, law: Law, sample_time: float) -> None:
-        """The law does not subtract a disturbance itself; the observer can run."""
+    def suits(self, law: Law) -> None:
+        """The law does not subtract a disturbance itself."""
         if law.rejects:
             raise StructureError(
                 f"control.compensation: disturbance_rejection under {law.kind}, which subtracts the disturbance of its "
                 f"own observer already: the force would act twice; leave the rejection out"
             )
-        self.observer.fits(sample_time)
 
     def settled(self) -> DisturbanceRejection:
         """With the whole share."""

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 from feeddrive.blocks.compensation.machine_mode import MachineMode
-from feeddrive.blocks.families import Compensation, Friction, Law, Observer
-from feeddrive.blocks.filter.biquad import check_below_nyquist
+from feeddrive.blocks.families import Compensation, Friction, Observer
+from feeddrive.blocks.filter.biquad import below_nyquist
 from feeddrive.blocks.signals import Reading, Setpoint
 from feeddrive.language import matrix, ops
-from feeddrive.language.block import Number, parameter, part
+from feeddrive.language.block import Number, Rule, parameter, part
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.matrix import Matrix, Row
 
@@ -63,11 +64,10 @@ class ModeCompensation(Compensation):
         if not self.modes:
             raise ParameterError("mode_compensation.modes is empty: give at least one mode, or leave it out")
 
-    def fits(self, law: Law, sample_time: float) -> None:
-        """All modes lie below half the sample rate; the observer can run."""
+    def sampled_rules(self, T: Number) -> Iterator[Rule]:
+        """All modes lie below half the sample rate."""
         for i, mode in enumerate(self.modes):
-            check_below_nyquist(f"mode_compensation.modes.{i}.frequency", mode.frequency, sample_time)
-        self.observer.fits(sample_time)
+            yield below_nyquist(self.kind, f"modes.{i}.frequency", mode.frequency, T)
 
     def prepare(self, T: Number) -> Prepared:
         """Matrix exponentials of the modes."""

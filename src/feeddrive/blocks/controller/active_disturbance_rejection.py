@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple
 
 from feeddrive.blocks.families import Law, Observer
 from feeddrive.blocks.signals import Reading, Setpoint
 from feeddrive.language import matrix, ops, tree
-from feeddrive.language.block import Number, parameter, part
-from feeddrive.language.errors import ParameterError
+from feeddrive.language.block import Number, Rule, parameter, part
 
 _SURE = 1.0 - 1e-9  # of a remedy: so slow that rounding decides is no remedy
 
@@ -72,17 +71,17 @@ class ActiveDisturbanceRejection(Law):
         """That of the observer."""
         return self.State(self.observer.retune(state.observer, old.observer, old_prepared, prepared))
 
-    def fits(self, sample_time: float) -> None:
-        """The observer can run, and the loop on a rigid axis of this mass is stable, with the dead time it knows of."""
-        if all(isinstance(value, float) for _, value in tree.leaves(self)):  # variants are checked as single laws
-            growth = self._growth(sample_time)
-            if not growth < 1.0:
-                raise ParameterError(self._refusal(sample_time, growth))
-        self.observer.fits(sample_time)
+    def sampled_rules(self, T: Number) -> Iterator[Rule]:
+        """The loop on a rigid axis of this mass is stable, with the dead time that the observer knows of."""
+        yield Rule(
+            matrix.decays(self._sample(T)),
+            "the loop on a rigid axis of this mass is stable, with the dead time that the observer knows of",
+            lambda: self._refusal(T),
+        )
 
-    def _refusal(self, T: float, growth: float) -> str:
+    def _refusal(self, T: float) -> str:
         """What is broken, by how much, and the nearest admissible sample time and knobs."""
-        remedies = []
+        growth, remedies = self._growth(T), list[str]()
         slowest = _nearest(lambda value: self._growth(value) < _SURE, T)
         if slowest is not None:
             remedies.append(f"sample every {slowest:.4g} s or faster")
@@ -99,14 +98,18 @@ class ActiveDisturbanceRejection(Law):
         )
 
     def _growth(self, T: float) -> float:
-        """Largest |z| of law, observer, dead time and a free mass: the matrix of one sample, column by column."""
+        """Largest |z| of law, observer, dead time and a free mass."""
+        return matrix.growth(self._sample(T))
+
+    def _sample(self, T: Number) -> list[list[Any]]:
+        """The matrix of one sample of law, observer, dead time and a free mass, transposed, which decays alike."""
         prepared = self.prepare(T)
         rest = Setpoint(0.0)
         start = self.start(prepared, rest, Reading(0.0, 0.0))
         late = int(getattr(self.observer, "delay_samples", 0))
-        first = [0.0] * (3 + late) + [float(value) for _, value in tree.leaves(start)]
+        first = [0.0] * (3 + late) + [value for _, value in tree.leaves(start)]
 
-        def after(x: list[float]) -> list[float]:
+        def after(x: list[Any]) -> list[Any]:
             """Position, velocity, commands (newest first) and states one sample after they were x."""
             position, velocity, *commands = x[: 3 + late]
             state = tree.rebuild(start, iter(x[3 + late :]))
@@ -115,14 +118,14 @@ class ActiveDisturbanceRejection(Law):
             commands = [force, *commands[:late]]
             push = commands[late] / self.mass
             moved = (position + T * velocity + 0.5 * T * T * push, velocity + T * push)
-            return [float(value) for value in (*moved, *commands, *(leaf for _, leaf in tree.leaves(state)))]
+            return [*moved, *commands, *(leaf for _, leaf in tree.leaves(state))]
 
         still = after(first)
-        rows = []
+        rows: list[list[Any]] = []
         for i in range(len(first)):
-            moved = after([value + (1.0 if i == j else 0.0) for j, value in enumerate(first)])
-            rows.append([a - b for a, b in zip(moved, still, strict=True)])
-        return matrix.growth(rows)  # of the transpose, which has the same eigenvalues
+            moved = after([value + 1.0 if i == j else value for j, value in enumerate(first)])
+            rows.append([a if matrix.is_zero(b) else a - b for a, b in zip(moved, still, strict=True)])
+        return rows
 
 
 def _nearest(admissible: Callable[[float], bool], refused: float) -> float | None:

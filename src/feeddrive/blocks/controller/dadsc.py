@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Iterator
+from typing import Any, NamedTuple
 
 from feeddrive.blocks.controller.polynomial_stability import is_stable, largest_share, product
 from feeddrive.blocks.families import Law
 from feeddrive.blocks.signals import Reading, Setpoint
 from feeddrive.language import ops
-from feeddrive.language.block import Number, choice, parameter
-from feeddrive.language.errors import ParameterError
+from feeddrive.language.block import Number, Rule, choice, parameter
 
 
 class DADSC(Law):
@@ -98,12 +98,18 @@ class DADSC(Law):
         """What (5) has summed up beyond -g2 s(k) is an integral, a force: it goes on; -g2 s(k) takes the new g2."""
         return state._replace(estimate=state.estimate + (old_prepared.g2 - prepared.g2) * state.sliding)
 
-    def fits(self, sample_time: float) -> None:
+    def sampled_rules(self, T: Number) -> Iterator[Rule]:
         """The sampled loop around m x'' = F, without any dead time, is stable at this sample time."""
         rates = (self.tracking_rate, self.reaching_rate, self.adaptation_rate)
-        ratio, T = self.adaptation_ratio, sample_time
-        if not all(isinstance(number, float) for number in (*rates, ratio)) or _stable(rates, ratio, T):
-            return
+        yield Rule(
+            _stable(rates, self.adaptation_ratio, T),
+            "the loop around a free mass, without any dead time, is stable with these rates and this ratio",
+            lambda: self._refusal(rates, T),
+        )
+
+    def _refusal(self, rates: tuple[Number, Number, Number], T: Number) -> str:
+        """Which bounds are broken, and the nearest admissible numbers."""
+        ratio = self.adaptation_ratio
         if ratio != 1.0 and _stable(rates, 1.0, T):
             nearest = 1.0 + (ratio - 1.0) * largest_share(lambda part: _stable(rates, 1.0 + part * (ratio - 1.0), T))
             side, why = (
@@ -114,7 +120,7 @@ class DADSC(Law):
                     "below that g1 drives the estimate faster than the reaching of the sliding line damps it",
                 )
             )
-            raise ParameterError(
+            return (
                 f"dadsc.adaptation_ratio = {ratio:g} must be at {side} {nearest:.6g} at these rates: {why}; 1 is "
                 f"g2 = g1/Q"
             )
@@ -123,14 +129,14 @@ class DADSC(Law):
             f"{name} = {rate:g} 1/s (must be below {share * rate:.4g})"
             for name, rate in zip(self.knobs, rates, strict=True)
         )
-        raise ParameterError(
+        return (
             f"dadsc: {bounds}: {100.0 * (1.0 / share - 1.0):.3g} % too fast for the sample time {T:g} s, since the "
             f"loop is then unstable without any dead time. Stay below these bounds, in the same ratios, or sample "
             f"faster; with d samples of dead time 0.19/((d + 1) T) = {0.19 / T:.4g}/(d + 1) 1/s for each keeps Ms <= 2"
         )
 
 
-def _stable(rates: tuple[Number, Number, Number], ratio: Number, T: float) -> bool:
+def _stable(rates: tuple[Number, Number, Number], ratio: Number, T: Number) -> Any:
     """Whether the loop around m x'' = F, held over the sample, is stable with these rates λ, K, ω_d.
 
     In q = z⁻¹ and D = 1 - q it closes as D³ + q (1 + q)/2 · [(k D + (1 + k) w - ratio w q)(l + D) + l D²] = 0 with
@@ -138,7 +144,7 @@ def _stable(rates: tuple[Number, Number, Number], ratio: Number, T: float) -> bo
     q = (1 - y)/(1 + y) the circle is the half plane Re y < 0; with y in units of the fastest rate slow loops keep their
     digits.
     """
-    fastest = max(rates) * T
+    fastest = ops.maximum(ops.maximum(rates[0], rates[1]), rates[2]) * T
     l, k, w = (rate * T / fastest for rate in rates)  # noqa: E741
     adapting = [w * ((1.0 - ratio) / fastest + k), 2.0 * k + w * (1.0 + fastest * k + ratio)]
     inner = product(adapting, [l, 2.0 + fastest * l])

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 from feeddrive.blocks.families import Law, Nothing, Plant
 from feeddrive.blocks.plant.two_bodies import (
     Gains,
-    check_controllable,
+    TwoBodies,
+    controllable,
     lag,
     place,
     polynomial,
@@ -16,9 +18,8 @@ from feeddrive.blocks.plant.two_bodies import (
     two_bodies,
 )
 from feeddrive.blocks.signals import Reading, Setpoint
-from feeddrive.language import ops
-from feeddrive.language.block import Number, choice, parameter, part
-from feeddrive.language.errors import ParameterError
+from feeddrive.language import matrix, ops
+from feeddrive.language.block import Number, Rule, choice, parameter, part
 
 AXIAL_SHARE = 0.975  # of the axial mode's own frequency: to move a mode wastes force, to damp it does not
 
@@ -94,26 +95,37 @@ class PolePlacement(Law):
         lead: Any
 
     def check(self) -> None:
-        """The model has two bodies and lets its poles be moved; the exact lag is stable."""
+        """The model has two bodies."""
+        two_bodies(self.kind, self.model)
+
+    def rules(self) -> Iterator[Rule]:
+        """The model lets its poles be moved; the exact lag is stable."""
         bodies = two_bodies(self.kind, self.model)
-        check_controllable(self.kind, bodies)
-        m12 = bodies.m12
-        if self.commands == "exact" and isinstance(m12, float) and m12 != 0.0:
-            c, k = -bodies.c12, bodies.k
-            if m12 > 0.0:
-                pole = (c + ops.sqrt(c * c + 4.0 * m12 * k)) / (2.0 * m12)
-                why = f"is unstable, as for every value > 0 kg: its pole is at +{pole:.6g} 1/s"
-            else:
-                ringing = ops.sqrt(-k / m12)
-                ratio = -0.5 * c / (m12 * ringing)
-                why = f"rings at {ringing / (2.0 * ops.pi):.4g} Hz with a damping ratio of {ratio:.3g}"
-            raise ParameterError(
-                f"{self.kind}.commands = 'exact': with model.coupling_mass = {m12:g} kg the exact filter of the screw's"
-                f" set position {why}; the nearest admissible coupling_mass is 0 kg, {abs(m12):g} kg away: leave it "
-                f"out, or take commands = 'series'"
+        yield controllable(self.kind, bodies)
+        if self.commands == "exact" and not matrix.is_zero(bodies.m12):
+            yield Rule(
+                ops.equal(bodies.m12, 0.0),
+                "model.coupling_mass is 0 where commands = 'exact': the filter of the screw's set position is stable",
+                lambda: self._unstable_lag(bodies),
             )
 
-    def fits(self, sample_time: float) -> None:
+    def _unstable_lag(self, bodies: TwoBodies) -> str:
+        """How the exact filter of the screw's set position misbehaves."""
+        m12, c, k = bodies.m12, -bodies.c12, bodies.k
+        if m12 > 0.0:
+            pole = (c + ops.sqrt(c * c + 4.0 * m12 * k)) / (2.0 * m12)
+            why = f"is unstable, as for every value > 0 kg: its pole is at +{pole:.6g} 1/s"
+        else:
+            ringing = ops.sqrt(-k / m12)
+            ratio = -0.5 * c / (m12 * ringing)
+            why = f"rings at {ringing / (2.0 * ops.pi):.4g} Hz with a damping ratio of {ratio:.3g}"
+        return (
+            f"{self.kind}.commands = 'exact': with model.coupling_mass = {m12:g} kg the exact filter of the screw's"
+            f" set position {why}; the nearest admissible coupling_mass is 0 kg, {abs(m12):g} kg away: leave it "
+            f"out, or take commands = 'series'"
+        )
+
+    def sampled_rules(self, T: Number) -> Iterator[Rule]:
         """All poles lie below half the sample rate."""
         for name, frequency, damping in (
             ("bandwidth", self.bandwidth, 1.0),
@@ -121,13 +133,7 @@ class PolePlacement(Law):
             ("axial_frequency", self._axial(), self.axial_damping),
         ):
             spread = ops.maximum(damping, 1.0) + ops.sqrt(ops.maximum(damping * damping - 1.0, 0.0))
-            fastest, nyquist = frequency * spread, 0.5 / sample_time
-            if isinstance(fastest, float) and fastest >= nyquist:
-                raise ParameterError(
-                    f"{self.kind}.{name} = {frequency:g} Hz with a damping ratio of {damping:g} places a pole at "
-                    f"{fastest:g} Hz, {fastest / nyquist:.3g} times half the sample rate: it must be below {nyquist:g} "
-                    f"Hz, which {name} < {nyquist / spread:g} Hz gives; lower it, or sample faster"
-                )
+            yield _below_nyquist(self.kind, name, frequency, damping, spread, 0.5 / T)
 
     def _rigid(self) -> Number:
         return self.bandwidth if self.rigid_frequency is None else self.rigid_frequency
@@ -220,3 +226,17 @@ class PolePlacement(Law):
             for held, before, new in zip(state.lead, state.relaxed, now, strict=True)
         )
         return self.Lead(now, (position, velocity))
+
+
+def _below_nyquist(kind: str, name: str, frequency: Number, damping: Number, spread: Number, nyquist: Number) -> Rule:
+    """A pair whose fastest pole, `spread` times its frequency, lies below half the sample rate (Hz)."""
+    fastest = frequency * spread
+    return Rule(
+        fastest < nyquist,
+        f"the fastest pole that {name} and its damping ratio place is below half the sample rate",
+        lambda: (
+            f"{kind}.{name} = {frequency:g} Hz with a damping ratio of {damping:g} places a pole at "
+            f"{fastest:g} Hz, {fastest / nyquist:.3g} times half the sample rate: it must be below {nyquist:g} "
+            f"Hz, which {name} < {nyquist / spread:g} Hz gives; lower it, or sample faster"
+        ),
+    )

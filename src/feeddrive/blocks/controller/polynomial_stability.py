@@ -1,29 +1,32 @@
-"""Whether a polynomial is stable, for `fits`: on numbers, never in a trace."""
+"""Whether a polynomial is stable, for rules: on numbers and in a trace."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import Any
+
+from feeddrive.language import ops
+from feeddrive.language.block import Number
 
 
-def is_stable(coefficients: Sequence[float]) -> bool:
+def is_stable(coefficients: Sequence[Number]) -> Any:
     """True if c0 + c1 w + ... + cn wⁿ has all roots in Re w < 0 (Routh 1877); cn > 0."""
-    above = [float(c) for c in coefficients[::-2]]
-    below = [float(c) for c in coefficients[-2::-2]]
+    above, below = list(coefficients[::-2]), list(coefficients[-2::-2])
+    holds: Any = True
     while below:
-        if not below[0] > 0.0 or not above[0] > 0.0:
-            return False
-        ratio = above[0] / below[0]
+        holds = ops.both(holds, ops.both(below[0] > 0.0, above[0] > 0.0))
+        ratio = above[0] / ops.where(below[0] > 0.0, below[0], 1.0)
         rest = [*below[1:], 0.0]
         above, below = below, [a - ratio * b for a, b in zip(above[1:], rest, strict=False)]
-    return above[0] > 0.0
+    return ops.both(holds, above[0] > 0.0)
 
 
-def product(a: Sequence[float], b: Sequence[float]) -> list[float]:
+def product(a: Sequence[Number], b: Sequence[Number]) -> list[Any]:
     """The product of two polynomials."""
-    found = [0.0] * (len(a) + len(b) - 1)
+    found: list[Any] = [0.0] * (len(a) + len(b) - 1)
     for i, x in enumerate(a):
         for j, y in enumerate(b):
-            found[i + j] += x * y
+            found[i + j] = found[i + j] + x * y
     return found
 
 

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 from feeddrive.blocks.families import Feedforward
-from feeddrive.blocks.friction.curve import check_levels, check_pair, stribeck_level
+from feeddrive.blocks.friction.curve import check_pair, levels, stribeck_level
 from feeddrive.blocks.signals import Setpoint
 from feeddrive.language import ops
-from feeddrive.language.block import Number, parameter
+from feeddrive.language.block import Number, Rule, parameter
 
 
 class FrictionFeedforward(Feedforward):
@@ -37,10 +39,13 @@ class FrictionFeedforward(Feedforward):
     dead_band: Number = parameter("m/s", "speed below which the axis is taken to rest", least=0, default=1e-9)
 
     def check(self) -> None:
-        """The Stribeck curve is given whole or not at all, and its levels fall with speed."""
+        """The Stribeck curve is given whole or not at all."""
         check_pair(self.kind, "breakaway", self.breakaway, "stribeck_velocity", self.stribeck_velocity)
-        check_levels(self.kind, "coulomb_positive", self.coulomb_positive, "breakaway", self.breakaway)
-        check_levels(self.kind, "coulomb_negative", self.coulomb_negative, "breakaway", self.breakaway)
+
+    def rules(self) -> Iterator[Rule]:
+        """The levels of the Stribeck curve fall with speed."""
+        yield from levels(self.kind, "coulomb_positive", self.coulomb_positive, "breakaway", self.breakaway)
+        yield from levels(self.kind, "coulomb_negative", self.coulomb_negative, "breakaway", self.breakaway)
 
     def force(self, setpoint: Setpoint, T: Number) -> Number:
         """The equations above."""

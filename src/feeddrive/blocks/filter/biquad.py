@@ -5,8 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from feeddrive.language import ops
-from feeddrive.language.block import Number
-from feeddrive.language.errors import ParameterError
+from feeddrive.language.block import Number, Rule
 
 
 class Section(NamedTuple):
@@ -93,10 +92,13 @@ def retuned(state: Delayed, old: Section, new: Section) -> Delayed:
     return Delayed(first, second, steady)
 
 
-def check_below_nyquist(where: str, frequency: Number, sample_time: float) -> None:
-    """Raise ParameterError if a frequency cannot be realised at this sample time."""
-    if isinstance(frequency, float) and frequency >= 0.5 / sample_time:
-        raise ParameterError(
-            f"{where} = {frequency:g} Hz must be below half the sample rate, {0.5 / sample_time:g} Hz: "
+def below_nyquist(kind: str, name: str, frequency: Number, T: Number) -> Rule:
+    """A frequency in Hz that can be realized at a sample time in s."""
+    return Rule(
+        frequency < 0.5 / T,
+        f"{name} is below half the sample rate",
+        lambda: (
+            f"{kind}.{name} = {frequency:g} Hz must be below half the sample rate, {0.5 / T:g} Hz: "
             f"lower it, or leave the filter out"
-        )
+        ),
+    )

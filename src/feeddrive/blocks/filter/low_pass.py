@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 from feeddrive.blocks.families import Filter
-from feeddrive.blocks.filter.biquad import check_below_nyquist, prewarped
-from feeddrive.language.block import Number, parameter
+from feeddrive.blocks.filter.biquad import below_nyquist, prewarped
+from feeddrive.language.block import Number, Rule, parameter
 
 
 class LowPass(Filter):
@@ -32,9 +33,9 @@ class LowPass(Filter):
         delayed: Number
         output: Number
 
-    def fits(self, sample_time: float) -> None:
+    def sampled_rules(self, T: Number) -> Iterator[Rule]:
         """The corner lies below half the sample rate."""
-        check_below_nyquist("low_pass.frequency", self.frequency, sample_time)
+        yield below_nyquist(self.kind, "frequency", self.frequency, T)
 
     def prepare(self, T: Number) -> Prepared:
         """The coefficients."""

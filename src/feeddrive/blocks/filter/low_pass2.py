@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 from feeddrive.blocks.families import Filter
@@ -10,14 +11,14 @@ from feeddrive.blocks.filter.biquad import (
     Polynomial,
     Section,
     advance,
-    check_below_nyquist,
+    below_nyquist,
     prewarped,
     retuned,
     section,
     settled,
     tustin,
 )
-from feeddrive.language.block import Number, parameter
+from feeddrive.language.block import Number, Rule, parameter
 
 
 class LowPass2(Filter):
@@ -31,9 +32,9 @@ class LowPass2(Filter):
     frequency: Number = parameter("Hz", "natural frequency", above=0)
     damping: Number = parameter("", "damping ratio", above=0, default=0.7)
 
-    def fits(self, sample_time: float) -> None:
+    def sampled_rules(self, T: Number) -> Iterator[Rule]:
         """The frequency lies below half the sample rate."""
-        check_below_nyquist("low_pass2.frequency", self.frequency, sample_time)
+        yield below_nyquist(self.kind, "frequency", self.frequency, T)
 
     def prepare(self, T: Number) -> Section:
         """The section's coefficients; the numerator is w² (1 + z⁻¹)²."""

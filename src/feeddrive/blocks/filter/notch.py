@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 from feeddrive.blocks.families import Filter
@@ -9,12 +10,12 @@ from feeddrive.blocks.filter.biquad import (
     Delayed,
     Section,
     advance,
-    check_below_nyquist,
+    below_nyquist,
     notch_section,
     retuned,
     settled,
 )
-from feeddrive.language.block import Number, parameter
+from feeddrive.language.block import Number, Rule, parameter
 
 
 class Notch(Filter):
@@ -30,9 +31,9 @@ class Notch(Filter):
     damping_zero: Number = parameter("", "damping ratio of the numerator: the depth", least=0, default=0.05)
     damping_pole: Number = parameter("", "damping ratio of the denominator: the width", above=0, default=0.5)
 
-    def fits(self, sample_time: float) -> None:
+    def sampled_rules(self, T: Number) -> Iterator[Rule]:
         """The centre lies below half the sample rate."""
-        check_below_nyquist("notch.frequency", self.frequency, sample_time)
+        yield below_nyquist(self.kind, "frequency", self.frequency, T)
 
     def prepare(self, T: Number) -> Section:
         """The section's coefficients."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 from feeddrive.blocks.families import Filter
@@ -9,14 +10,14 @@ from feeddrive.blocks.filter.biquad import (
     Delayed,
     Section,
     advance,
-    check_below_nyquist,
+    below_nyquist,
     prewarped,
     retuned,
     section,
     settled,
     tustin,
 )
-from feeddrive.language.block import Number, parameter
+from feeddrive.language.block import Number, Rule, parameter
 
 
 class SecondOrder(Filter):
@@ -33,10 +34,10 @@ class SecondOrder(Filter):
     frequency_pole: Number = parameter("Hz", "natural frequency of the denominator", above=0)
     damping_pole: Number = parameter("", "damping ratio of the denominator", above=0, default=0.7)
 
-    def fits(self, sample_time: float) -> None:
+    def sampled_rules(self, T: Number) -> Iterator[Rule]:
         """Both frequencies lie below half the sample rate."""
-        check_below_nyquist("second_order.frequency_zero", self.frequency_zero, sample_time)
-        check_below_nyquist("second_order.frequency_pole", self.frequency_pole, sample_time)
+        yield below_nyquist(self.kind, "frequency_zero", self.frequency_zero, T)
+        yield below_nyquist(self.kind, "frequency_pole", self.frequency_pole, T)
 
     def prepare(self, T: Number) -> Section:
         """The section's coefficients."""

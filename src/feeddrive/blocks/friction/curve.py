@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 from feeddrive.language import ops
-from feeddrive.language.block import Number
+from feeddrive.language.block import Number, Rule
 from feeddrive.language.errors import ParameterError
 
 
@@ -17,11 +19,15 @@ def stribeck_level(
     return coulomb + (breakaway - coulomb) * ops.exp(-(ratio * ratio))
 
 
-def check_levels(kind: str, coulomb_name: str, coulomb: Number, breakaway_name: str, breakaway: Number | None) -> None:
-    """Raise ParameterError if the breakaway level is below the Coulomb level."""
-    if isinstance(breakaway, float) and isinstance(coulomb, float) and breakaway < coulomb:
-        raise ParameterError(
-            f"{kind}.{breakaway_name} = {breakaway:g} N must be >= {kind}.{coulomb_name} = {coulomb:g} N"
+def levels(
+    kind: str, coulomb_name: str, coulomb: Number | None, breakaway_name: str, breakaway: Number | None
+) -> Iterator[Rule]:
+    """The breakaway level is not below the Coulomb level, where both are there."""
+    if coulomb is not None and breakaway is not None:
+        yield Rule(
+            breakaway >= coulomb,
+            f"{breakaway_name} is at least {coulomb_name}",
+            lambda: f"{kind}.{breakaway_name} = {breakaway:g} N must be >= {kind}.{coulomb_name} = {coulomb:g} N",
         )
 
 

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 from feeddrive.blocks.families import Friction, Nothing
-from feeddrive.blocks.friction.curve import check_levels, stribeck_level
+from feeddrive.blocks.friction.curve import levels, stribeck_level
 from feeddrive.language import ops
-from feeddrive.language.block import Number, choice, parameter
+from feeddrive.language.block import Number, Rule, choice, parameter
 
 
 class DirectionalStribeck(Friction):
@@ -29,14 +30,13 @@ class DirectionalStribeck(Friction):
     viscous: Number = parameter("N s/m", "viscous part", least=0, default=0)
     exponent: int = choice("2: Gaussian curve, 1: exponential curve (Tustin)", options=(1, 2), default=2)
 
-    def check(self) -> None:
+    def rules(self) -> Iterator[Rule]:
         """The breakaway levels are not below the Coulomb levels."""
-        check_levels(
-            self.kind, "coulomb_positive", self.coulomb_positive, "breakaway_positive", self.breakaway_positive
-        )
-        check_levels(
-            self.kind, "coulomb_negative", self.coulomb_negative, "breakaway_negative", self.breakaway_negative
-        )
+        for way, coulomb, breakaway in (
+            ("positive", self.coulomb_positive, self.breakaway_positive),
+            ("negative", self.coulomb_negative, self.breakaway_negative),
+        ):
+            yield from levels(self.kind, f"coulomb_{way}", coulomb, f"breakaway_{way}", breakaway)
 
     def start(self) -> Nothing:
         """No memory."""

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 from feeddrive.blocks.families import Friction
-from feeddrive.blocks.friction.curve import check_levels, stribeck_level
+from feeddrive.blocks.friction.curve import levels, stribeck_level
 from feeddrive.language import ops
-from feeddrive.language.block import Number, parameter
+from feeddrive.language.block import Number, Rule, parameter
 
 
 class Lugre(Friction):
@@ -41,9 +42,9 @@ class Lugre(Friction):
 
         deflection: Number
 
-    def check(self) -> None:
+    def rules(self) -> Iterator[Rule]:
         """The breakaway level is not below the Coulomb level."""
-        check_levels(self.kind, "coulomb", self.coulomb, "breakaway", self.breakaway)
+        yield from levels(self.kind, "coulomb", self.coulomb, "breakaway", self.breakaway)
 
     def start(self) -> State:
         """Bristles straight."""

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 from feeddrive.blocks.families import Friction, Nothing
-from feeddrive.blocks.friction.curve import check_levels, check_pair, stribeck_level
+from feeddrive.blocks.friction.curve import check_pair, levels, stribeck_level
 from feeddrive.language import ops
-from feeddrive.language.block import Number, parameter
+from feeddrive.language.block import Number, Rule, parameter
 
 # With the start below, the third step leaves an error below rounding for mobility · level / transition_velocity
 # from 1e-4 to 1e7; Newton's method needs eight steps for the same.
@@ -42,11 +43,13 @@ class Regularised(Friction):
     viscous: Number = parameter("N s/m", "viscous part", least=0, default=0)
 
     def check(self) -> None:
-        """The Stribeck curve is given whole or not at all, and its levels fall with speed."""
+        """The Stribeck curve is given whole or not at all."""
         check_pair(self.kind, "breakaway", self.breakaway, "stribeck_velocity", self.stribeck_velocity)
-        check_levels(self.kind, "coulomb", self.coulomb, "breakaway", self.breakaway)
-        if self.coulomb_negative is not None:
-            check_levels(self.kind, "coulomb_negative", self.coulomb_negative, "breakaway", self.breakaway)
+
+    def rules(self) -> Iterator[Rule]:
+        """The levels of the Stribeck curve fall with speed."""
+        yield from levels(self.kind, "coulomb", self.coulomb, "breakaway", self.breakaway)
+        yield from levels(self.kind, "coulomb_negative", self.coulomb_negative, "breakaway", self.breakaway)
 
     def start(self) -> Nothing:
         """No memory."""

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 from feeddrive.blocks.families import Friction, Nothing
-from feeddrive.blocks.friction.curve import check_levels, stribeck_level
+from feeddrive.blocks.friction.curve import levels, stribeck_level
 from feeddrive.language import ops
-from feeddrive.language.block import Number, choice, parameter
+from feeddrive.language.block import Number, Rule, choice, parameter
 
 
 class Stribeck(Friction):
@@ -27,9 +28,9 @@ class Stribeck(Friction):
     viscous: Number = parameter("N s/m", "viscous part", least=0, default=0)
     exponent: int = choice("2: Gaussian curve, 1: exponential curve (Tustin)", options=(1, 2), default=2)
 
-    def check(self) -> None:
+    def rules(self) -> Iterator[Rule]:
         """The breakaway level is not below the Coulomb level."""
-        check_levels(self.kind, "coulomb", self.coulomb, "breakaway", self.breakaway)
+        yield from levels(self.kind, "coulomb", self.coulomb, "breakaway", self.breakaway)
 
     def start(self) -> Nothing:
         """No memory."""

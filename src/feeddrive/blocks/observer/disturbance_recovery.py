@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 from feeddrive.blocks.families import Observer
@@ -10,7 +11,7 @@ from feeddrive.blocks.filter.biquad import (
     Polynomial,
     Section,
     advance,
-    check_below_nyquist,
+    below_nyquist,
     prewarped,
     retuned,
     section,
@@ -19,7 +20,7 @@ from feeddrive.blocks.filter.biquad import (
 )
 from feeddrive.blocks.signals import Estimate, Reading
 from feeddrive.language import ops
-from feeddrive.language.block import Number, choice, parameter
+from feeddrive.language.block import Number, Rule, choice, parameter
 
 _BUTTERWORTH = 0.7071067811865476  # damping ratio of the second order
 
@@ -63,10 +64,10 @@ class DisturbanceRecovery(Observer):
         pending: tuple[Number, ...]
         filter: tuple[Any, ...]
 
-    def fits(self, sample_time: float) -> None:
+    def sampled_rules(self, T: Number) -> Iterator[Rule]:
         """The corner of the filter lies below half the sample rate."""
         if self.form != "exact":
-            check_below_nyquist("disturbance_recovery.frequency", self.frequency, sample_time)
+            yield below_nyquist(self.kind, "frequency", self.frequency, T)
 
     def prepare(self, T: Number) -> Prepared:
         """The filter's coefficients."""

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from functools import cache
 from typing import Any, NamedTuple
 
 from feeddrive.blocks.families import Observer
 from feeddrive.blocks.signals import Estimate, Reading
-from feeddrive.language import matrix, ops, tree
-from feeddrive.language.block import Number, choice, parameter
-from feeddrive.language.errors import ParameterError
+from feeddrive.language import matrix, ops
+from feeddrive.language.block import Number, Rule, choice, parameter
 from feeddrive.language.matrix import Matrix, Row
 
 
@@ -93,6 +93,10 @@ class GpiObserver(Observer):
 
     def prepare(self, T: Number) -> Prepared:
         """The exact sampled form: one matrix exponential, with u and the slope of y as inputs that stay."""
+        return self._sampled(matrix.expm1(self._rate(T)), 1.0)
+
+    def _rate(self, T: Number) -> Matrix:
+        """A T of the states, of u and of the change of y in a sample."""
         order = 2 + self.taylor_states
         turn = self.omega_o * T
         rate = matrix.zeros(order + 2, order + 2)
@@ -102,11 +106,15 @@ class GpiObserver(Observer):
                 rate[i][i + 1] = turn
         rate[1][order] = turn  # of u / omega_o²
         rate[0][order + 1] = -1.0  # of the change of y in a sample, since z_0 is seen from y
-        change = matrix.expm1(rate)
+        return tuple(map(tuple, rate))
+
+    def _sampled(self, change: Matrix, share: Number) -> Prepared:
+        """The sampled form from e^(share A T) - 1: for a sample that takes this share of T."""
+        order = 2 + self.taylor_states
         F = tuple(tuple(x + 1.0 if i == j else x for j, x in enumerate(row[:order])) for i, row in enumerate(change))
         per_force = 1.0 / (self.mass * self.omega_o * self.omega_o)
         Gu = tuple(row[order] * per_force for row in change[:order])
-        Gy = tuple(row[order + 1] for row in change[:order])
+        Gy = tuple(row[order + 1] if matrix.is_one(share) else row[order + 1] / share for row in change[:order])
         if self.hold == "zero_order":
             Gy = (-1.0, *(0.0,) * (order - 1))  # y jumps at kT, and nothing has answered it yet
         return self.Prepared(F[:order], Gu, Gy)
@@ -153,32 +161,48 @@ class GpiObserver(Observer):
         coefficients = self.polynomial()
         return coefficients[-2] / (coefficients[-1] * self.omega_o) if self.taylor_states == 1 else 0.0
 
-    def fits(self, sample_time: float) -> None:
-        """omega_o is slow enough for the sample time: subtracting the disturbance from a rigid axis is stable."""
-        if not self.taylor_states or not all(isinstance(value, float) for _, value in tree.leaves(self)):
-            return  # variants are checked as the single observers that they come from
+    def sampled_rules(self, T: Number) -> Iterator[Rule]:
+        """omega_o is slow enough for the sample time: subtracting the disturbance from a rigid axis is stable.
+
+        It must be so at T/2, T/4, ... as well: what is stable again beyond a gap is so by chance.
+        """
+        if self.taylor_states:
+            halved, squarings = matrix.expm1_doubled(self._rate(T))
+            holds: Any = True
+            for s, change in enumerate(halved):
+                share = ops.power_of_two(ops.minimum(float(s), squarings) - squarings)
+                holds = ops.both(holds, matrix.decays(self._rejecting(self._sampled(change, share), share * T)))
+            yield Rule(
+                holds,
+                "omega_o is slow enough for the sample time: with the disturbance subtracted a rigid axis is stable",
+                lambda: self._refusal(T),
+            )
+
+    def _refusal(self, T: float) -> str:
+        """By how much omega_o is too fast, and the nearest admissible numbers."""
         real = 1.0 if self.p0 is None else self.p0 / self.omega_o
         most = _fastest(self.taylor_states, self.zeta_o, real, self.hold, self.delay_samples)
-        turn = self.omega_o * sample_time
-        if turn < most:
-            return
-        raise ParameterError(
-            f"{self.kind}.omega_o = {self.omega_o:g} rad/s is too fast for a sample time of {sample_time:g} s: "
+        turn = self.omega_o * T
+        return (
+            f"{self.kind}.omega_o = {self.omega_o:g} rad/s is too fast for a sample time of {T:g} s: "
             f"omega_o T = {turn:.4g} is {turn - most:.3g} over the limit {most:.4g} of this observer with hold = "
-            f"'{self.hold}'. Take omega_o <= {most / sample_time:.4g} rad/s, or sample every "
+            f"'{self.hold}'. Take omega_o <= {most / T:.4g} rad/s, or sample every "
             f"{most / self.omega_o:.4g} s or faster"
         )
 
     def growth(self, T: float) -> float:
-        """By how much the loop u = -ẑ1 around q'' = u, with the dead time, grows in a sample: its largest |z|.
+        """By how much the loop u = -ẑ1 around q'' = u, with the dead time, grows in a sample: its largest |z|."""
+        return matrix.growth(self._rejecting(self.prepare(T), T))
+
+    def _rejecting(self, made: Prepared, T: Number) -> list[list[Any]]:
+        """The matrix of one sample of the loop u = -ẑ1 around q'' = u, with the dead time.
 
         Seen from the true motion (z_0 from q, z_1 from q') the observer is on its own: the loop's other poles, two at 1
         without a position controller, drop out.
         """
         order, late = 2 + self.taylor_states, self.delay_samples
-        made = self.prepare(T)
         square = self.omega_o * self.omega_o
-        rows = [[*row, *(0.0,) * late] for row in made.F] + matrix.zeros(late, order + late)
+        rows: list[list[Any]] = [[*row, *(0.0,) * late] for row in made.F] + matrix.zeros(late, order + late)
         # u = -omega_o² z_2, by way of the commands that have not acted yet
         for i in range(late):
             rows[order + i][2 if i == 0 else order + i - 1] = -square if i == 0 else 1.0
@@ -187,7 +211,7 @@ class GpiObserver(Observer):
             # u moves q by u T²/2, seen as a change of y, and q' by u T
             effect = made.Gu[i] * self.mass + made.Gy[i] * 0.5 * T * T - (T / self.omega_o if i == 1 else 0.0)
             rows[i][acting] = rows[i][acting] + size * effect
-        return matrix.growth(rows)
+        return rows
 
 
 @cache

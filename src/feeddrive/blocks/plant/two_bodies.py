@@ -13,8 +13,8 @@ from typing import Any, NamedTuple
 from feeddrive.blocks.families import Plant
 from feeddrive.blocks.signals import Setpoint
 from feeddrive.language import matrix, ops
-from feeddrive.language.block import Number
-from feeddrive.language.errors import ParameterError, StructureError
+from feeddrive.language.block import Number, Rule
+from feeddrive.language.errors import StructureError
 
 LEAST_CONTROL = 1e-6  # of 1, which is a table that only its screw moves: below it the gains lose all their digits
 
@@ -74,25 +74,32 @@ def two_bodies(where: str, plant: Plant) -> TwoBodies:
     )
 
 
-def check_controllable(where: str, bodies: TwoBodies) -> None:
-    """Raise ParameterError if a force on the screw cannot move all poles, or only by gains that are all rounding.
+def controllable(where: str, bodies: TwoBodies) -> Rule:
+    """A force on the screw moves all poles, and not only by gains that are all rounding.
 
     With q = dragged/led a motion e^-qt of both bodies alike leaves the spring relaxed; it cannot be moved if it also
     balances the forces on the table: control = |led² - (c q + m12 q²) led²/k| / m22² = 0,  c = -c12.
     """
-    if not all(isinstance(value, float) for value in bodies):
-        return
     led, dragged, k = bodies.led, bodies.dragged, bodies.k
-    found = abs(led * led + (bodies.c12 * led - bodies.m12 * dragged) * dragged / k) / (bodies.m22 * bodies.m22)
-    if found >= LEAST_CONTROL:
-        return
+    reached = ops.absolute(led * led + (bodies.c12 * led - bodies.m12 * dragged) * dragged / k)
+    found = reached / (bodies.m22 * bodies.m22)
+    return Rule(
+        found >= LEAST_CONTROL,
+        "a force on the screw of the model reaches every motion of its table, so that all poles can be placed",
+        lambda: _uncontrollable(where, bodies, found),
+    )
+
+
+def _uncontrollable(where: str, bodies: TwoBodies, found: float) -> str:
+    """How far the model is from one whose poles can be placed, and the nearest admissible number."""
+    led, dragged, k = bodies.led, bodies.dragged, bodies.k
     if abs(led) < 0.5 * bodies.m22:
         near = -bodies.m22 * (1.0 - ops.sqrt(LEAST_CONTROL) * (1.0 if led >= 0.0 else -1.0))
         remedy = f"coupling_mass = {bodies.m12:g} kg cancels mass_load; the nearest admissible value is {near:.6g} kg"
     else:
         near = -k * bodies.m22 / bodies.c12 * (1.0 - 2.0 * LEAST_CONTROL)
         remedy = f"the damping of the guideway is {dragged:g} N s/m; the nearest admissible value is {near:.6g} N s/m"
-    raise ParameterError(
+    return (
         f"{where}: the poles cannot be placed: a force on the screw does not reach one motion of the table (control "
         f"{found:.3g} of 1, the least is {LEAST_CONTROL:g}): {remedy}"
     )

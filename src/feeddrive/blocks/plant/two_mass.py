@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 from feeddrive.blocks.families import Mechanics, Plant
-from feeddrive.language.block import Number, parameter
-from feeddrive.language.errors import ParameterError
+from feeddrive.language.block import Number, Rule, parameter
 
 
 class TwoMass(Plant):
@@ -26,13 +27,17 @@ class TwoMass(Plant):
     viscous_load: Number = parameter("N s/m", "viscous friction of the guideway", least=0, default=0)
     coupling_mass: Number | None = parameter("kg", "off-diagonal term of the mass matrix", default=None)
 
-    def check(self) -> None:
+    def rules(self) -> Iterator[Rule]:
         """The mass matrix must be positive definite."""
-        m12 = self.coupling_mass
-        if isinstance(m12, float) and m12 * m12 >= self.mass_motor * self.mass_load:
-            raise ParameterError(
-                f"two_mass.coupling_mass = {m12:g} kg must be smaller than the geometric mean of mass_motor and "
-                f"mass_load, {(self.mass_motor * self.mass_load) ** 0.5:g} kg: the mass matrix is not positive definite"
+        m12, product = self.coupling_mass, self.mass_motor * self.mass_load
+        if m12 is not None:
+            yield Rule(
+                m12 * m12 < product,
+                "coupling_mass is smaller than the geometric mean of mass_motor and mass_load",
+                lambda: (
+                    f"two_mass.coupling_mass = {m12:g} kg must be smaller than the geometric mean of mass_motor and "
+                    f"mass_load, {product**0.5:g} kg: the mass matrix is not positive definite"
+                ),
             )
 
     def mechanics(self) -> Mechanics:

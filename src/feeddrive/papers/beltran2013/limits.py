@@ -11,6 +11,7 @@ from feeddrive.analysis.observe import observe
 from feeddrive.analysis.stability import stability
 from feeddrive.blocks.load.sine_force import SineForce
 from feeddrive.blocks.observer.gpi_observer import GpiObserver
+from feeddrive.language import tree
 from feeddrive.language.errors import ParameterError
 from feeddrive.loop.simulate import simulate
 from feeddrive.papers.beltran2013.mill import LEG, Case, T, law, legs, loop, mass
@@ -86,7 +87,7 @@ def sample_time_limit(hold: str) -> float:
 
     def admitted(sample_time: float) -> bool:
         try:
-            law("x", dataclasses.replace(RIGID, hold=hold)).fits(sample_time)
+            tree.check_sampled(law("x", dataclasses.replace(RIGID, hold=hold)), sample_time)
         except ParameterError:
             return False
         return True
