@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from feeddrive.blocks.families import Mechanics, Plant
+from feeddrive.language import ops
 from feeddrive.language.block import Number, Rule, parameter
 
 
@@ -36,7 +37,7 @@ class TwoMass(Plant):
                 "coupling_mass is smaller than the geometric mean of mass_motor and mass_load",
                 lambda: (
                     f"two_mass.coupling_mass = {m12:g} kg must be smaller than the geometric mean of mass_motor and "
-                    f"mass_load, {product**0.5:g} kg: the mass matrix is not positive definite"
+                    f"mass_load, {ops.sqrt(product):g} kg: the mass matrix is not positive definite"
                 ),
             )
 
