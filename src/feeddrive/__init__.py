@@ -11,13 +11,23 @@ import pkgutil
 import re
 from typing import Any
 
-__version__ = "0.1.0"
+from feeddrive.language.table import views_from
 
 _LISTED = (pkgutil.get_data(__name__, "__init__.pyi") or b"").decode()
 # public name -> module that holds it
 _PLACES: dict[str, str] = {
     name: module for module, name in re.findall(r"(?m)^from (feeddrive[.\w]+) import \(?\s*(\w+)", _LISTED)
 }
+
+
+def _load_views() -> object:
+    """Import what draws and frames results; the first `plot()` or `to_pandas()` of a result asks for it."""
+    from feeddrive import plot
+
+    return plot
+
+
+views_from(_load_views)
 
 
 def __getattr__(name: str) -> Any:
@@ -52,4 +62,4 @@ def __dir__() -> list[str]:
     from feeddrive.blocks.catalogue import catalogue
 
     blocks = {block.__name__ for members in catalogue().values() for block in members.values()}
-    return sorted({*_PLACES, *blocks, "__version__"})
+    return sorted({*_PLACES, *blocks})

@@ -223,10 +223,9 @@ from feeddrive.tuning.trial import simulated_trial as simulated_trial
 from feeddrive.tuning.trials import Trials as Trials
 from feeddrive.tuning.trials import iterate_trials as iterate_trials
 from feeddrive.tuning.tuned import Tuned as Tuned
+from feeddrive.version import __version__ as __version__
 from feeddrive.workflow.certificate_file import read_certificate as read_certificate
 from feeddrive.workflow.certificate_file import write_certificate as write_certificate
 from feeddrive.workflow.job_results import write_results as write_results
 from feeddrive.workflow.jobs import JobResult as JobResult
 from feeddrive.workflow.jobs import run as run
-
-__version__: str

@@ -149,10 +149,11 @@ def test_the_work_follows_the_limits_of_the_machine() -> None:
 
 
 def test_the_pictures_are_drawn(found: Arena) -> None:
-    from feeddrive.plot.arena import recovery
+    from feeddrive.comparison.report import study
 
+    drawn = {shown.key: shown.draw for shown in study(found).pictures}
     assert found.plot().axes
-    assert len(recovery(found).axes) == 2
+    assert len(drawn["recovery"]().axes) == 2
     assert "P-PI" in str(found)
     assert found.to_pandas().shape[0] == len(found.competitors)
     assert found.ranking().rows[0][0] == TODAY

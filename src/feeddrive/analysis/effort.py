@@ -33,18 +33,6 @@ class Effort(Result):
         rows = [[name, str(count)] for name, count in sorted(self.operations.items(), key=lambda each: -each[1])]
         return Table(f"{self.total} operations a sample", ["operation", "number"], rows)
 
-    def plot(self) -> Any:
-        """Bars by kind, as a matplotlib figure."""
-        from feeddrive import plot
-
-        return plot.effort(self)
-
-    def to_pandas(self) -> Any:
-        """A DataFrame with one row a kind."""
-        from feeddrive.plot import frames
-
-        return frames.frame(list(self.operations), {"number": list(self.operations.values())}, "operation")
-
 
 def effort(loop: Loop) -> Effort:
     """The operations that the control of a loop does in each sample, without its guard, which is alike for all laws.

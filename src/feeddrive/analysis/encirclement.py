@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 
 from feeddrive.analysis.conversion import as_frf
-from feeddrive.analysis.margins import margins
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.table import Result, Table
 from feeddrive.loop.frequency_response import FRF
@@ -64,16 +63,6 @@ class Encirclement(Result):
             *(["doubt", doubt] for doubt in self.doubts),
         ]
         return Table(self.sentence(), ["what", ""], rows)
-
-    def plot(self) -> Any:
-        """Nyquist plot as a matplotlib figure."""
-        from feeddrive import plot
-
-        return plot.nyquist(margins(self.loop_gain))
-
-    def to_pandas(self) -> Any:
-        """A DataFrame with real and imaginary part of L over frequency in Hz."""
-        return self.loop_gain.to_pandas()
 
 
 def encirclement(

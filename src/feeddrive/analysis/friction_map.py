@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -28,19 +27,6 @@ class FrictionMap(Result):
         columns = zip(self.velocity, self.force, self.deviation, self.count, strict=True)
         rows = [[f"{1e3 * v:.4g}", f"{f:.4g}", f"{d:.3g}", f"{int(n)}"] for v, f, d, n in columns]
         return Table("force against the motion", ["velocity mm/s", "N", "deviation N", "samples"], rows)
-
-    def plot(self) -> Any:
-        """Points with deviation bars, as a matplotlib figure."""
-        from feeddrive import plot
-
-        return plot.friction({}, measured=self)
-
-    def to_pandas(self) -> Any:
-        """A DataFrame with one row a velocity."""
-        from feeddrive.plot import frames
-
-        columns = {"force": self.force, "deviation": self.deviation, "count": self.count}
-        return frames.frame(self.velocity, columns, "velocity")
 
 
 def friction_map(

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -74,18 +73,6 @@ class MarginIntervals(Result):
         ]
         title = f"margins with {100.0 * self.level:g} % intervals ({self.draws} draws, seed {self.seed})"
         return Table(title, ["figure", "unit", "value", "from", "to", ""], rows)
-
-    def plot(self) -> Any:
-        """Bode plot of the smoothed loop gain with all margins, as a matplotlib figure."""
-        return self.margins.plot()
-
-    def to_pandas(self) -> Any:
-        """A DataFrame with one row a figure."""
-        from feeddrive.plot import frames
-
-        every = list(self.intervals.values())
-        columns = {"value": [e.value for e in every], "low": [e.low for e in every], "high": [e.high for e in every]}
-        return frames.frame(list(self.intervals), columns, "figure")
 
 
 def margin_intervals(L: FRF, *, level: float = 0.95, draws: int = DRAWS, seed: int = 0) -> MarginIntervals:

@@ -113,26 +113,6 @@ class Margins(Result):
         T = self.loop_gain.sample_time
         return "" if T is None else f" = {delay / T:.2f} samples"
 
-    def plot(self) -> Any:
-        """Bode plot of the loop gain with all margins marked, as a matplotlib figure."""
-        from feeddrive import plot
-
-        return plot.open_loop(self)
-
-    def to_pandas(self) -> Any:
-        """A DataFrame with one row a crossover; what a kind of crossover does not have is missing."""
-        from feeddrive.plot import frames
-
-        gain, phase = self.gain_crossovers, self.phase_crossovers
-        gap = [None] * len(phase)
-        columns = {
-            "kind": ["gain crossover"] * len(gain) + ["phase crossover"] * len(phase),
-            "phase_margin_deg": [c.phase_margin_deg for c in gain] + gap,
-            "delay_margin": [c.delay_margin for c in gain] + gap,
-            "gain_margin_dB": [None] * len(gain) + [c.gain_margin_dB for c in phase],
-        }
-        return frames.frame([c.frequency for c in (*gain, *phase)], columns, "frequency")
-
 
 def margins(loop_gain: FRF | Any, frequency: np.ndarray | None = None) -> Margins:
     """Margins of a loop gain L(f), with 1 + L = 0 the edge of stability.

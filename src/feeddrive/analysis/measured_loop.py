@@ -72,14 +72,6 @@ class MeasuredLoop(Result):
             rows.append(["least stiffness", f"{least.minimum_frequency:.4g}", f"{1e-6 * least.minimum:.4g} N/um"])
         return Table("control on a measured axis", found.heads, rows)
 
-    def plot(self) -> Any:
-        """Bode plot of the loop gain with all margins, as a matplotlib figure."""
-        return self.margins.plot()
-
-    def to_pandas(self) -> Any:
-        """A DataFrame with real and imaginary part of L over frequency in Hz."""
-        return self.loop_gain.to_pandas()
-
 
 def measured_loop(
     control: Control | FRF | Any,

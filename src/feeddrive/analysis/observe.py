@@ -53,19 +53,6 @@ class Observation(Result):
         title = f"estimated disturbance over {1e3 * d.size * self.sample_time:.4g} ms, {1e3 * self.lag:.3g} ms late"
         return Table(title, ["observer", "mean N", "RMS N", "peak N"], [row])
 
-    def plot(self) -> Any:
-        """Estimated disturbance over time, as a matplotlib figure."""
-        from feeddrive import plot
-
-        return plot.disturbance(self)
-
-    def to_pandas(self) -> Any:
-        """A DataFrame with position, velocity and disturbance over time in s."""
-        from feeddrive.plot import frames
-
-        columns = {"position": self.position, "velocity": self.velocity, "disturbance": self.disturbance}
-        return frames.frame(self.time, columns, "time")
-
 
 def observe(
     observer: Observer,

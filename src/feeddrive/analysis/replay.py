@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -56,20 +55,6 @@ class Replay(Result):
             )
         title = f"predicted against measured, after {self.skipped} samples"
         return Table(title, ["signal", "unit", "measured RMS", "residual RMS", "residual peak"], rows)
-
-    def plot(self) -> Any:
-        """Measured and predicted over each other, as a matplotlib figure."""
-        from feeddrive import plot
-
-        return plot.replay(self)
-
-    def to_pandas(self) -> Any:
-        """A DataFrame with predicted and measured columns over time in s."""
-        from feeddrive.plot import frames
-
-        columns = {f"predicted_{name}": self.run[name] for name in self.measured}
-        columns |= {f"measured_{name}": values for name, values in self.measured.items()}
-        return frames.frame(self.run.time, columns, "time")
 
 
 def replay(loop: Loop, measured: Mapping[str, np.ndarray], *, skip: int = 0, name: str = "predicted") -> Replay:

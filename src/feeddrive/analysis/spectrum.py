@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -49,20 +48,6 @@ class Spectrum(Result):
             rows.append([f"{frequency:.4g}", f"{factor * amplitude:.4g}", f"{factor * gathered:.4g}", share])
         title = f"{self.name.replace('_', ' ')}: RMS {factor * self.rms:.4g} {unit}".rstrip()
         return Table(title, ["Hz", f"amplitude {unit}".rstrip(), f"RMS up to there {unit}".rstrip(), "of RMS"], rows)
-
-    def plot(self) -> Any:
-        """Amplitude and cumulative RMS over frequency, as a matplotlib figure."""
-        from feeddrive import plot
-
-        return plot.spectrum(self)
-
-    def to_pandas(self) -> Any:
-        """A DataFrame with amplitude and cumulative RMS over frequency in Hz."""
-        from feeddrive.plot import frames
-
-        return frames.frame(
-            self.frequency, {"amplitude": self.amplitude, "cumulative_rms": self.cumulative_rms}, "frequency"
-        )
 
 
 def spectrum(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -63,16 +62,6 @@ class Stability(Result):
         """The verdict and the poles."""
         poles = self.model.table()
         return Table(self.sentence(), poles.heads, poles.rows)
-
-    def plot(self) -> Any:
-        """Pole map as a matplotlib figure."""
-        from feeddrive import plot
-
-        return plot.poles(self.model)
-
-    def to_pandas(self) -> Any:
-        """The poles as a DataFrame."""
-        return self.model.to_pandas()
 
 
 def stability(system: StateSpace | Loop, *, velocity: float = 0.05) -> Stability:

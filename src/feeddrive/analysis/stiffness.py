@@ -61,18 +61,6 @@ class Stiffness(Result):
         rows += [["dynamic", f"{f:g}", f"{1e-6 * self.at(f):.4g}"] for f in inside]
         return Table("dynamic stiffness of the closed loop", ["stiffness", "Hz", "N/um"], rows)
 
-    def plot(self) -> Any:
-        """Dynamic stiffness over frequency, log-log, as a matplotlib figure."""
-        from feeddrive import plot
-
-        return plot.stiffness(self)
-
-    def to_pandas(self) -> Any:
-        """A DataFrame with the stiffness in N/m over frequency in Hz."""
-        from feeddrive.plot import frames
-
-        return frames.frame(self.frequency, {"stiffness": self.magnitude}, "frequency")
-
 
 def stiffness(compliance: FRF | Any, static: float | None = None, *, frequency: np.ndarray | None = None) -> Stiffness:
     """The inverse of a closed-loop compliance in m/N, modelled or measured; `static` in N/m if it is known.

@@ -102,21 +102,3 @@ class Certificate(Result):
             ])  # fmt: skip
         heads = ["plant", "r", "max |L/(1+L)|", "wider by", "at Hz", "max |z|", "lines"]
         return Table(self.sentence(), heads, rows)
-
-    def plot(self) -> Any:
-        """|1 + L|/|L| and the radius over frequency for each plant, as a matplotlib figure."""
-        from feeddrive import plot
-
-        return plot.certificate(self)
-
-    def to_pandas(self) -> Any:
-        """A DataFrame with one row a plant: reserve, its frequency, largest pole."""
-        from feeddrive.plot import frames
-
-        plants = self.document["plants"]
-        columns = {
-            "reserve": [np.nan if each["reserve"] is None else each["reserve"] for each in plants],
-            "frequency": [each["reserve_at_Hz"] for each in plants],
-            "largest_pole": [self.loops[each["name"]].growth for each in plants],
-        }
-        return frames.frame([each["name"] for each in plants], columns, "plant")

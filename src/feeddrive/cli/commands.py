@@ -30,7 +30,7 @@ app = typer.Typer(
 
 def _version(wanted: bool) -> None:
     if wanted:
-        from feeddrive import __version__
+        from feeddrive.version import __version__
 
         typer.echo(f"feeddrive {__version__}")
         raise typer.Exit

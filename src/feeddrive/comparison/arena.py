@@ -18,7 +18,7 @@ from feeddrive.comparison.work import Work, work_of
 from feeddrive.files.machine import MachineFile
 from feeddrive.files.provenance import versions
 from feeddrive.language.errors import FeeddriveError, ParameterError, UnstableError
-from feeddrive.language.table import Result, Table
+from feeddrive.language.table import Result, Table, frame_of, picture_of
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import Run, simulate
 from feeddrive.tuning.designs import Design, Refusal, designs
@@ -106,21 +106,23 @@ class Arena(Result):
         ]
         return Table("Places by criterion, 1 is best", ["law", *(criterion.head for criterion in CRITERIA)], rows)
 
-    def plot(self) -> Any:
-        """Every figure of every law against that of the tuned P-PI, as a matplotlib figure."""
-        from feeddrive.plot.arena import arena
 
-        return arena(self)
+@picture_of.register
+def _picture(found: Arena) -> Any:
+    """Every figure of every law against that of the tuned P-PI."""
+    from feeddrive.comparison import pictures
 
-    def to_pandas(self) -> Any:
-        """A DataFrame with one row a law, in SI."""
-        from feeddrive.plot import frames
+    return pictures.ratios([(each.name, each.figures) for each in found.competitors], PLAIN)
 
-        keys = list(dict.fromkeys(key for each in self.competitors for key in each.figures))
-        names = np.array([each.name for each in self.competitors])
-        return frames.frame(
-            names, {k: np.array([c.figures.get(k) for c in self.competitors], float) for k in keys}, "law"
-        )
+
+@frame_of.register
+def _frame(found: Arena) -> Any:
+    """One row a law, in SI."""
+    from feeddrive.plot.frames import frame
+
+    keys = list(dict.fromkeys(key for each in found.competitors for key in each.figures))
+    columns = {key: np.array([each.figures.get(key) for each in found.competitors], float) for key in keys}
+    return frame([each.name for each in found.competitors], columns, "law")
 
 
 def shown(value: float | None, factor: float = 1.0, digits: int = 3) -> str:

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from feeddrive.comparison import pictures
 from feeddrive.comparison.arena import TODAY, Arena, Competitor
 from feeddrive.comparison.criteria import CRITERIA, Criterion, ranks
 from feeddrive.language import tree
@@ -136,8 +137,6 @@ def _refused(found: Arena) -> list[Extra]:
 
 
 def _pictures(found: Arena) -> list[Shown]:
-    from feeddrive.plot import arena as drawn
-
     pictures = [
         Shown(
             "arena",
@@ -145,7 +144,7 @@ def _pictures(found: Arena) -> list[Shown]:
             "Each figure divided by that of P-PI under the same rule. Blue: better, orange: worse; for stiffness more "
             "is better, for all else less.",
             "Ratios of all figures of all laws to those of P-PI.",
-            lambda: drawn.arena(found),
+            found.plot,
         )
     ]
     if any(each.snap is not None for each in found.competitors):
@@ -155,7 +154,17 @@ def _pictures(found: Arena) -> list[Shown]:
                 "Recovery after a rope snap and a force step",
                 "Position of the table against its setpoint. Dashed: within it a law counts as settled.",
                 "Position of the table after a force was taken away and after it was switched on, of all laws.",
-                lambda: drawn.recovery(found),
+                lambda: _recovery(found),
             )
         )
     return pictures
+
+
+def _recovery(found: Arena) -> Any:
+    """Over twice the median of what the laws need to settle, at least 20 samples."""
+    rows = [(each.name, each.snap, each.step) for each in found.competitors if each.snap and each.step]
+    times = [each.figures.get("snap_settling_s") for each in found.competitors]
+    finite = [t for t in times if t is not None and np.isfinite(t)]
+    T, work = float(found.competitors[0].loop.sample_time), found.work
+    span = min(max(2.0 * float(np.median(finite)) if finite else work.rest, 20.0 * T), work.rest)
+    return pictures.recovery(rows, begin=work.begin, near=work.near, span=float(span))

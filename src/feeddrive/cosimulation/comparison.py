@@ -59,20 +59,6 @@ class Cosimulation(Result):
             f"{self.job.title}, against {Path(self.fmu).name}", ["law", "RMS um", "peak um", "force N", "trip"], lines
         )
 
-    def plot(self) -> Any:
-        """Following error of each law over time, as a matplotlib figure."""
-        from feeddrive import plot
-
-        return plot.following_error({row.name: row.run for row in self.rows})
-
-    def to_pandas(self) -> Any:
-        """A DataFrame with one row a law."""
-        from feeddrive.plot import frames
-
-        figures = [row.figures() for row in self.rows]
-        names = np.array([row.name for row in self.rows])
-        return frames.frame(names, {key: np.array([each[key] for each in figures]) for key in figures[0]}, "law")
-
 
 def cosimulate(
     job: Job,

@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 
-import feeddrive
 from feeddrive.analysis.margins import margins
 from feeddrive.export.exportable import check_exportable
 from feeddrive.export.identifiers import check_name
@@ -18,6 +17,7 @@ from feeddrive.loop.linearize import loop_gain
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.routine import Routine
 from feeddrive.loop.routine_trace import controller_routine, plant_routine, weight
+from feeddrive.version import __version__
 
 LARGEST_MS = 3.0  # above it a change of the axis by a third may end in an oscillation
 CONTROL, PLANT = "control", "plant"
@@ -62,7 +62,7 @@ class Design:
     def made_by(self) -> str:
         """Who made it, from what."""
         file = Path(self.machine.file.name).name
-        return f"Made by feeddrive {feeddrive.__version__} from {file}, SHA-256 {self.digest}."
+        return f"Made by feeddrive {__version__} from {file}, SHA-256 {self.digest}."
 
     @property
     def period(self) -> str:

@@ -9,10 +9,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import feeddrive
 from feeddrive.export.design import MACHINE_FILE, Design
 from feeddrive.files.atomic_io import read_whole
 from feeddrive.language.errors import FileError
+from feeddrive.version import __version__
 
 FILE = "export.json"
 _MOST = 10_000_000
@@ -42,7 +42,7 @@ def manifest_text(design: Design, target: str, files: Mapping[str, bytes | str],
             "precision": design.layout.precision, "options": options,
         },
         "machine": {"name": design.machine.name, "file": MACHINE_FILE, "sha256": design.digest},
-        "made_by": f"feeddrive {feeddrive.__version__}",
+        "made_by": f"feeddrive {__version__}",
         "files": {name: _digest(content) for name, content in sorted(files.items())},
     }  # fmt: skip
     return json.dumps(content, indent=2, ensure_ascii=False) + "\n"

@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 
-import feeddrive
 from feeddrive.export.answers import PROOFS, WITHOUT, Answers
 from feeddrive.export.c.selftest import stepped
 from feeddrive.export.design import CONTROL, MACHINE_FILE, Design, read_design
@@ -18,6 +17,7 @@ from feeddrive.export.trial import Trial, trial
 from feeddrive.language.errors import FileError, ParameterError
 from feeddrive.language.table import Result, Table
 from feeddrive.loop.routine_run import run
+from feeddrive.version import __version__
 
 MOST = 20_000_000  # samples
 SINGLE = 5_000  # samples in single precision, whose answers come from Python, operation by operation
@@ -74,7 +74,7 @@ class Verified(Result):
             ["files as written", "yes" if not self.altered else "no: " + ", ".join(self.altered)],
             ["run by", self.program],
             ["built with", self.how],
-            ["on", f"{platform.machine()}, {platform.system()}, feeddrive {feeddrive.__version__}"],
+            ["on", f"{platform.machine()}, {platform.system()}, feeddrive {__version__}"],
             ["against", self.against],
             ["samples", f"{self.samples}, seed {self.seed}"],
             ["with", f"{self.changes} live changes, {self.trips} trips, {self.limited} samples at the force limit"],

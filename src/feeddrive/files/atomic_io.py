@@ -18,8 +18,8 @@ import stat
 from collections.abc import Generator
 from pathlib import Path
 
-import feeddrive
 from feeddrive.language.errors import FileError
+from feeddrive.version import __version__
 
 MARKER = ".feeddrive"  # in a directory of results: says who wrote it, and which files
 
@@ -188,7 +188,7 @@ def _files(directory: Path) -> list[str]:
 
 
 def _sign(directory: Path) -> None:
-    statement = {"written_by": f"feeddrive {feeddrive.__version__}", "files": _files(directory)}
+    statement = {"written_by": f"feeddrive {__version__}", "files": _files(directory)}
     write_whole(directory / MARKER, json.dumps(statement, indent=1) + "\n")
 
 

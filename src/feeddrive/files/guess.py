@@ -17,7 +17,6 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from feeddrive.files.atomic_io import write_whole
 from feeddrive.files.columns import COUNTS, OWN_UNIT, ROLES, Column, unit_of
@@ -244,10 +243,6 @@ class Guess(Result):
         for role, (column, what) in self.needs.items():
             lines.append(f"# {role} = {{ column = {_quoted(column)}, factor = 1.0 }}  # {what}")
         return "\n".join(lines) + "\n"
-
-    def plot(self) -> Any:
-        """A guess has no picture: plot the log itself."""
-        raise ParameterError(f"{self.name}: a guess of roles has no picture; plot the log itself")
 
 
 def guess_roles(log: Log, axis: str | None = None) -> Guess:

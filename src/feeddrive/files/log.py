@@ -77,18 +77,6 @@ class Log(Result):
         title = f"{self.name}: {self.time.size} rows, {self.duration:.4g} s at {rate}, jitter {100 * self.jitter:.2g} %"
         return Table(title, ["channel", "unit", "least", "most", "RMS"], rows)
 
-    def plot(self) -> Any:
-        """Every channel over time, as a matplotlib figure."""
-        from feeddrive import plot
-
-        return plot.log(self)
-
-    def to_pandas(self) -> Any:
-        """A DataFrame with one column a channel, over time in s."""
-        from feeddrive.plot import frames
-
-        return frames.frame(self.time, self.channels, "time")
-
 
 def _held(name: str, channel: str, values: Any) -> np.ndarray:
     """A float64 array of one dimension that nobody can change; it is copied only if it could be changed elsewhere."""

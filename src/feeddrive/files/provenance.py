@@ -9,16 +9,16 @@ from typing import Any
 
 import numpy as np
 
+from feeddrive.version import __version__
+
 
 def versions() -> dict[str, str]:
     """What is needed to repeat a run: of feeddrive, Python and the libraries that compute."""
     import llvmlite
     import scipy
 
-    import feeddrive
-
     return {
-        "feeddrive": feeddrive.__version__,
+        "feeddrive": __version__,
         "python": platform.python_version(),
         "numpy": np.__version__,
         "scipy": scipy.__version__,

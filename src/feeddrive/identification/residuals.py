@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -62,16 +61,3 @@ class Residuals(Result):
         rows += [[f"autocorrelation at lag {lag}", "", f"{self.autocorrelation(lag):.2f}"] for lag in lags]
         what = "white" if self.white else "not white: errors as if it were (ols) are too small"
         return Table(f"residual of {self.values.size} rows, {what}", ["", "unit", "value"], rows)
-
-    def plot(self) -> Any:
-        """Residual and its autocorrelation, as a matplotlib figure."""
-        from feeddrive import plot
-
-        return plot.residuals(self)
-
-    def to_pandas(self) -> Any:
-        """A DataFrame with measured value and residual by row."""
-        from feeddrive.plot import frames
-
-        columns = {"measured": self.measured, "residual": self.values}
-        return frames.frame(np.arange(self.values.size), columns, "row")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 
@@ -31,18 +30,6 @@ class Validation(Result):
         """One row a stretch."""
         rows = [[f"{i + 1}", f"{100.0 * error:.3g}"] for i, error in enumerate(self.errors)]
         return Table(f"unused rows: {100.0 * self.relative:.3g} % RMS", ["stretch", "error %"], rows)
-
-    def plot(self) -> Any:
-        """Errors by stretch, as a matplotlib figure."""
-        from feeddrive import plot
-
-        return plot.validation(self)
-
-    def to_pandas(self) -> Any:
-        """A DataFrame with one row a stretch."""
-        from feeddrive.plot import frames
-
-        return frames.frame(np.arange(1, self.errors.size + 1), {"error": self.errors}, "stretch")
 
 
 def cross_validated(columns: np.ndarray, measured: np.ndarray, folds: int, unit: str) -> Validation:

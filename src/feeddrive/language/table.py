@@ -1,11 +1,19 @@
-"""A short table: how every result shows itself in a terminal and in a notebook."""
+"""What every result shows: a short table in a terminal and in a notebook, a picture, a DataFrame.
+
+A result knows neither matplotlib nor pandas.  Pictures and frames are registered by the type of the result, in `plot/`
+for all rooms to its left, and for the others in the module of the result.
+"""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import singledispatch
 from html import escape
+from typing import Any
+
+from feeddrive.language.errors import ParameterError
 
 
 @dataclass(frozen=True)
@@ -38,6 +46,29 @@ class Table:
         return self.html()
 
 
+@singledispatch
+def picture_of(result: Any) -> Any:
+    """The matplotlib figure of a result; `picture_of.register(type)` says how a type of result is drawn."""
+    raise ParameterError(f"{type(result).__name__} has no picture: print it, or draw what it is made of")
+
+
+@singledispatch
+def frame_of(result: Any) -> Any:
+    """The pandas DataFrame of a result; `frame_of.register(type)` says what its rows and columns are."""
+    raise ParameterError(f"{type(result).__name__} has no DataFrame: print it, or take its fields")
+
+
+_load_views: list[Callable[[], object]] = []
+
+
+def views_from(load: Callable[[], object]) -> None:
+    """State what is called before a picture or a frame is looked up; it imports the room that registers them.
+
+    The package `feeddrive` calls this once when it is imported, since it stands above all rooms.
+    """
+    _load_views[:] = [load]
+
+
 class Result(ABC):
     """Base of results: they show themselves as their table, in a terminal and in a notebook."""
 
@@ -50,6 +81,21 @@ class Result(ABC):
 
     def _repr_html_(self) -> str:
         return self.table().html()
+
+    def plot(self) -> Any:
+        """The picture of this type of result, a matplotlib figure. Raises ParameterError if it has none."""
+        for load in _load_views:
+            load()
+        return picture_of(self)
+
+    def to_pandas(self) -> Any:
+        """The numbers of this result as a pandas DataFrame, in SI.
+
+        Raises MissingExtraError without pandas, ParameterError if this type of result has none.
+        """
+        for load in _load_views:
+            load()
+        return frame_of(self)
 
 
 # what people of this field want to read, by SI unit: shown unit and factor

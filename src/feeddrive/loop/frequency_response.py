@@ -169,18 +169,3 @@ class FRF(Result):
         ]  # fmt: skip
         title = f"{self.output} / {self.input} in {self.unit or '1'}, {self.frequency.size} lines"
         return Table(title, ["Hz", "magnitude", "dB", "deg"], rows)
-
-    def plot(self) -> Any:
-        """Bode plot as a matplotlib figure."""
-        from feeddrive import plot
-
-        return plot.bode(self)
-
-    def to_pandas(self) -> Any:
-        """A DataFrame with real and imaginary part, and coherence and variance if known, over frequency in Hz."""
-        from feeddrive.plot import frames
-
-        columns = {"real": np.real(self.response), "imaginary": np.imag(self.response)}
-        measured = {"coherence": self.coherence, "variance": self.variance}
-        columns |= {name: values for name, values in measured.items() if values is not None}
-        return frames.frame(self.frequency, columns, "frequency")

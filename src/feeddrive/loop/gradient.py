@@ -49,19 +49,6 @@ class Gradient(Result):
             rows.append([name, f"{self.values[name]:.6g}", f"{slope:.6g}", f"{share:+.4f} %"])
         return Table(f"cost {self.cost:.6g}", ["parameter", "value", "d cost / d value", "cost for +1 %"], rows)
 
-    def plot(self) -> Any:
-        """Relative sensitivities as bars, as a matplotlib figure."""
-        from feeddrive import plot
-
-        return plot.gradient(self)
-
-    def to_pandas(self) -> Any:
-        """A DataFrame with one row a parameter."""
-        from feeddrive.plot import frames
-
-        columns = {"value": np.array(list(self.values.values())), "slope": np.array(list(self.gradient.values()))}
-        return frames.frame(np.array(list(self.gradient)), columns, "parameter")
-
 
 _gradients: Recent[Native] = Recent(64)
 

@@ -100,19 +100,6 @@ class StateSpace(Result):
         title = f"{len(self.states)} states, inputs {', '.join(self.inputs)}, outputs {', '.join(self.outputs)}"
         return Table(title, ["pole z", "|z|", "Hz", "damping"], rows)
 
-    def plot(self) -> Any:
-        """Pole map as a matplotlib figure."""
-        from feeddrive import plot
-
-        return plot.poles(self)
-
-    def to_pandas(self) -> Any:
-        """The poles as a DataFrame."""
-        from feeddrive.plot import frames
-
-        poles = self.poles()
-        return frames.frame(np.arange(poles.size), {"real": np.real(poles), "imaginary": np.imag(poles)}, "pole")
-
 
 def _place(names: Sequence[str], name: str, what: str) -> int:
     if name not in names:

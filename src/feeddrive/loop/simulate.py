@@ -60,18 +60,6 @@ class Run(Result):
         title = f"{self.name}: {self.time.size} samples, {self.time.size * self.sample_time:.4g} s"
         return Table(title, ["signal", "unit", "RMS", "peak"], rows)
 
-    def plot(self) -> Any:
-        """Following error, force and velocity over time, as a matplotlib figure."""
-        from feeddrive import plot
-
-        return plot.run(self)
-
-    def to_pandas(self) -> Any:
-        """A DataFrame with one column a signal, over time in s."""
-        from feeddrive.plot import frames
-
-        return frames.frame(self.time, self.signals, "time")
-
 
 def _rms(values: np.ndarray) -> float:
     return float(np.sqrt(np.mean(values * values))) if values.size else 0.0
@@ -182,20 +170,6 @@ class Batch(Result):
             rows.append([signal.replace("_", " "), unit, f"{low:.4g}", str(best), f"{middle:.4g}", f"{high:.4g}"])
         title = f"{self.left.size} variants of {self.samples} samples; {int(np.sum(self.left >= 0))} left their bounds"
         return Table(title, ["RMS of", "unit", "least", "variant", "median", "most"], rows)
-
-    def plot(self) -> Any:
-        """Distribution of the RMS of each signal, as a matplotlib figure."""
-        from feeddrive import plot
-
-        return plot.batch(self)
-
-    def to_pandas(self) -> Any:
-        """A DataFrame with one row a variant."""
-        from feeddrive.plot import frames
-
-        columns = {f"rms_{name}": values for name, values in self.rms.items()}
-        columns |= {f"peak_{name}": values for name, values in self.peak.items()}
-        return frames.frame(np.arange(self.left.size), {**columns, "left": self.left}, "variant")
 
 
 def simulate_batch(

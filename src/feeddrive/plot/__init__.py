@@ -1,11 +1,12 @@
-"""Pictures of results, drawn with matplotlib's object API; every `.plot()` downstairs is one of these functions.
+"""Pictures and DataFrames of results, each registered for its type: `Result.plot()` and `.to_pandas()` look here.
 
-Each returns a figure that shows itself in a notebook and writes itself with `savefig`.  Importing this package does not
-import matplotlib.
+A picture is drawn with matplotlib's object API: a figure that shows itself in a notebook and writes itself with
+`savefig`.  Importing this package does not import matplotlib or pandas.
 """
 
 from __future__ import annotations
 
+from feeddrive.plot import frames as frames  # registers the frames
 from feeddrive.plot.certificate import certificate, certificate_discs
 from feeddrive.plot.channels import log
 from feeddrive.plot.complex_plane import nyquist, poles

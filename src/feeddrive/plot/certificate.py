@@ -8,6 +8,7 @@ import numpy as np
 
 from feeddrive.certificate.certificate import Certificate
 from feeddrive.certificate.responses import LoopResponse
+from feeddrive.language.table import picture_of
 from feeddrive.plot import style
 
 _MOST = 6  # rows of one picture
@@ -16,6 +17,7 @@ _DISCS = 500  # drawn in the complex plane
 _SHADE = "#f6dbc8"
 
 
+@picture_of.register(Certificate)
 def certificate(found: Certificate) -> Any:
     """|1 + L|/|L| of each plant over the radius that is certified, the plants with least room first."""
     plants = sorted(found.document["plants"], key=lambda each: each["reserve"] or np.inf)[:_MOST]

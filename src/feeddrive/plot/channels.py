@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from feeddrive.language.table import shown
+from feeddrive.files.guess import Guess
+from feeddrive.files.log import Log
+from feeddrive.language.errors import ParameterError
+from feeddrive.language.table import picture_of, shown
 from feeddrive.plot import style
 from feeddrive.plot.envelope import POINTS, envelope
-
-if TYPE_CHECKING:
-    from feeddrive.files.log import Log
 
 MOST = 12  # rows; a log with more channels shows the first ones
 
 
+@picture_of.register(Log)
 def log(log: Log) -> Any:
     """The channels of a log over time, each in the unit in which people read it."""
     chosen = dict(list(log.channels.items())[:MOST])
@@ -25,3 +26,8 @@ def log(log: Log) -> Any:
         last = i == len(chosen) - 1
         style.labels(axes[i], "time (s)" if last else None, f"{head}\n({unit.replace('um', 'µm')})" if unit else head)
     return figure
+
+
+@picture_of.register
+def _guess(found: Guess) -> Any:
+    raise ParameterError(f"{found.name}: a guess of roles has no picture; plot the log itself")

@@ -7,9 +7,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from feeddrive.analysis.encirclement import Encirclement
 from feeddrive.analysis.margins import Margins
+from feeddrive.analysis.margins import margins as margins_of
+from feeddrive.analysis.stability import Stability
+from feeddrive.language.table import picture_of
 from feeddrive.loop.linearize import StateSpace
 from feeddrive.plot import style
+from feeddrive.tuning.placement import Placement
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -93,6 +98,7 @@ def _at(margins: Margins, frequency: float) -> complex:
     )
 
 
+@picture_of.register(StateSpace)
 def poles(model: StateSpace) -> Any:
     """Poles in the z plane with the unit circle, and the same as damping ratio over natural frequency in Hz."""
     from matplotlib.patches import Circle
@@ -128,3 +134,18 @@ def poles(model: StateSpace) -> Any:
 
 def _crosses(ax: Axes, x: np.ndarray, y: np.ndarray, tint: str, name: str | None) -> None:
     ax.plot(x, y, "x", color=tint, markersize=7, markeredgewidth=1.6, label=name)
+
+
+@picture_of.register
+def _stability(found: Stability) -> Any:
+    return poles(found.model)
+
+
+@picture_of.register
+def _placement(found: Placement) -> Any:
+    return poles(found.stability.model)
+
+
+@picture_of.register
+def _encirclement(found: Encirclement) -> Any:
+    return nyquist(margins_of(found.loop_gain))

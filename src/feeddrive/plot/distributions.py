@@ -7,13 +7,14 @@ from typing import Any
 import numpy as np
 
 from feeddrive.analysis.effort import Effort
-from feeddrive.language.table import shown
+from feeddrive.language.table import picture_of, shown
 from feeddrive.loop.gradient import Gradient
 from feeddrive.loop.loop import UNITS
 from feeddrive.loop.simulate import Batch
 from feeddrive.plot import style
 
 
+@picture_of.register(Batch)
 def batch(batch: Batch) -> Any:
     """How many variants have which RMS, for each signal; those that left their bounds are not counted."""
     from matplotlib.ticker import MaxNLocator
@@ -52,6 +53,7 @@ def batch(batch: Batch) -> Any:
     return figure
 
 
+@picture_of.register(Gradient)
 def gradient(found: Gradient) -> Any:
     """By how many percent the cost changes for +1 % of each parameter: falls to the left, rises to the right."""
     names = list(found.gradient)
@@ -69,6 +71,7 @@ def gradient(found: Gradient) -> Any:
     return figure
 
 
+@picture_of.register(Effort)
 def effort(found: Effort) -> Any:
     """Operations of one sample by kind."""
     names = sorted(found.operations, key=lambda name: found.operations[name])

@@ -8,10 +8,12 @@ from typing import Any
 import numpy as np
 
 from feeddrive.analysis.observe import Observation
+from feeddrive.language.table import picture_of
 from feeddrive.plot import style
 from feeddrive.tuning.delay_map import DelayMap
 
 
+@picture_of.register(Observation)
 def disturbance(
     observations: Observation | Mapping[str, Observation],
     true: np.ndarray | None = None,
@@ -33,6 +35,7 @@ def disturbance(
     return figure
 
 
+@picture_of.register(DelayMap)
 def delay_map(maps: DelayMap | Mapping[str, DelayMap]) -> Any:
     """The first knob at the edge of stability and where Ms reaches its bound, over the dead time in samples."""
     chosen = style.named(maps)

@@ -8,6 +8,7 @@ import numpy as np
 
 from feeddrive.identification.excitation.excitation import Excitation
 from feeddrive.identification.excitation.frequency_estimate import FrequencyEstimate
+from feeddrive.language.table import picture_of
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.plot import style
 from feeddrive.plot.envelope import envelope
@@ -15,6 +16,7 @@ from feeddrive.plot.envelope import envelope
 _LEVELS = {"noise": "noise", "nonlinear": "scatter beyond noise", "odd": "odd distortion", "even": "even distortion"}
 
 
+@picture_of.register(FrequencyEstimate)
 def frequency_estimate(found: FrequencyEstimate, model: FRF | None = None) -> Any:
     """Magnitude with the 95 % band, noise and distortion; phase with its band; coherence. `model` is drawn behind."""
     frf = found.frf
@@ -56,6 +58,7 @@ def _beside(phase: np.ndarray, frequency: np.ndarray, frf: FRF) -> np.ndarray:
     return phase + 360.0 * round((float(frf.phase_deg[0]) - at) / 360.0)
 
 
+@picture_of.register(Excitation)
 def excitation(found: Excitation) -> Any:
     """What is sent in the first realisation, and speed and force that the simulation answers, over time."""
     drawn = found.drawings[0]

@@ -9,6 +9,7 @@ import numpy as np
 
 from feeddrive.analysis.friction_map import FrictionMap
 from feeddrive.blocks.families import Friction
+from feeddrive.language.table import picture_of
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import Run
 from feeddrive.plot import style
@@ -96,3 +97,8 @@ def _met(ax: Any, loop: Loop, run: Run) -> None:
             markeredgewidth=0, label=label,
         )  # fmt: skip
         label = None
+
+
+@picture_of.register
+def _friction_map(found: FrictionMap) -> Any:
+    return friction({}, measured=found)

@@ -12,17 +12,20 @@ from feeddrive.identification.cogging.cogging_run import CoggingRun
 from feeddrive.identification.estimate import NORMAL
 from feeddrive.identification.motion.control_law import ControlFit
 from feeddrive.identification.motion.delay import DelayFit
+from feeddrive.identification.motion.identify import Identified
 from feeddrive.identification.motion.rigid import RigidFit
 from feeddrive.identification.residuals import Residuals
 from feeddrive.identification.steady_runs.friction_curve import FrictionCurve
 from feeddrive.identification.steady_runs.steady_runs import SteadyRuns
 from feeddrive.identification.validation import Validation
+from feeddrive.language.table import picture_of
 from feeddrive.plot import style
 from feeddrive.plot.envelope import envelope
 
 _LAGS = 40  # of an autocorrelation
 
 
+@picture_of.register(RigidFit)
 def rigid_fit(fit: RigidFit) -> Any:
     """Measured and fitted force over time, and the residual."""
     figure, axes = style.picture(2, height=3.8, ratios=(2, 1))
@@ -39,6 +42,7 @@ def rigid_fit(fit: RigidFit) -> Any:
     return figure
 
 
+@picture_of.register(Residuals)
 def residuals(found: Residuals) -> Any:
     """Residual by row, and its autocorrelation with the bounds of a white one."""
     figure, axes = style.picture(2, height=3.8, share=False)
@@ -56,6 +60,7 @@ def residuals(found: Residuals) -> Any:
     return figure
 
 
+@picture_of.register(Validation)
 def validation(found: Validation) -> Any:
     """Error of each stretch when it was not used."""
     figure, (ax,) = style.picture(1, height=2.6)
@@ -65,6 +70,7 @@ def validation(found: Validation) -> Any:
     return figure
 
 
+@picture_of.register(DelayFit)
 def delay_fit(found: DelayFit) -> Any:
     """Residual over the delay that was tried."""
     figure, (ax,) = style.picture(1, height=2.8)
@@ -77,6 +83,7 @@ def delay_fit(found: DelayFit) -> Any:
     return figure
 
 
+@picture_of.register(ControlFit)
 def control_fit(found: ControlFit) -> Any:
     """What each law that was tried leaves of the force, by its delay."""
     figure, (ax,) = style.picture(1, height=2.8)
@@ -91,6 +98,7 @@ def control_fit(found: ControlFit) -> Any:
     return figure
 
 
+@picture_of.register(SteadyRuns)
 def steady_runs(runs: SteadyRuns) -> Any:
     """Force over velocity."""
     figure, (ax,) = style.picture(1, height=3.2)
@@ -98,6 +106,7 @@ def steady_runs(runs: SteadyRuns) -> Any:
     return figure
 
 
+@picture_of.register(FrictionCurve)
 def identified_friction(curve: FrictionCurve) -> Any:
     """The runs, the curve with its 95 % band, and what it leaves."""
     figure, axes = style.picture(2, height=4.2, ratios=(2, 1))
@@ -126,6 +135,7 @@ def identified_friction(curve: FrictionCurve) -> Any:
     return figure
 
 
+@picture_of.register(CoggingFit)
 def cogging(fit: CoggingFit) -> Any:
     """Amplitudes by order, with twice their standard errors: cogging, and what changes sign with the direction."""
     figure, (ax,) = style.picture(1, height=3.2)
@@ -189,3 +199,8 @@ def _points(ax: Any, runs: SteadyRuns) -> None:
     )  # fmt: skip
     style.labels(ax, f"velocity ({unit})", f"force ({force_unit})")
     ax.margins(x=0.03)
+
+
+@picture_of.register
+def _identified(found: Identified) -> Any:
+    return rigid_fit(found.rigid)

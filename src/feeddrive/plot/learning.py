@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from feeddrive.language import tree
+from feeddrive.language.table import picture_of
 from feeddrive.plot import style
 from feeddrive.plot.envelope import envelope
 from feeddrive.tuning.iterative_feedforward import Iteration
@@ -20,6 +21,7 @@ _WORDS = {
 }  # fmt: skip
 
 
+@picture_of.register(Trial)
 def trial(trial: Trial) -> Any:
     """Following error over set velocity."""
     figure, axes = style.picture(2, height=3.6, ratios=(2, 1))
@@ -31,6 +33,7 @@ def trial(trial: Trial) -> Any:
     return figure
 
 
+@picture_of.register(Iteration)
 def iteration(iteration: Iteration) -> Any:
     """The error of the trial, and under it that which is predicted for the next along the same reference."""
     figure, axes = style.picture(2, height=3.8, ratios=(2, 1))
@@ -46,6 +49,7 @@ def iteration(iteration: Iteration) -> Any:
     return figure
 
 
+@picture_of.register(Trials)
 def trials(trials: Trials) -> Any:
     """RMS of the error over the trials on a logarithmic scale, and each parameter with its standard error."""
     return errors_and_parameters({"": trials})

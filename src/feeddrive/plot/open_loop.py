@@ -7,8 +7,17 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from feeddrive.analysis.margin_intervals import MarginIntervals
 from feeddrive.analysis.margins import Margins
+from feeddrive.analysis.margins import margins as margins_of
+from feeddrive.analysis.measured_loop import MeasuredLoop
+from feeddrive.analysis.opened import opened
+from feeddrive.language.errors import ParameterError
+from feeddrive.language.table import picture_of
 from feeddrive.plot import style
+from feeddrive.tuning.recipes import Recipe
+from feeddrive.tuning.shaping.cascade import CascadeLoops
+from feeddrive.tuning.tuned import Tuned
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -17,6 +26,7 @@ FAR = 60.0  # dB: a margin beyond it says nothing and is not drawn
 WRITTEN = 3  # crossovers of a kind that get their number written beside them, in a picture of one loop
 
 
+@picture_of.register(Margins)
 def open_loop(loops: Margins | Mapping[str, Margins]) -> Any:
     """Magnitude in dB and phase in degrees of loop gains, with every gain and phase crossover.
 
@@ -107,3 +117,25 @@ def _write(ax: Axes, x: float, y: float, text: str) -> None:
         va="center", fontsize=style.SMALL, color=style.INK,
         bbox={"facecolor": style.PAPER, "edgecolor": "none", "alpha": 0.8, "pad": 0.8},
     )  # fmt: skip
+
+
+@picture_of.register(MarginIntervals)
+@picture_of.register(MeasuredLoop)
+def _margins_of(found: MarginIntervals | MeasuredLoop) -> Any:
+    return open_loop(found.margins)
+
+
+@picture_of.register
+def _cascade_loops(found: CascadeLoops) -> Any:
+    return open_loop({"velocity loop": found.velocity, "position loop": found.position})
+
+
+@picture_of.register
+def _tuned(found: Tuned) -> Any:
+    model = opened(found.loop)
+    return open_loop(margins_of(model.loop_gain(model.lines(200))))
+
+
+@picture_of.register
+def _recipe(_found: Recipe) -> Any:
+    raise ParameterError("a recipe has no picture: give its law to `shape` or `measured_loop`, and draw that")

@@ -12,12 +12,15 @@ from feeddrive.analysis.sensitivity import complementary_sensitivity
 from feeddrive.analysis.sensitivity import sensitivity as sensitivity_of
 from feeddrive.analysis.spectrum import Spectrum
 from feeddrive.analysis.stiffness import Stiffness
+from feeddrive.language.table import picture_of, shown
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.plot import style
+from feeddrive.tuning.shaping.shaped_loop import ShapedLoop
 
 BANDS = 500  # over the whole axis: a line shows the largest amplitude in its band
 
 
+@picture_of.register(FRF)
 def bode(responses: FRF | Mapping[str, FRF]) -> Any:
     """Magnitude in dB and phase in degrees over Hz; with a third row if a response has a coherence."""
     chosen = style.named(responses)
@@ -102,6 +105,7 @@ def sensitivity(loops: Margins | Mapping[str, Margins]) -> Any:
     return figure
 
 
+@picture_of.register(Stiffness)
 def stiffness(stiffnesses: Stiffness | Mapping[str, Stiffness]) -> Any:
     """Dynamic stiffness in N/µm over Hz, log-log, with the minimum marked."""
     chosen = style.named(stiffnesses)
@@ -126,10 +130,9 @@ def stiffness(stiffnesses: Stiffness | Mapping[str, Stiffness]) -> Any:
     return figure
 
 
+@picture_of.register(Spectrum)
 def spectrum(spectra: Spectrum | Mapping[str, Spectrum]) -> Any:
     """Amplitude and cumulative RMS over Hz, log-log; dense lines show the largest amplitude of each band."""
-    from feeddrive.language.table import shown
-
     chosen = style.named(spectra)
     figure, axes = style.picture(2, height=4.6, ratios=[3, 2])
     first = next(iter(chosen.values()))
@@ -181,3 +184,16 @@ def _banded(found: Spectrum, low: float, high: float) -> tuple[np.ndarray, np.nd
 def _span(frequencies: Any) -> tuple[float, float]:
     ends = [(float(f[0]), float(f[-1])) for f in frequencies]
     return min(low for low, _ in ends), max(high for _, high in ends)
+
+
+@picture_of.register
+def _shaped_loop(found: ShapedLoop) -> Any:
+    """Dynamic stiffness before and after at each site."""
+    many = len(found.after) > 1
+    curves = {
+        f"{name}, {each.site}" if many else name: each.stiffness
+        for name, row in (("today", found.before), ("new", found.after))
+        for each in row
+        if each.stable
+    }
+    return stiffness(curves)

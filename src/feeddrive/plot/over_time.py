@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from feeddrive.analysis.reversal import Window, set_velocity
+from feeddrive.cosimulation.comparison import Cosimulation
+from feeddrive.language.table import picture_of
 from feeddrive.loop.simulate import Run
 from feeddrive.plot import style
 from feeddrive.plot.envelope import POINTS, envelope
@@ -20,6 +22,7 @@ _LIMITS = ((0, (5, 2)), (0, (1.5, 1.5)), (0, (5, 1.5, 1, 1.5)))  # dashes of the
 Runs = Run | Mapping[str, Run] | Sequence[Run]
 
 
+@picture_of.register(Run)
 def run(run: Run) -> Any:
     """Following error, force and velocity of one run."""
     figure, axes = style.picture(3, height=5.4)
@@ -77,7 +80,7 @@ def force(runs: Runs, limits: Mapping[str, float] | None = None, points: int = P
 
 
 def comparison(chosen: Mapping[str, Run]) -> Any:
-    """Following error of each law in its own row, and the forces of all in the last."""
+    """Following error of each run in its own row, and the forces of all in the last."""
     rows = len(chosen) + 1
     figure, axes = style.picture(rows, height=0.9 + 1.45 * rows)
     errors = [1e6 * run["following_error"] for run in chosen.values()]
@@ -177,3 +180,8 @@ def _rms(values: np.ndarray) -> float:
 
 def _peak(values: np.ndarray) -> float:
     return float(np.max(np.abs(values), initial=0.0))
+
+
+@picture_of.register
+def _cosimulation(found: Cosimulation) -> Any:
+    return following_error({row.name: row.run for row in found.rows})

@@ -7,6 +7,8 @@ from typing import Any
 import numpy as np
 
 from feeddrive.analysis.replay import Replay
+from feeddrive.identification.motion.output_error import Refinement
+from feeddrive.language.table import picture_of
 from feeddrive.plot import style
 from feeddrive.plot.envelope import POINTS, envelope
 
@@ -18,6 +20,7 @@ _SHOWN = {
 }
 
 
+@picture_of.register(Replay)
 def replay(replay: Replay, points: int = POINTS) -> Any:
     """Measured over predicted for position, following error and force, each with its residual below."""
     signals = [name for name in _SHOWN if name in replay.measured and name in replay.run.signals]
@@ -52,3 +55,8 @@ def replay(replay: Replay, points: int = POINTS) -> Any:
 
 def _rms(values: np.ndarray) -> float:
     return float(np.sqrt(np.mean(values * values)))
+
+
+@picture_of.register
+def _refinement(found: Refinement) -> Any:
+    return replay(found.replay)

@@ -6,11 +6,13 @@ from typing import Any
 
 import numpy as np
 
+from feeddrive.language.table import picture_of
 from feeddrive.plot import style
 from feeddrive.plot.envelope import POINTS, envelope
 from feeddrive.tuning.trajectory_prefilter import PrefilterFit
 
 
+@picture_of.register(PrefilterFit)
 def prefilter_fit(fit: PrefilterFit, points: int = POINTS) -> Any:
     """Above: the error and what the derivatives explain of it. Below: what is predicted to remain."""
     figure, axes = style.picture(2, height=4.2)

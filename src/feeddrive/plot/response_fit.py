@@ -7,12 +7,17 @@ from typing import Any
 import numpy as np
 
 from feeddrive.identification.response.agreement import Agreement
+from feeddrive.identification.response.fit_axis import AxisFits
+from feeddrive.identification.response.modal_fit import ModalFit
+from feeddrive.identification.response.plant_fit import PlantFit
+from feeddrive.language.table import picture_of
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.plot import style
 
 _BAND = np.sqrt(-np.log(0.05))  # radius of a 95 % disc, in roots of E|dG|²
 
 
+@picture_of.register(Agreement)
 def response_fit(found: Agreement) -> Any:
     """Magnitude and phase: the measurement as dots with its 95 % band, the model as a line; their distance; coherence.
 
@@ -129,3 +134,14 @@ def _radius(frf: FRF) -> np.ndarray | None:
 def _frequency(ax: Any, found: Agreement) -> None:
     lines = [m.frequency for m in found.measured]
     style.frequency_axis(ax, float(min(f[0] for f in lines)), float(max(f[-1] for f in lines)))
+
+
+@picture_of.register(PlantFit)
+@picture_of.register(ModalFit)
+def _fit(found: PlantFit | ModalFit) -> Any:
+    return response_fit(found.agreement)
+
+
+@picture_of.register
+def _axis_fits(found: AxisFits) -> Any:
+    return response_fit(found.fit.agreement)

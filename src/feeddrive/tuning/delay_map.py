@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -51,18 +50,6 @@ class DelayMap(Result):
         named = ", ".join(f"{name.rpartition('.')[2]} {value:.4g}" for name, value in self.knobs.items())
         heads = ["dead time ms", "samples", "unstable above", f"Ms <= {self.sensitivity_bound:g} up to"]
         return Table(f"factor of {named}", heads, rows)
-
-    def plot(self) -> Any:
-        """Both bounds over the dead time, as a matplotlib figure."""
-        from feeddrive import plot
-
-        return plot.delay_map(self)
-
-    def to_pandas(self) -> Any:
-        """A DataFrame with both factors over the dead time in s."""
-        from feeddrive.plot import frames
-
-        return frames.frame(self.dead_time, {"edge": self.edge, "robust": self.robust}, "dead_time")
 
 
 def delay_map(

@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -71,19 +70,6 @@ class Iteration(Result):
             f"condition {self.condition:.3g}"
         )
         return Table(title, ["parameter", "unit", "now", "next", "standard error", ""], rows)
-
-    def plot(self) -> Any:
-        """Following error of the trial and the predicted one of the next, as a matplotlib figure."""
-        from feeddrive import plot
-
-        return plot.iteration(self)
-
-    def to_pandas(self) -> Any:
-        """A DataFrame of the error and the predicted one over time in s."""
-        from feeddrive.plot import frames
-
-        columns = {"following_error": self.trial.following_error, "predicted": self.predicted}
-        return frames.frame(self.trial.time, columns, "time")
 
 
 def iterate(

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -42,14 +41,6 @@ class Placement(Result):
         rows += [["pole placed", _words(pole)] for pole in self.poles]
         rows += [["pole of the loop", _words(pole)] for pole in self.reached[: self.poles.size]]
         return Table(self.stability.sentence(), ["pole placement", "value"], rows)
-
-    def plot(self) -> Any:
-        """Pole map of the sampled loop as a matplotlib figure."""
-        return self.stability.plot()
-
-    def to_pandas(self) -> Any:
-        """The poles of the sampled loop as a DataFrame."""
-        return self.stability.to_pandas()
 
 
 def _words(pole: complex) -> str:

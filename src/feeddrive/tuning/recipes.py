@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -52,17 +51,6 @@ class Recipe(Result):
             ["lag", f"{self.lag:.4g}", "s"],
         ]
         return Table(f"{self.name}: {self.reason} ({self.source})", ["what", "value", "unit"], rows)
-
-    def plot(self) -> Any:
-        """Refused: a rule is no response. Raises ParameterError; draw the loop that has the law."""
-        raise ParameterError("a recipe has no picture: give its law to `shape` or `measured_loop`, and draw that")
-
-    def to_pandas(self) -> Any:
-        """A DataFrame with one row a gain."""
-        from feeddrive.plot import frames
-
-        law = self.law
-        return frames.frame(["Kv", "Kp", "Tn"], {"value": np.array([law.Kv, law.Kp, law.Tn or np.nan])}, "gain")
 
 
 class _Axis:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -110,19 +109,6 @@ class PrefilterFit(Result):
         )
         heads = ["regressor", "unit", "theta", "std. error", "next theta", "corr.", "left"]
         return Table(title, heads, rows)
-
-    def plot(self) -> Any:
-        """The error, what is explained of it, and what is predicted to remain, as a matplotlib figure."""
-        from feeddrive import plot
-
-        return plot.prefilter_fit(self)
-
-    def to_pandas(self) -> Any:
-        """A DataFrame with error, explained part and prediction in m over time in s."""
-        from feeddrive.plot import frames
-
-        columns = {"error": self.error, "explained": self.explained, "predicted": self.predicted}
-        return frames.frame(self.time, columns, "time")
 
 
 _NAMES = ("theta1", "theta2", "theta3", "theta4")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -65,19 +64,6 @@ class Trial(Result):
         ]  # fmt: skip
         heads = ["trial", "samples", "travel mm", "velocity mm/s", "acceleration m/s2", "error RMS um", "peak um"]
         return Table(f"a trial of {self.following_error.size * self.sample_time:.4g} s", heads, [row])
-
-    def plot(self) -> Any:
-        """Set velocity and following error over time, as a matplotlib figure."""
-        from feeddrive import plot
-
-        return plot.trial(self)
-
-    def to_pandas(self) -> Any:
-        """A DataFrame of setpoint and error over time in s."""
-        from feeddrive.plot import frames
-
-        columns = {f"set_{name}": np.asarray(row) for name, row in zip(Setpoint._fields, self.setpoint, strict=True)}
-        return frames.frame(self.time, {**columns, "following_error": self.following_error}, "time")
 
 
 def simulated_trial(run: Run, reference: Reference) -> Trial:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -70,20 +69,6 @@ class Trials(Result):
         heads = ["trial", *(str(j + 1) for j in range(len(self.trials)))]
         form = self.iterations[0].form
         return Table(f"{len(self.trials)} trials, {form}; predicted: as if the reference stayed", heads, rows)
-
-    def plot(self) -> Any:
-        """Errors and parameters over the trials, as a matplotlib figure."""
-        from feeddrive import plot
-
-        return plot.trials(self)
-
-    def to_pandas(self) -> Any:
-        """A DataFrame with one row a trial."""
-        from feeddrive.plot import frames
-
-        errors = {f"error_{name}": values for name, values in self.errors().items()}
-        columns = {"rms": self.rms, **self.parameters(), **errors}
-        return frames.frame(np.arange(1, len(self.trials) + 1), columns, "trial")
 
 
 def iterate_trials(

@@ -4,12 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-import numpy as np
-
-from feeddrive.analysis.margins import margins
-from feeddrive.analysis.opened import opened
 from feeddrive.language import tree
 from feeddrive.language.table import Result, Table
 from feeddrive.loop.loop import Loop
@@ -80,24 +76,6 @@ class Tuned(Result):
             *([f"proof: {line.what}", "", _verdict(line.holds), line.said] for line in self.proof),
         ]
         return Table(self.rule, ["what", "begun at", "now", "unit"], rows)
-
-    def plot(self) -> Any:
-        """Bode plot of the loop gain with its margins, as a matplotlib figure."""
-        from feeddrive import plot
-
-        both = opened(self.loop)
-        return plot.open_loop(margins(both.loop_gain(both.lines(200))))
-
-    def to_pandas(self) -> Any:
-        """A DataFrame with one row a knob."""
-        from feeddrive.plot import frames
-
-        names = list(self.knobs)
-        columns = {
-            "begun_at": np.array([self.started[name] for name in names]),
-            "tuned": np.array([self.knobs[name] for name in names]),
-        }
-        return frames.frame(names, columns, "knob")
 
 
 def _verdict(holds: bool | None) -> str:

@@ -16,7 +16,7 @@ from feeddrive.files.job import Job
 from feeddrive.files.log import Log
 from feeddrive.files.provenance import versions
 from feeddrive.language.errors import FeeddriveError, LogError
-from feeddrive.language.table import Result, Table
+from feeddrive.language.table import Result, Table, frame_of, picture_of
 from feeddrive.loop.linearize import compliance, loop_gain, tracking
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import Run, samples, simulate
@@ -85,19 +85,23 @@ class JobResult(Result):
             notes=self.remarks,
         )
 
-    def plot(self) -> Any:
-        """Following error and force of all laws, as a matplotlib figure."""
-        from feeddrive import plot
 
-        return plot.comparison({row.name: row.run for row in self.rows})
+@picture_of.register
+def _picture(result: JobResult) -> Any:
+    """Following error and force of all laws."""
+    from feeddrive import plot
 
-    def to_pandas(self) -> Any:
-        """A DataFrame with one row a law."""
-        from feeddrive.plot import frames
+    return plot.comparison({row.name: row.run for row in result.rows})
 
-        names = np.array([row.name for row in self.rows])
-        figures = [numbers(row) for row in self.rows]
-        return frames.frame(names, {key: np.array([each[key] for each in figures], float) for key in figures[0]}, "law")
+
+@frame_of.register
+def _frame(result: JobResult) -> Any:
+    """One row a law."""
+    from feeddrive.plot.frames import frame
+
+    figures = [numbers(row) for row in result.rows]
+    columns = {key: np.array([each[key] for each in figures], float) for key in figures[0]}
+    return frame([row.name for row in result.rows], columns, "law")
 
 
 def numbers(row: Entry) -> dict[str, float | None]:

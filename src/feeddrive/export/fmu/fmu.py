@@ -7,7 +7,6 @@ import io
 import zipfile
 from pathlib import Path
 
-import feeddrive
 from feeddrive.export.c.text import texts
 from feeddrive.export.fmu.binary import compiled, library_place
 from feeddrive.export.fmu.description import build_description, model_description
@@ -15,6 +14,7 @@ from feeddrive.export.fmu.model_header import model_header
 from feeddrive.export.fmu.variables import variables
 from feeddrive.export.layout import Layout
 from feeddrive.language.errors import ParameterError
+from feeddrive.version import __version__
 
 VERSIONS = (2, 3)
 _HERE = Path(__file__).parent
@@ -57,7 +57,7 @@ def fmu(layout: Layout, version: int, *, title: str, made_by: str, binary: bool 
         raise ParameterError("an FMU computes in double precision: leave --precision out")
     if routine.name.lower() in _TAKEN:
         raise ParameterError(f"an FMU cannot be named '{routine.name}': a header has that name; take {routine.name}_x")
-    tool = f"feeddrive {feeddrive.__version__}"
+    tool = f"feeddrive {__version__}"
     own = texts(layout, title, made_by)
     P = routine.name
     files = {f"{P}.h": own.header, f"{P}.c": _EXACT + own.source, f"{P}_configure.c": _EXACT + own.configure}

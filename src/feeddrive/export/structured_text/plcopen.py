@@ -6,7 +6,6 @@ import re
 import xml.etree.ElementTree as ET
 from collections.abc import Iterable
 
-import feeddrive
 from feeddrive.export.structured_text.units import (
     CONSTANTS,
     INPUTS,
@@ -16,6 +15,7 @@ from feeddrive.export.structured_text.units import (
     Structure,
     Unit,
 )
+from feeddrive.version import __version__
 
 NAMESPACE = "http://www.plcopen.org/xml/tc6_0200"
 _XHTML = "http://www.w3.org/1999/xhtml"
@@ -30,7 +30,7 @@ def plcopen(name: str, parts: Iterable[Structure | Unit]) -> str:
     parts = list(parts)
     project = ET.Element("project", {"xmlns": NAMESPACE})
     ET.SubElement(
-        project, "fileHeader", companyName="", productName="feeddrive", productVersion=feeddrive.__version__,
+        project, "fileHeader", companyName="", productName="feeddrive", productVersion=__version__,
         creationDateTime=_WHEN,
     )  # fmt: skip
     header = ET.SubElement(project, "contentHeader", name=name)

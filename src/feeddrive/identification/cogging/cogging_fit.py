@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -79,24 +78,6 @@ class CoggingFit(Result):
         title = f"{len(self.significant)} of {len(self.orders)} orders are significant{friction}"
         heads = ["order", f"forward {self.unit}", "backward", "cogging", "friction-like", "p"]
         return Table(title, heads, rows)
-
-    def plot(self) -> Any:
-        """Amplitude by order with errors, as a matplotlib figure."""
-        from feeddrive import plot
-
-        return plot.cogging(self)
-
-    def to_pandas(self) -> Any:
-        """A DataFrame with one row an order."""
-        from feeddrive.plot import frames
-
-        rows = sorted(self.orders, key=lambda each: each.order)
-        pick = {"forward": "forward", "backward": "backward", "cogging": "even", "friction_like": "odd"}
-        columns = {
-            name: np.array([np.nan if (e := getattr(each, field)) is None else e.value for each in rows])
-            for name, field in pick.items()
-        }
-        return frames.frame(np.array([each.order for each in rows]), columns, "order")
 
     def block(self, period: float, *, force_per_unit: float = 1.0, most: int = 12) -> Cogging:
         """The strongest significant orders of the cogging as a block.

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -124,16 +123,3 @@ class Excitation(Result):
             f"{self.periods} periods of {self.period * self.sample_time:.4g} s, {len(self.drawings)} realisation(s)"
         )
         return Table(title, ["in the simulation", "got", "limit", ""], [limit.cells() for limit in self.limits])
-
-    def plot(self) -> Any:
-        """Excitation, velocity and force over time, as a matplotlib figure."""
-        from feeddrive import plot
-
-        return plot.excitation(self)
-
-    def to_pandas(self) -> Any:
-        """A DataFrame of the first realisation over time in s."""
-        from feeddrive.plot import frames
-
-        drawn = self.drawings[0]
-        return frames.frame(drawn.time, {"excitation": drawn.excitation, **drawn.signals}, "time")

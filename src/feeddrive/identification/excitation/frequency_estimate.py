@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 
@@ -116,17 +115,6 @@ class FrequencyEstimate(Result):
         ]  # fmt: skip
         title = f"{frf.output} / {frf.input} in {frf.unit or '1'}, {n} lines; {self.method}"
         return Table(title, ["Hz", "magnitude", "deg", "deviation %", "by noise %", "coherence"], rows)
-
-    def plot(self) -> Any:
-        """Magnitude with its band, noise and distortion, phase and coherence, as a matplotlib figure."""
-        from feeddrive import plot
-
-        return plot.frequency_estimate(self)
-
-    def to_pandas(self) -> Any:
-        """A DataFrame of response, coherence, variance and noise variance over frequency in Hz."""
-        frame = self.frf.to_pandas()
-        return frame.assign(noise_variance=self.noise, freedom=self.freedom)
 
 
 def fisher(confidence: float, freedom: np.ndarray | float) -> np.ndarray:

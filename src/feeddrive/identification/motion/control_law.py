@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -46,23 +45,6 @@ class ControlFit(Result):
             f"{100.0 * self.residual:.3g} % of the force is left"
         )
         return estimates_table(title, self.estimates)
-
-    def plot(self) -> Any:
-        """Residual by delay, as a matplotlib figure."""
-        from feeddrive import plot
-
-        return plot.control_fit(self)
-
-    def to_pandas(self) -> Any:
-        """A DataFrame with one row for each law that was tried."""
-        from feeddrive.plot import frames
-
-        columns = {
-            "velocity_samples": np.array([n for n, _ in self.tried]),
-            "delay": np.array([d for _, d in self.tried]),
-            "residual": np.array(list(self.tried.values())),
-        }
-        return frames.frame(np.arange(len(self.tried)), columns, "law")
 
     def law(self) -> CascadePPI:
         """The cascade as a block; a feedforward that is 0 or 1 within its error is written as that."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -50,18 +49,6 @@ class DelayFit(Result):
         rows = [[f"{d:g}", f"{100.0 * r:.4g}"] for d, r in zip(self.delays[near], self.residual[near], strict=True)]
         title = f"{self.name}: dead time {self.dead_time:.2f} ± {self.error:.2f} samples besides the hold"
         return Table(title, ["samples", "residual %"], rows)
-
-    def plot(self) -> Any:
-        """Residual over delay, as a matplotlib figure."""
-        from feeddrive import plot
-
-        return plot.delay_fit(self)
-
-    def to_pandas(self) -> Any:
-        """A DataFrame with one row a delay."""
-        from feeddrive.plot import frames
-
-        return frames.frame(self.delays, {"residual": self.residual}, "samples")
 
 
 def find_delay(log: MotionLog, *, friction: str = "directional", how: Preparation | None = None) -> DelayFit:

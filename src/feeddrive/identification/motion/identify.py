@@ -51,14 +51,6 @@ class Identified(Result):
         """Parameters of the inverse dynamics."""
         return self.rigid.table()
 
-    def plot(self) -> Any:
-        """Fit over measurement, as a matplotlib figure."""
-        return self.rigid.plot()
-
-    def to_pandas(self) -> Any:
-        """Measured and fitted force over time in s."""
-        return self.rigid.to_pandas()
-
     @property
     def recommendation(self) -> str:
         """One plain sentence on what to do, with its reason."""

@@ -64,14 +64,6 @@ class Refinement(Result):
         )
         return estimates_table(f"{self.name}: output error, {self.delay} samples of delay; {off}", short)
 
-    def plot(self) -> Any:
-        """Measured and predicted with the residual, as a matplotlib figure."""
-        return self.replay.plot()
-
-    def to_pandas(self) -> Any:
-        """Predicted and measured columns over time in s."""
-        return self.replay.to_pandas()
-
 
 def physics(loop: Loop) -> tuple[str, ...]:
     """The names of mass, friction and constant force of a loop: what output error fits if nothing else is asked."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -61,20 +60,6 @@ class RigidFit(Result):
         """Parameters with both standard errors."""
         off = f"residual {100.0 * self.residuals.relative:.3g} %, unused rows {100.0 * self.validation.relative:.3g} %"
         return estimates_table(f"{self.name}: rigid drive, {self.friction} friction; {off}", self.estimates)
-
-    def plot(self) -> Any:
-        """Measured and fitted force over time with the residual, as a matplotlib figure."""
-        from feeddrive import plot
-
-        return plot.rigid_fit(self)
-
-    def to_pandas(self) -> Any:
-        """A DataFrame with measured and fitted force over time in s."""
-        from feeddrive.plot import frames
-
-        measured = self.residuals.measured
-        columns = {"measured": measured, "fitted": measured - self.residuals.values}
-        return frames.frame(self.time, columns, "time")
 
     def at_table(self, lead: float, gear: float = 1.0) -> RigidFit:
         """The same drive in kg and N at a table that a screw of `lead` (m) moves; `gear`: motor turns a screw turn."""

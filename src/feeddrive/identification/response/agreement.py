@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -88,25 +87,6 @@ class Agreement(Result):
             ["from line to line", f"{self.autocorrelation():.2f}", "autocorrelation"],
         ]
         return Table("agreement with the measurement, RMS", ["what", "", ""], rows)
-
-    def plot(self) -> Any:
-        """Measured and fitted responses as a Bode plot."""
-        from feeddrive import plot
-
-        return plot.response_fit(self)
-
-    def to_pandas(self) -> Any:
-        """A DataFrame with measured and fitted response over frequency in Hz, one response below the other."""
-        from feeddrive.plot import frames
-
-        columns = {
-            "response": np.concatenate([np.full(m.frequency.size, i) for i, m in enumerate(self.measured)]),
-            "measured_real": np.concatenate([np.real(m.response) for m in self.measured]),
-            "measured_imaginary": np.concatenate([np.imag(m.response) for m in self.measured]),
-            "fitted_real": np.concatenate([np.real(m.response) for m in self.fitted]),
-            "fitted_imaginary": np.concatenate([np.imag(m.response) for m in self.fitted]),
-        }
-        return frames.frame(np.concatenate([m.frequency for m in self.measured]), columns, "frequency")
 
 
 def agreement(

@@ -52,14 +52,6 @@ class AxisFits(Result):
         heads = ["structure", "parameters", "unused lines dB", "from line to line", ""]
         return Table("structures: the fewest parameters among those that predict unused lines best", heads, rows)
 
-    def plot(self) -> Any:
-        """The chosen fit over the measurement."""
-        return self.fit.plot()
-
-    def to_pandas(self) -> Any:
-        """The parameters of the chosen fit."""
-        return self.fit.to_pandas()
-
 
 def fit_axis(
     motor: FRF | None = None,

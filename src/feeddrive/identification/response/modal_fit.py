@@ -77,17 +77,6 @@ class ModalFit(Result):
         title = f"{len(self.modes)} modes; unused lines are predicted within {8.686 * fit.unused:.2f} dB RMS"
         return Table(title, heads, rows)
 
-    def plot(self) -> Any:
-        """Measured and fitted responses as a Bode plot."""
-        return self.agreement.plot()
-
-    def to_pandas(self) -> Any:
-        """A DataFrame with one row a parameter."""
-        from feeddrive.plot import frames
-
-        columns = {"value": [e.value for e in self.estimates], "error": [e.error for e in self.estimates]}
-        return frames.frame([e.name for e in self.estimates], columns, "parameter")
-
 
 def fit_modes(
     responses: FRF | Sequence[FRF] | Mapping[str, FRF],

@@ -77,22 +77,6 @@ class PlantFit(Result):
         ]
         return Table(title, found.heads, rows)
 
-    def plot(self) -> Any:
-        """Measured and fitted responses as a Bode plot."""
-        return self.agreement.plot()
-
-    def to_pandas(self) -> Any:
-        """A DataFrame with one row a parameter."""
-        from feeddrive.plot import frames
-
-        every = (*self.estimates, *self.derived)
-        columns = {
-            "value": [e.value for e in every],
-            "error": [e.error for e in every],
-            "unit": [e.unit for e in every],
-        }
-        return frames.frame([e.name for e in every], columns, "parameter")
-
 
 @dataclass(frozen=True)
 class Task:

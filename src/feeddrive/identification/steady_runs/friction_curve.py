@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from scipy.optimize import minimize_scalar
@@ -101,19 +100,6 @@ class FrictionCurve(Result):
         ]
         heads = ["model", "parameters", f"RMS {self.frame.force}", "criterion", "worse by"]
         return Table("models of friction; a criterion worse by 6 is strong evidence against a model", heads, rows)
-
-    def plot(self) -> Any:
-        """The runs and the curve over each other, as a matplotlib figure."""
-        from feeddrive import plot
-
-        return plot.identified_friction(self)
-
-    def to_pandas(self) -> Any:
-        """A DataFrame with measured and fitted force by velocity."""
-        from feeddrive.plot import frames
-
-        columns = {"force": self.runs.force, "fitted": self.runs.force - self.residual}
-        return frames.frame(self.runs.velocity, columns, "velocity")
 
     def at_table(self, lead: float, gear: float = 1.0) -> FrictionCurve:
         """The curve at a table that a screw of `lead` (m) moves: fitted again to the same runs in m/s and N."""

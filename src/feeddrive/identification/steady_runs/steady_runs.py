@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -52,18 +51,6 @@ class SteadyRuns(Result):
         rows = [[f"{v:.5g}", f"{f:.5g}", f"{e:.2g}", f"{int(n)}"] for v, f, e, n in columns]
         heads = [f"velocity {self.frame.velocity}", f"force {self.frame.force}", "standard error", "rows"]
         return Table(f"{self.velocity.size} constant-speed runs", heads, rows)
-
-    def plot(self) -> Any:
-        """Force over velocity, as a matplotlib figure."""
-        from feeddrive import plot
-
-        return plot.steady_runs(self)
-
-    def to_pandas(self) -> Any:
-        """A DataFrame with one row a run."""
-        from feeddrive.plot import frames
-
-        return frames.frame(self.velocity, {"force": self.force, "error": self.error, "rows": self.rows}, "velocity")
 
     def at_table(self, lead: float, gear: float = 1.0) -> SteadyRuns:
         """The same runs in m/s and N at a table that a screw of `lead` (m) moves."""

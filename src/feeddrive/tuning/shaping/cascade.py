@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -33,12 +32,6 @@ class CascadeLoops(Result):
             rows.append([name, *("-" if cell is None else f"{cell:.4g}" for cell in cells)])
         heads = ["loop", "crossover Hz", "phase margin deg", "gain may rise dB", "Ms"]
         return Table("the cascade, loop by loop", heads, rows)
-
-    def plot(self) -> Any:
-        """Bode plot of both loop gains, as a matplotlib figure."""
-        from feeddrive import plot
-
-        return plot.open_loop({"velocity loop": self.velocity, "position loop": self.position})
 
 
 def cascade_loops(control: Control, site: Site) -> CascadeLoops | None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -128,29 +127,6 @@ class ShapedLoop(Result):
         rows += [["notch", "", "", text] for text in self.notches]
         rows += [[f"proof: {line.what}", "", _verdict(line.holds), line.said] for line in self.proof]
         return Table(f"{self.rule}. {self.recommendation()}", ["what", "today", "new", "unit"], rows)
-
-    def plot(self) -> Any:
-        """Dynamic stiffness before and after at each site, as a matplotlib figure."""
-        from feeddrive import plot
-
-        many = len(self.after) > 1
-        curves = {}
-        for name, row in (("today", self.before), ("new", self.after)):
-            for each in row:
-                if each.stable:
-                    curves[f"{name}, {each.site}" if many else name] = each.stiffness
-        return plot.stiffness(curves)
-
-    def to_pandas(self) -> Any:
-        """A DataFrame with one row a knob."""
-        from feeddrive.plot import frames
-
-        names = list(self.knobs)
-        columns = {
-            "today": np.array([self.started[name] for name in names]),
-            "new": np.array([self.knobs[name] for name in names]),
-        }
-        return frames.frame(names, columns, "knob")
 
 
 def _number(value: float) -> str:
