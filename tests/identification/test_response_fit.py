@@ -14,7 +14,7 @@ from feeddrive.blocks.plant.modal import Modal
 from feeddrive.blocks.plant.mode import Mode
 from feeddrive.blocks.plant.three_mass_chain import ThreeMassChain
 from feeddrive.identification.response.modal_fit import fit_modes
-from feeddrive.identification.response.plant_response import Asked, PlantResponse
+from feeddrive.identification.response.traced_plant import SensorLines, TracedPlant
 from feeddrive.identification.response.two_mass_fit import fit_modal_axis, fit_plant, fit_two_mass
 from feeddrive.identification.response.units import response_units
 from feeddrive.identification.response.vector_fitting import common_poles
@@ -25,7 +25,7 @@ from feeddrive.loop.control import Control
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.linearize import linearize
 from feeddrive.loop.loop import Loop
-from screw_responses import SCREW, F, responses
+from screw_responses import SCREW, F, closed_form, responses
 
 DATA = Path(__file__).parents[3] / "shared" / "data"
 BENCH = DATA / "tokyo_motor_bench"
@@ -55,18 +55,37 @@ def test_the_sampled_response_is_that_of_the_house(plant, sensor: str) -> None:
     f = np.linspace(2.0, 400.0, 60)
     exact = linearize(loop, ["cut"], [f"position_{sensor}"], velocity=0.05).response(f).response
     known = {"dead_time": 1.3 * T, "current_loop": 300.0}
-    ours = PlantResponse(plant, [], [Asked(f, sensor, 0, T)], known)(np.array([]))[0][0]
+    ours = TracedPlant(plant, [], [SensorLines(f, sensor, 0, T)], known).responses({})[0]
     # the sum over aliases stops at the fourth: what is left falls as m^-4
     assert np.max(np.abs(ours / exact - 1.0)) < 2e-3
     low = f < 100.0
     assert np.max(np.abs(ours / exact - 1.0)[low]) < 2e-5
 
 
+CHAIN = ThreeMassChain(
+    mass_motor=85.0, mass_screw=45.0, mass_load=33.0, coupling_stiffness=2.352e8, coupling_damping=2496.0,
+    stiffness=1.8e7, damping=700.0, viscous_motor=700.0, viscous_screw=700.0,
+)  # fmt: skip
+COUPLED = replace(SCREW, coupling_mass=20.0)
+MODES = Modal(mass=60.0, viscous=300.0, modes=(Mode(frequency=80.0, mass=40.0, motor=0.9, load=-0.7),))
+
+
+@pytest.mark.parametrize("plant", [SCREW, COUPLED, CHAIN, MODES], ids=lambda plant: plant.kind)
+def test_the_traced_response_is_the_closed_form(plant) -> None:
+    """Every plant, with dead time and lag: two ways that share no line agree to rounding times condition."""
+    known = {"dead_time": 3e-4, "current_loop": 400.0}
+    lines = [SensorLines(F, sensor) for sensor in ("motor", "load")]
+    for ours, exact in zip(
+        TracedPlant(plant, [], lines, known).responses({}), closed_form(plant, F, 3e-4, 400.0), strict=True
+    ):
+        assert np.max(np.abs(ours / exact - 1.0)) < 1e-10
+
+
 def test_slopes_are_those_of_differences() -> None:
     names = [*(name for name, _ in tree.leaves(SCREW)), "dead_time", "current_loop"]
     values = np.array([*(value for _, value in tree.leaves(SCREW)), 3e-4, 200.0])
     for T in (None, 1e-3):
-        model = PlantResponse(SCREW, names, [Asked(F, "motor", 0, T), Asked(F, "load", 0, T)], {})
+        model = TracedPlant(SCREW, names, [SensorLines(F, sensor, 0, T) for sensor in ("motor", "load")], {})
         for i in range(values.size):
             step = np.zeros(values.size)
             step[i] = 1e-6 * values[i]
@@ -150,15 +169,11 @@ def test_known_variances_make_a_better_fit_and_are_believed() -> None:
 
 
 def test_a_mode_that_is_missing_is_said_and_widens_the_errors() -> None:
-    chain = ThreeMassChain(
-        mass_motor=85.0, mass_screw=45.0, mass_load=33.0, coupling_stiffness=2.352e8, coupling_damping=2496.0,
-        stiffness=1.8e7, damping=700.0, viscous_motor=700.0, viscous_screw=700.0,
-    )  # fmt: skip
     f = np.linspace(5.0, 700.0, 400)
-    fit = fit_two_mass(*responses(chain, f, noise=0.01, variance=True))
+    fit = fit_two_mass(*responses(CHAIN, f, noise=0.01, variance=True))
     assert fit.agreement.model_error > 0.05
     assert any("beyond the measured noise" in said for said in fit.remarks)
-    own = fit_plant(chain, *responses(chain, f, noise=0.01, variance=True), fixed={"mass_screw": 45.0})
+    own = fit_plant(CHAIN, *responses(CHAIN, f, noise=0.01, variance=True), fixed={"mass_screw": 45.0})
     assert own.agreement.model_error == 0.0
     assert abs(own["coupling_stiffness"].value - 2.352e8) < 3.0 * own["coupling_stiffness"].error
     assert own["coupling_stiffness"].error < 0.03 * 2.352e8
@@ -170,16 +185,12 @@ def test_a_structure_that_two_encoders_cannot_tell_is_said(seed: int) -> None:
 
     Along such a valley a fit stays where it began, to a thousandth or two, whatever the noise and the rounding are.
     """
-    chain = ThreeMassChain(
-        mass_motor=85.0, mass_screw=45.0, mass_load=33.0, coupling_stiffness=2.352e8, coupling_damping=2496.0,
-        stiffness=1.8e7, damping=700.0, viscous_motor=700.0, viscous_screw=700.0,
-    )  # fmt: skip
-    fit = fit_plant(chain, *responses(chain, np.linspace(5.0, 700.0, 200), noise=0.01, variance=True, seed=seed))
+    fit = fit_plant(CHAIN, *responses(CHAIN, np.linspace(5.0, 700.0, 200), noise=0.01, variance=True, seed=seed))
     assert {"mass_motor", "mass_screw", "coupling_stiffness"} <= set(fit.not_identifiable)
     assert any("coupling_stiffness" in said and "told apart only by" in said for said in fit.remarks)
     for name in ("mass_motor", "mass_screw", "coupling_stiffness"):
-        assert fit[name].value == pytest.approx(tree.get(chain, name), rel=0.02)
-        assert fit[name].error > tree.get(chain, name)
+        assert fit[name].value == pytest.approx(tree.get(CHAIN, name), rel=0.02)
+        assert fit[name].error > tree.get(CHAIN, name)
 
 
 def test_what_nothing_tells_has_an_error_without_end() -> None:
@@ -226,14 +237,13 @@ def test_an_encoder_that_counts_backward_is_named() -> None:
 
 def test_dead_time_and_current_loop_are_found_or_said_to_hang_together() -> None:
     f = np.linspace(5.0, 1500.0, 600)
-    asked = [Asked(f, "motor"), Asked(f, "load")]
-    exact = PlantResponse(SCREW, [], asked, {"dead_time": 3e-4, "current_loop": 400.0})(np.array([]))
+    exact = closed_form(SCREW, f, late=3e-4, lag=400.0)
     random = np.random.default_rng(3)
 
     def rough() -> np.ndarray:
         return 1.0 + 0.01 * (random.standard_normal(f.size) + 1j * random.standard_normal(f.size))
 
-    motor, load = (FRF(f, g * rough(), unit="m/N") for g, _ in exact)
+    motor, load = (FRF(f, g * rough(), unit="m/N") for g in exact)
     fit = fit_two_mass(motor, load, find_current_loop=True)
     assert abs(fit["dead_time"].value - 3e-4) < 4.0 * fit["dead_time"].error
     assert fit["current_loop"].value == pytest.approx(400.0, rel=0.05)

@@ -77,29 +77,36 @@ def _pick(passed: Any, mixed: Any, old: Any, both: Any, new: Any) -> Any:
     return ops.where(passed, old, ops.where(mixed, both, new))
 
 
-def _columns(mechanics: Mechanics, lag: Number | None, h: Number, span: Number) -> Matrix:
-    """Φ - 1 and the columns of drive, motor body and load body over `span`, with velocities in m/s.
+def rate(mechanics: Mechanics, lag: Number | None, h: Number, span: Number) -> Matrix:
+    """d x / d t of the linear core, times `span`, with velocities in units of a position per h.
 
-    Rows and columns: q (n), q' (n), drive force if it lags, then the three inputs.
+    Rows and columns: q (n), q' (n), drive force if it lags (`lag` in rad/s), then the three inputs: the drive's command
+    and the forces on the motor's and the load's body.  With h = span = 1.0 it is in SI.
     """
     n = len(mechanics.mass)
     f = [] if lag is None else [2 * n]
     size = 2 * n + len(f) + 3
     drive, motor, load = size - 3, size - 2, size - 1
     inverse = matrix.solve(mechanics.mass, _joined(mechanics))
-    rate = matrix.zeros(size, size)
+    made = matrix.zeros(size, size)
     share = span / h
     for i in range(n):
-        rate[i][n + i] = share
+        made[i][n + i] = share
         for j in range(n):
-            rate[n + i][j] = _times(-(h * span), inverse[i][j])
-            rate[n + i][n + j] = _times(-span, inverse[i][n + j])
+            made[n + i][j] = _times(-(h * span), inverse[i][j])
+            made[n + i][n + j] = _times(-span, inverse[i][n + j])
         for column, row in zip((f[0] if f else drive, motor, load), inverse[i][2 * n :], strict=True):
-            rate[n + i][column] = _times(h * span, row)
+            made[n + i][column] = _times(h * span, row)
     if lag is not None:
-        rate[f[0]][f[0]] = -(lag * span)
-        rate[f[0]][drive] = lag * span
-    moved = matrix.expm1(rate)
+        made[f[0]][f[0]] = -(lag * span)
+        made[f[0]][drive] = lag * span
+    return tuple(tuple(row) for row in made)
+
+
+def _columns(mechanics: Mechanics, lag: Number | None, h: Number, span: Number) -> Matrix:
+    """Φ - 1 and the columns of drive, motor body and load body over `span`, with velocities in m/s."""
+    moved = matrix.expm1(rate(mechanics, lag, h, span))
+    n = len(mechanics.mass)
     velocity = range(n, 2 * n)
     return tuple(
         tuple(_unscaled(x, h, i in velocity, j in velocity) for j, x in enumerate(row)) for i, row in enumerate(moved)

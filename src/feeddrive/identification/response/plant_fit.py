@@ -13,8 +13,8 @@ from feeddrive.blocks.families import Plant
 from feeddrive.identification.estimate import Estimate, estimates_table
 from feeddrive.identification.response.advice import advice, blind, entangled
 from feeddrive.identification.response.agreement import Agreement, agreement
-from feeddrive.identification.response.plant_response import Asked, PlantResponse
 from feeddrive.identification.response.refine import STEPS, Refined, Unknown, beside, refine
+from feeddrive.identification.response.traced_plant import SensorLines, TracedPlant
 from feeddrive.identification.response.units import ResponseUnits
 from feeddrive.language import tree
 from feeddrive.language.errors import ParameterError
@@ -23,7 +23,6 @@ from feeddrive.loop.frequency_response import FRF
 
 UNKNOWN = 0.5  # standard error over value from which a parameter counts as not identifiable
 _IDEAL = 20.0  # times the highest line: a current loop beyond is ideal
-DRIVE = ("dead_time", "current_loop")  # of the actuator
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -99,16 +98,16 @@ class Task:
         """Lowest and highest line, Hz."""
         return min(f.frequency[0] for f in self.frfs), max(f.frequency[-1] for f in self.frfs)
 
-    def model(self, names: Sequence[str]) -> PlantResponse:
+    def model(self, names: Sequence[str]) -> TracedPlant:
         """With these parameters free."""
-        asked = [
-            Asked(frf.frequency, sensor, self.units.order, frf.sample_time if self.held else None)
+        lines = [
+            SensorLines(frf.frequency, sensor, self.units.order, frf.sample_time if self.held else None)
             for sensor, frf in self.responses.items()
         ]
         known = {"dead_time": self.actuator.dead_time, **self.fixed}
         if self.actuator.current_loop is not None and "current_loop" not in names:
             known.setdefault("current_loop", self.actuator.current_loop)
-        return PlantResponse(self.plant, names, asked, known)
+        return TracedPlant(self.plant, names, lines, known)
 
     def unknowns(self, names: Sequence[str]) -> list[Unknown]:
         """Start, scale and bounds of each."""

@@ -14,7 +14,8 @@ from feeddrive.blocks.plant.mode import Mode
 from feeddrive.blocks.plant.two_mass import TwoMass
 from feeddrive.identification.response.advice import beyond
 from feeddrive.identification.response.modal_fit import ModalFit, fit_modes
-from feeddrive.identification.response.plant_fit import DRIVE, PlantFit, Task, finished, solve, with_derived
+from feeddrive.identification.response.plant_fit import PlantFit, Task, finished, solve, with_derived
+from feeddrive.identification.response.traced_plant import DRIVE
 from feeddrive.identification.response.two_mass_start import check_signs, starts
 from feeddrive.identification.response.units import taken
 from feeddrive.language import tree

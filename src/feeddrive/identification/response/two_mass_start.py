@@ -10,8 +10,9 @@ import numpy as np
 
 from feeddrive.blocks.plant.two_mass import TwoMass
 from feeddrive.identification.response.modal_fit import ModalFit, fit_modes
-from feeddrive.identification.response.plant_response import Asked, PlantResponse
+from feeddrive.identification.response.traced_plant import SensorLines, TracedPlant
 from feeddrive.identification.response.units import ResponseUnits
+from feeddrive.language import tree
 from feeddrive.language.errors import ParameterError
 from feeddrive.loop.frequency_response import FRF
 
@@ -42,14 +43,15 @@ def starts(responses: Mapping[str, FRF], units: ResponseUnits, dead_time: float 
 def _of_grid(responses: Mapping[str, FRF], units: ResponseUnits) -> list[TwoMass]:
     """The few of a grid of resonances and mass ratios whose magnitudes, each with its best total mass, fit best."""
     frfs = list(responses.values())
-    asked = [Asked(frf.frequency, sensor, units.order) for sensor, frf in responses.items()]
+    lines = [SensorLines(frf.frequency, sensor, units.order) for sensor, frf in responses.items()]
+    model = TracedPlant(_scaled(1.0, 1.0, 1.0, 0.03, 0.0), (), lines, {})
     low, high = min(f.frequency[0] for f in frfs), max(f.frequency[-1] for f in frfs)
     measured = np.concatenate([np.log(np.maximum(frf.magnitude, 1e-300)) for frf in frfs])
     scored: list[tuple[float, TwoMass]] = []
     for f, ratio in product(np.geomspace(low / _BEYOND, _BEYOND * high, _GRID), _RATIOS):
         plant = _scaled(1.0, ratio, 2.0 * np.pi * f, 0.03, 0.0)
-        model = PlantResponse(plant, [], asked, {})(np.array([]))
-        apart = np.concatenate([np.log(np.abs(response)) for response, _ in model]) - measured
+        found = model.responses(dict(tree.leaves(plant)))
+        apart = np.concatenate([np.log(np.abs(response)) for response in found]) - measured
         total = float(np.median(apart))
         score = float(np.mean(np.minimum(np.abs(apart - total), 1.0)))
         scored.append((score, _scaled(float(np.exp(total)), ratio, 2.0 * np.pi * f, 0.03, 0.0)))

@@ -1,0 +1,128 @@
+"""A traced linear model: its response on lines, and the slopes of that response to the leaves of its graph."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.linalg import matrix_balance, schur
+
+from feeddrive.language.graph import Graph
+from feeddrive.loop.differentiate import push
+from feeddrive.loop.trace import node_values
+
+
+@dataclass(frozen=True, eq=False)
+class TracedModel:
+    """The matrix [A B; C D] of a linear model as nodes of a graph: the entries that are not plain zeros.
+
+    Rows are the `states` followed by the outputs, columns the states followed by the inputs.  `leaves` are the graph's
+    inputs by name.
+    """
+
+    graph: Graph
+    states: int
+    shape: tuple[int, int]
+    entries: tuple[tuple[int, int, int], ...]  # row, column, node
+    leaves: Mapping[str, int]
+
+    def trimmed(self) -> TracedModel:
+        """Without states that no input reaches or no output sees."""
+        n = self.states
+        links = {(i, j) for i, j, _ in self.entries}
+        reached = {i for i, j in links if j >= n and i < n}
+        seen = {j for i, j in links if i >= n and j < n}
+        for _ in range(n):
+            reached |= {i for i, j in links if i < n and j in reached}
+            seen |= {j for i, j in links if j < n and i in seen}
+        kept = sorted(reached & seen)
+        rows = {old: new for new, old in enumerate([*kept, *range(n, self.shape[0])])}
+        columns = {old: new for new, old in enumerate([*kept, *range(n, self.shape[1])])}
+        entries = tuple((rows[i], columns[j], node) for i, j, node in self.entries if i in rows and j in columns)
+        return replace(self, states=len(kept), shape=(len(rows), len(columns)), entries=entries)
+
+    def at(self, values: Mapping[str, Any], names: Sequence[str] = ()) -> LinearModel:
+        """The model at values of all leaves, with its slopes to the leaves in `names`."""
+        nodes = [node for _, _, node in self.entries]
+        found = node_values(self.graph, nodes, values)
+        places = [(i, j) for i, j, _ in self.entries]
+        matrix, slopes = np.zeros(self.shape), np.zeros((len(places), len(names)))
+        for (i, j), node in zip(places, nodes, strict=True):
+            matrix[i, j] = found[node]
+        if names:
+            eye = np.eye(len(names))
+            seeds = {self.leaves[name]: eye[i] for i, name in enumerate(names) if self.leaves.get(name) in found}
+            with np.errstate(all="ignore"):
+                tangents = push(self.graph, nodes, found, seeds)
+            for place, tangent in enumerate(tangents):
+                if tangent is not None:
+                    slopes[place] = tangent
+        return LinearModel(self.states, matrix, np.array(places, int).reshape(-1, 2), slopes)
+
+
+class LinearModel(NamedTuple):
+    """[A B; C D] in numbers, where its entries stand (row, column), and their slopes of shape (entries, leaves)."""
+
+    states: int
+    matrix: np.ndarray
+    places: np.ndarray
+    slopes: np.ndarray
+
+    def is_finite(self) -> bool:
+        """Whether all numbers are."""
+        return bool(np.all(np.isfinite(self.matrix)) and np.all(np.isfinite(self.slopes)))
+
+    def poles(self) -> np.ndarray:
+        """Eigenvalues of A."""
+        n = self.states
+        return np.linalg.eigvals(self.matrix[:n, :n]) if n else np.zeros(0)
+
+    def response(self, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """G = C (z - A)⁻¹ B + D at complex z (sampled) or s (continuous), and its slopes.
+
+            ∂G = [w 1] ∂[A B; C D] [x; 1],   x = (z - A)⁻¹ B,   w = C (z - A)⁻¹
+
+        Shapes (points, outputs, inputs) and (points, outputs, inputs, leaves).
+        """
+        n = self.states
+        A, B, C, D = self.matrix[:n, :n], self.matrix[:n, n:], self.matrix[n:, :n], self.matrix[n:, n:]
+        x, w = _resolved(A, B, C, at)
+        value = C @ x + D
+        if not self.slopes.shape[1]:
+            return value, np.zeros((*value.shape, 0))
+        p, m = D.shape
+        ones = np.broadcast_to(np.eye(p), (at.size, p, p)), np.broadcast_to(np.eye(m), (at.size, m, m))
+        left, right = np.concatenate([w, ones[0]], axis=2), np.concatenate([x, ones[1]], axis=1)
+        rows, columns = self.places.T
+        moving = np.any(self.slopes != 0.0, axis=1)
+        pairs = left[:, :, None, rows[moving]] * right[:, columns[moving], :].transpose(0, 2, 1)[:, None]
+        slopes = self.slopes[moving]
+        # real and imaginary part apart: half the work of a complex product with a real matrix
+        return value, np.real(pairs) @ slopes + 1j * (np.imag(pairs) @ slopes)
+
+
+def _resolved(A: np.ndarray, B: np.ndarray, C: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(z - A)⁻¹ B of shape (points, n, inputs) and C (z - A)⁻¹ of shape (points, outputs, n).
+
+    By the Schur form of the balanced A, row by row over all points at once: as safe as solving for each point.
+    """
+    if not A.size:
+        return np.zeros((z.size, 0, B.shape[1]), complex), np.zeros((z.size, C.shape[0], 0), complex)
+    balanced, (scale, _) = matrix_balance(A, permute=False, separate=True)
+    form = schur(balanced, output="complex")
+    S, Z = form[0], form[1]
+    n = scale.size
+    right = Z.conj().T @ (B / scale[:, None])
+    left = (C * scale) @ Z
+    x = np.repeat(right[:, :, None], z.size, axis=2)
+    w = np.repeat(left.T[:, :, None], z.size, axis=2)
+    for i in range(n - 1, -1, -1):
+        x[i] /= z - S[i, i]
+        x[:i] += S[:i, i, None, None] * x[i]
+    for i in range(n):
+        w[i] /= z - S[i, i]
+        w[i + 1 :] += S[i, i + 1 :, None, None] * w[i]
+    forth, back = Z * scale[:, None], Z.conj().T / scale
+    return forth @ x.transpose(2, 0, 1), w.transpose(2, 1, 0) @ back
