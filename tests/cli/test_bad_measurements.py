@@ -21,7 +21,6 @@ G = 1.0 / (100.0 * S * S + 200.0 * S)
 def call(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
     """Runs `feeddrive` in an empty folder: exit code, output and errors together on one line."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("COLUMNS", "400")
 
     def asked(*words: str) -> tuple[int, str]:
         monkeypatch.setattr(sys, "argv", ["feeddrive", *words])

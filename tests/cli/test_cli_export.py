@@ -60,7 +60,14 @@ def machine(tmp_path: Path) -> Path:
 
 
 @needs_gcc
-@pytest.mark.parametrize("words", [[], ["--header-only"], ["--precision", "float"]])
+@pytest.mark.parametrize(
+    "words",
+    [
+        [],
+        ["--header-only"],
+        pytest.param(["--precision", "float"], marks=pytest.mark.slow(reason="the same proof in other numbers")),
+    ],
+)
 def test_what_is_exported_verifies(words: list[str], tmp_path: Path) -> None:
     """The whole way: export, the README that is named, make, verify with a certificate in a file."""
     out = tmp_path / "c"

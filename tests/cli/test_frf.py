@@ -22,7 +22,6 @@ EXCITED = ("excite", "ball_screw", "--band", "10..500", "--amplitude", "300", "-
 def call(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
     """Runs `feeddrive` in an empty folder: exit code, output, errors."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("COLUMNS", "200")
 
     def asked(*words: str) -> tuple[int, str, str]:
         monkeypatch.setattr(sys, "argv", ["feeddrive", *words])

@@ -39,7 +39,6 @@ EXCITED = ("--band", "2..100", "--amplitude", "20")
 def call(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
     """Runs `feeddrive` in an empty folder: exit code, output, errors."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("COLUMNS", "200")
 
     def asked(*words: str) -> tuple[int, str, str]:
         monkeypatch.setattr(sys, "argv", ["feeddrive", *words])

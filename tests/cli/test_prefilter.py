@@ -21,7 +21,6 @@ from feeddrive.papers.gordon2013.setting import LONG, placed
 def call(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
     """Runs `feeddrive prefilter` beside run.csv, a simulated log: exit code, output, errors."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("COLUMNS", "160")
     run = fd.simulate(placed(), LONG)
     write_run_csv("run.csv", run.time, run.signals, run.units)
 

@@ -71,6 +71,7 @@ def test_from_a_run_to_a_tuned_loop(tmp_path: Path, screw: fd.Loop) -> None:
     assert np.max(fd.compliance(tuned, lines).magnitude) < 0.202e-6
 
 
+@pytest.mark.slow(reason="a search of a whole tuning; the walk from a run to a tuned loop is quick")
 def test_one_file_or_two_give_the_same(tmp_path: Path, screw: fd.Loop, both: Path) -> None:
     fd.write_frf(tmp_path / "load.csv", response(screw, "reading_load"))
     motor = response(screw, "reading_motor", seed=1)
@@ -84,6 +85,7 @@ def test_one_file_or_two_give_the_same(tmp_path: Path, screw: fd.Loop, both: Pat
     assert one == pytest.approx(two, rel=1e-6)
 
 
+@pytest.mark.slow(reason="a search of a whole tuning; the walk from a run to a tuned loop is quick")
 def test_several_places_hold_together(tmp_path: Path, screw: fd.Loop, both: Path) -> None:
     heavy = fd.vary(screw, {"axis.plant.mass_load": 60.0})
     path = tmp_path / "heavy.csv"
@@ -145,6 +147,7 @@ def test_common_mistakes_are_named(tmp_path: Path, screw: fd.Loop, both: Path) -
         command("tune", "ball_screw", "--at", "linear_motor")
 
 
+@pytest.mark.slow(reason="a search of a whole tuning; the walk from a run to a tuned loop is quick")
 def test_limits_that_are_at_odds_say_what_can_be_reached(tmp_path: Path) -> None:
     words = ("tune", "ball_screw", "--filters", "kept", "--starts", "1", "--out", str(tmp_path / "out"))
     with pytest.raises(FeeddriveError, match=r"within reach.*peak compliance <= 0\.1\d* um/N"):

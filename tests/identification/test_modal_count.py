@@ -44,6 +44,7 @@ def test_all_modes_are_counted(unit: str) -> None:
     assert told[-1].endswith("to the end")
 
 
+@pytest.mark.slow(reason="a fit of each response of a stage, and one of all")
 @needs_stage
 def test_all_responses_of_the_stage_have_the_modes_that_one_by_one_have() -> None:
     """Velocities and positions of both encoders in one file, without units.

@@ -341,7 +341,7 @@ def test_numbers_below_the_normal_ones_are_zero_and_the_mode_is_restored():
 
 
 def test_python_runs_on_while_native_code_runs():
-    """The longest pause of a waiting thread stays far below the time of the native call: the call holds no lock."""
+    """Another thread comes to its turn many times during one native call: the call holds no lock."""
     loop = loops.common()
     work = Work(loop, REFERENCE)
     prepared = Prepared(loop, work.first())
@@ -349,21 +349,21 @@ def test_python_runs_on_while_native_code_runs():
     count = 4_000_000
     inputs = np.zeros((count, len(made.plan.inputs)))
     constants, states = prepared.constants(made), prepared.states(made)
-    spans: list[float] = []
+    span: list[float] = []
 
     def busy() -> None:
-        begun = time.perf_counter()
+        span.append(time.perf_counter())
         made.run(count, 0, constants, inputs, states, None, [])
-        spans.append(time.perf_counter() - begun)
+        span.append(time.perf_counter())
 
     worker = threading.Thread(target=busy)
     worker.start()
-    longest, last = 0.0, time.perf_counter()
+    turns: list[float] = []
     while worker.is_alive():
         time.sleep(1e-3)
-        now = time.perf_counter()
-        longest, last = max(longest, now - last), now
-    assert longest < 0.5 * spans[0]
+        turns.append(time.perf_counter())
+    # with a lock it would be one, between the first line of `busy` and its second
+    assert sum(span[0] < turn < span[1] for turn in turns) >= 5
 
 
 def test_what_stays_the_same_costs_nothing_in_the_loop():
