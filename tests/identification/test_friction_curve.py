@@ -8,8 +8,7 @@ import pytest
 from feeddrive.blocks.friction.coulomb import Coulomb
 from feeddrive.blocks.friction.directional import Directional
 from feeddrive.blocks.friction.stribeck import Stribeck
-from feeddrive.identification.steady_runs.friction_curve import fit_friction
-from feeddrive.identification.steady_runs.friction_models import CANDIDATES
+from feeddrive.identification.steady_runs.friction_curve import CANDIDATES, fit_friction
 from feeddrive.identification.steady_runs.steady_runs import runs_of, steady_runs
 from feeddrive.language.errors import LogError, NotIdentifiableError, ParameterError
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from feeddrive.identification.covariance import errors, robust_covariance
+from feeddrive.identification.motion.identifiable import LEAST_OWN
 from feeddrive.identification.motion.motion_log import MotionLog
 from feeddrive.identification.motion.preparation import HOLD, Preparation, prepare
 from feeddrive.identification.motion.rigid import columns_of
@@ -69,10 +70,12 @@ def find_delay(log: MotionLog, *, friction: str = "directional", how: Preparatio
     delays = np.arange(-REACH, REACH + 1)
     base = prepare(log, how)
     columns = columns_of(base, friction)
+    columns = columns[:, np.any(columns != 0.0, axis=0)]  # of a motion in one direction the other's friction is none
     basis = np.linalg.qr(columns)[0]
     forces = [base.force_with(log.force, HOLD + d) for d in delays]
     residual = np.array([_left(basis, force) for force in forces])
     best = int(np.argmin(residual))
+    _check_slope(log, basis, forces, residual)
     _check(log, int(delays[best]), delays, residual)
     _check_drift(log, columns, forces, delays)
     slope = 0.5 * (forces[min(best + 1, delays.size - 1)] - forces[max(best - 1, 0)])
@@ -85,7 +88,25 @@ def find_delay(log: MotionLog, *, friction: str = "directional", how: Preparatio
 def _left(basis: np.ndarray, force: np.ndarray) -> float:
     """Share of the force that the columns do not explain."""
     off = force - basis @ (basis.T @ force)
-    return float(np.linalg.norm(off) / np.linalg.norm(force))
+    size = float(np.linalg.norm(force))
+    return float(np.linalg.norm(off)) / size if size > 0.0 else np.nan
+
+
+def _check_slope(log: MotionLog, basis: np.ndarray, forces: list[np.ndarray], residual: np.ndarray) -> None:
+    """A motion of one frequency tells no delay: there a force that comes later is less mass and more damping."""
+    if not np.all(np.isfinite(residual)):
+        raise NotIdentifiableError(
+            f"{log.name}: the force is 0 wherever the axis moves: record the commanded force next, on the same clock"
+        )
+    middle = len(forces) // 2
+    slope = forces[middle + 1] - forces[middle - 1]
+    own = _left(basis, slope) if np.any(slope) else 0.0
+    if own < LEAST_OWN:
+        raise NotIdentifiableError(
+            f"{log.name}: the delay of the force is not identifiable: the motion has nearly one frequency only, and "
+            f"there a delay does what less mass and more damping do ({100.0 * own:.2g} % of it is its own, at least "
+            f"{100.0 * LEAST_OWN:g} % are needed); record next moves to and fro at constant speeds, with ramps between"
+        )
 
 
 def _check(log: MotionLog, best: int, delays: np.ndarray, residual: np.ndarray) -> None:

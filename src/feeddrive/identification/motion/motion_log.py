@@ -10,6 +10,7 @@ from feeddrive.identification.frame import Frame, frame_of
 from feeddrive.language.errors import LogError, NotIdentifiableError, ParameterError
 
 LEAST_ROWS = 100
+LARGEST = 1e100  # in SI: squares of it are still numbers
 MOST_SATURATED = 0.01  # share of the samples that may sit at the largest force
 
 
@@ -57,6 +58,11 @@ class MotionLog:
             raise LogError(
                 f"{self.name}: '{channel}' is {values[bad[0]]} at row {int(bad[0]) + 1} ({bad.size} such rows); "
                 f"cut the log there or repair the row"
+            )
+        if np.max(np.abs(values)) > LARGEST:
+            raise LogError(
+                f"{self.name}: '{channel}' reaches {np.max(np.abs(values)):.3g}, beyond {LARGEST:g}: check the column "
+                f"and its unit"
             )
         if np.ptp(values) == 0.0:
             raise NotIdentifiableError(

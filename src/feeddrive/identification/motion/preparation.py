@@ -8,7 +8,7 @@ import numpy as np
 
 from feeddrive.identification.motion.conditioning import central_difference, decimated, kept, zero_phase
 from feeddrive.identification.motion.motion_log import MotionLog
-from feeddrive.language.errors import LogError, ParameterError
+from feeddrive.language.errors import LogError, NotIdentifiableError, ParameterError
 
 HOLD = 0.5  # samples: a force that is held from k to k+1 acts at k + 1/2 on average
 _LEAST_ROWS = 40
@@ -46,34 +46,33 @@ JANOT = Preparation(delay=0.0, acceleration="twice", skip=49, skip_end=0, decima
 
 @dataclass(frozen=True, eq=False)
 class Prepared:
-    """Decimated velocity, acceleration, its friction columns and force of the rows that count, each of shape (n,)."""
+    """The rows that count: time in s, and what was filtered and decimated, each of shape (n,).
+
+    filtered    velocity at each sample of the log, before it was decimated
+    constant    of 1, which the filter's ripple makes a little less
+    places      samples of the log at which the rows stand
+    rows        samples of the log that were filtered
+    """
 
     time: np.ndarray
     velocity: np.ndarray
     acceleration: np.ndarray
-    forward: np.ndarray  # 1 in forward motion, 0 else
-    backward: np.ndarray  # 1 in backward motion, 0 else
-    velocity_forward: np.ndarray
-    velocity_backward: np.ndarray
-    constant: np.ndarray  # of 1, which the filter's ripple makes a little less
+    constant: np.ndarray
     force: np.ndarray
+    filtered: np.ndarray
     decimation: int
-    places: np.ndarray  # samples of the log at which the rows stand
-    rows: slice  # samples of the log that were filtered
+    places: np.ndarray
+    rows: slice
+
+    def reduced(self, values: np.ndarray) -> np.ndarray:
+        """Values at each sample of the log, prepared as the force is."""
+        few = decimated(values[self.rows], self.decimation)
+        after = (self.rows.stop - 1 - int(self.places[-1])) // self.decimation  # rows beyond the last one that counts
+        return few[(self.places - self.places[-1]) // self.decimation + few.size - 1 - after]
 
     def force_with(self, force: np.ndarray, delay: float) -> np.ndarray:
         """Another force of the same log, or the same with another delay, in these rows."""
-        few = decimated(delayed(force, delay)[self.rows], self.decimation)
-        return few[(self.places - self.places[-1]) // self.decimation + few.size - 1 - self._after()]
-
-    def _after(self) -> int:
-        """Rows that were left out after the last one that counts."""
-        return (self.rows.stop - 1 - int(self.places[-1])) // self.decimation
-
-    @property
-    def direction(self) -> np.ndarray:
-        """sign(v), prepared as the force is."""
-        return self.forward - self.backward
+        return self.reduced(delayed(force, delay))
 
 
 def prepare(log: MotionLog, how: Preparation) -> Prepared:
@@ -104,19 +103,21 @@ def prepare(log: MotionLog, how: Preparation) -> Prepared:
             f"{log.name}: {samples} samples are left of {log.position.size} after the ends are cut; "
             f"{_LEAST_ROWS * factor} are needed: record {(_LEAST_ROWS * factor - samples) * T:.3g} s more"
         )
-    forward, backward = np.where(velocity > 0.0, 1.0, 0.0), np.where(velocity < 0.0, 1.0, 0.0)
-    force = delayed(log.force, how.delay)
-    channels = (velocity, acceleration, forward, backward, velocity * forward, velocity * backward,
-                np.ones_like(velocity), force)  # fmt: skip
+    channels = (velocity, acceleration, np.ones_like(velocity), delayed(log.force, how.delay))
     few = [decimated(channel[rows], factor) for channel in channels]
     places = skip + kept(samples, factor)
     stays = np.ones(places.size, dtype=bool)
     if not how.reversals:
         moves = np.abs(velocity[places]) > _REST * np.max(np.abs(velocity))
         stays = _away(velocity, places, factor) & moves
-    return Prepared(
-        places[stays] * T, *(channel[stays] for channel in few), decimation=factor, places=places[stays], rows=rows
-    )
+    if np.count_nonzero(stays) < _LEAST_ROWS:
+        raise NotIdentifiableError(
+            f"{log.name}: {np.count_nonzero(stays)} of {stays.size} rows are left where the axis moves, more than "
+            f"{factor * T:.3g} s away from each reversal; {_LEAST_ROWS} are needed: the axis rests, trembles or turns "
+            f"round too often; record next moves to and fro that keep their direction for {4 * factor * T:.2g} s"
+        )
+    slow, changes, constant, applied = (channel[stays] for channel in few)
+    return Prepared(places[stays] * T, slow, changes, constant, applied, velocity, factor, places[stays], rows)
 
 
 def delayed(values: np.ndarray, samples: float) -> np.ndarray:

@@ -19,11 +19,15 @@ from feeddrive.identification.motion.identifiable import check_columns, check_ma
 from feeddrive.identification.motion.motion_log import MotionLog
 from feeddrive.identification.motion.preparation import Preparation, Prepared, prepare
 from feeddrive.identification.residuals import Residuals
+from feeddrive.identification.steady_curve import steady_curve
 from feeddrive.identification.validation import Validation, cross_validated
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.table import Result, Table
 
-FRICTIONS = ("symmetric", "directional")
+FRICTIONS: dict[str, Friction] = {
+    "symmetric": Coulomb(coulomb=1.0),
+    "directional": Directional(coulomb_positive=1.0, coulomb_negative=1.0),
+}  # by their structure alone
 NAMES = {
     "symmetric": ("mass", "viscous", "coulomb", "offset"),
     "directional": ("mass", "viscous_positive", "coulomb_positive", "viscous_negative", "coulomb_negative"),
@@ -118,7 +122,7 @@ def identify_rigid(
         raise ParameterError(f"friction = {friction!r} must be one of best, {', '.join(FRICTIONS)}")
     rows = prepare(log, how or Preparation())
     check_motion(log.name, rows.velocity, log.frame)
-    asked = FRICTIONS if friction == "best" else (friction,)
+    asked = tuple(FRICTIONS) if friction == "best" else (friction,)
     fits = [_fit(log, rows, each, folds) for each in asked]
     criterion = {fit.friction: fit.criterion[fit.friction] for fit in fits}
     best = min(fits, key=lambda fit: criterion[fit.friction])
@@ -126,12 +130,12 @@ def identify_rigid(
 
 
 def columns_of(rows: Prepared, friction: str) -> np.ndarray:
-    """The columns of the inverse dynamics, shape (n, p), in the order of `NAMES`."""
-    if friction == "symmetric":
-        columns = (rows.acceleration, rows.velocity, rows.direction, rows.constant)
-    else:
-        columns = (rows.acceleration, rows.velocity_forward, rows.forward, rows.velocity_backward, -rows.backward)
-    return np.column_stack(columns)
+    """The columns of the inverse dynamics, shape (n, p), in the order of `NAMES`; friction's by its steady curve."""
+    curve = steady_curve(FRICTIONS[friction])
+    _, slopes = curve.at(rows.filtered, dict.fromkeys(curve.names, 0.0))
+    columns = {"mass": rows.acceleration, "offset": rows.constant}
+    columns |= {name: rows.reduced(slopes[:, i]) for i, name in enumerate(curve.names)}
+    return np.column_stack([columns[name] for name in NAMES[friction]])
 
 
 def _fit(log: MotionLog, rows: Prepared, friction: str, folds: int) -> RigidFit:

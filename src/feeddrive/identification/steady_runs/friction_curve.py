@@ -2,27 +2,116 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy.optimize import minimize_scalar
 
 from feeddrive.blocks.families import Friction
 from feeddrive.blocks.force.gravity import Gravity
+from feeddrive.blocks.friction.coulomb import Coulomb
+from feeddrive.blocks.friction.directional import Directional
+from feeddrive.blocks.friction.directional_stribeck import DirectionalStribeck
+from feeddrive.blocks.friction.stribeck import Stribeck
 from feeddrive.identification.covariance import errors
 from feeddrive.identification.criterion import information, likely_memory
 from feeddrive.identification.estimate import Estimate, estimates_table
 from feeddrive.identification.frame import SHAFT, Frame, require_table
-from feeddrive.identification.steady_runs.friction_models import CANDIDATES, SEPARATE, Candidate
+from feeddrive.identification.steady_curve import SteadyCurve, steady_curve
 from feeddrive.identification.steady_runs.steady_runs import SteadyRuns
+from feeddrive.language import tree
 from feeddrive.language.errors import NotIdentifiableError, ParameterError
 from feeddrive.language.table import Result, Table
 
+_VELOCITY = "stribeck_velocity"
 _GRID = 60  # Stribeck velocities that are tried before the best is refined
 EQUAL = 2.0  # difference of the criterion that is not worth a mention: the simpler model is taken then
 _SAME = 1.02  # ratio of two mean speeds from which they count as two
 CLEAR = 6.0  # difference of the criterion that counts as strong evidence (Kass & Raftery 1995)
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A friction block that is compared, by name, with or without a constant force; the block's numbers do not matter.
+
+    All its parameters but a Stribeck velocity enter its steady curve linearly.
+    """
+
+    name: str
+    friction: Friction
+    offset: bool = False
+
+    @property
+    def curve(self) -> SteadyCurve:
+        """Its steady curve, traced."""
+        return steady_curve(self.friction)
+
+    @property
+    def stribeck(self) -> bool:
+        """Whether it has a Stribeck velocity."""
+        return _VELOCITY in self.curve.names
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """Those that are linear, then the Stribeck velocity."""
+        linear = tuple(name for name in self.curve.names if name != _VELOCITY)
+        return (*linear, *(("offset",) if self.offset else ()), *((_VELOCITY,) if self.stribeck else ()))
+
+    def slopes(self, velocity: np.ndarray, values: Mapping[str, Any]) -> np.ndarray:
+        """d force / d parameter in their order on a last axis; parameters that are left out count as 0."""
+        _, slopes = self.curve.at(velocity, {name: values.get(name, 0.0) for name in self.curve.names})
+        slopes = np.concatenate([slopes, np.ones((*slopes.shape[:-1], 1))], axis=-1)
+        places = [self.curve.names.index(name) if name != "offset" else -1 for name in self.parameters]
+        return slopes[..., places]
+
+    def columns(self, velocity: np.ndarray, stribeck_velocity: Any = 1.0) -> np.ndarray:
+        """The slopes of all linear parameters."""
+        slopes = self.slopes(velocity, {_VELOCITY: stribeck_velocity})
+        return slopes[..., :-1] if self.stribeck else slopes
+
+    def block(self, values: Mapping[str, float]) -> Friction:
+        """The friction block with these values; a negative viscous part becomes 0."""
+        given = {name: value for name, value in values.items() if name != "offset"}
+        given |= {name: max(0.0, value) for name, value in given.items() if name.startswith("viscous")}
+        return tree.vary(self.friction, given)
+
+    def is_sound(self, values: Mapping[str, float]) -> bool:
+        """Whether there is such a block: no level is negative, no breakaway level below its Coulomb level."""
+        try:
+            self.block(values)
+        except ParameterError:
+            return False
+        return True
+
+
+def _with_stribeck(exponent: int) -> tuple[Friction, Friction]:
+    """A symmetric and a directional block."""
+    levels = {f"{name}_{side}": 1.0 for name in ("coulomb", "breakaway") for side in ("positive", "negative")}
+    return (
+        Stribeck(coulomb=1.0, breakaway=1.0, stribeck_velocity=1.0, exponent=exponent),
+        DirectionalStribeck(**levels, stribeck_velocity=1.0, exponent=exponent),
+    )
+
+
+CURVES = {"exponential": _with_stribeck(1), "gaussian": _with_stribeck(2)}
+CANDIDATES = (
+    Candidate("coulomb and viscous", Coulomb(coulomb=1.0)),
+    Candidate("coulomb and viscous, offset", Coulomb(coulomb=1.0), offset=True),
+    Candidate("directional", Directional(coulomb_positive=1.0, coulomb_negative=1.0)),
+    *(
+        Candidate(f"{name}, {curve}", friction, offset)
+        for curve, (symmetric, directional) in CURVES.items()
+        for name, friction, offset in (
+            ("stribeck", symmetric, False),
+            ("stribeck with offset", symmetric, True),
+            ("directional stribeck", directional, False),
+        )
+    ),
+)
+# a curve of its own for each direction, which no block can hold: if it is much better, the result says so
+SEPARATE = tuple(Candidate(f"two curves, {curve}", symmetric) for curve, (symmetric, _) in CURVES.items())
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -76,7 +165,7 @@ class FrictionCurve(Result):
 
     def error(self, velocity: np.ndarray) -> np.ndarray:
         """Standard error of the curve at velocities other than 0: √(j Σ jᵀ), j = d force / d parameters."""
-        columns = _slopes(self.model, self.values, np.asarray(velocity, dtype=np.float64))
+        columns = self.model.slopes(np.asarray(velocity, dtype=np.float64), self.values)
         return np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", columns, self.covariance, columns), 0.0))
 
     def table(self) -> Table:
@@ -143,7 +232,7 @@ def fit_friction(runs: SteadyRuns, candidates: Sequence[Candidate] = CANDIDATES)
     others = [fit[0] for fit in fits]
     separate = [_separate(runs, each) for each in SEPARATE] if len(candidates) > 1 else []
     listed = sorted([*others, *(each for each in separate if each is not None)], key=lambda each: each.criterion)
-    remarks = _remarks(compared, listed, others, runs)
+    remarks = _remarks(compared, model.stribeck, listed, others, runs)
     rho = likely_memory(residual, _sides(runs))
     estimates, covariance = _estimates(runs, model, values, residual, rho)
     return FrictionCurve(model, estimates, runs, residual, rho, tuple(listed), remarks, covariance)
@@ -188,34 +277,36 @@ def _fitted(runs: SteadyRuns, model: Candidate) -> tuple[Compared, Candidate, di
 
 def _values(v: np.ndarray, force: np.ndarray, model: Candidate) -> dict[str, float] | None:
     """Least squares; the Stribeck velocity by a search between the slowest and the fastest run."""
-    if not model.exponent:
+    if not model.stribeck:
         found = np.linalg.lstsq(model.columns(v), force, rcond=None)[0]
         values = dict(zip(model.parameters, map(float, found), strict=True))
         return values if model.is_sound(values) else None
     speeds = np.abs(v)
     grid = np.geomspace(float(np.min(speeds)), float(np.max(speeds)), _GRID)
 
-    def linear(log_velocity: float) -> tuple[float, dict[str, float]]:
-        columns = model.columns(v, float(np.exp(log_velocity)))
+    def linear(velocity: float, columns: np.ndarray) -> tuple[float, dict[str, float]]:
         found = np.linalg.lstsq(columns, force, rcond=None)[0]
-        values = dict(zip(model.parameters, [*map(float, found), float(np.exp(log_velocity))], strict=True))
+        values = dict(zip(model.parameters, [*map(float, found), velocity], strict=True))
         return (float(np.sum((force - columns @ found) ** 2)), values)
 
-    tried = [linear(float(x)) for x in np.log(grid)]
+    def at(log_velocity: float) -> tuple[float, dict[str, float]]:
+        velocity = float(np.exp(log_velocity))
+        return linear(velocity, model.columns(v, velocity))
+
+    tried = [linear(float(x), columns) for x, columns in zip(grid, model.columns(v, grid[:, None]), strict=True)]
     sound = [i for i, (_, values) in enumerate(tried) if model.is_sound(values)]
     if not sound:
         return None
     best = min(sound, key=lambda i: tried[i][0])
     ends = np.log(grid[max(0, best - 1)]), np.log(grid[min(_GRID - 1, best + 1)])
-    found = minimize_scalar(lambda x: linear(x)[0], bounds=ends, method="bounded", options={"xatol": 1e-9})
-    values = linear(float(found.x))[1]  # type: ignore[attr-defined]
+    found = minimize_scalar(lambda x: at(x)[0], bounds=ends, method="bounded", options={"xatol": 1e-9})
+    values = at(float(found.x))[1]  # type: ignore[attr-defined]
     return values if model.is_sound(values) else tried[best][1]
 
 
 def _predicted(model: Candidate, values: dict[str, float], v: np.ndarray) -> np.ndarray:
-    names = [name for name in model.parameters if name != "stribeck_velocity"]
-    columns = model.columns(v, values.get("stribeck_velocity", 1.0))
-    return columns @ np.array([values[name] for name in names])
+    names = [name for name in model.parameters if name != _VELOCITY]
+    return model.columns(v, values.get(_VELOCITY, 1.0)) @ np.array([values[name] for name in names])
 
 
 def _judged(name: str, residual: np.ndarray, parameters: int, runs: SteadyRuns) -> Compared:
@@ -225,20 +316,21 @@ def _judged(name: str, residual: np.ndarray, parameters: int, runs: SteadyRuns) 
 
 def _separate(runs: SteadyRuns, model: Candidate) -> Compared | None:
     """A curve of its own for each direction."""
-    alone = Candidate(model.name, exponent=model.exponent)
     residual = np.zeros(runs.velocity.size)
     for side in _sides(runs):
         v, force = runs.velocity[side], runs.force[side]
         if v.size <= 5:
             return None
-        values = _values(v, force, alone)
+        values = _values(v, force, model)
         if values is None:
             return None
-        residual[side] = force - _predicted(alone, values, v)
-    return _judged(model.name, residual, 8, runs)
+        residual[side] = force - _predicted(model, values, v)
+    return _judged(model.name, residual, 2 * len(model.parameters), runs)
 
 
-def _remarks(best: Compared, listed: list[Compared], others: list[Compared], runs: SteadyRuns) -> tuple[str, ...]:
+def _remarks(
+    best: Compared, stribeck: bool, listed: list[Compared], others: list[Compared], runs: SteadyRuns
+) -> tuple[str, ...]:
     found: list[str] = []
     close = [each.name for each in others if each is not best and abs(each.criterion - best.criterion) < EQUAL]
     if close:
@@ -254,7 +346,7 @@ def _remarks(best: Compared, listed: list[Compared], others: list[Compared], run
             f"directions differ in more than an offset, and no friction block holds that"
         )
     slowest = float(np.min(np.abs(runs.velocity)))
-    if "stribeck" not in best.name and slowest > 0.05 * float(np.max(np.abs(runs.velocity))):
+    if not stribeck and slowest > 0.05 * float(np.max(np.abs(runs.velocity))):
         found.append(
             f"whether there is a Stribeck effect is not known: the slowest run has {slowest:.3g} "
             f"{runs.frame.velocity}; record runs at a tenth of it"
@@ -269,7 +361,7 @@ def _estimates(
 
     (JᵀJ)⁻¹ Jᵀ Σ J (JᵀJ)⁻¹,   Σ(i, j) = s² rho^|i - j| within a direction
     """
-    columns = _slopes(model, values, runs.velocity)
+    columns = model.slopes(runs.velocity, values)
     n, p = columns.shape
     inverse = np.linalg.pinv(columns.T @ columns, hermitian=True)
     s2 = float(residual @ residual) / (n - p)
@@ -281,21 +373,11 @@ def _estimates(
     robust = errors(covariance)
     ols = errors(s2 * inverse)
     frame = runs.frame
-    units = [_unit(name, frame) for name in model.parameters]
+    shown = {"m/s": frame.velocity, "N s/m": frame.viscous, "N": frame.force}
+    declared = {name: tree.declaration(model.friction, name).unit for name in model.curve.names}
+    units = [shown[declared.get(name, "N")] for name in model.parameters]
     found = tuple(
         Estimate(*each)
         for each in zip(model.parameters, values.values(), units, map(float, robust), map(float, ols), strict=True)
     )
     return found, covariance
-
-
-def _slopes(model: Candidate, values: dict[str, float], v: np.ndarray) -> np.ndarray:
-    """d force / d parameter in the order of the parameters, shape (n, p)."""
-    columns = model.columns(v, values.get("stribeck_velocity", 1.0))
-    return np.column_stack([columns, model.slope(v, values)]) if model.exponent else columns
-
-
-def _unit(name: str, frame: Frame) -> str:
-    if name == "stribeck_velocity":
-        return frame.velocity
-    return frame.viscous if name.startswith("viscous") else frame.force
