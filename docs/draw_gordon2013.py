@@ -9,7 +9,7 @@ from pathlib import Path
 
 import matplotlib as mpl
 
-from feeddrive.papers.gordon2013 import contributions, frequency, motion
+from feeddrive.papers.gordon2013 import frequency, motion
 
 IMAGES = Path(__file__).parent / "images"
 WANTED = {"stiffness": "pole-placement", "ablation": "ablation", "prefilter": "trajectory-prefilter"}
@@ -18,7 +18,7 @@ WANTED = {"stiffness": "pole-placement", "ablation": "ablation", "prefilter": "t
 def draw() -> None:
     """Three of their pictures."""
     mpl.rcParams |= {"svg.fonttype": "none", "svg.hashsalt": "feeddrive", "path.simplify_threshold": 0.3}
-    for part in (frequency.loop_figures(), motion.ablation(), contributions.frequency_view()):
+    for part in (frequency.loop_figures(), motion.ablation(), frequency.frequency_view()):
         for shown in part.pictures:
             if shown.key in WANTED:
                 shown.draw().savefig(IMAGES / f"{WANTED[shown.key]}.svg", metadata={"Date": None})

@@ -10,7 +10,7 @@ from typing import Any
 
 import matplotlib as mpl
 
-from feeddrive.papers.wu2017.setting import SAME, SETS, TRIALS, noise, table_axis
+from feeddrive.papers.wu2017.testbed import SAME, SETS, TRIALS, noise, table_axis
 from feeddrive.plot.learning import errors_and_parameters
 from feeddrive.tuning.trials import iterate_trials
 

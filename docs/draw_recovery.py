@@ -17,9 +17,8 @@ from feeddrive.analysis.stiffness import stiffness
 from feeddrive.blocks.load.sine_force import SineForce
 from feeddrive.loop.linearize import compliance
 from feeddrive.loop.simulate import simulate
-from feeddrive.papers.altintas2009.estimation import OBSERVERS, OWN, adaptation
-from feeddrive.papers.altintas2009.machine_modes import compensated, tool_error
-from feeddrive.papers.altintas2009.setting import REST, T, cascade, dadsc, loop, milling
+from feeddrive.papers.altintas2009.recovery import OBSERVERS, OWN, adaptation, compensated, tool_error
+from feeddrive.papers.altintas2009.testbed import REST, T, cascade, dadsc, loop, milling
 from feeddrive.plot.curves import Row, curves
 
 IMAGES = Path(__file__).parent / "images"

@@ -9,7 +9,7 @@ import pytest
 
 import feeddrive as fd
 from feeddrive.language.errors import ParameterError
-from feeddrive.papers.gordon2013.setting import cascade, placed
+from feeddrive.papers.gordon2013.testbed import cascade, placed
 
 LINES = np.geomspace(1.0, 5000.0, 300)
 

@@ -33,7 +33,7 @@ from feeddrive.loop.axis import Axis
 from feeddrive.loop.control import Control
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import simulate
-from feeddrive.papers.altintas2009.machine_modes import swing
+from feeddrive.papers.altintas2009.recovery import swing
 
 REST = Polynomial7(distance=0.0, travel_time=1.0)
 

@@ -18,8 +18,8 @@ from feeddrive.loop.axis import Axis
 from feeddrive.loop.control import Control
 from feeddrive.loop.linearize import linearize
 from feeddrive.loop.loop import Loop
-from feeddrive.papers.altintas2009.ideal import run_ideal
-from feeddrive.papers.altintas2009.setting import dadsc as triple
+from feeddrive.papers.altintas2009.testbed import dadsc as triple
+from feeddrive.papers.altintas2009.testbed import run_ideal
 
 T = 1e-4
 

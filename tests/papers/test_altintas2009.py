@@ -12,17 +12,21 @@ from feeddrive.blocks.controller.dadsc import DADSC
 from feeddrive.blocks.feedforward.inertia import Inertia
 from feeddrive.papers.altintas2009 import altintas2009
 from feeddrive.papers.altintas2009.equations import cascade_recovered, lyapunov_weight, recovered
-from feeddrive.papers.altintas2009.ideal import (
+from feeddrive.papers.altintas2009.recovery import swing
+from feeddrive.papers.altintas2009.testbed import (
+    MASS,
+    VISCOUS,
+    T,
+    cascade,
     cascade_column,
     closed_form_poles,
+    dadsc,
     dadsc_column,
+    milling,
     run_ideal,
     transfer,
 )
-from feeddrive.papers.altintas2009.machine_modes import swing
-from feeddrive.papers.altintas2009.setting import MASS, VISCOUS, T, cascade, dadsc, milling
-from feeddrive.papers.claims import Experiment
-from feeddrive.papers.page import build
+from feeddrive.papers.claims import Experiment, build
 
 
 @pytest.fixture(scope="module")

@@ -10,10 +10,8 @@ import pytest
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.table import Table
 from feeddrive.papers import papers
-from feeddrive.papers.claims import Claim, Experiment
-from feeddrive.papers.page import build
-from feeddrive.papers.papers import Reproduced, chosen
-from feeddrive.papers.results import write_reproduced
+from feeddrive.papers.claims import Claim, Experiment, build
+from feeddrive.papers.papers import Reproduced, chosen, write_reproduced
 
 
 def claim(got: float, least: float | None = None, most: float | None = None) -> Claim:

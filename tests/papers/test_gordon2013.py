@@ -11,7 +11,7 @@ import pytest
 from feeddrive.papers.claims import Experiment
 from feeddrive.papers.gordon2013 import gordon2013
 from feeddrive.papers.gordon2013.frequency import EXPECTED, NAMED, Linear
-from feeddrive.papers.gordon2013.setting import CASCADE, PLACED, cascade, placed
+from feeddrive.papers.gordon2013.testbed import CASCADE, PLACED, cascade, placed
 
 LETTERS = {"a": 12, "b": 4, "c": 12, "d": 7, "e": 5, "f": 5, "g": 8}  # claims of each group
 

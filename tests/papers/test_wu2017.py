@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from feeddrive.papers.claims import Experiment
-from feeddrive.papers.page import build
+from feeddrive.papers.claims import Experiment, build
 from feeddrive.papers.wu2017 import wu2017
 from feeddrive.papers.wu2017.learning import EXPECTED
 from feeddrive.papers.wu2017.rates import identity_error

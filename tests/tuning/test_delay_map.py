@@ -14,8 +14,8 @@ from feeddrive.language.errors import ParameterError
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.control import Control
 from feeddrive.loop.loop import Loop
-from feeddrive.papers.altintas2009.setting import cascade
-from feeddrive.papers.altintas2009.setting import loop as axis_loop
+from feeddrive.papers.altintas2009.testbed import cascade
+from feeddrive.papers.altintas2009.testbed import loop as axis_loop
 from feeddrive.tuning.delay_map import delay_map
 from feeddrive.tuning.robustness import robustness
 

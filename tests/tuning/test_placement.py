@@ -9,7 +9,7 @@ import pytest
 
 import feeddrive as fd
 from feeddrive.language.errors import ParameterError, UnstableError
-from feeddrive.papers.gordon2013.setting import cascade, placed
+from feeddrive.papers.gordon2013.testbed import cascade, placed
 
 
 def with_law(**changes: float) -> fd.Loop:

@@ -11,8 +11,7 @@ from feeddrive.cli.terminal import open_console
 from feeddrive.cli.working import drawn
 from feeddrive.files.atomic_io import new_directory
 from feeddrive.language.table import Table
-from feeddrive.papers.papers import Reproduced, chosen, reproduce
-from feeddrive.papers.results import fill
+from feeddrive.papers.papers import Reproduced, chosen, fill, reproduce
 
 
 def perform(paper: str, out: Path | None) -> None:

@@ -1,19 +1,28 @@
-"""The papers by name, and their experiments run side by side."""
+"""The papers by name, their experiments run side by side, and what `reproduce` leaves behind.
+
+A page for each paper, an index of all claims, and the figures as JSON.
+"""
 
 from __future__ import annotations
 
+import json
+import math
 import multiprocessing
 import os
 import queue
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
 from difflib import get_close_matches
+from html import escape
 from importlib import import_module
+from pathlib import Path
 from typing import Any
 
+from feeddrive.files.atomic_io import new_directory
+from feeddrive.files.provenance import versions
 from feeddrive.language.errors import ParameterError
-from feeddrive.papers.claims import Claim, Experiment
-from feeddrive.papers.page import build
+from feeddrive.papers.claims import Claim, Experiment, build, claims_table
+from feeddrive.report.page import header, page
 
 PAPERS = ("altintas2009", "gordon2013", "beltran2013", "wu2017")
 
@@ -88,3 +97,55 @@ def _heard(told: Any, futures: Sequence[Future[Reproduced]]) -> Iterator[tuple[s
             yield told.get(timeout=0.1)
         except queue.Empty:
             continue
+
+
+def write_reproduced(reproduced: Sequence[Reproduced], out: str | Path) -> Path:
+    """Write the directory whole or not at all, and return the path of the report to open.
+
+    Raises FileError if `out` cannot be written, or is a directory that feeddrive did not write.
+    """
+    with new_directory(out) as folder:
+        fill(folder, reproduced)
+    return Path(out) / "report.html"
+
+
+def fill(folder: Path, reproduced: Sequence[Reproduced]) -> None:
+    """The files of the directory, for whoever opened it before the work began."""
+    for each in reproduced:
+        name = "report" if len(reproduced) == 1 else each.name
+        (folder / f"{name}.html").write_text(each.page, encoding="utf-8")
+    if len(reproduced) > 1:
+        (folder / "report.html").write_text(_index(reproduced), encoding="utf-8")
+    (folder / "claims.json").write_text(json.dumps(_figures(reproduced), indent=2) + "\n", encoding="utf-8")
+
+
+def _figures(reproduced: Sequence[Reproduced]) -> dict[str, object]:
+    """All claims as plain figures; what is not finite is null."""
+    papers = {
+        each.name: [
+            {
+                "key": claim.key,
+                "claim": claim.claim,
+                "rule": claim.rule,
+                "expected": claim.expected or claim.bounds,
+                "least": claim.least,
+                "most": claim.most,
+                "got": claim.got if math.isfinite(claim.got) else None,
+                "unit": claim.unit,
+                "holds": claim.holds,
+            }
+            for claim in each.claims
+        ]
+        for each in reproduced
+    }
+    return {"versions": versions(), "papers": papers}
+
+
+def _index(reproduced: Sequence[Reproduced]) -> str:
+    title = "The four papers, reproduced"
+    lead = [f"{each.title}: {each.sentence}" for each in reproduced]
+    parts = [header("feeddrive reproduce", title, lead, [(each.name, each.title) for each in reproduced])]
+    for each in reproduced:
+        link = f'<h2><a href="{each.name}.html">{escape(each.title)}</a></h2>'
+        parts.append(f'<section id="{each.name}">\n{link}\n{claims_table(each.claims)}\n</section>\n')
+    return page(title, parts)

@@ -5,11 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from feeddrive.papers.altintas2009.equations import equations
-from feeddrive.papers.altintas2009.estimation import estimation
-from feeddrive.papers.altintas2009.machine_modes import machine_modes
 from feeddrive.papers.altintas2009.motion import motion
+from feeddrive.papers.altintas2009.recovery import estimation, machine_modes
 from feeddrive.papers.altintas2009.rigidity import delays, rigidity
-from feeddrive.papers.altintas2009.setting import PLANT
+from feeddrive.papers.altintas2009.testbed import PLANT
 from feeddrive.papers.claims import Experiment
 
 

@@ -9,17 +9,22 @@ import numpy as np
 from feeddrive.blocks.controller.cascade_ppi import CascadePPI
 from feeddrive.blocks.controller.dadsc import DADSC
 from feeddrive.blocks.feedforward.inertia import Inertia
-from feeddrive.papers.altintas2009.ideal import (
+from feeddrive.papers.altintas2009.testbed import (
+    MASS,
+    PLANT,
+    VISCOUS,
     Fraction,
     Ideal,
+    T,
+    cascade,
     cascade_column,
     closed_form_poles,
     continuous,
+    dadsc,
     dadsc_column,
     run_ideal,
     transfer,
 )
-from feeddrive.papers.altintas2009.setting import MASS, PLANT, VISCOUS, T, cascade, dadsc
 from feeddrive.papers.claims import Claim
 from feeddrive.plot.curves import pole_sweep
 from feeddrive.report.content import Shown

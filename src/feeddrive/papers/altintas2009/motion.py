@@ -13,7 +13,7 @@ from feeddrive.blocks.reference.polynomial7 import Polynomial7
 from feeddrive.blocks.signals import Reading, Setpoint
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.simulate import simulate
-from feeddrive.papers.altintas2009.setting import MASS, PLANT, VISCOUS, T, cascade, dadsc, loop
+from feeddrive.papers.altintas2009.testbed import MASS, PLANT, VISCOUS, T, cascade, dadsc, loop
 from feeddrive.papers.claims import Claim
 from feeddrive.plot.curves import Row, curves
 from feeddrive.report.content import Shown

@@ -13,14 +13,20 @@ from feeddrive.blocks.families import Law
 from feeddrive.blocks.observer.disturbance_recovery import DisturbanceRecovery
 from feeddrive.language.table import Table
 from feeddrive.loop.linearize import compliance
-from feeddrive.papers.altintas2009.ideal import (
+from feeddrive.papers.altintas2009.testbed import (
+    MASS,
+    PLANT,
+    VISCOUS,
     Column,
+    T,
+    cascade,
     cascade_column,
     continuous,
+    dadsc,
     dadsc_column,
+    loop,
     transfer,
 )
-from feeddrive.papers.altintas2009.setting import MASS, PLANT, VISCOUS, T, cascade, dadsc, loop
 from feeddrive.papers.claims import Claim
 from feeddrive.plot.curves import Row, curves
 from feeddrive.report.content import Shown

@@ -8,14 +8,14 @@ from dataclasses import replace
 
 from feeddrive.blocks.plant.two_bodies import Gains
 from feeddrive.papers.claims import Claim, Experiment
-from feeddrive.papers.gordon2013 import contributions, disturbance, frequency, motion
-from feeddrive.papers.gordon2013.setting import DESIGN, TRUTH, Part
+from feeddrive.papers.gordon2013 import disturbance, frequency, motion
+from feeddrive.papers.gordon2013.testbed import DESIGN, TRUTH, Part
 
 _PARTS: tuple[tuple[str, Callable[[], Part]], ...] = (
     ("margins and stiffness", frequency.loop_figures),
     ("rope snap", motion.rope_snap),
     ("high-speed tracking", motion.tracking_error),
-    ("frequency view of the contributions", contributions.frequency_view),
+    ("frequency view of the contributions", frequency.frequency_view),
     ("ablation", motion.ablation),
     ("friction", disturbance.friction),
     ("machining", disturbance.machining),

@@ -22,7 +22,7 @@ from feeddrive.language.table import Table
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import Run, simulate
 from feeddrive.papers.claims import Claim
-from feeddrive.papers.gordon2013.setting import (
+from feeddrive.papers.gordon2013.testbed import (
     CASCADE,
     GAINS,
     LONG,

@@ -6,10 +6,9 @@ from collections.abc import Callable
 
 from feeddrive.papers.claims import Experiment
 from feeddrive.papers.wu2017.contouring import contouring
-from feeddrive.papers.wu2017.learning import learning
+from feeddrive.papers.wu2017.learning import learning, signals
 from feeddrive.papers.wu2017.rates import rates
-from feeddrive.papers.wu2017.setting import PLANT
-from feeddrive.papers.wu2017.signals import signals
+from feeddrive.papers.wu2017.testbed import PLANT
 
 
 def wu2017(step: Callable[[str], None]) -> Experiment:

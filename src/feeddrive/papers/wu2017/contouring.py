@@ -12,7 +12,7 @@ from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import simulate
 from feeddrive.papers.claims import Claim
 from feeddrive.papers.wu2017 import pictures
-from feeddrive.papers.wu2017.setting import NOISE, SAME, SET_VALUED, SETS, TANH, noise, table_axis
+from feeddrive.papers.wu2017.testbed import NOISE, SAME, SET_VALUED, SETS, TANH, noise, table_axis
 from feeddrive.report.content import Shown
 from feeddrive.tuning.trials import iterate_trials
 

@@ -1,11 +1,21 @@
-"""Rows 4.a to 4.f: errors over the trials for three sets of columns, constant and changing references."""
+"""Rows 4.a to 4.f: errors over the trials for three sets of columns, constant and changing references.
+
+Row 4.n: parameters against a learned signal, where all repeats and where it does not.
+"""
 
 from __future__ import annotations
 
+import dataclasses
+
+import numpy as np
+
+from feeddrive.blocks.families import Load
+from feeddrive.blocks.load.recorded_force import RecordedForce
 from feeddrive.language.table import Table
+from feeddrive.loop.loop import Loop
 from feeddrive.papers.claims import Claim
 from feeddrive.papers.wu2017 import pictures
-from feeddrive.papers.wu2017.setting import (
+from feeddrive.papers.wu2017.testbed import (
     CHANGING,
     RULE,
     SAME,
@@ -18,6 +28,7 @@ from feeddrive.papers.wu2017.setting import (
     table_axis,
 )
 from feeddrive.report.content import Shown
+from feeddrive.tuning.signal_ilc import learn_signal
 from feeddrive.tuning.trials import Trials, iterate_trials
 
 # RMS in um after trials 1 to 6 as an independent program found them, and its last one with changing references
@@ -37,7 +48,7 @@ def learning() -> tuple[list[Claim], list[Table], list[Shown], dict[str, Trials]
     tables = [
         _table(f"RMS of the following error, um; {TANH}", same, changing, expected=True),
         _table(f"the same with {SET_VALUED}, ordering only", hard, hard_changing, expected=False),
-        _parameters(same["+ Stribeck"]),
+        _parameter_table(same["+ Stribeck"]),
     ]
     shown = [pictures.errors(same), pictures.parameters(same["+ Stribeck"]), pictures.over_time(same)]
     return [*_claims(same, changing), *_set_valued(hard)], tables, shown, same
@@ -110,7 +121,7 @@ def _table(title: str, same: dict[str, Trials], changing: dict[str, Trials], *, 
     return Table(title, heads, rows)
 
 
-def _parameters(trials: Trials) -> Table:
+def _parameter_table(trials: Trials) -> Table:
     """Of the largest set, in units of the drive, with their standard errors."""
     true = {"mass": 120.0, "viscous": 400.0, "coulomb_positive": 95.0, "coulomb_negative": 80.0}
     values, errors = trials.parameters(), trials.errors()
@@ -123,3 +134,89 @@ def _parameters(trials: Trials) -> Table:
         rows.append([name, *cells, f"{amperes(true[name]):.4f}" if name in true else "0.1167 / 0.1667"])
     heads = ["parameter", *(f"trial {j + 1}" for j in range(TRIALS)), "of the axis"]
     return Table(f"parameters over the constant of 300 N/A, with their standard errors; {TANH}", heads, rows)
+
+
+BANDWIDTH = 50.0  # Hz of the signal's robustness filter
+PULSE = (0.25, 0.30, 150.0)  # s, s, N: a disturbance that comes in each trial at the same time
+STRONG = 20.0  # N of noise where nothing repeats
+
+
+def pulsed(trial: int) -> Load:
+    """Noise, and the pulse."""
+    plain = noise(trial)
+    force = plain.force.copy()
+    first, last = (round(each / float(plain.sample_time)) for each in PULSE[:2])
+    force[first:last] += PULSE[2]
+    return dataclasses.replace(plain, force=force)
+
+
+def strong(trial: int) -> RecordedForce:
+    """More noise."""
+    return noise(trial, STRONG)
+
+
+CASES: dict[str, tuple[object, object]] = {
+    "same reference": (SAME, noise),
+    "changing references": (CHANGING[:5], noise),
+    "same reference, the same pulse in each trial": (SAME, pulsed),
+    f"same reference, noise of {STRONG:g} N": (SAME, strong),
+}
+
+
+def signals() -> tuple[list[Claim], list[Table], list[Shown]]:
+    """Claims, tables and pictures."""
+    found: dict[tuple[str, str, bool], np.ndarray] = {}
+    rows = []
+    for smooth in (True, False):
+        for case, (reference, load) in CASES.items():
+            plain, whole = (table_axis("x", SETS[name], smooth=smooth) for name in ("a, b", "+ Stribeck"))
+            made = {
+                "parameters, + Stribeck": _parameter_errors(whole, reference, load),
+                "signal": _signal(plain, reference, load),
+            }
+            for kind, rms in made.items():
+                found[case, kind, smooth] = rms
+                friction = TANH if smooth else SET_VALUED
+                rows.append([friction, case, kind, *(f"{1e6 * value:.3g}" for value in rms)])
+    longest = max(len(row) for row in rows)
+    rows = [row + ["-"] * (longest - len(row)) for row in rows]
+    heads = ["friction", "case", "learned", *(f"trial {j + 1}" for j in range(longest - 3))]
+    table = Table(f"RMS error in um; the signal starts from 45 kg and learns up to {BANDWIDTH:g} Hz", heads, rows)
+    kinds = ("parameters, + Stribeck", "signal")
+    drawn = {f"{kind}: {case}": found[case, kind, False] for case in list(CASES)[:2] for kind in kinds}
+    shown = [pictures.against_signal(drawn, f"Parameters and signal, {SET_VALUED}", "signal")]
+    return _signal_claims(found), [table], shown
+
+
+def _parameter_errors(loop: Loop, reference: object, load: object) -> np.ndarray:
+    many = reference if isinstance(reference, tuple) else (reference,)
+    trials = len(many) if len(many) > 1 else TRIALS
+    return iterate_trials(loop, many, trials, load=load).rms  # type: ignore[arg-type]
+
+
+def _signal(loop: Loop, reference: object, load: object) -> np.ndarray:
+    many = reference if isinstance(reference, tuple) else (reference,)
+    trials = len(many) if len(many) > 1 else TRIALS
+    return learn_signal(loop, many, trials, bandwidth=BANDWIDTH, load=load).rms  # type: ignore[arg-type]
+
+
+def _signal_claims(found: dict[tuple[str, str, bool], np.ndarray]) -> list[Claim]:
+    ours, theirs = "parameters, + Stribeck", "signal"
+
+    def last(case: str, kind: str, smooth: bool) -> float:
+        return float(found[case, kind, smooth][-1])
+
+    def ratio(case: str, smooth: bool) -> float:
+        return last(case, theirs, smooth) / last(case, ours, smooth)
+
+    same, changing, pulse, *_ = CASES
+    rule = f"x axis, last trial, RMS of the signal over that of the parameters; Q {BANDWIDTH:g} Hz; {SET_VALUED}"
+    return [
+        Claim("4.n", "the signal wins: same reference", rule, ratio(same, False), None, 1.0),
+        Claim("4.n", "the signal wins: a pulse that repeats", rule, ratio(pulse, False), None, 1.0),
+        Claim("4.n", "the signal loses: changing references", rule, ratio(changing, False), 2.0, None),
+        Claim("4.n", "changing references: the signal is worse than its first trial", rule,
+              float(np.max(found[changing, theirs, False][1:]) / found[changing, theirs, False][0]), 1.0, None),
+        Claim("4.n", "the signal loses on tanh friction, which creeps at rest: same reference",
+              rule.replace(SET_VALUED, TANH), ratio(same, True), 1.0, None),
+    ]  # fmt: skip

@@ -18,7 +18,7 @@ from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import Run, samples, simulate
 from feeddrive.papers.claims import Claim
 from feeddrive.papers.wu2017 import pictures
-from feeddrive.papers.wu2017.setting import (
+from feeddrive.papers.wu2017.testbed import (
     SAME,
     SETS,
     amperes,
