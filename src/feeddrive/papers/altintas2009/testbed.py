@@ -1,8 +1,8 @@
 """The axis of all experiments, its laws under the comparison rules, its cutting force, and the paper's ideal loop.
 
 In the ideal loop the force answers the reading of the same sample; `Loop` simulates what a machine does, where the
-force acts after the reading.  The ideal loop uses the law's own step all the same: it is affine in the reading, so that two
-evaluations solve the sample.
+force acts after the reading.  The ideal loop uses the law's own step all the same: it is affine in the reading, so that
+two evaluations solve the sample.
 """
 
 from __future__ import annotations
