@@ -33,7 +33,7 @@ from slow_share import all_but
 
 # beside the laws: feedforwards and a prefilter, functions of the text's own, a table
 BESIDE = ["cascade_ppi, inverse dynamics, friction and prefilter", "cascade_ppi, learned force"]
-QUICK = ["cascade_ppi", BESIDE[1]]
+QUICK = ["cascade_ppi"]
 CASES = all_but(QUICK, LOOPS, "blark reads some 100 lines a second; functions of the text's own are tested one by one")
 
 
