@@ -32,15 +32,15 @@ def main() -> None:
     T = loop.sample_time
     limits = fd.Limits(sensitivity_peak=2.0, compliance_peak=0.2e-6)
 
-    def one() -> fd.ShapedLoop:
-        return fd.shape(loop.control, fd.measured_site(motor, sample_time=T), limits=fd.Limits(), filters="kept")
+    def one() -> fd.Tuned:
+        return fd.tune(loop.control, fd.measured_site(motor, sample_time=T), limits=fd.Limits(), filters="kept")
 
-    def two() -> fd.ShapedLoop:
-        return fd.shape(loop.control, fd.measured_site(load, motor, sample_time=T), limits=fd.Limits(), filters="kept")
+    def two() -> fd.Tuned:
+        return fd.tune(loop.control, fd.measured_site(load, motor, sample_time=T), limits=fd.Limits(), filters="kept")
 
-    def four(filters: str) -> fd.ShapedLoop:
+    def four(filters: str) -> fd.Tuned:
         site = fd.measured_site(load, motor, disturbance=(struck, back), sample_time=T)
-        return fd.shape(loop.control, site, limits=limits, filters=filters)
+        return fd.tune(loop.control, site, limits=limits, filters=filters)
 
     cases = {
         "one response (one encoder), three gains": one,

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from feeddrive.comparison.arena import Arena, arena
+from feeddrive.comparison.arena import Comparison, compare
 from feeddrive.comparison.criteria import CRITERIA
 from feeddrive.comparison.report import figure
 from feeddrive.files.machine import read_machine
@@ -17,7 +17,7 @@ IMAGES = Path(__file__).parent / "images"
 AXES = (("linear_motor", "x"), ("ball_screw", "x"), ("mill", "x"))
 
 
-def markdown(found: Arena) -> str:
+def markdown(found: Comparison) -> str:
     """One row a law: robustness and all figures."""
     heads = ["law", "Ms", "delay margin", "held back by", *(f"{c.head} {c.unit}" for c in CRITERIA)]
     lines = ["| " + " | ".join(heads) + " |", "|" + "---|" * len(heads)]
@@ -34,12 +34,14 @@ def markdown(found: Arena) -> str:
 def main() -> None:
     """All axes."""
     for machine, axis in AXES:
-        found = arena(read_machine(machine), axis, workers=cores())
+        found = compare(read_machine(machine), axis, workers=cores())
         found.plot().savefig(IMAGES / f"arena_{machine}.svg", metadata={"Date": None})
         print(f"\n## {found.title}\n\n{markdown(found)}\n")
         for each in found.competitors:
             if each.tuned is not None:
-                print(each.name, {name: float(f"{value:.4g}") for name, value in each.tuned.knobs.items()}, each.remark)
+                print(
+                    each.name, {name: float(f"{value:.4g}") for name, value in each.tuned.tunables.items()}, each.remark
+                )
         for remark in found.remarks:
             print(f"- {remark}")
         for refusal in found.refusals:

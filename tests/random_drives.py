@@ -11,8 +11,8 @@ import feeddrive as fd
 from feeddrive.analysis.opened import opened
 from feeddrive.language.errors import NotIdentifiableError, UnstableError
 from feeddrive.tuning.shaping.limits import Limits
-from feeddrive.tuning.shaping.shape import shape
-from feeddrive.tuning.shaping.shaped_loop import ShapedLoop
+from feeddrive.tuning.shaping.shape import tune
+from feeddrive.tuning.shaping.shaped_loop import Tuned
 from feeddrive.tuning.shaping.site import measured_site
 
 PERIODS = 10
@@ -29,7 +29,7 @@ class Outcome(NamedTuple):
     """What became of a drive: refused with a reason, or tuned, and how the true loop is then."""
 
     refusal: str
-    shaped: ShapedLoop | None
+    shaped: Tuned | None
     stable: bool
     holds: bool
     coherent: bool  # coherence above 0.9 up to three times the crossover
@@ -93,10 +93,10 @@ def outcome(seed: int, confidence: float = 0.95) -> Outcome:
     site = measured_site(load, motor, sample_time=float(loop.sample_time))
     assert load.coherence is not None
     try:
-        shaped = shape(loop.control, site, limits=limits, filters="kept", starts=1, confidence=confidence)
+        shaped = tune(loop.control, site, limits=limits, filters="kept", starts=1, confidence=confidence)
     except (NotIdentifiableError, UnstableError) as error:
         # up to where it was good: three times the crossover that a perfect measurement gives
-        true = shape(loop.control, loop, limits=limits, filters="kept", starts=1)
+        true = tune(loop.control, loop, limits=limits, filters="kept", starts=1)
         crossover = true.after[0].margins.gain_crossovers[-1].frequency
         return Outcome(str(error), None, False, False, _coherent(load, crossover))
     tuned = replace(loop, control=shaped.control)

@@ -110,8 +110,8 @@ from feeddrive.bus.profile import read_profile as read_profile
 from feeddrive.bus.scaling import DriveScaling as DriveScaling
 from feeddrive.certificate.certificate import Certificate as Certificate
 from feeddrive.certificate.certify import certify as certify
-from feeddrive.comparison.arena import Arena as Arena
-from feeddrive.comparison.arena import arena as arena
+from feeddrive.comparison.arena import Comparison as Comparison
+from feeddrive.comparison.arena import compare as compare
 from feeddrive.comparison.results import write_arena as write_arena
 from feeddrive.cosimulation.simulate_with_fmu import simulate_with_fmu as simulate_with_fmu
 from feeddrive.export.targets import write_export as write_export
@@ -193,7 +193,6 @@ from feeddrive.tuning.convergence import Convergence as Convergence
 from feeddrive.tuning.convergence import convergence as convergence
 from feeddrive.tuning.delay_map import DelayMap as DelayMap
 from feeddrive.tuning.delay_map import delay_map as delay_map
-from feeddrive.tuning.equal_robustness import tune as tune
 from feeddrive.tuning.error_model import error_model as error_model
 from feeddrive.tuning.iterative_feedforward import Iteration as Iteration
 from feeddrive.tuning.iterative_feedforward import iterate as iterate
@@ -206,8 +205,8 @@ from feeddrive.tuning.recipes import margin_goals as margin_goals
 from feeddrive.tuning.recipes import symmetric_optimum as symmetric_optimum
 from feeddrive.tuning.shaping.limits import Limits as Limits
 from feeddrive.tuning.shaping.shape import assess as assess
-from feeddrive.tuning.shaping.shape import shape as shape
-from feeddrive.tuning.shaping.shaped_loop import ShapedLoop as ShapedLoop
+from feeddrive.tuning.shaping.shape import tune as tune
+from feeddrive.tuning.shaping.shaped_loop import Tuned as Tuned
 from feeddrive.tuning.shaping.site import Site as Site
 from feeddrive.tuning.shaping.site import measured_site as measured_site
 from feeddrive.tuning.shaping.site import modelled_site as modelled_site
@@ -222,7 +221,6 @@ from feeddrive.tuning.trial import measured_trial as measured_trial
 from feeddrive.tuning.trial import simulated_trial as simulated_trial
 from feeddrive.tuning.trials import Trials as Trials
 from feeddrive.tuning.trials import iterate_trials as iterate_trials
-from feeddrive.tuning.tuned import Tuned as Tuned
 from feeddrive.version import __version__ as __version__
 from feeddrive.workflow.certificate_file import read_certificate as read_certificate
 from feeddrive.workflow.certificate_file import write_certificate as write_certificate

@@ -116,7 +116,7 @@ def test_the_edge_of_what_is_refused_is_the_edge_of_stability() -> None:
 
 @pytest.mark.parametrize("ratios", [(1.0, 1.0, 1.0), (0.2, 1.0, 3.0), (3.0, 0.1, 1.0), (1.0, 5.0, 0.3)])
 def test_rates_inside_the_bound_are_stable_and_beyond_it_refused(ratios: tuple[float, float, float]) -> None:
-    rates = dict(zip(DADSC.knobs, (100.0 * r for r in ratios), strict=True))
+    rates = dict(zip(DADSC.tunables, (100.0 * r for r in ratios), strict=True))
     for factor in np.geomspace(1.0, 300.0, 25):
         made = law(**{name: factor * rate for name, rate in rates.items()}, viscous=0.0)
         try:

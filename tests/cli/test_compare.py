@@ -54,7 +54,7 @@ def test_a_machine_of_ones_own(run) -> None:
     laws = json.loads(Path("d/summary.json").read_text(encoding="utf-8"))["laws"]
     # a P velocity loop never comes back from a force
     assert laws["today's gains"]["rope_snap_ISE_root_m_per_N"] == "infinite"
-    assert laws["P-PI"]["knobs"]["control.law.Tn"] > 0.0
+    assert laws["P-PI"]["tunables"]["control.law.Tn"] > 0.0
     assert "integral" in laws["P-PI"]["remark"]
 
 
@@ -83,7 +83,7 @@ def test_ctrl_c_writes_nothing(run, monkeypatch) -> None:
     def interrupted(*_: object, **__: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("feeddrive.cli.compare.arena", interrupted)
+    monkeypatch.setattr("feeddrive.cli.compare.compare", interrupted)
     code, _, errors = run("compare", "linear_motor", "--out", "d")
     assert code == 130
     assert "nothing was written" in errors

@@ -81,7 +81,7 @@ def test_one_file_or_two_give_the_same(tmp_path: Path, screw: fd.Loop, both: Pat
     fd.write_frf(tmp_path / "motor.csv", moved)
     command(*fast(str(both), "--out", str(tmp_path / "one")))
     command(*fast(str(tmp_path / "load.csv"), "--motor", str(tmp_path / "motor.csv"), "--out", str(tmp_path / "two")))
-    one, two = (json.loads((tmp_path / name / "summary.json").read_text())["knobs"] for name in ("one", "two"))
+    one, two = (json.loads((tmp_path / name / "summary.json").read_text())["tunables"] for name in ("one", "two"))
     assert one == pytest.approx(two, rel=1e-6)
 
 

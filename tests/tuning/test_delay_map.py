@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from feeddrive.analysis.robustness import robustness
 from feeddrive.blocks.actuator.actuator import Actuator
 from feeddrive.blocks.controller.cascade_ppi import CascadePPI
 from feeddrive.blocks.controller.dadsc import DADSC
@@ -17,9 +18,8 @@ from feeddrive.loop.loop import Loop
 from feeddrive.papers.altintas2009.testbed import cascade
 from feeddrive.papers.altintas2009.testbed import loop as axis_loop
 from feeddrive.tuning.delay_map import delay_map
-from feeddrive.tuning.robustness import robustness
 
-KNOBS = [f"control.law.{name}" for name in DADSC.knobs]
+TUNABLES = [f"control.law.{name}" for name in DADSC.tunables]
 
 
 @pytest.mark.parametrize(("mass", "T"), [(5.0, 5e-5), (400.0, 1e-3)])
@@ -27,9 +27,9 @@ def test_the_map_in_p_times_T_is_that_of_every_rigid_axis(mass: float, T: float)
     """Without friction only p T and the dead time in samples count."""
     law = DADSC(mass=mass, tracking_rate=0.05 / T, reaching_rate=0.05 / T, adaptation_rate=0.05 / T)
     loop = Loop(control=Control(law=law), axis=Axis(plant=Rigid(mass=mass)), sample_time=T)
-    found = delay_map(loop, KNOBS, [0.0, T, 2.0 * T, 3.0 * T])
-    np.testing.assert_allclose(T * found.at_edge(KNOBS[0]), [0.418, 0.198, 0.132, 0.0995], rtol=0.005)
-    np.testing.assert_allclose(T * found.at_robust(KNOBS[0]), [0.197, 0.096, 0.064, 0.048], rtol=0.005)
+    found = delay_map(loop, TUNABLES, [0.0, T, 2.0 * T, 3.0 * T])
+    np.testing.assert_allclose(T * found.at_edge(TUNABLES[0]), [0.418, 0.198, 0.132, 0.0995], rtol=0.005)
+    np.testing.assert_allclose(T * found.at_robust(TUNABLES[0]), [0.197, 0.096, 0.064, 0.048], rtol=0.005)
 
 
 def test_the_edge_is_where_the_poles_leave_the_circle() -> None:

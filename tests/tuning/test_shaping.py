@@ -6,22 +6,23 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.optimize import minimize
 
 import feeddrive as fd
 from feeddrive.analysis.opened import opened
+from feeddrive.analysis.robustness import Robustness, robustness
 from feeddrive.language import tree
 from feeddrive.language.errors import NotIdentifiableError, ParameterError, UnstableError
-from feeddrive.tuning.designs import designs
-from feeddrive.tuning.equal_robustness import tune
-from feeddrive.tuning.robustness import robustness
+from feeddrive.tuning.candidates import candidates
 from feeddrive.tuning.shaping.answer import answer, encircles
 from feeddrive.tuning.shaping.control_response import ControlResponse
 from feeddrive.tuning.shaping.criteria import GOALS, Criteria
 from feeddrive.tuning.shaping.limits import Limits
 from feeddrive.tuning.shaping.quadratic import least_quadratic
-from feeddrive.tuning.shaping.shape import shape
+from feeddrive.tuning.shaping.shape import tune
 from feeddrive.tuning.shaping.site import Site, measured_site, modelled_site
 from feeddrive.tuning.shaping.smoothing import smoothed
+from feeddrive.tuning.shaping.tunables import law_tunables
 from random_drives import outcome
 
 LINES = np.geomspace(2.0, 9000.0, 120)
@@ -35,7 +36,7 @@ def screw() -> fd.Loop:
 
 @pytest.fixture(scope="module")
 def placement(screw: fd.Loop) -> fd.Loop:
-    return next(each for each in designs(screw)[0] if each.name == "pole placement").loop
+    return next(each for each in candidates(screw)[0] if each.name == "pole placement").loop
 
 
 def responses(loop: fd.Loop, lines: np.ndarray, share: float, seed: int) -> dict[tuple[str, str], fd.FRF]:
@@ -68,7 +69,7 @@ def struck_site(loop: fd.Loop, share: float, seed: int = 0) -> Site:
 @pytest.mark.parametrize("index", range(8))
 def test_the_response_is_that_of_the_control_itself(screw: fd.Loop, index: int) -> None:
     """Every law of the library, with its filters and compensation, against the linearised loop that runs."""
-    design = designs(screw)[0][index]
+    design = candidates(screw)[0][index]
     loop = design.loop
     site = modelled_site(loop)
     part = site.chosen(np.arange(0, site.frequency.size, 11))
@@ -81,7 +82,7 @@ def test_the_response_is_that_of_the_control_itself(screw: fd.Loop, index: int) 
 
 @pytest.mark.parametrize("goal", GOALS)
 def test_slopes_are_those_of_differences(placement: fd.Loop, goal: str) -> None:
-    names = (*(f"law.{n}" for n in placement.control.law.knobs), "filters.0.frequency", "filters.1.damping")
+    names = (*(f"law.{n}" for n in placement.control.law.tunables), "filters.0.frequency", "filters.1.damping")
     limits = Limits(2.0, 6.0, 30.0, 5.0, 0.2e-6, 5.0, (1e-8, 1e-8))
     site = modelled_site(placement)
     response = ControlResponse(placement.control, float(placement.sample_time), names)
@@ -107,7 +108,7 @@ def test_encirclement_says_what_poles_say(screw: fd.Loop, placement: fd.Loop) ->
     counts = [0, 0]
     for loop in (screw, placement):
         site = modelled_site(loop)
-        names = tuple(f"control.law.{name}" for name in loop.control.law.knobs)
+        names = tuple(f"control.law.{name}" for name in loop.control.law.tunables)
         for _ in range(40):
             changes = {n: float(tree.get(loop, n)) * float(np.exp(random.uniform(-0.3, 1.0))) for n in names}
             other = tree.vary(loop, changes)
@@ -120,13 +121,14 @@ def test_encirclement_says_what_poles_say(screw: fd.Loop, placement: fd.Loop) ->
 
 def test_encirclement_counts_what_integrates_on_a_measured_axis(screw: fd.Loop) -> None:
     """A law with two integrals on an axis measured from 1 Hz on: four in all, where half a turn is one more."""
-    design = next(each for each in designs(screw)[0] if each.name == "P-PI + recovery")
+    design = next(each for each in candidates(screw)[0] if each.name == "P-PI + recovery")
     loop = design.loop
     found = responses(screw, np.arange(1.0, 2001.0), 0.02, 1)
     site = measured_site(found["cut", "reading_load"], found["cut", "reading_motor"], sample_time=5e-5)
     random, counts = np.random.default_rng(1), [0, 0]
     for _ in range(40):
-        changes = {n: float(tree.get(loop, n)) * float(np.exp(random.uniform(-3.0, 0.7))) for n in design.knobs}
+        names = [f"control.{name}" for name in law_tunables(loop.control)]
+        changes = {n: float(tree.get(loop, n)) * float(np.exp(random.uniform(-3.0, 0.7))) for n in names}
         other = tree.vary(loop, changes)
         largest = float(np.abs(opened(other).closed.poles()[0]))
         if abs(largest - 1.0) < 1e-4:
@@ -194,18 +196,28 @@ def test_a_quadratic_program_against_its_conditions() -> None:
     assert least_quadratic(np.eye(1), np.zeros(1), np.array([[1.0], [-1.0]]), np.array([1.0, 1.0])) is None
 
 
-def test_the_optimum_of_a_model_is_that_of_the_other_tuner() -> None:
-    """Two searches that share nothing but the loop: SLSQP on poles and sums, and this one on lines."""
+def test_the_optimum_of_a_model_is_that_of_another_search() -> None:
+    """Two searches that share nothing but the loop: SLSQP by differences on poles and sums, and this one on lines."""
     motor = fd.read_machine("linear_motor").loop("x")
     limits = Limits(sensitivity_peak=2.0, delay_margin_samples=2.0)
-    found = shape(motor.control, motor, limits=limits, filters="kept")
+    found = tune(motor.control, motor, limits=limits, filters="kept")
     assert found.holds, found.proof
-    assert found.after[0].rope_snap == pytest.approx(tune(motor).robustness.rope_snap, rel=3e-3)
+    names = [f"control.law.{name}" for name in motor.control.law.tunables]
+
+    def judged(x: np.ndarray) -> Robustness:
+        return robustness(tree.vary(motor, dict(zip(names, np.exp(x).tolist(), strict=True))))
+
+    begin = np.log([float(tree.get(motor, name)) for name in names])
+    bounds = {"type": "ineq", "fun": lambda x: np.log([2.0, judged(x).delay_margin_samples / 2.0])
+              - np.log([judged(x).sensitivity_peak, 1.0])}  # fmt: skip
+    end = minimize(lambda x: np.log(judged(x).rope_snap), begin, method="SLSQP", constraints=bounds,
+                   bounds=[(e - 1.5, e + 1.5) for e in begin], options={"eps": 1e-3, "maxiter": 60})  # fmt: skip
+    assert found.after[0].rope_snap == pytest.approx(float(np.exp(end.fun)), rel=3e-3)
     assert found.held[0].what == "Ms"
 
 
 def test_every_start_ends_at_the_same_place(screw: fd.Loop) -> None:
-    ends = [shape(screw.control, screw, limits=BARS, starts=1 + seed, seed=seed) for seed in range(3)]
+    ends = [tune(screw.control, screw, limits=BARS, starts=1 + seed, seed=seed) for seed in range(3)]
     snaps = [end.after[0].rope_snap for end in ends]
     assert np.ptp(snaps) < 5e-3 * snaps[0]
     assert all(end.holds for end in ends)
@@ -216,7 +228,7 @@ def test_the_ball_screw_from_a_noisy_response(screw: fd.Loop, placement: fd.Loop
     """9.1e-9 for P-PI, 8.9e-9 with free filters, 7.1e-9 for pole placement, on the true plant and within the limits."""
     site = struck_site(screw, share, seed)
     for loop, filters, bar in ((screw, "kept", 9.1e-9), (screw, "free", 8.9e-9), (placement, "kept", 7.1e-9)):
-        found = shape(loop.control, site, limits=BARS, filters=filters)
+        found = tune(loop.control, site, limits=BARS, filters=filters)
         assert found.holds, found.proof
         true = replace(loop, control=found.control)
         figures = robustness(true, per_decade=600)
@@ -228,8 +240,8 @@ def test_the_ball_screw_from_a_noisy_response(screw: fd.Loop, placement: fd.Loop
 
 def test_notches_come_where_they_pay(screw: fd.Loop) -> None:
     bare = replace(screw.control, filters=(fd.LowPass2(frequency=2500.0),))
-    free = shape(bare, screw, limits=BARS, filters="free", today=screw.control)
-    placed = shape(bare, screw, limits=BARS, filters="placed", today=screw.control)
+    free = tune(bare, screw, limits=BARS, filters="free", today=screw.control)
+    placed = tune(bare, screw, limits=BARS, filters="placed", today=screw.control)
     assert placed.holds, placed.proof
     assert any("taken" in text and "not taken" not in text for text in placed.notches)
     assert placed.after[0].rope_snap < 0.97 * free.after[0].rope_snap
@@ -242,7 +254,7 @@ def test_notches_come_where_they_pay(screw: fd.Loop) -> None:
 def test_each_goal_is_best_at_what_it_wants(screw: fd.Loop) -> None:
     limits = Limits(sensitivity_peak=2.0)
     band = (2.0, 8.0)
-    ends = {goal: shape(screw.control, screw, goal=goal, limits=limits, filters="kept",
+    ends = {goal: tune(screw.control, screw, goal=goal, limits=limits, filters="kept",
                         band=(0.0, np.inf) if goal in ("rope-snap", "least-stiffness") else band)
             for goal in GOALS}  # fmt: skip
     assert all(end.holds for end in ends.values())
@@ -256,7 +268,7 @@ def test_each_goal_is_best_at_what_it_wants(screw: fd.Loop) -> None:
 
 def test_margins_that_are_asked_for_hold(screw: fd.Loop) -> None:
     limits = Limits(sensitivity_peak=None, gain_margin_dB=10.0, phase_margin_deg=45.0, delay_margin_samples=30.0)
-    found = shape(screw.control, screw, limits=limits, filters="free")
+    found = tune(screw.control, screw, limits=limits, filters="free")
     m = fd.margins(fd.loop_gain(replace(screw, control=found.control), np.geomspace(1.0, 9999.0, 8000)))
     assert m.gain_increase_dB is not None
     assert m.gain_increase_dB >= 9.99
@@ -271,11 +283,11 @@ def test_noise_in_the_force_can_be_the_bound(screw: fd.Loop) -> None:
     from feeddrive.analysis.recovery import force_noise
 
     noise = (2e-9, 2e-9)
-    free = shape(screw.control, screw, limits=Limits(reading_noise=noise), filters="kept")
+    free = tune(screw.control, screw, limits=Limits(reading_noise=noise), filters="kept")
     before = free.after[0].force_noise
     assert before is not None
     assert before == pytest.approx(force_noise(opened(replace(screw, control=free.control)).closed, *noise), rel=0.01)
-    quiet = shape(screw.control, screw, limits=Limits(force_noise=0.8 * before, reading_noise=noise), filters="kept")
+    quiet = tune(screw.control, screw, limits=Limits(force_noise=0.8 * before, reading_noise=noise), filters="kept")
     assert quiet.after[0].force_noise == pytest.approx(0.8 * before, rel=5e-3)
     assert "force noise" in {held.what for held in quiet.held}
     assert quiet.after[0].rope_snap > free.after[0].rope_snap
@@ -284,8 +296,8 @@ def test_noise_in_the_force_can_be_the_bound(screw: fd.Loop) -> None:
 def test_all_positions_and_loads_hold(screw: fd.Loop) -> None:
     heavy = tree.vary(screw, {"axis.plant.mass_load": 60.0})
     soft = tree.vary(screw, {"axis.plant.stiffness": 1.3e7})
-    alone = shape(screw.control, screw, limits=Limits(2.0), filters="kept")
-    together = shape(screw.control, [screw, heavy, soft], limits=Limits(2.0), filters="kept")
+    alone = tune(screw.control, screw, limits=Limits(2.0), filters="kept")
+    together = tune(screw.control, [screw, heavy, soft], limits=Limits(2.0), filters="kept")
     assert together.holds, together.proof
     for axis in (screw, heavy, soft):
         assert robustness(replace(axis, control=together.control), per_decade=400).sensitivity_peak <= 2.003
@@ -294,7 +306,7 @@ def test_all_positions_and_loads_hold(screw: fd.Loop) -> None:
 
 def test_multipliers_say_what_more_room_would_bring(screw: fd.Loop) -> None:
     """The gain that is promised for 2 % more of Ms is the one that it brings, to a tenth."""
-    one, two = (shape(screw.control, screw, limits=Limits(peak), filters="kept") for peak in (2.0, 2.04))
+    one, two = (tune(screw.control, screw, limits=Limits(peak), filters="kept") for peak in (2.0, 2.04))
     promised = sum(h.gain for h in one.held if h.what == "Ms") * np.log(1.02) / np.log(1.1)
     brought = 100.0 * np.log(one.after[0].rope_snap / two.after[0].rope_snap)
     assert brought == pytest.approx(promised, rel=0.1)
@@ -302,7 +314,7 @@ def test_multipliers_say_what_more_room_would_bring(screw: fd.Loop) -> None:
 
 def test_the_cascade_loop_by_loop(screw: fd.Loop) -> None:
     """The velocity loop of a rigid mass without filters, against its formula; both loops close to the same whole."""
-    found = shape(screw.control, screw, limits=BARS, filters="kept")
+    found = tune(screw.control, screw, limits=BARS, filters="kept")
     today, new = found.cascade
     assert "velocity loop" in str(new)
     # 1 + L = (1 + Lv)(1 + Lp): the whole is the product of its loops
@@ -315,39 +327,39 @@ def test_the_cascade_loop_by_loop(screw: fd.Loop) -> None:
 def test_a_poor_measurement_is_refused_with_the_band(screw: fd.Loop) -> None:
     noisy = struck_site(screw, 0.8)
     with pytest.raises((NotIdentifiableError, UnstableError), match=r"Hz"):
-        shape(screw.control, noisy, limits=Limits(2.0), filters="kept")
+        tune(screw.control, noisy, limits=Limits(2.0), filters="kept")
     lines = np.arange(1.0, 101.0)
     short = responses(screw, lines, 0.001, 0)
     site = measured_site(
         short["cut", "reading_load"], short["cut", "reading_motor"], sample_time=float(screw.sample_time)
     )
     with pytest.raises(NotIdentifiableError, match=r"measure again.*ends at 100 Hz"):
-        shape(screw.control, site, limits=Limits(2.0), filters="kept")
+        tune(screw.control, site, limits=Limits(2.0), filters="kept")
 
 
 def test_what_cannot_be_reached_says_what_stands_against_it(screw: fd.Loop) -> None:
     with pytest.raises(UnstableError, match="peak compliance at"):
-        shape(screw.control, screw, limits=Limits(sensitivity_peak=1.3, compliance_peak=0.05e-6), filters="kept")
+        tune(screw.control, screw, limits=Limits(sensitivity_peak=1.3, compliance_peak=0.05e-6), filters="kept")
 
 
 def test_bad_input_is_named(screw: fd.Loop) -> None:
     with pytest.raises(ParameterError, match=r"goal = 'speed'"):
-        shape(screw.control, screw, goal="speed")
+        tune(screw.control, screw, goal="speed")
     with pytest.raises(ParameterError, match=r"sensitivity_peak = 0\.9"):
         Limits(sensitivity_peak=0.9)
     with pytest.raises(ParameterError, match="reading_noise"):
         Limits(force_noise=1.0)
     with pytest.raises(ParameterError, match="holds 0 lines"):
-        shape(screw.control, screw, band=(1e5, 2e5))
+        tune(screw.control, screw, band=(1e5, 2e5))
     with pytest.raises(ParameterError, match=r"law\.Kq"):
-        shape(screw.control, screw, knobs=["law.Kq"])
+        tune(screw.control, screw, tunables=["law.Kq"])
     static = replace(screw.control, law=fd.CascadePPI(Kv=100.0, Kp=6.8e4))
     with pytest.raises(ParameterError, match="integral action"):
-        shape(static, screw)
-    assert shape(static, screw, goal="stiffness", band=(1.0, 20.0), filters="kept", starts=1).holds
+        tune(static, screw)
+    assert tune(static, screw, goal="stiffness", band=(1.0, 20.0), filters="kept", starts=1).holds
     slow = replace(screw.control, law=replace(screw.control.law, position_every=4))
     with pytest.raises(ParameterError, match="position_every = 1"):
-        shape(slow, screw)
+        tune(slow, screw)
     frf = fd.FRF(LINES, np.ones(LINES.size) + 0j, unit="m/s/N")
     with pytest.raises(ParameterError, match="m/N"):
         measured_site(frf, sample_time=5e-5)
@@ -355,7 +367,7 @@ def test_bad_input_is_named(screw: fd.Loop) -> None:
 
 def test_unstable_gains_of_today_are_no_obstacle(screw: fd.Loop) -> None:
     wild = tree.vary(screw.control, {"law.Kp": 6e5, "law.Kv": 2000.0})
-    found = shape(wild, screw, limits=BARS, filters="kept")
+    found = tune(wild, screw, limits=BARS, filters="kept")
     assert found.after[0].rope_snap < 9.1e-9
     assert not found.before[0].stable
     assert "today's loop is unstable" in found.recommendation()

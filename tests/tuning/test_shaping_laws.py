@@ -11,11 +11,12 @@ import feeddrive as fd
 from feeddrive.analysis.opened import opened
 from feeddrive.analysis.recovery import rope_snap
 from feeddrive.language.errors import UnstableError
-from feeddrive.tuning.designs import Design, designs
+from feeddrive.tuning.candidates import Candidate, candidates
 from feeddrive.tuning.shaping.limits import Limits
-from feeddrive.tuning.shaping.shape import shape
+from feeddrive.tuning.shaping.shape import tune
 from feeddrive.tuning.shaping.site import Site, measured_site
 from feeddrive.tuning.shaping.table_force import with_table_force
+from feeddrive.tuning.shaping.tunables import law_tunables
 
 # rope snap in nm √s/N that each reaches here on the true axis, and a hundredth more: another noise may cost that
 SNAP = {
@@ -51,8 +52,8 @@ def site(screw: fd.Loop) -> Site:
     return with_table_force(measured_site(*found, sample_time=float(screw.sample_time)), screw, "the plant")[0]
 
 
-def design_of(screw: fd.Loop, name: str) -> Design:
-    return next(each for each in designs(screw)[0] if each.name == name)
+def design_of(screw: fd.Loop, name: str) -> Candidate:
+    return next(each for each in candidates(screw)[0] if each.name == name)
 
 
 @pytest.mark.parametrize("name", SNAP)
@@ -60,9 +61,9 @@ def test_every_law_on_a_measurement(screw: fd.Loop, site: Site, name: str) -> No
     """Stable by the poles of the true loop, Ms and peak compliance as asked, half a per cent for 95 %."""
     design = design_of(screw, name)
     limits = Limits(sensitivity_peak=2.0, compliance_peak=0.2e-6)
-    found = shape(design.loop.control, site, limits=limits, filters="kept", starts=1)
+    found = tune(design.loop.control, site, limits=limits, filters="kept", starts=1)
     assert found.holds, found.proof
-    assert set(found.knobs) == {knob.removeprefix("control.") for knob in design.knobs}
+    assert set(found.tunables) == {*law_tunables(design.loop.control)}
     both = opened(replace(design.loop, control=found.control))
     assert np.abs(both.closed.poles()[0]) < 1.0
     lines = both.lines(400)
@@ -78,8 +79,8 @@ def test_what_a_law_cannot_keep_is_refused_with_what_it_can(screw: fd.Loop) -> N
     """The other tuner, on poles and sums, finds the same law soft: 66 nm √s/N with Ms <= 2 alone."""
     loop = design_of(screw, REFUSED).loop
     with pytest.raises(UnstableError, match=r"at odds with .*within reach.*Ms <= "):
-        shape(loop.control, loop, limits=Limits(2.0, compliance_peak=0.2e-6), filters="kept", starts=1)
+        tune(loop.control, loop, limits=Limits(2.0, compliance_peak=0.2e-6), filters="kept", starts=1)
 
 
 def test_all_laws_are_here(screw: fd.Loop) -> None:
-    assert {each.name for each in designs(screw)[0] if not each.prefilter} == {*SNAP, REFUSED}
+    assert {each.name for each in candidates(screw)[0] if not each.prefilter} == {*SNAP, REFUSED}

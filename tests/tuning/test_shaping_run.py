@@ -9,7 +9,7 @@ import pytest
 
 import feeddrive as fd
 from feeddrive.tuning.shaping.limits import Limits
-from feeddrive.tuning.shaping.shape import shape
+from feeddrive.tuning.shaping.shape import tune
 from feeddrive.tuning.shaping.site import Site, measured_site
 from feeddrive.tuning.shaping.table_force import with_table_force
 
@@ -35,7 +35,7 @@ def test_the_run_keeps_the_force_limit(screw: fd.Loop) -> None:
         strong = replace(screw, control=replace(screw.control, force_limit=most))
         site, said = with_table_force(site_of(screw), strong, "the plant of the baseline")
         assert "agrees" in said
-        found = shape(strong.control, site, limits=limits, filters="kept", starts=1)
+        found = tune(strong.control, site, limits=limits, filters="kept", starts=1)
         line = next(each for each in found.proof if RUN in each.what)
         assert line.holds is holds, line
         assert found.holds is holds
@@ -47,7 +47,7 @@ def test_a_plant_that_is_another_one_is_not_run(screw: fd.Loop) -> None:
     site, said = with_table_force(site_of(screw), heavy, "the plant of the baseline")
     assert "% off the response" in said
     assert site.known_as is None
-    found = shape(screw.control, site, limits=Limits(2.0), filters="kept", starts=1)
+    found = tune(screw.control, site, limits=Limits(2.0), filters="kept", starts=1)
     line = next(each for each in found.proof if RUN in each.what)
     assert line.holds is None
     assert "--baseline" in line.said

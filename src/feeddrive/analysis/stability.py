@@ -91,17 +91,17 @@ def require_stable(system: StateSpace | Loop, *, velocity: float = 0.05, where: 
         return found
     law = system.control.law if isinstance(system, Loop) else None
     nyquist = 0.5 / found.model.sample_time
-    knobs = "Kp and Kv, or lengthen Tn" if law is None or law.kind == "cascade_ppi" else " and ".join(law.knobs)
+    tunables = "Kp and Kv, or lengthen Tn" if law is None or law.kind == "cascade_ppi" else " and ".join(law.tunables)
     if found.frequency == 0.0:
         remedy = "check the signs of the gains and that the position loop is closed"
     elif found.frequency > 0.45 * nyquist:
         remedy = (
             f"this is close to Nyquist ({nyquist:g} Hz), so the gain is too high for the mass and the sample "
-            f"time: lower {knobs.split(',')[0]}, or sample faster"
+            f"time: lower {tunables.split(',')[0]}, or sample faster"
         )
     else:
         remedy = (
-            f"lower {knobs}; shorten dead time and filters; if the axis has a resonance there, put a "
+            f"lower {tunables}; shorten dead time and filters; if the axis has a resonance there, put a "
             f"notch at {found.frequency:.4g} Hz"
         )
     nearest = _nearest_stable(system, velocity) if isinstance(system, Loop) else ""
@@ -114,7 +114,7 @@ def _nearest_stable(loop: Loop, velocity: float) -> str:
     """The gains of the law slowed down in one proportion until the loop is stable, as a clause; empty if none is."""
     law = loop.control.law
     values = dict(tree.leaves(law))
-    units = {name: tree.declaration(law, name).unit for name in law.knobs if isinstance(values.get(name), float)}
+    units = {name: tree.declaration(law, name).unit for name in law.tunables if isinstance(values.get(name), float)}
     # a time is slowed down by making it longer; a ratio such as a damping is no speed and stays
     powers = {name: -1.0 if unit == "s" else 1.0 for name, unit in units.items() if unit}
 

@@ -32,6 +32,11 @@ def catalogue() -> Mapping[type[Block], Mapping[str, type[Block]]]:
     return MappingProxyType({family: MappingProxyType(members) for family, members in found.items()})
 
 
+def members(family: type[B]) -> Mapping[str, type[B]]:
+    """The blocks of one family by kind."""
+    return catalogue().get(family, {})  # type: ignore[return-value]
+
+
 def modules() -> Iterator[str]:
     """Dotted names of the modules that hold blocks: those one folder down."""
     for module in pkgutil.walk_packages(feeddrive.blocks.__path__, "feeddrive.blocks."):
@@ -41,10 +46,10 @@ def modules() -> Iterator[str]:
 
 def blocks_of(module: str) -> list[type[Block]]:
     """The concrete blocks that stand in a module; what it only imports does not count."""
-    members = vars(importlib.import_module(module)).values()
+    found = vars(importlib.import_module(module)).values()
     return [
         member
-        for member in members
+        for member in found
         if isinstance(member, type)
         and issubclass(member, Block)
         and member.__module__ == module
@@ -59,9 +64,9 @@ def family_of(block: type[Block]) -> type[Block]:
 
 def find(family: type[B], kind: str) -> type[B]:
     """The block of a family with a name such as `two_mass`. Raises ParameterError, with names that are near."""
-    members = catalogue().get(family, {})
-    if kind in members:
-        return members[kind]  # type: ignore[return-value]
-    near = get_close_matches(kind, members, 3)
-    hint = f"did you mean {' or '.join(near)}?" if near else f"there are: {', '.join(members) or 'none'}"
+    known = members(family)
+    if kind in known:
+        return known[kind]
+    near = get_close_matches(kind, known, 3)
+    hint = f"did you mean {' or '.join(near)}?" if near else f"there are: {', '.join(known) or 'none'}"
     raise ParameterError(f"there is no {family.kind.replace('_', ' ')} of kind '{kind}'; {hint}")

@@ -1,23 +1,25 @@
 """The families of blocks, and the few questions that each member answers.
 
 A member is final: it fills in what is abstract here and overrides nothing that has a body, except the empty hooks
-`prepare`, `retune`, `period`, `check`, `rules`, `sampled_rules`, `fed`, `lag`, `settled`, `suits` and `fits`.  Its
-`step` is pure: state goes in and comes out.
+`prepare`, `retune`, `period`, `check`, `rules`, `sampled_rules`, `fed`, `lag`, `settled`, `suits`, `fits`, `begin` and
+`goes_beside`.  Its `step` is pure: state goes in and comes out.
 
     prepare(T)   work that depends on parameters only, done once per run; returns a named tuple of numbers
     start(...)   the state of a block that has been at rest for ever
     step(...)    one sample
     retune(...)  the state after a live change of parameters: forces and estimates go on, so that the command has no
                  bump but the one that the new gains themselves demand; with the same parameters not a bit changes
+    begin(axis)  where a search for its parameters begins on an axis that is to be tuned
 """
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 
+from feeddrive.blocks.axis_model import AxisModel, Start, begun
 from feeddrive.blocks.signals import Estimate, Motion, Noise, Reading, Setpoint
 from feeddrive.language import matrix
 from feeddrive.language.block import Block, Number, choice
@@ -139,13 +141,25 @@ class Law(Block, ABC):
     feeds    what the law itself feeds forward of the set motion (`FEEDS`), so that no block beside it does so again
     rejects  whether the law itself subtracts the estimate of an observer
     encoders 2 if the law needs the motor's and the load's position as two measurements
-    knobs    its parameters that tune it, positive, in the order in which a person turns them
+    tunables its parameters that tune it, positive, in the order in which a person turns them; those of an observer
+             inside are the observer's.  Empty: all parameters > 0 that have no default
+    title    its name in a comparison; empty: its kind
     """
 
     feeds: ClassVar[tuple[str, ...]] = ()
     rejects: ClassVar[bool] = False
     encoders: ClassVar[int] = 1
-    knobs: ClassVar[tuple[str, ...]] = ()
+    tunables: ClassVar[tuple[str, ...]] = ()
+    title: ClassVar[str] = ""
+
+    @classmethod
+    def begin(cls, axis: AxisModel, present: Law) -> tuple[Start, ...]:
+        """Where a search begins on an axis whose control has the law `present`: one law, or several forms of it.
+
+        By default each parameter by its unit (`begun`).  Empty for a law that a comparison leaves out.
+        Raises StructureError, with the reason, if the law does not go on the axis (empty hook).
+        """
+        return (Start(cls.title or cls.kind.replace("_", " "), begun(cls, axis), axis.sentence()),)
 
     def prepare(self, T: Number) -> Any:
         """What depends on parameters only (empty hook)."""
@@ -202,6 +216,17 @@ class Feedforward(Block, ABC):
     """
 
     feeds: ClassVar[tuple[str, ...]] = ()
+    title: ClassVar[str] = ""
+
+    @classmethod
+    def goes_beside(cls, law: type[Law]) -> bool:
+        """Whether a comparison tries it beside a law, under its `title`, from `begin` on (empty hook)."""
+        return False
+
+    @classmethod
+    def begin(cls, axis: AxisModel) -> Self:
+        """With the values of an axis. Raises StructureError, with the reason, if it has none (empty hook)."""
+        return begun(cls, axis)
 
     def fed(self) -> tuple[str, ...]:
         """What this one feeds, if parameters that are absent make it less than `feeds` (empty hook)."""
@@ -214,6 +239,13 @@ class Feedforward(Block, ABC):
 
 class Prefilter(Block, ABC):
     """Changes the setpoint before law and feedforward see it."""
+
+    title: ClassVar[str] = ""
+
+    @classmethod
+    def goes_beside(cls, law: type[Law]) -> bool:
+        """Whether a comparison tries it beside a law, under its `title`, fitted to the move (empty hook)."""
+        return False
 
     @abstractmethod
     def start(self, setpoint: Setpoint) -> Any:
@@ -229,7 +261,17 @@ class Prefilter(Block, ABC):
 
 
 class Observer(Block, ABC):
-    """Estimates what is not measured, from the reading and `applied`; part of a law or of a compensation."""
+    """Estimates what is not measured, from the reading and `applied`; part of a law or of a compensation.
+
+    `tunables` are its parameters that tune it, positive.
+    """
+
+    tunables: ClassVar[tuple[str, ...]] = ()
+
+    @classmethod
+    def begin(cls, axis: AxisModel) -> Self:
+        """Where a search begins on an axis. Raises StructureError if it does not know (empty hook)."""
+        return begun(cls, axis)
 
     def prepare(self, T: Number) -> Any:
         """What depends on parameters only (empty hook)."""
@@ -257,6 +299,18 @@ class Compensation(Block, ABC):
 
     Disturbance rejection adds a force; compensation of structural modes moves the setpoint.
     """
+
+    title: ClassVar[str] = ""
+
+    @classmethod
+    def goes_beside(cls, law: type[Law]) -> bool:
+        """Whether a comparison tries it beside a law, under its `title`, from `begin` on (empty hook)."""
+        return False
+
+    @classmethod
+    def begin(cls, axis: AxisModel) -> Self:
+        """Where a search begins on an axis. Raises StructureError if it does not know (empty hook)."""
+        return begun(cls, axis)
 
     def prepare(self, T: Number) -> Any:
         """What depends on parameters only (empty hook)."""

@@ -10,7 +10,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
 from feeddrive.cli.terminal import open_console
 from feeddrive.cli.working import drawn
-from feeddrive.comparison.arena import Arena, arena, pieces
+from feeddrive.comparison.arena import Comparison, compare, pieces
 from feeddrive.comparison.results import write_arena
 from feeddrive.files.machine import read_machine
 from feeddrive.loop.runner import cores
@@ -31,7 +31,7 @@ def perform(machine: str, axis: str | None, laws: list[str] | None, starts: int,
 
 def _run(
     console: Console, name: str, axis: str | None, laws: list[str] | None, starts: int, out: Path | None
-) -> tuple[Arena, Path]:
+) -> tuple[Comparison, Path]:
     machine = read_machine(name)
     total = pieces(machine, axis, laws) + 1
     where = out or Path("results") / f"compare_{Path(name).stem}{'' if axis is None else f'_{axis}'}"
@@ -42,6 +42,6 @@ def _run(
         def step(text: str) -> None:
             bar.update(task, description=escape(text), advance=1)
 
-        found = arena(machine, axis, laws=laws, starts=starts, workers=cores(), step=step)
+        found = compare(machine, axis, laws=laws, starts=starts, workers=cores(), step=step)
         step("report")
         return found, write_arena(found, where)

@@ -24,12 +24,12 @@ from feeddrive.files.messages import nearest
 from feeddrive.language.errors import ParameterError, StructureError
 from feeddrive.loop.control import Control
 from feeddrive.loop.loop import Loop
-from feeddrive.tuning.designs import designs
+from feeddrive.tuning.candidates import control_with
 from feeddrive.tuning.judged_recipes import JudgedRecipe, judged_recipes
 from feeddrive.tuning.recipes import RECIPES, margin_goals
 from feeddrive.tuning.shaping.limits import Limits
-from feeddrive.tuning.shaping.shape import assess, shape
-from feeddrive.tuning.shaping.shaped_loop import ShapedLoop
+from feeddrive.tuning.shaping.shape import assess, tune
+from feeddrive.tuning.shaping.shaped_loop import Tuned
 from feeddrive.tuning.shaping.site import Site
 from feeddrive.workflow.tune_page import Story, tables, write_tuned
 from feeddrive.workflow.tuned_machine import machine_text
@@ -92,7 +92,7 @@ def _check(asked: Asked) -> None:
         raise ParameterError(f"--recipe gives a cascade_ppi, not --law {asked.law}: leave one of them out")
 
 
-def _tuned(asked: Asked, step: Callable[[str], None]) -> tuple[ShapedLoop, Story, str | None, str, Certificate | None]:
+def _tuned(asked: Asked, step: Callable[[str], None]) -> tuple[Tuned, Story, str | None, str, Certificate | None]:
     machine = machine_of(asked.source)
     base = machine if asked.baseline is None else read_machine(asked.baseline)
     loop = None if base is None else base.loop(asked.axis)
@@ -113,7 +113,7 @@ def _tuned(asked: Asked, step: Callable[[str], None]) -> tuple[ShapedLoop, Story
             goal=asked.goal, limits=asked.limits, band=band, confidence=asked.confidence, today=today, step=step,
         )  # fmt: skip
     else:
-        found = shape(
+        found = tune(
             control, sites, goal=asked.goal, limits=asked.limits, filters=asked.filters, confidence=asked.confidence,
             starts=asked.starts, seed=asked.seed, today=today, band=band, step=step,
         )  # fmt: skip
@@ -146,12 +146,12 @@ def _python(asked: Asked) -> str:
         return ""
     axis = "" if asked.axis is None else f"{asked.axis!r}"
     return (
-        f"loop = fd.read_machine({asked.source!r}).loop({axis}); fd.shape(loop.control, loop, goal={asked.goal!r}, "
+        f"loop = fd.read_machine({asked.source!r}).loop({axis}); fd.tune(loop.control, loop, goal={asked.goal!r}, "
         f"limits=fd.{asked.limits!r}, filters={asked.filters!r}, starts={asked.starts}, seed={asked.seed})"
     )
 
 
-def _show(console: Console, found: ShapedLoop, story: Story, report: Path, written: bool) -> None:
+def _show(console: Console, found: Tuned, story: Story, report: Path, written: bool) -> None:
     for each in tables(found, story)[:-1]:
         console.print(drawn(each))
     for line in found.proof:
@@ -212,11 +212,4 @@ def _control(asked: Asked, loop: Loop | None, sites: Sequence[Site | Loop]) -> t
                 "position_every = 1 in the baseline"
             )
         return loop.control, ""
-    made, refused = designs(loop)
-    for each in made:
-        if each.loop.control.law.kind == asked.law and not each.loop.control.compensation and not each.prefilter:
-            return each.loop.control, ""
-    kinds = sorted({each.loop.control.law.kind for each in made})
-    reasons = "; ".join(f"{each.name}: {each.reason}" for each in refused)
-    near = nearest(asked.law, kinds)
-    raise ParameterError(f"--law {asked.law} is not on this axis{near}" + (f" ({reasons})" if reasons else ""))
+    return control_with(loop, asked.law), ""

@@ -11,22 +11,22 @@ import numpy as np
 from feeddrive.analysis.opened import Opened, opened
 from feeddrive.analysis.stability import stability
 from feeddrive.blocks.families import Reference
-from feeddrive.comparison.criteria import CRITERIA, beats, ranks
+from feeddrive.comparison.criteria import CRITERIA, Criterion, beats, ranks
 from feeddrive.comparison.figures import counted, effort_of, linear, recovered, tracked
 from feeddrive.comparison.tuning import Rule, tuned_all
 from feeddrive.comparison.work import Work, work_of
+from feeddrive.files.job import Job
 from feeddrive.files.machine import MachineFile
 from feeddrive.files.provenance import versions
 from feeddrive.language.errors import FeeddriveError, ParameterError, UnstableError
 from feeddrive.language.table import Result, Table, frame_of, picture_of
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import Run, simulate
-from feeddrive.tuning.designs import Design, Refusal, designs
+from feeddrive.tuning.candidates import PLAIN, Candidate, Refusal, candidates
+from feeddrive.tuning.shaping.shaped_loop import Tuned
 from feeddrive.tuning.trajectory_prefilter import tune_prefilter
-from feeddrive.tuning.tuned import Tuned
 
 TODAY = "today's gains"
-PLAIN = "P-PI"
 _NOISY = 0.02  # share of the force limit beyond which noise in the force is remarked
 
 
@@ -53,11 +53,16 @@ class Competitor:
         """The bounds that held its tuning back."""
         if self.tuned is None:
             return "not tuned"
-        return ", ".join(name.rpartition(".")[2] for name in self.tuned.active) or "none"
+        return ", ".join(dict.fromkeys(each.what for each in self.tuned.held)) or "none"
+
+    @property
+    def settled(self) -> bool:
+        """Whether it can be ranked: it was not tuned, or two searches ended within 5 % of its best."""
+        return self.tuned is None or self.tuned.settled
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Arena(Result):
+class Comparison(Result):
     """All competitors, today's control first, the laws that do not fit, and what must be said.
 
     `velocity` in m/s is the speed at which margins and stiffness are taken: the axis slides.
@@ -99,16 +104,19 @@ class Arena(Result):
 
     def ranking(self) -> Table:
         """The place of each law by each criterion."""
-        by = [ranks(criterion, [each.figures for each in self.competitors]) for criterion in CRITERIA]
+        by = [self.places(criterion) for criterion in CRITERIA]
         rows = [
-            [each.name, *("-" if places[i] is None else str(places[i]) for places in by)]
-            for i, each in enumerate(self.competitors)
+            [each.name, *(_place(places[i], each.settled) for places in by)] for i, each in enumerate(self.competitors)
         ]
         return Table("Places by criterion, 1 is best", ["law", *(criterion.head for criterion in CRITERIA)], rows)
 
+    def places(self, criterion: Criterion) -> list[int | None]:
+        """The place of each law by a criterion; none for one whose searches do not agree, which is not ranked."""
+        return ranks(criterion, [each.figures if each.settled else {} for each in self.competitors])
+
 
 @picture_of.register
-def _picture(found: Arena) -> Any:
+def _picture(found: Comparison) -> Any:
     """Every figure of every law against that of the tuned P-PI."""
     from feeddrive.comparison import pictures
 
@@ -116,13 +124,17 @@ def _picture(found: Arena) -> Any:
 
 
 @frame_of.register
-def _frame(found: Arena) -> Any:
+def _frame(found: Comparison) -> Any:
     """One row a law, in SI."""
     from feeddrive.plot.frames import frame
 
     keys = list(dict.fromkeys(key for each in found.competitors for key in each.figures))
     columns = {key: np.array([each.figures.get(key) for each in found.competitors], float) for key in keys}
     return frame([each.name for each in found.competitors], columns, "law")
+
+
+def _place(place: int | None, settled: bool) -> str:
+    return "not settled" if not settled else "-" if place is None else str(place)
 
 
 def shown(value: float | None, factor: float = 1.0, digits: int = 3) -> str:
@@ -132,7 +144,7 @@ def shown(value: float | None, factor: float = 1.0, digits: int = 3) -> str:
     return "inf" if np.isinf(value) else f"{factor * value:.{digits}g}"
 
 
-def arena(
+def compare(
     machine: MachineFile,
     axis: str | None = None,
     *,
@@ -145,12 +157,12 @@ def arena(
     starts: int = 2,
     workers: int = 1,
     step: Callable[[str], None] | None = None,
-) -> Arena:
+) -> Comparison:
     """Put all laws on an axis of a machine.
 
     laws               names of those that are wanted, P-PI always among them; default: all
     reference, force   the move, and the force in N of rope snap and step; default: from the machine's limits (`Work`)
-    sensitivity_peak, delay_margin_samples   the rule of equal robustness: see `tune`
+    sensitivity_peak, delay_margin_samples   the rule of equal robustness
     seed               of the encoders' noise, the same for all laws
     starts             of each search
     workers            processes that tune side by side; more than 1 only from a program that may be imported anew
@@ -159,6 +171,9 @@ def arena(
     The present control comes first and is left as it is, unstable or not.  A law that does not fit the axis is refused
     with the reason.  Raises ParameterError for an axis or a law that is not there.
     """
+    if not isinstance(machine, MachineFile):  # pyright: ignore[reportUnnecessaryIsInstance]
+        remedy = "a job is run by fd.run(job)" if isinstance(machine, Job) else "give fd.read_machine(...)"
+        raise ParameterError(f"compare puts all laws on an axis of a machine, not of {machine!r:.60}: {remedy}")
     said = step or (lambda _: None)
     loop = machine.loop(axis)
     name = axis if axis is not None else next(iter(machine.loops))
@@ -168,32 +183,32 @@ def arena(
     rule = Rule(sensitivity_peak, delay_margin_samples, velocity, starts)
     said(TODAY)
     competitors = [_judged(TODAY, loop, None, "as in the machine file", work, velocity, seed)]
-    tuned = tuned_all([design for design in possible if not design.like], rule, workers, said)
-    for design in possible:
-        if design.like:
-            said(design.name)
-            tuned[design.name] = _like(design, tuned, work, seed)
+    tuned = tuned_all([candidate for candidate in possible if not candidate.like], rule, workers, said)
+    for candidate in possible:
+        if candidate.like:
+            said(candidate.name)
+            tuned[candidate.name] = _like(candidate, tuned, work, seed)
     refusals = [*refused, *(found for found in tuned.values() if isinstance(found, Refusal))]
-    for design in possible:
-        made = tuned[design.name]
+    for candidate in possible:
+        made = tuned[candidate.name]
         if isinstance(made, Tuned):
-            competitors.append(_judged(design.name, made.loop, made, design.remark, work, velocity, seed))
+            competitors.append(_judged(candidate.name, made.loops[0], made, candidate.remark, work, velocity, seed))
     if all(each.move is None for each in competitors):
         reasons = "; ".join(f"{each.name}: {each.unfit}" for each in competitors)
         raise UnstableError(f"{machine.file.name}: axis '{name}': no law can be run on it: {reasons}")
     rows = tuple(competitors)
     remarks = (*_robust(rows, sensitivity_peak, delay_margin_samples), *_against(rows), *_noisy(rows), *_unproven(rows))
-    return Arena(machine, name, work, velocity, seed, rule.sentence, rows, tuple(refusals), remarks, versions())
+    return Comparison(machine, name, work, velocity, seed, rule.sentence, rows, tuple(refusals), remarks, versions())
 
 
 def pieces(machine: MachineFile, axis: str | None, laws: Sequence[str] | None = None) -> int:
-    """How often `arena` calls `step`."""
+    """How often `compare` calls `step`."""
     return 1 + len(_wanted(machine.loop(axis), laws)[0])
 
 
-def _wanted(loop: Loop, laws: Sequence[str] | None) -> tuple[tuple[Design, ...], tuple[Refusal, ...]]:
+def _wanted(loop: Loop, laws: Sequence[str] | None) -> tuple[tuple[Candidate, ...], tuple[Refusal, ...]]:
     """The laws by name, plain P-PI and those whose gains they take over always among them."""
-    possible, refused = designs(loop)
+    possible, refused = candidates(loop)
     if laws is None:
         return possible, refused
     names = [each.name for each in (*possible, *refused)]
@@ -215,19 +230,19 @@ def _velocity(work: Work, loop: Loop) -> float:
     return 0.5 * largest if largest > 0.0 else 0.01
 
 
-def _like(design: Design, known: Mapping[str, Tuned | Refusal], work: Work, seed: int) -> Tuned | Refusal:
-    """What differs from another design in the setpoint's path only takes over its gains."""
-    made = known.get(design.like)
+def _like(candidate: Candidate, known: Mapping[str, Tuned | Refusal], work: Work, seed: int) -> Tuned | Refusal:
+    """What differs from another candidate in the setpoint's path only takes over its gains."""
+    made = known.get(candidate.like)
     if not isinstance(made, Tuned):
-        return Refusal(design.name, f"it takes over the gains of '{design.like}', which is not on this axis")
-    loop = replace(design.loop, control=replace(design.loop.control, law=made.loop.control.law))
+        return Refusal(candidate.name, f"it takes over the gains of '{candidate.like}', which is not on this axis")
+    loop = replace(candidate.loop, control=replace(candidate.loop.control, law=made.control.law))
     try:
-        if design.prefilter:
+        if candidate.prefilter:
             fitted = tune_prefilter(loop, work.move, seed=seed)[-1].prefilter
             loop = replace(loop, control=replace(loop.control, prefilter=fitted))
     except FeeddriveError as error:
-        return Refusal(design.name, str(error))
-    return replace(made, loop=loop)
+        return Refusal(candidate.name, str(error))
+    return replace(made, control=loop.control, loops=(loop,))
 
 
 def _judged(
@@ -324,9 +339,9 @@ def _unproven(rows: tuple[Competitor, ...]) -> list[str]:
         open_lines = [f"{line.what} ({line.said})" for line in row.tuned.proof if line.holds is not True]
         if open_lines:
             said.append(f"'{row.name}': not proven: {'; '.join(open_lines)}.")
-        if row.tuned.spread > 0.01:
+        if not row.settled:
             said.append(
-                f"'{row.name}': the searches ended up to {100.0 * row.tuned.spread:.3g} % apart; a better setting may "
-                f"exist."
+                f"'{row.name}' is not settled, and not ranked: no two searches ended within 5 % of the best, the worst "
+                f"{100.0 * row.tuned.spread:.3g} % above it; more starts (--starts) may find a better setting."
             )
     return said

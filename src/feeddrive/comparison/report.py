@@ -7,17 +7,18 @@ from typing import Any
 import numpy as np
 
 from feeddrive.comparison import pictures
-from feeddrive.comparison.arena import TODAY, Arena, Competitor
-from feeddrive.comparison.criteria import CRITERIA, Criterion, ranks
+from feeddrive.comparison.arena import TODAY, Comparison, Competitor
+from feeddrive.comparison.criteria import CRITERIA, Criterion
 from feeddrive.language import tree
 from feeddrive.language.table import Table
+from feeddrive.loop.control import Control
 from feeddrive.loop.linearize import compliance, tracking
 from feeddrive.report.block_sentences import block_sentence, described
 from feeddrive.report.content import RESPONSE_LINES, Entry, Extra, Shown, Study
 from feeddrive.report.numbers import number
 
 
-def study(found: Arena) -> Study:
+def study(found: Comparison) -> Study:
     """What the report is made from."""
     loop = found.competitors[0].loop
     work = found.work
@@ -45,14 +46,14 @@ def study(found: Arena) -> Study:
             _ranked(found, CRITERIA[:7]),
             _ranked(found, CRITERIA[7:]),
             _tuning(found),
-            _knobs(found),
+            _tunables(found),
             *_refused(found),
         ),
         pictures=_pictures(found),
     )
 
 
-def _entry(found: Arena, each: Competitor) -> Entry:
+def _entry(found: Comparison, each: Competitor) -> Entry:
     """A competitor as a law of a report."""
     assert each.move is not None
     loop_gain = track = None
@@ -67,15 +68,17 @@ def _entry(found: Arena, each: Competitor) -> Entry:
     return Entry(each.name, text, each.move, each.loop, loop_gain, soft, track)
 
 
-def _ranked(found: Arena, criteria: tuple[Criterion, ...]) -> Extra:
+def _ranked(found: Comparison, criteria: tuple[Criterion, ...]) -> Extra:
     """Figures, each with its place in brackets."""
     rows = [[each.name] for each in found.competitors]
     best: list[int | None] = []
     for criterion in criteria:
-        places = ranks(criterion, [each.figures for each in found.competitors])
+        places = found.places(criterion)
         for row, each, place in zip(rows, found.competitors, places, strict=True):
             value = each.figures.get(criterion.key)
-            row.append("–" if value is None else f"{figure(value, criterion)} ({place})")
+            row.append(
+                "–" if value is None else f"{figure(value, criterion)} ({place if each.settled else 'not settled'})"
+            )
         best.append(places.index(1) if places.count(1) == 1 else None)
     heads = ["law", *(f"{criterion.head} {criterion.unit}" for criterion in criteria)]
     return Extra(Table("Figures, and in brackets the place of the law by this criterion.", heads, rows), best)
@@ -88,7 +91,7 @@ def figure(value: float, criterion: Criterion) -> str:
     return f"{value:.0f}" if criterion.key == "operations" else number(criterion.factor * value)
 
 
-def _tuning(found: Arena) -> Extra:
+def _tuning(found: Comparison) -> Extra:
     """Robustness, what held the tuning back, and its proof."""
     rows: list[list[str]] = []
     for each in found.competitors:
@@ -104,39 +107,41 @@ def _tuning(found: Arena) -> Extra:
             rows.append([*cells, each.held_by, str(each.tuned.evaluations), proof])
     heads = ["law", "Ms", "delay margin samples", "crossover Hz", "held back by", "loops judged", "proof"]
     title = (
-        f"Robustness: {found.rule}. Proof: poles, margins on dense lines, the rope-snap error by frequency and by a "
-        "run of the loop, and the neighbors of the optimum, all computed anew."
+        f"Robustness: {found.rule}. Proof: poles, limits on lines of its own, and the rope-snap error by a run of the "
+        "loop with its friction, counts and limits, all computed anew."
     )
     return Extra(Table(title, heads, rows))
 
 
-def _knobs(found: Arena) -> Extra:
-    """The knobs of each law, before and after."""
+def _tunables(found: Comparison) -> Extra:
+    """The tunables of each law, before and after."""
     rows = [
-        [each.name, name.removeprefix("control."), number(each.tuned.started[name], 4), number(value, 4), unit]
+        [each.name, name, number(each.tuned.started[name], 4), number(value, 4), unit]
         for each in found.competitors
         if each.tuned is not None
-        for name, value in each.tuned.knobs.items()
-        for unit in [_unit(each.tuned.loop, name)]
+        for name, value in each.tuned.tunables.items()
+        for unit in [_unit(each.tuned.control, name)]
     ]
     return Extra(
-        Table("Knobs, where the search began and where it ended.", ["law", "knob", "begun at", "tuned", "unit"], rows)
+        Table(
+            "Knobs, where the search began and where it ended.", ["law", "tunable", "begun at", "tuned", "unit"], rows
+        )
     )
 
 
-def _unit(loop: Any, name: str) -> str:
-    there = {leaf for leaf, _ in tree.leaves(loop)}
-    return tree.declaration(loop, name).unit if name in there else ""
+def _unit(control: Control, name: str) -> str:
+    there = {leaf for leaf, _ in tree.leaves(control)}
+    return tree.declaration(control, name).unit if name in there else ""
 
 
-def _refused(found: Arena) -> list[Extra]:
+def _refused(found: Comparison) -> list[Extra]:
     if not found.refusals:
         return []
     rows = [[each.name, each.reason] for each in found.refusals]
     return [Extra(Table("Laws that are not on this axis, and why.", ["law", "reason"], rows), text=True)]
 
 
-def _pictures(found: Arena) -> list[Shown]:
+def _pictures(found: Comparison) -> list[Shown]:
     pictures = [
         Shown(
             "arena",
@@ -160,7 +165,7 @@ def _pictures(found: Arena) -> list[Shown]:
     return pictures
 
 
-def _recovery(found: Arena) -> Any:
+def _recovery(found: Comparison) -> Any:
     """Over twice the median of what the laws need to settle, at least 20 samples."""
     rows = [(each.name, each.snap, each.step) for each in found.competitors if each.snap and each.step]
     times = [each.figures.get("snap_settling_s") for each in found.competitors]

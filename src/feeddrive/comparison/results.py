@@ -1,7 +1,7 @@
 """What the arena leaves behind: one directory with the report, all figures, and each tuned control.
 
 report.html         for people
-summary.json        every figure in SI, knobs, bounds that were active, proofs, refusals; versions and seed
+summary.json        every figure in SI, tunables, bounds that were active, proofs, refusals; versions and seed
 figures.csv         one row a law, one column a figure, in SI
 machine.toml        the machine as it was given
 controls/LAW.toml   the tuned control of each law, as the section [axis.NAME.control] of a machine file
@@ -16,8 +16,8 @@ import math
 from pathlib import Path
 from typing import Any
 
-from feeddrive.comparison.arena import Arena, Competitor
-from feeddrive.comparison.criteria import CRITERIA, ranks
+from feeddrive.comparison.arena import Comparison, Competitor
+from feeddrive.comparison.criteria import CRITERIA
 from feeddrive.comparison.report import study
 from feeddrive.files.atomic_io import new_directory
 from feeddrive.files.blocks_to_toml import to_toml
@@ -25,7 +25,7 @@ from feeddrive.files.provenance import file_names
 from feeddrive.report import build
 
 
-def write_arena(found: Arena, out: str | Path) -> Path:
+def write_arena(found: Comparison, out: str | Path) -> Path:
     """Write the directory whole or not at all, and return the path of the report.
 
     Raises FileError if `out` cannot be written, or is a directory that feeddrive did not write.
@@ -44,9 +44,9 @@ def write_arena(found: Arena, out: str | Path) -> Path:
     return Path(out) / "report.html"
 
 
-def summary(found: Arena) -> dict[str, Any]:
+def summary(found: Comparison) -> dict[str, Any]:
     """All figures as plain numbers; what does not occur is null, what is infinite the text "infinite"."""
-    places = {criterion.key: ranks(criterion, [each.figures for each in found.competitors]) for criterion in CRITERIA}
+    places = {criterion.key: found.places(criterion) for criterion in CRITERIA}
     return {
         "title": found.title,
         "machine": found.machine.name,
@@ -75,9 +75,10 @@ def _tuned(each: Competitor) -> dict[str, Any]:
     said: dict[str, Any] = {"unfit": each.unfit or None, "remark": each.remark or None}
     if each.tuned is not None:
         said |= {
-            "knobs": dict(each.tuned.knobs),
-            "active": list(each.tuned.active),
+            "tunables": {f"control.{name}": value for name, value in each.tuned.tunables.items()},
+            "active": [held.sentence() for held in each.tuned.held],
             "loops_judged": each.tuned.evaluations,
+            "settled": each.settled,
             "spread_of_searches": each.tuned.spread,
             "proof": {line.what: {"holds": line.holds, "said": line.said} for line in each.tuned.proof},
         }
@@ -88,7 +89,7 @@ def _plain(value: float | None) -> float | str | None:
     return "infinite" if value is not None and math.isinf(value) else value
 
 
-def figures_csv(found: Arena) -> str:
+def figures_csv(found: Comparison) -> str:
     """The figures as CSV; what does not occur is empty."""
     keys = list(dict.fromkeys(key for each in found.competitors for key in each.figures))
     text = io.StringIO()

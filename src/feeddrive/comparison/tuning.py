@@ -11,9 +11,11 @@ from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
 
 from feeddrive.language.errors import FeeddriveError
-from feeddrive.tuning.designs import Design, Refusal
-from feeddrive.tuning.equal_robustness import tune
-from feeddrive.tuning.tuned import Tuned
+from feeddrive.tuning.candidates import Candidate, Refusal
+from feeddrive.tuning.shaping.limits import Limits
+from feeddrive.tuning.shaping.shape import tune
+from feeddrive.tuning.shaping.shaped_loop import Tuned
+from feeddrive.tuning.shaping.tunables import law_tunables
 
 
 @dataclass(frozen=True)
@@ -35,28 +37,28 @@ class Rule:
 
 
 def tuned_all(
-    designs: Sequence[Design], rule: Rule, workers: int, said: Callable[[str], None]
+    candidates: Sequence[Candidate], rule: Rule, workers: int, said: Callable[[str], None]
 ) -> dict[str, Tuned | Refusal]:
-    """Every design by name: tuned, or refused with the reason. `said(name)` is called when one is done or begun."""
-    workers = min(workers, len(designs))
+    """Every candidate by name: tuned, or refused with the reason. `said(name)` is called when one is done or begun."""
+    workers = min(workers, len(candidates))
     if workers <= 1:
         found: dict[str, Tuned | Refusal] = {}
-        for design in designs:
-            said(design.name)
-            found[design.name] = _tuned(design, rule)
+        for candidate in candidates:
+            said(candidate.name)
+            found[candidate.name] = _tuned(candidate, rule)
         return found
-    # those with the most knobs take longest: they go first
-    order = sorted(designs, key=lambda design: -len(design.knobs))
+    # those with the most tunables take longest: they go first
+    order = sorted(candidates, key=lambda candidate: -len(law_tunables(candidate.loop.control)))
     # a fresh interpreter each: a fork would copy the threads' locks of whoever calls
     context = multiprocessing.get_context("spawn")
     with _one_thread(), ProcessPoolExecutor(workers, context, _leave_interrupts) as pool:
-        futures = {pool.submit(_tuned, design, rule): design.name for design in order}
+        futures = {pool.submit(_tuned, candidate, rule): candidate.name for candidate in order}
         try:
             done: dict[str, Tuned | Refusal] = {}
             for future in as_completed(futures):
                 said(futures[future])
                 done[futures[future]] = future.result()
-            return {design.name: done[design.name] for design in designs}
+            return {candidate.name: done[candidate.name] for candidate in candidates}
         except BaseException:
             for child in multiprocessing.active_children():
                 child.terminate()
@@ -82,11 +84,9 @@ def _leave_interrupts() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
-def _tuned(design: Design, rule: Rule) -> Tuned | Refusal:
+def _tuned(candidate: Candidate, rule: Rule) -> Tuned | Refusal:
+    limits = Limits(rule.sensitivity_peak, delay_margin_samples=rule.delay_margin_samples)
     try:
-        return tune(
-            design.loop, knobs=design.knobs, sensitivity_peak=rule.sensitivity_peak,
-            delay_margin_samples=rule.delay_margin_samples, velocity=rule.velocity, starts=rule.starts,
-        )  # fmt: skip
+        return tune(candidate.loop, limits=limits, filters="kept", starts=rule.starts, velocity=rule.velocity)
     except FeeddriveError as error:
-        return Refusal(design.name, str(error))
+        return Refusal(candidate.name, str(error))

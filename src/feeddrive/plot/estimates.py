@@ -37,20 +37,20 @@ def disturbance(
 
 @picture_of.register(DelayMap)
 def delay_map(maps: DelayMap | Mapping[str, DelayMap]) -> Any:
-    """The first knob at the edge of stability and where Ms reaches its bound, over the dead time in samples."""
+    """The first tunable at the edge of stability and where Ms reaches its bound, over the dead time in samples."""
     chosen = style.named(maps)
     figure, (ax,) = style.picture(1, height=3.2)
     for i, (name, found) in enumerate(chosen.items()):
-        knob = next(iter(found.knobs))
+        tunable = next(iter(found.tunables))
         samples = found.dead_time / found.sample_time
-        edge, robust = found.at_edge(knob), found.at_robust(knob)
+        edge, robust = found.at_edge(tunable), found.at_robust(tunable)
         mark = style.MARKERS[i % len(style.MARKERS)]
         before = f"{name}: " if name else ""
         ax.plot(samples, edge, mark + "-", color=style.color(i), linewidth=style.LINE, label=f"{before}unstable above")
         ax.plot(samples, robust, mark + "--", color=style.color(i), linewidth=style.LINE,
                 label=f"{before}Ms = {found.sensitivity_bound:g}")  # fmt: skip
         ax.fill_between(samples, 0.0, robust, color=style.color(i), alpha=0.08, linewidth=0.0)
-        style.labels(ax, "dead time (samples)", f"{knob.rpartition('.')[2].replace('_', ' ')} (1/s)")
+        style.labels(ax, "dead time (samples)", f"{tunable.rpartition('.')[2].replace('_', ' ')} (1/s)")
     ax.set_ylim(bottom=0.0)
     style.legend(figure, ax, 2)
     return figure

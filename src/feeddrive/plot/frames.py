@@ -51,11 +51,10 @@ from feeddrive.tuning.delay_map import DelayMap
 from feeddrive.tuning.iterative_feedforward import Iteration
 from feeddrive.tuning.placement import Placement
 from feeddrive.tuning.recipes import Recipe
-from feeddrive.tuning.shaping.shaped_loop import ShapedLoop
+from feeddrive.tuning.shaping.shaped_loop import Tuned
 from feeddrive.tuning.trajectory_prefilter import PrefilterFit
 from feeddrive.tuning.trial import Trial
 from feeddrive.tuning.trials import Trials
-from feeddrive.tuning.tuned import Tuned
 
 
 def frame(index: Sequence[Any] | np.ndarray, columns: Mapping[str, Any], index_name: str) -> Any:
@@ -333,25 +332,14 @@ def _recipe(found: Recipe) -> Any:
 
 
 @frame_of.register
-def _shaped_loop(found: ShapedLoop) -> Any:
-    """One row a knob."""
-    names = list(found.knobs)
+def _tuned(found: Tuned) -> Any:
+    """One row a tunable."""
+    names = list(found.tunables)
     columns = {
         "today": np.array([found.started[name] for name in names]),
-        "new": np.array([found.knobs[name] for name in names]),
+        "new": np.array([found.tunables[name] for name in names]),
     }
-    return frame(names, columns, "knob")
-
-
-@frame_of.register
-def _tuned(found: Tuned) -> Any:
-    """One row a knob."""
-    names = list(found.knobs)
-    columns = {
-        "begun_at": np.array([found.started[name] for name in names]),
-        "tuned": np.array([found.knobs[name] for name in names]),
-    }
-    return frame(names, columns, "knob")
+    return frame(names, columns, "tunable")
 
 
 @frame_of.register

@@ -9,15 +9,12 @@ import numpy as np
 
 from feeddrive.analysis.margin_intervals import MarginIntervals
 from feeddrive.analysis.margins import Margins
-from feeddrive.analysis.margins import margins as margins_of
 from feeddrive.analysis.measured_loop import MeasuredLoop
-from feeddrive.analysis.opened import opened
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.table import picture_of
 from feeddrive.plot import style
 from feeddrive.tuning.recipes import Recipe
 from feeddrive.tuning.shaping.cascade import CascadeLoops
-from feeddrive.tuning.tuned import Tuned
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -131,11 +128,5 @@ def _cascade_loops(found: CascadeLoops) -> Any:
 
 
 @picture_of.register
-def _tuned(found: Tuned) -> Any:
-    model = opened(found.loop)
-    return open_loop(margins_of(model.loop_gain(model.lines(200))))
-
-
-@picture_of.register
 def _recipe(_found: Recipe) -> Any:
-    raise ParameterError("a recipe has no picture: give its law to `shape` or `measured_loop`, and draw that")
+    raise ParameterError("a recipe has no picture: give its law to `tune` or `measured_loop`, and draw that")

@@ -15,7 +15,7 @@ from feeddrive.analysis.stiffness import Stiffness
 from feeddrive.language.table import picture_of, shown
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.plot import style
-from feeddrive.tuning.shaping.shaped_loop import ShapedLoop
+from feeddrive.tuning.shaping.shaped_loop import Tuned
 
 BANDS = 500  # over the whole axis: a line shows the largest amplitude in its band
 
@@ -187,7 +187,7 @@ def _span(frequencies: Any) -> tuple[float, float]:
 
 
 @picture_of.register
-def _shaped_loop(found: ShapedLoop) -> Any:
+def _tuned(found: Tuned) -> Any:
     """Dynamic stiffness before and after at each site."""
     many = len(found.after) > 1
     curves = {

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from feeddrive.analysis.robustness import Robustness, robustness
 from feeddrive.language import tree
 from feeddrive.language.errors import FeeddriveError, ParameterError
 from feeddrive.language.table import Result, Table
 from feeddrive.loop.loop import Loop
-from feeddrive.tuning.robustness import Robustness, robustness
 
 _CLOSE = 1e-5  # of a factor: how far the bounds are narrowed
 _FARTHEST = 40  # doublings in which a bound is looked for
@@ -19,27 +19,27 @@ _FARTHEST = 40  # doublings in which a bound is looked for
 
 @dataclass(frozen=True, eq=False, repr=False)
 class DelayMap(Result):
-    """Largest common factor of some knobs over the dead time (s), all of shape (n,).
+    """Largest common factor of some tunables over the dead time (s), all of shape (n,).
 
     edge     factor at which the loop stops being stable
     robust   factor at which Ms reaches `sensitivity_bound`
-    knobs    values at a factor of 1, by dotted name; times (in s) are divided by the factor, all others multiplied
+    tunables    values at a factor of 1, by dotted name; times (in s) are divided by the factor, all others multiplied
     """
 
     dead_time: np.ndarray
     edge: np.ndarray
     robust: np.ndarray
-    knobs: Mapping[str, float]
+    tunables: Mapping[str, float]
     sensitivity_bound: float
     sample_time: float
 
     def at_edge(self, name: str) -> np.ndarray:
-        """Values of a knob that is multiplied, at the edge of stability."""
-        return self.edge * self.knobs[name]
+        """Values of a tunable that is multiplied, at the edge of stability."""
+        return self.edge * self.tunables[name]
 
     def at_robust(self, name: str) -> np.ndarray:
         """The same where Ms reaches its bound."""
-        return self.robust * self.knobs[name]
+        return self.robust * self.tunables[name]
 
     def table(self) -> Table:
         """One row a dead time."""
@@ -47,14 +47,14 @@ class DelayMap(Result):
             [f"{1e3 * tau:.4g}", f"{tau / self.sample_time:.3g}", f"{edge:.4g}", f"{robust:.4g}"]
             for tau, edge, robust in zip(self.dead_time, self.edge, self.robust, strict=True)
         ]
-        named = ", ".join(f"{name.rpartition('.')[2]} {value:.4g}" for name, value in self.knobs.items())
+        named = ", ".join(f"{name.rpartition('.')[2]} {value:.4g}" for name, value in self.tunables.items())
         heads = ["dead time ms", "samples", "unstable above", f"Ms <= {self.sensitivity_bound:g} up to"]
         return Table(f"factor of {named}", heads, rows)
 
 
 def delay_map(
     loop: Loop,
-    knobs: Sequence[str],
+    tunables: Sequence[str],
     dead_times: Sequence[float],
     *,
     sensitivity_bound: float = 2.0,
@@ -62,14 +62,14 @@ def delay_map(
 ) -> DelayMap:
     """The edge of stability and the largest gains with Ms <= `sensitivity_bound`, for each dead time in s.
 
-    knobs  dotted names of parameters that are raised and lowered together, such as `control.law.Kp`
+    tunables  dotted names of parameters that are raised and lowered together, such as `control.law.Kp`
 
     Between the gain at which a loop becomes stable and that at which it stops being so there is one stretch for the
     laws of this library on rigid axes; the map shows its upper end.  Gains that a law refuses count as unstable.
     Raises ParameterError if no factor within 2⁴⁰ of 1 is stable, or if all are.
     """
-    values = {name: float(tree.get(loop, name)) for name in knobs}
-    times = {name for name in knobs if tree.declaration(loop, name).unit == "s"}
+    values = {name: float(tree.get(loop, name)) for name in tunables}
+    times = {name for name in tunables if tree.declaration(loop, name).unit == "s"}
     edges, robusts = [], []
     for dead_time in dead_times:
 
@@ -100,8 +100,8 @@ def _largest(admits: Callable[[float], bool], dead_time: float) -> float:
         high = 2.0 * low
     if not 0.0 < low < high < float("inf"):
         raise ParameterError(
-            f"with a dead time of {dead_time:g} s no bound lies within a factor of 2^{_FARTHEST} of the knobs: "
-            f"start from gains with which the loop is stable, and name knobs that bring it to its edge"
+            f"with a dead time of {dead_time:g} s no bound lies within a factor of 2^{_FARTHEST} of the tunables: "
+            f"start from gains with which the loop is stable, and name tunables that bring it to its edge"
         )
     while high > low * (1.0 + _CLOSE):
         middle = 0.5 * (low + high)

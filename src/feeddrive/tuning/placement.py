@@ -15,7 +15,7 @@ from feeddrive.language.errors import ParameterError, UnstableError
 from feeddrive.language.table import Result, Table
 from feeddrive.loop.loop import Loop
 
-_SMALLEST = 0.02  # of a knob: how far down a stable value is looked for
+_SMALLEST = 0.02  # of a tunable: how far down a stable value is looked for
 _HALVINGS = 20
 
 
@@ -52,7 +52,7 @@ def placement(loop: Loop, *, velocity: float = 0.05) -> Placement:
     """Gains and poles of a loop under pole placement.
 
     Raises ParameterError for another law, and UnstableError, with |z|, its bound and the nearest stable value of each
-    knob, where the poles cannot be had on this axis: delay, filters and modes that the model leaves out are against it.
+    tunable, where the poles cannot be had on this axis: delay, filters and modes that the model leaves out oppose it.
     Poles that no gain could place are refused by the law itself: see `blocks/plant/two_bodies.py`.
     """
     law = loop.control.law
@@ -60,8 +60,8 @@ def placement(loop: Loop, *, velocity: float = 0.05) -> Placement:
         raise ParameterError(f"control.law is '{law.kind}', which places no poles: take pole_placement")
     found = stability(loop, velocity=velocity)
     if not found.stable:
-        near = list(_stable_knobs(loop, velocity))
-        remedy = "; or ".join(near) or "none by turning one knob down alone"
+        near = list(_stable_tunables(loop, velocity))
+        remedy = "; or ".join(near) or "none by turning one tunable down alone"
         raise UnstableError(
             f"control.law: the poles cannot be had on this axis: {found.sentence()} (|z| = {found.growth:.6f}, must be "
             f"< 1); the nearest stable values: {remedy}. If the axis has a mode there that the model leaves out, put a "
@@ -73,13 +73,13 @@ def placement(loop: Loop, *, velocity: float = 0.05) -> Placement:
     return Placement(law.gains(), poles[np.argsort(np.abs(poles))], reached[np.argsort(np.abs(reached))], found)
 
 
-def _stable_knobs(loop: Loop, velocity: float) -> Iterator[str]:
-    """For each knob alone the largest value below the present one at which the loop is stable, in words."""
-    for knob in loop.control.law.knobs:
-        present = float(tree.get(loop, f"control.law.{knob}"))
+def _stable_tunables(loop: Loop, velocity: float) -> Iterator[str]:
+    """For each tunable alone the largest value below the present one at which the loop is stable, in words."""
+    for tunable in loop.control.law.tunables:
+        present = float(tree.get(loop, f"control.law.{tunable}"))
 
-        def is_stable(share: float, knob: str = knob, present: float = present) -> bool:
-            law = tree.vary(loop.control.law, {knob: share * present})
+        def is_stable(share: float, tunable: str = tunable, present: float = present) -> bool:
+            law = tree.vary(loop.control.law, {tunable: share * present})
             varied = replace(loop, control=replace(loop.control, law=law))
             return stability(varied, velocity=velocity).stable
 
@@ -91,5 +91,5 @@ def _stable_knobs(loop: Loop, velocity: float) -> Iterator[str]:
         for _ in range(_HALVINGS):
             middle = float(np.sqrt(low * high))
             low, high = (middle, high) if is_stable(middle) else (low, middle)
-        unit = tree.declaration(loop, f"control.law.{knob}").unit
-        yield f"{knob} = {low * present:.4g} {unit}".rstrip() + f" instead of {present:.4g}"
+        unit = tree.declaration(loop, f"control.law.{tunable}").unit
+        yield f"{tunable} = {low * present:.4g} {unit}".rstrip() + f" instead of {present:.4g}"

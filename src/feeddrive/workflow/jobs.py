@@ -14,8 +14,9 @@ from feeddrive.analysis.stability import require_stable
 from feeddrive.blocks.families import Reference
 from feeddrive.files.job import Job
 from feeddrive.files.log import Log
+from feeddrive.files.machine import MachineFile
 from feeddrive.files.provenance import versions
-from feeddrive.language.errors import FeeddriveError, LogError
+from feeddrive.language.errors import FeeddriveError, LogError, ParameterError
 from feeddrive.language.table import Result, Table, frame_of, picture_of
 from feeddrive.loop.linearize import compliance, loop_gain, tracking
 from feeddrive.loop.loop import Loop
@@ -137,6 +138,9 @@ def run(job: Job, step: Callable[[str], None] | None = None) -> JobResult:
     Raises UnstableError for a law whose loop is not stable, DivergedError for one whose run leaves its bounds, and
     LogError for a log that does not fit the job.
     """
+    if not isinstance(job, Job):  # pyright: ignore[reportUnnecessaryIsInstance]
+        remedy = "fd.compare(machine) puts all laws on it" if isinstance(job, MachineFile) else "give fd.read_job(...)"
+        raise ParameterError(f"run runs a job, not {job!r:.60}: {remedy}")
     log = _log(job)
     measured = None if log is None else _measured(job, log)
     velocity = _velocity(job.reference, measured, next(iter(job.loops.values())).sample_time)

@@ -24,9 +24,9 @@ from feeddrive.report.page import definitions, header, page, picture
 from feeddrive.report.tables import table
 from feeddrive.tuning.judged_recipes import JudgedRecipe
 from feeddrive.tuning.shaping.figures import FIGURES, Figures
-from feeddrive.tuning.shaping.knobs import readable
 from feeddrive.tuning.shaping.limits import Limits
-from feeddrive.tuning.shaping.shaped_loop import ShapedLoop
+from feeddrive.tuning.shaping.shaped_loop import Tuned
+from feeddrive.tuning.shaping.tunables import readable
 from feeddrive.tuning.shaping.words import broken_limits
 from feeddrive.workflow.certificate_file import write_certificate
 
@@ -46,7 +46,7 @@ class Story:
 
 
 def write_tuned(
-    found: ShapedLoop, machine: str | None, axis: str, out: str | Path, story: Story, certificate: Certificate | None
+    found: Tuned, machine: str | None, axis: str, out: str | Path, story: Story, certificate: Certificate | None
 ) -> Path:
     """Write report, summary, the control and, if the tuning holds, machine file and certificate into a directory.
 
@@ -64,7 +64,7 @@ def write_tuned(
     return Path(out) / "report.html"
 
 
-def build(found: ShapedLoop, story: Story) -> str:
+def build(found: Tuned, story: Story) -> str:
     """The page. Pure: the same tuning gives the same text."""
     drawn = list(_pictures(found, story))
     made = "".join(
@@ -105,7 +105,7 @@ def _printed(text: str) -> str:
     return text
 
 
-def _said(found: ShapedLoop) -> str:
+def _said(found: Tuned) -> str:
     said = [f"Held back by {each.sentence()}." for each in found.held]
     said += [sentence(text) for text in found.advice]
     said += [f"Notch {text}." for text in found.notches]
@@ -115,14 +115,14 @@ def _said(found: ShapedLoop) -> str:
     )
 
 
-def tables(found: ShapedLoop, story: Story) -> list[Table]:
+def tables(found: Tuned, story: Story) -> list[Table]:
     """Old against new: values, figures at each site, rules of the trade, the cascade loop by loop, the proof."""
     rows = [
         [
             readable(found.control, name), "–" if math.isnan(found.started[name]) else f"{found.started[name]:.5g}",
             f"{value:.5g}", _change(found.started[name], value), tree.declaration(found.control, name).unit,
         ]
-        for name, value in found.knobs.items()
+        for name, value in found.tunables.items()
     ]  # fmt: skip
     made = [Table("values of the control, old and new", ["parameter", story.today, "new", "change", "unit"], rows)]
     for i, after in enumerate(found.after):
@@ -152,7 +152,7 @@ def _figures(before: Figures | None, after: Figures, several: bool, today: str) 
     return Table(f"figures of the closed loop{place}{against}", ["what", today, "new", "unit"], rows)
 
 
-def _compared(found: ShapedLoop, story: Story) -> Table:
+def _compared(found: Tuned, story: Story) -> Table:
     """Today, every rule of the trade and the new control, each at its worst site."""
     shown = [(story.today, found.before), *((rule.name, rule.figures) for rule in story.rules), ("new", found.after)]
     rows = [[name, *_cells(row, found.limits)] for name, row in shown]
@@ -190,7 +190,7 @@ def _change(before: float, after: float) -> str:
     return "-" if math.isnan(before) else f"{100.0 * (after / before - 1.0):+.3g} %"
 
 
-def _rows(found: ShapedLoop, today: str) -> Sequence[tuple[str, Figures]]:
+def _rows(found: Tuned, today: str) -> Sequence[tuple[str, Figures]]:
     """Stable loops by name."""
     many = len(found.after) > 1
     return [
@@ -201,7 +201,7 @@ def _rows(found: ShapedLoop, today: str) -> Sequence[tuple[str, Figures]]:
     ]
 
 
-def _pictures(found: ShapedLoop, story: Story) -> Iterator[Shown]:
+def _pictures(found: Tuned, story: Story) -> Iterator[Shown]:
     rows = _rows(found, story.today)
     where = "at the drive" if found.at_drive else "on the table"
     stiff: dict[str, Stiffness] = {name: each.stiffness for name, each in rows}
@@ -238,13 +238,13 @@ def _pictures(found: ShapedLoop, story: Story) -> Iterator[Shown]:
         )
 
 
-def summary(found: ShapedLoop, story: Story) -> dict[str, Any]:
+def summary(found: Tuned, story: Story) -> dict[str, Any]:
     """All figures as plain numbers; what does not occur is null."""
     return {
         "rule": found.rule,
         "recommendation": found.recommendation(),
         "holds": found.holds,
-        "knobs": dict(found.knobs),
+        "tunables": dict(found.tunables),
         "today": {name: None if math.isnan(value) else value for name, value in found.started.items()},
         "figures": {
             name: {each.site: _plain(each) for each in row}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from feeddrive.blocks.families import Motor
+from feeddrive.language import ops
 from feeddrive.language.block import Block, Number, parameter, part
 
 
@@ -20,3 +21,8 @@ class Actuator(Block):
         "Hz", "bandwidth of the current loop; absent for an ideal one", above=0, default=None
     )
     motor: Motor | None = part("what makes the force", default=None)
+
+    def delay(self) -> Number:
+        """s by which the force comes late as a slow command changes: dead time and the lag 1/(2π current_loop)."""
+        lag = 0.0 if self.current_loop is None else 1.0 / (2.0 * ops.pi * self.current_loop)
+        return self.dead_time + lag

@@ -5,7 +5,9 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any, NamedTuple
 
+from feeddrive.blocks.axis_model import AxisModel
 from feeddrive.blocks.families import Compensation, Law, Observer
+from feeddrive.blocks.observer.disturbance_recovery import DisturbanceRecovery
 from feeddrive.blocks.signals import Reading, Setpoint
 from feeddrive.language import ops
 from feeddrive.language.block import Number, parameter, part
@@ -26,6 +28,18 @@ class DisturbanceRejection(Compensation):
     law that subtracts an observer's estimate itself, and with a mode of the axis inside the observer's band.
     Source: Altintas & Okwudire 2009, section 3 (recovery); Ohnishi 1987 (the disturbance observer as an inner loop).
     """
+
+    title = "recovery"
+
+    @classmethod
+    def goes_beside(cls, law: type[Law]) -> bool:
+        """Beside a law of one rigid mass that does not subtract an estimate itself."""
+        return not law.rejects and law.encoders == 1
+
+    @classmethod
+    def begin(cls, axis: AxisModel) -> DisturbanceRejection:
+        """With the inverse of the rigid axis."""
+        return cls(observer=DisturbanceRecovery.begin(axis))
 
     observer: Observer = part("what estimates the disturbance")
     share: Number = parameter("", "part of the estimate that is subtracted", least=0, most=1, default=1)

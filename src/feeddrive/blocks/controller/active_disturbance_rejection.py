@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple
 
+from feeddrive.blocks.axis_model import AxisModel, Start, begun
 from feeddrive.blocks.families import Law, Observer
+from feeddrive.blocks.observer.gpi_observer import GpiObserver
 from feeddrive.blocks.signals import Reading, Setpoint
 from feeddrive.language import matrix, ops, tree
 from feeddrive.language.block import Number, Rule, parameter, part
@@ -35,13 +37,30 @@ class ActiveDisturbanceRejection(Law):
 
     feeds = ("acceleration", "velocity")
     rejects = True
-    knobs = ("omega_c", "zeta_c", "observer.omega_o")
+    tunables = ("omega_c", "zeta_c")
+    title = "GPI"
 
     mass: Number = parameter("kg", "all that moves, as the law believes; rather too large than too small", above=0)
     omega_c: Number = parameter("rad/s", "own frequency of the tracking error", above=0)
     zeta_c: Number = parameter("", "its damping ratio", above=0, default=0.7071)
     share: Number = parameter("", "share of the estimated disturbance that is subtracted", least=0, default=1.0)
     observer: Observer = part("gives velocity and disturbance")
+
+    @classmethod
+    def begin(cls, axis: AxisModel, present: Law) -> tuple[Start, ...]:
+        """With the observer that takes the disturbance for five, three and one Taylor states.
+
+        Its poles are wide apart and well damped: a fast observer amplifies what it sees near its own frequency.
+        """
+        starts = []
+        for states, slower, damping in ((5, 1.0, 3.0), (3, 1.0, 3.0), (1, 0.5, 1.5)):
+            observer = begun(
+                GpiObserver, axis, taylor_states=states, omega_o=3.0 * slower * axis.rate, zeta_o=damping,
+                encoder=axis.velocity_encoder,
+            )  # fmt: skip
+            law = begun(cls, axis, omega_c=slower * axis.rate, zeta_c=0.5, observer=observer)
+            starts.append(Start(f"{cls.title}, {states} Taylor state{'s' * (states > 1)}", law, axis.sentence()))
+        return tuple(starts)
 
     class State(NamedTuple):
         """Of the observer."""
@@ -80,13 +99,14 @@ class ActiveDisturbanceRejection(Law):
         )
 
     def _refusal(self, T: float) -> str:
-        """What is broken, by how much, and the nearest admissible sample time and knobs."""
+        """What is broken, by how much, and the nearest admissible sample time and tunables."""
         growth, remedies = self._growth(T), list[str]()
         slowest = _nearest(lambda value: self._growth(value) < _SURE, T)
         if slowest is not None:
             remedies.append(f"sample every {slowest:.4g} s or faster")
         values = dict(tree.leaves(self))
-        for name in (name for name in self.knobs if name in values):
+        tuned = (*self.tunables, *(f"observer.{name}" for name in self.observer.tunables))
+        for name in (name for name in tuned if name in values):
             nearest = _nearest(lambda value, name=name: tree.vary(self, {name: value})._growth(T) < _SURE, values[name])
             if nearest is not None:
                 unit = tree.declaration(self, name).unit

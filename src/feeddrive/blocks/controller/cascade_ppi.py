@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any, NamedTuple
 
+from feeddrive.blocks.axis_model import AxisModel, Start
 from feeddrive.blocks.families import Law
 from feeddrive.blocks.signals import Reading, Setpoint
 from feeddrive.language import ops
@@ -33,7 +35,8 @@ class CascadePPI(Law):
     Source: Altintas & Okwudire 2009, section 2 (the cascade); the set velocity is differenced as the measured one is.
     """
 
-    knobs = ("Kv", "Kp", "Tn")
+    tunables = ("Kv", "Kp", "Tn")
+    title = "P-PI"
 
     Kv: Number = parameter("1/s", "position gain", above=0)
     Kp: Number = parameter("N s/m", "velocity gain", above=0)
@@ -47,6 +50,26 @@ class CascadePPI(Law):
     velocity_samples: int = choice("samples over which the velocity is differenced", default=1, least=1, most=1000)
     velocity_encoder: str = choice("encoder of the velocity loop", options=("motor", "load"), default="motor")
     position_every: int = choice("the position loop runs every so many samples", default=1, least=1, most=1000)
+
+    @classmethod
+    def begin(cls, axis: AxisModel, present: Law) -> tuple[Start, ...]:
+        """From the present gains, or from the rate; with an integral, and with each loop in every sample."""
+        rate = axis.rate
+        law = cls(Kv=0.7 * rate, Kp=2.5 * axis.mass * rate, Tn=1.4 / rate, velocity_encoder=axis.velocity_encoder)
+        if not isinstance(present, CascadePPI):
+            return (Start(cls.title, law),)
+        changed = [
+            text
+            for text, differs in (
+                ("with an integral, which it has not today", present.Tn is None),
+                ("the position loop in every sample", present.position_every != 1),
+                ("the whole set velocity fed forward", present.velocity_feedforward != 1.0),
+            )
+            if differs
+        ]
+        gains = law if present.Tn is None else present
+        law = replace(present, Kv=gains.Kv, Kp=gains.Kp, Tn=gains.Tn, position_every=1, velocity_feedforward=1.0)
+        return (Start(cls.title, law, "; ".join(changed)),)
 
     class Prepared(NamedTuple):
         """The sample time in s."""

@@ -42,7 +42,8 @@ class DADSC(Law):
     """
 
     feeds = ("acceleration", "velocity")
-    knobs = ("tracking_rate", "reaching_rate", "adaptation_rate")
+    tunables = ("tracking_rate", "reaching_rate", "adaptation_rate")
+    title = "DADSC"
 
     mass: Number = parameter("kg", "m: all that moves", above=0)
     viscous: Number = parameter("N s/m", "b: viscous friction of the guideway", least=0, default=0)
@@ -127,7 +128,7 @@ class DADSC(Law):
         share = largest_share(lambda part: _stable((part * rates[0], part * rates[1], part * rates[2]), 1.0, T))
         bounds = ", ".join(
             f"{name} = {rate:g} 1/s (must be below {share * rate:.4g})"
-            for name, rate in zip(self.knobs, rates, strict=True)
+            for name, rate in zip(self.tunables, rates, strict=True)
         )
         return (
             f"dadsc: {bounds}: {100.0 * (1.0 / share - 1.0):.3g} % too fast for the sample time {T:g} s, since the "

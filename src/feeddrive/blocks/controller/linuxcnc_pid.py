@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any, NamedTuple
 
+from feeddrive.blocks.axis_model import AxisModel, Start
 from feeddrive.blocks.controller.stock_biquad import StockBiquad
 from feeddrive.blocks.controller.stock_pid import StockPid, limited
 from feeddrive.blocks.families import Law
@@ -38,6 +39,11 @@ class LinuxcncPid(Law):
     """
 
     feeds = ("acceleration", "velocity")
+
+    @classmethod
+    def begin(cls, axis: AxisModel, present: Law) -> tuple[Start, ...]:
+        """None: it is the cascade in the numbers of another program, and would be that again."""
+        return ()
 
     position: StockPid = part("pid on the position of the load")
     velocity: StockPid | None = part("pid on the velocity of the motor; absent for one pid alone", default=None)

@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any, NamedTuple
 
+from feeddrive.blocks.axis_model import AxisModel, Start
 from feeddrive.blocks.families import Law, Nothing, Plant
+from feeddrive.blocks.feedforward.inverse_dynamics import InverseDynamics
 from feeddrive.blocks.plant.two_bodies import (
     Gains,
     TwoBodies,
@@ -16,10 +18,12 @@ from feeddrive.blocks.plant.two_bodies import (
     relaxed_lead,
     series,
     two_bodies,
+    two_mass_model,
 )
 from feeddrive.blocks.signals import Reading, Setpoint
 from feeddrive.language import matrix, ops
 from feeddrive.language.block import Number, Rule, choice, parameter, part
+from feeddrive.language.errors import StructureError
 
 AXIAL_SHARE = 0.975  # of the axial mode's own frequency: to move a mode wastes force, to damp it does not
 
@@ -47,7 +51,8 @@ class PolePlacement(Law):
     """
 
     encoders = 2
-    knobs = ("bandwidth", "rigid_damping", "axial_damping")
+    tunables = ("bandwidth", "rigid_damping", "axial_damping")
+    title = "pole placement"
 
     model: Plant = part("screw, table and the spring between them, as the law believes them to be")
     bandwidth: Number = parameter("Hz", "real pole, and the rigid pair if it has no frequency of its own", above=0)
@@ -64,6 +69,23 @@ class PolePlacement(Law):
         options=("series", "exact", "rigid"),
         default="series",
     )
+
+    @classmethod
+    def begin(cls, axis: AxisModel, present: Law) -> tuple[Start, ...]:
+        """On screw and table of the axis's plant, with the inverse dynamics of the same model."""
+        if axis.encoders < 2:
+            raise StructureError(
+                "pole placement needs the position of the motor and that of the load; the controller reads one encoder"
+            )
+        model = two_mass_model(axis.plant)
+        shown = two_bodies(cls.kind, model)
+        mode = shown.mode / (2.0 * ops.pi)
+        law = cls(model=model, bandwidth=ops.minimum(0.3 * mode, axis.rate / (2.0 * ops.pi)))
+        remark = (
+            f"model: {shown.m11:.5g} kg and {shown.m22:.5g} kg, spring {1e-6 * shown.k:.4g} N/um ({mode:.4g} Hz), "
+            f"friction {shown.c11 + shown.c12:.4g} and {shown.dragged:.4g} N s/m"
+        )
+        return (Start(cls.title, law, remark, InverseDynamics(model=model)),)
 
     class Prepared(NamedTuple):
         """The gains, and the exact lag's share of its last value, of the last input and of the new one."""

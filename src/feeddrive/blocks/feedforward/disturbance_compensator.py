@@ -2,11 +2,18 @@
 
 from __future__ import annotations
 
-from feeddrive.blocks.families import Feedforward
+from collections.abc import Sequence
+
+from feeddrive.blocks.axis_model import AxisModel, begun
+from feeddrive.blocks.families import Feedforward, Law
 from feeddrive.blocks.friction.curve import check_pair
 from feeddrive.blocks.signals import Setpoint
 from feeddrive.language import ops
 from feeddrive.language.block import Number, parameter
+from feeddrive.language.errors import StructureError
+
+_SPEEDS = tuple(1e-4 * ops.exp(8.006367567650246 * i / 59.0) for i in range(60))  # m/s: from creeping to a fast feed
+_NO_FRICTION = 1e-9  # N
 
 
 class DisturbanceCompensator(Feedforward):
@@ -27,6 +34,41 @@ class DisturbanceCompensator(Feedforward):
     """
 
     feeds = ("acceleration", "velocity", "friction")
+    title = "compensator"
+
+    @classmethod
+    def goes_beside(cls, law: type[Law]) -> bool:
+        """Beside a law of one rigid mass that feeds nothing forward itself."""
+        return not law.feeds and law.encoders == 1
+
+    @classmethod
+    def begin(cls, axis: AxisModel) -> DisturbanceCompensator:
+        """With the axis's mass and viscous friction, and the columns of friction fitted to its steady curve.
+
+        Least squares over speeds from 0.1 mm/s to 0.3 m/s, evenly in their logarithm and alike in both directions; of
+        the Stribeck velocities that are tried the one that leaves least.  A curve without dry friction is refused.
+        """
+        forces = [tuple(sign * axis.dry_friction(sign * speed) for speed in _SPEEDS) for sign in (1.0, -1.0)]
+        if max(abs(force) for row in forces for force in row) < _NO_FRICTION:
+            raise StructureError("the axis has no dry friction that could be fed forward: it would be the plain law")
+        levels = [sum(row) / len(row) for row in forces]
+        best, fitted = _left(forces, levels, (0.0,) * len(_SPEEDS), 0.0), (levels, None, None)
+        enough = 1e-6 * max(level * level for level in levels) * len(_SPEEDS)
+        for place in _SPEEDS if best > enough else ():
+            extra = tuple(ops.exp(-(speed / place) * (speed / place)) for speed in _SPEEDS)
+            mean = sum(extra) / len(extra)
+            moved = [e - mean for e in extra]
+            across = sum(m * force for row in forces for m, force in zip(moved, row, strict=True))
+            share = across / (2.0 * sum(m * m for m in moved))
+            under = [level - share * mean for level in levels]
+            left = _left(forces, under, extra, share)
+            if left < best and min(under) >= 0.0:
+                best, fitted = left, (under, share, place)
+        (up, down), share, place = fitted
+        return begun(
+            cls, axis, coulomb_positive=ops.maximum(up, 0.0), coulomb_negative=ops.maximum(down, 0.0), stribeck=share,
+            stribeck_velocity=place,
+        )  # fmt: skip
 
     mass: Number | None = parameter("kg", "mass that is fed forward; absent for none", least=0, default=None)
     viscous: Number | None = parameter(
@@ -105,3 +147,14 @@ class DisturbanceCompensator(Feedforward):
         for term in terms[1:]:
             total = total + term
         return total
+
+
+def _left(
+    forces: Sequence[Sequence[Number]], levels: Sequence[Number], extra: Sequence[Number], share: Number
+) -> Number:
+    """The sum of squares that levels by direction and a share of the extra curve leave."""
+    return sum(
+        (force - level - share * e) * (force - level - share * e)
+        for row, level in zip(forces, levels, strict=True)
+        for force, e in zip(row, extra, strict=True)
+    )

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any, NamedTuple
 
+from feeddrive.blocks.axis_model import AxisModel, begun
 from feeddrive.blocks.families import Observer
 from feeddrive.blocks.filter.biquad import (
     Delayed,
@@ -44,11 +45,18 @@ class DisturbanceRecovery(Observer):
     Source: Altintas & Okwudire 2009, section 3, from eq. (6); the second-order filter is this library's choice.
     """
 
+    tunables = ("frequency",)
+
     mass: Number = parameter("kg", "m: all that moves", above=0)
     viscous: Number = parameter("N s/m", "b: viscous friction that does not count as disturbance", least=0, default=0)
     form: str = choice("filter", options=("exact", "one_pole", "butterworth"), default="butterworth")
     frequency: Number = parameter("Hz", "corner frequency of the filter", above=0, default=500)
     delay_samples: int = choice("samples of dead time until a command acts", default=0, least=0, most=64)
+
+    @classmethod
+    def begin(cls, axis: AxisModel) -> DisturbanceRecovery:
+        """A corner well below the rate of the loop."""
+        return begun(cls, axis, frequency=0.2 * axis.rate)
 
     class Prepared(NamedTuple):
         """α of the first order or the section of the second, each empty if it is not used."""

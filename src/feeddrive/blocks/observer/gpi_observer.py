@@ -40,6 +40,8 @@ class GpiObserver(Observer):
     Raises ParameterError for an omega_o too fast for the sample time.
     """
 
+    tunables = ("omega_o", "zeta_o")
+
     mass: Number = parameter("kg", "all that moves, as the observer believes; rather too large than too small", above=0)
     taylor_states: int = choice("states of the disturbance: it and its derivatives", default=5, least=0, most=10)
     omega_o: Number = parameter("rad/s", "own frequency of the pairs of poles", above=0)

@@ -31,6 +31,8 @@ class KalmanRecovery(Observer):
     Anderson & Moore 1979, section 6.7.
     """
 
+    tunables = ("force_step",)
+
     mass: Number = parameter("kg", "m: all that moves", above=0)
     viscous: Number = parameter("N s/m", "b: viscous friction that does not count as disturbance", least=0, default=0)
     resolution: Number = parameter("m", "length of one count of the encoder", above=0)

@@ -11,6 +11,8 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 from feeddrive.blocks.families import Plant
+from feeddrive.blocks.plant.three_mass_chain import ThreeMassChain
+from feeddrive.blocks.plant.two_mass import TwoMass
 from feeddrive.blocks.signals import Setpoint
 from feeddrive.language import matrix, ops
 from feeddrive.language.block import Number, Rule
@@ -72,6 +74,30 @@ def two_bodies(where: str, plant: Plant) -> TwoBodies:
         c22=made.damping[1][1],
         k=made.stiffness[0][0],
     )
+
+
+def two_mass_model(plant: Plant) -> Plant:
+    """The model of screw and table that a law may place poles on, from a plant.
+
+    A chain of motor, screw and table becomes two masses: motor and screw are one body, which holds below the coupling's
+    mode.  Raises StructureError, with the reason, for a plant that has no such model.
+    """
+    if isinstance(plant, ThreeMassChain):
+        return TwoMass(
+            mass_motor=plant.mass_motor + plant.mass_screw,
+            mass_load=plant.mass_load,
+            stiffness=plant.stiffness,
+            damping=plant.damping,
+            viscous_motor=plant.viscous_motor + plant.viscous_screw,
+            viscous_load=plant.viscous_load,
+        )
+    mechanics = plant.mechanics()
+    if mechanics.motor == mechanics.load and len(mechanics.mass) == 1:
+        raise StructureError(
+            f"the plant '{plant.kind}' is one mass: it has no mode between motor and load that poles could be placed on"
+        )
+    two_bodies("pole_placement", plant)
+    return plant
 
 
 def controllable(where: str, bodies: TwoBodies) -> Rule:

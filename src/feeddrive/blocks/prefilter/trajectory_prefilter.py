@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from feeddrive.blocks.families import Nothing, Prefilter
+from feeddrive.blocks.families import Law, Nothing, Prefilter
 from feeddrive.blocks.signals import Setpoint
 from feeddrive.language.block import Number, parameter
 
@@ -23,6 +23,13 @@ class TrajectoryPrefilter(Prefilter):
     feedforward, where θ is not small; for references that state no derivatives.
     Source: Gordon & Erkorkmaz 2013, section 2 (trajectory prefilter).
     """
+
+    title = "prefilter"
+
+    @classmethod
+    def goes_beside(cls, law: type[Law]) -> bool:
+        """Beside a law that knows the spring between motor and table, as in the paper."""
+        return law.encoders == 2
 
     theta1: Number = parameter("s", "part of the velocity", default=0)
     theta2: Number = parameter("s2", "part of the acceleration", default=0)

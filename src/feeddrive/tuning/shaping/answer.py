@@ -1,4 +1,4 @@
-"""The closed loop of a control at a site, line by line, with slopes to the knobs and what noise leaves open."""
+"""The closed loop of a control at a site, line by line, with slopes to the tunables and what noise leaves open."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _LOWEST, _FEWEST = 2.5, 5  # lines up to so many times the first one, and at lea
 
 @dataclass(frozen=True, eq=False)
 class Answer:
-    """The closed loop of a site on its lines, with slopes (lines, knobs) and variances (lines,).
+    """The closed loop of a site on its lines, with slopes (lines, tunables) and variances (lines,).
 
     below   the compliance below the first line, with the axis as a free mass; None if nobody asks
     """

@@ -13,7 +13,7 @@ _DEEPEST, _LINES = 1e-3, 40  # of the first line: down to where, and with how ma
 
 
 class Recovery(NamedTuple):
-    """Frequency, compliance and its slope to the knobs: what a rope-snap error is made of."""
+    """Frequency, compliance and its slope to the tunables: what a rope-snap error is made of."""
 
     frequency: np.ndarray
     compliance: np.ndarray

@@ -1,4 +1,4 @@
-"""The bounds of a shaped loop: slack, slope to the knobs, and what noise leaves open.
+"""The bounds of a shaped loop: slack, slope to the tunables, and what noise leaves open.
 
 All are logarithms or shares, so that 0.01 is about a per cent: a bound keeps while its slack is >= 0.
 """
@@ -60,17 +60,17 @@ def bounds_of(i: int, each: Answer, limits: Limits) -> list[Bound]:
     return found
 
 
-def notches_stay_notches(control: Control, knobs: Sequence[str], x: np.ndarray) -> list[Bound]:
-    """That a notch lowers: damping_zero <= damping_pole, at the logarithms x of the knobs."""
+def notches_stay_notches(control: Control, tunables: Sequence[str], x: np.ndarray) -> list[Bound]:
+    """That a notch lowers: damping_zero <= damping_pole, at the logarithms x of the tunables."""
     found: list[Bound] = []
     for i, block in enumerate(control.filters):
         names = [f"filters.{i}.{each}" for each in ("damping_zero", "damping_pole")]
-        if not isinstance(block, Notch) or not set(names) & set(knobs) or not block.damping_zero > 0.0:
+        if not isinstance(block, Notch) or not set(names) & set(tunables) or not block.damping_zero > 0.0:
             continue
         slope, values = np.zeros(x.size), [np.log(block.damping_zero), np.log(block.damping_pole)]
         for k, (name, sign) in enumerate(zip(names, (-1.0, 1.0), strict=True)):
-            if name in knobs:
-                place = list(knobs).index(name)
+            if name in tunables:
+                place = list(tunables).index(name)
                 slope[place], values[k] = sign, x[place]
         found.append(Bound(NOTCH, 0, 0.0, float(values[1] - values[0]), slope, 0.0, (NOTCH, i, 0)))
     return found

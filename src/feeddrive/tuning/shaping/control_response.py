@@ -24,7 +24,7 @@ _READINGS = ("reading_motor", "reading_load")
 
 
 class Response(NamedTuple):
-    """Force over the two readings, N/m, of shape (2, lines), and its slopes, of shape (2, lines, knobs)."""
+    """Force over the two readings, N/m, of shape (2, lines), and its slopes, of shape (2, lines, tunables)."""
 
     value: np.ndarray
     slope: np.ndarray
@@ -77,17 +77,17 @@ def _trace(control: Control, begun: Any) -> Traced:
 
 
 class ControlResponse:
-    """The response of a control on some lines, at any values of its knobs.
+    """The response of a control on some lines, at any values of its tunables.
 
         u = C1 x1 + C2 x2,   C = c (z - A)⁻¹ B + d,   ∂C = w ∂A x + ∂c x + w ∂B + ∂d
         x = (z - A)⁻¹ B,   w = c (z - A)⁻¹,   z = e^(j2πfT)
 
-    A, B, c, d are the slopes of the step to states and readings, and ∂ their slopes to the knobs, both by the forward
-    rules on the law's own lines.  Guard and force limit are left out, and what blends in counts as there, as in
+    A, B, c, d are the slopes of the step to states and readings, and ∂ their slopes to the tunables, both by the
+    forward rules on the law's own lines.  Guard and force limit are left out, and what blends in counts as there, as in
     `linearize`.  Raises ParameterError for a law that repeats itself only after several samples.
     """
 
-    def __init__(self, control: Control, sample_time: float, knobs: Sequence[str], velocity: float = _SPEED) -> None:
+    def __init__(self, control: Control, sample_time: float, tunables: Sequence[str], velocity: float = _SPEED) -> None:
         if control.law.period() > 1:
             raise ParameterError(
                 f"the law '{control.law.kind}' repeats itself only every {control.law.period()} samples: it has no "
@@ -95,9 +95,9 @@ class ControlResponse:
             )
         settled = tuple(block.settled() for block in control.compensation)
         control = replace(control, compensation=settled, guard=None, force_limit=None)
-        for name in knobs:
+        for name in tunables:
             tree.declaration(control, name)
-        self.T, self.knobs, self.velocity = float(sample_time), tuple(knobs), velocity
+        self.T, self.tunables, self.velocity = float(sample_time), tuple(tunables), velocity
         self.control = tree.rebuild(control, (np.float64(value) for _, value in tree.leaves(control)))
         self._begun = self._start(self.control)
         key = tree.structure(control)
@@ -114,9 +114,9 @@ class ControlResponse:
             return control.start(control.prepare(self.T), setpoint, before, before, np.float64(self.velocity))
 
     def model(self, values: Sequence[float] | np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """[A B; c d] of shape (n + 1, n + 2) at values of the knobs, and its slopes, shape (n + 1, n + 2, knobs)."""
+        """[A B; c d] of shape (n + 1, n + 2) at values of the tunables, and slopes (n + 1, n + 2, tunables)."""
         traced = self._traced
-        numbers = dict(tree.leaves(self.control)) | dict(zip(self.knobs, map(np.float64, values), strict=True))
+        numbers = dict(tree.leaves(self.control)) | dict(zip(self.tunables, map(np.float64, values), strict=True))
         leaves: dict[str, Any] = {
             **numbers, **dict(tree.tables(self.control)), "T": np.float64(self.T),
             **{f"state.{name}": value for name, value in tree.leaves(self._begun)},
@@ -125,8 +125,8 @@ class ControlResponse:
         }  # fmt: skip
         nodes = [node for _, _, node in traced.entries]
         found = node_values(traced.graph, nodes, leaves)
-        count, eye = len(self.knobs), np.eye(len(self.knobs))
-        seeds = {traced.inputs[name]: eye[i] for i, name in enumerate(self.knobs) if traced.inputs[name] in found}
+        count, eye = len(self.tunables), np.eye(len(self.tunables))
+        seeds = {traced.inputs[name]: eye[i] for i, name in enumerate(self.tunables) if traced.inputs[name] in found}
         with np.errstate(all="ignore"):
             tangents = push(traced.graph, nodes, found, seeds)
         n = len(traced.states)
@@ -156,10 +156,12 @@ class ControlResponse:
         x, w = _resolved(A, B, c, z)
         value = np.einsum("i,lik->kl", c, x) + d[:, None]
         # line by line: products so small that they stay in one thread, which many in a row could not pay
-        count, knobs = frequency.size, len(self.knobs)
-        by_row = slopes[:n, :n].transpose(0, 2, 1).reshape(n * knobs, n)
-        moved = (by_row @ x).reshape(count, n, 2 * knobs) + slopes[:n, n:].transpose(0, 2, 1).reshape(n, 2 * knobs)
-        through = (w[:, None, :] @ moved).reshape(count, knobs, 2) + slopes[n, :n].T @ x
+        count, tunables = frequency.size, len(self.tunables)
+        by_row = slopes[:n, :n].transpose(0, 2, 1).reshape(n * tunables, n)
+        moved = (by_row @ x).reshape(count, n, 2 * tunables) + slopes[:n, n:].transpose(0, 2, 1).reshape(
+            n, 2 * tunables
+        )
+        through = (w[:, None, :] @ moved).reshape(count, tunables, 2) + slopes[n, :n].T @ x
         slope = through.transpose(2, 0, 1) + slopes[n, n:][:, None, :]
         poles = np.linalg.eigvals(A) if n else np.zeros(0)
         return Response(value, slope, np.abs(np.log(poles[np.abs(poles) > 1.0 + 1e-7])) / self.T)

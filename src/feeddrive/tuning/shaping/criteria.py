@@ -1,4 +1,4 @@
-"""What a site says of a control: the goal, with its slope to the knobs, and every bound."""
+"""What a site says of a control: the goal, with its slope to the tunables, and every bound."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ class Judged(NamedTuple):
 
     stable: bool
     goal: np.ndarray  # (sites,)
-    slope: np.ndarray  # (sites, knobs)
-    curvature: np.ndarray  # (knobs, knobs)
+    slope: np.ndarray  # (sites, tunables)
+    curvature: np.ndarray  # (tunables, tunables)
     bounds: tuple[Bound, ...]
 
 
@@ -47,7 +47,7 @@ class Criteria:
         return len(self._known)
 
     def answers(self, x: np.ndarray) -> list[Answer]:
-        """The closed loops at logarithms of the knobs; slopes are to the logarithms."""
+        """The closed loops at logarithms of the tunables; slopes are to the logarithms."""
         values = np.exp(x)
         whole = self.control.at(values, self._lines)
         parts = [
@@ -72,7 +72,7 @@ class Criteria:
         bounds: list[Bound] = []
         for i, each in enumerate(answers):
             bounds += bounds_of(i, each, self.limits)
-        bounds += notches_stay_notches(self.control.control, self.control.knobs, x)
+        bounds += notches_stay_notches(self.control.control, self.control.tunables, x)
         worst = int(np.argmax([value for value, _, _ in goals]))
         return Judged(
             stable,
@@ -146,9 +146,9 @@ def _bandwidth(each: Answer) -> tuple[float, np.ndarray, np.ndarray]:
     level = -np.log(np.abs(1.0 + each.gain)) - np.log(_REJECTED)
     rises = np.flatnonzero((level[:-1] < 0.0) & (level[1:] >= 0.0))
     x = np.log(each.site.frequency)
-    knobs = each.gain_slope.shape[1]
+    tunables = each.gain_slope.shape[1]
     if not rises.size:
-        return float(-x[0]), np.zeros(knobs), np.zeros((knobs, knobs))
+        return float(-x[0]), np.zeros(tunables), np.zeros((tunables, tunables))
     i = int(rises[0])
     part = level[i] / (level[i] - level[i + 1])
     tilt = (level[i + 1] - level[i]) / (x[i + 1] - x[i])

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -23,7 +24,6 @@ from feeddrive.loop.simulate import simulate
 from feeddrive.tuning.shaping.figures import Figures
 from feeddrive.tuning.shaping.limits import Limits
 from feeddrive.tuning.shaping.site import Site
-from feeddrive.tuning.tuned import Checked
 
 _DENSE = 400  # lines a decade
 _ROOM = 2e-3  # of a bound: what lines may differ by
@@ -32,6 +32,14 @@ _DECAYS = 10.0  # time constants of the slowest motion that the run covers
 _APART = 0.1  # by which share run and linear model may differ: friction, counts and the guard are in the run only
 _RUN = "run with friction, counts and limit"
 _USUAL_FORCE = 100.0  # N on the table, if the limits name none
+
+
+class Checked(NamedTuple):
+    """One line of a proof: what was checked, whether it holds (None: it could not be checked), and the figures."""
+
+    what: str
+    holds: bool | None
+    said: str
 
 
 def of_measurement(found: Sequence[Figures], limits: Limits) -> tuple[Checked, ...]:

@@ -11,7 +11,7 @@ def least_quadratic(H: np.ndarray, g: np.ndarray, A: np.ndarray, b: np.ndarray) 
 
     Source: Lawson & Hanson 1974, chapter 23 (least distance programming).
     """
-    # a few knobs, hundreds of bounds: products with the small inverse do not wake the threads of the BLAS, as a
+    # a few tunables, hundreds of bounds: products with the small inverse do not wake the threads of the BLAS, as a
     # triangular solve does
     inverse = np.linalg.inv(np.linalg.cholesky(H))
     shift, G = inverse @ g, A @ inverse.T

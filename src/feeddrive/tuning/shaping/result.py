@@ -15,16 +15,16 @@ from feeddrive.tuning.shaping.bounds import NOTCH
 from feeddrive.tuning.shaping.cascade import cascade_loops
 from feeddrive.tuning.shaping.criteria import Criteria, Judged
 from feeddrive.tuning.shaping.figures import Figures, figures
-from feeddrive.tuning.shaping.knobs import readable
 from feeddrive.tuning.shaping.search import End
-from feeddrive.tuning.shaping.shaped_loop import HeldBack, ShapedLoop
+from feeddrive.tuning.shaping.shaped_loop import HeldBack, Tuned
 from feeddrive.tuning.shaping.site import Site
+from feeddrive.tuning.shaping.tunables import readable
 from feeddrive.tuning.shaping.work import Best, Work
 
 _MUCH = 0.02  # of the goal, by a tenth of a sample
 
 
-def result(work: Work, best: Best, today: Control, tried: tuple[str, ...], recipe: str = "") -> ShapedLoop:
+def result(work: Work, best: Best, today: Control, tried: tuple[str, ...], recipe: str = "") -> Tuned:
     """Figures before and after, what holds the goal back, what would help, and the proof."""
     values = dict(zip(best.names, np.exp(best.end.x).tolist(), strict=True))
     control = tree.vary(best.control, values)
@@ -42,10 +42,10 @@ def result(work: Work, best: Best, today: Control, tried: tuple[str, ...], recip
             proof += evidence.of_model(site.name, loop, work.limits, work.velocity)
     cascades = [cascade_loops(each, work.sites[0]) for each in (today, control)] if before else []
     whole = work.criteria(best.control, best.names, whole=True)
-    return ShapedLoop(
+    return Tuned(
         control=control,
         loops=loops,
-        knobs=values,
+        tunables=values,
         started={name: _of_today(today, control, name) for name in values},
         goal=work.goal,
         band=work.band,
@@ -60,6 +60,7 @@ def result(work: Work, best: Best, today: Control, tried: tuple[str, ...], recip
         cost=best.cost,
         evaluations=work.evaluations,
         spread=best.spread,
+        settled=best.settled,
         proof=proof,
         cascade=tuple(each for each in cascades if each is not None),
         recipe=recipe,
@@ -165,7 +166,7 @@ def _gain(here: Judged, there: Judged, end: End) -> float:
 
 
 def _of_today(today: Control, control: Control, name: str) -> float:
-    """The value of a knob in today's control; NaN if another block stands there, or none."""
+    """The value of a tunable in today's control; NaN if another block stands there, or none."""
     place, last = name.rpartition(".")[::2]
     blocks: list[object] = [today, control]
     for step in place.split("."):

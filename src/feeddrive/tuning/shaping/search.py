@@ -1,4 +1,4 @@
-"""The search: sequential quadratic programming with a trust region, in logarithms of the knobs."""
+"""The search: sequential quadratic programming with a trust region, in logarithms of the tunables."""
 
 from __future__ import annotations
 

@@ -12,23 +12,23 @@ from feeddrive.loop.control import Control
 from feeddrive.loop.loop import Loop
 from feeddrive.tuning.shaping.control_response import ControlResponse
 from feeddrive.tuning.shaping.criteria import GOALS
-from feeddrive.tuning.shaping.knobs import filter_knobs, law_knobs
 from feeddrive.tuning.shaping.limits import Limits
 from feeddrive.tuning.shaping.result import result
-from feeddrive.tuning.shaping.shaped_loop import ShapedLoop
+from feeddrive.tuning.shaping.shaped_loop import Tuned
 from feeddrive.tuning.shaping.site import Site, modelled_site
+from feeddrive.tuning.shaping.tunables import filter_tunables, law_tunables
 from feeddrive.tuning.shaping.work import Work
 
 FILTERS = ("kept", "free", "placed")
 
 
-def shape(
-    control: Control,
-    sites: Site | Loop | Sequence[Site | Loop],
+def tune(
+    control: Control | Loop,
+    sites: Site | Loop | Sequence[Site | Loop] | None = None,
     *,
     goal: str = "rope-snap",
     limits: Limits | None = None,
-    knobs: Sequence[str] | None = None,
+    tunables: Sequence[str] | None = None,
     filters: str = "free",
     band: tuple[float, float] = (0.0, math.inf),
     confidence: float = 0.95,
@@ -37,17 +37,18 @@ def shape(
     velocity: float = 0.05,
     today: Control | None = None,
     step: Callable[[str], None] | None = None,
-) -> ShapedLoop:
-    """The control with the knobs that are best for the goal while all limits hold at every site.
+) -> Tuned:
+    """The control with the tunables that are best for the goal while all limits hold at every site.
 
-        minimise  max over sites of the goal   over ln(knobs)   subject to   slack_i >= k σ_i  for all limits i
+        minimise  max over sites of the goal   over ln(tunables)   subject to   slack_i >= k σ_i  for all limits i
 
     goal        rope-snap: ISE^½ = [∫ |y|²/ω² dω/π]^½;  stiffness: the mean of |y|² over ln f in the band;
                 least-stiffness: max |y| in the band;  bandwidth: 1/(frequency at which |1/(1 + L)| rises to -3 dB);
                 y is the compliance of the closed loop
+    control     where the search begins; a loop stands for its control, on its own axis if no site is given
     sites       axes at several positions and loads: `measured_site`, or loops, whose axis is taken
-    knobs       dotted names below the control, such as law.Kp; default: those of the law
-    filters     kept: as they are;  free: their frequencies and dampings are knobs too;  placed: and notches are added
+    tunables    dotted names below the control, such as law.Kp; default: those of the law
+    filters     kept: as they are;  free: their frequencies and dampings are tuned too;  placed: and notches are added
                 where they pay
     confidence  that all limits hold at once on the true axis, if the sites know their variance: k follows from it
     today       the control to compare with; default: `control` itself
@@ -55,15 +56,23 @@ def shape(
 
     The response of the control is that of the control itself, linearised (`ControlResponse`), its slopes are exact.
     The stable side of -1 is kept by encirclement at every step.  A tuning for loops is run on them with friction,
-    counts and limits, and one that fails there says so (`ShapedLoop.holds`).
+    counts and limits, and one that fails there says so (`Tuned.holds`).  Where the searches do not agree, more are made
+    (`Tuned.settled`).
     Raises UnstableError if nothing is found within the limits, NotIdentifiableError if the measurement is too poor to
     tune on, with the band in which to measure again, ParameterError for what does not fit.
     """
+    if sites is None:
+        if not isinstance(control, Loop):
+            raise ParameterError("a control alone has no axis: give a loop, or the control and its sites")
+        sites = control
+    control = control.control if isinstance(control, Loop) else control
     if filters not in FILTERS:
         raise ParameterError(f"filters = {filters!r} must be one of {', '.join(FILTERS)}")
     work = _work(control, sites, goal, limits, band, confidence, starts, seed, velocity, step)
-    chosen = law_knobs(control) if knobs is None else tuple(knobs)
-    best = work.tuned(control, chosen if filters == "kept" else tuple(dict.fromkeys([*chosen, *filter_knobs(control)])))
+    chosen = law_tunables(control) if tunables is None else tuple(tunables)
+    best = work.tuned(
+        control, chosen if filters == "kept" else tuple(dict.fromkeys([*chosen, *filter_tunables(control)]))
+    )
     tried: list[str] = []
     if filters == "placed":
         best = work.with_notches(best, tried)
@@ -83,14 +92,14 @@ def assess(
     velocity: float = 0.05,
     today: Control | None = None,
     step: Callable[[str], None] | None = None,
-) -> ShapedLoop:
+) -> Tuned:
     """A control as it is, such as a recipe gives it, with the figures and the proof of `shape` and without a search.
 
     rule  what it was made by, in words; the rest as in `shape`.  Raises as `shape` does, and UnstableError if the loop
     is unstable at a site.
     """
     work = _work(control, sites, goal, limits, band, confidence, 1, 0, velocity, step)
-    names = law_knobs(control)
+    names = law_tunables(control)
     return result(work, work.as_it_is(control, names), today or control, (), rule)
 
 

@@ -13,10 +13,10 @@ from feeddrive.loop.control import Control
 from feeddrive.loop.loop import Loop
 from feeddrive.tuning.shaping import words
 from feeddrive.tuning.shaping.cascade import CascadeLoops
+from feeddrive.tuning.shaping.evidence import Checked
 from feeddrive.tuning.shaping.figures import FIGURES, Figures
-from feeddrive.tuning.shaping.knobs import readable
 from feeddrive.tuning.shaping.limits import Limits
-from feeddrive.tuning.tuned import Checked
+from feeddrive.tuning.shaping.tunables import readable
 
 
 @dataclass(frozen=True)
@@ -35,15 +35,16 @@ class HeldBack:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class ShapedLoop(Result):
+class Tuned(Result):
     """A control shaped for a goal within limits at all sites.
 
-    knobs, started    values by dotted name of the control, new and where the user stands today (nan: new filter)
+    tunables, started    values by dotted name of the control, new and where the user stands today (nan: new filter)
     before, after     figures at each site; before is empty if today's control has none
     held              the bounds that hold the goal back, the strongest first
     advice            what else would help, in plain words
     notches           what was tried and what it brought
     sure, confidence  standard deviations kept to every bound, and with which probability all of them hold at once
+    spread, settled   by which share the worst end of the searches is above the best; whether two ended near the best
     cost              by which share the goal is worse because of the noise of the measurement
     recipe            the rule that the control is made by, if nothing was searched
     cascade           velocity and position loop one by one, before and after, for a P-PI control
@@ -51,7 +52,7 @@ class ShapedLoop(Result):
 
     control: Control
     loops: tuple[Loop, ...]
-    knobs: Mapping[str, float]
+    tunables: Mapping[str, float]
     started: Mapping[str, float]
     goal: str
     band: tuple[float, float]
@@ -66,6 +67,7 @@ class ShapedLoop(Result):
     cost: float
     evaluations: int
     spread: float
+    settled: bool
     proof: tuple[Checked, ...]
     cascade: tuple[CascadeLoops, ...] = ()
     recipe: str = ""
@@ -74,6 +76,11 @@ class ShapedLoop(Result):
     def holds(self) -> bool:
         """Whether no line of the proof fails; a tuning that does not hold must not be used."""
         return all(line.holds is not False for line in self.proof)
+
+    @property
+    def proven(self) -> bool:
+        """Whether all lines of the proof hold."""
+        return all(line.holds is True for line in self.proof)
 
     @property
     def rule(self) -> str:
@@ -112,7 +119,7 @@ class ShapedLoop(Result):
                 _number(value),
                 tree.declaration(self.control, name).unit,
             ]
-            for name, value in self.knobs.items()
+            for name, value in self.tunables.items()
         ]
         for i, after in enumerate(self.after):
             before = self.before[i] if self.before else None

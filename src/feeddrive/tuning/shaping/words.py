@@ -11,7 +11,7 @@ from feeddrive.tuning.shaping.figures import FIGURES, LARGER, Figures
 from feeddrive.tuning.shaping.limits import Limits
 
 if TYPE_CHECKING:
-    from feeddrive.tuning.shaping.shaped_loop import ShapedLoop
+    from feeddrive.tuning.shaping.shaped_loop import Tuned
 
 _NOT_WORTH = 2.0  # per cent: less gain is no reason to change anything
 _WORSE = 0.03  # of a figure that counts as worse
@@ -23,7 +23,7 @@ _WHAT = {
 }
 
 
-def aim(found: ShapedLoop) -> str:
+def aim(found: Tuned) -> str:
     """The goal."""
     band = "" if found.band == (0.0, np.inf) else f" from {found.band[0]:g} to {found.band[1]:g} Hz"
     drive = " against a force at the drive" if found.at_drive and found.goal != "bandwidth" else ""
@@ -35,7 +35,7 @@ def aim(found: ShapedLoop) -> str:
     }[found.goal]
 
 
-def recommendation(found: ShapedLoop) -> str:
+def recommendation(found: Tuned) -> str:
     """What to do and why, what holds it back, and what is worse than today."""
     failed = [line for line in found.proof if line.holds is False]
     if failed:
@@ -44,7 +44,7 @@ def recommendation(found: ShapedLoop) -> str:
     return _advised(found) + (f" Worse than today: {worse}." if worse else "") + _of_the_table(found)
 
 
-def _of_the_table(found: ShapedLoop) -> str:
+def _of_the_table(found: Tuned) -> str:
     if not found.at_drive:
         return ""
     return (
@@ -53,7 +53,7 @@ def _of_the_table(found: ShapedLoop) -> str:
     )
 
 
-def _advised(found: ShapedLoop) -> str:
+def _advised(found: Tuned) -> str:
     limit = f"; {found.held[0].what} holds it back" if found.held else ""
     gained = found.gained()
     limits, new = found.limits.sentence(), _new_values(found)
@@ -76,14 +76,14 @@ def _advised(found: ShapedLoop) -> str:
     return f"{new} give {change:.3g} % {word} {what} within {limits}{limit}."
 
 
-def _new_values(found: ShapedLoop) -> str:
+def _new_values(found: Tuned) -> str:
     """Taken without reserve only where a force on the table is known."""
     if not found.at_drive:
         return "Take the new values: they"
     return "The new values" if found.goal == "bandwidth" else "Against a force at the drive the new values"
 
 
-def _worse(found: ShapedLoop) -> str:
+def _worse(found: Tuned) -> str:
     """Figures that are worse than today at the site where they fell most, as a clause."""
     if not found.before or not all(each.stable for each in found.before):
         return ""
@@ -103,7 +103,7 @@ def _worse(found: ShapedLoop) -> str:
     return ", ".join(said)
 
 
-def goal_of(found: ShapedLoop, row: Sequence[Figures]) -> float:
+def goal_of(found: Tuned, row: Sequence[Figures]) -> float:
     """What is to be small, at the worst site."""
     return max(_goal(each, found.goal, found.band) for each in row)
 

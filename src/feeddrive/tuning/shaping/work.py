@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -15,10 +15,10 @@ from feeddrive.loop.control import Control
 from feeddrive.tuning.shaping import certainty
 from feeddrive.tuning.shaping.control_response import ControlResponse
 from feeddrive.tuning.shaping.criteria import Criteria
-from feeddrive.tuning.shaping.knobs import box, logarithms, speeds
 from feeddrive.tuning.shaping.limits import Limits
 from feeddrive.tuning.shaping.search import End, Search
 from feeddrive.tuning.shaping.site import Site
+from feeddrive.tuning.shaping.tunables import box, logarithms, speeds
 
 _LADDER = np.log(2.0) * np.arange(2.0, -11.5, -0.5)  # factors 4 ... 1/2048
 _NEAR = 0.3  # a start that breaks its bounds by less is near enough
@@ -27,11 +27,13 @@ _NOTCHES = 3  # that are tried
 _LOUD, _APART = 0.15, 0.12  # |L| of a resonance that is worth a notch; of ln f from a notch that is there
 _TURNS = 6  # in which the standard deviations to keep are settled
 _CUTS = 3  # rounds in which lines that the search had left out are added
+_AGREE = 0.05  # of the goal: ends of searches this near the best agree with it
+_MORE = 4  # searches, wider and wider, where only one ended near the best
 _COSTLY = 0.5  # of the goal: when noise costs more, the measurement is too poor
 
 
 class Best(NamedTuple):
-    """A control with the knobs that were turned and where they ended."""
+    """A control with the tunables that were turned and where they ended."""
 
     control: Control
     names: tuple[str, ...]
@@ -40,11 +42,12 @@ class Best(NamedTuple):
     sure: float
     cost: float
     spread: float
+    settled: bool
     box: tuple[np.ndarray, np.ndarray]
 
 
 class Work:
-    """One shaping: the same sites, goal and limits for every set of knobs that is tried."""
+    """One shaping: the same sites, goal and limits for every set of tunables that is tried."""
 
     def __init__(
         self, sites: tuple[Site, ...], goal: str, limits: Limits, band: tuple[float, float], confidence: float,
@@ -58,7 +61,7 @@ class Work:
         self.evaluations, self.step = 0, step
 
     def criteria(self, control: Control, names: tuple[str, ...], whole: bool = False) -> Criteria:
-        """Of a set of knobs, on the lines of the search or on all."""
+        """Of a set of tunables, on the lines of the search or on all."""
         response = ControlResponse(control, self.sites[0].sample_time, names, self.velocity)
         sites = self.sites if whole else tuple(s.chosen(k) for s, k in zip(self.sites, self.kept, strict=True))
         return Criteria(sites, response, self.goal, self.limits, self.band)
@@ -71,13 +74,17 @@ class Work:
         search = Search(criteria, low, high)
         self.step("where to begin")
         first = self._begin(search, x, speeds(control, names))
-        self.step(f"{len(names)} knobs, first search")
+        self.step(f"{len(names)} tunables, first search")
         ends = [search.descend(first)]
-        for _ in range((self.starts if starts is None else starts) - 1):
-            self.step(f"{len(names)} knobs, from another start")
-            other = self._beside(search, ends[0].x)
+        wanted = self.starts if starts is None else starts
+        for i in range(wanted - 1 + _MORE):
+            if i >= wanted - 1 and (wanted == 1 or _agreeing(search, ends) > 1):
+                break
+            self.step(f"{len(names)} tunables, from another start")
+            other = self._beside(search, ends[0].x, 1.0 + 0.5 * max(i - wanted + 2, 0))
             if other is not None:
                 ends.append(search.descend(other))
+        settled = wanted == 1 or _agreeing(search, ends) > 1
         end = min(ends, key=lambda each: search.merit(each.judged))
         end = self._from_below(search, end, x, speeds(control, names))
         costs = [float(np.max(each.judged.goal)) for each in ends]
@@ -107,10 +114,10 @@ class Work:
             if cost > _COSTLY:
                 self._too_costly(search, end, cost)
         self.evaluations += search.criteria.count
-        return Best(control, names, end, search.criteria, sure, cost, max(costs) - min(costs), (low, high))
+        return Best(control, names, end, search.criteria, sure, cost, max(costs) - min(costs), settled, (low, high))
 
     def as_it_is(self, control: Control, names: tuple[str, ...]) -> Best:
-        """A control that is not searched any further, with the knobs it names."""
+        """A control that is not searched any further, with the tunables it names."""
         x = logarithms(control, names)
         criteria = self.criteria(control, names, whole=True)
         search = Search(criteria, x, x)
@@ -123,7 +130,7 @@ class Work:
             certainty.require_good(answers, 1.0)
         self.evaluations += 1
         return Best(
-            control, names, End(x, found, {}, search.broken(found)), criteria, 0.0, 0.0, 0.0, (x - 1.0, x + 1.0)
+            control, names, End(x, found, {}, search.broken(found)), criteria, 0.0, 0.0, 0.0, True, (x - 1.0, x + 1.0)
         )
 
     def _begin(self, search: Search, x: np.ndarray, powers: np.ndarray) -> np.ndarray:
@@ -153,9 +160,9 @@ class Work:
                 return other if search.broken(other.judged) < search.broken(end.judged) else end
         return end
 
-    def _beside(self, search: Search, x: np.ndarray) -> np.ndarray | None:
+    def _beside(self, search: Search, x: np.ndarray, far: float = 1.0) -> np.ndarray | None:
         """A stable point some way off."""
-        for size in (0.5, 0.35, 0.2):
+        for size in (0.5 * far, 0.35 * far, 0.2 * far):
             point = np.clip(x + self.random.uniform(-size, size, x.size), search.low, search.high)
             if search.judge(point) is not None:
                 return point
@@ -281,6 +288,12 @@ class Work:
                 if peak and all(abs(np.log(f[k] / other)) > _APART for other in (*taken, *found)):
                     found[float(f[k])] = float(size[k])
         return sorted(found, key=lambda each: -found[each])
+
+
+def _agreeing(search: Search, ends: Sequence[End]) -> int:
+    """How many searches ended near the best."""
+    costs = [search.merit(each.judged) for each in ends]
+    return sum(cost < min(costs) + _AGREE for cost in costs)
 
 
 def _one_sided(confidence: float) -> float:

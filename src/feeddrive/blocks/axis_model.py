@@ -1,0 +1,112 @@
+"""What a law is told of the axis that it is put on, the same for all: masses, delay, encoders, friction."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from dataclasses import MISSING, dataclass
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
+
+from feeddrive.language import ops
+from feeddrive.language.block import Block, Number, declarations
+from feeddrive.language.errors import StructureError
+
+if TYPE_CHECKING:
+    from feeddrive.blocks.families import Feedforward, Friction, Law, Plant
+
+B = TypeVar("B", bound=Block)
+
+# unit -> powers of mass and of rate by which a gain of a rigid axis with this unit scales: N s/m is kg times 1/s
+POWERS: Mapping[str, tuple[int, int]] = {
+    "kg": (1, 0), "N s/m": (1, 1), "N/m": (1, 2), "N/(m s)": (1, 3),
+    "1/s": (0, 1), "rad/s": (0, 1), "Hz": (0, 1), "1/s2": (0, 2), "s": (0, -1),
+}  # fmt: skip
+_SLOW = 0.1  # of 1/(time until a reading has become a force): a loop that is slow enough to begin with
+
+
+@dataclass(frozen=True)
+class AxisModel:
+    """An axis as every law, observer and compensation is told of it: one rigid mass behind a delay, and what it has.
+
+    mass, viscous      kg and N s/m of the motion as one body
+    delay              s from a command to its force: dead time and the lag of the current loop
+    sample_time        s
+    encoders           how many positions the controller reads, 1 or 2
+    velocity_encoder   the encoder of the velocity, as in the present control
+    """
+
+    mass: float
+    viscous: float
+    delay: float
+    sample_time: float
+    encoders: int
+    velocity_encoder: str
+    plant: Plant
+    frictions: tuple[Friction, ...]
+
+    @property
+    def rate(self) -> float:
+        """1/s, slow enough for any law to begin with: a tenth of 1/(delay + sample time)."""
+        return _SLOW / (self.delay + self.sample_time)
+
+    @property
+    def delay_samples(self) -> int:
+        """The delay in whole samples, as observers count it."""
+        return round(self.delay / self.sample_time)
+
+    def dry_friction(self, velocity: float) -> float:
+        """N against a steady motion (m/s), without what is viscous."""
+        return sum(float(each.steady(velocity)) - float(each.linear()) * velocity for each in self.frictions)
+
+    def sentence(self) -> str:
+        """What a law is told, in words."""
+        late = f", a command to act after {self.delay_samples} samples" if self.delay_samples else ""
+        return f"told that the axis has {self.mass:.6g} kg and {self.viscous:.6g} N s/m{late}"
+
+
+class Start(NamedTuple):
+    """Where the search for a law's parameters begins on an axis.
+
+    name         of the law in a comparison
+    remark       what must be known of it
+    feedforward  its own feedforward of the motion, in place of what the present control has
+    """
+
+    name: str
+    law: Law
+    remark: str = ""
+    feedforward: Feedforward | None = None
+
+
+def begun(block: type[B], axis: AxisModel, **given: Any) -> B:
+    """A block with start values for an axis: those given, those that the axis has, and else by unit.
+
+    `mass`, `viscous`, `delay_samples` and `velocity_encoder` are the axis's; a field with a default keeps it; a gain
+    without one is mass^a rate^b by its unit (`POWERS`), in Hz over 2π.
+    Raises StructureError for a field that has none of these: the block must say where it begins.
+    """
+    known = {
+        "mass": axis.mass, "viscous": axis.viscous, "delay_samples": axis.delay_samples,
+        "velocity_encoder": axis.velocity_encoder,
+    }  # fmt: skip
+    values: dict[str, Any] = dict(given)
+    declared = declarations(block)
+    for spec in dataclasses.fields(block):  # type: ignore[arg-type]
+        if spec.name in values:
+            continue
+        if spec.name in known:
+            values[spec.name] = known[spec.name]
+        elif spec.default is MISSING:
+            values[spec.name] = _by_unit(block, spec.name, declared[spec.name].unit, axis)
+    return block(**values)
+
+
+def _by_unit(block: type[Block], name: str, unit: str, axis: AxisModel) -> Number:
+    if unit not in POWERS:
+        raise StructureError(
+            f"{block.kind}.{name} has no value to begin with on an axis: give it a default, or {block.__name__} a "
+            f"method `begin`"
+        )
+    of_mass, of_rate = POWERS[unit]
+    value = axis.mass**of_mass * axis.rate**of_rate
+    return value / (2.0 * ops.pi) if unit == "Hz" else value

@@ -1,0 +1,164 @@
+"""The laws that can go on an axis, each where its tuning begins; and those that cannot, with the reason.
+
+Nobody keeps a list: every law of the catalogue says where it begins (`Law.begin`), and what goes beside a law says
+beside which (`goes_beside`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from feeddrive.blocks.axis_model import AxisModel, Start
+from feeddrive.blocks.catalogue import find, members
+from feeddrive.blocks.controller.cascade_ppi import CascadePPI
+from feeddrive.blocks.families import Compensation, Feedforward, Law, Prefilter
+from feeddrive.blocks.feedforward.disturbance_compensator import DisturbanceCompensator
+from feeddrive.blocks.feedforward.inertia import Inertia
+from feeddrive.language import matrix, tree
+from feeddrive.language.errors import FeeddriveError, ParameterError
+from feeddrive.loop.control import Control
+from feeddrive.loop.loop import Loop
+
+PLAIN = CascadePPI.title  # what every other law is compared with
+_MOTION = ("acceleration", "velocity")
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A control that can be tuned for an axis.
+
+    like       the candidate whose tuning it takes over, if it differs in the setpoint's path only
+    prefilter  whether its prefilter is to be fitted once it is tuned
+    remark     what must be known of it: what it was told of the axis, what of today's control was changed
+    """
+
+    name: str
+    loop: Loop
+    remark: str = ""
+    like: str = ""
+    prefilter: bool = False
+
+
+@dataclass(frozen=True)
+class Refusal:
+    """A law that does not go on this axis, and why."""
+
+    name: str
+    reason: str
+
+
+def axis_model(loop: Loop) -> AxisModel:
+    """What every law is told of the axis of a loop."""
+    axis = loop.axis
+    mechanics = axis.mechanics()
+    along = mechanics.rigid_motion()
+    mass, viscous = (
+        float(matrix.dot([matrix.dot(row, along) for row in rows], along))
+        for rows in (mechanics.mass, mechanics.damping)
+    )
+    return AxisModel(
+        mass=mass,
+        viscous=viscous,
+        delay=float(axis.actuator.delay()),
+        sample_time=float(loop.sample_time),
+        encoders=axis.encoders(),
+        velocity_encoder=str(getattr(loop.control.law, "velocity_encoder", "motor")),
+        plant=axis.plant,
+        frictions=tuple(each for each in (axis.friction_motor, axis.friction_load) if each is not None),
+    )
+
+
+def candidates(loop: Loop) -> tuple[tuple[Candidate, ...], tuple[Refusal, ...]]:
+    """Every law of the catalogue on the axis of a loop, P-PI first: what can be tuned, and what is refused.
+
+    Filters, limit, guard, friction feedforward and the encoder of the velocity are those of the present control.  Each
+    law has feedforward of acceleration and velocity: its own, that of the present control, or else that of the axis's
+    mass and viscous friction, which is also what every law is told.
+    """
+    axis = axis_model(loop)
+    found: list[Candidate] = []
+    refused: list[Refusal] = []
+    for law in sorted(members(Law).values(), key=lambda each: each is not CascadePPI):
+        try:
+            starts = law.begin(axis, loop.control.law)
+            made = [Candidate(each.name, _with_law(loop, axis, each), each.remark) for each in starts]
+        except FeeddriveError as error:
+            name = law.title or law.kind.replace("_", " ")
+            refused += [
+                Refusal(each, str(error)) for each in (name, *(f"{name} + {b.title}" for b in _companions(law)))
+            ]
+            continue
+        found += made
+        for base in made:
+            for block in _companions(law):
+                name = f"{base.name} + {block.title}"
+                try:
+                    found.append(_beside(base, name, block, axis))
+                except FeeddriveError as error:
+                    refused.append(Refusal(name, str(error)))
+    return tuple(found), tuple(refused)
+
+
+def control_with(loop: Loop, kind: str) -> Control:
+    """The control of a loop with another law, by kind, where its tuning begins; of several forms the first.
+
+    Raises ParameterError with the reason if the law does not go on the axis.
+    """
+    axis, law = axis_model(loop), find(Law, kind)
+    try:
+        starts = law.begin(axis, loop.control.law)
+    except FeeddriveError as error:
+        raise ParameterError(f"the law {kind} is not on this axis: {error}") from None
+    if not starts:
+        raise ParameterError(f"the law {kind} does not say where its tuning begins: put it into the machine file")
+    return _with_law(loop, axis, starts[0]).control
+
+
+def _companions(law: type[Law]) -> tuple[type[Feedforward] | type[Compensation] | type[Prefilter], ...]:
+    """Blocks that are tried beside a law, in the order of the report."""
+    blocks = (*members(Feedforward).values(), *members(Compensation).values(), *members(Prefilter).values())
+    return tuple(block for block in blocks if block.goes_beside(law))
+
+
+def _with_law(loop: Loop, axis: AxisModel, start: Start) -> Loop:
+    """A loop with a law: filters and friction feedforward stay, what the law feeds itself goes."""
+    law, own = start.law, start.feedforward
+    taken = {*law.feeds} if own is None else {*law.feeds, *_MOTION}
+    blocks = [kept for block in loop.control.feedforward if (kept := _without(block, taken)) is not None]
+    if own is None and not {*law.feeds, *(each for block in blocks for each in block.fed())} & {*_MOTION}:
+        own = Inertia(mass=axis.mass, viscous=axis.viscous)
+    if own is not None:
+        blocks.append(own)
+    control = replace(loop.control, law=law, feedforward=tuple(blocks), prefilter=None, compensation=())
+    return replace(loop, control=control)
+
+
+def _beside(
+    base: Candidate, name: str, block: type[Feedforward] | type[Compensation] | type[Prefilter], axis: AxisModel
+) -> Candidate:
+    """A candidate with one block more."""
+    control = base.loop.control
+    if issubclass(block, Prefilter):
+        control = replace(control, prefilter=block())
+        return replace(base, name=name, loop=replace(base.loop, control=control), like=base.name, prefilter=True)
+    made = block.begin(axis)
+    if isinstance(made, Compensation):
+        loop = replace(base.loop, control=replace(control, compensation=(made,)))
+        remark = (
+            f"{base.remark}; {block.title} {axis.sentence()}" if base.remark else f"{block.title} {axis.sentence()}"
+        )
+        return replace(base, name=name, loop=loop, remark=remark)
+    kept = [each for each in (_without(old, {*made.fed()}) for old in control.feedforward) if each is not None]
+    loop = replace(base.loop, control=replace(control, feedforward=(*kept, made)))
+    shown = ", ".join(f"{key.replace('_', ' ')} {value:.4g}" for key, value in tree.leaves(made))
+    return replace(base, name=name, loop=loop, like=base.name, remark=f"feedforward of the axis's own: {shown} (SI)")
+
+
+def _without(block: Feedforward, taken: set[str]) -> Feedforward | None:
+    """A feedforward block without what is fed already; None if nothing of it is left."""
+    fed = set(block.fed())
+    if not fed & taken:
+        return block
+    if isinstance(block, DisturbanceCompensator) and "friction" in fed - taken:
+        return replace(block, mass=None, viscous=None, jerk_feedforward=None, snap_feedforward=None)
+    return None
