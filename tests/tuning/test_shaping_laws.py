@@ -25,6 +25,7 @@ SNAP = {
     "P-PI + recovery": 8.91,
     "DADSC": 29.4,
     "DADSC + recovery": 23.1,
+    "GPI, 3 Taylor states": 99.0,
     "GPI, 1 Taylor state": 7.78,
     "pole placement": 6.88,
 }

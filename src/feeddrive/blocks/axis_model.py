@@ -5,14 +5,11 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping
 from dataclasses import MISSING, dataclass
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
+from typing import Any, Protocol, TypeVar
 
 from feeddrive.language import ops
 from feeddrive.language.block import Block, Number, declarations
 from feeddrive.language.errors import StructureError
-
-if TYPE_CHECKING:
-    from feeddrive.blocks.families import Feedforward, Friction, Law, Plant
 
 B = TypeVar("B", bound=Block)
 
@@ -24,6 +21,18 @@ POWERS: Mapping[str, tuple[int, int]] = {
 _SLOW = 0.1  # of 1/(time until a reading has become a force): a loop that is slow enough to begin with
 
 
+class SteadyForce(Protocol):
+    """What is asked of a friction."""
+
+    def steady(self, velocity: Number) -> Number:
+        """N against a motion of constant velocity (m/s)."""
+        ...
+
+    def linear(self) -> Number:
+        """The viscous part, N s/m."""
+        ...
+
+
 @dataclass(frozen=True)
 class AxisModel:
     """An axis as every law, observer and compensation is told of it: one rigid mass behind a delay, and what it has.
@@ -33,6 +42,7 @@ class AxisModel:
     sample_time        s
     encoders           how many positions the controller reads, 1 or 2
     velocity_encoder   the encoder of the velocity, as in the present control
+    plant, frictions   its blocks, for a law that takes more of the axis than one mass
     """
 
     mass: float
@@ -41,8 +51,8 @@ class AxisModel:
     sample_time: float
     encoders: int
     velocity_encoder: str
-    plant: Plant
-    frictions: tuple[Friction, ...]
+    plant: Any
+    frictions: tuple[SteadyForce, ...]
 
     @property
     def rate(self) -> float:
@@ -62,20 +72,6 @@ class AxisModel:
         """What a law is told, in words."""
         late = f", a command to act after {self.delay_samples} samples" if self.delay_samples else ""
         return f"told that the axis has {self.mass:.6g} kg and {self.viscous:.6g} N s/m{late}"
-
-
-class Start(NamedTuple):
-    """Where the search for a law's parameters begins on an axis.
-
-    name         of the law in a comparison
-    remark       what must be known of it
-    feedforward  its own feedforward of the motion, in place of what the present control has
-    """
-
-    name: str
-    law: Law
-    remark: str = ""
-    feedforward: Feedforward | None = None
 
 
 def begun(block: type[B], axis: AxisModel, **given: Any) -> B:

@@ -19,7 +19,7 @@ from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 
-from feeddrive.blocks.axis_model import AxisModel, Start, begun
+from feeddrive.blocks.axis_model import AxisModel, begun
 from feeddrive.blocks.signals import Estimate, Motion, Noise, Reading, Setpoint
 from feeddrive.language import matrix
 from feeddrive.language.block import Block, Number, choice
@@ -184,6 +184,20 @@ class Law(Block, ABC):
     def settled(self) -> Law:
         """As it is while no limit of its own acts; linear models take this (empty hook)."""
         return self
+
+
+class Start(NamedTuple):
+    """Where the search for a law's parameters begins on an axis.
+
+    name         of the law in a comparison
+    remark       what must be known of it
+    feedforward  its own feedforward of the motion, in place of what the present control has
+    """
+
+    name: str
+    law: Law
+    remark: str = ""
+    feedforward: Feedforward | None = None
 
 
 class Filter(Block, ABC):

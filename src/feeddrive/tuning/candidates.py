@@ -8,10 +8,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from feeddrive.blocks.axis_model import AxisModel, Start
+from feeddrive.blocks.axis_model import AxisModel
 from feeddrive.blocks.catalogue import find, members
 from feeddrive.blocks.controller.cascade_ppi import CascadePPI
-from feeddrive.blocks.families import Compensation, Feedforward, Law, Prefilter
+from feeddrive.blocks.families import Compensation, Feedforward, Law, Prefilter, Start
 from feeddrive.blocks.feedforward.disturbance_compensator import DisturbanceCompensator
 from feeddrive.blocks.feedforward.inertia import Inertia
 from feeddrive.language import matrix, tree
