@@ -85,7 +85,7 @@ class Engine:
         self.lanes, self.prepared, self.setpoints = lanes, prepared, setpoints
         program = prepared.program(load=False, enable=False)
         self.made = prepared.native(
-            program, record=(), gather=GATHERED, bounded="tracking_error", lanes=lanes, arithmetic=arithmetic
+            program, record=(), gather=GATHERED, bounded=["tracking_error"], lanes=lanes, arithmetic=arithmetic
         )
         self.ends = np.zeros(prepared.lanes())
         names = [state.name for state in self.made.plan.states]
@@ -136,7 +136,7 @@ def compare(substeps: int, count: int, whole: int) -> None:
     work = Work(loop, reference)
     prepared = Prepared(loop, work.first(), None, 0, BOUND)
     program = prepared.program(load=False, enable=False)
-    probe = prepared.native(program, record=(), gather=GATHERED, bounded="tracking_error", lanes=8)
+    probe = prepared.native(program, record=(), gather=GATHERED, bounded=["tracking_error"], lanes=8)
     setpoints = work.inputs(probe, 0, workload.SAMPLES)
     vectors = sum(probe.plan.kinds.varying[node] for _, node in probe.plan.constants)
     found = candidates(prepared, setpoints, substeps)

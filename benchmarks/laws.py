@@ -25,7 +25,8 @@ from feeddrive.language import tree
 from feeddrive.language.graph import Graph
 from feeddrive.loop.engine.native import native
 from feeddrive.loop.engine.plan import Plan, plan
-from feeddrive.loop.trace import SETPOINT, Carried, Program, concrete, numbers
+from feeddrive.loop.loop import SETPOINT
+from feeddrive.loop.trace import Carried, Program, concrete, numbers
 
 SOURCE = (Path(__file__).parent / "laws.c").read_text()
 SAMPLES = 40_000

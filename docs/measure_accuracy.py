@@ -23,9 +23,10 @@ from axis_runs import Dry, EventDriven, matrices, move  # noqa: E402
 from feeddrive.language import ops  # noqa: E402
 from feeddrive.language.graph import Graph  # noqa: E402
 from feeddrive.language.single_values import single_values  # noqa: E402
-from feeddrive.loop.hold import Timing, hold  # noqa: E402
+from feeddrive.loop.hold import Hold, Port, Rows, Timing, hold  # noqa: E402
+from feeddrive.loop.loop import SETPOINT  # noqa: E402
 from feeddrive.loop.runner import Prepared, Work  # noqa: E402
-from feeddrive.loop.trace import SETPOINT, evaluate  # noqa: E402
+from feeddrive.loop.trace import evaluate  # noqa: E402
 
 LOG = ROOT.parent / "shared" / "data" / "emps" / "DATA_EMPS.mat"
 
@@ -121,7 +122,10 @@ def holds(count: int = 200) -> None:
         axis = two_mass(random)
         M, C, K = matrices(axis)
         dead = random.uniform(0.05, 0.95) * T
-        made = hold(axis.mechanics(), None, np.float64(dead), np.float64(T), 1, Timing(0, True))
+        body = axis.mechanics().shape[0]
+        port = Port(Rows(body, body, body), None, np.float64(dead), Timing(0, True))
+        joint = hold(axis.mechanics(), [port], np.float64(T), 1)
+        made = Hold(joint.change, *joint.axes[0])
         n = len(M)
         rate = np.zeros((2 * n + 1, 2 * n + 1))
         rate[:n, n : 2 * n] = np.eye(n)

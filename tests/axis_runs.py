@@ -9,8 +9,11 @@ from typing import Any
 import numpy as np
 from scipy.integrate import solve_ivp
 
+from feeddrive.blocks.families import Feedforward
+from feeddrive.blocks.signals import Setpoint
 from feeddrive.language import tree
 from feeddrive.loop.axis import Axis
+from feeddrive.loop.core import advance
 
 
 @dataclass
@@ -44,7 +47,7 @@ def move(
         states, steps = [state], []
         for k, command in enumerate(commands):
             load = None if loads is None else np.float64(loads[k])
-            state, done = axis.advance(prepared, state, np.float64(command), load, np.float64(k) * T, T)
+            state, done = advance(axis, prepared, state, np.float64(command), load, np.float64(k) * T, T)
             states.append(state)
             steps.append(done)
     return Record(
@@ -176,3 +179,8 @@ class EventDriven:
                 raise AssertionError("the truth does not get on: more than 1000 events in a sample")
             rows.append(y.copy())
         return np.array(rows)
+
+
+def fed(block: Feedforward, setpoint: Setpoint, T: float) -> Any:
+    """The force in N of a feedforward without a memory."""
+    return block.step(block.start(setpoint), setpoint, T)[1]

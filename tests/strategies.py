@@ -48,7 +48,7 @@ def blocks_of(draw: st.DrawFn, cls: type[Block]) -> Any:
             elif declared.role == "parameter":
                 given[name] = draw(numbers(declared))
             elif declared.role == "choice":
-                given[name] = draw(_choices(declared))
+                given[name] = draw(_choices(declared, hints[name]))
             elif declared.role == "table":
                 given[name] = draw(_rows(declared))
             elif declared.role == "label":
@@ -90,9 +90,11 @@ def numbers(declared: Declaration) -> st.SearchStrategy[float]:
     return st.one_of(within.filter(declared.admits), st.sampled_from(ends)) if ends else within.filter(declared.admits)
 
 
-def _choices(declared: Declaration) -> st.SearchStrategy[Any]:
+def _choices(declared: Declaration, hint: Any) -> st.SearchStrategy[Any]:
     if declared.options:
         return st.sampled_from(declared.options)
+    if hint is str or str in get_args(hint):  # the name of an axis
+        return st.sampled_from("xyz")
     least = 0 if declared.least is None else int(declared.least)
     return st.integers(least, least + 3)
 

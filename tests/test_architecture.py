@@ -45,6 +45,7 @@ TRACED = [
     "actuator",
     "compensation",
     "controller",
+    "coupling",
     "cutting",
     "feedforward",
     "filter",

@@ -23,6 +23,7 @@ from feeddrive.blocks.signals import Motion, Noise, Reading, Setpoint
 from feeddrive.language import ops, tree
 from feeddrive.language.block import Block, declarations
 from feeddrive.language.graph import Graph, Symbol, reachable
+from feeddrive.language.ring import Ring
 from feeddrive.language.units import measure
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.differentiate import push
@@ -111,7 +112,16 @@ def _friction(block: Any, x: Inputs) -> Answers:
 
 def _force(block: Any, x: Inputs) -> Answers:
     plant = TwoMass(mass_motor=130.0, mass_load=33.0, stiffness=1.8e7)
-    return Answers((), (), block.forces(plant, x.motion(), x.force, x.time))
+    motion, outputs = x.motion(), list[Any]()
+    start = state = block.start(plant, motion)
+    for step in range(STEPS):
+        state, *forces = block.step(state, plant, motion, x.force, x.time + float(step) * x.T, x.T)
+        outputs += forces
+        motion = motion._replace(
+            position_motor=motion.position_motor + x.T * motion.velocity_motor,
+            position_load=motion.position_load + x.T * motion.velocity_load,
+        )
+    return Answers(start, state, tuple(outputs))
 
 
 def _motor(block: Any, x: Inputs) -> Answers:
@@ -174,7 +184,13 @@ def _filter(block: Any, x: Inputs) -> Answers:
 
 
 def _feedforward(block: Any, x: Inputs) -> Answers:
-    return Answers((), (), (block.force(x.setpoint(), x.T),))
+    start = state = block.start(x.setpoint())
+    outputs: list[Any] = []
+    for step in range(STEPS):
+        state, force = block.step(state, x.setpoint().shifted(float(step) * x.T), x.T)
+        outputs.append(force)
+    old = tree.rebuild(block, (0.9 * value for _, value in tree.leaves(block)))
+    return Answers(start, state, (tuple(outputs), block.retune(state, old)))
 
 
 def _prefilter(block: Any, x: Inputs) -> Answers:
@@ -201,6 +217,21 @@ def _cutter(block: Any, x: Inputs) -> Answers:
     return Answers((), (), (block.forces(angle, x.mobility), block.torque(angle, x.mobility)))
 
 
+def _coupling(block: Any, x: Inputs) -> Answers:
+    prepared = block.prepare(x.T)
+    motions = {name: x.motion() for name in block.axes()}
+    start = state = block.start(prepared, motions)
+    outputs: list[Any] = [tuple((mode.mass, mode.damping, mode.stiffness) for mode in block.modes())]
+    for step in range(STEPS):
+        state, forces = block.step(prepared, state, motions, x.time + float(step) * x.T, x.T)
+        outputs.append(tuple(forces.values()))
+        motions = {
+            name: each._replace(position_load=each.position_load + x.T * each.velocity_load)
+            for name, each in motions.items()
+        }
+    return Answers(start, state, tuple(outputs))
+
+
 # What is part of a step, and what a block of each family is asked.
 TRACED: dict[type[Block], Callable[[Any, Inputs], Answers]] = {
     families.Plant: _plant,
@@ -215,13 +246,16 @@ TRACED: dict[type[Block], Callable[[Any, Inputs], Answers]] = {
     families.Prefilter: _prefilter,
     families.Observer: _observer,
     families.Cutter: _cutter,
+    families.Coupling: _coupling,
 }
 SAMPLED: tuple[type[Block], ...] = (families.Reference, families.Load)
 
 ALL = [block for members in catalogue().values() for block in members.values()]
 ASKED = [(block, ask) for family, ask in TRACED.items() for block in catalogue().get(family, {}).values()]
 RETUNED = [
-    (block, ask) for block, ask in ASKED if hasattr(block, "retune") and not issubclass(block, families.Prefilter)
+    (block, ask)
+    for block, ask in ASKED
+    if hasattr(block, "retune") and not issubclass(block, families.Prefilter | families.Feedforward)
 ]
 
 
@@ -274,12 +308,13 @@ class Exercise(NamedTuple):
         constants = np.ascontiguousarray(constants.reshape(len(made.constants), lanes))
         rows = [tables[name] for name, _ in made.tables]
         outputs = np.empty((1, len(made.outputs), lanes))
-        native(made).run(1, 0, constants, np.empty((1, 0)), np.empty((0, lanes)), outputs, rows)
+        native(made).run(1, 0, constants, np.empty((1, 0)), np.zeros((len(made.memory), lanes)), outputs, rows)
         return made, constants, rows, outputs[0]
 
 
 def _flat(answers: Answers) -> list[Any]:
-    return [value for _, value in tree.leaves(answers)]
+    """All numbers; what rings hold shows in what is read from them."""
+    return [value for _, value in tree.leaves(answers) if not isinstance(value, Ring)]
 
 
 def _bits(values: Sequence[Any]) -> list[bytes]:
@@ -401,7 +436,7 @@ class TestBlock:
         library = compiled(c.text(made, "feeddrive_run"), folder, "-Wno-unused-parameter", "-O0")
         outputs = np.empty_like(found)
         tables = (ctypes.c_void_p * max(1, len(rows)))(*[row.ctypes.data for row in rows])
-        arrays = (constants, np.empty((1, 0)), np.empty((0, 1)), outputs)
+        arrays = (constants, np.empty((1, 0)), np.zeros((len(made.memory), 1)), outputs)
         function = library.feeddrive_run
         function.restype, function.argtypes = None, [ctypes.c_int64, ctypes.c_int64, *[ctypes.c_void_p] * 5]
         function(1, 0, *(array.ctypes.data for array in arrays), ctypes.addressof(tables))
@@ -478,7 +513,10 @@ class TestBlock:
             after = made.retune(state, made, prepared, prepared)
         assert tree.structure(after) == tree.structure(state)
         # a zero may change its sign, which nothing in a step asks for
-        values = [[float(value) + 0.0 for _, value in tree.leaves(each)] for each in (state, after)]
+        values = [
+            [float(value) + 0.0 for _, value in tree.leaves(each) if not isinstance(value, Ring)]
+            for each in (state, after)
+        ]
         assert _bits(values[0]) == _bits(values[1])
 
     @asked

@@ -182,6 +182,7 @@ from feeddrive.loop.linearize import loop_gain as loop_gain
 from feeddrive.loop.linearize import tracking as tracking
 from feeddrive.loop.loop import Loop as Loop
 from feeddrive.loop.loop import Signals as Signals
+from feeddrive.loop.machine import Machine as Machine
 from feeddrive.loop.simulate import Batch as Batch
 from feeddrive.loop.simulate import Run as Run
 from feeddrive.loop.simulate import simulate as simulate

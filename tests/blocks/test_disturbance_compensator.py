@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from axis_runs import fed
 from feeddrive.blocks.controller.cascade_ppi import CascadePPI
 from feeddrive.blocks.feedforward.disturbance_compensator import DisturbanceCompensator
 from feeddrive.blocks.feedforward.friction_feedforward import FrictionFeedforward
@@ -40,9 +41,9 @@ def test_without_stribeck_jerk_and_snap_it_is_inertia_and_friction_feedforward(
     setpoint = Setpoint(0.0, np.float64(velocity), np.float64(acceleration))
     block = DisturbanceCompensator(mass=120.0, viscous=400.0, coulomb_positive=95.0, coulomb_negative=80.0)
     others = (Inertia(mass=120.0, viscous=400.0), FrictionFeedforward(coulomb_positive=95.0, coulomb_negative=80.0))
-    total = sum(float(each.force(setpoint, T)) for each in others)
+    total = sum(float(fed(each, setpoint, T)) for each in others)
     # four terms of at most 700 N are added in another order
-    assert float(block.force(setpoint, T)) == pytest.approx(total, abs=1e-12)
+    assert float(fed(block, setpoint, T)) == pytest.approx(total, abs=1e-12)
 
 
 def test_the_stribeck_column_is_what_friction_feedforward_adds() -> None:
@@ -50,14 +51,14 @@ def test_the_stribeck_column_is_what_friction_feedforward_adds() -> None:
     setpoint, _ = moved()
     block = DisturbanceCompensator(coulomb_positive=95.0, coulomb_negative=95.0, stribeck=35.0, stribeck_velocity=6e-3)
     other = FrictionFeedforward(coulomb_positive=95.0, coulomb_negative=95.0, breakaway=130.0, stribeck_velocity=6e-3)
-    assert np.max(np.abs(block.force(setpoint, T) - other.force(setpoint, T))) < 1e-12
+    assert np.max(np.abs(fed(block, setpoint, T) - fed(other, setpoint, T))) < 1e-12
 
 
 def test_the_force_is_linear_in_the_parameters() -> None:
     setpoint, _ = moved()
     columns = WHOLE.regressors(setpoint, T)
     total = sum(np.asarray(columns[name]) * value for name, value in WHOLE.parameters().items())
-    assert np.array_equal(np.asarray(WHOLE.force(setpoint, T)), total)
+    assert np.array_equal(np.asarray(fed(WHOLE, setpoint, T)), total)
 
 
 def test_all_columns_vanish_at_rest() -> None:
@@ -76,7 +77,7 @@ def test_what_is_left_out_is_no_column_and_is_not_fed() -> None:
     assert block.fed() == ("friction",)
     assert list(block.regressors(Setpoint(0.0), T)) == ["coulomb_positive", "coulomb_negative"]
     assert WHOLE.fed() == DisturbanceCompensator.feeds
-    assert DisturbanceCompensator().force(Setpoint(0.0, 0.2), T) == 0.0
+    assert fed(DisturbanceCompensator(), Setpoint(0.0, 0.2), T) == 0.0
 
 
 def test_nothing_is_fed_twice() -> None:

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from axis_runs import move
+from axis_runs import fed, move
 from feeddrive.blocks.feedforward.friction_feedforward import FrictionFeedforward
 from feeddrive.blocks.feedforward.inertia import Inertia
 from feeddrive.blocks.friction.directional_stribeck import DirectionalStribeck
@@ -30,7 +30,7 @@ def test_it_is_the_steady_friction_of_the_same_parameters(velocity: float) -> No
     )
     with np.errstate(all="ignore"):
         v = np.float64(velocity)
-        assert smooth.force(Setpoint(0.0, v), T) == friction.steady(v)
+        assert fed(smooth, Setpoint(0.0, v), T) == friction.steady(v)
         if abs(velocity) > 1e-9:
             hard = FrictionFeedforward(
                 coulomb_positive=70.0, coulomb_negative=60.0, breakaway=110.0, stribeck_velocity=4e-3
@@ -39,20 +39,20 @@ def test_it_is_the_steady_friction_of_the_same_parameters(velocity: float) -> No
                 coulomb_positive=70.0, coulomb_negative=60.0, breakaway_positive=110.0, breakaway_negative=110.0,
                 stribeck_velocity=4e-3,
             )  # fmt: skip
-            assert hard.force(Setpoint(0.0, v), T) == dry.steady(v)
+            assert fed(hard, Setpoint(0.0, v), T) == dry.steady(v)
 
 
 def test_within_the_dead_band_there_is_no_force() -> None:
     block = FrictionFeedforward(coulomb_positive=70.0, coulomb_negative=60.0, dead_band=1e-3)
     for velocity, force in ((0.0, 0.0), (9e-4, 0.0), (-9e-4, 0.0), (1.1e-3, 70.0), (-1.1e-3, -60.0)):
-        assert block.force(Setpoint(0.0, velocity), T) == force
+        assert fed(block, Setpoint(0.0, velocity), T) == force
 
 
 def test_the_force_turns_with_the_velocity_in_the_middle_of_the_sample() -> None:
     block = FrictionFeedforward(coulomb_positive=70.0, coulomb_negative=60.0)
     # 10 µm/s at kT and -1 m/s²: the set motion has turned 10 µs later, before the middle at 50 µs
-    assert block.force(Setpoint(0.0, 1e-5, -1.0), T) == -60.0
-    assert block.force(Setpoint(0.0, 1e-4, -1.0), T) == 70.0
+    assert fed(block, Setpoint(0.0, 1e-5, -1.0), T) == -60.0
+    assert fed(block, Setpoint(0.0, 1e-4, -1.0), T) == 70.0
 
 
 def test_an_axis_without_feedback_follows_its_feedforward() -> None:
@@ -73,7 +73,7 @@ def test_an_axis_without_feedback_follows_its_feedforward() -> None:
         )
         for x in t
     ]  # fmt: skip
-    commands = [float(inertia.force(s, T) + dry.force(s, T)) for s in moves]
+    commands = [float(fed(inertia, s, T) + fed(dry, s, T)) for s in moves]
     found = move(Axis(plant=Rigid(mass=100.0), friction_load=friction), T, commands, position=-size)
     true = -size * np.cos(w * T * np.arange(n + 1))
     # what is left is the sample in which the velocity turns: up to 60 N over one sample shift the velocity by

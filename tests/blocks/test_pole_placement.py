@@ -12,6 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import feeddrive as fd
+from axis_runs import fed
 from feeddrive.blocks.plant.two_bodies import place, polynomial, series, two_bodies
 from feeddrive.blocks.signals import Reading, Setpoint
 from feeddrive.language import tree
@@ -285,15 +286,15 @@ def test_the_inverse_is_that_of_both_equations(m12: float | None) -> None:
     a = np.array([middle.acceleration + lead.acceleration, middle.acceleration])
     v = np.array([middle.velocity + lead.velocity, middle.velocity])
     expected = float(np.sum(M @ a + C @ v))
-    assert fd.InverseDynamics(model=model).force(setpoint, 5e-5) == pytest.approx(expected, rel=1e-12)
-    rigid = fd.InverseDynamics(model=model, order="rigid").force(setpoint, 5e-5)
+    assert fed(fd.InverseDynamics(model=model), setpoint, 5e-5) == pytest.approx(expected, rel=1e-12)
+    rigid = fed(fd.InverseDynamics(model=model, order="rigid"), setpoint, 5e-5)
     assert rigid == pytest.approx(float(np.sum(M)) * middle.acceleration + 1520.0 * middle.velocity, rel=1e-12)
 
 
 def test_without_damping_the_inverse_has_the_fourth_order_form() -> None:
     """u = (m1 + m2) a + m1 m2/k snap (Lambrechts, Boerlage & Steinbuch 2005)."""
     model = fd.TwoMass(mass_motor=130.0, mass_load=33.0, stiffness=1.8e7)
-    force = fd.InverseDynamics(model=model).force(Setpoint(0.0, 0.0, 0.0, 0.0, 8e4), 1e-12)
+    force = fed(fd.InverseDynamics(model=model), Setpoint(0.0, 0.0, 0.0, 0.0, 8e4), 1e-12)
     assert force == pytest.approx(130.0 * 33.0 / 1.8e7 * 8e4, rel=1e-9)
 
 

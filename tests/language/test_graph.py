@@ -144,7 +144,7 @@ def test_every_operation_of_a_graph_has_a_meaning_for_numbers():
 
     truth = {"and", "or", "not"}
     for name, count in ARITY.items():
-        if name == "gather":
+        if name in ("gather", "get", "put"):  # of tables and rings
             continue
         values = [
             np.bool_(True) if name in truth or (name == "select" and i == 0) else np.float64(1.0) for i in range(count)

@@ -117,7 +117,7 @@ def rich() -> Loop:
             forces=(
                 Backlash(gap=1e-6, lead_error=LeadError(row=2e-6 * row, start=-0.01, spacing=1e-3)),
                 Cogging(force=10.0, period=0.012),
-                ForceMap(row=5.0 * row, start=-0.005, spacing=2e-3, swing=0.5, frequency=80.0),
+                ForceMap(row=5.0 * row, begin=-0.005, spacing=2e-3, swing=0.5, frequency=80.0),
                 Gravity(force=-20.0),
             ),
             actuator=Actuator(dead_time=1.4 * T, current_loop=1000.0),

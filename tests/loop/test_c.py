@@ -32,8 +32,8 @@ def test_c_has_the_bits_of_the_native_code(name: str, arithmetic: str, tmp_path:
     loop, load = LOOPS[name]
     work = Work(loop, REFERENCE, load, given(loop, COUNT))
     prepared = Prepared(loop, work.first(), None, 4)
-    program = prepared.program(load=load is not None, enable=work.enable is not None)
-    made = prepared.native(program, record=Signals._fields, bounded="tracking_error", arithmetic=arithmetic)
+    program = prepared.program(load=load is not None, enable=bool(work.enable))
+    made = prepared.native(program, record=Signals._fields, bounded=["tracking_error"], arithmetic=arithmetic)
     library = loops.compiled(c.text(made.plan, "feeddrive_run"), tmp_path)
     constants, inputs, rows = prepared.constants(made), work.inputs(made, 0, COUNT), prepared.rows(made)
     ends, records = [], []

@@ -208,7 +208,7 @@ def test_a_lane_has_the_bits_of_a_single_run(name: str, lanes: int):
     seeds = np.arange(11.0, 11.0 + lanes)
     work = Work(variants, REFERENCE, load, given(loop, count))
     prepared = Prepared(variants, work.first(), None, seeds)
-    program = prepared.program(load=load is not None, enable=work.enable is not None)
+    program = prepared.program(load=load is not None, enable=bool(work.enable))
     made = prepared.native(program, record=Signals._fields, lanes=lanes)
     outputs = np.empty((count, len(Signals._fields), lanes))
     made.run(
@@ -223,7 +223,7 @@ def test_a_lane_has_the_bits_of_a_single_run(name: str, lanes: int):
     for lane in range(lanes):
         alone = lane_of(loop, variants, lane)
         span = (count - 1) * loops.T
-        run = simulate(alone, REFERENCE, load=load, enable=work.enable, duration=span, seed=int(seeds[lane]))
+        run = simulate(alone, REFERENCE, load=load, enable=given(loop, count), duration=span, seed=int(seeds[lane]))
         for i, signal in enumerate(Signals._fields):
             assert np.array_equal(run[signal], outputs[:, i, lane]), (lane, signal)
 

@@ -20,6 +20,7 @@ from feeddrive.blocks.plant.rigid import Rigid
 from feeddrive.blocks.plant.two_mass import TwoMass
 from feeddrive.language import tree
 from feeddrive.loop.axis import Axis
+from feeddrive.loop.core import advance
 
 T = 1e-3
 SAMPLES = 25
@@ -146,7 +147,7 @@ def _pulled(axis: Axis) -> np.ndarray:
     state = axis.start(np.float64(0.0), np.float64(0.0), timing)._replace(velocity=(np.float64(2e-3), np.float64(0.0)))
     found = [0.0]
     for _ in range(2000):
-        state, _ = axis.advance(prepared, state, np.float64(0.0), None, np.float64(0.0), step)
+        state, _ = advance(axis, prepared, state, np.float64(0.0), None, np.float64(0.0), step)
         found.append(float(state.position[1]))
     return np.array(found)
 

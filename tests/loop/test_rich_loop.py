@@ -101,7 +101,7 @@ THREE_MASS = Loop(
             Cogging(force=10.0, period=0.005, harmonics=(Harmonic(order=1, share=1.0), Harmonic(order=3, share=0.2))),
             Ripple(period=0.005, harmonics=(Harmonic(order=6, share=0.01),)),
             Gravity(force=-50.0),
-            ForceMap(row=[0.0, 40.0, 10.0], start=0.0, spacing=0.01, swing=0.5, frequency=60.0),
+            ForceMap(row=[0.0, 40.0, 10.0], begin=0.0, spacing=0.01, swing=0.5, frequency=60.0),
         ),
         encoder_motor=Encoder(
             resolution=1e-8,

@@ -1,8 +1,9 @@
 """The families of blocks, and the few questions that each member answers.
 
 A member is final: it fills in what is abstract here and overrides nothing that has a body, except the empty hooks
-`prepare`, `retune`, `period`, `check`, `rules`, `sampled_rules`, `fed`, `lag`, `settled`, `suits`, `fits`, `begin` and
-`goes_beside`.  Its `step` is pure: state goes in and comes out.
+`prepare`, `start` of forces and feedforward, `modes`, `start` and `step` of couplings, `retune`, `period`, `check`,
+`rules`, `sampled_rules`, `substep_rules`, `fed`, `lag`, `settled`, `suits`, `fits`, `begin` and `goes_beside`.  Its
+`step` is pure: state goes in and comes out.
 
     prepare(T)   work that depends on parameters only, done once per run; returns a named tuple of numbers
     start(...)   the state of a block that has been at rest for ever
@@ -15,6 +16,7 @@ A member is final: it fills in what is abstract here and overrides nothing that 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Iterator, Mapping
 from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
@@ -22,7 +24,7 @@ import numpy as np
 from feeddrive.blocks.axis_model import AxisModel, begun
 from feeddrive.blocks.signals import Estimate, Motion, Noise, Reading, Setpoint
 from feeddrive.language import matrix
-from feeddrive.language.block import Block, Number, choice
+from feeddrive.language.block import Block, Number, Rule, choice
 from feeddrive.language.matrix import Matrix, Row
 
 
@@ -91,14 +93,72 @@ class Friction(Block, ABC):
 
 
 class Force(Block, ABC):
-    """A force that depends on the motion, the drive force or time: cogging, ripple, backlash, gravity, a force map."""
+    """A force that depends on motion, drive force, time or its own past: cogging, backlash, gravity, regeneration."""
+
+    def start(self, plant: Plant, motion: Motion) -> Any:
+        """The state when the axis has been moving like this (empty hook)."""
+        return Nothing()
 
     @abstractmethod
-    def forces(self, plant: Plant, motion: Motion, drive: Number, time: Number) -> tuple[Number, Number]:
-        """Force in N on the motor's and on the load's body, from the motion in the middle of the substep."""
+    def step(
+        self, state: Any, plant: Plant, motion: Motion, drive: Number, time: Number, h: Number
+    ) -> tuple[Any, Number, Number]:
+        """One substep of h seconds: the new state, and the force in N on the motor's and on the load's body.
+
+        `motion` is predicted for the middle of the substep, `time` is that instant; `drive` is the drive's mean force.
+        """
 
     def fits(self, plant: Plant, beside: tuple[Force, ...]) -> None:
         """Raise StructureError if the force has no meaning on this plant or beside the other forces (empty hook)."""
+
+    def substep_rules(self, h: Number) -> Iterator[Rule]:
+        """What must hold for the force to run at substeps of h seconds (empty hook)."""
+        return iter(())
+
+
+class SharedMode(NamedTuple):
+    """A mode of the structure that several axes feel: mass η'' + damping η' + stiffness η = Σ shape · f."""
+
+    mass: Number  # kg
+    damping: Number  # N s/m
+    stiffness: Number  # N/m
+    shapes: Mapping[str, tuple[Number, Number]]  # by axis: shape at the motor's and at the load's body
+
+
+class Coupling(Block, ABC):
+    """What acts between the axes of a machine: structure modes that they share, or forces at common substeps.
+
+    A coupling fills in `modes`, or `step` with `start` and `prepare`, or both.
+    """
+
+    @abstractmethod
+    def axes(self) -> tuple[str, ...]:
+        """Names of the axes on which it acts."""
+
+    def modes(self) -> tuple[SharedMode, ...]:
+        """Modes that move with these axes in one exact hold (empty hook)."""
+        return ()
+
+    def prepare(self, h: Number) -> Any:
+        """What depends on parameters and the substep h only (empty hook)."""
+        return Nothing()
+
+    def start(self, prepared: Any, motions: Mapping[str, Motion]) -> Any:
+        """The state when the axes have been moving like this (empty hook)."""
+        return Nothing()
+
+    def step(
+        self, prepared: Any, state: Any, motions: Mapping[str, Motion], time: Number, h: Number
+    ) -> tuple[Any, Mapping[str, tuple[Number, Number]]]:
+        """One substep of h seconds: the new state, and by axis the force in N on its motor's and its load's body.
+
+        Motions are predicted for the middle of the substep, `time` is that instant (empty hook).
+        """
+        return state, {}
+
+    def substep_rules(self, h: Number) -> Iterator[Rule]:
+        """What must hold for the coupling to run at substeps of h seconds (empty hook)."""
+        return iter(())
 
 
 class Motor(Block, ABC):
@@ -224,7 +284,7 @@ FEEDS = ("acceleration", "velocity", "friction")  # what of the set motion can b
 
 
 class Feedforward(Block, ABC):
-    """A force computed from the setpoint alone; it bypasses the filters.
+    """A force computed from the setpoint and its past; it bypasses the filters.
 
     `feeds` names what of the set motion the block feeds forward (`FEEDS`), so that nothing is fed twice.
     """
@@ -246,9 +306,17 @@ class Feedforward(Block, ABC):
         """What this one feeds, if parameters that are absent make it less than `feeds` (empty hook)."""
         return self.feeds
 
+    def start(self, setpoint: Setpoint) -> Any:
+        """The state at a constant setpoint (empty hook)."""
+        return Nothing()
+
     @abstractmethod
-    def force(self, setpoint: Setpoint, T: Number) -> Number:
-        """Force in N to act over [kT, (k+1)T]."""
+    def step(self, state: Any, setpoint: Setpoint, T: Number) -> tuple[Any, Number]:
+        """One sample: the new state and the force in N to act over [kT, (k+1)T]."""
+
+    def retune(self, state: Any, old: Any) -> Any:
+        """The state after a live change from the block `old` to this one, without a bump (empty hook)."""
+        return state
 
 
 class Prefilter(Block, ABC):

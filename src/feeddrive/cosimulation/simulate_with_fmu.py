@@ -14,13 +14,12 @@ from feeddrive.cosimulation.archive import Archive, opened
 from feeddrive.cosimulation.instance import Instance
 from feeddrive.cosimulation.ports import TAKEN, Port, needed, ports
 from feeddrive.language.errors import DivergedError, ParameterError
-from feeddrive.loop.loop import Loop, Signals
+from feeddrive.loop.loop import SETPOINT, Loop, Signals
 from feeddrive.loop.routine import Routine
 from feeddrive.loop.routine_run import ControllerRun
 from feeddrive.loop.routine_trace import controller_routine
 from feeddrive.loop.runner import Work
 from feeddrive.loop.simulate import Run, sample_count
-from feeddrive.loop.trace import SETPOINT
 
 
 def simulate_with_fmu(
@@ -63,8 +62,10 @@ def simulate_with_fmu(
     T = float(loop.sample_time)
     routine = controller_routine(loop, "control")
     motor = loop.axis.actuator.motor
-    count = sample_count(loop, reference, duration)
-    rows = np.array(Work(loop, reference, load).sampled(0, count)[: len(SETPOINT) + 1])
+    work = Work(loop, reference, load)
+    count = sample_count(work, duration)
+    given = work.sampled(0, count)
+    rows = np.array([given[name] for name in (*SETPOINT, "load_force")])
     on = np.ones(1) if enable is None else np.asarray(enable, dtype=float)
     limit = max(1.0, 100.0 * float(np.ptp(rows[0]))) if bound is None else bound
     with opened(fmu) as archive:

@@ -47,6 +47,7 @@ class Declaration:
     below: float | None = None
     most: float | None = None
     options: tuple[Any, ...] = ()
+    inline: bool = False  # of a part: its fields stand among those of the block that holds it
 
     def bounds(self) -> str:
         """The bounds as text, such as `> 0 kg and <= 5 kg`; empty if there are none."""
@@ -121,9 +122,13 @@ def table(unit: str, meaning: str, *, default: Any = MISSING) -> Any:
     return field(default=default, metadata={"declaration": Declaration(role="table", unit=unit, meaning=meaning)})
 
 
-def part(meaning: str, *, default: Any = MISSING) -> Any:
-    """Declare a nested block, a tuple of blocks, or None for a part that is not there."""
-    return field(default=default, metadata={"declaration": Declaration(role="part", unit="", meaning=meaning)})
+def part(meaning: str, *, default: Any = MISSING, inline: bool = False) -> Any:
+    """Declare a nested block, a tuple of blocks, or None for a part that is not there.
+
+    The leaves of an inline part are named as if its fields were those of the block that holds it.
+    """
+    declaration = Declaration(role="part", unit="", meaning=meaning, inline=inline)
+    return field(default=default, metadata={"declaration": declaration})
 
 
 def label(meaning: str, *, default: str) -> Any:
@@ -212,7 +217,11 @@ def _plain(block: Block) -> Block | None:
             parts = [_plain(each) for each in (value if isinstance(value, tuple) else (value,))]
             if None in parts:
                 return None
-            value = tuple(parts) if isinstance(value, tuple) else parts[0]
+            if isinstance(value, tuple):
+                made_of: Any = type(value)
+                value = made_of(*parts) if hasattr(value, "_fields") else tuple(parts)
+            else:
+                value = parts[0]
         object.__setattr__(made, name, value)
     return made
 

@@ -19,14 +19,17 @@ from typing import Any, NoReturn, TypeAlias
 from feeddrive.language.errors import StructureError
 
 # Operations on numbers by name, and how many arguments they take.  "select" takes a truth value first;
-# "lt", "le", "eq", "and", "or" and "not" return one.  "table" and "input" are leaves.
+# "lt", "le", "eq", "and", "or" and "not" return one.  "table", "ring" and "input" are leaves; "get" reads
+# a cell of a ring, and "put" is the ring with another value in a cell.
 # "decays" takes the entries of a square matrix, row by row; it is computed once, for a rule, never in a step.
 ARITY: dict[str, int] = {
     "add": 2, "sub": 2, "mul": 2, "div": 2, "neg": 1, "abs": 1, "sqrt": 1, "floor": 1,
     "lt": 2, "le": 2, "eq": 2, "and": 2, "or": 2, "not": 1, "select": 3,
     "exp": 1, "expm1": 1, "log": 1, "sin": 1, "cos": 1, "tanh": 1, "atan": 1,
     "power_of_two": 1, "exponent": 1, "quantise": 2, "uniform": 3, "gather": 2,
+    "get": 2, "put": 3,
 }  # fmt: skip
+LEAVES = frozenset({"const", "truth", "input", "table", "ring"})
 TRUTH = frozenset({"lt", "le", "eq", "and", "or", "not", "decays"})
 # Functions with an own implementation in `mathematics.py`; everything else maps to one machine operation or a few.
 ELEMENTARY = frozenset({"exp", "expm1", "log", "sin", "cos", "tanh", "atan"})
@@ -37,7 +40,7 @@ Node: TypeAlias = tuple[Any, ...]
 class Graph:
     """Operations in the order of evaluation; an entry is (name, argument, ...) with arguments as earlier indices.
 
-    Leaves are ("const", float), ("truth", bool), ("input", name) and ("table", name, length).
+    Leaves are ("const", float), ("truth", bool), ("input", name), ("table", name, length) and ("ring", name, length).
     """
 
     def __init__(self) -> None:
@@ -59,6 +62,10 @@ class Graph:
     def table(self, name: str, length: int) -> Symbol:
         """A leaf that `gather` reads from."""
         return Symbol(self, self._store(("table", name, length)))
+
+    def ring(self, name: str, length: int) -> Symbol:
+        """A leaf with cells that are carried from sample to sample."""
+        return Symbol(self, self._store(("ring", name, length)))
 
     def constant(self, value: float | bool) -> Symbol:
         """A number that stands in the law's text."""
@@ -88,6 +95,12 @@ class Graph:
     def name(self, index: int) -> str:
         """The operation of a node."""
         return self.nodes[index][0]
+
+    def origin(self, index: int) -> int:
+        """The leaf of a ring, before or after it is written."""
+        while self.nodes[index][0] == "put":
+            index = self.nodes[index][1]
+        return index
 
 
 class Symbol:
@@ -179,7 +192,7 @@ def reachable(graph: Graph, outputs: Sequence[int]) -> list[int]:
 
 def arguments(node: Node) -> tuple[int, ...]:
     """The argument indices of an entry; none for a leaf."""
-    return () if node[0] in ("const", "truth", "input", "table") else node[1:]
+    return () if node[0] in LEAVES else node[1:]
 
 
 def rebuilt(
@@ -203,6 +216,8 @@ def rebuilt(
                 place[index] = made.input(node[1])
             case "table":
                 place[index] = made.table(node[1], node[2])
+            case "ring":
+                place[index] = made.ring(node[1], node[2])
             case name:
                 place[index] = made.symbol(compose(made, name, [place[i] for i in arguments(node)]))
     return made, {old: symbol.index for old, symbol in place.items()}

@@ -19,6 +19,7 @@ from feeddrive.language.primitives import (
     floor,
     gather,
     interpolate,
+    length,
     maximum,
     minimum,
     most,
@@ -35,8 +36,8 @@ from feeddrive.language.primitives import (
 
 __all__ = [
     "absolute", "atan", "atan2", "both", "clip", "cos", "either", "equal", "exp", "expm1", "exponent", "floor",
-    "gather", "interpolate", "log", "maximum", "minimum", "most", "no", "normal", "pi", "power", "power_of_two",
-    "quantise", "sign", "sin", "sqrt", "tan", "tanh", "uniform", "where", "zero",
+    "gather", "interpolate", "length", "log", "maximum", "minimum", "most", "no", "normal", "pi", "power",
+    "power_of_two", "quantise", "sign", "sin", "sqrt", "tan", "tanh", "uniform", "where", "zero",
 ]  # fmt: skip
 
 pi = 3.141592653589793

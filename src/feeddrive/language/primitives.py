@@ -147,6 +147,11 @@ def gather(row: Any, index: Any) -> Any:
     return found if isinstance(index, np.ndarray) else np.float64(found)
 
 
+def length(row: Any) -> int:
+    """Entries of a table."""
+    return row.graph.nodes[row.index][2] if isinstance(row, Symbol) else len(row)
+
+
 def interpolate(row: Any, place: Any) -> Any:
     """Linear interpolation in a table at a real place (0 = first entry), held to its ends."""
     below = floor(place)

@@ -15,7 +15,8 @@ import numpy as np
 
 from feeddrive.language import ops
 from feeddrive.language.block import Block, Declaration, Number, Rule, checked, declarations, enforce
-from feeddrive.language.errors import ParameterError
+from feeddrive.language.errors import ParameterError, StructureError
+from feeddrive.language.ring import Ring
 
 Tree = TypeVar("Tree")
 
@@ -31,11 +32,18 @@ def _children(tree: Any) -> Iterator[tuple[str, Any]]:
         yield from zip(names, tree, strict=True)
 
 
+def _path(tree: Any, prefix: str, name: str) -> str:
+    """The dotted name of a child; that of an inline part is the one of the block that holds it."""
+    if isinstance(tree, Block) and declarations(type(tree))[name].inline:
+        return prefix
+    return f"{prefix}.{name}" if prefix else name
+
+
 def leaves(tree: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
     """Dotted name and value of every leaf, in a fixed order; None is no leaf."""
     if isinstance(tree, (Block, tuple)):
         for name, child in _children(tree):
-            yield from leaves(child, f"{prefix}.{name}" if prefix else name)
+            yield from leaves(child, _path(tree, prefix, name))
     elif tree is not None:
         yield prefix, tree
 
@@ -61,8 +69,16 @@ def _replaced(block: Any, changed: Mapping[str, Any]) -> Any:
 def select(condition: Any, a: Tree, b: Tree) -> Tree:
     """Whole states at once: every leaf of `a` where the condition is true, else that of `b`."""
     left, right = [value for _, value in leaves(a)], [value for _, value in leaves(b)]
-    chosen = (x if x is y else ops.where(condition, x, y) for x, y in zip(left, right, strict=True))
-    return rebuild(a, chosen)
+    return rebuild(a, (_either(condition, x, y) for x, y in zip(left, right, strict=True)))
+
+
+def _either(condition: Any, a: Any, b: Any) -> Any:
+    """A leaf of one tree or of the other; of a ring and a new one the ring, which a reset does not clear."""
+    if isinstance(a, Ring) and isinstance(b, Ring):
+        if a.cells is not None and b.cells is not None and a is not b:
+            raise StructureError("a choice between two rings: write to one ring and choose the value")
+        return b if a.cells is None else a
+    return a if a is b else ops.where(condition, a, b)
 
 
 def cases(*pairs: tuple[Any, Any], otherwise: Any) -> Any:
@@ -70,7 +86,7 @@ def cases(*pairs: tuple[Any, Any], otherwise: Any) -> Any:
     rows = [[value for _, value in leaves(given)] for _, given in pairs]
     chosen = [value for _, value in leaves(otherwise)]
     for (condition, _), row in zip(reversed(pairs), reversed(rows), strict=True):
-        chosen = [x if x is y else ops.where(condition, x, y) for x, y in zip(row, chosen, strict=True)]
+        chosen = [_either(condition, x, y) for x, y in zip(row, chosen, strict=True)]
     return rebuild(pairs[0][1], iter(chosen))
 
 
@@ -89,8 +105,22 @@ def _owner(block: Block, name: str) -> tuple[Block, str]:
     *path, last = name.split(".")
     owner: Any = block
     for step in path:
-        owner = owner[int(step)] if isinstance(owner, tuple) else getattr(owner, step)
-    return owner, last
+        owner = _step(owner, step)
+    return _holder(owner, last), last
+
+
+def _holder(owner: Any, name: str) -> Any:
+    """The block that has a field: the owner, or an inline part of it."""
+    if not isinstance(owner, Block) or name in declarations(type(owner)):
+        return owner
+    inline = (getattr(owner, each) for each, found in declarations(type(owner)).items() if found.inline)
+    return next(part for part in inline if name in declarations(type(part)))
+
+
+def _step(owner: Any, name: str) -> Any:
+    if isinstance(owner, tuple) and not hasattr(owner, "_fields"):
+        return owner[int(name)]
+    return getattr(_holder(owner, name), name)
 
 
 def get(block: Block, name: str) -> Any:
@@ -146,10 +176,10 @@ def tables(tree: Any, prefix: str = "") -> Iterator[tuple[str, np.ndarray]]:
     if isinstance(tree, Block):
         for name, declared in declarations(type(tree)).items():
             if declared.role == "table" and getattr(tree, name) is not None:
-                yield f"{prefix}.{name}" if prefix else name, getattr(tree, name)
+                yield _path(tree, prefix, name), getattr(tree, name)
     if isinstance(tree, (Block, tuple)):
         for name, child in _children(tree):
-            yield from tables(child, f"{prefix}.{name}" if prefix else name)
+            yield from tables(child, _path(tree, prefix, name))
 
 
 def with_tables(tree: Tree, replacements: Mapping[str, Any], prefix: str = "") -> Tree:
@@ -157,16 +187,14 @@ def with_tables(tree: Tree, replacements: Mapping[str, Any], prefix: str = "") -
     if isinstance(tree, Block):
         changed: dict[str, Any] = {}
         for name, declared in declarations(type(tree)).items():
-            path = f"{prefix}.{name}" if prefix else name
+            path = _path(tree, prefix, name)
             if declared.role == "table" and path in replacements:
                 changed[name] = replacements[path]
             elif declared.role == "part":
                 changed[name] = with_tables(getattr(tree, name), replacements, path)
         return _replaced(tree, changed)
     if isinstance(tree, tuple):
-        items = [
-            with_tables(child, replacements, f"{prefix}.{name}" if prefix else name) for name, child in _children(tree)
-        ]
+        items = [with_tables(child, replacements, _path(tree, prefix, name)) for name, child in _children(tree)]
         return type(tree)(*items) if hasattr(tree, "_fields") else tuple(items)  # type: ignore[return-value]
     return tree
 
@@ -198,7 +226,7 @@ def difference(a: Any, b: Any, prefix: str = "") -> str | None:
     """Where two trees first differ in structure, in words; None where they differ in numbers at most."""
     if isinstance(a, Block) and type(a) is type(b):
         for name, declared in declarations(type(a)).items():
-            path = f"{prefix}.{name}" if prefix else name
+            path = _path(a, prefix, name)
             old, new = getattr(a, name), getattr(b, name)
             if declared.role == "part":
                 found = difference(old, new, path)

@@ -11,9 +11,9 @@ from feeddrive.blocks.signals import Motion, Noise
 from feeddrive.language import matrix, ops
 from feeddrive.language.block import Block, Number, Rule, choice, part
 from feeddrive.language.errors import StructureError
-from feeddrive.loop.contacts import Contact, plus, settle, share_mass
+from feeddrive.language.matrix import Matrix, Row
 from feeddrive.loop.fastest import slow_enough
-from feeddrive.loop.hold import Hold, Timing, hold
+from feeddrive.loop.hold import Hold, Port, Rows, Timing, hold
 
 # noise channels of the encoders; each has room for several kinds of noise
 CHANNEL_MOTOR, CHANNEL_LOAD = 0.0, 16.0
@@ -47,6 +47,7 @@ class Axis(Block):
         friction_load: Any
         encoder_motor: Any
         encoder_load: Any
+        forces: tuple[Any, ...]
 
     class Step(NamedTuple):
         """What one sample of the axis leaves behind, for the record: forces in N over the last substep."""
@@ -66,8 +67,11 @@ class Axis(Block):
             force.fits(self.plant, self.forces[:i] + self.forces[i + 1 :])
 
     def sampled_rules(self, T: Number) -> Iterator[Rule]:
-        """The exact hold of a substep can be computed."""
-        return slow_enough(self.mechanics(), self.actuator.current_loop, T / self.substeps)
+        """The exact hold of a substep can be computed, and forces can run at it."""
+        h = T / self.substeps
+        yield from slow_enough(self.mechanics(), self.actuator.current_loop, h)
+        for force in self.forces:
+            yield from force.substep_rules(h)
 
     def timing(self, T: float) -> Timing:
         """How many whole samples of dead time there are, and whether a part is left. All lanes must agree."""
@@ -93,20 +97,31 @@ class Axis(Block):
         damping: Any = plain.damping
         for friction, body in ((self.friction_motor, plain.motor), (self.friction_load, plain.load)):
             if friction is not None:
-                row = plain.shape[body]
-                viscous = friction.linear()
-                damping = matrix.add(damping, matrix.multiply([[x] for x in matrix.scale(viscous, (row,))[0]], (row,)))
+                damping = matrix.add(damping, self.viscous(friction, plain.shape[body]))
         return plain._replace(damping=damping)
+
+    def viscous(self, friction: Friction, row: Row) -> Matrix:
+        """What the viscous part of a friction on the body x = row · q adds to the damping matrix, N s/m."""
+        return matrix.multiply([[x] for x in matrix.scale(friction.linear(), (row,))[0]], (row,))
 
     def prepare(self, T: Number, timing: Timing) -> Hold:
         """The exact hold of the linear core."""
+        mechanics = self.mechanics()
+        shape = mechanics.shape
+        rows = Rows(shape[mechanics.drive], shape[mechanics.motor], shape[mechanics.load])
+        joint = hold(mechanics, (self.port(rows, timing),), T, self.substeps)
+        return Hold(joint.change, *joint.axes[0])
+
+    def port(self, rows: Rows, timing: Timing) -> Port:
+        """Where its forces enter the mechanics, with lag and dead time of its drive."""
         bandwidth = self.actuator.current_loop
         lag = None if bandwidth is None else 2.0 * ops.pi * bandwidth
-        return hold(self.mechanics(), lag, self.actuator.dead_time, T, self.substeps, timing)
+        return Port(rows, lag, self.actuator.dead_time, timing)
 
     def start(self, position: Number, velocity: Number, timing: Timing) -> State:
         """Moving as a rigid body with `velocity` (m/s), the load at `position` (m), springs relaxed, no force."""
         along = self.plant.mechanics().rigid_motion()
+        rigid = Motion(position, position, velocity, velocity)
         return self.State(
             position=tuple(_part(share, position) for share in along),
             velocity=tuple(_part(share, velocity) for share in along),
@@ -116,6 +131,7 @@ class Axis(Block):
             friction_load=Nothing() if self.friction_load is None else self.friction_load.start(),
             encoder_motor=Nothing() if self.encoder_motor is None else self.encoder_motor.start(position),
             encoder_load=Nothing() if self.encoder_load is None else self.encoder_load.start(position),
+            forces=tuple(force.start(self.plant, rigid) for force in self.forces),
         )
 
     def motion(self, state: State) -> Motion:
@@ -129,9 +145,8 @@ class Axis(Block):
             velocity_load=matrix.dot(load, state.velocity),
         )
 
-    def read(self, state: State, noise: Noise, T: Number) -> tuple[State, Number, Number]:
+    def read(self, state: State, motion: Motion, noise: Noise, T: Number) -> tuple[State, Number, Number]:
         """The readings of the motor's and the load's encoder at kT; a single encoder gives both."""
-        motion = self.motion(state)
         state_motor, motor = state.encoder_motor, motion.position_motor
         state_load, load = state.encoder_load, motion.position_load
         if self.encoder_motor is not None:
@@ -162,89 +177,7 @@ class Axis(Block):
             return motor, motor
         return motor, load
 
-    def advance(
-        self, prepared: Hold, state: State, command: Number, load: Number | None, time: Number, T: Number
-    ) -> tuple[State, Step]:
-        """From kT to (k+1)T under a command in N and a load force in N that is held over the sample (None: none)."""
-        commands = (command, *state.pending)
-        partial = len(prepared.old) > 0
-        new = commands[-2] if partial else commands[-1]
-        old = commands[-1] if partial else None
-        h = T / self.substeps
-        done = self.Step(0.0, 0.0, new)
-        for substep in range(self.substeps):
-            drive = _mean_drive(prepared, state, substep, new, old)
-            push_motor, push_load = self._pushes(state, drive, load, time + substep * h, h)
-            before = (*state.position, *state.velocity, *state.drive)
-            free = []
-            for i, x in enumerate(before):
-                change = matrix.dot(prepared.change[i], before)
-                change = plus(change, prepared.new[substep][i], new)
-                if old is not None:
-                    change = plus(change, prepared.old[substep][i], old)
-                change = plus(change, prepared.forces[0][i], push_motor)
-                change = plus(change, prepared.forces[1][i], push_load)
-                free.append(x if matrix.is_zero(change) else x + change)
-            state, friction_motor, friction_load = self._settle(prepared, state, tuple(free), h)
-            done = self.Step(friction_motor, friction_load, drive)
-        return state._replace(pending=commands[: len(state.pending)]), done
-
-    def _pushes(self, state: State, drive: Number, load: Number | None, time: Number, h: Number) -> tuple[Any, Any]:
-        """Forces on the two bodies in the middle of a substep, without drive and friction; None where there is none."""
-        motor, total = None, load
-        if self.forces:
-            motion = self.motion(state)
-            half = 0.5 * h
-            middle = motion._replace(
-                position_motor=motion.position_motor + half * motion.velocity_motor,
-                position_load=motion.position_load + half * motion.velocity_load,
-            )
-            for force in self.forces:
-                on_motor, on_load = force.forces(self.plant, middle, drive, time + half)
-                motor, total = _sum(motor, on_motor), _sum(total, on_load)
-        return motor, total
-
-    def _settle(
-        self, prepared: Hold, state: State, free: tuple[Number, ...], h: Number
-    ) -> tuple[State, Number, Number]:
-        """The end of a substep with the friction forces that fit its velocities."""
-        mechanics = self.plant.mechanics()
-        motor, load = mechanics.shape[mechanics.motor], mechanics.shape[mechanics.load]
-        contacts: list[Contact] = []
-        if self.friction_motor is not None:
-            contacts.append(Contact(self.friction_motor, state.friction_motor, motor, prepared.forces[0]))
-        if self.friction_load is not None:
-            contacts.append(Contact(self.friction_load, state.friction_load, load, prepared.forces[1]))
-        # a force on one body moves the other at once, or only over the springs between them
-        sweeps = 1 if len(contacts) < 2 else 6 if share_mass(mechanics) else 2
-        end, answers = settle(contacts, state.position, state.velocity, free, h, sweeps)
-        n = len(state.position)
-        moved = state._replace(position=tuple(end[:n]), velocity=tuple(end[n : 2 * n]), drive=tuple(end[2 * n :]))
-        on_motor, on_load = 0.0, 0.0
-        if self.friction_motor is not None:
-            moved, on_motor = moved._replace(friction_motor=answers[0].state), answers[0].force
-        if self.friction_load is not None:
-            moved, on_load = moved._replace(friction_load=answers[-1].state), answers[-1].force
-        return moved, on_motor, on_load
-
 
 def _part(share: Any, x: Any) -> Any:
     """share · x, with a zero of the type of x."""
     return ops.zero(x) if matrix.is_zero(share) else x if matrix.is_one(share) else share * x
-
-
-def _sum(a: Any, b: Any) -> Any:
-    """a + b, leaving out what is not there."""
-    if a is None or matrix.is_zero(a):
-        return b
-    return a if matrix.is_zero(b) else a + b
-
-
-def _mean_drive(prepared: Hold, state: Axis.State, substep: int, new: Number, old: Number | None) -> Number:
-    """The drive force in N in the mean over a substep, while a command takes over from the one before."""
-    if state.drive:
-        change = prepared.change[-1][-1] * state.drive[0] + prepared.new[substep][-1] * new
-        if old is not None:
-            change = change + prepared.old[substep][-1] * old
-        return state.drive[0] + 0.5 * change
-    return new if old is None else old + prepared.share[substep] * (new - old)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import re
 from collections.abc import Mapping
 from typing import Any, TypeAlias
 
@@ -14,15 +15,15 @@ from feeddrive.language.errors import ParameterError, StructureError
 from feeddrive.loop.control import Control
 from feeddrive.loop.engine.native import Native
 from feeddrive.loop.loop import Loop
-from feeddrive.loop.runner import Prepared, Work, recorded
+from feeddrive.loop.runner import Prepared, System, Work, recorded
 
 # by sample (int) or time in s (float): a whole control, or values of some of its parameters by dotted name
 Changes: TypeAlias = Mapping[int | float, Control | Mapping[str, float]]
 
-_CONTROL = "control."
+_CONTROL = re.compile(r"(axis\.\w+\.)?control\.")
 
 
-def changed_loops(loop: Loop, changes: Changes | None, count: int) -> list[tuple[int, Loop]]:
+def changed_loops(loop: System, changes: Changes | None, count: int) -> list[tuple[int, System]]:
     """(sample, loop from it on) of every change in a run of `count` samples, in order of time.
 
     A change acts between two samples: sample k is the first one that runs with the new values.  A time is taken up to
@@ -66,13 +67,15 @@ def _shown(key: int | float) -> str:
     return f"{key:g} s" if isinstance(key, (float, np.floating)) else f"sample {key}"
 
 
-def _changed(loop: Loop, change: Any) -> Loop:
+def _changed(loop: System, change: Any) -> System:
     """The loop with another control, or with other values in it."""
     if isinstance(change, Control):
+        if not isinstance(loop, Loop):
+            raise ParameterError("a machine changes by names such as axis.x.control.law.Kv, not by a whole Control")
         found = dataclasses.replace(loop, control=change)
     elif isinstance(change, Mapping):
         for name, value in change.items():
-            if not isinstance(name, str) or not name.startswith(_CONTROL):
+            if not isinstance(name, str) or not _CONTROL.match(name):
                 raise ParameterError(
                     f"'{name}' is no parameter of the control, such as control.law.Kv: the axis does not change live"
                 )
@@ -81,9 +84,11 @@ def _changed(loop: Loop, change: Any) -> Loop:
         found = tree.vary(loop, change)
     else:
         raise ParameterError(f"{change!r} must be a Control, or values by name such as {{'control.law.Kv': 80.0}}")
-    if any(isinstance(value, np.ndarray) for _, value in tree.leaves(found.control)):
-        raise ParameterError("the control holds arrays of variants: a batch of variants cannot be changed live")
-    found.control.check_live(loop.control)
+    for name, before in loop.loops().items():
+        control = found.loops()[name].control
+        if any(isinstance(value, np.ndarray) for _, value in tree.leaves(control)):
+            raise ParameterError("the control holds arrays of variants: a batch of variants cannot be changed live")
+        control.check_live(before.control)
     return found
 
 

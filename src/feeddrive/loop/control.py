@@ -46,6 +46,7 @@ class Control(Block):
         compensation: tuple[Any, ...]
         law: Any
         filters: tuple[Any, ...]
+        feedforward: tuple[Any, ...]
 
     class State(NamedTuple):
         """The memory of the parts, the last command and the guard."""
@@ -128,6 +129,7 @@ class Control(Block):
             tuple(part.start(made, setpoint, reading) for part, made in compensation),
             self.law.start(prepared.law, setpoint, reading),
             tuple(part.start(made, reading.applied) for part, made in filters),
+            tuple(part.start(setpoint) for part in self.feedforward),
         )
 
     def step(
@@ -177,6 +179,8 @@ class Control(Block):
                       prepared.compensation)),
             self.law.retune(held.law, old.law, old_prepared.law, prepared.law),
             tuple(map(_retuned, self.filters, held.filters, old.filters, old_prepared.filters, prepared.filters)),
+            tuple(block.retune(state, before) for block, state, before
+                  in zip(self.feedforward, held.feedforward, old.feedforward, strict=True)),
         )  # fmt: skip
         return state._replace(memory=memory)
 
@@ -204,15 +208,18 @@ class Control(Block):
             held, feedback = filter_.step(made, held, feedback)
             filters.append(held)
         forward: Any = 0.0
-        for i, block in enumerate(self.feedforward):
-            forward = block.force(setpoint, T) if i == 0 else forward + block.force(setpoint, T)
+        fed: list[Any] = []
+        for i, (block, held) in enumerate(zip(self.feedforward, memory.feedforward, strict=True)):
+            held, force = block.step(held, setpoint, T)
+            fed.append(held)
+            forward = force if i == 0 else forward + force
         requested = feedback + forward if self.feedforward else feedback
         requested = requested + added if self.compensation else requested
         applied = requested
         if self.force_limit is not None:
             applied = ops.clip(requested, -self.force_limit, self.force_limit)
         command = self.Command(applied, requested, feedback, forward, added, 0.0, 1.0)
-        return self.Memory(prefilter, tuple(compensation), law, tuple(filters)), command
+        return self.Memory(prefilter, tuple(compensation), law, tuple(filters), tuple(fed)), command
 
 
 def _retuned(block: Any, state: Any, old: Any, old_prepared: Any, prepared: Any) -> Any:

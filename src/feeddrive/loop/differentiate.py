@@ -7,6 +7,7 @@ from typing import Any
 
 from feeddrive.language import ops
 from feeddrive.language.graph import Graph, arguments, reachable
+from feeddrive.language.ring import Ring
 
 # A tangent that is zero whatever the values is None, and costs nothing.
 
@@ -70,8 +71,17 @@ def rule(name: str, values: Sequence[Any], result: Any, tangents: Sequence[Any])
             return ops.where(values[0], a, b)
         case "quantise":
             return tangents[0]
+        case "get":  # the tangent of a ring is a ring
+            return None if tangents[0] is None else tangents[0].get(values[1])
+        case "put":
+            ring = Ring(values[0].length) if tangents[0] is None else tangents[0]
+            return None if tangents[0] is None and tangents[2] is None else ring.put(values[1], _number(tangents[2]))
         case _:
             return None
+
+
+def _number(tangent: Any) -> Any:
+    return 0.0 if tangent is None else tangent
 
 
 def push(graph: Graph, outputs: Sequence[int], values: Mapping[int, Any], seeds: Mapping[int, Any]) -> list[Any]:

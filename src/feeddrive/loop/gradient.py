@@ -13,24 +13,31 @@ from feeddrive.blocks.signals import Setpoint
 from feeddrive.language import tree
 from feeddrive.language.block import Number
 from feeddrive.language.errors import ParameterError
-from feeddrive.language.graph import Graph, Symbol
+from feeddrive.language.graph import Graph, Symbol, arguments
 from feeddrive.language.recent import Recent
+from feeddrive.language.ring import Ring
 from feeddrive.language.table import Result, Table
 from feeddrive.loop.differentiate import push
 from feeddrive.loop.engine.native import Native, native
 from feeddrive.loop.engine.plan import plan
-from feeddrive.loop.loop import Loop, Signals
-from feeddrive.loop.runner import Prepared, Work, by_lane
+from feeddrive.loop.loop import SETPOINT, Loop, Signals
+from feeddrive.loop.runner import Prepared, System, Work, by_lane, each_axis
 from feeddrive.loop.simulate import known, sample_count
-from feeddrive.loop.trace import SETPOINT, Carried, Program, node_values
+from feeddrive.loop.trace import Carried, Program, lengths, node, node_values
 
 LANES = 8  # tangents that share a vector
 COST = "gradient.cost"
 
 
-def squared_error(signals: Signals) -> Any:
-    """The default objective: the square of the tracking error, m²."""
-    return signals.tracking_error * signals.tracking_error
+def squared_error(signals: Any) -> Any:
+    """The default objective: the square of the tracking error, m²; of a machine the sum over its axes."""
+    if isinstance(signals, Signals):
+        return signals.tracking_error * signals.tracking_error
+    total: Any = None
+    for each in signals.values():
+        square = each.tracking_error * each.tracking_error
+        total = square if total is None else total + square
+    return total
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -54,44 +61,45 @@ _gradients: Recent[Native] = Recent(64)
 
 
 def gradient(
-    loop: Loop,
-    reference: Reference,
+    loop: System,
+    reference: Reference | Mapping[str, Reference],
     parameters: Sequence[str],
     *,
-    objective: Callable[[Signals], Any] = squared_error,
-    load: Load | None = None,
+    objective: Callable[[Any], Any] = squared_error,
+    load: Load | Mapping[str, Load] | None = None,
     duration: float | None = None,
-    start: tuple[float, float] | None = None,
+    start: tuple[float, float] | Mapping[str, tuple[float, float]] | None = None,
     seed: int = 0,
     arithmetic: str = "exact",
 ) -> Gradient:
     """The mean of `objective(signals)` over a run and its derivatives to parameters by dotted name.
 
     Forward: eight tangents share a vector beside the run itself.  `objective` is plain arithmetic on one sample's
-    `Signals`.  Quantisers count as straight lines; friction is differentiated in the state in which it is, stuck or
-    sliding, so that the instants of sticking are held: tune with `Regularised` friction, and verify on the real one.
+    `Signals`; of a machine on a mapping of them by axis.  Quantisers count as straight lines; friction is
+    differentiated in the state in which it is, stuck or sliding, so that the instants of sticking are held: tune with
+    `Regularised` friction, and verify on the real one.
     The slope to a dead time of whole substeps is that to its right.
     Raises ParameterError for a name that is not known, and for `sample_time`, which is a constant of the design.
     """
-    known((), arithmetic)
+    known(loop, (), arithmetic)
     if isinstance(parameters, str):
         raise ParameterError(f"parameters must be a list of names: [{parameters!r}]")
     for name in parameters:
         tree.declaration(loop, name)
-        if name == "sample_time":
+        if name.rpartition(".")[2] == "sample_time":
             raise ParameterError(
                 "sample_time is a constant of the design: the reference is sampled with it, no gradient"
             )
     work = Work(loop, reference, load)
-    count = sample_count(loop, reference, duration)
-    delayed = "axis.actuator.dead_time" in parameters
+    count = sample_count(work, duration)
+    delayed = [axis for axis, name in _dead_times(loop).items() if name in parameters]
     prepared = Prepared(loop, work.first(), start, seed, partial=delayed)
-    program = prepared.program(load=load is not None, enable=False)
+    program = prepared.program(load=work.load)
     seeds, first = _seeds(loop, prepared, work.first(), start, tuple(parameters))
     key = (program.key, objective, frozenset(seeds), frozenset(first), arithmetic)
 
     def differentiated() -> Native:
-        augmented = _augmented(program, objective, frozenset(seeds), frozenset(first))
+        augmented = _augmented(loop, program, objective, frozenset(seeds), frozenset(first))
         varying = [f"d.{name}" for name in (*seeds, *first)]
         return native(plan(augmented, lanes=LANES, varying=varying, arithmetic=arithmetic))
 
@@ -102,7 +110,7 @@ def gradient(
         numbers = {**prepared.numbers, **{f"d.{name}": row for name, row in seeds.items()}}
         states = {**prepared.first, COST: 0.0, **{f"d.{name}": row for name, row in first.items()}}
         constants = by_lane([name for name, _ in made.plan.constants], numbers, LANES, part)
-        carried = {state.name: states.get(state.name, 0.0) for state in made.plan.states}
+        carried = {name: states.get(name, 0.0) for name in made.plan.memory}
         memory = by_lane(list(carried), carried, LANES, part)
         made.run(count, 0, constants, inputs, memory, None, prepared.rows(made))
         places = {state.name: i for i, state in enumerate(made.plan.states)}
@@ -113,28 +121,46 @@ def gradient(
     return Gradient(cost, dict(zip(parameters, map(float, slopes), strict=True)), given)
 
 
+def _dead_times(loop: System) -> dict[str, str]:
+    """The name of the dead time of each axis."""
+    if isinstance(loop, Loop):
+        return {loop.name: "axis.actuator.dead_time"}
+    return {axis: f"axis.{axis}.actuator.dead_time" for axis in loop.axes()}
+
+
+def _signals(loop: System, program: Program) -> Any:
+    """The signals of a sample on symbols; of a machine by axis."""
+
+    def row(port: str) -> Signals:
+        symbols = (Symbol(program.graph, program.outputs[f"{port}{name}"]) for name in Signals._fields)
+        return Signals(*(cast(Number, symbol) for symbol in symbols))
+
+    if isinstance(loop, Loop):
+        return row("")
+    return {axis: row(port) for axis, port in zip(loop.loops(), loop.ports(), strict=True)}
+
+
 def _augmented(
-    program: Program, objective: Callable[[Signals], Any], seeded: frozenset[str], started: frozenset[str]
+    loop: System, program: Program, objective: Callable[[Any], Any], seeded: frozenset[str], started: frozenset[str]
 ) -> Program:
     """The program with the summed cost and the tangents of everything that depends on the parameters."""
     graph = program.graph
-    signals = Signals(*(cast(Number, Symbol(graph, node)) for node in program.outputs.values()))
-    summed = graph.input(f"state.{COST}") + objective(signals)
+    summed = graph.input(f"state.{COST}") + objective(_signals(loop, program))
     states = [*program.states, Carried(COST, graph.input(f"state.{COST}").index, summed.index)]
     tangents = {name: graph.input(f"d.{name}").index for name in seeded}
     ends = [state.after for state in states]
     moving = set(started)
     while True:  # the states that the parameters reach, from sample to sample
         seeds = {program.constants[name]: Symbol(graph, node) for name, node in tangents.items()}
-        seeds |= {s.before: graph.input(f"state.d.{s.name}") for s in states if s.name in moving}
-        values = {i: Symbol(graph, i) for i in range(len(graph.nodes))}
+        seeds |= {s.before: _tangent(graph, s) for s in states if s.name in moving}
+        values = {i: _value(graph, i) for i in range(len(graph.nodes))}
         pushed = push(graph, ends, values, seeds)
         reached = {s.name for s, tangent in zip(states, pushed, strict=True) if tangent is not None}
         if reached <= moving:
             break
         moving |= reached
     carried = [
-        Carried(f"d.{s.name}", graph.input(f"state.d.{s.name}").index, graph.symbol(tangent).index)
+        Carried(f"d.{s.name}", node(graph, _tangent(graph, s)), node(graph, tangent))
         for s, tangent in zip(states, pushed, strict=True)
         if s.name in moving and tangent is not None
     ]
@@ -142,24 +168,35 @@ def _augmented(
     return replace(program, states=(*states, *carried), constants=constants).keeping(())
 
 
+def _tangent(graph: Graph, state: Carried) -> Any:
+    """The tangent of a state as it is read."""
+    size = lengths(graph, state.before)
+    name = f"state.d.{state.name}"
+    return graph.input(name) if size is None else Ring(size, graph.ring(name, size))
+
+
+def _value(graph: Graph, index: int) -> Any:
+    size = lengths(graph, index)
+    return Symbol(graph, index) if size is None else Ring(size, Symbol(graph, index))
+
+
 _prepares: Recent[tuple[Graph, dict[str, int], dict[str, int]]] = Recent(64)
 
 
 def _seeds(
-    loop: Loop, prepared: Prepared, setpoint: Setpoint, start: tuple[float, float] | None, parameters: tuple[str, ...]
+    loop: System, prepared: Prepared, setpoint: Any, start: Any, parameters: tuple[str, ...]
 ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
     """Derivatives of constants and of first states to the parameters: rows of shape (parameters,), zero rows left out.
 
     Found from the trace of `prepare` and `start`, which happen once before the run.
     """
-    position, velocity = (setpoint.position, setpoint.velocity) if start is None else start
+    if start is None:
+        start = each_axis(lambda at: (at.position, at.velocity), setpoint)
     key = (tree.structure(loop), prepared.timing)
     graph, constants, states = _prepares.get(key, lambda: _traced_prepare(loop, prepared))
     leaves = {
         **prepared.numbers,
-        "start.position": np.float64(position),
-        "start.velocity": np.float64(velocity),
-        **{f"start.{name}": value for name, value in zip(SETPOINT, setpoint, strict=True)},
+        **_starts(setpoint, start),
     }
     eye = np.eye(len(parameters))
     inputs = {name: graph.input(name).index for name in parameters}
@@ -182,23 +219,40 @@ def _row(tangent: Any, eye: np.ndarray) -> np.ndarray:
 def _dependent(graph: Graph, leaves: set[int]) -> set[int]:
     """The nodes that depend on some leaves."""
     found = set(leaves)
-    for index, node in enumerate(graph.nodes):
-        if node[0] not in ("const", "truth", "input", "table") and any(i in found for i in node[1:]):
+    for index, each in enumerate(graph.nodes):
+        if any(i in found for i in arguments(each)):
             found.add(index)
     return found
 
 
-def _traced_prepare(loop: Loop, prepared: Prepared) -> tuple[Graph, dict[str, int], dict[str, int]]:
+def _starts(setpoint: Any, start: Any) -> dict[str, Any]:
+    """The numbers of the first setpoint and of the start by name; of a machine with the axis before them."""
+    if isinstance(setpoint, Mapping):
+        rows = {axis: _starts(one, start[axis]) for axis, one in setpoint.items()}
+        return {f"{axis}.{name}": value for axis, row in rows.items() for name, value in row.items()}
+    values = (*start, *setpoint)
+    return dict(
+        zip((f"start.{name}" for name in ("position", "velocity", *SETPOINT)), map(np.float64, values), strict=True)
+    )
+
+
+def _traced_prepare(loop: System, prepared: Prepared) -> tuple[Graph, dict[str, int], dict[str, int]]:
     """The graph of `prepare` and `start`: its nodes by the names of prepared numbers and of states."""
     graph = Graph()
     timing = prepared.timing
     rows = {name: graph.table(name, len(row)) for name, row in tree.tables(loop)}
-    symbolic = tree.with_tables(tree.rebuild(loop, (graph.input(name) for name, _ in tree.leaves(loop))), rows)
+    symbolic: Any = tree.with_tables(tree.rebuild(loop, (graph.input(name) for name, _ in tree.leaves(loop))), rows)
     made = symbolic.prepare(timing)
-    position, velocity, *rest = (
-        cast(Number, graph.input(f"start.{name}")) for name in ("position", "velocity", *SETPOINT)
+    names = ("position", "velocity", *SETPOINT)
+    at = {axis: [cast(Number, graph.input(f"{port}start.{name}")) for name in names]
+          for axis, port in zip(loop.loops(), loop.ports(), strict=True)}  # fmt: skip
+    position, velocity, setpoint = (
+        {axis: take(row) for axis, row in at.items()}
+        for take in (lambda row: row[0], lambda row: row[1], lambda row: Setpoint(*row[2:]))
     )
-    begun = symbolic.start(made, timing, Setpoint(*rest), position, velocity)
+    if isinstance(loop, Loop):
+        setpoint, position, velocity = setpoint[loop.name], position[loop.name], velocity[loop.name]
+    begun = symbolic.start(made, timing, setpoint, position, velocity)
     constants = {name: graph.symbol(v).index for name, v in tree.leaves(made, "prepared") if isinstance(v, Symbol)}
-    states = {name: graph.symbol(v).index for name, v in tree.leaves(begun)}
+    states = {name: graph.symbol(v).index for name, v in tree.leaves(begun) if not isinstance(v, Ring)}
     return graph, constants, states

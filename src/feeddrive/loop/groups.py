@@ -44,8 +44,8 @@ class Groups:
 
     def ends(self) -> dict[str, np.ndarray]:
         """The states by name, each of shape (variants,)."""
-        flat = np.moveaxis(self.states, 0, 1).reshape(len(self.made.plan.states), -1)[:, : self.variants]
-        return {state.name: row for state, row in zip(self.made.plan.states, flat, strict=True)}
+        flat = np.moveaxis(self.states, 0, 1).reshape(self.states.shape[1], -1)[:, : self.variants]
+        return {state.name: row for state, row in zip(self.made.plan.states, flat, strict=False)}
 
     def trial(self, inputs: np.ndarray) -> float:
         """Seconds for one variant over a short stretch, the least of three; the states are left as they are."""

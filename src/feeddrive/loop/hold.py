@@ -1,7 +1,8 @@
-"""The exact linear hold: how the linear core of an axis moves over a substep, for forces that are constant in it."""
+"""The exact linear hold: how the linear core of one or more axes moves over a substep under constant forces."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 from feeddrive.blocks.families import Mechanics
@@ -21,13 +22,42 @@ class Timing(NamedTuple):
         return self.whole + (1 if self.partial else 0)
 
 
-class Hold(NamedTuple):
-    """x(t + h) = x + (Φ - 1) x + Γ u of the state x = (positions q, velocities q', drive force if it lags).
+class Rows(NamedTuple):
+    """Rows of the shape matrix x = S q: the bodies of drive, motor and load of one axis."""
 
-    `change` is Φ - 1, (n, n).  `new` and `old` are the columns of the drive's command in each substep: after and before
-    the instant at which the dead time hands over from one command to the next; `share` is the part of each substep that
-    lies after it.  `old` and `share` are empty without a partial sample.
+    drive: Row
+    motor: Row
+    load: Row
+
+
+class Port(NamedTuple):
+    """Where the forces of one axis enter the joint mechanics, with lag and dead time of its drive."""
+
+    rows: Rows
+    lag: Number | None  # bandwidth of the current loop, rad/s; None without one
+    dead_time: Number  # s
+    timing: Timing
+
+
+class Columns(NamedTuple):
+    """What the forces of one axis do to the state over a substep.
+
+    `new` and `old` are the columns of the drive's command in each substep: after and before the instant at which the
+    dead time hands over from one command to the next; `share` is the part of each substep that lies after it.  `old`
+    and `share` are empty without a partial sample.
     `forces` are the columns of a force on the motor's and on the load's body.
+    """
+
+    new: Matrix
+    old: Matrix
+    forces: Matrix
+    share: Row = ()
+
+
+class Hold(NamedTuple):
+    """x(t + h) = x + (Φ - 1) x + Γ u of one axis, x = (positions q, velocities q', drive force if it lags).
+
+    `change` is Φ - 1, (n, n); the others are those of `Columns`.
     """
 
     change: Matrix
@@ -36,31 +66,56 @@ class Hold(NamedTuple):
     forces: Matrix
     share: Row = ()
 
+    def columns(self) -> Columns:
+        """Without Φ - 1."""
+        return Columns(self.new, self.old, self.forces, self.share)
 
-def hold(mechanics: Mechanics, lag: Number | None, dead_time: Number, T: Number, substeps: int, timing: Timing) -> Hold:
+
+class JointHold(NamedTuple):
+    """The same of several axes that move as one: x = (all q, all q', the drive forces that lag)."""
+
+    change: Matrix
+    axes: tuple[Columns, ...]
+
+
+def hold(mechanics: Mechanics, ports: Sequence[Port], T: Number, substeps: int) -> JointHold:
     """The hold of M q'' + C q' + K q = Sᵀ f over h = T/substeps, from matrix exponentials in plain arithmetic.
 
     With velocities in units of a position per substep the matrix has entries of the size of (ωh)² and h/τ, so the
-    series needs few squarings.  `lag` is the bandwidth of the current loop in rad/s, None without one; `dead_time` is
-    in s.
+    series needs few squarings.
     """
     h = T / substeps
-    full = _columns(mechanics, lag, h, h)
-    size = len(full)
-    states = range(size - 3)
+    full = _columns(mechanics, ports, h, h)
+    count = len(full) - 3 * len(ports)
+    states = range(count)
     change = tuple(tuple(full[i][j] for j in states) for i in states)
-    forces = tuple(tuple(full[i][size - 3 + column] for i in states) for column in (1, 2))
-    new = tuple(full[i][size - 3] for i in states)
+    return JointHold(
+        change,
+        tuple(
+            _of_port(mechanics, ports, place, full, count + 3 * place, h, T, substeps) for place in range(len(ports))
+        ),
+    )
+
+
+def _of_port(
+    mechanics: Mechanics, ports: Sequence[Port], place: int, full: Matrix, drive: int, h: Number, T: Number,
+    substeps: int,
+) -> Columns:  # fmt: skip
+    """The columns of one axis, of which that of the drive is `drive` in the matrix of all states and inputs."""
+    count, timing = len(full) - 3 * len(ports), ports[place].timing
+    states = range(count)
+    forces = tuple(tuple(full[i][drive + column] for i in states) for column in (1, 2))
+    new = tuple(full[i][drive] for i in states)
     if not timing.partial:
-        return Hold(change, (new,) * substeps, (), forces)
-    handover = (dead_time / T - timing.whole) * substeps  # in substeps after the start of the sample
+        return Columns((new,) * substeps, (), forces)
+    handover = (ports[place].dead_time / T - timing.whole) * substeps  # in substeps after the start of the sample
     inside = handover - ops.floor(handover)
-    before = _columns(mechanics, lag, h, inside * h)
-    after = _columns(mechanics, lag, h, (1.0 - inside) * h)
-    late = tuple(after[i][size - 3] for i in states)
+    before = _columns(mechanics, ports, h, inside * h)
+    after = _columns(mechanics, ports, h, (1.0 - inside) * h)
+    late = tuple(after[i][drive] for i in states)
     # the old command acts first and its effect then runs on freely
-    early_end = tuple(before[i][size - 3] for i in states)
-    early = tuple(matrix.dot((*after[i][: size - 3], 1.0), (*early_end, early_end[i])) for i in states)
+    early_end = tuple(before[i][drive] for i in states)
+    early = tuple(matrix.dot((*after[i][:count], 1.0), (*early_end, early_end[i])) for i in states)
     news, olds = [], []
     for substep in range(substeps):
         passed = handover >= substep + 1.0  # the whole substep still belongs to the old command
@@ -68,7 +123,7 @@ def hold(mechanics: Mechanics, lag: Number | None, dead_time: Number, T: Number,
         news.append(tuple(_pick(passed, mixed, 0.0, a, b) for a, b in zip(late, new, strict=True)))
         olds.append(tuple(_pick(passed, mixed, b, a, 0.0) for a, b in zip(early, new, strict=True)))
     share = tuple(ops.clip(substep + 1.0 - handover, 0.0, 1.0) for substep in range(substeps))
-    return Hold(change, tuple(news), tuple(olds), forces, share)
+    return Columns(tuple(news), tuple(olds), forces, share)
 
 
 def _pick(passed: Any, mixed: Any, old: Any, both: Any, new: Any) -> Any:
@@ -77,17 +132,17 @@ def _pick(passed: Any, mixed: Any, old: Any, both: Any, new: Any) -> Any:
     return ops.where(passed, old, ops.where(mixed, both, new))
 
 
-def rate(mechanics: Mechanics, lag: Number | None, h: Number, span: Number) -> Matrix:
+def rate(mechanics: Mechanics, ports: Sequence[Port], h: Number, span: Number) -> Matrix:
     """d x / d t of the linear core, times `span`, with velocities in units of a position per h.
 
-    Rows and columns: q (n), q' (n), drive force if it lags (`lag` in rad/s), then the three inputs: the drive's command
-    and the forces on the motor's and the load's body.  With h = span = 1.0 it is in SI.
+    Rows and columns: q (n), q' (n), the drive forces that lag, then three inputs of each axis: the drive's command and
+    the forces on the motor's and the load's body.  With h = span = 1.0 it is in SI.
     """
     n = len(mechanics.mass)
-    f = [] if lag is None else [2 * n]
-    size = 2 * n + len(f) + 3
-    drive, motor, load = size - 3, size - 2, size - 1
-    inverse = matrix.solve(mechanics.mass, _joined(mechanics))
+    lagging = [place for place, port in enumerate(ports) if port.lag is not None]
+    first = 2 * n + len(lagging)  # input
+    size = first + 3 * len(ports)
+    inverse = matrix.solve(mechanics.mass, _joined(mechanics, ports))
     made = matrix.zeros(size, size)
     share = span / h
     for i in range(n):
@@ -95,17 +150,22 @@ def rate(mechanics: Mechanics, lag: Number | None, h: Number, span: Number) -> M
         for j in range(n):
             made[n + i][j] = _times(-(h * span), inverse[i][j])
             made[n + i][n + j] = _times(-span, inverse[i][n + j])
-        for column, row in zip((f[0] if f else drive, motor, load), inverse[i][2 * n :], strict=True):
-            made[n + i][column] = _times(h * span, row)
-    if lag is not None:
-        made[f[0]][f[0]] = -(lag * span)
-        made[f[0]][drive] = lag * span
+        for place in range(len(ports)):
+            drive, motor, load = range(first + 3 * place, first + 3 * place + 3)
+            acting = 2 * n + lagging.index(place) if place in lagging else drive
+            for column, row in zip((acting, motor, load), inverse[i][2 * n + 3 * place :], strict=False):
+                made[n + i][column] = _times(h * span, row)
+    for state, place in enumerate(lagging, 2 * n):
+        lag = ports[place].lag
+        assert lag is not None
+        made[state][state] = -(lag * span)
+        made[state][first + 3 * place] = lag * span
     return tuple(tuple(row) for row in made)
 
 
-def _columns(mechanics: Mechanics, lag: Number | None, h: Number, span: Number) -> Matrix:
-    """Φ - 1 and the columns of drive, motor body and load body over `span`, with velocities in m/s."""
-    moved = matrix.expm1(rate(mechanics, lag, h, span))
+def _columns(mechanics: Mechanics, ports: Sequence[Port], h: Number, span: Number) -> Matrix:
+    """Φ - 1 and the columns of drive, motor body and load body of each axis over `span`, with velocities in m/s."""
+    moved = matrix.expm1(rate(mechanics, ports, h, span))
     n = len(mechanics.mass)
     velocity = range(n, 2 * n)
     return tuple(
@@ -113,9 +173,9 @@ def _columns(mechanics: Mechanics, lag: Number | None, h: Number, span: Number) 
     )
 
 
-def _joined(mechanics: Mechanics) -> Matrix:
-    """[K  C  S_driveᵀ  S_motorᵀ  S_loadᵀ], all of which are divided by M."""
-    rows = (mechanics.shape[mechanics.drive], mechanics.shape[mechanics.motor], mechanics.shape[mechanics.load])
+def _joined(mechanics: Mechanics, ports: Sequence[Port]) -> Matrix:
+    """[K  C  S_driveᵀ  S_motorᵀ  S_loadᵀ of each axis], all of which are divided by M."""
+    rows = [row for port in ports for row in port.rows]
     return tuple(
         (*mechanics.stiffness[i], *mechanics.damping[i], *(row[i] for row in rows)) for i in range(len(mechanics.mass))
     )

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Sequence
+import math
+import re
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,15 +13,18 @@ import numpy as np
 
 from feeddrive.blocks.signals import Setpoint
 from feeddrive.language.errors import MissingExtraError, ParameterError
+from feeddrive.language.ring import Ring
 from feeddrive.language.table import Result, Table
 from feeddrive.language.units import units_of
 from feeddrive.loop.differentiate import push
 from feeddrive.loop.frequency_response import FRF
-from feeddrive.loop.loop import UNITS, Loop, Probe, Signals
-from feeddrive.loop.runner import Prepared
-from feeddrive.loop.trace import SETPOINT, node_values
+from feeddrive.loop.loop import SETPOINT, UNITS, Loop, Probe, Signals, quantity
+from feeddrive.loop.machine import Machine
+from feeddrive.loop.runner import Prepared, System
+from feeddrive.loop.trace import lengths, node_values
 
-OF_CONTROL = ("control.", "prepared.control.", "sample_time")  # names of the numbers that a controller stores
+# names of the numbers that a controller stores
+_OF_CONTROL = re.compile(r"(axis\.\w+\.)?control\.|prepared\.control\.|sample_time$")
 
 INPUT_UNITS = {
     **dict(zip(SETPOINT, units_of(Setpoint).values(), strict=True)),
@@ -73,7 +78,7 @@ class StateSpace(Result):
         solved = np.linalg.solve(matrix, right)[:, :, 0] if n else np.zeros((z.size, 0))
         values = solved @ self.C[row] + self.D[row, column]
         names = self.inputs[column], self.outputs[row]
-        unit = f"{UNITS[names[1]]}/{INPUT_UNITS[names[0]]}"
+        unit = f"{UNITS[quantity(names[1])]}/{INPUT_UNITS[quantity(names[0])]}"
         return FRF(frequency, values, names[0], names[1], unit, self.sample_time)
 
     def to_control(self) -> Any:
@@ -108,12 +113,12 @@ def _place(names: Sequence[str], name: str, what: str) -> int:
 
 
 def linearize(
-    loop: Loop,
+    loop: System,
     inputs: Sequence[str],
     outputs: Sequence[str],
     *,
-    velocity: float = 0.05,
-    position: float = 0.0,
+    velocity: float | Mapping[str, float] = 0.05,
+    position: float | Mapping[str, float] = 0.0,
     settle: int = 0,
     stored: Callable[[str, float], float] | None = None,
 ) -> StateSpace:
@@ -122,9 +127,9 @@ def linearize(
     inputs    of `set_position` ... `set_snap`, `load_force`, and the probes: `added_force` behind the limit,
               `reading_motor` and `reading_load` on top of the encoders, and `cut`: the loop is then open, the axis
               obeys `cut` and not the control, and `force` is what the control answers
-    outputs   names of `Signals`
+    outputs   names of `Signals`; of a machine inputs and outputs have the axis before them: `x.load_force`
     velocity  m/s at which the axis moves: friction is then its slope there.  0: the axis sticks
-    position  m, for forces that depend on it
+    position  m, for forces that depend on it; of a machine both are for all axes, or by axis
     settle    samples that the loop runs along constant velocity first, for friction with memory
     stored    what becomes of a number of the control, parameter or prepared, by name, where it is stored with fewer
               digits
@@ -136,51 +141,61 @@ def linearize(
     Raises ParameterError for a name that is not known, an input that is named twice, and parameters with which the
     model overflows.
     """
-    held = loop.control
-    law, compensation = held.law.settled(), tuple(part.settled() for part in held.compensation)
-    there = any(new is not old for new, old in zip((law, *compensation), (held.law, *held.compensation), strict=True))
-    if there or held.guard is not None or held.force_limit is not None:
-        control = dataclasses.replace(held, law=law, compensation=compensation, guard=None, force_limit=None)
-        loop = dataclasses.replace(loop, control=control)
+    given = {axis: _unlimited(each) for axis, each in loop.loops().items()}
+    if any(given[axis] is not each for axis, each in loop.loops().items()) or isinstance(loop, Machine):
+        loop = loop.with_loops(given) if isinstance(loop, Machine) else given[loop.name]
     for name in inputs:
-        _place(list(INPUT_UNITS), name, "input")
+        _place([f"{port}{each}" for port in loop.ports() for each in INPUT_UNITS], name, "input")
     if len(set(inputs)) < len(inputs):
         raise ParameterError(f"an input is named twice in {', '.join(inputs)}: name each once")
     for name in outputs:
-        _place(Signals._fields, name, "signal")
-    setpoint = Setpoint(*(np.float64(v) for v in (position, velocity, 0.0, 0.0, 0.0)))
-    prepared = Prepared(loop, setpoint, (position, velocity))
-    probes = tuple(name for name in Probe._fields if name in inputs)
+        _place([f"{port}{each}" for port in loop.ports() for each in Signals._fields], name, "signal")
+    at = _everywhere(loop, position, velocity)
+    setpoint, start = _setpoints(loop, at, 0.0), at if isinstance(loop, Machine) else at[loop.name]
+    prepared = Prepared(loop, setpoint, start)
+    probes = tuple(f"{port}{name}" for port in loop.ports() for name in Probe._fields if f"{port}{name}" in inputs)
     program = prepared.program(load=True, enable=False, probes=probes)
-    first = dict(prepared.first)
+    first = prepared.settled()
     if settle:
-        first.update(_settled(loop, prepared, setpoint, settle))
+        first.update(_settled(loop, prepared, at, settle))
     numbers = prepared.numbers
     if stored is not None:
-        own = {name: stored(name, value) for name, value in numbers.items() if name.startswith(OF_CONTROL)}
+        own = {name: stored(name, value) for name, value in numbers.items() if _OF_CONTROL.match(name)}
         numbers = {**numbers, **{name: np.float64(value) for name, value in own.items()}}
     T = float(loop.sample_time)
     ends = [state.after for state in program.states] + [program.outputs[name] for name in outputs]
-    n, m, period = len(program.states), len(inputs), loop.control.law.period()
-    seeds = {state.before: np.eye(n + m)[i] for i, state in enumerate(program.states)}
-    seeds |= {program.inputs[name]: np.eye(n + m)[n + i] for i, name in enumerate(inputs) if name in program.inputs}
+    sizes = [lengths(program.graph, state.before) for state in program.states]
+    n, m = sum(size or 1 for size in sizes), len(inputs)
+    period = math.lcm(*(each.control.law.period() for each in loop.loops().values()))
+    eye, places = np.eye(n + m), list[str]()
+    for state, size in zip(program.states, sizes, strict=True):
+        places += [state.name] if size is None else [f"{state.name}[{i}]" for i in range(size)]
     lifted = np.eye(n + m, n + m)[:n]
     seen = np.zeros((len(outputs), n + m))
     for k in range(period):
-        moved = setpoint._replace(position=np.float64(position + k * T * velocity))
         leaves = {
             **numbers,
             **{f"state.{name}": value for name, value in first.items()},
-            **dict(zip(SETPOINT, moved, strict=True)),
+            **_inputs(loop, at, k * T),
             **prepared.tables,
-            "load_force": np.float64(0.0),
             **dict.fromkeys(probes, np.float64(0.0)),
             "sample": np.float64(settle + k),
         }
         values = node_values(program.graph, ends, leaves)
+        after = {state.name: values[state.after] for state in program.states}
+        seeds = {program.inputs[name]: eye[n + i] for i, name in enumerate(inputs) if name in program.inputs}
+        row = 0
+        for state, size in zip(program.states, sizes, strict=True):
+            own = eye[row : row + (size or 1)]
+            seeds[state.before] = own[0] if size is None else Ring(size, own[_ages(first, state.name, size)])
+            row += size or 1
         with np.errstate(all="ignore"):
-            rows = push(program.graph, ends, values, {node: seed for node, seed in seeds.items() if node in values})
-        jacobian = np.array([np.zeros(n + m) if row is None else np.broadcast_to(row, n + m) for row in rows])
+            tangents = push(program.graph, ends, values, {node: seed for node, seed in seeds.items() if node in values})
+        rows = [_row(tangent, n + m) for tangent in tangents[len(sizes) :]]
+        states = zip(tangents, program.states, sizes, strict=False)
+        jacobian = np.vstack(
+            [*(_after(tangent, after, state.name, size, n + m) for tangent, state, size in states), *rows]
+        )
         if not np.all(np.isfinite(jacobian)):
             raise ParameterError(
                 "the linear model of the loop holds numbers that are not finite: a parameter of axis or control is so "
@@ -189,26 +204,95 @@ def linearize(
         if k == 0:
             seen = jacobian[n:]
         lifted = jacobian[:n, :n] @ lifted + np.hstack([np.zeros((n, n)), jacobian[:n, n:]])
-        first = {state.name: values[state.after] for state in program.states}
-    names = [state.name for state in program.states]
-    return _trimmed(np.vstack([lifted, seen]), n, names, tuple(inputs), tuple(outputs), period * T)
+        first = after
+    return _trimmed(np.vstack([lifted, seen]), n, places, tuple(inputs), tuple(outputs), period * T)
 
 
-def _settled(loop: Loop, prepared: Prepared, setpoint: Setpoint, count: int) -> dict[str, Any]:
+def _ages(state: Mapping[str, Any], name: str, size: int) -> np.ndarray:
+    """Of each cell of a ring the place in the linear model.
+
+    In a history that is the age of the cell, since the newest one is another cell in each sample.
+    """
+    cells = np.arange(size)
+    history = name.rpartition(".")[0]
+    if name.endswith(".ring") and f"{history}.head" in state and f"{history}.filled" in state:
+        return (int(state[f"{history}.head"]) - 1 - cells) % size
+    return cells
+
+
+def _row(tangent: Any, width: int) -> np.ndarray:
+    return np.zeros((1, width)) if tangent is None else np.broadcast_to(tangent, (1, width))
+
+
+def _after(tangent: Any, state: Mapping[str, Any], name: str, size: int | None, width: int) -> np.ndarray:
+    """The rows of the model that give a state after a sample."""
+    if size is None:
+        return _row(tangent, width)
+    found = np.zeros((size, width))
+    if tangent is not None and tangent.cells is not None:
+        found[_ages(state, name, size)] = tangent.cells
+    return found
+
+
+def _unlimited(loop: Loop) -> Loop:
+    """Without guard and force limit, and with what blends in after the start as it is then."""
+    held = loop.control
+    law, compensation = held.law.settled(), tuple(part.settled() for part in held.compensation)
+    there = any(new is not old for new, old in zip((law, *compensation), (held.law, *held.compensation), strict=True))
+    if not there and held.guard is None and held.force_limit is None:
+        return loop
+    control = dataclasses.replace(held, law=law, compensation=compensation, guard=None, force_limit=None)
+    return dataclasses.replace(loop, control=control)
+
+
+def _everywhere(loop: System, position: Any, velocity: Any) -> dict[str, tuple[float, float]]:
+    """Position and velocity of each axis, from one number for all or numbers by axis."""
+    found = {}
+    for axis in loop.loops():
+        at, speed = (each.get(axis, 0.0) if isinstance(each, Mapping) else each for each in (position, velocity))
+        found[axis] = float(at), float(speed)
+    return found
+
+
+def _setpoints(loop: System, at: Mapping[str, tuple[float, float]], time: float) -> Any:
+    """Along constant velocities; of a machine by axis."""
+    found = {axis: Setpoint(*map(np.float64, (x + time * v, v, 0.0, 0.0, 0.0))) for axis, (x, v) in at.items()}
+    return found if isinstance(loop, Machine) else found[loop.name]
+
+
+def _inputs(loop: System, at: Mapping[str, tuple[float, float]], time: float) -> dict[str, Any]:
+    """All inputs by name along constant velocities."""
+    found: dict[str, Any] = {}
+    for port, (x, v) in zip(loop.ports(), at.values(), strict=True):
+        setpoint = map(np.float64, (x + time * v, v, 0.0, 0.0, 0.0))
+        found |= {f"{port}{name}": value for name, value in zip(SETPOINT, setpoint, strict=True)}
+        found[f"{port}load_force"] = np.float64(0.0)
+    return found
+
+
+def _settled(loop: System, prepared: Prepared, at: Mapping[str, tuple[float, float]], count: int) -> dict[str, Any]:
     """The states after `count` samples along constant velocity."""
     program = prepared.program(load=False, enable=False)
     made = prepared.native(program, record=())
     rows = np.zeros((count, len(made.plan.inputs)))
     k = np.arange(count) - count
+    ports = dict(zip(loop.ports(), at.values(), strict=True))
     for column, (name, _) in enumerate(made.plan.inputs):
-        if name == "set_position":
-            rows[:, column] = setpoint.position + k * loop.sample_time * setpoint.velocity
-        elif name == "set_velocity":
-            rows[:, column] = setpoint.velocity
-    begun = Prepared(loop, setpoint._replace(position=setpoint.position - count * loop.sample_time * setpoint.velocity))
+        what = quantity(name)
+        position, velocity = ports[name.removesuffix(what)]
+        if what == "set_position":
+            rows[:, column] = position + k * loop.sample_time * velocity
+        elif what == "set_velocity":
+            rows[:, column] = velocity
+    begun = Prepared(loop, _setpoints(loop, at, -count * float(loop.sample_time)))
     states = begun.states(made)
     made.run(count, 0, begun.constants(made), rows, states, None, begun.rows(made))
-    return {state.name: states[i, 0] for i, state in enumerate(made.plan.states)}
+    found: dict[str, Any] = {state.name: states[i, 0] for i, state in enumerate(made.plan.states)}
+    first = len(made.plan.states)
+    for name, _, length in made.plan.rings:
+        found[name.removeprefix("state.")] = Ring(length, states[first : first + length, 0].copy())
+        first += length
+    return found
 
 
 def _trimmed(

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator, Mapping
 from typing import Annotated, Any, NamedTuple
 
-from feeddrive.blocks.signals import Noise, Setpoint
+from feeddrive.blocks.signals import Motion, Noise, Setpoint
 from feeddrive.language import tree
 from feeddrive.language.block import Block, Number, Rule, label, parameter, part
 from feeddrive.language.errors import StructureError
 from feeddrive.language.units import Unit, units_of
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.control import Control
+from feeddrive.loop.core import advance
 from feeddrive.loop.hold import Hold, Timing
 
 
@@ -49,8 +50,24 @@ class Probe(NamedTuple):
     reading_motor: Annotated[Number | None, Unit("m")] = None  # added to the reading of the motor's encoder
     reading_load: Annotated[Number | None, Unit("m")] = None  # added to the reading of the load's encoder
 
+    def read(self, motor: Number, load: Number) -> tuple[Number, Number]:
+        """The readings of both encoders as the control gets them."""
+        motor = motor if self.reading_motor is None else motor + self.reading_motor
+        return motor, load if self.reading_load is None else load + self.reading_load
+
+    def acting(self, command: Number) -> Number:
+        """What the axis obeys."""
+        acting = command if self.cut is None else self.cut
+        return acting if self.added_force is None else acting + self.added_force
+
 
 UNITS = units_of(Signals)
+SETPOINT = tuple(f"set_{name}" for name in Setpoint._fields)
+
+
+def quantity(signal: str) -> str:
+    """What a signal is, without the axis of a machine: `x.force` is a `force`."""
+    return signal.rpartition(".")[2]
 
 
 class Loop(Block):
@@ -91,11 +108,12 @@ class Loop(Block):
         """What every part asks for at this sample time."""
         return tree.sampled_rules(self, self.sample_time)
 
-    def timing(self) -> Timing:
-        """The structure that the dead time leaves."""
+    def timing(self, partial: Collection[str] = ()) -> Timing:
+        """The structure that the dead time leaves; with room for a part of a sample if the axis is in `partial`."""
         if not isinstance(self.sample_time, float):
             raise StructureError("loop.sample_time is a constant of the design: it cannot vary within a batch")
-        return self.axis.timing(self.sample_time)
+        found = self.axis.timing(self.sample_time)
+        return found._replace(partial=True) if self.name in partial else found
 
     def prepare(self, timing: Timing) -> Prepared:
         """All work that depends on parameters only."""
@@ -109,9 +127,15 @@ class Loop(Block):
 
         The control has read the position one sample before, so that its first velocity is right.
         """
+        return self.started(prepared.control, timing, setpoint, position, velocity)
+
+    def started(
+        self, prepared: Control.Prepared, timing: Timing, setpoint: Setpoint, position: Number, velocity: Number
+    ) -> State:
+        """The same from what the control prepared."""
         axis = self.axis.start(position, velocity, timing)
         motor, load = self.axis.still(position - velocity * self.sample_time)
-        return self.State(self.control.start(prepared.control, setpoint, motor, load, velocity), axis)
+        return self.State(self.control.start(prepared, setpoint, motor, load, velocity), axis)
 
     def step(
         self,
@@ -127,38 +151,62 @@ class Loop(Block):
         """One sample. `load` is a force in N on the table (None: none); `probe` is for analysis only."""
         T = self.sample_time
         probe = probe or Probe()
-        axis, motor, load_reading = self.axis.read(state.axis, noise, T)
-        if probe.reading_motor is not None:
-            motor = motor + probe.reading_motor
-        if probe.reading_load is not None:
-            load_reading = load_reading + probe.reading_load
-        control, command = self.control.step(prepared.control, state.control, setpoint, motor, load_reading, enable, T)
-        motion = self.axis.motion(axis)
-        acting = command.applied if probe.cut is None else probe.cut
-        if probe.added_force is not None:
-            acting = acting + probe.added_force
-        axis, done = self.axis.advance(prepared.axis, axis, acting, load, time, T)
-        signals = Signals(
-            set_position=setpoint.position,
-            set_velocity=setpoint.velocity,
-            set_acceleration=setpoint.acceleration,
-            position_motor=motion.position_motor,
-            position_load=motion.position_load,
-            velocity_motor=motion.velocity_motor,
-            velocity_load=motion.velocity_load,
-            reading_motor=motor,
-            reading_load=load_reading,
-            following_error=setpoint.position - load_reading,
-            tracking_error=setpoint.position - motion.position_load,
-            force=command.applied,
-            requested=command.requested,
-            feedback=command.feedback,
-            feedforward=command.feedforward,
-            compensation=command.compensation,
-            drive_force=done.drive,
-            friction_motor=done.friction_motor,
-            friction_load=done.friction_load,
-            load_force=0.0 if load is None else load,
-            trip=command.trip,
-        )
-        return self.State(control, axis), signals
+        motion = self.axis.motion(state.axis)
+        axis, motor, reading = self.axis.read(state.axis, motion, noise, T)
+        motor, reading = probe.read(motor, reading)
+        control, command = self.control.step(prepared.control, state.control, setpoint, motor, reading, enable, T)
+        axis, done = advance(self.axis, prepared.axis, axis, probe.acting(command.applied), load, time, T)
+        return self.State(control, axis), reported(setpoint, motion, motor, reading, command, done, load)
+
+    def ports(self) -> tuple[str, ...]:
+        """What stands before the names of inputs and signals of each axis: nothing, since there is one."""
+        return ("",)
+
+    def loops(self) -> dict[str, Loop]:
+        """Itself by the name of its axis."""
+        return {self.name: self}
+
+    def sample(
+        self, prepared: Prepared, state: State, inputs: Mapping[str, Number], noise: Noise, time: Number
+    ) -> tuple[State, dict[str, Number]]:
+        """One sample from named inputs (`set_position` ... `set_snap`, `load_force`, `enable`, those of `Probe`)."""
+        setpoint, load, enable, probe = inputs_of(inputs, "")
+        after, signals = self.step(prepared, state, setpoint, load, noise, enable, time, probe)
+        return after, signals._asdict()
+
+
+def inputs_of(inputs: Mapping[str, Number], port: str) -> tuple[Setpoint, Number | None, Number, Probe]:
+    """Setpoint, load force, enable and probe of the axis whose names begin with `port`; what is not there is absent."""
+    setpoint = Setpoint(*(inputs[f"{port}{name}"] for name in SETPOINT))
+    probe = Probe(**{name: inputs.get(f"{port}{name}") for name in Probe._fields})
+    return setpoint, inputs.get(f"{port}load_force"), inputs.get(f"{port}enable", 1.0), probe
+
+
+def reported(
+    setpoint: Setpoint, motion: Motion, motor: Number, reading: Number, command: Control.Command, done: Axis.Step,
+    load: Number | None,
+) -> Signals:  # fmt: skip
+    """The signals of an axis in a sample."""
+    return Signals(
+        set_position=setpoint.position,
+        set_velocity=setpoint.velocity,
+        set_acceleration=setpoint.acceleration,
+        position_motor=motion.position_motor,
+        position_load=motion.position_load,
+        velocity_motor=motion.velocity_motor,
+        velocity_load=motion.velocity_load,
+        reading_motor=motor,
+        reading_load=reading,
+        following_error=setpoint.position - reading,
+        tracking_error=setpoint.position - motion.position_load,
+        force=command.applied,
+        requested=command.requested,
+        feedback=command.feedback,
+        feedforward=command.feedforward,
+        compensation=command.compensation,
+        drive_force=done.drive,
+        friction_motor=done.friction_motor,
+        friction_load=done.friction_load,
+        load_force=0.0 if load is None else load,
+        trip=command.trip,
+    )

@@ -18,9 +18,10 @@ from feeddrive.language.errors import ParameterError
 from feeddrive.language.graph import Graph
 from feeddrive.loop.engine.native import Native, native
 from feeddrive.loop.engine.plan import plan
+from feeddrive.loop.loop import SETPOINT
 from feeddrive.loop.routine import Routine
 from feeddrive.loop.routine_trace import Controller
-from feeddrive.loop.trace import SETPOINT, Carried, Program, concrete, numbers
+from feeddrive.loop.trace import Carried, Program, concrete, numbers
 
 Changes = Mapping[int, Mapping[str, float]]
 

@@ -12,14 +12,16 @@ from feeddrive.blocks.force.gravity import Gravity
 from feeddrive.blocks.signals import Noise, Setpoint
 from feeddrive.language import tree
 from feeddrive.language.block import Block, Number, part
+from feeddrive.language.errors import StructureError
 from feeddrive.language.graph import Graph, reachable
 from feeddrive.language.naming import Name, Names
+from feeddrive.language.ring import Ring
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.control import Control
+from feeddrive.loop.core import advance
 from feeddrive.loop.guard import Guard
-from feeddrive.loop.loop import Loop
+from feeddrive.loop.loop import SETPOINT, Loop
 from feeddrive.loop.routine import MEANINGS, Function, Retune, Routine, Variable, target_name
-from feeddrive.loop.trace import SETPOINT
 
 _ABSENT = re.compile(r"; absent[^;]*$")  # what is there is not absent
 
@@ -62,6 +64,7 @@ def controller_routine(loop: Loop, name: str) -> Routine:
     with traced.words:
         made = both.control.prepare(T)
         begun = both.control.start(made, _setpoint(inputs), *_readings(inputs))
+        _refuse_rings(begun, name)
         names = [each for each, _ in tree.leaves(begun)]
         before = tree.rebuild(begun, (traced.graph.input(f"state.{each}") for each in names))
         after, command = both.control.step(
@@ -75,6 +78,12 @@ def controller_routine(loop: Loop, name: str) -> Routine:
         outputs["trip"] = ("", MEANINGS["trip"][1], command.trip)
         outputs["enabled"] = ("", MEANINGS["enabled"][1], command.running)
     return traced.routine(name, loop, made, inputs, names, begun, after, outputs, _retune(loop.control, made, begun))
+
+
+def _refuse_rings(state: Any, name: str) -> None:
+    for path, value in tree.leaves(state):
+        if isinstance(value, Ring):
+            raise StructureError(f"{name}: {path} is a ring, which no target holds yet: leave its block out")
 
 
 def _setpoint(inputs: Mapping[str, Any]) -> Setpoint:
@@ -98,8 +107,9 @@ def plant_routine(loop: Loop, name: str, seed: int = 0) -> Routine:
     zero = inputs["start_position"] - inputs["start_position"]
 
     def seen(state: Any, sample: Any) -> tuple[Any, list[Any]]:
-        state, motor, load = axis.read(state, Noise(float(seed), sample), T)
-        return state, [motor, load, *axis.motion(state)]
+        motion = axis.motion(state)
+        state, motor, load = axis.read(state, motion, Noise(float(seed), sample), T)
+        return state, [motor, load, *motion]
 
     with traced.words:
         made = axis.prepare(T, timing)
@@ -108,7 +118,7 @@ def plant_routine(loop: Loop, name: str, seed: int = 0) -> Routine:
         before = tree.rebuild(begun, (traced.graph.input(f"state.{each}") for each in names))
         sample = traced.graph.input("state.sample")
         force, load_force = cast(Number, inputs["force"]), cast(Number, inputs["load_force"])
-        moved, _ = axis.advance(made, before, force, load_force, cast(Number, sample * T), T)
+        moved, _ = advance(axis, made, before, force, load_force, cast(Number, sample * T), T)
         after, values = seen(moved, sample + 1.0)
     readings: tuple[str, ...] = (
         "reading_motor",

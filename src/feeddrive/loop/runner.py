@@ -2,67 +2,100 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache
-from typing import Any
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
 from feeddrive.blocks.families import Load, Reference
 from feeddrive.blocks.signals import Setpoint
 from feeddrive.language import tree
+from feeddrive.language.errors import ParameterError
 from feeddrive.language.recent import Recent
+from feeddrive.language.ring import Ring, settled
+from feeddrive.loop.control import Control
 from feeddrive.loop.engine.native import Native, native
 from feeddrive.loop.engine.plan import plan
-from feeddrive.loop.loop import Loop
+from feeddrive.loop.loop import SETPOINT, Loop
+from feeddrive.loop.machine import Machine
 from feeddrive.loop.statistics import begin, gathering
-from feeddrive.loop.trace import SETPOINT, Program, concrete, numbers, trace
+from feeddrive.loop.trace import Program, concrete, numbers, trace
+
+System: TypeAlias = Loop | Machine  # what is traced to a program
 
 _programs: Recent[Program] = Recent(256)
 _natives: Recent[Native] = Recent(256)
 
 
 class Prepared:
-    """A loop with all numbers that a run needs: structure, prepared numbers, first state. Leaves may be arrays."""
+    """A loop or a machine with all numbers that a run needs: structure, prepared numbers, first state.
+
+    Leaves may be arrays over variants.  Of a machine `setpoint` and `start` are given by axis.
+    """
 
     def __init__(
         self,
-        loop: Loop,
-        setpoint: Setpoint,
-        start: tuple[Any, Any] | None = None,
+        system: System,
+        setpoint: Any,
+        start: Any = None,
         seed: Any = 0,
         bound: float = 1.0,
         *,
-        partial: bool = False,
+        partial: Collection[str] = (),
     ) -> None:
-        """`partial` keeps room for a part of a sample of dead time, for a slope to it, also where none is left."""
-        self.loop = loop
-        self.timing = loop.timing()
-        if partial:
-            self.timing = self.timing._replace(partial=True)
-        plain = self._plain = concrete(loop)
-        position, velocity = (setpoint.position, setpoint.velocity) if start is None else start
+        """`start` is (position, velocity).
+
+        `partial` names axes that keep room for a part of a sample of dead time, for a slope to it, also where none is
+        left.
+        """
+        self.system = system
+        self.timing = system.timing(partial)
+        plain: Any = concrete(system)
+        self._plain: System = plain
+        if start is None:
+            start = each_axis(lambda at: (at.position, at.velocity), setpoint)
+        position, velocity = (each_axis(lambda at, i=i: _typed(at[i]), start) for i in (0, 1))
         with np.errstate(all="ignore"):
             made = plain.prepare(self.timing)
-            begun = plain.start(made, self.timing, setpoint, _typed(position), _typed(velocity))
-        self._made, self._begun = made, begun
+            begun = plain.start(made, self.timing, setpoint, position, velocity)
+        self._made: Any = made
+        self._begun: Any = begun
         self.numbers: dict[str, Any] = dict(tree.leaves(plain))
         self.numbers.update(numbers(made, "prepared"))
         self.numbers["seed"] = _typed(seed)
         self.numbers["bound"] = np.float64(bound)
-        self.first: dict[str, Any] = dict(tree.leaves(begun))
-        self.tables = dict(tree.tables(loop))
+        self.first: dict[str, Any] = {name: v for name, v in tree.leaves(begun) if not isinstance(v, Ring)}
+        self.tables = dict(tree.tables(system))
 
-    def program(self, *, load: bool, enable: bool, probes: tuple[str, ...] = ()) -> Program:
-        """The program of the loop, traced once for all loops of the same structure."""
-        key = (tree.structure(self.loop), self.timing, load, enable, probes)
+    def program(
+        self,
+        *,
+        load: bool | Collection[str] = False,
+        enable: bool | Collection[str] = False,
+        probes: Sequence[str] = (),
+    ) -> Program:
+        """The program of the loop or machine, traced once for all of the same structure.
+
+        `load` and `enable` say whether there are these inputs, or on which axes; `probes` which inputs of `Probe`.
+        """
+        names = [f"{port}{name}" for port in self.system.ports() for name in SETPOINT]
+        for kind, wanted in (("load_force", load), ("enable", enable)):
+            there = [axis for axis in self.system.loops() if wanted is True or (wanted and axis in wanted)]
+            names += [f"{port}{kind}" for axis, port in zip(self.system.loops(), self.system.ports(), strict=True)
+                      if axis in there]  # fmt: skip
+        names += probes
+        key = (tree.structure(self.system), self.timing, tuple(names))
 
         def traced() -> Program:
-            made = trace(self.loop, self._made, self._begun, load=load, enable=enable, probes=probes)
-            return replace(made, key=key)
+            return replace(trace(self.system, self._made, self._begun, names), key=key)
 
         return _programs.get(key, traced)
+
+    def settled(self) -> dict[str, Any]:
+        """First states by name, rings among them, where all that is remembered has been as it is for ever."""
+        return dict(tree.leaves(settled(self._begun)))
 
     def varying(self) -> frozenset[str]:
         """Names of numbers and states that are arrays over lanes."""
@@ -80,12 +113,12 @@ class Prepared:
         *,
         record: Sequence[str],
         gather: Sequence[str] = (),
-        bounded: str | None = None,
+        bounded: Sequence[str] = (),
         lanes: int = 1,
         arithmetic: str = "exact",
     ) -> Native:
         """Machine code that records some signals and gathers statistics of others."""
-        key = (program.key, tuple(record), tuple(gather), bounded, lanes, self.varying(), arithmetic)
+        key = (program.key, tuple(record), tuple(gather), tuple(bounded), lanes, self.varying(), arithmetic)
 
         def made() -> Native:
             chosen = gathering(program, gather, bounded).keeping(record)
@@ -103,19 +136,32 @@ class Prepared:
         return by_lane(list(first), first, made.plan.lanes, lanes)
 
     def first_states(self, made: Native) -> dict[str, Any]:
-        """First states by name, in the order of the machine code."""
+        """First states by name, in the order of the machine code; the cells of rings are 0."""
         first = {s.name: self.first.get(s.name, None) for s in made.plan.states}
-        return {name: begin(name) if value is None else value for name, value in first.items()}
+        named = {name: begin(name) if value is None else value for name, value in first.items()}
+        return named | dict.fromkeys(made.plan.memory[len(named) :], 0.0)
 
     def retune(self, old: Prepared, made: Native, states: np.ndarray) -> None:
-        """The states of the control of a single run after a live change from the loop `old` to this one, in place."""
-        before, after = old._plain.control, self._plain.control
+        """The states of the controls of a single run after a live change from `old` to this one, in place."""
         rows = {state.name: i for i, state in enumerate(made.plan.states)}
-        chosen = [rows[name] for name, _ in tree.leaves(self._begun.control, "control")]
-        state = tree.rebuild(self._begun.control, iter(states[chosen, 0]))
-        with np.errstate(all="ignore"):
-            state = after.retune(state, before, old._made.control, self._made.control)
-        states[chosen, 0] = [value for _, value in tree.leaves(state)]
+        for now, before in zip(self._controls(), old._controls(), strict=True):
+            begun = now.begun
+            held = (v if isinstance(v, Ring) else states[rows[name], 0] for name, v in tree.leaves(begun, now.path))
+            state = tree.rebuild(begun, held)
+            with np.errstate(all="ignore"):
+                state = now.control.retune(state, before.control, before.made, now.made)
+            for name, value in tree.leaves(state, now.path):  # cells of a ring stay as they are
+                if not isinstance(value, Ring):
+                    states[rows[name], 0] = value
+
+    def _controls(self) -> list[_Running]:
+        """Each control with what it prepared and its first state."""
+        plain = self._plain
+        if isinstance(plain, Loop):
+            return [_Running("control", plain.control, self._made.control, self._begun.control)]
+        rows = zip(plain.axes().items(), self._made.control, self._begun.axis, strict=True)
+        return [_Running(f"axis.{name}.control", each.control, made, begun.control)
+                for (name, each), made, begun in rows]  # fmt: skip
 
     def rows(self, made: Native) -> list[np.ndarray]:
         """Tables in the order of the machine code."""
@@ -140,56 +186,104 @@ def by_lane(names: Sequence[str], values: Mapping[str, Any], lanes: int, chosen:
     return out
 
 
+class _Running(NamedTuple):
+    """A control, where its state stands, what it prepared and its first state."""
+
+    path: str
+    control: Control
+    made: Any
+    begun: Any
+
+
+def each_axis(function: Callable[[Any], Any], given: Any) -> Any:
+    """A function of what a loop is given, or for each axis of what a machine is given."""
+    return {name: function(one) for name, one in given.items()} if isinstance(given, Mapping) else function(given)
+
+
 class Work:
-    """What a loop is given to do, sampled: setpoints, load force, enable, added force. Any stretch can be asked for."""
+    """What a loop is given to do, sampled: setpoints, load force, enable, added force. Any stretch can be asked for.
+
+    Of a machine each is a mapping from axes to what they are given; an axis that is not there has no such force.
+    """
 
     def __init__(
         self,
-        loop: Loop,
-        reference: Reference,
-        load: Load | None = None,
-        enable: np.ndarray | None = None,
-        added_force: Load | None = None,
+        system: System,
+        reference: Reference | Mapping[str, Reference],
+        load: Load | Mapping[str, Load] | None = None,
+        enable: np.ndarray | Mapping[str, np.ndarray] | None = None,
+        added_force: Load | Mapping[str, Load] | None = None,
     ) -> None:
-        self.T = float(loop.sample_time)
-        self.reference, self.load, self.enable, self.added_force = reference, load, enable, added_force
+        self.T = float(system.sample_time)
+        self._single = isinstance(system, Loop)
+        self._ports = dict(zip(system.loops(), system.ports(), strict=True))
+        given = [self._by_axis(each, what) for each, what in (
+            (reference, "reference"), (load, "load"), (enable, "enable"), (added_force, "added_force"))]  # fmt: skip
+        self.reference, self.load, self.enable, self.added_force = given
+        missing = [axis for axis in self._ports if axis not in self.reference]
+        if missing:
+            raise ParameterError(f"reference: axis {', '.join(missing)} has none; one that stands is a move by 0 m")
         self._first, self._count = 0, 0
-        self._rows: list[Any] = []
+        self._rows: dict[str, Any] = {}
 
-    def first(self) -> Setpoint:
-        """The setpoint at t = 0, as numbers."""
-        return Setpoint(*(np.float64(row[0]) for row in self.sampled(0, 1)[: len(SETPOINT)]))
+    def _by_axis(self, given: Any, what: str) -> dict[str, Any]:
+        if self._single:
+            return {} if given is None else dict.fromkeys(self._ports, given)
+        if given is not None and not isinstance(given, Mapping):
+            raise ParameterError(f"{what}: a machine takes one for each axis, by name: {', '.join(self._ports)}")
+        unknown = [axis for axis in given or {} if axis not in self._ports]
+        if unknown:
+            raise ParameterError(
+                f"{what}: the machine has no axis {', '.join(unknown)}; it has {', '.join(self._ports)}"
+            )
+        return dict(given or {})
 
-    def positions(self, count: int, most: int) -> np.ndarray:
-        """Set positions in m at up to `most` samples, spread over the first `count`."""
+    @property
+    def duration(self) -> float:
+        """Of the longest reference, s."""
+        return max(each.duration for each in self.reference.values())
+
+    def first(self) -> Any:
+        """The setpoint at t = 0, as numbers; of a machine by axis."""
+        rows = self.sampled(0, 1)
+        found = {
+            axis: Setpoint(*(np.float64(rows[f"{port}{name}"][0]) for name in SETPOINT))
+            for axis, port in self._ports.items()
+        }
+        return next(iter(found.values())) if self._single else found
+
+    def travel(self, count: int, most: int) -> float:
+        """The longest travel of an axis in m, seen at up to `most` samples, spread over the first `count`."""
         chosen = np.unique(np.linspace(0, count - 1, most).astype(np.int64))
         if self._first == 0 and self._count >= count:
-            return self._rows[0][chosen]
-        return np.asarray(self.reference.at(chosen * self.T).position)
+            seen = [self._rows[f"{port}set_position"][chosen] for port in self._ports.values()]
+        else:
+            seen = [np.asarray(each.at(chosen * self.T).position) for each in self.reference.values()]
+        return max(float(np.ptp(each)) for each in seen)
 
-    def sampled(self, first: int, count: int) -> list[Any]:
-        """Setpoint, load force and added force (0 N without one) of some samples as rows; the last stretch is kept."""
+    def sampled(self, first: int, count: int) -> dict[str, Any]:
+        """Setpoints, load and added forces (0 N without one) of some samples by name; the last stretch is kept."""
         start = first - self._first
         if start < 0 or start + count > self._count:
             t = (first + np.arange(count)) * self.T
-            forces = [0.0 if force is None else force.at(t) for force in (self.load, self.added_force)]
-            rows = [*self.reference.at(t), *forces]
-            self._rows = [np.broadcast_to(row, count) for row in rows]
+            self._rows = {}
+            for axis, port in self._ports.items():
+                rows = dict(zip(SETPOINT, self.reference[axis].at(t), strict=True))
+                for name, forces in (("load_force", self.load), ("added_force", self.added_force)):
+                    rows[name] = forces[axis].at(t) if axis in forces else 0.0
+                self._rows |= {f"{port}{name}": np.broadcast_to(row, count) for name, row in rows.items()}
             self._first, self._count, start = first, count, 0
-        return [row[start : start + count] for row in self._rows]
+        return {name: row[start : start + count] for name, row in self._rows.items()}
 
     def inputs(self, made: Native, first: int, count: int) -> np.ndarray:
         """Samples first .. first + count - 1 in the order of the machine code, shape (count, n)."""
-        rows = dict(zip((*SETPOINT, "load_force", "added_force"), self.sampled(first, count), strict=True))
+        rows = self.sampled(first, count)
+        for axis, enable in self.enable.items():  # the last value holds on
+            rows[f"{self._ports[axis]}enable"] = enable[np.minimum(first + np.arange(count), len(enable) - 1)]
         out = np.empty((count, len(made.plan.inputs)))
         for column, (name, _) in enumerate(made.plan.inputs):
-            out[:, column] = self._enabled(first, count) if name == "enable" else rows.get(name, 0.0)
+            out[:, column] = rows.get(name, 0.0)
         return out
-
-    def _enabled(self, first: int, count: int) -> np.ndarray:
-        """The last value holds on."""
-        assert self.enable is not None
-        return self.enable[np.minimum(first + np.arange(count), len(self.enable) - 1)]
 
 
 PIECE = 4096  # samples whose inputs and outputs stay in a processor's cache

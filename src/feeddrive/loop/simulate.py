@@ -16,8 +16,8 @@ from feeddrive.loop.changes import Changes, Course, changed_loops
 from feeddrive.loop.engine.lower import ARITHMETIC
 from feeddrive.loop.engine.native import Native
 from feeddrive.loop.groups import grouped
-from feeddrive.loop.loop import UNITS, Loop, Signals
-from feeddrive.loop.runner import Prepared, Work, cores
+from feeddrive.loop.loop import UNITS, Signals, quantity
+from feeddrive.loop.runner import Prepared, System, Work, cores
 from feeddrive.loop.statistics import LEFT, gathered
 
 CHUNK = 20_000  # samples that are in memory at once
@@ -28,7 +28,8 @@ GATHERED = ("following_error", "tracking_error", "force", "velocity_load")
 class Run(Result):
     """A simulated run: signals over time. `run["force"]` is an array of shape (n,), in the unit `run.units["force"]`.
 
-    Row k is the sample at `time[k]` = kT; see `loop.Signals` for what each signal is.
+    Row k is the sample at `time[k]` = kT; see `loop.Signals` for what each signal is.  Of a machine each has the axis
+    before it: `run["x.force"]`.
     """
 
     name: str
@@ -45,14 +46,14 @@ class Run(Result):
     @property
     def units(self) -> dict[str, str]:
         """SI unit of every signal."""
-        return {name: UNITS[name] for name in self.signals}
+        return {name: UNITS[quantity(name)] for name in self.signals}
 
     def table(self) -> Table:
         """RMS and peak of every signal that is an error, a force or a velocity."""
         rows = []
-        for name in ("following_error", "tracking_error", "force", "friction_load", "velocity_load"):
-            if name in self.signals:
-                unit, factor = shown(UNITS[name])
+        for name in self.signals:
+            if quantity(name) in ("following_error", "tracking_error", "force", "friction_load", "velocity_load"):
+                unit, factor = shown(self.units[name])
                 values = factor * self.signals[name]
                 rows.append(
                     [name.replace("_", " "), unit, f"{_rms(values):.4g}", f"{np.max(np.abs(values), initial=0.0):.4g}"]
@@ -71,22 +72,24 @@ def samples(duration: float, T: float) -> int:
 
 
 def simulate(
-    loop: Loop,
-    reference: Reference,
+    loop: System,
+    reference: Reference | Mapping[str, Reference],
     *,
-    load: Load | None = None,
-    added_force: Load | None = None,
-    enable: np.ndarray | None = None,
+    load: Load | Mapping[str, Load] | None = None,
+    added_force: Load | Mapping[str, Load] | None = None,
+    enable: np.ndarray | Mapping[str, np.ndarray] | None = None,
     changes: Changes | None = None,
     duration: float | None = None,
-    start: tuple[float, float] | None = None,
+    start: tuple[float, float] | Mapping[str, tuple[float, float]] | None = None,
     seed: int = 0,
-    record: Sequence[str] = Signals._fields,
+    record: Sequence[str] | None = None,
     arithmetic: str = "exact",
     bound: float | None = None,
     name: str = "run",
 ) -> Run:
-    """One run of a loop along a reference.
+    """One run of a loop along a reference, or of a machine along one for each axis.
+
+    Of a machine reference, load, added_force, enable and start are mappings by axis, and signals are `x.force`.
 
     load        force on the table, N
     added_force force on top of what the control commands, behind its limit, N: the excitation of a measurement.  The
@@ -112,29 +115,35 @@ def simulate(
     return next(whole)
 
 
-def known(record: Sequence[str], arithmetic: str) -> list[str]:
+def known(system: System, record: Sequence[str], arithmetic: str) -> list[str]:
     """The names of signals as a list. Raises ParameterError for a signal or an arithmetic that is not known."""
     if arithmetic not in ARITHMETIC:
         raise ParameterError(f"arithmetic = {arithmetic!r} must be one of {', '.join(ARITHMETIC)}")
+    there = everywhere(system, Signals._fields)
     for signal in record:
-        if signal not in Signals._fields:
-            raise ParameterError(f"there is no signal '{signal}'; there are {', '.join(Signals._fields)}")
+        if signal not in there:
+            raise ParameterError(f"there is no signal '{signal}'; there are {', '.join(there)}")
     return list(record)
 
 
-def sample_count(loop: Loop, reference: Reference, duration: float | None) -> int:
+def everywhere(system: System, names: Sequence[str]) -> list[str]:
+    """Names of signals as they are; of a machine those of every axis."""
+    return [f"{port}{name}" for port in system.ports() for name in names]
+
+
+def sample_count(work: Work, duration: float | None) -> int:
     """How many samples a run has. Raises ParameterError for a duration that is no finite time."""
-    span = reference.duration if duration is None else duration
+    span = work.duration if duration is None else duration
     if not 0.0 <= span < float("inf"):
         raise ParameterError(f"duration = {span:g} s must be a finite time, >= 0 s")
-    return samples(span, float(loop.sample_time))
+    return samples(span, work.T)
 
 
 def _bound(work: Work, bound: float | None, count: int) -> float:
     """The bound that was asked for; else the larger of 1 m and 100 times the travel, seen at up to 257 samples."""
     if bound is not None:
         return bound
-    return max(1.0, 100.0 * float(np.ptp(work.positions(count, 257))))
+    return max(1.0, 100.0 * work.travel(count, 257))
 
 
 def _check_inside(left: float, bound: float, T: float) -> None:
@@ -164,7 +173,7 @@ class Batch(Result):
         """Best, median and worst variant by signal."""
         rows = []
         for signal, values in self.rms.items():
-            unit, factor = shown(UNITS[signal])
+            unit, factor = shown(UNITS[quantity(signal)])
             low, middle, high = np.quantile(factor * values, [0.0, 0.5, 1.0])
             best = int(np.argmin(values))
             rows.append([signal.replace("_", " "), unit, f"{low:.4g}", str(best), f"{middle:.4g}", f"{high:.4g}"])
@@ -173,15 +182,15 @@ class Batch(Result):
 
 
 def simulate_batch(
-    loop: Loop,
-    reference: Reference,
+    loop: System,
+    reference: Reference | Mapping[str, Reference],
     *,
-    load: Load | None = None,
-    enable: np.ndarray | None = None,
+    load: Load | Mapping[str, Load] | None = None,
+    enable: np.ndarray | Mapping[str, np.ndarray] | None = None,
     duration: float | None = None,
-    start: tuple[Any, Any] | None = None,
+    start: tuple[Any, Any] | Mapping[str, tuple[Any, Any]] | None = None,
     seed: Any = 0,
-    gather: Sequence[str] = GATHERED,
+    gather: Sequence[str] | None = None,
     arithmetic: str = "exact",
     bound: float | None = None,
     lanes: int | None = None,
@@ -195,15 +204,22 @@ def simulate_batch(
     a bit of the result.
     `progress(done, all)` is called after each group of variants.
     """
-    gather = known(gather, arithmetic)
+    gather = known(loop, everywhere(loop, GATHERED) if gather is None else gather, arithmetic)
     work = Work(loop, reference, load, enable)
-    count = sample_count(loop, reference, duration)
+    count = sample_count(work, duration)
     prepared = Prepared(loop, work.first(), start, seed, _bound(work, bound, count))
-    program = prepared.program(load=load is not None, enable=enable is not None)
+    program = prepared.program(load=work.load, enable=work.enable)
+
+    bounded = everywhere(loop, ["tracking_error"])
 
     def native(width: int) -> Native:
         return prepared.native(
-            program, record=(), gather=gather, bounded="tracking_error", lanes=width, arithmetic=arithmetic
+            program,
+            record=(),
+            gather=gather,
+            bounded=bounded,
+            lanes=width,
+            arithmetic=arithmetic,
         )
 
     groups = grouped(prepared, native, lanes, count, lambda made: work.inputs(made, 0, min(count, CHUNK)))
@@ -229,17 +245,17 @@ def simulate_batch(
 
 
 def stream(
-    loop: Loop,
-    reference: Reference,
+    loop: System,
+    reference: Reference | Mapping[str, Reference],
     *,
-    load: Load | None = None,
-    added_force: Load | None = None,
-    enable: np.ndarray | None = None,
+    load: Load | Mapping[str, Load] | None = None,
+    added_force: Load | Mapping[str, Load] | None = None,
+    enable: np.ndarray | Mapping[str, np.ndarray] | None = None,
     changes: Changes | None = None,
     duration: float | None = None,
-    start: tuple[float, float] | None = None,
+    start: tuple[float, float] | Mapping[str, tuple[float, float]] | None = None,
     seed: int = 0,
-    record: Sequence[str] = Signals._fields,
+    record: Sequence[str] | None = None,
     arithmetic: str = "exact",
     bound: float | None = None,
     chunk: int | None = CHUNK,
@@ -250,9 +266,9 @@ def stream(
     Arguments and errors as `simulate`; a chunk of None is the whole run.  The arrays of a chunk belong to whoever takes
     it.
     """
-    record = known(record, arithmetic)
+    record = known(loop, everywhere(loop, Signals._fields) if record is None else record, arithmetic)
     work = Work(loop, reference, load, enable, added_force)
-    count = sample_count(loop, reference, duration)
+    count = sample_count(work, duration)
     if chunk is None:
         chunk = count
         work.sampled(0, count)
@@ -260,14 +276,17 @@ def stream(
     prepared = Prepared(loop, work.first(), start, seed, limit)
     if prepared.lanes() > 1:
         raise ParameterError("the loop holds arrays of variants: run it with simulate_batch")
-    probes = () if added_force is None else ("added_force",)
-    program = prepared.program(load=load is not None, enable=enable is not None, probes=probes)
-    made = prepared.native(program, record=record, bounded="tracking_error", arithmetic=arithmetic)
+    ports = zip(loop.loops(), loop.ports(), strict=True)
+    probes = [f"{port}added_force" for axis, port in ports if axis in work.added_force]
+    program = prepared.program(load=work.load, enable=work.enable, probes=probes)
+    bounded = everywhere(loop, ["tracking_error"])
+    made = prepared.native(program, record=record, bounded=bounded, arithmetic=arithmetic)
     states = prepared.states(made)
+    left = made.plan.memory.index(LEFT)
     later = changed_loops(loop, changes, count)
     course = Course(prepared, [(at, Prepared(changed, work.first(), start, seed, limit)) for at, changed in later])
     for first in range(0, count, chunk):
         size = min(chunk, count - first)
         rows = course.advance(made, work, states, first, size)
-        _check_inside(states[-1, 0], limit, work.T)
+        _check_inside(states[left, 0], limit, work.T)
         yield Run(name, (first + np.arange(size)) * work.T, dict(zip(record, rows, strict=True)), work.T, first)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 from feeddrive.language import ops
 from feeddrive.language.graph import Symbol
@@ -17,11 +18,11 @@ def gathered(signal: str, what: str) -> str:
     return f"statistics.{signal}.{what}"
 
 
-def gathering(program: Program, signals: Sequence[str], bounded: str | None = None) -> Program:
+def gathering(program: Program, signals: Sequence[str], bounded: Sequence[str] = ()) -> Program:
     """The program that also gathers sum of squares, least and most of signals; the peak is the larger of ±both.
 
-    `bounded` names a signal whose first sample outside ±`bound` (a constant of the program) is kept in `LEFT`; -1 until
-    then. NaN is outside.
+    `bounded` names signals; the first sample in which one is outside ±`bound` (a constant of the program) is kept in
+    `LEFT`; -1 until then. NaN is outside.
     """
     graph = program.graph
     states, constants, sample = list(program.states), dict(program.constants), program.sample
@@ -35,13 +36,16 @@ def gathering(program: Program, signals: Sequence[str], bounded: str | None = No
         carry(gathered(signal, "squares"), before["squares"] + value * value)
         carry(gathered(signal, "least"), ops.minimum(before["least"], value))
         carry(gathered(signal, "most"), ops.maximum(before["most"], value))
-    if bounded is not None:
+    if bounded:
         bound = graph.input("bound")
         constants["bound"] = bound.index
         count = graph.input("sample")
         sample = count.index
         left = graph.input(f"state.{LEFT}")
-        inside = ops.absolute(Symbol(graph, program.outputs[bounded])) <= bound
+        inside: Any = None
+        for name in bounded:
+            one = ops.absolute(Symbol(graph, program.outputs[name])) <= bound
+            inside = one if inside is None else ops.both(inside, one)
         carry(LEFT, ops.where(ops.either(inside, left >= 0.0), left, count))
     return replace(program, states=tuple(states), constants=constants, sample=sample)
 

@@ -8,14 +8,13 @@ from typing import Any, NamedTuple, TypeVar, cast
 
 import numpy as np
 
-from feeddrive.blocks.signals import Noise, Setpoint
+from feeddrive.blocks.signals import Noise
 from feeddrive.language import ops, tree
 from feeddrive.language.block import Number
 from feeddrive.language.graph import Graph, arguments, reachable
-from feeddrive.loop.loop import Loop, Probe, Signals
+from feeddrive.language.ring import Ring
 
 Whole = TypeVar("Whole")
-SETPOINT = tuple(f"set_{name}" for name in Setpoint._fields)
 
 
 class Carried(NamedTuple):
@@ -31,7 +30,8 @@ class Program:
     """One sample as a graph, between named numbers; what the engine runs, linearises and differentiates.
 
     constants  name -> node: parameters (`control.law.Kv`), prepared numbers (`prepared.axis.change.0.1`), `seed`
-    inputs     name -> node: given anew at each sample: `set_position` ... `set_snap`, `load_force`, `enable`, probes
+    inputs     name -> node: given anew at each sample: `set_position` ... `set_snap`, `load_force`, `enable`, probes;
+               of a machine with the axis before it: `x.set_position`
     states     what is carried from sample to sample
     outputs    name -> node: the signals
     sample     node of the index k of the sample, or None
@@ -74,12 +74,12 @@ def numbers(values: Any, prefix: str) -> Iterator[tuple[str, Any]]:
             yield name, value
 
 
-def trace(loop: Loop, made: Any, begun: Any, *, load: bool, enable: bool, probes: tuple[str, ...] = ()) -> Program:
-    """The program of a loop.
+def trace(system: Any, made: Any, begun: Any, names: Sequence[str]) -> Program:
+    """The program of a loop or a machine.
 
-    `made` and `begun` are what the loop prepares and its first state, for their structure: the numbers do not matter.
-    `load` and `enable` say whether there is a load force and an enable signal, `probes` which inputs of `Probe`; what
-    is not there costs nothing.  Raises StructureError if a law leaves the language of `ops`.
+    `made` and `begun` are what it prepares and its first state, for their structure: the numbers do not matter.
+    `names` are the inputs that there are, such as `set_position` or `x.load_force`; what is not there costs nothing.
+    Raises StructureError if a law leaves the language of `ops`.
     """
     graph = Graph()
     constants: dict[str, int] = {}
@@ -96,38 +96,47 @@ def trace(loop: Loop, made: Any, begun: Any, *, load: bool, enable: bool, probes
         inputs[name] = symbol.index
         return cast(Number, symbol)
 
-    rows = {name: graph.table(name, len(row)) for name, row in tree.tables(loop)}
-    symbolic = tree.with_tables(tree.rebuild(loop, (constant(name) for name, _ in tree.leaves(loop))), rows)
+    rows = {name: graph.table(name, len(row)) for name, row in tree.tables(system)}
+    symbolic = tree.with_tables(tree.rebuild(system, (constant(name) for name, _ in tree.leaves(system))), rows)
     prepared = tree.rebuild(
         made,
         (v if type(v) is float else constant(name) for name, v in tree.leaves(made, "prepared")),
     )
-    names = [name for name, _ in tree.leaves(begun)]
-    before = tree.rebuild(begun, (graph.input(f"state.{name}") for name in names))
+    states = [name for name, _ in tree.leaves(begun)]
+    before = tree.rebuild(begun, (leaf(graph, f"state.{name}", value) for name, value in tree.leaves(begun)))
     sample = graph.input("sample")
-    after, signals = symbolic.step(
-        prepared,
-        before,
-        Setpoint(*(given(name) for name in SETPOINT)),
-        given("load_force") if load else None,
-        Noise(constant("seed"), cast(Number, sample)),
-        given("enable") if enable else 1.0,
-        cast(Number, sample * symbolic.sample_time),
-        Probe(**{name: given(name) for name in probes}),
-    )
+    known = {name: given(name) for name in names}
+    noise = Noise(constant("seed"), cast(Number, sample))
+    after, signals = symbolic.sample(prepared, before, known, noise, cast(Number, sample * symbolic.sample_time))
     carried = tuple(
-        Carried(name, graph.input(f"state.{name}").index, graph.symbol(value).index)
-        for name, (_, value) in zip(names, tree.leaves(after), strict=True)
+        Carried(name, node(graph, first), node(graph, value))
+        for name, (_, first), (_, value) in zip(states, tree.leaves(before), tree.leaves(after), strict=True)
     )
     return Program(
         graph=graph,
         constants=constants,
         inputs=inputs,
         states=carried,
-        outputs={name: graph.symbol(value).index for name, value in zip(Signals._fields, signals, strict=True)},
+        outputs={name: graph.symbol(value).index for name, value in signals.items()},
         sample=sample.index,
         tables={name: row.index for name, row in rows.items()},
     )
+
+
+def leaf(graph: Graph, name: str, value: Any) -> Any:
+    """What stands for a leaf of a state in a trace: a number, or a ring of the same length."""
+    return Ring(value.length, graph.ring(name, value.length)) if isinstance(value, Ring) else graph.input(name)
+
+
+def node(graph: Graph, value: Any) -> int:
+    """The node of a number or a ring."""
+    return graph.symbol(value.cells if isinstance(value, Ring) else value).index
+
+
+def lengths(graph: Graph, index: int) -> int | None:
+    """How many cells a ring has, before or after it is written; None for a number."""
+    origin = graph.nodes[graph.origin(index)]
+    return origin[2] if origin[0] == "ring" else None
 
 
 _PLAIN: dict[str, Any] = {
@@ -144,6 +153,8 @@ _PLAIN: dict[str, Any] = {
     "not": ops.no,
     "eq": ops.equal,
     "select": ops.where,
+    "get": lambda ring, place: ring.get(place),
+    "put": lambda ring, place, value: ring.put(place, value),
 }
 
 
@@ -166,6 +177,8 @@ def node_values(graph: Graph, outputs: Sequence[int], leaves: Mapping[str, Any])
                     found[index] = node[1]
                 case "input" | "table":
                     found[index] = leaves[node[1]]
+                case "ring":
+                    found[index] = leaves.get(node[1], Ring(node[2]))
                 case name:
                     found[index] = apply(name, *(found[i] for i in arguments(node)))
     return found

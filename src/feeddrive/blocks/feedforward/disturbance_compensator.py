@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 from feeddrive.blocks.axis_model import AxisModel, begun
 from feeddrive.blocks.families import Feedforward, Law
@@ -137,16 +138,16 @@ class DisturbanceCompensator(Feedforward):
             found["snap_feedforward"] = middle.snap
         return found
 
-    def force(self, setpoint: Setpoint, T: Number) -> Number:
+    def step(self, state: Any, setpoint: Setpoint, T: Number) -> tuple[Any, Number]:
         """φᵀ θ."""
         columns, parameters = self.regressors(setpoint, T), self.parameters()
         terms = [columns[name] * value for name, value in parameters.items()]
         if not terms:
-            return ops.zero(setpoint.velocity)
+            return state, ops.zero(setpoint.velocity)
         total = terms[0]
         for term in terms[1:]:
             total = total + term
-        return total
+        return state, total
 
 
 def _left(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import Any
 
 from feeddrive.blocks.families import Feedforward
 from feeddrive.blocks.friction.curve import check_pair, levels, stribeck_level
@@ -47,12 +48,12 @@ class FrictionFeedforward(Feedforward):
         yield from levels(self.kind, "coulomb_positive", self.coulomb_positive, "breakaway", self.breakaway)
         yield from levels(self.kind, "coulomb_negative", self.coulomb_negative, "breakaway", self.breakaway)
 
-    def force(self, setpoint: Setpoint, T: Number) -> Number:
+    def step(self, state: Any, setpoint: Setpoint, T: Number) -> tuple[Any, Number]:
         """The equations above."""
         v = setpoint.shifted(0.5 * T).velocity
         level = ops.where(v < 0.0, self.coulomb_negative, self.coulomb_positive)
         if self.breakaway is not None and self.stribeck_velocity is not None:
             level = stribeck_level(v, level, self.breakaway, self.stribeck_velocity)
         if self.smoothing is not None:
-            return level * ops.tanh(v / self.smoothing)
-        return ops.where(v > self.dead_band, level, ops.where(v < -self.dead_band, -level, 0.0))
+            return state, level * ops.tanh(v / self.smoothing)
+        return state, ops.where(v > self.dead_band, level, ops.where(v < -self.dead_band, -level, 0.0))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from feeddrive.blocks.families import Feedforward
 from feeddrive.blocks.signals import Setpoint
 from feeddrive.language.block import Number, parameter
@@ -18,7 +20,7 @@ class Inertia(Feedforward):
     mass: Number = parameter("kg", "mass that is fed forward", least=0)
     viscous: Number = parameter("N s/m", "viscous friction that is fed forward", least=0, default=0)
 
-    def force(self, setpoint: Setpoint, T: Number) -> Number:
+    def step(self, state: Any, setpoint: Setpoint, T: Number) -> tuple[Any, Number]:
         """The equation above."""
         middle = setpoint.shifted(0.5 * T)
-        return self.mass * middle.acceleration + self.viscous * middle.velocity
+        return state, self.mass * middle.acceleration + self.viscous * middle.velocity

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from feeddrive.blocks.families import Feedforward, Plant
 from feeddrive.blocks.plant.two_bodies import series, two_bodies
 from feeddrive.blocks.signals import Setpoint
@@ -32,7 +34,7 @@ class InverseDynamics(Feedforward):
         """The model has two bodies."""
         two_bodies(self.kind, self.model)
 
-    def force(self, setpoint: Setpoint, T: Number) -> Number:
+    def step(self, state: Any, setpoint: Setpoint, T: Number) -> tuple[Any, Number]:
         """The equations above."""
         m11, m12, m22, c11, c12, c22, _ = bodies = two_bodies(self.kind, self.model)
         middle = setpoint.shifted(0.5 * T)
@@ -41,4 +43,4 @@ class InverseDynamics(Feedforward):
             lead = series(bodies, middle)
             a1, v1 = a1 + lead.acceleration, v1 + lead.velocity
         screw = (m11 + m12) * a1 + (c11 + c12) * v1
-        return screw + (m22 + m12) * middle.acceleration + (c22 + c12) * middle.velocity
+        return state, screw + (m22 + m12) * middle.acceleration + (c22 + c12) * middle.velocity

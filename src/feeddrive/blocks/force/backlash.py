@@ -38,7 +38,9 @@ class Backlash(Force):
                 "give the error as backlash.lead_error"
             )
 
-    def forces(self, plant: Any, motion: Motion, drive: Number, time: Number) -> tuple[Any, Any]:
+    def step(
+        self, state: Any, plant: Any, motion: Motion, drive: Number, time: Number, h: Number
+    ) -> tuple[Any, Any, Any]:
         """The equations above."""
         stretch = motion.position_motor - motion.position_load
         half = 0.5 * self.gap
@@ -47,4 +49,4 @@ class Backlash(Force):
         else:
             error = self.lead_error.at(motion.position_motor)
             push = plant.stiffness * (ops.clip(stretch + error, -half, half) - error)
-        return push, -push
+        return state, push, -push

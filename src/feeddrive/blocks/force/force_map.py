@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from feeddrive.blocks.families import Force, Plant
 from feeddrive.blocks.signals import Motion
 from feeddrive.language import ops
@@ -13,23 +15,25 @@ class ForceMap(Force):
 
         F = row(x_load) · (mean + swing · sin(2π frequency t + phase))
 
-    `row` is interpolated linearly between entries at start, start + spacing, ... and held beyond its ends; to end
+    `row` is interpolated linearly between entries at begin, begin + spacing, ... and held beyond its ends; to end
     without force, let the row end with 0.  A cable chain or a cover is a map that is constant in time (no swing); a cut
     along a part of the travel is one that swings with the tooth passing frequency.
     """
 
     row: Number = table("N", "forces along the travel")
-    start: Number = parameter("m", "position of the first entry")
+    begin: Number = parameter("m", "position of the first entry")
     spacing: Number = parameter("m", "distance between entries", above=0)
     mean: Number = parameter("", "part that is constant in time", default=1)
     swing: Number | None = parameter("", "part that swings; absent for none", default=None)
     frequency: Number = parameter("Hz", "frequency of the swing", above=0, default=1)
     phase: Number = parameter("rad", "phase of the swing at t = 0", default=0)
 
-    def forces(self, plant: Plant, motion: Motion, drive: Number, time: Number) -> tuple[Number, Number]:
+    def step(
+        self, state: Any, plant: Plant, motion: Motion, drive: Number, time: Number, h: Number
+    ) -> tuple[Any, Number, Number]:
         """The equation above."""
-        along = ops.interpolate(self.row, (motion.position_load - self.start) / self.spacing)
+        along = ops.interpolate(self.row, (motion.position_load - self.begin) / self.spacing)
         if self.swing is None:
-            return 0.0, self.mean * along
+            return state, 0.0, self.mean * along
         beat = self.swing * ops.sin(2.0 * ops.pi * self.frequency * time + self.phase)
-        return 0.0, (self.mean + beat) * along
+        return state, 0.0, (self.mean + beat) * along

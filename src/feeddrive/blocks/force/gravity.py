@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from feeddrive.blocks.families import Force, Plant
 from feeddrive.blocks.signals import Motion
 from feeddrive.language.block import Number, parameter
@@ -15,6 +17,8 @@ class Gravity(Force):
 
     force: Number = parameter("N", "constant force, positive towards larger positions")
 
-    def forces(self, plant: Plant, motion: Motion, drive: Number, time: Number) -> tuple[Number, Number]:
+    def step(
+        self, state: Any, plant: Plant, motion: Motion, drive: Number, time: Number, h: Number
+    ) -> tuple[Any, Number, Number]:
         """The constant."""
-        return 0.0, self.force
+        return state, 0.0, self.force

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from feeddrive.blocks.families import Force, Plant
 from feeddrive.blocks.force.harmonic import Harmonic, total
 from feeddrive.blocks.signals import Motion
@@ -26,6 +28,8 @@ class Ripple(Force):
         if not self.harmonics:
             raise StructureError("ripple.harmonics is empty: give at least one harmonic, or leave the block out")
 
-    def forces(self, plant: Plant, motion: Motion, drive: Number, time: Number) -> tuple[Number, Number]:
+    def step(
+        self, state: Any, plant: Plant, motion: Motion, drive: Number, time: Number, h: Number
+    ) -> tuple[Any, Number, Number]:
         """The equation above, on the motor's body."""
-        return drive * total(self.harmonics, motion.position_motor, self.period), 0.0
+        return state, drive * total(self.harmonics, motion.position_motor, self.period), 0.0

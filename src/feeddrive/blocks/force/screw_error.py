@@ -8,7 +8,7 @@ from feeddrive.blocks.families import Force, Plant
 from feeddrive.blocks.force.spring import check_spring
 from feeddrive.blocks.plant.lead_error import LeadError
 from feeddrive.blocks.signals import Motion
-from feeddrive.language.block import part
+from feeddrive.language.block import Number, part
 
 
 class ScrewError(Force):
@@ -26,7 +26,7 @@ class ScrewError(Force):
         """The plant has a spring."""
         check_spring(self.kind, plant)
 
-    def forces(self, plant: Any, motion: Motion, drive: Any, time: Any) -> tuple[Any, Any]:
+    def step(self, state: Any, plant: Any, motion: Motion, drive: Any, time: Any, h: Number) -> tuple[Any, Any, Any]:
         """The equations above."""
         push = plant.stiffness * self.lead_error.at(motion.position_motor)
-        return -push, push
+        return state, -push, push

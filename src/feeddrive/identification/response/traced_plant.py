@@ -12,7 +12,7 @@ from feeddrive.blocks.families import Plant
 from feeddrive.language import matrix, ops, tree
 from feeddrive.language.block import Number
 from feeddrive.language.graph import Graph
-from feeddrive.loop.hold import rate
+from feeddrive.loop.hold import Port, Rows, Timing, rate
 from feeddrive.loop.traced_model import LinearModel, TracedModel
 
 DRIVE = ("dead_time", "current_loop")  # parameters of the actuator, beside those of the plant
@@ -120,7 +120,10 @@ def _trace(plant: Plant, lagging: bool) -> TracedModel:
 
     symbolic = tree.rebuild(plant, (leaf(name) for name, _ in tree.leaves(plant)))
     mechanics = symbolic.mechanics()
-    made = rate(mechanics, 2.0 * ops.pi * leaf("current_loop") if lagging else None, 1.0, 1.0)
+    shape = mechanics.shape
+    bodies = Rows(shape[mechanics.drive], shape[mechanics.motor], shape[mechanics.load])
+    lag = 2.0 * ops.pi * leaf("current_loop") if lagging else None
+    made = rate(mechanics, [Port(bodies, lag, 0.0, Timing(0, False))], 1.0, 1.0)
     n = len(made) - 3
     rows = [*(row[: n + 1] for row in made[:n]), mechanics.shape[mechanics.motor], mechanics.shape[mechanics.load]]
     entries = tuple(

@@ -48,7 +48,7 @@ class _Writer:
     def node(self, index: int) -> None:
         """One operation: inside the expression that uses it if that is one alone, in the same part of the text."""
         node = self.plan.graph.nodes[index]
-        if node[0] in ("input", "table"):
+        if node[0] in ("input", "table", "ring"):
             return
         if node[0] == "const":
             self.texts[index] = number(float.fromhex(node[1]))
@@ -56,7 +56,15 @@ class _Writer:
         if node[0] == "truth":
             self.texts[index] = "1" if node[1] else "0"
             return
+        if node[0] == "put":
+            ring, place, value = (self.texts[i] for i in node[1:])
+            self.lines.append(f"{ring}[(int64_t){place}] = {bare(value)};")
+            self.texts[index] = ring
+            return
         text = expression(node[0], [self.texts[i] for i in arguments(node)])
+        if node[0] == "get":  # read where it stands in the order, before the ring is written
+            self.declare(index, f"v{index}", text)
+            return
         hoisted = not self.plan.kinds.moving[index]  # may be used inside the loop: worth a name
         if self.uses[index] > 1 or len(text) > WIDTH or hoisted:
             self.declare(index, f"v{index}", bare(text))
@@ -69,7 +77,7 @@ def text(plan: Plan, name: str) -> str:
     assert plan.lanes == 1, "C text is written for one variant"
     writer = _Writer(plan)
     writer.name(name)
-    order = sorted(plan.order)  # that of the law's text
+    order = sorted(plan.order) if not plan.rings else plan.order  # that of the law's text
     needed, moving = set(order), plan.kinds.moving
     for i, (title, node) in enumerate(plan.tables):
         writer.texts[node] = writer.name(title)
@@ -77,6 +85,11 @@ def text(plan: Plan, name: str) -> str:
     for i, (title, node) in enumerate(plan.constants):
         if node in needed:
             writer.declare(node, title, f"constants[{i}]")
+    first = len(plan.states)
+    for title, node, length in plan.rings:
+        writer.texts[node] = writer.name(title)
+        writer.lines.append(f"double *const {writer.texts[node]} = states + {first};")
+        first += length
     for i, state in enumerate(plan.states):
         still = "const " if state.before == state.after else ""
         writer.texts[state.before] = writer.name(state.name)

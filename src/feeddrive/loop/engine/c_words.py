@@ -138,7 +138,7 @@ def expression(name: str, values: list[str], real: str = "double") -> str:
         return f"{CALLS[name]}{suffix}({bare(values[0])})"
     if name == "select":
         return f"({values[0]} ? {values[1]} : {values[2]})"
-    if name == "gather":
+    if name in ("gather", "get"):
         return f"{values[0]}[(int64_t){values[1]}]"
     if name in ("neg", "not"):
         return f"({'-' if name == 'neg' else '!'}{values[0]})"

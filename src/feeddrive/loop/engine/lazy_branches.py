@@ -54,11 +54,15 @@ def _places(plan: Plan) -> dict[int, Branch | None]:
     needs: dict[int, list[Branch | None]] = {node: [None] for _, node in plan.outputs}
     for state in plan.states:
         needs.setdefault(state.after, []).append(None)
+    for index in plan.order:
+        if nodes[index][0] in ("get", "put"):
+            needs.setdefault(index, []).append(None)
     places: dict[int, Branch | None] = {}
     for index in reversed(plan.order):
         if not moving[index]:
             continue
-        places[index] = _common(needs[index], places)
+        # what reads or writes a ring has its place in the order of these
+        places[index] = None if nodes[index][0] in ("get", "put") else _common(needs[index], places)
         inner = arguments(nodes[index])
         for position, argument in enumerate(inner):
             chosen = nodes[index][0] == "select" and position > 0 and inner[1] != inner[2]

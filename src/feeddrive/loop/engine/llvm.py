@@ -110,7 +110,7 @@ class Printer:
         """One operation."""
         node = self.plan.graph.nodes[index]
         name, inner = node[0], arguments(node)
-        if name in ("input", "table"):
+        if name in ("input", "table", "ring"):
             return
         vector = self.varies(index)
         kind = self.type(vector)
@@ -122,6 +122,13 @@ class Printer:
             return
         if name == "gather":
             self.names[index] = self.gather(inner[0], inner[1], vector)
+            return
+        if name == "get":
+            self.names[index] = self.get(inner[0], inner[1], vector)
+            return
+        if name == "put":
+            self.put(*inner)
+            self.names[index] = self.names[inner[0]]
             return
         compared = name in _COMPARE
         values = [self.value(i, vector) for i in inner] if name != "select" else []
@@ -237,6 +244,39 @@ class Printer:
             return self.emit(f"load double, ptr {at}, align 8")
 
         return self.by_lane(read, self.names[place]) if vector else read(self.names[place])
+
+    def get(self, ring: int, place: int, vector: bool) -> str:
+        """A cell of a ring: of all lanes at once, or of each lane another one."""
+        if not vector:
+            return self.emit(f"load double, ptr {self.cell(ring, self.names[place], 0)}, align 8")
+        if not self.varies(place):
+            return self.emit(f"load {self.type(True)}, ptr {self.cell(ring, self.names[place], 0)}, align 8")
+        total = "poison"
+        for lane in range(self.plan.lanes):
+            one = self.emit(f"extractelement {self.type(True)} {self.names[place]}, i32 {lane}")
+            held = self.emit(f"load double, ptr {self.cell(ring, one, lane)}, align 8")
+            total = self.emit(f"insertelement {self.type(True)} {total}, double {held}, i32 {lane}")
+        return total
+
+    def put(self, ring: int, place: int, value: int) -> None:
+        """Another value into a cell of a ring, in place."""
+        held = self.value(value, self.plan.lanes > 1)
+        if not self.varies(place):
+            self.store(held, self.cell(ring, self.names[place], 0))
+            return
+        for lane in range(self.plan.lanes):
+            at = self.emit(f"extractelement {self.type(True)} {self.names[place]}, i32 {lane}")
+            one = self.emit(f"extractelement {self.type(True)} {held}, i32 {lane}")
+            self.lines.append(f"  store double {one}, ptr {self.cell(ring, at, lane)}, align 8")
+
+    def cell(self, ring: int, place: str, lane: int) -> str:
+        """Where a cell of a ring lies in the memory of the states."""
+        offset = self.emit(f"fptosi double {place} to i64")
+        if self.plan.lanes > 1:
+            offset = self.emit(f"mul i64 {offset}, {self.plan.lanes}")
+        if lane:
+            offset = self.emit(f"add i64 {offset}, {lane}")
+        return self.emit(f"getelementptr double, ptr {self.names[ring]}, i64 {offset}")
 
     def by_lane(self, function: Callable[[str], str], x: str) -> str:
         """A scalar operation for each lane."""

@@ -29,7 +29,14 @@ def composed(graph: Graph, name: str, values: list[Symbol], arithmetic: str) -> 
         return step * ops.floor(x / step + 0.5)
     if name == "gather":
         row, place = values
-        length = graph.nodes[row.index][2]
-        held = ops.clip(place, 0.0, float(length - 1))
-        return graph.apply("gather", row, ops.where(ops.equal(held, held), held, 0.0))
+        return graph.apply("gather", row, _inside(place, graph.nodes[row.index][2]))
+    if name in ("get", "put"):
+        ring, place, *value = values
+        return graph.apply(name, ring, _inside(place, graph.nodes[graph.origin(ring.index)][2]), *value)
     return graph.apply(name, *values)
+
+
+def _inside(place: Symbol, length: int) -> Symbol:
+    """A place that is one of the memory, whatever the number is."""
+    held = ops.clip(place, 0.0, float(length - 1))
+    return ops.where(ops.equal(held, held), held, 0.0)

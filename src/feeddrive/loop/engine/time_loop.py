@@ -2,8 +2,8 @@
 
     void name(i64 count, i64 first, double *constants, double *inputs, double *states, double *outputs, double **tables)
 
-Memory: constants and states [number][lane], inputs [sample][number] (the same for all lanes), outputs
-[sample][number][lane].  What does not change from sample to sample is computed before the loop.
+Memory: constants, and states with the cells of rings behind them, [number][lane], inputs [sample][number] (the same for
+all lanes), outputs [sample][number][lane].  What does not change from sample to sample is computed before the loop.
 """
 
 from __future__ import annotations
@@ -81,6 +81,10 @@ class _TimeLoop:
         for i, (_, node) in enumerate(plan.tables):
             at = printer.emit(f"getelementptr ptr, ptr %tables, i64 {i}")
             printer.names[node] = printer.emit(f"load ptr, ptr {at}, align 8")
+        first = len(plan.states)
+        for _, node, length in plan.rings:
+            printer.names[node] = printer.emit(f"getelementptr double, ptr %states, i64 {first * plan.lanes}")
+            first += length
         for i, (_, node) in enumerate(plan.constants):
             if node in self.needed:
                 printer.names[node] = printer.load("%constants", i, printer.varies(node))
@@ -95,7 +99,7 @@ class _TimeLoop:
         for index in plan.order:  # spread before the loop what the loop needs in every lane
             for i in arguments(plan.graph.nodes[index]):
                 wanted = moving[index] and not moving[i] and printer.varies(index) and not printer.varies(i)
-                if wanted and plan.graph.nodes[i][0] != "table":
+                if wanted and plan.graph.nodes[i][0] not in ("table", "ring"):
                     printer.value(i, True)
         return printer.taken()
 

@@ -12,6 +12,7 @@ from feeddrive.blocks.plant.rigid import Rigid
 from feeddrive.blocks.reference.polynomial7 import Polynomial7
 from feeddrive.blocks.signals import Reading, Setpoint
 from feeddrive.loop.axis import Axis
+from feeddrive.loop.core import advance
 from feeddrive.loop.simulate import simulate
 from feeddrive.papers.altintas2009.testbed import MASS, PLANT, VISCOUS, T, cascade, dadsc, loop
 from feeddrive.papers.claims import Claim
@@ -82,7 +83,7 @@ def step_response(law: DADSC, windup: str) -> np.ndarray:
         applied = min(max(requested, -LIMIT), LIMIT)
         held = windup == "freezing" and applied != requested
         kept = after._replace(estimate=kept.estimate) if held else after
-        state, _ = axis.advance(hold, state, applied, None, k * T, T)
+        state, _ = advance(axis, hold, state, applied, None, k * T, T)
     return found
 
 

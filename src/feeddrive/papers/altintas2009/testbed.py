@@ -196,7 +196,7 @@ def run_ideal(
     rows: list[tuple[float, float]] = []
     states: list[Any] = []
     for k, target in enumerate(setpoints):
-        forward = 0.0 if feedforward is None else feedforward.force(target, T)
+        forward = 0.0 if feedforward is None else feedforward.step(feedforward.start(target), target, T)[1]
 
         def answer(
             x: float, target: Setpoint = target, forward: float = forward, held: Any = state

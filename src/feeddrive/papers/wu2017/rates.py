@@ -66,7 +66,8 @@ def ideal_run(loop: Loop, reference: Reference, noise: float = 0.0, seed: int = 
     T = float(loop.sample_time)
     t = np.arange(samples(reference.duration, T)) * T
     dry = DisturbanceCompensator(coulomb_positive=95.0, coulomb_negative=80.0)
-    force = -np.broadcast_to(dry.force(reference.at(t), T), t.shape)
+    along = reference.at(t)
+    force = -np.broadcast_to(dry.step(dry.start(along), along, T)[1], t.shape)
     late = np.concatenate([[0.0], force[:-1]])
     late = late + noise * np.random.default_rng(seed).standard_normal(t.size)
     return simulate(loop, reference, load=RecordedForce(force=late, sample_time=T), record=_RECORDED)

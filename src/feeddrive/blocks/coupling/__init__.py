@@ -1,0 +1,1 @@
+"""What acts between the axes of a machine."""

@@ -1,0 +1,55 @@
+"""A force as a dynamometer measured it, added at the tables of several axes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from feeddrive.blocks.coupling.force_record import ForceRecord
+from feeddrive.blocks.families import Coupling
+from feeddrive.blocks.signals import Motion
+from feeddrive.language import ops
+from feeddrive.language.block import Number, parameter, part
+from feeddrive.language.errors import StructureError
+
+
+class DynamometerForce(Coupling):
+    """The components of a measured cutting force, each on its axis, at the instants of the substeps.
+
+        F_axis(t) = gain · row((t - offset) / interval)      linear between samples, 0 N before and after them
+
+    Unlike a `Load`, which is sampled with the controller and held, it changes from substep to substep, and one record
+    moves all axes in step.
+    When not to use it: where the force depends on the motion, such as in chatter; take `MillingCut`.
+    """
+
+    components: tuple[ForceRecord, ...] = part("components of the force, one an axis")
+    interval: Number = parameter("s", "time between samples of the record", above=0)
+    gain: Number = parameter("", "factor on all components", default=1)
+    offset: Number = parameter("s", "instant of the first sample", default=0)
+
+    def check(self) -> None:
+        """Each axis once."""
+        names = self.axes()
+        if len(set(names)) < len(names) or not names:
+            raise StructureError(
+                f"dynamometer_force.components must name each axis once and at least one, not "
+                f"{', '.join(names) or 'none'}"
+            )
+
+    def axes(self) -> tuple[str, ...]:
+        """Those with a component."""
+        return tuple(each.axis for each in self.components)
+
+    def step(
+        self, prepared: Any, state: Any, motions: Mapping[str, Motion], time: Number, h: Number
+    ) -> tuple[Any, dict[str, tuple[Number, Number]]]:
+        """The equation above."""
+        place = (time - self.offset) / self.interval
+        found: dict[str, tuple[Any, Any]] = {}
+        for each in self.components:
+            row: Any = each.row
+            last = float(ops.length(row) - 1)
+            inside = ops.both(place >= 0.0, place <= last)
+            found[each.axis] = 0.0, ops.where(inside, self.gain * ops.interpolate(row, place), 0.0)
+        return state, found

@@ -1,0 +1,45 @@
+"""A mode of the machine's structure that several axes share."""
+
+from __future__ import annotations
+
+from feeddrive.blocks.coupling.mode_shape import ModeShape
+from feeddrive.blocks.families import Coupling, SharedMode
+from feeddrive.language import ops
+from feeddrive.language.block import Number, parameter, part
+from feeddrive.language.errors import StructureError
+
+
+class StructureMode(Coupling):
+    """One mode η of bed, column or gantry, scaled by its modal mass; all axes named in `shapes` excite and show it.
+
+        mass (η'' + 2 damping_ratio ω η' + ω² η) = Σ over axes (motor f_motor + load f_load),      ω = 2π frequency
+        it adds motor · η and load · η to the positions of the two bodies of each of these axes
+
+    Several of them act in parallel, as the modes of a measured response matrix do.  They move with the axes in one
+    exact hold: the response from any force to any position of the coupled machine has no error but rounding.
+    When not to use it: for a mode that changes with the position of an axis, since shapes are constant.
+    Source: modal superposition, Ewins 2000, ch. 2; shapes may have either sign.
+    """
+
+    frequency: Number = parameter("Hz", "undamped natural frequency", above=0)
+    damping_ratio: Number = parameter("", "damping ratio", least=0, default=0.02)
+    mass: Number = parameter("kg", "modal mass", above=0)
+    shapes: tuple[ModeShape, ...] = part("mode shape at each axis that feels it")
+
+    def check(self) -> None:
+        """Each axis once."""
+        names = self.axes()
+        if len(set(names)) < len(names) or not names:
+            raise StructureError(
+                f"structure_mode.shapes must name each axis once and at least one, not {', '.join(names) or 'none'}"
+            )
+
+    def axes(self) -> tuple[str, ...]:
+        """Those with a shape."""
+        return tuple(shape.axis for shape in self.shapes)
+
+    def modes(self) -> tuple[SharedMode, ...]:
+        """The equation above."""
+        w = 2.0 * ops.pi * self.frequency
+        shapes = {shape.axis: (shape.motor, shape.load) for shape in self.shapes}
+        return (SharedMode(self.mass, 2.0 * self.damping_ratio * w * self.mass, w * w * self.mass, shapes),)

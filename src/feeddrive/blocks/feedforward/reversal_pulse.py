@@ -1,0 +1,43 @@
+"""A pulse of force after each reversal, against the quadrant glitch."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+from feeddrive.blocks.families import Feedforward
+from feeddrive.blocks.signals import Setpoint
+from feeddrive.language import ops
+from feeddrive.language.block import Number, parameter
+
+
+class ReversalPulse(Feedforward):
+    """A pulse that begins where the set velocity changes its sign and dies out exponentially.
+
+        F = s · force · e^(-t / decay_time),   s = sign of the new set velocity, t = time since the reversal
+
+    It helps the drive through presliding, where a constant Coulomb force comes late.  The set velocity is that of the
+    middle of the sample; standstill between two moves in one direction is no reversal.
+    When not to use it: beside a friction feedforward that was learned on reversals and has the pulse in it.
+    Source: the amplitude-adaptive quadrant compensation of CNC controls; Erkorkmaz & Altintas 2001, section 5.
+    """
+
+    force: Number = parameter("N", "height of the pulse", least=0)
+    decay_time: Number = parameter("s", "time after which it has fallen to 1/e", above=0)
+
+    class State(NamedTuple):
+        """The last direction of motion (-1, 0 at first, 1) and the force now, N."""
+
+        direction: Number
+        level: Number
+
+    def start(self, setpoint: Setpoint) -> State:
+        """Moving as the setpoint does, long after a reversal."""
+        return self.State(ops.sign(setpoint.velocity), ops.zero(setpoint.velocity))
+
+    def step(self, state: State, setpoint: Setpoint, T: Number) -> tuple[State, Any]:
+        """The equation above."""
+        direction = ops.sign(setpoint.shifted(0.5 * T).velocity)
+        reversed_now = direction * state.direction < 0.0
+        level = ops.where(reversed_now, direction * self.force, state.level * ops.exp(-(T / self.decay_time)))
+        direction = ops.where(ops.equal(direction, 0.0), state.direction, direction)
+        return self.State(direction, level), level

@@ -1,0 +1,49 @@
+"""A cutting force that depends on the surface which was cut before."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+from feeddrive.blocks.families import Force, Plant
+from feeddrive.blocks.signals import Motion
+from feeddrive.language.block import Number, Rule, choice, parameter
+from feeddrive.language.ring import History
+
+
+class Regeneration(Force):
+    """The force of a chip between the surface that is cut and the one that was cut a period before, on the load's body.
+
+        F(t) = -stiffness · (x(t) - x(t - delay))
+
+    x is the actual position in the middle of a substep, interpolated linearly between substeps; before the start the
+    axis stood where it is.  The linear part of turning and facing, and of a slot with many teeth.
+    When not to use it: where the tool leaves the chip; with substeps longer than a tenth of the delay.
+    Source: Tobias & Fishwick 1958; Altintas 2012, section 4.2.
+    """
+
+    stiffness: Number = parameter("N/m", "force per thickness of the chip", least=0)
+    delay: Number = parameter("s", "time from one cut of a place to the next", above=0)
+    remembered: int = choice("substeps that are remembered, at least those of the delay", default=4096, least=2)
+
+    def substep_rules(self, h: Number) -> Iterator[Rule]:
+        """The delay is remembered."""
+        yield Rule(
+            self.delay / h <= float(self.remembered - 1),
+            "the substeps that the regeneration remembers are not shorter than its delay",
+            lambda: (
+                f"regeneration.remembered = {self.remembered} substeps of {h:g} s are shorter than the delay of "
+                f"{self.delay:g} s: at least {-int(-(self.delay / h) // 1) + 1}"
+            ),
+        )
+
+    def start(self, plant: Plant, motion: Motion) -> History:
+        """Everything stood where it is."""
+        return History.start(self.remembered, motion.position_load)
+
+    def step(
+        self, state: History, plant: Plant, motion: Motion, drive: Number, time: Number, h: Number
+    ) -> tuple[History, Any, Any]:
+        """The equation above."""
+        state = state.push(motion.position_load)
+        return state, 0.0, -(self.stiffness * (motion.position_load - state.ago(self.delay / h)))

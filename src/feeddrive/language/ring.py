@@ -1,0 +1,142 @@
+"""A ring: a row of numbers that a state carries, written and read by index; and the history of a signal made of one.
+
+A ring is what delays, regeneration and repetitive laws remember with.  It has a fixed length, which shapes the graph.
+Indices are whole numbers and count around: index and index + length are the same cell.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from feeddrive.language.errors import StructureError
+from feeddrive.language.graph import Symbol
+from feeddrive.language.primitives import clip, floor, minimum, where, zero
+
+
+class Ring:
+    """Cells by index. A value: `put` gives a new ring and leaves this one as it is.
+
+    cells  None for a new ring, whose cells are 0; numbers of shape (length,) or (length, lanes); the symbol of a trace.
+    Native code writes in place, so a ring may be written once from each of its states: r1 = r.put(...), then
+    r2 = r1.put(...), never two from r.  A choice between a ring and a new one takes the ring: a reset does not clear
+    cells, and what must be forgotten at a reset is said by a number beside the ring (see `History`).
+    """
+
+    __slots__ = ("cells", "length")
+
+    def __init__(self, length: int, cells: Any = None) -> None:
+        if length < 1:
+            raise StructureError(f"a ring has a length of at least 1, not {length}")
+        self.length, self.cells = length, cells
+
+    def __repr__(self) -> str:
+        return f"Ring({self.length})"
+
+    def put(self, index: Any, value: Any) -> Ring:
+        """The ring with another value in a cell."""
+        place = self._place(index)
+        symbol = next((each for each in (self.cells, place, value) if isinstance(each, Symbol)), None)
+        if symbol is not None:
+            graph = symbol.graph
+            cells = graph.ring(f"ring.{len(graph.nodes)}", self.length) if self.cells is None else self.cells
+            return Ring(self.length, graph.apply("put", cells, place, value))
+        return Ring(self.length, written(self._numbers(), place, value))
+
+    def get(self, index: Any) -> Any:
+        """The number in a cell. Its derivative to the index is 0: interpolation is written around it."""
+        place = self._place(index)
+        symbol = next((each for each in (self.cells, place) if isinstance(each, Symbol)), None)
+        if symbol is not None and self.cells is None:
+            return symbol.graph.constant(0.0)
+        if symbol is not None:
+            return symbol.graph.apply("get", self.cells, place)
+        return read(self._numbers(), place)
+
+    def interpolate(self, place: Any) -> Any:
+        """Linear interpolation at a real place, around the end to the beginning."""
+        below = floor(place)
+        left = self.get(below)
+        return left + (place - below) * (self.get(below + 1.0) - left)
+
+    def _numbers(self) -> np.ndarray:
+        return np.zeros(self.length) if self.cells is None else self.cells
+
+    def _place(self, index: Any) -> Any:
+        """The index counted around into 0 .. length - 1."""
+        return index - float(self.length) * floor(index / float(self.length))
+
+
+def read(cells: np.ndarray, place: Any) -> Any:
+    """A cell, or of lanes each one's own. A NaN place reads cell 0."""
+    at = _inside(cells, place)
+    if at.ndim and cells.ndim == 2:
+        return cells[at, np.arange(cells.shape[1])]
+    found: Any = cells[at]
+    return found if isinstance(found, np.ndarray) else np.float64(found)
+
+
+def written(cells: np.ndarray, place: Any, value: Any) -> np.ndarray:
+    """A copy with another value in a cell, or for each lane in its own."""
+    at, value = _inside(cells, place), np.asarray(value, dtype=np.float64)
+    lanes = max(at.size if at.ndim else 0, value.size if value.ndim else 0)
+    if lanes and cells.ndim == 1:
+        cells = np.repeat(cells[:, None], lanes, axis=1)
+    after = cells.copy()
+    after[(at, np.arange(cells.shape[1])) if at.ndim else at] = value
+    return after
+
+
+def _inside(cells: np.ndarray, place: Any) -> np.ndarray:
+    held = np.clip(place, 0.0, float(len(cells) - 1))
+    return np.asarray(np.where(held == held, held, 0.0), dtype=np.int64)
+
+
+class History(NamedTuple):
+    """The last values of a signal, one written after the other; before the first one it was always `initial`."""
+
+    ring: Ring
+    head: Any  # cell that is written next
+    filled: Any  # how many cells have been written since the start
+    initial: Any
+
+    @classmethod
+    def start(cls, length: int, initial: Any) -> History:
+        """A signal that has always been `initial`; `length` values are remembered."""
+        nothing = zero(initial)
+        return cls(Ring(length), nothing, nothing, initial)
+
+    def settled(self) -> History:
+        """The same after a long time: every cell holds what the signal has always been."""
+        return History(Ring(self.ring.length, np.full(self.ring.length, float(self.initial))), self.head,
+                       zero(self.initial) + float(self.ring.length), self.initial)  # fmt: skip
+
+    def push(self, value: Any) -> History:
+        """With a newest value."""
+        last = float(self.ring.length - 1)
+        head = where(self.head >= last, 0.0, self.head + 1.0)
+        filled = minimum(self.filled + 1.0, last + 1.0)
+        return History(self.ring.put(self.head, value), head, filled, self.initial)
+
+    def ago(self, count: Any) -> Any:
+        """The value `count` values before the newest one, a real number within the length, interpolated linearly."""
+        most = float(self.ring.length - 1)
+        age = clip(count, 0.0, most)
+        newer = floor(age)
+        older = minimum(newer + 1.0, most)
+        after = self._aged(newer)
+        return after + (age - newer) * (self._aged(older) - after)
+
+    def _aged(self, age: Any) -> Any:
+        return where(age < self.filled, self.ring.get(self.head - 1.0 - age), self.initial)
+
+
+def settled(state: Any) -> Any:
+    """A state with every history in it settled."""
+    if isinstance(state, History):
+        return state.settled()
+    if isinstance(state, tuple):
+        parts = [settled(each) for each in state]
+        return type(state)(*parts) if hasattr(state, "_fields") else tuple(parts)
+    return state

@@ -1,0 +1,258 @@
+"""The substep: linear mechanics of one axis, or of axes that share structure modes, with forces and friction."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+from feeddrive.blocks.families import Mechanics, SharedMode
+from feeddrive.blocks.signals import Motion
+from feeddrive.language import matrix
+from feeddrive.language.block import Number
+from feeddrive.language.matrix import Row
+from feeddrive.loop.axis import Axis
+from feeddrive.loop.contacts import Contact, plus, settle, share_mass
+from feeddrive.loop.hold import Columns, Hold, JointHold, Rows, Timing, hold
+
+_ALONE = "axis"  # what a single axis is called here
+
+
+class Shared(NamedTuple):
+    """The modes that axes share: coordinates (m) and their velocities (m/s)."""
+
+    position: tuple[Number, ...] = ()
+    velocity: tuple[Number, ...] = ()
+
+
+class Acting(NamedTuple):
+    """What acts on an axis over a sample: the command before and after its handover, and a held force on the load."""
+
+    new: Number  # N
+    old: Number | None  # N; None without a part of a sample of dead time
+    load: Number | None  # N; None: none
+
+
+class Push(NamedTuple):
+    """Forces in N on the motor's and on the load's body; None where there is none."""
+
+    motor: Any = None
+    load: Any = None
+
+    def __add__(self, other: tuple[Any, ...]) -> Push:  # type: ignore[override]
+        return Push(_sum(self.motor, other[0]), _sum(self.load, other[1]))
+
+
+class Core:
+    """Axes whose linear mechanics move as one.
+
+    The coordinates are those of the axes, one after the other, and then the shared modes.  A mode η adds shape · η to
+    the position of each body that it moves, and a force on the body acts on it with the same shape:
+
+        mass η'' + damping η' + stiffness η = Σ shape · f
+
+    A single axis without modes computes what it would without this class.
+    """
+
+    def __init__(self, axes: Mapping[str, Axis], modes: Sequence[SharedMode] = ()) -> None:
+        self.axes, self.modes = dict(axes), tuple(modes)
+        self._plain = {name: axis.plant.mechanics() for name, axis in self.axes.items()}
+        self._places: dict[str, range] = {}
+        for name, plain in self._plain.items():
+            begin = sum(map(len, self._places.values()))
+            self._places[name] = range(begin, begin + len(plain.mass))
+        self._own = sum(map(len, self._places.values()))
+
+    def prepare(self, T: Number, timings: Mapping[str, Timing]) -> JointHold:
+        """The exact hold of the linear core."""
+        joint = self.mechanics()
+        ports = [axis.port(self._rows(name), timings[name]) for name, axis in self.axes.items()]
+        return hold(joint, ports, T, self.substeps())
+
+    def substeps(self) -> int:
+        """Of every axis: they are the same."""
+        return next(iter(self.axes.values())).substeps
+
+    def mechanics(self) -> Mechanics:
+        """The joint matrices with the viscous part of all frictions; the shape is left out."""
+        size = self._own + len(self.modes)
+        mass, damping, stiffness = (matrix.zeros(size, size) for _ in range(3))
+        for name, plain in self._plain.items():
+            for i, row in enumerate(self._places[name]):
+                for j, column in enumerate(self._places[name]):
+                    mass[row][column], stiffness[row][column] = plain.mass[i][j], plain.stiffness[i][j]
+                    damping[row][column] = plain.damping[i][j]
+        for place, mode in enumerate(self.modes, self._own):
+            mass[place][place], damping[place][place] = mode.mass, mode.damping
+            stiffness[place][place] = mode.stiffness
+        total: Any = tuple(map(tuple, damping))
+        for name, axis in self.axes.items():
+            rows = self._rows(name)
+            for friction, row in ((axis.friction_motor, rows.motor), (axis.friction_load, rows.load)):
+                if friction is not None:
+                    total = matrix.add(total, axis.viscous(friction, row))
+        return Mechanics(tuple(map(tuple, mass)), total, tuple(map(tuple, stiffness)), ())
+
+    def _rows(self, name: str) -> Rows:
+        """Where the drive, the motor's and the load's body of an axis are, over all coordinates.
+
+        The drive and the motor's body show a mode by its shape at the motor, the load's body by that at the load, also
+        where the two are one body.
+        """
+        plain, place = self._plain[name], self._places[name]
+        before, after = (0.0,) * place.start, (0.0,) * (self._own - place.stop)
+        shapes = [mode.shapes.get(name, (0.0, 0.0)) for mode in self.modes]
+        motor, load = tuple(motor for motor, _ in shapes), tuple(load for _, load in shapes)
+        return Rows(
+            drive=(*before, *plain.shape[plain.drive], *after, *motor),
+            motor=(*before, *plain.shape[plain.motor], *after, *motor),
+            load=(*before, *plain.shape[plain.load], *after, *load),
+        )
+
+    def motion(self, name: str, states: Mapping[str, Axis.State], shared: Shared) -> Motion:
+        """True position and velocity of the motor's and the load's body of an axis."""
+        _, motor, load = self._rows(name)
+        position, velocity = self._joined(states, shared)
+        return Motion(
+            position_motor=matrix.dot(motor, position),
+            position_load=matrix.dot(load, position),
+            velocity_motor=matrix.dot(motor, velocity),
+            velocity_load=matrix.dot(load, velocity),
+        )
+
+    def middle(self, name: str, states: Mapping[str, Axis.State], shared: Shared, h: Number) -> Motion:
+        """The motion as it will be in the middle of a substep, x + v h/2."""
+        motion, half = self.motion(name, states, shared), 0.5 * h
+        return motion._replace(
+            position_motor=motion.position_motor + half * motion.velocity_motor,
+            position_load=motion.position_load + half * motion.velocity_load,
+        )
+
+    def _joined(self, states: Mapping[str, Axis.State], shared: Shared) -> tuple[Row, Row]:
+        position = (x for name in self.axes for x in states[name].position)
+        velocity = (x for name in self.axes for x in states[name].velocity)
+        return (*position, *shared.position), (*velocity, *shared.velocity)
+
+    def substep(
+        self, prepared: JointHold, states: Mapping[str, Axis.State], shared: Shared, acting: Mapping[str, Acting],
+        pushes: Mapping[str, Push], index: int, time: Number, h: Number,
+    ) -> tuple[dict[str, Axis.State], Shared, dict[str, Axis.Step]]:  # fmt: skip
+        """One substep of h seconds from `time` on: linear core exact, forces at its middle, friction at its end.
+
+        pushes  forces from outside the axes, such as those of couplings, constant over the substep
+        """
+        held = dict(states)
+        drives: dict[str, Number] = {}
+        columns = dict(zip(self.axes, prepared.axes, strict=True))
+        lag = 2 * (self._own + len(self.modes))
+        total: dict[str, Push] = {}
+        for name, axis in self.axes.items():
+            at = acting[name]
+            drives[name] = _mean_drive(prepared.change, columns[name], states[name], lag, index, at)
+            lag += len(states[name].drive)
+            push = Push(None, at.load)
+            if axis.forces:
+                motion, remembered = self.middle(name, states, shared, h), list[Any]()
+                for force, memory in zip(axis.forces, states[name].forces, strict=True):
+                    memory, *given = force.step(memory, axis.plant, motion, drives[name], time + 0.5 * h, h)
+                    push = push + tuple(given)
+                    remembered.append(memory)
+                held[name] = held[name]._replace(forces=tuple(remembered))
+            total[name] = push + pushes[name] if name in pushes else push
+        free = self._free(prepared, states, shared, acting, total, columns, index)
+        return self._settled(held, states, shared, free, columns, drives, h)
+
+    def _free(
+        self, prepared: JointHold, states: Mapping[str, Axis.State], shared: Shared, acting: Mapping[str, Acting],
+        pushes: Mapping[str, Push], columns: Mapping[str, Columns], index: int,
+    ) -> Row:  # fmt: skip
+        """The end of the substep without friction."""
+        position, velocity = self._joined(states, shared)
+        before = (*position, *velocity, *(x for name in self.axes for x in states[name].drive))
+        free: list[Any] = []
+        for i, x in enumerate(before):
+            change = matrix.dot(prepared.change[i], before)
+            for name, column in columns.items():
+                change = plus(change, column.new[index][i], acting[name].new)
+                if acting[name].old is not None:
+                    change = plus(change, column.old[index][i], acting[name].old)
+                change = plus(change, column.forces[0][i], pushes[name].motor)
+                change = plus(change, column.forces[1][i], pushes[name].load)
+            free.append(x if matrix.is_zero(change) else x + change)
+        return tuple(free)
+
+    def _settled(
+        self, held: dict[str, Axis.State], states: Mapping[str, Axis.State], shared: Shared, free: Row,
+        columns: Mapping[str, Columns], drives: Mapping[str, Number], h: Number,
+    ) -> tuple[dict[str, Axis.State], Shared, dict[str, Axis.Step]]:  # fmt: skip
+        """The end of the substep with the friction forces that fit its velocities."""
+        contacts: list[Contact] = []
+        owners: list[tuple[str, str]] = []
+        for name, axis in self.axes.items():
+            rows, state = self._rows(name), states[name]
+            if axis.friction_motor is not None:
+                contacts.append(Contact(axis.friction_motor, state.friction_motor, rows.motor, columns[name].forces[0]))
+                owners.append((name, "friction_motor"))
+            if axis.friction_load is not None:
+                contacts.append(Contact(axis.friction_load, state.friction_load, rows.load, columns[name].forces[1]))
+                owners.append((name, "friction_load"))
+        # a force on one body moves another at once, or only over the springs between them
+        at_once = bool(self.modes) or any(share_mass(plain) for plain in self._plain.values())
+        sweeps = 1 if len(contacts) < 2 else 6 if at_once else 2
+        position, velocity = self._joined(states, shared)
+        end, answers = settle(contacts, position, velocity, free, h, sweeps)
+        steps = {name: Axis.Step(0.0, 0.0, drives[name]) for name in self.axes}
+        for (name, which), answer in zip(owners, answers, strict=True):
+            held[name] = held[name]._replace(**{which: answer.state})
+            steps[name] = steps[name]._replace(**{which: answer.force})
+        n = self._own + len(self.modes)
+        lag = 2 * n
+        for name, place in self._places.items():
+            moved = slice(place.start, place.stop), slice(n + place.start, n + place.stop)
+            lags = slice(lag, lag + len(states[name].drive))
+            held[name] = held[name]._replace(
+                position=tuple(end[moved[0]]), velocity=tuple(end[moved[1]]), drive=tuple(end[lags])
+            )
+            lag = lags.stop
+        return held, Shared(tuple(end[self._own : n]), tuple(end[n + self._own : 2 * n])), steps
+
+
+def acting(columns: Columns | Hold, state: Axis.State, command: Number, load: Number | None) -> tuple[Acting, Any]:
+    """What acts over the sample in which a command in N is given, and the state that remembers the command."""
+    commands = (command, *state.pending)
+    partial = len(columns.old) > 0
+    found = Acting(commands[-2] if partial else commands[-1], commands[-1] if partial else None, load)
+    return found, state._replace(pending=commands[: len(state.pending)])
+
+
+def advance(
+    axis: Axis, prepared: Hold, state: Axis.State, command: Number, load: Number | None, time: Number, T: Number
+) -> tuple[Axis.State, Axis.Step]:
+    """A single axis from kT to (k+1)T under a command in N and a load force in N that is held (None: none)."""
+    core, joint = Core({_ALONE: axis}), JointHold(prepared.change, (prepared.columns(),))
+    at, after = acting(prepared, state, command, load)
+    h = T / axis.substeps
+    name = _ALONE
+    states, shared, steps = {name: state}, Shared(), {name: Axis.Step(0.0, 0.0, at.new)}
+    for index in range(axis.substeps):
+        states, shared, steps = core.substep(joint, states, shared, {name: at}, {}, index, time + index * h, h)
+    return states[name]._replace(pending=after.pending), steps[name]
+
+
+def _sum(a: Any, b: Any) -> Any:
+    """a + b, leaving out what is not there."""
+    if a is None or matrix.is_zero(a):
+        return b
+    return a if b is None or matrix.is_zero(b) else a + b
+
+
+def _mean_drive(change: matrix.Matrix, columns: Columns, state: Axis.State, lag: int, index: int, at: Acting) -> Number:
+    """The drive force in N in the mean over a substep, while a command takes over from the one before.
+
+    `lag` is the place of the drive force among the states, if it lags.
+    """
+    if state.drive:
+        moved = change[lag][lag] * state.drive[0] + columns.new[index][lag] * at.new
+        if at.old is not None:
+            moved = moved + columns.old[index][lag] * at.old
+        return state.drive[0] + 0.5 * moved
+    return at.new if at.old is None else at.old + columns.share[index] * (at.new - at.old)

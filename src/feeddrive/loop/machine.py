@@ -1,0 +1,262 @@
+"""A machine: axes by name under one sample time, and what couples them."""
+
+from __future__ import annotations
+
+import keyword
+from collections.abc import Collection, Iterator, Mapping
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+from feeddrive.blocks.families import Coupling
+from feeddrive.blocks.signals import Motion, Noise
+from feeddrive.language.block import Block, Number, Rule, parameter, part
+from feeddrive.language.errors import ParameterError, StructureError
+from feeddrive.loop.axis import Axis
+from feeddrive.loop.control import Control
+from feeddrive.loop.core import Acting, Core, Push, Shared, acting
+from feeddrive.loop.hold import JointHold, Timing
+from feeddrive.loop.loop import Loop, Signals, inputs_of, reported
+
+_SEEDS = 2.0**40  # between the noise of one axis and that of the next
+
+
+class DrivenAxis(Block):
+    """An axis of a machine: its physics and the control that runs on it, control + axis = one loop."""
+
+    control: Control = part("all that runs on the controller")
+    axis: Axis = part("all that is physics", inline=True)
+
+
+class Machine(Block):
+    """Axes by name that run at one sample time, as one program; signals are named `x.tracking_error`.
+
+        for each substep:   coupling forces at its middle → forces of each axis → exact hold → friction
+
+    Axes that share structure modes move in one exact hold; all others have their own, so that a machine of one axis
+    computes what its loop does.  Couplings act at common substeps, from the motions of all axes at the same instant.
+    `axis` is a mapping from names to `DrivenAxis`; `Machine.of` takes loops.
+    """
+
+    axis: Any = part("axes by name")
+    couplings: tuple[Coupling, ...] = part("what acts between them", default=())
+    sample_time: Number = parameter("s", "time from sample to sample", above=0)
+
+    class Prepared(NamedTuple):
+        """What the controls, the linear cores and the couplings prepared."""
+
+        control: Any
+        cores: tuple[JointHold, ...]
+        couplings: tuple[Any, ...]
+
+    class State(NamedTuple):
+        """Of the axes by name, of the modes of each core, and of the couplings."""
+
+        axis: Any
+        shared: tuple[Shared, ...]
+        couplings: tuple[Any, ...]
+
+    def __post_init__(self) -> None:
+        if isinstance(self.axis, Mapping):
+            given: Mapping[str, DrivenAxis] = self.axis
+            object.__setattr__(self, "axis", named(given))
+        super().__post_init__()
+
+    @classmethod
+    def of(cls, loops: Mapping[str, Loop], couplings: tuple[Coupling, ...] = ()) -> Machine:
+        """The machine of some loops. Raises ParameterError if their sample times differ."""
+        times = {name: float(loop.sample_time) for name, loop in loops.items()}
+        if len(set(times.values())) != 1:
+            shown = ", ".join(f"{name}: {time:g} s" for name, time in times.items())
+            raise ParameterError(f"the axes of a machine have one sample time, not {shown or 'none'}")
+        axes = {name: DrivenAxis(control=loop.control, axis=loop.axis) for name, loop in loops.items()}
+        return cls(axis=named(axes), couplings=couplings, sample_time=next(iter(times.values())))
+
+    def axes(self) -> dict[str, DrivenAxis]:
+        """The axes by name."""
+        return dict(zip(self.axis._fields, self.axis, strict=True))
+
+    def loop(self, name: str) -> Loop:
+        """One axis alone, without couplings. Raises ParameterError for a name that is not there."""
+        axes = self.axes()
+        if name not in axes:
+            raise ParameterError(f"the machine has no axis '{name}'; it has {', '.join(axes)}")
+        return Loop(control=axes[name].control, axis=axes[name].axis, sample_time=self.sample_time, name=name)
+
+    def loops(self) -> dict[str, Loop]:
+        """Each axis alone."""
+        return {name: self.loop(name) for name in self.axes()}
+
+    def with_loops(self, loops: Mapping[str, Loop]) -> Machine:
+        """The same machine with other loops on its axes."""
+        return Machine.of({**self.loops(), **loops}, self.couplings)
+
+    def check(self) -> None:
+        """Couplings name axes that are there; substeps are common; each axis runs as a loop of its own."""
+        axes = self.axes()
+        if not axes:
+            raise StructureError("a machine needs at least one axis")
+        substeps = {name: each.axis.substeps for name, each in axes.items()}
+        if len(set(substeps.values())) > 1:
+            shown = ", ".join(f"{name}: {count}" for name, count in substeps.items())
+            raise StructureError(
+                f"the axes of a machine have one number of substeps, at which forces between them act, not {shown}"
+            )
+        for i, coupling in enumerate(self.couplings):
+            for name in coupling.axes():
+                if name not in axes:
+                    raise StructureError(f"couplings.{i}: {coupling.kind} acts on axis '{name}', which is not there")
+        if isinstance(self.sample_time, float):
+            for name in axes:
+                self.loop(name)
+
+    def rules(self) -> Iterator[Rule]:
+        """What the couplings ask for at the substeps; the rules of the axes are those of their loops."""
+        h = self.sample_time / next(iter(self.axes().values())).axis.substeps
+        for coupling in self.couplings:
+            yield from coupling.substep_rules(h)
+
+    def cores(self) -> list[Core]:
+        """Groups of axes that share modes, in the order of the axes."""
+        axes = self.axes()
+        groups: list[tuple[list[str], list[Any]]] = [([name], []) for name in axes]
+        for coupling in self.couplings:
+            modes = coupling.modes()
+            if modes:
+                joined = [group for group in groups if set(group[0]) & set(coupling.axes())]
+                first = joined[0]
+                for other in joined[1:]:
+                    first[0].extend(other[0])
+                    first[1].extend(other[1])
+                    groups.remove(other)
+                first[1].extend(modes)
+        return [Core({name: axes[name].axis for name in axes if name in names}, modes) for names, modes in groups]
+
+    def ports(self) -> tuple[str, ...]:
+        """What stands before the names of inputs and signals of each axis."""
+        return tuple(f"{name}." for name in self.axes())
+
+    def timing(self, partial: Collection[str] = ()) -> Any:
+        """The structure that the dead time of each axis leaves, with room for a part of a sample for those named."""
+        if not isinstance(self.sample_time, float):
+            raise StructureError("machine.sample_time is a constant of the design: it cannot vary within a batch")
+        return named({name: each.timing(partial) for name, each in self.loops().items()})
+
+    def prepare(self, timing: Any) -> Prepared:
+        """All work that depends on parameters only."""
+        T, axes = self.sample_time, self.axes()
+        timings: dict[str, Timing] = dict(zip(axes, timing, strict=True))
+        cores = self.cores()
+        h = T / cores[0].substeps()
+        return self.Prepared(
+            named({name: each.control.prepare(T) for name, each in axes.items()}),
+            tuple(core.prepare(T, timings) for core in cores),
+            tuple(coupling.prepare(h) for coupling in self.couplings),
+        )
+
+    def start(self, prepared: Prepared, timing: Any, setpoint: Any, position: Any, velocity: Any) -> State:
+        """Each axis at its position (m), moving with its velocity (m/s); see `Loop.start`. All are by axis."""
+        found: dict[str, Loop.State] = {}
+        motions: dict[str, Motion] = {}
+        for name, made, held in zip(self.axes(), prepared.control, timing, strict=True):
+            at, speed = position[name], velocity[name]
+            found[name] = self.loop(name).started(made, held, setpoint[name], at, speed)
+            motions[name] = Motion(at, at, speed, speed)
+        zero = next(iter(found.values())).control.applied * 0.0
+        shared = tuple(Shared((zero,) * len(core.modes), (zero,) * len(core.modes)) for core in self.cores())
+        couplings = zip(self.couplings, prepared.couplings, strict=True)
+        begun = tuple(each.start(made, {name: motions[name] for name in each.axes()}) for each, made in couplings)
+        return self.State(named(found), shared, begun)
+
+    def sample(
+        self, prepared: Prepared, state: State, inputs: Mapping[str, Number], noise: Noise, time: Number
+    ) -> tuple[State, dict[str, Number]]:
+        """One sample from named inputs such as `x.set_position`; signals by name."""
+        T, axes, cores = self.sample_time, self.axes(), self.cores()
+        states = dict(zip(axes, state.axis, strict=True))
+        where = {name: place for place, core in enumerate(cores) for name in core.axes}
+        columns = {
+            name: each
+            for core, made in zip(cores, prepared.cores, strict=True)
+            for name, each in zip(core.axes, made.axes, strict=True)
+        }
+        moved: dict[str, Axis.State] = {name: held.axis for name, held in states.items()}
+        shared, remembered = list(state.shared), list(state.couplings)
+        found: dict[str, Any] = {}
+        controls: dict[str, Any] = {}
+        at: dict[str, Acting] = {}
+        loads: dict[str, list[Any]] = {}
+        for i, (name, each) in enumerate(axes.items()):
+            setpoint, load, enable, probe = inputs_of(inputs, f"{name}.")
+            motion = cores[where[name]].motion(name, moved, shared[where[name]])
+            own = noise if i == 0 else Noise(noise.seed + i * _SEEDS, noise.sample)
+            moved[name], motor, reading = each.axis.read(moved[name], motion, own, T)
+            motor, reading = probe.read(motor, reading)
+            controls[name], command = each.control.step(
+                prepared.control[i], states[name].control, setpoint, motor, reading, enable, T
+            )
+            found[name] = setpoint, motion, motor, reading, command
+            at[name], moved[name] = acting(columns[name], moved[name], probe.acting(command.applied), load)
+            loads[name] = []
+        done: dict[str, Axis.Step] = {}
+        substeps = cores[0].substeps()
+        h = T / substeps
+        for index in range(substeps):
+            now = time + index * h
+            pushes = self._coupled(prepared, cores, where, moved, shared, remembered, now + 0.5 * h, h)
+            for name, push in pushes.items():
+                loads[name].append(push.load)
+            for place, core in enumerate(cores):
+                own_states = {name: moved[name] for name in core.axes}
+                after, shared[place], steps = core.substep(
+                    prepared.cores[place], own_states, shared[place], at, pushes, index, now, h
+                )
+                moved.update(after)
+                done.update(steps)
+        signals: dict[str, Number] = {}
+        for name, (setpoint, motion, motor, reading, command) in found.items():
+            load = _mean(at[name].load, loads[name])
+            row = reported(setpoint, motion, motor, reading, command, done[name], load)
+            signals |= {f"{name}.{signal}": value for signal, value in zip(Signals._fields, row, strict=True)}
+        after = named({name: Loop.State(controls[name], moved[name]) for name in axes})
+        return self.State(after, tuple(shared), tuple(remembered)), signals
+
+    def _coupled(
+        self, prepared: Prepared, cores: list[Core], where: Mapping[str, int], states: Mapping[str, Axis.State],
+        shared: list[Shared], remembered: list[Any], middle: Number, h: Number,
+    ) -> dict[str, Push]:  # fmt: skip
+        """The forces of all couplings by axis over a substep, whose middle is given; their states move on."""
+        motions: dict[str, Motion] = {}
+        found: dict[str, Push] = {}
+        for i, (coupling, made) in enumerate(zip(self.couplings, prepared.couplings, strict=True)):
+            for name in coupling.axes():
+                if name not in motions:
+                    core = cores[where[name]]
+                    motions[name] = core.middle(name, states, shared[where[name]], h)
+            own = {name: motions[name] for name in coupling.axes()}
+            remembered[i], forces = coupling.step(made, remembered[i], own, middle, h)
+            for name, pair in forces.items():
+                found[name] = found.get(name, Push()) + pair
+        return found
+
+
+def named(values: Mapping[str, Any]) -> Any:
+    """A named tuple of values by axis."""
+    return _type(tuple(values))(*values.values())
+
+
+@lru_cache(maxsize=256)
+def _type(names: tuple[str, ...]) -> Any:
+    for name in names:
+        if not name.isidentifier() or keyword.iskeyword(name) or name.startswith("_"):
+            raise ParameterError(f"'{name}' cannot be the name of an axis: letters, digits and _ , first a letter")
+    make: Any = NamedTuple  # names are known at run time only
+    return make("Axes", [(name, Any) for name in names])
+
+
+def _mean(held: Any, coupled: list[Any]) -> Any:
+    """The mean force on a table over the sample; None where there is none."""
+    total: Any = None
+    for each in coupled:
+        total = each if total is None else total + each
+    mean = None if total is None else total / float(len(coupled)) if len(coupled) > 1 else total
+    return mean if held is None else held if mean is None else held + mean
