@@ -16,7 +16,7 @@ import pytest
 from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 
-from feeddrive.blocks import families
+from feeddrive.blocks import families, machine_families
 from feeddrive.blocks.catalogue import catalogue
 from feeddrive.blocks.plant.two_mass import TwoMass
 from feeddrive.blocks.signals import Motion, Noise, Reading, Setpoint
@@ -245,8 +245,8 @@ TRACED: dict[type[Block], Callable[[Any, Inputs], Answers]] = {
     families.Feedforward: _feedforward,
     families.Prefilter: _prefilter,
     families.Observer: _observer,
-    families.Cutter: _cutter,
-    families.Coupling: _coupling,
+    machine_families.Cutter: _cutter,
+    machine_families.Coupling: _coupling,
 }
 SAMPLED: tuple[type[Block], ...] = (families.Reference, families.Load)
 
@@ -458,7 +458,7 @@ class TestBlock:
         truth = classify(graph, [], [], []).truth
         values = node_values(graph, nodes, leaves)
         base = np.array([float(values[node]) for node in nodes])
-        sizes = np.abs([float(value) for value in values.values() if not isinstance(value, np.ndarray)])
+        sizes = np.abs([float(value) for value in values.values() if not isinstance(value, np.ndarray | Ring)])
         largest = np.max(sizes[np.isfinite(sizes)], initial=1e-9)
         rounding = _rounding(graph, nodes, leaves, moved, base)
 

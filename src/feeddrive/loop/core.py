@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
-from feeddrive.blocks.families import Mechanics, SharedMode
+from feeddrive.blocks.families import Mechanics
+from feeddrive.blocks.machine_families import SharedMode
 from feeddrive.blocks.signals import Motion
 from feeddrive.language import matrix
 from feeddrive.language.block import Number

@@ -7,7 +7,7 @@ from collections.abc import Collection, Iterator, Mapping
 from functools import lru_cache
 from typing import Any, NamedTuple
 
-from feeddrive.blocks.families import Coupling
+from feeddrive.blocks.machine_families import Coupling
 from feeddrive.blocks.signals import Motion, Noise
 from feeddrive.language.block import Block, Number, Rule, parameter, part
 from feeddrive.language.errors import ParameterError, StructureError

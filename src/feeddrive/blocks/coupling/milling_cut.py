@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple
 
-from feeddrive.blocks.families import Coupling, Cutter
+from feeddrive.blocks.machine_families import Coupling, Cutter
 from feeddrive.blocks.signals import Motion
 from feeddrive.language import ops
 from feeddrive.language.block import Number, Rule, choice, parameter, part
+from feeddrive.language.errors import StructureError
 from feeddrive.language.ring import History
 
 
@@ -47,6 +48,13 @@ class MillingCut(Coupling):
 
         x: History
         y: History
+
+    def check(self) -> None:
+        """Each direction has its own axis."""
+        if len(set(self.axes())) < len(self.axes()):
+            raise StructureError(
+                f"milling_cut: x, y and z are moved by axes of their own, not {', '.join(self.axes())}"
+            )
 
     def rules(self) -> Iterator[Rule]:
         """The end comes after the beginning."""

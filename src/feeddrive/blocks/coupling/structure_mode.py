@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from feeddrive.blocks.coupling.mode_shape import ModeShape
-from feeddrive.blocks.families import Coupling, SharedMode
+from feeddrive.blocks.machine_families import Coupling, SharedMode
 from feeddrive.language import ops
 from feeddrive.language.block import Number, parameter, part
 from feeddrive.language.errors import StructureError

@@ -5,7 +5,7 @@ from __future__ import annotations
 import warnings
 from typing import Any
 
-from feeddrive.blocks.families import Cutter
+from feeddrive.blocks.machine_families import Cutter
 from feeddrive.language import ops
 from feeddrive.language.block import Number, choice, parameter
 from feeddrive.language.errors import ParameterError

@@ -1,0 +1,74 @@
+"""The families of blocks that act on several axes of a machine: couplings between them, and milling tools."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterator, Mapping
+from typing import Any, NamedTuple
+
+from feeddrive.blocks.families import Nothing
+from feeddrive.blocks.signals import Motion
+from feeddrive.language.block import Block, Number, Rule, choice
+
+
+class SharedMode(NamedTuple):
+    """A mode of the structure that several axes feel: mass η'' + damping η' + stiffness η = Σ shape · f."""
+
+    mass: Number  # kg
+    damping: Number  # N s/m
+    stiffness: Number  # N/m
+    shapes: Mapping[str, tuple[Number, Number]]  # by axis: shape at the motor's and at the load's body
+
+
+class Coupling(Block, ABC):
+    """What acts between the axes of a machine: structure modes that they share, or forces at common substeps.
+
+    A coupling fills in `modes`, or `step` with `start` and `prepare`, or both.
+    """
+
+    @abstractmethod
+    def axes(self) -> tuple[str, ...]:
+        """Names of the axes on which it acts."""
+
+    def modes(self) -> tuple[SharedMode, ...]:
+        """Modes that move with these axes in one exact hold (empty hook)."""
+        return ()
+
+    def prepare(self, h: Number) -> Any:
+        """What depends on parameters and the substep h only (empty hook)."""
+        return Nothing()
+
+    def start(self, prepared: Any, motions: Mapping[str, Motion]) -> Any:
+        """The state when the axes have been moving like this (empty hook)."""
+        return Nothing()
+
+    def step(
+        self, prepared: Any, state: Any, motions: Mapping[str, Motion], time: Number, h: Number
+    ) -> tuple[Any, Mapping[str, tuple[Number, Number]]]:
+        """One substep of h seconds: the new state, and by axis the force in N on its motor's and its load's body.
+
+        Motions are predicted for the middle of the substep, `time` is that instant (empty hook).
+        """
+        return state, {}
+
+    def substep_rules(self, h: Number) -> Iterator[Rule]:
+        """What must hold for the coupling to run at substeps of h seconds (empty hook)."""
+        return iter(())
+
+
+class Cutter(Block, ABC):
+    """A milling tool: the force of the workpiece on it. Traced, so that a load or a simulation may use it."""
+
+    teeth: int = choice("cutting edges, equally spaced", least=1, most=100)
+
+    @abstractmethod
+    def forces(self, angle: Number, chip_load: Number) -> tuple[Number, Number, Number]:
+        """Force in N on the tool along the feed, along the normal (spindle axis x feed) and along the spindle axis.
+
+        `angle` of the spindle in rad: the tip of the first tooth has turned by it since the chip began in a slot.
+        `chip_load` is the feed of a tooth in m.
+        """
+
+    @abstractmethod
+    def torque(self, angle: Number, chip_load: Number) -> Number:
+        """What the spindle must give at the same angle and chip load, N m."""
