@@ -27,7 +27,8 @@ CASES = (
     WITHOUT,
     LINEAR,
     BEZIER,
-    Case("the same, chip load follows the feed", reference="bezier", chip="feed"),
+    Case("the same, chip is what tool and table did", reference="bezier", chip="actual"),
+    Case("chip is what tool and table did, linear", chip="actual"),
     KEPT,
     Case("reading in steps of 1 µm, linear", resolution=1e-6),
     Case("true input gain 0.8, linear", gain=0.8),
@@ -50,19 +51,19 @@ def beltran2013(step: Callable[[str], None]) -> Experiment:
     cutter = HelicalCutter.beltran2013()
     turned = mill.turn(cutter, mill.CHIP)
     step("runs of the table")
-    runs = {case.name: {axis: mill.run(axis, case) for axis in AXES} for case in CASES}
+    runs = {case.name: mill.run(case) for case in CASES}
     found = {name: {axis: mill.errors(run) for axis, run in each.items()} for name, each in runs.items()}
     opposite = {
-        name: mill.errors(mill.run("y", dataclasses.replace(case, opposite=True)))
+        name: mill.errors(mill.run(dataclasses.replace(case, opposite=True))["y"])
         for name, case in ((case.name, case) for case in CASES if case.chip == "constant")
     }
     step("set-valued friction")
     stuck = {
-        case.name: {axis: mill.errors(mill.run(axis, dataclasses.replace(case, friction="set"))) for axis in AXES}
+        case.name: {axis: mill.errors(run) for axis, run in mill.run(dataclasses.replace(case, friction="set")).items()}
         for case in CASES
     }
     step("long legs")
-    long = mill.errors(mill.run("y", dataclasses.replace(LINEAR, leg=0.080)))
+    long = mill.errors(mill.run(dataclasses.replace(LINEAR, leg=0.080))["y"])
     step("sine tests")
     sines = {n: np.array([limits.sine_test(f, n) for f in SINES]) for n in STATES}
     step("limits")
@@ -138,7 +139,7 @@ def _table_claims(
     found: Errors, opposite: Mapping[str, tuple[float, float]], runs: Mapping[str, Mapping[str, Run]],
     long: tuple[float, float],
 ) -> list[Claim]:  # fmt: skip
-    hanging = mill.run("z", WITHOUT, cut=False, dry=False)
+    hanging = mill.run(WITHOUT, cut=False, dry=False)["z"]
     static = mill.CARRIAGE["z"] * mill.GRAVITY / (mill.mass("z") * mill.OMEGA_C**2)
     linear = runs[LINEAR.name]
     off = {axis: np.subtract(*mill.disturbances(axis, LINEAR, linear[axis])) for axis in AXES}

@@ -10,6 +10,7 @@ import numpy as np
 
 from feeddrive.analysis.observe import observe
 from feeddrive.blocks.controller.active_disturbance_rejection import ActiveDisturbanceRejection
+from feeddrive.blocks.coupling.milling_cut import MillingCut
 from feeddrive.blocks.cutting.helical_cutter import HelicalCutter
 from feeddrive.blocks.families import Friction, Load, Reference
 from feeddrive.blocks.force.gravity import Gravity
@@ -24,7 +25,8 @@ from feeddrive.blocks.reference.linear_move import LinearMove
 from feeddrive.blocks.sensor.encoder import Encoder
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.control import Control
-from feeddrive.loop.loop import Loop
+from feeddrive.loop.loop import Loop, Signals
+from feeddrive.loop.machine import Machine
 from feeddrive.loop.simulate import Run, simulate
 
 AXES = ("x", "y", "z")
@@ -48,7 +50,7 @@ class Case:
 
     gain      true over believed input gain, a M̂ / (a M)
     friction  "tanh", or "set" for Coulomb friction with a true standstill
-    chip      "constant", or "feed" if it follows the instantaneous feed of the reference
+    chip      "constant", or "actual" if it is what tool and table really did over the last tooth period
     opposite  the second leg of the cut runs towards -x, as far as y feels it
     """
 
@@ -128,16 +130,28 @@ def cutting(axis: str, case: Case) -> Load:
                 for start, direction, end in (first, second)
             )
         )  # fmt: skip
-    path = legs("linear" if case.chip == "constant" else case.reference, case.leg)
+    path = legs("linear", case.leg)
     return MillingForce(cutter=cutter, spindle_speed=SPINDLE, component=axis, references=(path["x"], path["y"]))
 
 
-def run(axis: str, case: Case, *, cut: bool = True, dry: bool = True) -> Run:
-    """One axis along its legs, from rest."""
-    return simulate(
-        loop(axis, case, dry=dry), legs(case.reference, case.leg)[axis], load=cutting(axis, case) if cut else None,
-        start=(0.0, 0.0), name=f"{axis}, {case.name}",
+def machine(case: Case, *, dry: bool = True) -> Machine:
+    """The three axes, with the cut between them where its chip is the actual motion."""
+    cut = MillingCut(
+        cutter=HelicalCutter.beltran2013(), spindle_speed=SPINDLE, along_z="z", remembered=256
     )  # fmt: skip
+    return Machine.of({axis: loop(axis, case, dry=dry) for axis in AXES}, (cut,) if case.chip == "actual" else ())
+
+
+def run(case: Case, *, cut: bool = True, dry: bool = True) -> dict[str, Run]:
+    """Three axes along their legs in one run, from rest; by axis."""
+    loads = {axis: cutting(axis, case) for axis in AXES} if cut and case.chip == "constant" else None
+    found = simulate(
+        machine(case, dry=dry), legs(case.reference, case.leg), load=loads, start=dict.fromkeys(AXES, (0.0, 0.0))
+    )
+    return {
+        axis: Run(f"{axis}, {case.name}", found.time, {name: found[f"{axis}.{name}"] for name in Signals._fields}, T)
+        for axis in AXES
+    }
 
 
 def errors(found: Run) -> tuple[float, float]:

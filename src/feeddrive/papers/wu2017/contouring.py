@@ -9,6 +9,7 @@ import numpy as np
 from feeddrive.blocks.reference.circle import Circle
 from feeddrive.language.table import Table
 from feeddrive.loop.loop import Loop
+from feeddrive.loop.machine import Machine
 from feeddrive.loop.simulate import simulate
 from feeddrive.papers.claims import Claim
 from feeddrive.papers.wu2017 import pictures
@@ -89,9 +90,12 @@ def _learned(axis: str, columns: tuple[str, ...], smooth: bool, *, line: bool = 
 
 
 def _driven(loops: dict[str, Loop]) -> Drawn:
-    runs = {axis: simulate(loop, circle(axis), load=noise(20 + AXES[axis]), record=("position_load", "tracking_error"))
-            for axis, loop in loops.items()}  # fmt: skip
-    return Drawn(runs["x"].time, runs["x"]["position_load"], runs["y"]["position_load"])
+    """Both axes in one run."""
+    found = simulate(
+        Machine.of(loops), {axis: circle(axis) for axis in loops},
+        load={axis: noise(20 + AXES[axis]) for axis in loops}, record=("x.position_load", "y.position_load"),
+    )  # fmt: skip
+    return Drawn(found.time, found["x.position_load"], found["y.position_load"])
 
 
 def _claims(smooth: dict[str, Drawn], hard: dict[str, Drawn]) -> list[Claim]:
