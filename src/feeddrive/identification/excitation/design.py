@@ -22,6 +22,7 @@ from feeddrive.identification.excitation.multisine import (
     schroeder_phases,
     summed,
 )
+from feeddrive.language import tree
 from feeddrive.language.errors import DivergedError, ParameterError
 from feeddrive.loop.guard import TRIPS
 from feeddrive.loop.linearize import linearize
@@ -210,8 +211,9 @@ def _offset(
             wave = summed(lines, scale * sizes * np.abs(response), phase + np.angle(response), 4 * period)
             peak = max(peak, float(np.max(np.abs(wave))))
     axis = loop.axis
-    slow = [getattr(each, "stribeck_velocity", 0.0) for each in (axis.friction_motor, axis.friction_load)]
-    return max(_CLEAR * peak, peak + _SLIDING * float(max(slow)))
+    frictions = (axis.friction_motor, axis.friction_load)
+    slow = [float(v) for each in frictions for name, v in tree.leaves(each) if name.endswith("stribeck_velocity")]
+    return max(_CLEAR * peak, peak + _SLIDING * max(slow, default=0.0))
 
 
 def _simulated(

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from feeddrive.blocks.controller.cascade_ppi import CascadePPI
+from feeddrive.blocks.signals import Reading, Setpoint
 from feeddrive.identification.covariance import errors, ols_covariance, robust_covariance
 from feeddrive.identification.estimate import NORMAL, Estimate, estimates_table
 from feeddrive.identification.motion.motion_log import MotionLog
+from feeddrive.identification.traced_force import TracedForce
+from feeddrive.language.block import Number
 from feeddrive.language.errors import NotIdentifiableError
 from feeddrive.language.table import Result, Table
 
@@ -17,6 +21,9 @@ MOST_DELAY = 3  # samples between reading and command that are tried
 MOST_SAMPLES = 8  # over which a velocity may be differenced
 LARGEST = 0.05  # share of the force that a law may leave and still count as found
 _START = 20  # samples that a difference over the past needs
+_FIRST = _START - MOST_DELAY  # sample whose reading counts
+_GAINS = ("Kv", "velocity_feedforward", "Kp")
+_PLAIN = {"Kv": 0.0, "velocity_feedforward": 0.0, "Kp": 1.0}  # at which the slopes are those of Kp Kv, Kp share and Kp
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -63,7 +70,8 @@ def identify_control(log: MotionLog) -> ControlFit:
 
         force(k) = Kp (Kv (x_set - x) + share v_set - v),   v = (x - x n samples before) / n T,   all d samples old
 
-    n from 1 to 8 and d from 0 to 3 are tried; the pair that leaves least is taken.  Samples at the force limit are left
+    It is the step of `CascadePPI`, traced; its slopes to the gains are the columns.  n from 1 to 8 and d from 0 to 3
+    are tried; the pair that leaves least is taken.  Samples at the force limit are left
     out.  Raises NotIdentifiableError where no such cascade leaves less than 5 %: an integral part, filters or another
     law are at work, whose parameters the user must state.
     """
@@ -73,10 +81,13 @@ def identify_control(log: MotionLog) -> ControlFit:
             f"same clock"
         )
     free = np.abs(log.force) < 0.999 * np.max(np.abs(log.force))
+    rows = np.arange(_START, log.force.size - 1)
+    rows = rows[free[rows]]
     tried: dict[tuple[int, int], float] = {}
     for n in range(1, MOST_SAMPLES + 1):
+        slopes = _slopes(_traced(n), _PLAIN, log, n)
         for d in range(MOST_DELAY + 1):
-            columns, force = _rows(log, n, d, free)
+            columns, force = slopes[rows - d], log.force[rows]
             off = force - columns @ np.linalg.lstsq(columns, force, rcond=None)[0]
             tried[n, d] = float(np.linalg.norm(off) / np.linalg.norm(force))
     n, d = min(tried, key=lambda pair: tried[pair])
@@ -85,32 +96,43 @@ def identify_control(log: MotionLog) -> ControlFit:
             f"{log.name}: no P-PI cascade without an integral part explains the force: the best leaves "
             f"{100.0 * tried[n, d]:.3g} %, at most {100.0 * LARGEST:g} % are admitted; state the law in a machine file"
         )
-    return _found(log, n, d, tried, *_rows(log, n, d, free))
-
-
-def _rows(log: MotionLog, n: int, d: int, free: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Columns for Kp Kv, Kp · share and Kp, shape (rows, 3), and the force."""
-    assert log.set_position is not None
-    k = np.arange(_START, log.force.size - 1)
-    k = k[free[k]]
-    x, set_position, T = log.position, log.set_position, log.sample_time
-    error = set_position[k - d] - x[k - d]
-    velocity = (x[k - d] - x[k - d - n]) / (n * T)
-    set_velocity = (set_position[k - d + (1 if d else 0)] - set_position[k - d - 1]) / ((2 if d else 1) * T)
-    return np.column_stack([error, set_velocity, -velocity]), log.force[k]
-
-
-def _found(
-    log: MotionLog, n: int, d: int, tried: dict[tuple[int, int], float], columns: np.ndarray, force: np.ndarray
-) -> ControlFit:
-    values = np.linalg.lstsq(columns, force, rcond=None)[0]
-    off = force - columns @ values
-    covariances = robust_covariance(columns, off), ols_covariance(columns, off)
-    Kp = values[2]
-    # to first order: d(a / b) = da / b - a db / b²
-    turned = np.array([[1.0 / Kp, 0.0, -values[0] / Kp**2], [0.0, 1.0 / Kp, -values[1] / Kp**2], [0.0, 0.0, 1.0]])
-    robust, ols = (errors(turned @ each @ turned.T) for each in covariances)
-    names, units = ("Kv", "velocity_feedforward", "Kp"), ("1/s", "", log.frame.viscous)
-    shown = (values[0] / Kp, values[1] / Kp, Kp)
-    found = tuple(Estimate(*each) for each in zip(names, map(float, shown), units, robust, ols, strict=True))
+    law, force = _traced(n), log.force[rows]
+    columns = _slopes(law, _PLAIN, log, n)[rows - d]
+    linear = dict(zip(_GAINS, map(float, np.linalg.lstsq(columns, force, rcond=None)[0]), strict=True))
+    off = force - columns @ np.array(list(linear.values()))
+    # of a plain cascade the force is linear in these; with its own gains the first two come times Kp
+    gains = {name: value if name == "Kp" else value / linear["Kp"] for name, value in linear.items()}
+    columns = _slopes(law, gains, log, n)[rows - d]
+    robust, ols = errors(robust_covariance(columns, off)), errors(ols_covariance(columns, off))
+    units = ("1/s", "", log.frame.viscous)
+    found = tuple(Estimate(*each) for each in zip(_GAINS, gains.values(), units, robust, ols, strict=True))
     return ControlFit(log.name, found, n, d, tried[n, d], tried)
+
+
+def _traced(samples: int) -> TracedForce[CascadePPI]:
+    """The force of the cascade from its set position, reading and earlier readings, each a column over the log."""
+    block = CascadePPI(Kv=1.0, Kp=1.0, velocity_samples=samples)
+    earlier = tuple(f"position_{i + 1}" for i in range(samples))
+
+    def force(law: CascadePPI, given: Mapping[str, Number]) -> Number:
+        T, position = given["T"], given["position"]
+        setpoint = Setpoint(given["set_position"], given["set_velocity"], 0.0, 0.0, 0.0)
+        state = law.State(tuple(given[name] for name in earlier), 0.0)
+        return law.step(law.prepare(T), state, setpoint, Reading(position, position), T)[1]
+
+    return TracedForce(block, ("T", "set_position", "set_velocity", "position", *earlier), force)
+
+
+def _slopes(law: TracedForce[CascadePPI], gains: Mapping[str, float], log: MotionLog, n: int) -> np.ndarray:
+    """Slopes of the law's force to `_GAINS` at these gains, shape (samples, 3); 0 before `_START`."""
+    assert log.set_position is not None
+    x, wanted, T = log.position, log.set_position, log.sample_time
+    before = {f"position_{i + 1}": x[_FIRST - 1 - i : x.size - 1 - i] for i in range(n)}
+    # the set velocity as the law differences it; without an acceleration beside it, it is taken as it is
+    velocity = np.diff(wanted[_FIRST - 1 :]) / T
+    _, slopes = law.at(
+        gains, T=np.array(T), set_position=wanted[_FIRST:], set_velocity=velocity, position=x[_FIRST:], **before
+    )
+    found = np.zeros((x.size, len(_GAINS)))
+    found[_FIRST:] = slopes[:, [law.names.index(name) for name in _GAINS]]
+    return found

@@ -19,7 +19,7 @@ from feeddrive.identification.motion.identifiable import check_columns, check_ma
 from feeddrive.identification.motion.motion_log import MotionLog
 from feeddrive.identification.motion.preparation import Preparation, Prepared, prepare
 from feeddrive.identification.residuals import Residuals
-from feeddrive.identification.steady_curve import steady_curve
+from feeddrive.identification.traced_force import steady_curve
 from feeddrive.identification.validation import Validation, cross_validated
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.table import Result, Table
@@ -132,7 +132,7 @@ def identify_rigid(
 def columns_of(rows: Prepared, friction: str) -> np.ndarray:
     """The columns of the inverse dynamics, shape (n, p), in the order of `NAMES`; friction's by its steady curve."""
     curve = steady_curve(FRICTIONS[friction])
-    _, slopes = curve.at(rows.filtered, dict.fromkeys(curve.names, 0.0))
+    _, slopes = curve.at(dict.fromkeys(curve.names, 0.0), velocity=rows.filtered)
     columns = {"mass": rows.acceleration, "offset": rows.constant}
     columns |= {name: rows.reduced(slopes[:, i]) for i, name in enumerate(curve.names)}
     return np.column_stack([columns[name] for name in NAMES[friction]])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -19,8 +19,8 @@ from feeddrive.identification.covariance import errors
 from feeddrive.identification.criterion import information, likely_memory
 from feeddrive.identification.estimate import Estimate, estimates_table
 from feeddrive.identification.frame import SHAFT, Frame, require_table
-from feeddrive.identification.steady_curve import SteadyCurve, steady_curve
 from feeddrive.identification.steady_runs.steady_runs import SteadyRuns
+from feeddrive.identification.traced_force import TracedForce, steady_curve
 from feeddrive.language import tree
 from feeddrive.language.errors import NotIdentifiableError, ParameterError
 from feeddrive.language.table import Result, Table
@@ -44,7 +44,7 @@ class Candidate:
     offset: bool = False
 
     @property
-    def curve(self) -> SteadyCurve:
+    def curve(self) -> TracedForce[Friction]:
         """Its steady curve, traced."""
         return steady_curve(self.friction)
 
@@ -61,7 +61,7 @@ class Candidate:
 
     def slopes(self, velocity: np.ndarray, values: Mapping[str, Any]) -> np.ndarray:
         """d force / d parameter in their order on a last axis; parameters that are left out count as 0."""
-        _, slopes = self.curve.at(velocity, {name: values.get(name, 0.0) for name in self.curve.names})
+        _, slopes = self.curve.at({name: values.get(name, 0.0) for name in self.curve.names}, velocity=velocity)
         slopes = np.concatenate([slopes, np.ones((*slopes.shape[:-1], 1))], axis=-1)
         places = [self.curve.names.index(name) if name != "offset" else -1 for name in self.parameters]
         return slopes[..., places]
@@ -75,7 +75,7 @@ class Candidate:
         """The friction block with these values; a negative viscous part becomes 0."""
         given = {name: value for name, value in values.items() if name != "offset"}
         given |= {name: max(0.0, value) for name, value in given.items() if name.startswith("viscous")}
-        return tree.vary(self.friction, given)
+        return replace(self.friction, **given)
 
     def is_sound(self, values: Mapping[str, float]) -> bool:
         """Whether there is such a block: no level is negative, no breakaway level below its Coulomb level."""
@@ -294,10 +294,10 @@ def _values(v: np.ndarray, force: np.ndarray, model: Candidate) -> dict[str, flo
         return linear(velocity, model.columns(v, velocity))
 
     tried = [linear(float(x), columns) for x, columns in zip(grid, model.columns(v, grid[:, None]), strict=True)]
-    sound = [i for i, (_, values) in enumerate(tried) if model.is_sound(values)]
-    if not sound:
+    ranked = sorted(range(_GRID), key=lambda i: tried[i][0])
+    best = next((i for i in ranked if model.is_sound(tried[i][1])), None)
+    if best is None:
         return None
-    best = min(sound, key=lambda i: tried[i][0])
     ends = np.log(grid[max(0, best - 1)]), np.log(grid[min(_GRID - 1, best + 1)])
     found = minimize_scalar(lambda x: at(x)[0], bounds=ends, method="bounded", options={"xatol": 1e-9})
     values = at(float(found.x))[1]  # type: ignore[attr-defined]
