@@ -241,18 +241,18 @@ def test_ctrl_c_ends_with_one_line_and_nothing_written(tmp_path) -> None:
 @pytest.mark.parametrize(
     ("place", "words"),
     [
-        ("feeddrive.cli.working.perform", ("demo",)),
-        ("feeddrive.cli.frf.perform", ("frf", "a.csv")),
-        ("feeddrive.cli.excite.perform", ("excite", "emps", "--band", "5..50", "--amplitude", "1")),
-        ("feeddrive.cli.tune.perform", ("tune", "ball_screw")),
-        ("feeddrive.cli.reproduce.perform", ("reproduce", "all")),
+        ("jobs.run", ("demo",)),
+        ("frf._read", ("frf", "a.csv")),
+        ("excite.design_excitation", ("excite", "emps", "--band", "5..50", "--amplitude", "1")),
+        ("tune._tuned", ("tune", "ball_screw")),
+        ("reproduce.papers.reproduce", ("reproduce", "all")),
     ],
 )
 def test_ctrl_c_within_a_command_says_that_it_stopped(run, monkeypatch, place, words) -> None:
     def stopped(*_args: object, **_options: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(place, stopped)
+    monkeypatch.setattr(f"feeddrive.workflow.{place}", stopped)
     code, _, errors = run(*words)
     assert (code, errors) == (130, "feeddrive: stopped; nothing was written\n")
 

@@ -83,7 +83,7 @@ def test_ctrl_c_writes_nothing(run, monkeypatch) -> None:
     def interrupted(*_: object, **__: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("feeddrive.cli.compare.compare", interrupted)
+    monkeypatch.setattr("feeddrive.workflow.compare.compare_laws", interrupted)
     code, _, errors = run("compare", "linear_motor", "--out", "d")
     assert code == 130
     assert "nothing was written" in errors

@@ -17,6 +17,7 @@ from feeddrive.bus.power_states import PowerState
 from feeddrive.bus.profile import Profile
 from feeddrive.files.log import Log
 from feeddrive.language.errors import BusError
+from feeddrive.language.progress import Progress
 
 _SETTLING = 0.1  # s that the last target is held before the drive is switched off
 
@@ -37,7 +38,7 @@ ENDINGS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP"
 
 
 @contextlib.contextmanager
-def _interruption() -> Generator[Callable[[], bool]]:
+def interruption() -> Generator[Callable[[], bool]]:
     """Ctrl-C as a question, so that it never cuts a cycle in two; a second one changes nothing."""
     pressed = threading.Event()
     if threading.current_thread() is not threading.main_thread():
@@ -55,14 +56,13 @@ def _interruption() -> Generator[Callable[[], bool]]:
             signal.signal(number, handler)
 
 
-def play(
-    client: DriveClient, profile: Profile, *, name: str = "", progress: Callable[[int, int], None] | None = None
-) -> Played:
+def play(client: DriveClient, profile: Profile, *, name: str = "", progress: Progress | None = None) -> Played:
     """Switch the drive on, play, hold, switch it off.
 
     The motion is relative to where the axis stands.  Row k of the log holds what was sent in cycle k and what the drive
-    said of it, `lag` cycles later.  `progress(rows, all)` is called ten times in a second of the motion.  Raises
-    BusError if the drive cannot be switched on; whatever ends the motion later stands in `Played.aborted`.
+    said of it, `lag` cycles later.  `progress` is told ten times in a second of the motion; a
+    cancel of it ends the motion as Ctrl-C does, with a controlled stop.  Raises BusError if the drive cannot be
+    switched on; whatever ends the motion later stands in `Played.aborted`.
     """
     if np.any(profile.excitation):
         client.excites(profile.unit)
@@ -75,7 +75,7 @@ def play(
     aborted = ""
     client.pace.begin()
     lost_before = client.lost
-    with _interruption() as interrupted, urgent(client.pace.cycle_time is not None) as permitted:
+    with interruption() as interrupted, urgent(client.pace.cycle_time is not None) as permitted:
         held = count + max(lag, round(_SETTLING / client.drive.cycle_time))
         for k in range(held):
             i = min(k, count - 1)
@@ -86,11 +86,12 @@ def play(
                 break
             told = client.cycle()
             rows.add(sent, told)
-            aborted = "stopped by hand" if interrupted() else client.trouble() or _beyond(client, start, told, sent)
+            by_hand = interrupted() or (progress is not None and progress.cancelled)
+            aborted = "stopped by hand" if by_hand else client.trouble() or _beyond(client, start, told, sent)
             if aborted:
                 break
             if progress is not None and k % said == 0:
-                progress(min(k, count), count)
+                progress.show_step(profile.name, min(k, count), count, "")  # which never raises: a cycle must not end
         lateness = client.pace.lateness()
         if aborted:
             aborted += _halt(client)
@@ -122,7 +123,7 @@ def listened(client: DriveClient, seconds: float) -> Played:
     rows, zero = _Rows(client, client.told.position), np.zeros(0)
     count = max(1, round(seconds / client.drive.cycle_time))
     client.pace.begin()
-    with _interruption() as interrupted:
+    with interruption() as interrupted:
         for _ in range(count + client.drive.lag):
             rows.add({"set_position": 0.0, "excitation": 0.0}, client.cycle())
             if client.lost_in_row >= client.drive.lost_frames:

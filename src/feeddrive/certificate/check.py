@@ -369,25 +369,34 @@ def verified(document: Mapping[str, Any]) -> list[str]:
     return said
 
 
-def main(arguments: list[str]) -> int:
-    """Check one file; the last line is the verdict."""
+def checked(path: str) -> tuple[list[str], bool]:
+    """What there is to say of a file, the verdict last, and whether it is proven."""
+    proven = False
     try:
-        need(len(arguments) == 1, "give one file: check.py CERTIFICATE.json")
-        with open(arguments[0], "rb") as file:
+        with open(path, "rb") as file:
             content = file.read(MOST_BYTES + 1)
         document = parse(content)
         said = [*verified(document), f"outside: {'; '.join(document['outside'])}"]
     except OSError as error:
-        said = [f"REFUSED: {arguments[0]} cannot be read: {error.strerror}"]
+        said = [f"REFUSED: {path} cannot be read: {error.strerror}"]
     except RefusedError as error:
         said = [f"REFUSED: {error}"]
     except BROKEN as error:
         said = [f"REFUSED: it is not built as a certificate is: {type(error).__name__} {error}"]
     else:
         said.append(f"PROVEN: plants: {len(said) - 1}, coefficients: {document['arithmetic']}")
-    shown = ("".join(c if c.isprintable() and c.isascii() else "?" for c in " ".join(line.split())) for line in said)
-    sys.stdout.write("\n".join(shown) + "\n")
-    return 0 if said[-1].startswith("PROVEN") else 1
+        proven = True
+    return [
+        "".join(c if c.isprintable() and c.isascii() else "?" for c in " ".join(each.split())) for each in said
+    ], proven
+
+
+def main(arguments: list[str]) -> int:
+    """Check one file; the last line is the verdict."""
+    usage = ["REFUSED: give one file: check.py CERTIFICATE.json"]
+    said, proven = checked(arguments[0]) if len(arguments) == 1 else (usage, False)
+    sys.stdout.write("\n".join(said) + "\n")
+    return 0 if proven else 1
 
 
 if __name__ == "__main__":

@@ -1,15 +1,17 @@
-"""What the screen gets: boxes and broken lines on a terminal only; a pipe or a file gets every sentence on one line."""
+"""What the terminal gets: progress, tables and sentences; unbroken lines where the output is a pipe or a file."""
 
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Self
 
-from typer.core import TyperCommand, TyperGroup
+import typer
+
+from feeddrive.language.progress import Progress
+from feeddrive.language.table import Table
 
 if TYPE_CHECKING:
-    from rich.console import Console
+    from rich.console import Console, ConsoleOptions, RenderResult
 
 UNBROKEN = 1_000_000
 """Columns of an output that is no terminal: wider than any sentence with its paths."""
@@ -22,22 +24,92 @@ def open_console() -> Console:
     return Console(highlight=False, width=None if sys.stdout.isatty() else UNBROKEN)
 
 
-class Commands(TyperGroup):
-    """The commands; their help and usage errors stand in boxes on a terminal, and as plain lines elsewhere."""
+def show(console: Console, said: Table | str) -> None:
+    """A table, or a sentence that is broken between words."""
+    if isinstance(said, Table):
+        console.print(DrawnTable(said))
+    else:
+        console.print(said, markup=False)
 
-    def main(
-        self,
-        args: Sequence[str] | None = None,
-        prog_name: str | None = None,
-        complete_var: str | None = None,
-        standalone_mode: bool = True,
-        windows_expand_args: bool = True,
-        **extra: Any,
-    ) -> Any:
-        """Run the command that the arguments name."""
-        if not (sys.stdout.isatty() and sys.stderr.isatty()):
-            extra["terminal_width"] = UNBROKEN
-            for each in (self, *self.commands.values()):
-                if isinstance(each, (TyperCommand, TyperGroup)):
-                    each.rich_markup_mode = None
-        return super().main(args, prog_name, complete_var, standalone_mode, windows_expand_args, **extra)
+
+class TerminalProgress(Progress):
+    """A bar, or a line for each of several parts, while the work goes on; gone when it is over."""
+
+    def __init__(self, console: Console) -> None:
+        super().__init__()
+        self._console = console
+        self._bar: Any = None
+        self._tasks: dict[str, Any] = {}
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._bar is not None:
+            self._bar.stop()
+
+    def show_step(self, what: str, done: int | None, of: int | None, part: str) -> None:
+        """Move the bar."""
+        if not self._console.is_terminal:
+            return
+        from rich.markup import escape
+
+        text = escape(f"{part}: {what}" if part else what)
+        if self._bar is None:
+            self._bar = _bar(self._console, counted=of is not None)
+            self._bar.start()
+        if part not in self._tasks:
+            self._tasks[part] = self._bar.add_task(text, total=of)
+        self._bar.update(self._tasks[part], description=text, completed=done, total=of)
+
+    def show_remark(self, said: str | Table) -> None:
+        """Print it now, for whoever reads along."""
+        if isinstance(said, Table):
+            show(self._console, said)
+        else:
+            self._console.print(said, markup=False, soft_wrap=True)
+        sys.stdout.flush()
+
+    def confirm(self, question: str) -> bool:
+        """Ask on the terminal; anything but yes ends the command."""
+        typer.confirm(question, abort=True)
+        return True
+
+
+def _bar(console: Console, *, counted: bool) -> Any:
+    from rich.progress import BarColumn, SpinnerColumn, TextColumn, TimeElapsedColumn
+    from rich.progress import Progress as Bar
+
+    column = BarColumn() if counted else SpinnerColumn()
+    return Bar(column, TextColumn("{task.description}"), TimeElapsedColumn(), console=console, transient=True)
+
+
+class DrawnTable:
+    """A table as rich draws it: heads may break their lines, and so may a column of sentences; no value is cut.
+
+    Where the terminal is narrower than the values, the rows go on in the next line.
+    """
+
+    def __init__(self, table: Table) -> None:
+        from rich.box import SIMPLE_HEAD
+        from rich.markup import escape
+        from rich.table import Table as Shown
+
+        self.table, self.made = table, Shown(box=SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0))
+        for i, head in enumerate(table.heads):
+            left = i in (0, table.sentences)
+            widest = None if i == table.sentences else max((len(row[i]) for row in table.rows), default=None)
+            self.made.add_column(head, justify="left" if left else "right", min_width=widest)
+        for row in table.rows:
+            self.made.add_row(*map(escape, row))
+
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
+        from rich.measure import Measurement
+        from rich.text import Text
+
+        needed = Measurement.get(console, options.update_width(10_000), self.made).minimum
+        if needed > options.max_width:
+            yield Text(str(self.table), overflow="fold")
+        else:
+            yield Text(self.table.title, "italic")
+            yield self.made

@@ -229,7 +229,9 @@ class Guess(Result):
         ]
         rows += [[f"{role} ?", column, "", f"needs a factor: {what}"] for role, (column, what) in self.needs.items()]
         rows += [["-", column, "", why] for column, why in self.unused.items()]
-        return Table(f"{self.name}: roles guessed by names and units", ["role", "channel", "unit", "why"], rows)
+        return Table(
+            f"{self.name}: roles guessed by names and units", ["role", "channel", "unit", "why"], rows, sentences=3
+        )
 
     def toml(self, file: str | Path = "") -> str:
         """The sections [log] and [log.channels], as a job has them; what needs a factor stands in comments."""

@@ -19,7 +19,6 @@ A block is abstract or final: nobody overrides a method that has a body.
 from __future__ import annotations
 
 import dataclasses
-import math
 import re
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import MISSING, dataclass, field
@@ -27,49 +26,12 @@ from typing import Any, ClassVar, NamedTuple, TypeAlias, dataclass_transform
 
 import numpy as np
 
+from feeddrive.language.declaration import Declaration, check_bounds, check_choice
 from feeddrive.language.errors import ParameterError, StructureError
 from feeddrive.language.graph import Symbol
 
 # A number of a law: float in a single run, array over lanes in the oracle, Symbol in a trace.
 Number: TypeAlias = float
-LARGEST = float(np.finfo(np.float64).max)
-
-
-@dataclass(frozen=True, kw_only=True)
-class Declaration:
-    """What a field says about itself; `above`/`below` are open bounds, `least`/`most` closed ones."""
-
-    role: str
-    unit: str
-    meaning: str
-    above: float | None = None
-    least: float | None = None
-    below: float | None = None
-    most: float | None = None
-    options: tuple[Any, ...] = ()
-    inline: bool = False  # of a part: its fields stand among those of the block that holds it
-
-    def bounds(self) -> str:
-        """The bounds as text, such as `> 0 kg and <= 5 kg`; empty if there are none."""
-        signs = (("> ", self.above), (">= ", self.least), ("< ", self.below), ("<= ", self.most))
-        return " and ".join(f"{sign}{bound:g} {self.unit}".rstrip() for sign, bound in signs if bound is not None)
-
-    def conditions(self, value: Number) -> Iterator[Any]:
-        """What must be true of a number or a symbol: it is finite and keeps the bounds."""
-        yield value >= -LARGEST
-        yield value <= LARGEST
-        if self.above is not None:
-            yield value > self.above
-        if self.least is not None:
-            yield value >= self.least
-        if self.below is not None:
-            yield value < self.below
-        if self.most is not None:
-            yield value <= self.most
-
-    def admits(self, value: float) -> bool:
-        """True if a value is finite and keeps the bounds."""
-        return all(self.conditions(value))
 
 
 class Rule(NamedTuple):
@@ -243,7 +205,7 @@ def checked(kind: str, name: str, declaration: Declaration, value: Any) -> Any:
         case "parameter":
             return None if value is None else _checked_number(where, declaration, value)
         case "choice":
-            _check_choice(where, declaration, value)
+            check_choice(where, declaration, value)
             return value
         case "table":
             return None if value is None else _checked_table(where, declaration, value)
@@ -267,34 +229,13 @@ def _checked_number(where: str, declaration: Declaration, value: Any) -> Any:
             raise ParameterError(f"{where} ({declaration.meaning}) must be numbers, not {value.dtype}")
         lanes = value.astype(np.float64)
         for item in lanes.ravel():
-            _check_bounds(where, declaration, float(item))
+            check_bounds(where, declaration, float(item))
         return lanes
     if isinstance(value, bool) or not isinstance(value, (int, float, np.number)):
         raise ParameterError(f"{where} ({declaration.meaning}) must be a number, not {value!r}")
     number = float(value)
-    _check_bounds(where, declaration, number)
+    check_bounds(where, declaration, number)
     return number
-
-
-def _check_bounds(where: str, declaration: Declaration, number: float) -> None:
-    shown = f"{where} = {number:g} {declaration.unit}".rstrip()
-    if not math.isfinite(number):
-        raise ParameterError(f"{shown} ({declaration.meaning}) must be a finite number")
-    if not declaration.admits(number):
-        raise ParameterError(f"{shown} ({declaration.meaning}) must be {declaration.bounds()}")
-
-
-def _check_choice(where: str, declaration: Declaration, value: Any) -> None:
-    if declaration.options and value not in declaration.options:
-        allowed = ", ".join(repr(option) for option in declaration.options)
-        raise ParameterError(f"{where} = {value!r} ({declaration.meaning}) must be one of {allowed}")
-    if declaration.least is not None:
-        if isinstance(value, bool) or not isinstance(value, int):
-            raise ParameterError(f"{where} = {value!r} ({declaration.meaning}) must be a whole number")
-        if value < declaration.least:
-            raise ParameterError(f"{where} = {value} ({declaration.meaning}) must be >= {declaration.least:g}")
-    if declaration.most is not None and value > declaration.most:
-        raise ParameterError(f"{where} = {value} ({declaration.meaning}) must be <= {declaration.most:g}")
 
 
 def _checked_table(where: str, declaration: Declaration, value: Any) -> np.ndarray:

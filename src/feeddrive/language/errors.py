@@ -47,6 +47,10 @@ class AbortedError(BusError):
     """A motion on a real or virtual drive that was ended before its end; the message says by what."""
 
 
+class CancelledError(FeeddriveError):
+    """Work that was stopped by whoever asked for it; nothing was written."""
+
+
 class MissingExtraError(FeeddriveError):
     """An optional dependency is needed and not installed; the message holds the install command."""
 

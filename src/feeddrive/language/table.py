@@ -18,11 +18,15 @@ from feeddrive.language.errors import ParameterError
 
 @dataclass(frozen=True)
 class Table:
-    """Rows under column heads; the first column is text, the others are shown as given."""
+    """Rows under column heads; the first column is text, the others are shown as given.
+
+    sentences  index of a column whose cells are sentences: its lines may be broken
+    """
 
     title: str
     heads: Sequence[str]
     rows: Sequence[Sequence[str]]
+    sentences: int | None = None
 
     def __str__(self) -> str:
         widths = [max(len(row[i]) for row in (self.heads, *self.rows)) for i in range(len(self.heads))]

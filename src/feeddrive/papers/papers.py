@@ -21,6 +21,7 @@ from typing import Any
 from feeddrive.files.atomic_io import new_directory
 from feeddrive.files.provenance import versions
 from feeddrive.language.errors import ParameterError
+from feeddrive.language.progress import Progress
 from feeddrive.papers.claims import Claim, Experiment, build, claims_table
 from feeddrive.report.page import header, page
 
@@ -56,19 +57,19 @@ def run(paper: str, step: Callable[[str], None]) -> Experiment:
     return getattr(module, paper)(step)
 
 
-def reproduce(papers: Sequence[str], step: Callable[[str, str], None]) -> list[Reproduced]:
-    """Run papers, in as many processes as there are processors; `step(paper, text)` tells of the progress."""
+def reproduce(papers: Sequence[str], progress: Progress) -> list[Reproduced]:
+    """Run papers, in as many processes as there are processors. Raises CancelledError if `progress` is cancelled."""
     workers = min(len(papers), os.cpu_count() or 1)
     if workers == 1:
-        return [Reproduced(run(paper, lambda text, paper=paper: step(paper, text))) for paper in papers]
+        return [Reproduced(run(paper, lambda text, paper=paper: progress.step(text, part=paper))) for paper in papers]
     # a fresh interpreter each: a fork would copy the threads' locks of whoever calls
     context = multiprocessing.get_context("spawn")
     told: Any = context.Queue()
     with ProcessPoolExecutor(workers, context, _listen, (told,)) as pool:
         futures = [pool.submit(_reproduced, paper) for paper in papers]
         try:
-            for paper, text in _heard(told, futures):
-                step(paper, text)
+            for paper, text in _heard(told, futures, progress):
+                progress.step(text, part=paper)
             return [future.result() for future in futures]
         except BaseException:
             for child in multiprocessing.active_children():
@@ -88,7 +89,7 @@ def _reproduced(paper: str) -> Reproduced:
     return Reproduced(run(paper, lambda text: _told.put((paper, text))))
 
 
-def _heard(told: Any, futures: Sequence[Future[Reproduced]]) -> Iterator[tuple[str, str]]:
+def _heard(told: Any, futures: Sequence[Future[Reproduced]], progress: Progress) -> Iterator[tuple[str, str]]:
     """What the processes tell until all are done; the first error ends it."""
     while not all(future.done() for future in futures):
         if any(future.done() and future.exception() for future in futures):
@@ -96,7 +97,7 @@ def _heard(told: Any, futures: Sequence[Future[Reproduced]]) -> Iterator[tuple[s
         try:
             yield told.get(timeout=0.1)
         except queue.Empty:
-            continue
+            progress.check()
 
 
 def write_reproduced(reproduced: Sequence[Reproduced], out: str | Path) -> Path:

@@ -6,11 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
-from rich.console import Console
 
-from feeddrive.cli.roles import clock, requested, show
-from feeddrive.cli.terminal import open_console
-from feeddrive.cli.working import drawn
 from feeddrive.files.columns import unit_of
 from feeddrive.files.guess import guess_roles, unit_in_name
 from feeddrive.files.log import Log
@@ -21,7 +17,12 @@ from feeddrive.identification.excitation.frequency_estimate import FrequencyEsti
 from feeddrive.identification.excitation.record import Record
 from feeddrive.language import units
 from feeddrive.language.errors import LogError, ParameterError
+from feeddrive.language.progress import Progress
+from feeddrive.language.table import Table
+from feeddrive.workflow.channels import clock, requested, show
+from feeddrive.workflow.command import Outcome, command
 from feeddrive.workflow.frf_page import levels, sentences, write_estimates
+from feeddrive.workflow.request import OUT, Request, argument, frequencies, option
 
 # names that a column may have for each role, the first that is there is taken
 _INPUT = ("force", "torque", "current", "command", "iq")
@@ -33,43 +34,68 @@ _ONE_OUTPUT = ("position", "y", "x")
 _SI = ("m", "m/s", "m/s2", "N", "rad", "rad/s", "N m", "A", "V")
 
 
-def perform(
-    logs: Sequence[Path], input_: str | None, outputs: Sequence[str], references: Sequence[str], method: str,
-    band: str | None, period: int | None, skip: int | None, segment: int | None, sample_time: float | None,
-    out: Path | None, channels: Path | None = None, time: str | None = None,
-) -> None:  # fmt: skip
-    """Read, estimate the response of each output, show, write."""
-    console = open_console()
-    read = _read(logs, input_ is None and not outputs, channels, time, sample_time, console)
-    inside = frequencies(band)
+class FrfRequest(Request):
+    """Logs of one measurement, which column is what, and how the response is estimated."""
+
+    logs: tuple[Path, ...] = argument("Logs of the same measurement (MAT, CSV, Parquet), one a realisation")
+    input: str | None = option("column of the input, name or name:unit", default=None)
+    output: tuple[str, ...] = option("column of an output, name or name:unit; may be repeated", default=())
+    reference: tuple[str, ...] = option("column of what was added to the loop; none for no such", default=())
+    method: str = option("auto, periodic, local-polynomial, h1, h2, hv, indirect or joint", default="auto")
+    band: str | None = option("Hz, as 5..500", default=None)
+    period: int | None = option("samples of one period; found if left out", default=None)
+    skip: int | None = option("periods dropped at the start; by a test", default=None)
+    segment: int | None = option("samples of a stretch of averaged spectra", default=None)
+    sample_time: float | None = option("for logs without time", unit="s", default=None)
+    time: str | None = option("column of the time, name:unit", default=None)
+    channels: Path | None = option("which column is what (TOML), as `feeddrive channels` writes it", default=None)
+    out: Path | None = option(OUT, short="-o", default=None)
+
+    def usual_out(self) -> Path:
+        """By the name of what it is about."""
+        return Path("results") / f"frf_{self.logs[0].name.split('.')[0]}"
+
+
+@command(FrfRequest)
+def frf(request: FrfRequest, progress: Progress) -> Outcome[Sequence[FrequencyEstimate]]:
+    """Estimate a frequency response with coherence, variance, noise and distortion from measured logs.
+
+    The result has one estimate for each output.  Raises LogError for a log that cannot be used.
+    """
+    logs, references = request.logs, request.reference
+    unnamed = request.input is None and not request.output
+    read = _read(logs, unnamed, request.channels, request.time, request.sample_time, progress)
+    inside = None if request.band is None else frequencies(request.band)
     found: list[FrequencyEstimate] = []
-    of_input = input_ or _input(read[0])
-    for output in outputs or _outputs(read[0]):
+    said: list[Table | str] = []
+    of_input = request.input or _input(read[0])
+    outputs = request.output or _outputs(read[0])
+    for k, output in enumerate(outputs):
+        progress.step(f"response of {output}", k, len(outputs))
         records = [_record(log, of_input, output, references) for log in read]
         estimate = estimate_frf(
-            records, method=method.replace("-", "_"), band=inside, period=period, skip=skip, segment=segment
-        )
+            records, method=request.method.replace("-", "_"), band=inside, period=request.period, skip=request.skip,
+            segment=request.segment,
+        )  # fmt: skip
         found.append(estimate)
-        console.print(drawn(estimate.table()))
-        if estimate.levels:
-            console.print(drawn(levels(estimate)))
-        for sentence in (*sentences(estimate), *estimate.remarks):
-            console.print(f"- {sentence}", markup=False)
+        said += [estimate.table(), *([levels(estimate)] if estimate.levels else [])]
+        said += [f"- {text}" for text in (*sentences(estimate), *estimate.remarks)]
     used = {of_input, *(each.frf.output for each in found), *_references(read[0], references)}
-    for log in read:
-        for remark in log.remarks:
-            if any(f"'{name}'" in remark for name in used):
-                console.print(f"- {log.name}: {remark}", markup=False)
-    doubts = _doubts(read[0], {"input": [of_input], "output": outputs or _outputs(read[0])}, references)
-    for doubt in doubts:
-        console.print(f"- {doubt}", markup=False)
-    facts = {"Logs": ", ".join(str(log) for log in logs), "Input": found[0].frf.input,
-             "Output": ", ".join(each.frf.output for each in found),
-             "Reference": ", ".join(map(_plain, _references(read[0], references))) or "none",
-             "Sample time": f"{1e3 * read[0].sample_time:.6g} ms",
-             **({"In doubt": " ".join(doubts)} if doubts else {})}  # fmt: skip
-    report = write_estimates(found, out or Path("results") / f"frf_{logs[0].name.split('.')[0]}", facts)
-    console.print(f"Report: {report}, response: {report.parent / 'frf.csv'}", markup=False, soft_wrap=True)
+    remarks = [
+        f"{log.name}: {remark}" for log in read for remark in log.remarks if any(f"'{name}'" in remark for name in used)
+    ]
+    doubts = _doubts(read[0], {"input": [of_input], "output": outputs}, references)
+    files: dict[str, str] = {}
+    if request.out is not None:
+        facts = {"Logs": ", ".join(str(log) for log in logs), "Input": found[0].frf.input,
+                 "Output": ", ".join(each.frf.output for each in found),
+                 "Reference": ", ".join(map(_plain, _references(read[0], references))) or "none",
+                 "Sample time": f"{1e3 * read[0].sample_time:.6g} ms",
+                 **({"In doubt": " ".join(doubts)} if doubts else {})}  # fmt: skip
+        progress.step("report")
+        report = write_estimates(found, request.out, facts)
+        files["Report"] = f"{report}, response: {report.parent / 'frf.csv'}"
+    return Outcome(found, said, [*remarks, *doubts], files=files)
 
 
 def _read(
@@ -78,7 +104,7 @@ def _read(
     channels: Path | None,
     time: str | None,
     sample_time: float | None,
-    console: Console,
+    progress: Progress,
 ) -> list[Log]:
     """The logs, with the roles of a TOML file, or, where nothing was named and no name is usual, with guessed ones."""
     if channels is not None:
@@ -92,24 +118,12 @@ def _read(
     if not unnamed or usual:
         return read
     guess = guess_roles(read[0])
-    show(guess, logs[0], console)
+    show(guess, logs[0], progress)
     if not guess.mapping:  # all need a factor: the columns as they are, so that what is missing is named among them
         return read
     return [
         read_log(log, guess.mapping, sample_time=step, name=str(log)) for log, step in zip(logs, clocks, strict=True)
     ]
-
-
-def frequencies(band: str | None) -> tuple[float, float] | None:
-    """`5..500` as two numbers. Raises ParameterError for anything else."""
-    if band is None:
-        return None
-    parts = band.split("..")
-    try:
-        low, high = (float(part) for part in parts)
-    except ValueError:
-        raise ParameterError(f"band '{band}' must be two frequencies in Hz, as 5..500") from None
-    return low, high
 
 
 def _record(log: Log, of_input: str, of_output: str, references: Sequence[str]) -> Record:
@@ -145,10 +159,10 @@ def _references(log: Log, told: Sequence[str]) -> list[str]:
 def _doubts(log: Log, columns: Mapping[str, Sequence[str]], references: Sequence[str]) -> list[str]:
     """What was not said and matters, in sentences: a reference, and the units of input and output."""
     said: list[str] = []
-    for option, names in columns.items():
+    for role, names in columns.items():
         said += [
             f"No unit of '{_plain(name)}' is known, so that the response is in its numbers: name it, as "
-            f"--{option} {_plain(name)}:{'N' if option == 'input' else 'mm'}."
+            f"--{role} {_plain(name)}:{'N' if role == 'input' else 'mm'}."
             for name in names
             if not _values(log, name)[1]
         ]

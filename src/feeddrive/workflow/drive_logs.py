@@ -6,18 +6,18 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from rich.console import Console
-
 from feeddrive.blocks.actuator.screw import Screw
-from feeddrive.cli.identify_frf import positive
-from feeddrive.cli.roles import mapped
 from feeddrive.files.columns import Column
 from feeddrive.files.log import Log
 from feeddrive.files.machine import MachineFile, read_machine
 from feeddrive.files.read_log import read_log
 from feeddrive.identification.frame import lever
 from feeddrive.language.errors import LogError
+from feeddrive.language.progress import Progress
+from feeddrive.language.table import Table
 from feeddrive.loop.loop import Loop
+from feeddrive.workflow.channels import mapped
+from feeddrive.workflow.request import OUT, Request, argument, option
 
 
 @dataclass(frozen=True)
@@ -41,32 +41,61 @@ class Drive:
         return None if self.lead is None else lever(self.lead, self.gear)
 
 
-def drive_of(
-    machine: str | None, axis: str | None, force_constant: float | None, lead: float | None, gear: float | None
-) -> Drive:
-    """The options, completed by the motor of the machine file. Raises ParameterError for what cannot be."""
-    positive(force_constant, lead, 1.0 if gear is None else gear)
-    given = None if machine is None else read_machine(machine)
-    loop = None if given is None else given.loop(axis)
+class DriveLogsRequest(Request):
+    """What commands on logs of a drive share: columns of the force, constants of the drive, and where it is written."""
+
+    logs: tuple[Path, ...] = argument("Logs of one drive")
+    force: str | None = option("column of the force, name:unit", default=None)
+    torque: str | None = option("column of the motor's torque, name:unit", default=None)
+    current: str | None = option("column of the current, name:unit", default=None)
+    command: str | None = option("column of the command in the drive's unit", default=None)
+    force_constant: float | None = option("N at the table per unit of command or current", above=0.0, default=None)
+    lead: float | None = option("puts what stands at the motor at the table", unit="m", above=0.0, default=None)
+    gear: float | None = option("turns of the motor in one turn of the screw; 1", above=0.0, default=None)
+    machine: str | None = option("the machine file to write into; its comments are kept", default=None)
+    axis: str | None = option("its axis, if it has several", default=None)
+    channels: Path | None = option("which column is what (TOML), as `feeddrive channels` writes it", default=None)
+    time: str | None = option("column of the time, name:unit", default=None)
+    sample_time: float | None = option("of logs without a clock", unit="s", default=None)
+    out: Path | None = option(OUT, short="-o", default=None)
+
+    def forces(self) -> dict[str, str | None]:
+        """The columns that were named, by their roles."""
+        return {
+            "force": self.force, "torque": self.torque, "current": self.current, "command": self.command,
+            "time": self.time,
+        }  # fmt: skip
+
+
+def drive_of(request: DriveLogsRequest) -> Drive:
+    """The options, completed by the motor of the machine file."""
+    force_constant, lead, gear = request.force_constant, request.lead, request.gear
+    given = None if request.machine is None else read_machine(request.machine)
+    loop = None if given is None else given.loop(request.axis)
     motor = None if loop is None else loop.axis.actuator.motor
     if motor is not None and force_constant is None:
         force_constant = float(motor.force_per_unit())
     if isinstance(motor, Screw) and lead is None:
         lead, gear = float(motor.lead), float(motor.gear) if gear is None else gear
-    name = axis or ("x" if loop is None else loop.name)
+    name = axis_name(loop, request.axis)
     return Drive(given, name, loop, force_constant, lead, 1.0 if gear is None else gear)
+
+
+def axis_name(loop: Loop | None, axis: str | None) -> str:
+    """The name of an axis: that of its loop in the machine file, else as it was given; x without both."""
+    return axis or "x" if loop is None else loop.name
 
 
 def read_logs(
     paths: Sequence[Path], named: Mapping[str, str | None], channels: Path | None, wanted: Collection[str],
-    sample_time: float | None, console: Console,
+    sample_time: float | None, progress: Progress,
 ) -> tuple[list[Log], dict[str, Column]]:  # fmt: skip
     """All logs with the roles of the first one, whose guess is shown. Raises LogError as `read_log`."""
-    first, mapping = mapped(paths[0], named, channels, wanted, sample_time, console)
+    first, mapping = mapped(paths[0], named, channels, wanted, sample_time, progress)
     read = [first]
     for path in paths[1:]:
         if channels is not None:
-            read.append(mapped(path, named, channels, wanted, sample_time, console)[0])
+            read.append(mapped(path, named, channels, wanted, sample_time, progress)[0])
         else:
             read.append(read_log(path, mapping, sample_time=sample_time))
     return read, mapping
@@ -103,3 +132,16 @@ def logs_said(paths: Sequence[Path]) -> str:
 def columns_said(mapping: Mapping[str, Column]) -> str:
     """Which column is what, for the facts of a report."""
     return ", ".join(f"{role}: {each.name}" for role, each in mapping.items())
+
+
+def narrow(table: Table) -> Table:
+    """A table of estimates without its intervals, which the report has: a terminal of 80 columns holds it whole."""
+    if table.heads[-1] != "95 % interval":
+        return table
+    rows = [[*row[:-1], "unknown" if row[-1].startswith("not") else ""] for row in table.rows]
+    return Table(table.title, [*table.heads[:-1], ""], rows)
+
+
+def written(report: Path, machine: str | None) -> dict[str, Path]:
+    """What was written beside a report: the machine file, if there is one."""
+    return {**({} if machine is None else {"Machine": report.parent / "machine.toml"}), "Report": report}

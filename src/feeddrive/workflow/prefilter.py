@@ -7,8 +7,6 @@ from pathlib import Path
 
 from feeddrive.blocks.families import Reference
 from feeddrive.blocks.prefilter.trajectory_prefilter import TrajectoryPrefilter
-from feeddrive.cli.terminal import open_console
-from feeddrive.cli.working import drawn
 from feeddrive.files.atomic_io import write_whole
 from feeddrive.files.blocks_to_toml import to_toml
 from feeddrive.files.job import read_job
@@ -16,8 +14,11 @@ from feeddrive.files.machine import read_machine
 from feeddrive.files.messages import nearest
 from feeddrive.files.read_log import read_log
 from feeddrive.language.errors import LogError, ParameterError
+from feeddrive.language.progress import Progress
 from feeddrive.loop.loop import Loop
 from feeddrive.tuning.trajectory_prefilter import REGRESSORS, PrefilterFit, fit_prefilter_to_log
+from feeddrive.workflow.command import Outcome, command
+from feeddrive.workflow.request import Request, argument, option
 
 # names that a column may have for each role, the first that is there is taken; those of our own runs among them
 USUAL: Mapping[str, tuple[str, ...]] = {
@@ -27,35 +28,45 @@ USUAL: Mapping[str, tuple[str, ...]] = {
 }
 
 
-def perform(
-    log: Path,
-    regressors: str,
-    controller: str | None,
-    axis: str | None,
-    job: str | None,
-    columns: Mapping[str, str | None],
-    out: Path | None,
-) -> None:
-    """Fit, show the parameters with their standard errors and the section to paste, and write it if asked."""
-    loop, name = _loop(controller, axis)
-    fit = _fit(log, _chosen(regressors), loop, _reference(job), columns)
+class PrefilterRequest(Request):
+    """Which log, which derivatives, and what is known of the loop that ran it."""
+
+    log: Path = argument("A log of set position and position (MAT, CSV, Parquet)")
+    regressors: str = option("which derivatives of the reference may be used", default="v,a,j,s")
+    controller: str | None = option("the machine file of the loop: its clock, limit and prefilter", default=None)
+    axis: str | None = option("its axis, if it has several", default=None)
+    job: str | None = option("the job whose reference was run, for exact derivatives", default=None)
+    set_position: str | None = option("column of the set position", default=None)
+    position: str | None = option("column of the position of the table", default=None)
+    force: str | None = option("column of the commanded force", default=None)
+    out: Path | None = option("File for the section (TOML)", short="-o", default=None)
+
+
+@command(PrefilterRequest)
+def prefilter(request: PrefilterRequest, progress: Progress) -> Outcome[PrefilterFit]:
+    """Fit the prefilter that cancels what a loop leaves of its tracking error, from one log.
+
+    The outcome has the parameters with their standard errors and the section for the machine file.
+    """
+    loop, name = _loop(request.controller, request.axis)
+    columns = {
+        "setpoint_position": request.set_position, "position_load": request.position, "force": request.force,
+    }  # fmt: skip
+    fit = _fit(request.log, _chosen(request.regressors), loop, _reference(request.job), columns)
     text = to_toml(fit.prefilter, f"axis.{name}.control.prefilter")
-    console = open_console()
-    console.print(drawn(fit.table()))
-    if job is None:
-        console.print("- Derivatives are central differences of the log's set positions, not filtered.", markup=False)
-    else:
-        console.print("- Derivatives are those of the job's reference, exact.", markup=False)
+    remarks = [
+        "Derivatives are central differences of the log's set positions, not filtered."
+        if request.job is None
+        else "Derivatives are those of the job's reference, exact."
+    ]
     if loop is None:
-        console.print(
-            "- Neither the clock nor the force limit of the controller is known: give it with --controller.",
-            markup=False,
-        )
-    console.print("")
-    console.print(text, markup=False, soft_wrap=True)
-    if out is not None:
-        write_whole(out, text)
-        console.print(f"Written: {out}", markup=False, soft_wrap=True)
+        remarks.append("Neither the clock nor the force limit of the controller is known: give it with --controller.")
+    files: dict[str, Path] = {}
+    if request.out is not None:
+        progress.step("writing")
+        write_whole(request.out, text)
+        files["Written"] = request.out
+    return Outcome(fit, [fit.table()], remarks, section=text, files=files)
 
 
 def _fit(
@@ -107,7 +118,8 @@ _UNITS = ("m", "mm", "um", "nm", "N", "kN")
 def _loop(controller: str | None, axis: str | None) -> tuple[Loop | None, str]:
     if controller is None:
         return None, axis or "x"
-    loop = read_machine(controller).loop(axis)
+    machine = read_machine(controller)
+    loop = machine.loop(axis)
     return loop, loop.name
 
 

@@ -3,20 +3,31 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from feeddrive.cli.drive_logs import Drive, chosen, columns_said, drive_of, logs_said, read_logs, stem
-from feeddrive.cli.identify_frf import narrow
-from feeddrive.cli.terminal import open_console
-from feeddrive.cli.working import drawn
 from feeddrive.files.log import Log
 from feeddrive.files.messages import sentence
 from feeddrive.identification.frame import SHAFT
-from feeddrive.identification.steady_runs.friction_curve import fit_friction
+from feeddrive.identification.steady_runs.friction_curve import FrictionCurve, fit_friction
 from feeddrive.identification.steady_runs.steady_runs import LEAST_ROWS, SteadyRuns, steady_runs
 from feeddrive.language.errors import NotIdentifiableError, ParameterError
+from feeddrive.language.progress import Progress
+from feeddrive.workflow.command import Outcome, command
+from feeddrive.workflow.drive_logs import (
+    Drive,
+    DriveLogsRequest,
+    chosen,
+    columns_said,
+    drive_of,
+    logs_said,
+    narrow,
+    read_logs,
+    stem,
+    written,
+)
 from feeddrive.workflow.friction_page import (
     kept_away,
     machine_text,
@@ -25,6 +36,7 @@ from feeddrive.workflow.friction_page import (
     tables,
     write_friction,
 )
+from feeddrive.workflow.request import argument, option
 
 # along the table and round the shaft, the first that is there is taken; a position is differenced
 _TABLE = ("velocity_load", "velocity_motor", "position_load", "position_motor")
@@ -32,39 +44,59 @@ _SHAFT = ("speed_motor", "angle_motor")
 _FORCES = ("force", "torque", "command", "current")
 
 
-def perform(
-    logs: Sequence[Path], named: Mapping[str, str | None], channels: Path | None, machine: str | None,
-    axis: str | None, force_constant: float | None, lead: float | None, gear: float | None,
-    sample_time: float | None, out: Path | None,
-) -> None:  # fmt: skip
-    """Read, find the runs, fit, show, write."""
-    console = open_console()
-    drive = drive_of(machine, axis, force_constant, lead, gear)
-    read, mapping = read_logs(logs, named, channels, ("time", *_TABLE, *_SHAFT, *_FORCES), sample_time, console)
+class FrictionRequest(DriveLogsRequest):
+    """Logs of constant speeds, and the columns of the motion."""
+
+    logs: tuple[Path, ...] = argument("Logs of constant speeds; one log may hold several")
+    velocity: str | None = option("column along the table: name:unit or name*factor:unit", default=None)
+    position: str | None = option("the position instead, to be differenced", default=None)
+    speed: str | None = option("column of the motor's speed, as n:rpm", default=None)
+    angle: str | None = option("the motor's angle instead, to be differenced", default=None)
+
+    def usual_out(self) -> Path:
+        """By the name of what it is about."""
+        return Path("results") / f"friction_{stem(self.logs)}"
+
+    def named(self) -> dict[str, str | None]:
+        """The columns that were named, by their roles."""
+        return {
+            "velocity_load": self.velocity, "position_load": self.position, "speed_motor": self.speed,
+            "angle_motor": self.angle, **self.forces(),
+        }  # fmt: skip
+
+
+@command(FrictionRequest)
+def friction(request: FrictionRequest, progress: Progress) -> Outcome[FrictionCurve]:
+    """Find the friction curve in runs of constant speed: models compared by evidence, parameters with errors.
+
+    Raises LogError for a log that cannot be used, NotIdentifiableError for logs without a constant speed.
+    """
+    drive, named, logs = drive_of(request), request.named(), request.logs
+    wanted = ("time", *_TABLE, *_SHAFT, *_FORCES)
+    read, mapping = read_logs(logs, named, request.channels, wanted, request.sample_time, progress)
+    progress.step("fitting")
     runs, without = _runs(logs, read, named, drive)
     curve = fit_friction(runs)
     said = [*remarks(curve, drive.loop), *without]
     compared, parameters = tables(curve)
-    console.print(drawn(compared, 0))
-    console.print(drawn(narrow(parameters)))
-    for remark in said:
-        console.print(f"- {sentence(remark)}", markup=False)
     why = kept_away(curve, drive.loop)
     text = None if why else machine_text(curve, drive.machine, drive.axis)
-    facts = {
-        "Logs": logs_said(logs),
-        "Runs": f"{runs.velocity.size} of {int(np.min(runs.rows))} to {int(np.max(runs.rows))} rows",
-        "Columns": columns_said(mapping),
-        "Lead": "none given" if drive.lead is None else f"{1e3 * drive.lead:.6g} mm, gear {drive.gear:g}",
-        "Machine": machine or "none given",
-    }
-    report = write_friction(curve, said, text, out or Path("results") / f"friction_{stem(logs)}", facts)
-    console.print(recommendation(curve), markup=False)
-    if text is None:
-        console.print(f"- No machine file was written: {why}.", markup=False)
-    else:
-        console.print(f"Machine: {report.parent / 'machine.toml'}", markup=False, soft_wrap=True)
-    console.print(f"Report: {report}", markup=False, soft_wrap=True)
+    files: dict[str, Path] = {}
+    if request.out is not None:
+        facts = {
+            "Logs": logs_said(logs),
+            "Runs": f"{runs.velocity.size} of {int(np.min(runs.rows))} to {int(np.max(runs.rows))} rows",
+            "Columns": columns_said(mapping),
+            "Lead": "none given" if drive.lead is None else f"{1e3 * drive.lead:.6g} mm, gear {drive.gear:g}",
+            "Machine": request.machine or "none given",
+        }
+        progress.step("report")
+        report = write_friction(curve, said, text, request.out, facts)
+        files = written(report, text)
+    return Outcome(
+        curve, [replace(compared, sentences=0), narrow(parameters)], [sentence(each) for each in said],
+        recommendation(curve), [f"No machine file was written: {why}."] if why else [], files=files,
+    )  # fmt: skip
 
 
 def _runs(

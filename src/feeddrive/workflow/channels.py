@@ -1,14 +1,13 @@
-"""Which column of a log is what: as the options say, as a short TOML says, else guessed and shown."""
+"""`feeddrive channels`, and for all commands: which column of a log is what.
+
+As the options say, as a short TOML says, else guessed and shown.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 from pathlib import Path
 
-from rich.console import Console
-
-from feeddrive.cli.terminal import open_console
-from feeddrive.cli.working import drawn
 from feeddrive.files.columns import OWN_UNIT, ROLES, Column
 from feeddrive.files.guess import Guess, guess_roles, write_roles
 from feeddrive.files.job import LogRequest, read_request
@@ -16,6 +15,9 @@ from feeddrive.files.log import Log
 from feeddrive.files.read_log import read_log
 from feeddrive.language import units
 from feeddrive.language.errors import FileError, LogError, ParameterError
+from feeddrive.language.progress import Progress
+from feeddrive.workflow.command import Outcome, command
+from feeddrive.workflow.request import Request, argument, option
 
 
 def column(text: str, role: str = "") -> Column:
@@ -43,7 +45,7 @@ def mapped(
     channels: Path | None,
     wanted: Collection[str],
     sample_time: float | None,
-    console: Console,
+    progress: Progress,
 ) -> tuple[Log, dict[str, Column]]:
     """The log with its roles in `wanted`, and which column has which.
 
@@ -62,7 +64,7 @@ def mapped(
     taken = {each.name for each in told.values()}
     guessed = {role: each for role, each in guessed.items() if each.name not in taken}
     if guessed or any(role not in told for role in guess.needs):
-        show(guess, path, console)
+        show(guess, path, progress)
     mapping = {role: each for role, each in {**guessed, **told}.items() if role in wanted}
     if not set(mapping) - {"time"}:
         names = ", ".join([*guess.unused, *(each.name for each in guess.mapping.values())][:20])
@@ -90,25 +92,31 @@ def clock(path: Path, time: str | None, sample_time: float | None) -> float | No
     )
 
 
-def show(guess: Guess, path: Path, console: Console) -> None:
+def show(guess: Guess, path: Path, progress: Progress) -> None:
     """The guess, and how to correct it."""
-    console.print(drawn(guess.table(), 3))
-    console.print(
+    progress.remark(guess.table())
+    progress.remark(
         f"- These roles are guessed. To correct them: feeddrive channels {path} --out channels.toml, edit that file, "
-        f"then --channels channels.toml.",
-        markup=False,
-        soft_wrap=True,
+        f"then --channels channels.toml."
     )
 
 
-def perform(path: Path, axis: str | None, sample_time: float | None, out: Path | None) -> None:
-    """`feeddrive channels`: guess, show, and write what is to be corrected by hand."""
-    console = open_console()
-    guess = guess_roles(read_log(path, sample_time=sample_time), axis)
-    console.print(drawn(guess.table(), 3))
+class ChannelsRequest(Request):
+    """Which log is looked at."""
+
+    log: Path = argument("A log of any known format")
+    axis: str | None = option("of a log with several, as x or 0", default=None)
+    sample_time: float | None = option("of a log without a clock", unit="s", default=None)
+    out: Path | None = option("File for the mapping (TOML)", short="-o", default=None)
+
+
+@command(ChannelsRequest)
+def channels(request: ChannelsRequest, progress: Progress) -> Outcome[Guess]:
+    """Guess which column of a log is what; the section of the outcome is a TOML to correct and give with --channels."""
+    progress.step(f"reading {request.log}")
+    guess = guess_roles(read_log(request.log, sample_time=request.sample_time), request.axis)
+    out, path = request.out, request.log
     if out is None:
-        console.print("")
-        console.print(guess.toml(path), markup=False, soft_wrap=True)
-        return
+        return Outcome(guess, [guess.table()], section=guess.toml(path))
     write_roles(out, guess, path.resolve() if out.parent.resolve() != path.parent.resolve() else path.name)
-    console.print(f"Written: {out}; correct it and give it with --channels {out}", markup=False, soft_wrap=True)
+    return Outcome(guess, [guess.table()], files={"Written": f"{out}; correct it and give it with --channels {out}"})

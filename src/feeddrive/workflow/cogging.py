@@ -3,26 +3,24 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from rich.console import Console
 
-from feeddrive.cli.drive_logs import Drive, chosen, columns_said, drive_of, logs_said, read_logs, stem
-from feeddrive.cli.roles import column
-from feeddrive.cli.terminal import open_console
-from feeddrive.cli.working import drawn
 from feeddrive.files.columns import ROLES, is_time
 from feeddrive.files.messages import nearest, sentence
 from feeddrive.files.read_log import read_arrays
+from feeddrive.identification.cogging.cogging_fit import CoggingFit
 from feeddrive.identification.cogging.cogging_passes import cogging_passes
 from feeddrive.identification.cogging.cogging_run import CoggingRun
 from feeddrive.identification.cogging.identify_cogging import identify_cogging
 from feeddrive.language import units
 from feeddrive.language.errors import LogError, NotIdentifiableError, ParameterError
+from feeddrive.language.progress import Progress
 from feeddrive.language.table import Table
+from feeddrive.workflow.channels import column
 from feeddrive.workflow.cogging_page import (
     AtTable,
     kept_away,
@@ -30,6 +28,19 @@ from feeddrive.workflow.cogging_page import (
     recommendation,
     write_cogging,
 )
+from feeddrive.workflow.command import Outcome, command
+from feeddrive.workflow.drive_logs import (
+    Drive,
+    DriveLogsRequest,
+    chosen,
+    columns_said,
+    drive_of,
+    logs_said,
+    read_logs,
+    stem,
+    written,
+)
+from feeddrive.workflow.request import argument, option
 
 _POSITIONS = ("position_motor", "position_load", "angle_motor")
 _FORCES = ("force", "torque", "current", "command")
@@ -38,23 +49,33 @@ _ANY_CLOCK = 1e-3  # s, of a file without one
 _MOST = 1000  # orders that may be asked for
 
 
-@dataclass(frozen=True, kw_only=True)
-class Asked:
-    """What the command line says; `backward` are maps of the other direction."""
+class CoggingRequest(DriveLogsRequest):
+    """Logs of slow runs, or maps of holding current, and the period after which the force repeats."""
 
-    named: Mapping[str, str | None] = field(default_factory=dict[str, str | None])
-    channels: Path | None = None
-    period: str | None = None
-    map: bool = False
-    backward: Sequence[Path] = ()
-    orders: str | None = None
-    machine: str | None = None
-    axis: str | None = None
-    force_constant: float | None = None
-    lead: float | None = None
-    gear: float | None = None
-    sample_time: float | None = None
-    out: Path | None = None
+    logs: tuple[Path, ...] = argument("Logs of slow runs over the travel, one way or to and fro")
+    period: str | None = option(
+        "after which the force repeats, as 24:mm or 90:deg; a turn of the motor if left out", default=None
+    )
+    position: str | None = option("column along the table: name:unit or name*factor:unit", default=None)
+    angle: str | None = option("column of the motor's angle, as theta:deg", default=None)
+    map: bool = option(
+        "not logs but maps: each row is a place, all rows are one turn, 0 was not visited", default=False
+    )
+    backward: tuple[Path, ...] = option("a map of the other direction; may be repeated", default=())
+    orders: str | None = option("in a period, as 1..60 or 7,14,28; up to 128 if left out", default=None)
+
+    def check(self) -> None:
+        """Raise ParameterError for options that do not fit each other."""
+        if self.backward and not self.map:
+            raise ParameterError("--backward is for maps (--map): in a log the direction is seen in the position")
+
+    def usual_out(self) -> Path:
+        """By the name of what it is about."""
+        return Path("results") / f"cogging_{stem(self.logs)}"
+
+    def named(self) -> dict[str, str | None]:
+        """The columns that were named, by their roles."""
+        return {"position_load": self.position, "angle_motor": self.angle, **self.forces()}
 
 
 @dataclass(frozen=True)
@@ -69,54 +90,53 @@ class _Seen:
     columns: str
 
 
-def perform(logs: Sequence[Path], asked: Asked) -> None:
-    """Read, fit, show, write."""
-    console = open_console()
-    drive = drive_of(asked.machine, asked.axis, asked.force_constant, asked.lead, asked.gear)
-    orders = _orders(asked.orders)
-    if asked.backward and not asked.map:
-        raise ParameterError("--backward is for maps (--map): in a log the direction is seen in the position")
-    seen = _maps(logs, asked, drive) if asked.map else _passes(logs, asked, drive, orders, console)
+@command(CoggingRequest)
+def cogging(request: CoggingRequest, progress: Progress) -> Outcome[CoggingFit]:
+    """Find the cogging of a motor in slow runs: its orders, with errors, and what changes sign with the direction.
+
+    Raises LogError for a log that cannot be used, NotIdentifiableError for one that does not hold a period.
+    """
+    drive, orders, logs = drive_of(request), _orders(request.orders), request.logs
+    seen = _maps(request, drive) if request.map else _passes(request, drive, orders, progress)
+    progress.step("fitting")
     fit = identify_cogging(seen.runs, orders, unit=seen.unit)
     table = _at_table(seen, drive)
     why = kept_away(fit, table)
     text = None if why or table is None else machine_text(fit, table, drive.machine, drive.axis)
+    files: dict[str, Path] = {}
+    if request.out is not None:
+        ways = [sum(run.direction == sign for run in seen.runs) for sign in (1, -1)]
+        facts = {
+            "Logs": logs_said([*logs, *request.backward]),
+            "Runs": f"{ways[0]} forward, {ways[1]} backward, {sum(run.turns.size for run in seen.runs)} rows",
+            "Period": f"{math.degrees(seen.period):.6g} deg" if seen.turning else f"{1e3 * seen.period:.6g} mm",
+            "Columns": seen.columns,
+            "Force at the table": "not known"
+            if table is None
+            else f"{table.force_per_unit:.6g} N per {seen.unit or 'unit'}",
+            "Machine": request.machine or "none given",
+        }
+        progress.step("report")
+        files = written(write_cogging(fit, seen.runs, text, request.out, facts), text)
     found = fit.table()
     # the chance of each is in the report: a terminal of 80 columns holds the rest whole
-    console.print(drawn(Table(found.title, found.heads[:-1], [row[:-1] for row in found.rows])))
-    for remark in fit.remarks:
-        console.print(f"- {sentence(remark)}", markup=False)
-    ways = [sum(run.direction == sign for run in seen.runs) for sign in (1, -1)]
-    facts = {
-        "Logs": logs_said([*logs, *asked.backward]),
-        "Runs": f"{ways[0]} forward, {ways[1]} backward, {sum(run.turns.size for run in seen.runs)} rows",
-        "Period": f"{math.degrees(seen.period):.6g} deg" if seen.turning else f"{1e3 * seen.period:.6g} mm",
-        "Columns": seen.columns,
-        "Force at the table": "not known"
-        if table is None
-        else f"{table.force_per_unit:.6g} N per {seen.unit or 'unit'}",
-        "Machine": asked.machine or "none given",
-    }
-    report = write_cogging(fit, seen.runs, text, asked.out or Path("results") / f"cogging_{stem(logs)}", facts)
-    console.print(recommendation(fit), markup=False)
-    if text is None:
-        console.print(f"- No machine file was written: {why}.", markup=False)
-    else:
-        console.print(f"Machine: {report.parent / 'machine.toml'}", markup=False, soft_wrap=True)
-    console.print(f"Report: {report}", markup=False, soft_wrap=True)
+    shown = Table(found.title, found.heads[:-1], [row[:-1] for row in found.rows])
+    notes = [f"No machine file was written: {why}."] if text is None else []
+    return Outcome(fit, [shown], [sentence(each) for each in fit.remarks], recommendation(fit), notes, files=files)
 
 
-def _passes(paths: Sequence[Path], asked: Asked, drive: Drive, orders: Sequence[int] | None, console: Console) -> _Seen:
+def _passes(request: CoggingRequest, drive: Drive, orders: Sequence[int] | None, progress: Progress) -> _Seen:
     """Ways in one direction of logs that run over the travel; a clock is not needed."""
+    paths, named = request.logs, request.named()
     wanted = ("time", *_POSITIONS, *_FORCES)
-    read, mapping = read_logs(paths, asked.named, asked.channels, wanted, _clock(paths[0], asked), console)
+    read, mapping = read_logs(paths, named, request.channels, wanted, _clock(paths[0], request), progress)
     found: list[CoggingRun] = []
     role = moving = ""
     period, units_there = 0.0, ""
     for path, log in zip(paths, read, strict=True):
-        moving = chosen(path, log, asked.named, _POSITIONS, "position", _NAME_IT)
-        role = chosen(path, log, asked.named, _FORCES, "force", "--force, --torque, --current or --command")
-        period = _period(asked.period, ROLES[moving], drive)
+        moving = chosen(path, log, named, _POSITIONS, "position", _NAME_IT)
+        role = chosen(path, log, named, _FORCES, "force", "--force, --torque, --current or --command")
+        period = _period(request.period, ROLES[moving], drive)
         units_there = log.units.get(role, "")
         try:
             found += cogging_passes(log[moving] / period, log[role], highest=max(orders or (128,)))
@@ -126,20 +146,21 @@ def _passes(paths: Sequence[Path], asked: Asked, drive: Drive, orders: Sequence[
     return _Seen(found, role, units_there, period, moving == "angle_motor", columns_said(mapping))
 
 
-def _clock(path: Path, asked: Asked) -> float | None:
+def _clock(path: Path, request: CoggingRequest) -> float | None:
     """Of a file without any: cogging is a matter of places, so any will do."""
-    if asked.sample_time is not None or asked.named.get("time") is not None or asked.channels is not None:
-        return asked.sample_time
+    if request.sample_time is not None or request.time is not None or request.channels is not None:
+        return request.sample_time
     return None if any(is_time(name) for name in read_arrays(path)) else _ANY_CLOCK
 
 
-def _maps(paths: Sequence[Path], asked: Asked, drive: Drive) -> _Seen:
+def _maps(request: CoggingRequest, drive: Drive) -> _Seen:
     """Rows that are places of one turn; of those with a force other than 0."""
-    role = next((each for each in _FORCES if asked.named.get(each) is not None), "current")
-    told = asked.named.get(role)
+    paths, named = request.logs, request.named()
+    role = next((each for each in _FORCES if named.get(each) is not None), "current")
+    told = named.get(role)
     found: list[CoggingRun] = []
     name, unit = "", "" if role == "command" else ROLES[role]
-    for path, direction in (*((each, 1) for each in paths), *((each, -1) for each in asked.backward)):
+    for path, direction in (*((each, 1) for each in paths), *((each, -1) for each in request.backward)):
         arrays = read_arrays(path)
         if told is None and len(arrays) != 1:
             raise ParameterError(f"{path}: name the column of the map with --current or --torque{nearest('', arrays)}")
@@ -155,8 +176,8 @@ def _maps(paths: Sequence[Path], asked: Asked, drive: Drive) -> _Seen:
         if visited.size < 2:
             raise NotIdentifiableError(f"{path}: '{name}' is 0 at all places but {visited.size}: nothing was visited")
         found.append(CoggingRun(visited / values.size, factor * values[visited], direction))
-    along = asked.period is not None and not _is_angle(asked.period)
-    period = _period(asked.period, "m" if along else "rad", drive)
+    along = request.period is not None and not _is_angle(request.period)
+    period = _period(request.period, "m" if along else "rad", drive)
     return _Seen(found, role, unit, period, not along, f"{role}: {name}")
 
 

@@ -2,68 +2,71 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
-from feeddrive.cli.identify_frf import narrow, positive
-from feeddrive.cli.roles import mapped
-from feeddrive.cli.terminal import open_console
-from feeddrive.cli.working import drawn
 from feeddrive.files.log import Log
 from feeddrive.files.machine import read_machine
 from feeddrive.files.messages import sentence
-from feeddrive.identification.motion.identify import identify
+from feeddrive.identification.motion.identify import identify as identify_motion
 from feeddrive.identification.motion.motion_log import MotionLog
 from feeddrive.language.errors import LogError, ParameterError
+from feeddrive.language.progress import Progress
 from feeddrive.loop.loop import Loop
+from feeddrive.workflow.channels import mapped
+from feeddrive.workflow.command import Outcome, command
+from feeddrive.workflow.drive_logs import axis_name, columns_said, narrow, written
 from feeddrive.workflow.identified_machine import machine_text
 from feeddrive.workflow.identify_page import tables, write_identified
+from feeddrive.workflow.identify_request import IdentifyRequest
+from feeddrive.workflow.identify_responses import identify_responses, responses_in
 
 _POSITIONS = ("position_load", "position_motor")  # the first that is there is taken
 _WANTED = ("time", "setpoint_position", *_POSITIONS, "force", "command", "setpoint_angle", "angle_motor", "torque")
 
 
-def perform(
-    log: Path,
-    machine: str | None,
-    axis: str | None,
-    friction: str,
-    columns: Mapping[str, str | None],
-    channels: Path | None,
-    force_constant: float | None,
-    lead: float | None,
-    gear: float,
-    sample_time: float | None,
-    out: Path | None,
-) -> None:
-    """Read, fit, show, write."""
-    console = open_console()
-    positive(force_constant, lead, gear)
-    given = None if machine is None else read_machine(machine)
-    loop = None if given is None else given.loop(axis)
-    measured, mapping = mapped(log, columns, channels, _WANTED, sample_time, console)
-    motion = _motion(log, measured, loop, force_constant)
-    found = identify(motion, loop, friction=friction, lead=lead, gear=gear)
-    for each in tables(found):
-        console.print(drawn(narrow(each)))
-    for remark in found.remarks:
-        console.print(f"- {sentence(remark)}", markup=False)
-    text = machine_text(found, given, _name(loop, axis))
-    facts = {
-        "Log": str(log),
-        "Rows": f"{len(measured)}, {1e3 * measured.sample_time:.6g} ms apart",
-        "Columns": ", ".join(f"{role}: {column.name}" for role, column in mapping.items()),
-        "Machine": machine or "none given",
-    }
-    report = write_identified(found, text, out or Path("results") / f"identify_{log.name.split('.')[0]}", facts)
-    console.print(found.recommendation, markup=False)
-    if text is None:
-        console.print(
-            "- No machine file was written: the law that ran is not known; give it with --machine.", markup=False
-        )
-    else:
-        console.print(f"Machine: {report.parent / 'machine.toml'}", markup=False, soft_wrap=True)
-    console.print(f"Report: {report}", markup=False, soft_wrap=True)
+@command(IdentifyRequest)
+def identify(request: IdentifyRequest, progress: Progress) -> Outcome[Any]:
+    """Find mass, friction and dead time in a log, or masses and modes in frequency responses; with errors.
+
+    The result is an `Identified`, of frequency responses `AxisFits` or a `ModalFit`.
+
+    Raises LogError for a log that cannot be used, NotIdentifiableError for one that does not hold what is asked.
+    """
+    progress.step(f"reading {request.log}")
+    responses = responses_in(request.log)
+    if responses is not None:
+        return identify_responses(request, responses, progress)
+    return _identify_motion(request, progress)
+
+
+def _identify_motion(request: IdentifyRequest, progress: Progress) -> Outcome[Any]:
+    """A rigid drive from a log of one motion."""
+    given = None if request.machine is None else read_machine(request.machine)
+    loop = None if given is None else given.loop(request.axis)
+    log = request.log
+    measured, mapping = mapped(log, request.named(), request.channels, _WANTED, request.sample_time, progress)
+    motion = _motion(log, measured, loop, request.force_constant)
+    progress.step("fitting")
+    found = identify_motion(motion, loop, friction=request.friction, lead=request.lead, gear=request.gear)
+    text = machine_text(found, given, axis_name(loop, request.axis))
+    files: dict[str, Path] = {}
+    if request.out is not None:
+        facts = {
+            "Log": str(log),
+            "Rows": f"{len(measured)}, {1e3 * measured.sample_time:.6g} ms apart",
+            "Columns": columns_said(mapping),
+            "Machine": request.machine or "none given",
+        }
+        progress.step("report")
+        files = written(write_identified(found, text, request.out, facts), text)
+    notes = (
+        ["No machine file was written: the law that ran is not known; give it with --machine."] if text is None else []
+    )
+    return Outcome(
+        found, [narrow(each) for each in tables(found)], [sentence(each) for each in found.remarks],
+        found.recommendation, notes, files=files,
+    )  # fmt: skip
 
 
 def _motion(path: Path, log: Log, loop: Loop | None, force_constant: float | None) -> MotionLog:
@@ -96,10 +99,6 @@ def _motion(path: Path, log: Log, loop: Loop | None, force_constant: float | Non
         name=str(path), position=position, force=force, set_position=set_position, sample_time=log.sample_time,
         force_limit=None if limit is None or rotary else float(limit), rotary=rotary,
     )  # fmt: skip
-
-
-def _name(loop: Loop | None, axis: str | None) -> str:
-    return axis or "x" if loop is None else loop.name
 
 
 def _there(log: Log) -> str:

@@ -7,7 +7,7 @@ import io
 import pytest
 from rich.console import Console
 
-from feeddrive.cli.working import drawn
+from feeddrive.cli.terminal import DrawnTable
 from feeddrive.language.table import Table
 
 
@@ -16,7 +16,7 @@ def test_no_value_is_cut(width: int) -> None:
     rows = [["row", "2998", "12.5", "-366.5"], ["another row", "1", "5.468e-09", "0.00305"]]
     out = io.StringIO()
     Console(file=out, width=width).print(
-        drawn(Table("a title", ["name", "lines inside", "discs wider by", "deg"], rows))
+        DrawnTable(Table("a title", ["name", "lines inside", "discs wider by", "deg"], rows))
     )
     shown = "".join(out.getvalue().split())
     for row in rows:

@@ -1,0 +1,156 @@
+"""`feeddrive certify`: from a machine, and what was measured on it, to a certificate."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from feeddrive.certificate.certificate import Certificate
+from feeddrive.certificate.certify import PlantLike
+from feeddrive.certificate.certify import certify as certify_loop
+from feeddrive.certificate.sites import site_plants
+from feeddrive.files.frf import encoders, read_frf, read_frfs
+from feeddrive.files.machine import BUNDLED, MachineFile, read_machine
+from feeddrive.language.errors import FeeddriveError, ParameterError
+from feeddrive.language.progress import Progress
+from feeddrive.loop.control import Control
+from feeddrive.loop.frequency_response import FRF
+from feeddrive.loop.loop import Loop
+from feeddrive.tuning.shaping.site import Site
+from feeddrive.workflow.certificate_page import FILE, write_certified
+from feeddrive.workflow.command import Outcome, command
+from feeddrive.workflow.request import OUT, Request, argument, option
+
+
+class CertifyRequest(Request):
+    """Which loop, for which plants, with which discs, and in which arithmetic."""
+
+    source: str | Path | MachineFile = argument("A machine file (TOML), or the name of a bundled machine")
+    axis: str | None = option("its axis, if it has several", default=None)
+    at: tuple[str, ...] = option("another plant: a machine, or a measured response in m/N; repeat", default=())
+    measured: Path | None = option("response of this axis: its lines give the discs", default=None)
+    motor: Path | None = option("the same of the motor's encoder", default=None)
+    fit: bool = option("fit the plant to --measured instead of taking the machine's", default=False)
+    radius: float | None = option("|dP/P|: of models, 0.2; the least of measured plants, 0.05", default=None)
+    beyond: float = option("least |dP/P| above the last measured line", default=1.0)
+    arithmetic: str = option("of the coefficients: float64, float32, fixed24 ...", default="float64")
+    float32: bool = option("the same as --arithmetic float32", default=False)
+    confidence: float = option("that all measured lines lie in the discs", default=0.95)
+    velocity: float = option("at which the axis moves", default=0.05, unit="m/s")
+    out: Path | None = option(OUT, short="-o", default=None)
+
+    @property
+    def name(self) -> str:
+        """The machine as it was given."""
+        return str(self.source.file.name if isinstance(self.source, MachineFile) else self.source)
+
+    def usual_out(self) -> Path:
+        """By the name of what it is about."""
+        return Path("results") / f"certify_{Path(self.name).stem}"
+
+
+@command(CertifyRequest)
+def certify(request: CertifyRequest, progress: Progress) -> Outcome[Certificate]:
+    """Prove a loop, as it will run, stable for plants with a disc around each; certificate and report on request.
+
+    Raises NotCertifiedError, with frequency and what to do, for a loop that cannot be certified.
+    """
+    machine = request.source if isinstance(request.source, MachineFile) else read_machine(request.source)
+    loop = machine.loop(request.axis)
+    progress.step("plants")
+    plants = _plants(request, loop)
+    progress.step("certificate")
+    found = certify_loop(
+        loop, plants, radius=request.radius, beyond=request.beyond,
+        arithmetic="float32" if request.float32 else request.arithmetic, confidence=request.confidence,
+        velocity=request.velocity, machine=source(machine),
+    )  # fmt: skip
+    files: dict[str, Path] = {}
+    if request.out is not None:
+        progress.step("report")
+        facts = {
+            "Machine": f"{machine.name}, {request.name}",
+            "Law": loop.control.law.kind,
+            "Sample time": f"{1e3 * float(loop.sample_time):g} ms",
+            "Velocity of the axis": f"{request.velocity:g} m/s",
+        }
+        report = write_certified(found, request.out, facts)
+        files = {"Certificate": report.parent / FILE, "Report": report}
+    remarks = [found.document["claim"], *(f"Outside: {text}" for text in found.outside)]
+    return Outcome(found, [found.table()], remarks, files=files)
+
+
+def certified(
+    control: Control, sites: Sequence[Site | Loop], text: str | None, axis: str
+) -> tuple[Certificate | None, str]:
+    """The certificate of a tuned control at its sites, and what it says; None and the reason where there is none.
+
+    With the text of a machine file it is the control of that file, whose numbers have fewer digits.
+    """
+    of_file: dict[str, str] = {}
+    try:
+        if text is not None:
+            with TemporaryDirectory() as folder:
+                file = Path(folder) / "machine.toml"
+                file.write_text(text, encoding="utf-8")
+                machine = read_machine(file)
+            control, of_file = machine.loop(axis).control, source(machine)
+        found = certify_loop(control, site_plants(sites), sample_time=float(sites[0].sample_time), machine=of_file)
+    except FeeddriveError as error:
+        return None, str(error)
+    return found, found.sentence()
+
+
+def source(machine: MachineFile) -> dict[str, str]:
+    """What a certificate says of a machine file: its name and the digest of its text."""
+    digest = hashlib.sha256(machine.file.text.encode()).hexdigest()
+    return {"name": machine.name, "file": Path(machine.file.name).name, "sha256": digest}
+
+
+def _plants(request: CertifyRequest, loop: Loop) -> dict[str, PlantLike]:
+    """The axis itself, as a model or with its measured lines, and the others."""
+    plants: dict[str, PlantLike] = {}
+    if request.measured is None:
+        if request.motor is not None or request.fit:
+            raise ParameterError("--motor and --fit need --measured, the response of the axis")
+        plants["model"] = loop
+    else:
+        lines = _responses(request.measured, loop)
+        lines += [] if request.motor is None else [_sampled(read_frf(request.motor), loop)]
+        plants[request.measured.stem] = lines if request.fit else [loop, *lines]
+    for each in request.at:
+        name = _unused(Path(each).stem, plants)
+        bundled = not Path(each).suffix and (BUNDLED / "machines" / f"{each}.toml").exists()
+        if bundled or Path(each).suffix.lower() == ".toml":
+            plants[name] = read_machine(each).loop(request.axis)
+        else:
+            plants[name] = _responses(Path(each), loop)
+    return plants
+
+
+def _responses(file: Path, loop: Loop) -> list[FRF]:
+    """The response of a file, or those of load and motor, in this order."""
+    found = read_frfs(file)
+    if len(found) == 1:
+        return [_sampled(next(iter(found.values())), loop)]
+    told = encoders(found)
+    if set(told) != {"motor", "load"}:
+        raise ParameterError(f"{file}: holds {', '.join(found)}: name the responses of both encoders motor and load")
+    return [_sampled(told[role], loop) for role in ("load", "motor")]
+
+
+def _sampled(found: FRF, loop: Loop) -> FRF:
+    """A response that does not say how it was sampled counts as sampled with the loop."""
+    return replace(found, sample_time=float(loop.sample_time)) if found.sample_time is None else found
+
+
+def _unused(name: str, plants: dict[str, PlantLike]) -> str:
+    """A name that no plant has yet."""
+    count = 2
+    free = name
+    while free in plants:
+        free, count = f"{name} {count}", count + 1
+    return free

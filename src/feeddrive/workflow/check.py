@@ -1,0 +1,24 @@
+"""`feeddrive check`: a certificate in exact arithmetic, with nothing but the standard library."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from feeddrive.certificate.check import checked
+from feeddrive.language.progress import Progress
+from feeddrive.workflow.command import Outcome, command
+from feeddrive.workflow.request import Request, argument
+
+
+class CheckRequest(Request):
+    """Which certificate."""
+
+    file: Path = argument("A certificate (JSON)")
+
+
+@command(CheckRequest)
+def check(request: CheckRequest, progress: Progress) -> Outcome[bool]:
+    """Check a certificate in exact arithmetic; the result says whether it is proven, the last line why not."""
+    progress.step(f"checking {request.file}")
+    said, proven = checked(str(request.file))
+    return Outcome(proven, said, failure=None if proven else "")

@@ -1,0 +1,48 @@
+"""`feeddrive compare`: all laws on one axis of a machine, at equal robustness."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from feeddrive.comparison.arena import Comparison, pieces
+from feeddrive.comparison.arena import compare as compare_laws
+from feeddrive.comparison.results import write_arena
+from feeddrive.files.machine import MachineFile, read_machine
+from feeddrive.language.progress import Progress
+from feeddrive.loop.runner import cores
+from feeddrive.workflow.command import Outcome, command
+from feeddrive.workflow.request import OUT, Request, argument, option
+
+
+class CompareRequest(Request):
+    """Which axis, which laws, and how hard each is searched for."""
+
+    machine: str | Path | MachineFile = argument("A machine file (TOML), or the name of a bundled machine")
+    axis: str | None = option("The axis, if the machine has several", default=None)
+    law: tuple[str, ...] = option("A law that is wanted; may be repeated; default: all", default=())
+    starts: int = option("Searches for each law; the best counts", default=2, least=1, most=20)
+    out: Path | None = option(OUT, short="-o", default=None)
+
+    def usual_out(self) -> Path:
+        """By the name of what it is about."""
+        name = Path(self.machine.file.name if isinstance(self.machine, MachineFile) else self.machine).stem
+        return Path("results") / f"compare_{name}{'' if self.axis is None else f'_{self.axis}'}"
+
+
+@command(CompareRequest)
+def compare(request: CompareRequest, progress: Progress) -> Outcome[Comparison]:
+    """Put all laws on one axis, tuned to equal robustness, beside today's gains, and rank them by criterion.
+
+    Laws are tuned side by side in processes of their own.  Raises ParameterError for an axis or a law that is not
+    there, UnstableError if no law can be run.
+    """
+    machine = request.machine if isinstance(request.machine, MachineFile) else read_machine(request.machine)
+    laws = request.law or None
+    step = progress.counted(pieces(machine, request.axis, laws) + 1)
+    found = compare_laws(machine, request.axis, laws=laws, starts=request.starts, workers=cores(), step=step)
+    files: dict[str, Path] = {}
+    if request.out is not None:
+        step("report")
+        files["Report"] = write_arena(found, request.out)
+    refused = [f"'{each.name}' is not on this axis: {each.reason}" for each in found.refusals]
+    return Outcome(found, [found.table()], [f"rule: {found.rule}", *found.remarks, *refused], files=files)

@@ -1,0 +1,66 @@
+"""`feeddrive cosimulate`: the laws of a job against an FMU."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from feeddrive.cosimulation.comparison import Cosimulation, write_cosimulation
+from feeddrive.cosimulation.comparison import cosimulate as run_against
+from feeddrive.files.job import Job, read_job
+from feeddrive.language.errors import ParameterError
+from feeddrive.language.progress import Progress
+from feeddrive.workflow.command import Outcome, command
+from feeddrive.workflow.request import OUT, Request, argument, option
+
+
+class CosimulateRequest(Request):
+    """Which job, which FMU, and what its variables are."""
+
+    job: str | Path | Job = argument("A job file (TOML) with a reference, or the name of a bundled job")
+    fmu: Path = argument("The plant: an FMU 2.0 or 3.0. It is a program, and it is run")
+    variable: tuple[str, ...] = option(
+        "Which variable of the FMU is what, as force=F_drive or reading=x:mm; may be repeated", default=()
+    )
+    set: tuple[str, ...] = option("A parameter of the FMU, as m=160; may be repeated", default=())
+    dead_time: float = option("Before a command acts", default=0.0, unit="s")
+    out: Path | None = option(OUT, short="-o", default=None)
+
+    def usual_out(self) -> Path:
+        """By the name of what it is about."""
+        return (
+            Path("results") / f"cosimulate_{Path(self.job.file.name if isinstance(self.job, Job) else self.job).stem}"
+        )
+
+
+@command(CosimulateRequest)
+def cosimulate(request: CosimulateRequest, progress: Progress) -> Outcome[Cosimulation]:
+    """Run the laws of a job against somebody else's model of the machine: an FMU in place of the plant."""
+    job = request.job if isinstance(request.job, Job) else read_job(request.job)
+    values = {name: _number(name, text) for name, text in _pairs("--set", request.set).items()}
+    found = run_against(
+        job, request.fmu, names=_pairs("--variable", request.variable), parameters=values,
+        dead_time=request.dead_time, step=progress.counted(len(job.loops)),
+    )  # fmt: skip
+    files: dict[str, Path] = {}
+    if request.out is not None:
+        files["Signals"] = write_cosimulation(found, request.out).parent / "runs"
+    remark = "No margins: an FMU states no linear model. `feeddrive run` gives those of the machine file."
+    return Outcome(found, [found.table()], [remark], files=files)
+
+
+def _pairs(option: str, texts: Sequence[str]) -> dict[str, str]:
+    found: dict[str, str] = {}
+    for text in texts:
+        name, mark, value = text.partition("=")
+        if not (mark and name and value) or name in found:
+            raise ParameterError(f"{option} {text}: give each name once, as name=value")
+        found[name] = value
+    return found
+
+
+def _number(name: str, text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise ParameterError(f"--set {name}={text}: '{text}' is no number") from None

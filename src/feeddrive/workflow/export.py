@@ -1,0 +1,51 @@
+"""`feeddrive export`: from a machine file to what a target runs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from feeddrive.export.design import Design
+from feeddrive.export.targets import write_export
+from feeddrive.language.progress import Progress
+from feeddrive.workflow.command import Outcome, command
+from feeddrive.workflow.request import OUT, Request, argument, option
+
+
+class ExportRequest(Request):
+    """Which axis, for which target."""
+
+    source: str = argument("A machine file (TOML), or the name of a bundled machine")
+    target: str = option("c, linuxcnc, linuxcnc-pid, fmu2, fmu3, cortex-m, st, or parameters", short="-t")
+    axis: str | None = option("its axis, if it has several", default=None)
+    out: Path | None = option(OUT, short="-o", default=None)
+    name: str | None = option("prefix of all names; default: axis_x", default=None)
+    precision: str | None = option("double or float; default: double, cortex-m float", default=None)
+    plant: bool = option("c, fmu2, fmu3: the axis, to stand in for the machine", default=False)
+    header_only: bool = option("c: a single header", default=False)
+    joint: int | None = option("linuxcnc, linuxcnc-pid: number of the joint", default=None)
+    route: str | None = option("linuxcnc-pid: one or two pids", default=None)
+    units: float | None = option("linuxcnc-pid: machine units in a meter, 1000 for mm", default=None)
+    core: str | None = option("cortex-m: m4f, m7, or m7dp", default=None)
+    maker: tuple[str, ...] = option(
+        "parameters: sinumerik, twincat, odrive, linuxcnc or csv; may be repeated; default: all", default=()
+    )
+    lead: float | None = option("parameters: lead of the screw, if the file has none", unit="m", default=None)
+    gear: float | None = option("parameters: turns of the motor in one of the screw", default=None)
+
+
+@command(ExportRequest)
+def export(request: ExportRequest, progress: Progress) -> Outcome[Design]:
+    """Write the control of an axis for a target: what is written computes what was simulated, bit for bit.
+
+    Without `out` it goes to results/export_MACHINE_AXIS_TARGET.  Raises as `write_export`.
+    """
+    progress.step(f"export for {request.target}")
+    design, readme = write_export(
+        request.source, request.target, request.out, axis=request.axis, name=request.name,
+        precision=request.precision, plant=request.plant, single_header=request.header_only, joint=request.joint,
+        route=request.route, units=request.units, core=request.core, makers=request.maker, lead=request.lead,
+        gear=request.gear,
+    )  # fmt: skip
+    said = f"{design.title}; for the target {request.target}, every {design.period}"
+    remarks = [f"Note: {remark}" for remark in design.remarks]
+    return Outcome(design, [said], remarks, files={"Read first": readme})

@@ -1,0 +1,197 @@
+"""`feeddrive iterate`: the next feedforward parameters, from a log or over simulated trials."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+
+from feeddrive.blocks.families import Reference
+from feeddrive.blocks.feedforward.disturbance_compensator import DisturbanceCompensator
+from feeddrive.blocks.feedforward.inertia import Inertia
+from feeddrive.blocks.reference.snap_limited_move import SnapLimitedMove
+from feeddrive.files.atomic_io import write_whole
+from feeddrive.files.blocks_to_toml import to_toml
+from feeddrive.files.columns import Column
+from feeddrive.files.job import read_job
+from feeddrive.files.machine import read_machine
+from feeddrive.files.messages import nearest
+from feeddrive.files.read_log import read_log
+from feeddrive.language.errors import LogError, ParameterError
+from feeddrive.language.progress import Progress
+from feeddrive.language.table import Table
+from feeddrive.loop.loop import Loop
+from feeddrive.tuning.compensated import begin_compensation
+from feeddrive.tuning.iterative_feedforward import Iteration
+from feeddrive.tuning.iterative_feedforward import iterate as next_iteration
+from feeddrive.tuning.trial import Trial, measured_trial
+from feeddrive.tuning.trials import iterate_trials
+from feeddrive.workflow.command import Outcome, command
+from feeddrive.workflow.request import Request, argument, option
+
+# names that a column may have for each role, the first that is there is taken
+USUAL: Mapping[str, tuple[str, ...]] = {
+    "setpoint_position": ("setpoint_position", "set_position", "reference", "x_set", "xr", "qg"),
+    "position_load": ("position_load", "reading_load", "position", "x", "y", "qm"),
+    "force": ("force",),
+    "command": ("command", "vir"),
+}
+_NEEDED = {"setpoint_position": "--set-position", "position_load": "--position"}
+_UNITS = ("m", "mm", "um", "nm", "N", "kN")
+# the motion of simulated trials if no job names another
+MOVE = SnapLimitedMove(
+    distance=0.1, velocity=0.25, acceleration=3.0, jerk=60.0, snap=15e3, back=True, dwell_before=0.02,
+    dwell_between=0.2, dwell_after=0.2,
+)  # fmt: skip
+
+
+class IterateRequest(Request):
+    """A log of one trial, or a machine on which trials are simulated, and how far a step goes."""
+
+    source: str = argument("A log of set position and position (MAT, CSV, Parquet), or a machine to simulate trials")
+    controller: str | None = option("the machine file of the loop that ran the log", default=None)
+    axis: str | None = option("its axis, if it has several", default=None)
+    form: str = option("model-free, model-based or axis-model", default="model-free")
+    columns: str | None = option("parameters to tune, as mass,viscous,coulomb_positive", default=None)
+    gamma: float = option("share of the step; 0.5 if gains are known roughly", default=1.0)
+    stribeck_velocity: float | None = option("adds a Stribeck column", unit="m/s", default=None)
+    least_mass: float = option("the mass stays above it", default=0.0, unit="kg")
+    skip: int = option("samples at the start of the log that do not count", default=0)
+    smoothing: int | None = option("samples over which the set position is averaged", default=None)
+    set_position: str | None = option("column of the set position, name:unit", default=None)
+    position: str | None = option("column of the position of the table", default=None)
+    force: str | None = option("column of the commanded force", default=None)
+    command: str | None = option("column of the command in the drive's unit", default=None)
+    trials: int = option("simulated trials", default=6)
+    job: tuple[str, ...] = option("job whose reference the trials run; several take turns", default=())
+    seed: int = option("of the noise of simulated trials", default=0)
+    out: Path | None = option("File for the section (TOML)", short="-o", default=None)
+
+    @property
+    def machine(self) -> str:
+        """The machine file of the loop."""
+        return self.source if self.controller is None else self.controller
+
+    @property
+    def wanted(self) -> tuple[str, ...] | None:
+        """The parameters to tune; None for those that the loop has."""
+        if self.columns is None:
+            return None
+        return tuple(each.strip() for each in self.columns.split(",") if each.strip())
+
+
+@command(IterateRequest)
+def iterate(request: IterateRequest, progress: Progress) -> Outcome[Iteration]:
+    """Learn mass, viscous and dry friction to feed forward from the error of a trial: a log, or simulated ones.
+
+    The outcome has the next parameters and the section for the machine file.
+    """
+    loop, axis = _loop(request)
+    found, tables, remarks = (_simulated if request.controller is None else _measured)(request, loop, progress)
+    key = f"axis.{axis}.control.feedforward"
+    text = to_toml(found.after, key).replace(f"[{key}]", f"[[{key}]]", 1)
+    files: dict[str, Path] = {}
+    if request.out is not None:
+        progress.step("writing")
+        write_whole(request.out, text)
+        files["Written"] = request.out
+    return Outcome(found, tables, [*remarks, *_remarks(found, request)], section=text, files=files)
+
+
+def _measured(request: IterateRequest, loop: Loop, progress: Progress) -> tuple[Iteration, list[Table], list[str]]:
+    """One log, one step."""
+    named = {
+        "setpoint_position": request.set_position, "position_load": request.position, "force": request.force,
+        "command": request.command,
+    }  # fmt: skip
+    progress.step(f"reading {request.source}")
+    trial = _trial(Path(request.source), loop, named, request.smoothing)
+    found = next_iteration(
+        loop, trial, form=request.form.replace("-", "_"), gamma=request.gamma, columns=request.wanted,
+        least_mass=request.least_mass, skip=request.skip,
+    )  # fmt: skip
+    moving = trial.starts_moving and request.skip == 0
+    text = "The log starts in motion; its first samples are taken as steady: --skip leaves some out."
+    return found, [found.table()], [text] if moving else []
+
+
+def _simulated(request: IterateRequest, loop: Loop, progress: Progress) -> tuple[Iteration, list[Table], list[str]]:
+    """Simulated trials on the machine itself."""
+    references = [_reference(job) for job in request.job] or [MOVE]
+    progress.step(f"{request.trials} trials")
+    found = iterate_trials(
+        loop, references, request.trials, form=request.form.replace("-", "_"), gamma=request.gamma,
+        columns=request.wanted, least_mass=request.least_mass, seed=request.seed,
+    )  # fmt: skip
+    text = (
+        f"Each trial: {1e3 * MOVE.distance:g} mm out and back, at most {MOVE.velocity:g} m/s, "
+        f"{MOVE.acceleration:g} m/s², {MOVE.jerk:g} m/s³; --job names another motion."
+    )
+    return found.iterations[-1], [found.table()], [] if request.job else [text]
+
+
+def _remarks(found: Iteration, request: IterateRequest) -> list[str]:
+    """What to know before the section is used."""
+    said = [f"{name} is frozen: {reason}." for name, reason in found.frozen.items()]
+    said += [f"{name} is held by its bound." for name in found.held]
+    said += [f"{remark[:1].upper()}{remark[1:]}." for remark in found.remarks]
+    if found.trial.saturated is None:
+        said.append("Whether the force was limited is not known: name its column with --force.")
+    if found.gamma > 0.5:
+        said.append("This step trusts the gains of the controller; where they are known roughly, take --gamma 0.5.")
+    there = read_machine(request.machine).loop(request.axis).control.feedforward
+    replaced = [block.kind for block in there if isinstance(block, (Inertia, DisturbanceCompensator))]
+    if replaced:
+        said.append(f"The section takes the place of {' and '.join(replaced)} in the machine file.")
+    return said
+
+
+def _loop(request: IterateRequest) -> tuple[Loop, str]:
+    """The loop with a compensator that has the columns, and the name of its axis."""
+    machine = read_machine(request.machine)
+    loop = machine.loop(request.axis)
+    axis = loop.name
+    has = any(isinstance(block, DisturbanceCompensator) for block in loop.control.feedforward)
+    if has and request.wanted is None and request.stribeck_velocity is None:
+        return loop, axis
+    columns = request.wanted
+    if request.stribeck_velocity is not None and columns is None:
+        columns = ("mass", "viscous", "coulomb_positive", "coulomb_negative", "stribeck")
+    return begin_compensation(loop, columns, stribeck_velocity=request.stribeck_velocity), axis
+
+
+def _reference(job: str) -> Reference:
+    reference = read_job(job).reference
+    if reference is None:
+        raise ParameterError(f"{job}: has no [reference], only a log: give the log itself, with --controller")
+    return reference
+
+
+def _trial(log: Path, loop: Loop, named: Mapping[str, str | None], smoothing: int | None) -> Trial:
+    there = read_log(log).channels
+    columns = {role: _column(str(log), role, named.get(role), there) for role in USUAL}
+    measured = read_log(log, {role: column for role, column in columns.items() if column is not None})
+    force = measured.channels.get("force")
+    motor = loop.axis.actuator.motor
+    if force is None and "command" in measured.channels and motor is not None:
+        force = float(motor.force_per_unit()) * measured["command"]
+    return measured_trial(
+        loop, measured["setpoint_position"], measured["position_load"], sample_time=measured.sample_time, force=force,
+        smoothing=smoothing, name=str(log),
+    )  # fmt: skip
+
+
+def _column(log: str, role: str, asked: str | None, there: Iterable[str]) -> Column | None:
+    """The column of a role: the one that was named (`name` or `name:unit`), else one with a usual name."""
+    if asked is not None:
+        name, _, unit = asked.partition(":")
+        return Column(name=name, unit=unit)
+    for usual in USUAL[role]:
+        for name in there:
+            if name == usual or (name.startswith(f"{usual}_") and name.removeprefix(f"{usual}_") in _UNITS):
+                return Column(name=name)
+    if role not in _NEEDED:
+        return None
+    raise LogError(
+        f"{log}: has no column that is named like its {role.replace('_', ' ')}{nearest(USUAL[role][0], there)}: "
+        f"name it with {_NEEDED[role]}"
+    )

@@ -1,0 +1,169 @@
+"""`feeddrive play` and `feeddrive listen`: profiles on a drive over its bus, with a log of each."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Generator, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TypeVar
+
+from feeddrive.bus.client import DriveClient, transport_of
+from feeddrive.bus.drive_file import DriveFile, read_drive
+from feeddrive.bus.pace import Lateness
+from feeddrive.bus.play import Played, listened
+from feeddrive.bus.play import play as play_profile
+from feeddrive.bus.profile import Profile, read_profile
+from feeddrive.files.atomic_io import new_directory
+from feeddrive.files.log import write_log
+from feeddrive.language.errors import AbortedError, BusError, FeeddriveError
+from feeddrive.language.progress import Progress
+from feeddrive.language.table import Table
+from feeddrive.workflow.command import Outcome, command
+from feeddrive.workflow.excitation_page import WARNING
+from feeddrive.workflow.request import OUT, Request, argument, option
+
+T = TypeVar("T")
+
+
+class PlayRequest(Request):
+    """What is played on which drive, how strongly, and how it begins."""
+
+    profiles: tuple[Path, ...] = argument("What `feeddrive excite` wrote to be sent; one a log")
+    drive: Path = option("a drive file (TOML): bus, scaling, limits")
+    share: float = option("of the excitation; begin with 0.1", default=1.0, least=0.0, most=1.0)
+    ramp: float = option("over which it swells and fades", default=0.0, unit="s", least=0.0)
+    reset_fault: bool = option("out of an old fault first", default=False)
+    unpaced: bool = option("as fast as the drive answers; for a virtual drive only", default=False)
+    yes: bool = option("do not ask before the axis moves", default=False)
+    out: Path | None = option(OUT, short="-o", default=None)
+
+    def usual_out(self) -> Path:
+        """By the name of what it is about."""
+        return Path("results") / f"play_{self.drive.stem}"
+
+
+class ListenRequest(Request):
+    """Which drive is logged, and for how long."""
+
+    drive: Path = option("a drive file (TOML): bus, scaling, limits")
+    seconds: float = option("for how long", default=1.0, unit="s", least=0.001, most=3600.0)
+    unpaced: bool = option("as fast as the drive answers; for a virtual drive only", default=False)
+    out: Path | None = option(OUT, short="-o", default=None)
+
+    def usual_out(self) -> Path:
+        """By the name of what it is about."""
+        return Path("results") / f"listen_{self.drive.stem}"
+
+
+@command(PlayRequest)
+def play(request: PlayRequest, progress: Progress) -> Outcome[Sequence[Played]]:
+    """Move an axis: play an excitation on a drive over EtherCAT or CANopen, within limits, and log what it did.
+
+    All profiles are read and checked before the bus is touched.  A person is asked unless `yes` says not to.  Logs are
+    kept also of a motion that was aborted; what aborted it is the error of the outcome.
+    """
+    file = read_drive(request.drive)
+    profiles = [read_profile(path, file.drive, share=request.share, ramp=request.ramp) for path in request.profiles]
+    done: list[Played] = []
+    trouble: FeeddriveError | None = None
+    if not (request.yes or request.unpaced):  # before the bus is opened: a drive in operation does not wait
+        progress.remark(f"- {WARNING}")
+        if not progress.confirm("Is the travel clear, and the stop at hand?"):
+            raise AbortedError(f"{file.name}: nobody has said that the travel is clear; nothing was moved")
+    for profile in profiles:
+        try:
+            reset = request.reset_fault and not done
+            done.append(_play(progress, file, profile, request.unpaced, reset, first=not done))
+        except FeeddriveError as error:
+            trouble = error
+        if trouble is not None or done[-1].aborted:
+            break
+    if trouble is None and done and done[-1].aborted:
+        trouble = AbortedError(f"{file.name}: {done[-1].aborted}")
+    if not done and trouble is not None:
+        raise trouble
+    return _outcome(done, done, request.out, trouble)
+
+
+@command(ListenRequest)
+def listen(request: ListenRequest, progress: Progress) -> Outcome[Played]:
+    """Log a drive over its bus as it stands, or as somebody moves it by hand, without switching it on."""
+    file = read_drive(request.drive)
+    with _named(file), _client(file, request.unpaced) as client:
+        _greet(progress, client)
+        heard = listened(client, request.seconds)
+    return _outcome(heard, [heard], request.out, None)
+
+
+def _play(
+    progress: Progress, file: DriveFile, profile: Profile, unpaced: bool, reset_fault: bool, *, first: bool
+) -> Played:
+    """The drive is opened for each profile, so that none waits for the log of another."""
+    played: Played | None = None
+    try:
+        with _named(file), _client(file, unpaced) as client:
+            if first:
+                _greet(progress, client)
+            if reset_fault:
+                client.reset_fault()
+            played = play_profile(client, profile, name=Path(profile.name).stem, progress=progress)
+    except BusError as error:
+        if played is None:
+            raise
+        return replace(played, aborted=str(error))  # it would not be left; what it did is kept all the same
+    return played
+
+
+def _client(file: DriveFile, unpaced: bool) -> DriveClient:
+    return DriveClient(transport_of(file.drive, file.interface, file.bitrate), file.drive, paced=not unpaced)
+
+
+@contextlib.contextmanager
+def _named(file: DriveFile) -> Generator[None]:
+    """An error of the bus begins with the drive file."""
+    try:
+        yield
+    except BusError as error:
+        raise BusError(f"{file.name}: {error}") from None
+
+
+def _greet(progress: Progress, client: DriveClient) -> None:
+    """Which drive it is, and in what state."""
+    known = client.identity
+    text = ", ".join(f"{key} {known[key]:#x}" for key in ("vendor", "product", "revision") if key in known)
+    state = client.state
+    progress.remark(
+        f"{client.transport.where}: {known.get('name') or 'a drive without a name'} ({text}), "
+        f"{'unknown state' if state is None else state.words}"
+    )
+    for remark in client.remarks:
+        progress.remark(f"- {remark}")
+
+
+def _outcome(result: T, done: Sequence[Played], out: Path | None, trouble: FeeddriveError | None) -> Outcome[T]:
+    """Tables and remarks of all logs, and where they were written."""
+    said: list[Table | str] = []
+    written = [] if out is None else _write(out, done)
+    for k, played in enumerate(done):
+        said.append(played.log.table())
+        said += [f"- {remark}" for remark in played.remarks]
+        if played.lateness is not None:
+            said.append(f"- {_late(played.lateness)}")
+        said += [f"Log: {path}" for path in written[k : k + 1]]
+    return Outcome(result, said, error=trouble)
+
+
+def _write(out: Path, done: Sequence[Played]) -> list[Path]:
+    names = [f"{'aborted' if played.aborted else 'measured'}_{k}.parquet" for k, played in enumerate(done, start=1)]
+    with new_directory(out) as folder:
+        for name, played in zip(names, done, strict=True):
+            write_log(folder / name, played.log)
+    return [out / name for name in names]
+
+
+def _late(late: Lateness) -> str:
+    return (
+        f"Cycles began late by {1e6 * late.median:.3g} us in the median, {1e6 * late.often:.3g} us in 99 %, "
+        f"{1e6 * late.most:.3g} us at most (this computer, not the drive)."
+    )

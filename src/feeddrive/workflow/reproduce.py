@@ -1,0 +1,52 @@
+"""`feeddrive reproduce`: the experiments of a paper, with a table of what holds."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Sequence
+from pathlib import Path
+
+from feeddrive.files.atomic_io import new_directory
+from feeddrive.language.progress import Progress
+from feeddrive.language.table import Table
+from feeddrive.papers import papers
+from feeddrive.papers.papers import Reproduced
+from feeddrive.workflow.command import Outcome, command
+from feeddrive.workflow.request import OUT, Request, argument, option
+
+
+class ReproduceRequest(Request):
+    """Which paper."""
+
+    paper: str = argument("altintas2009, gordon2013, beltran2013, wu2017, or all")
+    out: Path | None = option(OUT, short="-o", default=None)
+
+    def usual_out(self) -> Path:
+        """By the name of what it is about."""
+        return Path("results") / self.paper
+
+
+@command(ReproduceRequest)
+def reproduce(request: ReproduceRequest, progress: Progress) -> Outcome[Sequence[Reproduced]]:
+    """Run a paper's experiments: what it claims, by which rule, and what came out.
+
+    Papers run side by side in processes of their own.  Raises ParameterError for a paper that is not known.
+    """
+    names = papers.chosen(request.paper)
+    files: dict[str, Path] = {}
+    with contextlib.ExitStack() as stack:
+        # opened before the work: a place that cannot be written is refused at once
+        folder = None if request.out is None else stack.enter_context(new_directory(request.out))
+        found = papers.reproduce(names, progress)
+        if folder is not None and request.out is not None:
+            papers.fill(folder, found)
+            files["Report"] = request.out / "report.html"
+    holds = all(claim.holds for each in found for claim in each.claims)
+    tables = [_claims(each) for each in found]
+    sentences = [f"{each.name}: {each.sentence}" for each in found]
+    return Outcome(found, [*tables, *sentences], files=files, failure=None if holds else "")
+
+
+def _claims(found: Reproduced) -> Table:
+    rows = [[claim.key, claim.claim, claim.bounds, claim.shown, claim.cells()[-1]] for claim in found.claims]
+    return Table(found.title, ["row", "claim", "expected", "got", "holds?"], rows, sentences=1)

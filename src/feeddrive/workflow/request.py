@@ -1,0 +1,183 @@
+"""What a command is asked: a frozen dataclass of declared fields, from which command line and forms are made.
+
+    class ExciteRequest(Request):
+        machine: str = argument("A machine file (TOML), or the name of a bundled machine")
+        amplitude: float = option("peak of the excitation", unit="N", above=0)
+        max_compliance: float | None = option("largest compliance", unit="m/N", entered="um/N", above=0)
+
+A field says what it means, its unit in SI, its bounds, its options and its default, once.  It is checked when the
+request is made, in the sentence that a wrong parameter of a block gets.  `entered` is the unit in which people give
+it on the command line and in forms; in the request itself it is SI.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import shlex
+import types
+import typing
+from dataclasses import MISSING, dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any, Literal, dataclass_transform
+
+from feeddrive.language import units
+from feeddrive.language.declaration import Declaration, check_bounds, check_choice
+from feeddrive.language.errors import ParameterError
+
+OUT = "Directory to write; one that feeddrive wrote before is replaced"
+OUT_FILE = "File to write"
+
+
+@dataclass(frozen=True)
+class Field:
+    """A field of a request.
+
+    kind      of one value: str, Path, int, float or bool
+    many      the field is a tuple of such values
+    unit      the SI unit that the request holds; `declared.unit` is the one in which people give it
+    flag      on the command line; empty for an argument, which has a place and no name
+    """
+
+    name: str
+    kind: type
+    many: bool
+    default: Any
+    unit: str
+    declared: Declaration
+    flag: str
+    short: str
+
+    @property
+    def required(self) -> bool:
+        """True if there is no default."""
+        return self.default is MISSING
+
+    @property
+    def factor(self) -> float:
+        """From the unit in which it is entered to SI."""
+        return units.factor(self.declared.unit, self.unit) if self.declared.unit != self.unit else 1.0
+
+    def help(self) -> str:
+        """Meaning, options and unit, as a sentence."""
+        meaning = self.declared.meaning
+        options = [str(each) for each in self.declared.options]
+        named = f": {', '.join(options[:-1])} or {options[-1]}" if options else ""
+        unit = f" ({self.declared.unit})" if self.declared.unit else ""
+        return f"{meaning[:1].upper()}{meaning[1:]}{named}{unit}."
+
+    def checked(self, value: Any) -> Any:
+        """The value as the request holds it. Raises ParameterError with name, value, bound and unit."""
+        if value is None and self.default is None:
+            return None
+        if self.many:
+            given: Any = value
+            return tuple(self._one(each) for each in given)
+        return self._one(value)
+
+    def _one(self, value: Any) -> Any:
+        where = self.flag or self.name
+        if self.kind is Path and isinstance(value, str):
+            return Path(value)
+        if self.kind is float:
+            if isinstance(value, bool) or not isinstance(value, (int, float)):
+                raise ParameterError(f"{where} ({self.declared.meaning}) must be a number, not {value!r}")
+            check_bounds(where, self.declared, float(value) / self.factor)
+            return float(value)
+        if self.kind in (str, int):
+            check_choice(where, self.declared, value)
+        return value
+
+
+def argument(meaning: str, *, kw_only: Literal[False] = False) -> Any:
+    """Declare what has a place and no name on the command line: the file or the machine that it is about."""
+    declared = Declaration(role="argument", unit="", meaning=meaning)
+    return dataclasses.field(kw_only=kw_only, metadata={"declared": declared, "unit": "", "short": "", "flag": ""})
+
+
+def option(
+    meaning: str,
+    *,
+    default: Any = MISSING,
+    unit: str = "",
+    entered: str = "",
+    above: float | None = None,
+    least: float | None = None,
+    below: float | None = None,
+    most: float | None = None,
+    options: tuple[str, ...] = (),
+    flag: str = "",
+    short: str = "",
+    kw_only: Literal[True] = True,
+) -> Any:
+    """Declare an option; without a default it must be given."""
+    declared = Declaration(role="option", unit=entered or unit, meaning=meaning, above=above, least=least, below=below,
+                           most=most, options=options)  # fmt: skip
+    metadata = {"declared": declared, "unit": unit, "short": short, "flag": flag}
+    return dataclasses.field(default=default, kw_only=kw_only, metadata=metadata)
+
+
+@dataclass_transform(frozen_default=True, field_specifiers=(argument, option))
+class Request:
+    """Base of all requests. Subclasses become frozen dataclasses that check themselves."""
+
+    def __init_subclass__(cls) -> None:
+        dataclass(frozen=True)(cls)
+
+    def __post_init__(self) -> None:
+        for field in fields_of(type(self)):
+            object.__setattr__(self, field.name, field.checked(getattr(self, field.name)))
+        self.check()
+
+    def check(self) -> None:
+        """Raise ParameterError for fields that do not fit each other; a request overrides this empty one."""
+
+    def command_line(self, name: str) -> str:
+        """What asks for the same on the command line."""
+        words = ["feeddrive", name]
+        for field in fields_of(type(self)):
+            value = getattr(self, field.name)
+            if value == field.default or value in (None, ()):
+                continue
+            values: tuple[Any, ...] = value if field.many else (value,)
+            for each in values:
+                shown = f"{each / field.factor:.15g}" if field.kind is float else str(each)
+                words += ([field.flag] if field.flag else []) + ([] if field.kind is bool else [shown])
+        return shlex.join(words)
+
+    def usual_out(self) -> Path | None:
+        """Where a command writes if it is not told where; None for one that writes only what is named."""
+        return None
+
+
+@cache
+def fields_of(request: type[Request]) -> tuple[Field, ...]:
+    """The fields of a request in their order."""
+    hints = typing.get_type_hints(request)
+    found: list[Field] = []
+    for spec in dataclasses.fields(request):  # type: ignore[arg-type]
+        kind, many = _kind(hints[spec.name])
+        given = spec.metadata
+        positional = given["declared"].role == "argument"
+        flag = "" if positional else given["flag"] or f"--{spec.name.replace('_', '-')}"
+        found.append(Field(spec.name, kind, many, spec.default, given["unit"], given["declared"], flag, given["short"]))
+    return tuple(found)
+
+
+def _kind(hint: Any) -> tuple[type, bool]:
+    """The first type of a union, and whether it stands in a tuple: `tuple[Path, ...]`, `str | MachineFile`."""
+    if typing.get_origin(hint) in (types.UnionType, typing.Union):
+        hint = next(each for each in typing.get_args(hint) if each is not type(None))
+    if typing.get_origin(hint) is tuple:
+        return _kind(typing.get_args(hint)[0])[0], True
+    return hint, False
+
+
+def frequencies(band: str) -> tuple[float, float]:
+    """A band of frequencies as people write it, `5..500`, as two numbers in Hz. Raises ParameterError."""
+    parts = band.split("..")
+    try:
+        low, high = (float(part) for part in parts)
+    except ValueError:
+        raise ParameterError(f"band '{band}' must be two frequencies in Hz, as 5..500") from None
+    return low, high

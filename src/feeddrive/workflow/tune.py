@@ -1,0 +1,228 @@
+"""`feeddrive tune`: a machine or a measured frequency response to a tuned control."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from feeddrive.certificate.certificate import Certificate
+from feeddrive.files.machine import MachineFile, read_machine
+from feeddrive.language.errors import ParameterError, StructureError
+from feeddrive.language.progress import Progress
+from feeddrive.loop.control import Control
+from feeddrive.loop.loop import Loop
+from feeddrive.tuning.candidates import control_with
+from feeddrive.tuning.judged_recipes import JudgedRecipe, judged_recipes
+from feeddrive.tuning.recipes import RECIPES, margin_goals
+from feeddrive.tuning.shaping.criteria import GOALS
+from feeddrive.tuning.shaping.limits import Limits
+from feeddrive.tuning.shaping.shape import assess
+from feeddrive.tuning.shaping.shape import tune as tune_control
+from feeddrive.tuning.shaping.shaped_loop import Tuned
+from feeddrive.tuning.shaping.site import Site
+from feeddrive.workflow.certify import certified
+from feeddrive.workflow.command import Outcome, command
+from feeddrive.workflow.drive_logs import axis_name
+from feeddrive.workflow.request import OUT, Request, argument, frequencies, option
+from feeddrive.workflow.tune_page import Story, tables, write_tuned
+from feeddrive.workflow.tune_sources import Measurement, machine_of, several, site_of
+from feeddrive.workflow.tuned_machine import machine_text
+
+
+class TuneRequest(Request):
+    """An axis or its measured response, what is made best, and the limits that are kept.
+
+    Limits are in SI here: compliance in m/N, noise of the readings in m; the command line takes um/N and nm.
+    """
+
+    source: str = argument("A machine file (TOML), the name of a bundled machine, or a measured response in m/N")
+    goal: str = option("what is made best", default="rope-snap", options=GOALS)
+    law: str | None = option("another law, as pole_placement", default=None)
+    recipe: str | None = option("no search but a rule", options=tuple(RECIPES), default=None)
+    max_ms: float = option("largest sensitivity peak Ms", default=2.0, above=1.0)
+    gain_margin: float | None = option("least gain margin", unit="dB", above=0.0, default=None)
+    phase_margin: float | None = option("least phase margin", unit="deg", above=0.0, below=180.0, default=None)
+    delay_margin: float | None = option("least delay margin in samples", above=0.0, default=None)
+    max_compliance: float | None = option("largest compliance", unit="m/N", entered="um/N", above=0.0, default=None)
+    max_noise: float | None = option("largest noise in the force, RMS", unit="N", above=0.0, default=None)
+    reading_noise: float = option("noise of the readings, RMS, white", default=0.0, unit="m", entered="nm", least=0.0)
+    step_force: float | None = option(
+        "a step of it on the table may not drive the command to the force limit of the control",
+        unit="N",
+        above=0.0,
+        default=None,
+    )
+    band: str | None = option("of the stiffness, as 1..30 in Hz", default=None)
+    filters: str = option("kept, free, or placed: free, and notches where they pay", default="placed")
+    baseline: str | None = option("today's machine file, to compare with and to write into", default=None)
+    axis: str | None = option("its axis, if it has several", default=None)
+    at: tuple[str, ...] = option("the same axis at another position or load; may be repeated", default=())
+    motor: tuple[str, ...] = option(
+        "response of the motor's encoder: a file, or its name in the files; once, or once for each place; none if "
+        "there is one encoder",
+        default=(),
+    )
+    disturbance: Path | None = option("response to a force on the table", default=None)
+    disturbance_motor: Path | None = option("the same of the motor's encoder", default=None)
+    unit: str | None = option("of the responses, as um/N, if the files do not say it", default=None)
+    sample_time: float | None = option("of the control", unit="s", above=0.0, default=None)
+    delay: float = option(
+        "dead time that the response does not hold: 0 if it leads from the commanded force",
+        default=0.0,
+        unit="s",
+        least=0.0,
+    )
+    confidence: float = option("that all limits hold on the true axis", default=0.95)
+    starts: int = option("searches; the best end counts", default=2, least=1, most=20)
+    seed: int = option("of the searches after the first", default=0)
+    out: Path | None = option(OUT, short="-o", default=None)
+
+    def check(self) -> None:
+        """Raise ParameterError for options that do not fit each other."""
+        if self.recipe is not None and self.law not in (None, "cascade_ppi"):
+            raise ParameterError(f"--recipe gives a cascade_ppi, not --law {self.law}: leave one of them out")
+        if self.max_noise is not None and self.reading_noise == 0.0:
+            raise ParameterError("--max-noise needs --reading-noise (in nm): the errors of the two readings")
+
+    def limits(self) -> Limits:
+        """What the tuned loop must keep."""
+        return Limits(
+            sensitivity_peak=self.max_ms, gain_margin_dB=self.gain_margin, phase_margin_deg=self.phase_margin,
+            delay_margin_samples=self.delay_margin, compliance_peak=self.max_compliance, force_noise=self.max_noise,
+            reading_noise=(self.reading_noise, self.reading_noise), snap_force=self.step_force,
+        )  # fmt: skip
+
+    def usual_out(self) -> Path:
+        """By the name of what it is about."""
+        return Path("results") / f"tune_{Path(self.source).stem}"
+
+
+@command(TuneRequest)
+def tune(request: TuneRequest, progress: Progress) -> Outcome[Tuned]:
+    """Tune gains and filters of an axis within limits; machine file, certificate and report on request.
+
+    The failure of the outcome says that the tuning does not hold what it should; no machine file is written then.
+    """
+    progress.step("reading")
+    found, story, text, name, certificate = _tuned(request, progress)
+    files: dict[str, Path] = {}
+    if request.out is not None:
+        progress.step("report")
+        report = write_tuned(found, text, name, request.out, story, certificate)
+        if text is not None:
+            kind = "Machine, with values that are not recommended" if found.not_worth else "Machine"
+            files[kind] = report.parent / "machine.toml"
+        if found.holds and certificate is not None:
+            files["Certificate"] = report.parent / "certificate.json"
+        files["Report"] = report
+    verdict = {None: "not proven", True: "holds", False: "DOES NOT HOLD"}
+    remarks = [f"proof, {line.what}: {verdict[line.holds]} ({line.said})" for line in found.proof]
+    remarks += [*story.said, *(f"held back by {h.sentence()}" for h in found.held), *found.advice]
+    remarks += [f"notch {each}" for each in found.notches]
+    failure = None if found.holds else "the tuning does not hold what it should; no machine file was written"
+    return Outcome(
+        found, tables(found, story)[:-1], remarks, found.recommendation(), files=files, failure=failure
+    )  # fmt: skip
+
+
+def _tuned(request: TuneRequest, progress: Progress) -> tuple[Tuned, Story, str | None, str, Certificate | None]:
+    machine = machine_of(request.source)
+    base = machine if request.baseline is None else read_machine(request.baseline)
+    loop = None if base is None else base.loop(request.axis)
+    if loop is not None and request.sample_time and abs(request.sample_time / float(loop.sample_time) - 1.0) > 1e-6:
+        raise ParameterError(
+            f"--sample-time {request.sample_time:g} s is not that of the machine file, {float(loop.sample_time):g} s: "
+            f"leave it out, or change sample_time there"
+        )
+    limits, step = request.limits(), progress.step
+    name = axis_name(loop, request.axis)
+    sites, said = _sites(request, machine, loop, progress)
+    control, begun = _control(request, loop, sites)
+    band = (0.0, math.inf) if request.band is None else frequencies(request.band)
+    today = None if loop is None else loop.control
+    if request.recipe is not None:
+        made = RECIPES[request.recipe](sites[0], control)
+        found = assess(
+            replace(control, law=made.law, compensation=()), sites, rule=f"{made.name}: {made.reason} ({made.source})",
+            goal=request.goal, limits=limits, band=band, confidence=request.confidence, today=today, step=step,
+        )  # fmt: skip
+    else:
+        found = tune_control(
+            control, sites, goal=request.goal, limits=limits, filters=request.filters, confidence=request.confidence,
+            starts=request.starts, seed=request.seed, today=today, band=band, step=step,
+        )  # fmt: skip
+    rules: tuple[JudgedRecipe, ...] = ()
+    if found.control.law.kind == "cascade_ppi":
+        rules = judged_recipes(sites, control, limits, step)
+    what = f"{base.name}, axis {name}" if base is not None else Path(request.source).name
+    facts = {
+        "Source": ", ".join([request.source, *request.at]),
+        "Today": begun or what,
+        "Law": control.law.kind,
+        "Sample time": f"{1e3 * float(sites[0].sample_time):g} ms",
+        "Loops judged": str(found.evaluations),
+        "Searches": "none, a rule"
+        if found.recipe
+        else f"{request.starts}, their ends {100.0 * found.spread:.2g} % apart",
+        "Again": request.command_line("tune"),
+        "In Python": _python(request),
+    }
+    text = None if base is None or not found.holds else machine_text(base, name, found.control)
+    step("certificate")
+    certificate, facts["Certificate"] = certified(found.control, sites, text, name) if found.holds else (None, "")
+    story = Story(what, {k: v for k, v in facts.items() if v}, rules, tuple(said), begun or "today")
+    return found, story, text, name, certificate
+
+
+def _python(request: TuneRequest) -> str:
+    """What gives the same tuning from Python, for a machine."""
+    if request.recipe is not None or not (request.source.endswith(".toml") or machine_of(request.source)):
+        return ""
+    axis = "" if request.axis is None else f"{request.axis!r}"
+    return (
+        f"loop = fd.read_machine({request.source!r}).loop({axis}); fd.tune(loop.control, loop, goal={request.goal!r}, "
+        f"limits=fd.{request.limits()!r}, filters={request.filters!r}, starts={request.starts}, seed={request.seed})"
+    )
+
+
+def _sites(
+    request: TuneRequest, machine: MachineFile | None, loop: Loop | None, progress: Progress
+) -> tuple[list[Site | Loop], list[str]]:
+    """The axis at every position and load that was given: machines and measurements."""
+    machines = {i: made for i, each in enumerate(request.at) if (made := machine_of(each)) is not None}
+    if machine is not None and (request.motor or request.disturbance):
+        raise ParameterError("--motor and --disturbance belong to a measured response: leave them out for a machine")
+    measured = [each for i, each in enumerate(request.at) if i not in machines]
+    first = Measurement(request.source, None, request.disturbance, request.disturbance_motor)
+    places = several(first, measured, request.motor) if machine is None else [Measurement(each) for each in measured]
+    found: list[Site | Loop] = [] if machine is None else [machine.loop(request.axis)]
+    said: list[str] = []
+    for each in places:
+        progress.step(f"reading {Path(each.load).name}")
+        site, words = site_of(each, Path(each.load).stem, loop, request.sample_time, request.delay, request.unit)
+        found.append(site)
+        said += words
+    return [*found, *(each.loop(request.axis) for each in machines.values())], said
+
+
+def _control(request: TuneRequest, loop: Loop | None, sites: Sequence[Site | Loop]) -> tuple[Control, str]:
+    """Where the search begins: today's control, another law on the same axis, or a P-PI by robust margins.
+
+    And what stands in the place of today's control, if there is none.
+    """
+    if loop is None:
+        if request.law not in (None, "cascade_ppi"):
+            raise ParameterError(f"--law {request.law} needs a machine to take its model from: give it with --baseline")
+        law = replace(margin_goals(sites[0]).law, velocity_encoder="motor")
+        return Control(law=law), "rule margins-robust"
+    if request.law is None or request.law == loop.control.law.kind:
+        law = loop.control.law
+        if law.period() > 1 and law.kind == "cascade_ppi":
+            raise StructureError(
+                "the position loop runs only every few samples, so that the loop has no response at the actuator: set "
+                "position_every = 1 in the baseline"
+            )
+        return loop.control, ""
+    return control_with(loop, request.law), ""

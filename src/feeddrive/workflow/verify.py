@@ -1,0 +1,40 @@
+"""`feeddrive verify`: the equality proof of an export, on the user's machine."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from feeddrive.export.verify import MOST, Verified
+from feeddrive.export.verify import verify as verify_export
+from feeddrive.files.atomic_io import write_whole
+from feeddrive.language.progress import Progress
+from feeddrive.workflow.command import Outcome, command
+from feeddrive.workflow.request import Request, argument, option
+
+
+class VerifyRequest(Request):
+    """Which export, how long the trial is, and with which compiler."""
+
+    directory: Path = argument("A directory that `feeddrive export` wrote")
+    samples: int | None = option(
+        "of the trial; default: 1000000, 5000 in single precision", least=1, most=MOST, default=None
+    )
+    seed: int = option("of the random samples", default=1, least=0)
+    compiler: str | None = option("another compiler than gcc, cc or clang", default=None)
+    flag: tuple[str, ...] = option("a flag for it, such as -O3; may be repeated", default=())
+    out: Path | None = option("File for the certificate (text)", short="-o", default=None)
+
+
+@command(VerifyRequest)
+def verify(request: VerifyRequest, progress: Progress) -> Outcome[Verified]:
+    """Run the equality proof of an export again, with this machine's compiler."""
+    progress.step(f"verifying {request.directory}")
+    found = verify_export(
+        request.directory, samples=request.samples, seed=request.seed, flags=request.flag, command=request.compiler
+    )
+    text = found.sentences()
+    files: dict[str, Path] = {}
+    if request.out is not None:
+        write_whole(request.out, text + "\n")
+        files["Certificate"] = request.out
+    return Outcome(found, text.splitlines(), files=files, failure=None if found.holds else "")
