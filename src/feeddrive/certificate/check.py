@@ -374,21 +374,18 @@ def checked(path: str) -> tuple[list[str], bool]:
     proven = False
     try:
         with open(path, "rb") as file:
-            content = file.read(MOST_BYTES + 1)
-        document = parse(content)
+            document = parse(file.read(MOST_BYTES + 1))
         said = [*verified(document), f"outside: {'; '.join(document['outside'])}"]
+        said.append(f"PROVEN: plants: {len(said) - 1}, coefficients: {document['arithmetic']}")
+        proven = True
     except OSError as error:
         said = [f"REFUSED: {path} cannot be read: {error.strerror}"]
     except RefusedError as error:
         said = [f"REFUSED: {error}"]
     except BROKEN as error:
         said = [f"REFUSED: it is not built as a certificate is: {type(error).__name__} {error}"]
-    else:
-        said.append(f"PROVEN: plants: {len(said) - 1}, coefficients: {document['arithmetic']}")
-        proven = True
-    return [
-        "".join(c if c.isprintable() and c.isascii() else "?" for c in " ".join(each.split())) for each in said
-    ], proven
+    shown = (" ".join(line.split()) for line in said)
+    return ["".join(c if c.isprintable() and c.isascii() else "?" for c in line) for line in shown], proven
 
 
 def main(arguments: list[str]) -> int:

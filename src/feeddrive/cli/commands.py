@@ -38,7 +38,7 @@ class _Later(TyperCommand):
         return self.real.params
 
     @params.setter
-    def params(self, _: Any) -> None:
+    def params(self, _: Any) -> None:  # pyright: ignore[reportIncompatibleVariableOverride]
         """Those of the command itself count."""
 
     def make_context(self, *args: Any, **kwargs: Any) -> Any:
