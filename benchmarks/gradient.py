@@ -23,12 +23,12 @@ from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import simulate
 
 GAINS = (
-    "control.law.Kv",
-    "control.law.Kp",
-    "control.law.Tn",
-    "control.filters.0.frequency",
-    "control.feedforward.0.mass",
-    "control.feedforward.0.viscous",
+    "axis.x.control.law.Kv",
+    "axis.x.control.law.Kp",
+    "axis.x.control.law.Tn",
+    "axis.x.control.filters.0.frequency",
+    "axis.x.control.feedforward.0.mass",
+    "axis.x.control.feedforward.0.viscous",
 )
 ROUNDS = 41
 _spent = [0]

@@ -100,7 +100,7 @@ def native(loop: Loop) -> Callable[[], np.ndarray]:
 def batch() -> Callable[[], None]:
     """Many variants of the gains at once; the time of one of them counts."""
     draw = np.random.default_rng(0)
-    names = ("control.law.Kv", "control.law.Kp", "control.law.Tn")
+    names = ("axis.x.control.law.Kv", "axis.x.control.law.Kp", "axis.x.control.law.Tn")
     variants = tree.vary(sharp(), {n: tree.get(sharp(), n) * draw.uniform(0.9, 1.1, VARIANTS) for n in names})
     return lambda: simulate_batch(variants, job.reference(), load=LOAD, gather=("tracking_error", "force"))
 

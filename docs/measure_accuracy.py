@@ -223,8 +223,10 @@ def bits() -> None:
     parts = list(fd.stream(loop, move_, record=record, seed=3, chunk=777))
     streamed = sum(int(np.sum(np.concatenate([p[s] for p in parts]) != run[s])) for s in record)
     Kv = np.linspace(30.0, 50.0, 16)
-    batch = fd.simulate_batch(fd.vary(loop, {"control.law.Kv": Kv}), move_, seed=3)
-    peak = [np.max(np.abs(fd.simulate(fd.vary(loop, {"control.law.Kv": v}), move_, seed=3)["force"])) for v in Kv]
+    batch = fd.simulate_batch(fd.vary(loop, {"axis.x.control.law.Kv": Kv}), move_, seed=3)
+    peak = [
+        np.max(np.abs(fd.simulate(fd.vary(loop, {"axis.x.control.law.Kv": v}), move_, seed=3)["force"])) for v in Kv
+    ]
     work = Work(loop, move_)
     prepared = Prepared(loop, work.first(), None, 3, 1.0)
     program = prepared.program(load=False, enable=False).keeping(record)
@@ -294,8 +296,9 @@ def gradients() -> None:
         axis=fd.Axis(plant=loop.axis.plant, actuator=loop.axis.actuator),
         control=dataclasses.replace(loop.control, force_limit=None),
     )
-    names = ["control.law.Kv", "control.law.Kp", "control.law.Tn", "control.filters.0.frequency",
-             "control.feedforward.0.mass", "axis.plant.stiffness", "axis.actuator.dead_time"]  # fmt: skip
+    names = ["axis.x.control.law.Kv", "axis.x.control.law.Kp", "axis.x.control.law.Tn",
+             "axis.x.control.filters.0.frequency",
+             "axis.x.control.feedforward.0.mass", "axis.x.plant.stiffness", "axis.x.actuator.dead_time"]  # fmt: skip
     found = fd.gradient(smooth, swing, names)
     worst = 0.0
     for name in names:

@@ -11,7 +11,7 @@ print(margins)
 
 move = fd.SnapLimitedMove(distance=0.4, velocity=0.2, acceleration=5, jerk=400, snap=4e4)  # 2 s at constant speed
 for share in (0.98, 1.02):
-    louder = fd.vary(loop, {"control.law.Kp": share * rise * loop.control.law.Kp})
+    louder = fd.vary(loop, {"axis.x.control.law.Kp": share * rise * loop.control.law.Kp})
     run = fd.simulate(louder, move)
     early, late = (np.std(run["following_error"][(run.time > t) & (run.time < t + 0.2)]) for t in (0.2, 1.6))
     verdict = "rings on" if late > early else "dies out"

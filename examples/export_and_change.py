@@ -17,7 +17,10 @@ with tempfile.TemporaryDirectory() as folder:
 
 # the same change of gains, live, in the simulator: what the drive's technician will see
 move = fd.SnapLimitedMove(distance=0.1, velocity=0.4, acceleration=5.0, jerk=300.0, snap=3e4)
-softer = {"control.law.Kv": 0.6 * design.loop.control.law.Kv, "control.law.Kp": 0.8 * design.loop.control.law.Kp}
+softer = {
+    "axis.x.control.law.Kv": 0.6 * design.loop.control.law.Kv,
+    "axis.x.control.law.Kp": 0.8 * design.loop.control.law.Kp,
+}
 for name, changes in (("as it is", None), ("softer from 0.05 s on", {0.05: softer})):
     run = fd.simulate(design.loop, move, changes=changes)
     jump = abs(run["force"][1:] - run["force"][:-1])

@@ -11,9 +11,9 @@ Kv, Kp = np.meshgrid(np.linspace(60, 400, 20), np.linspace(4e3, 30e3, 20))
 variants = fd.vary(
     loop,
     {
-        "control.law.Kv": Kv.ravel(),
-        "control.law.Kp": Kp.ravel(),
-        "control.law.velocity_feedforward": np.ones(Kv.size),
+        "axis.x.control.law.Kv": Kv.ravel(),
+        "axis.x.control.law.Kp": Kp.ravel(),
+        "axis.x.control.law.velocity_feedforward": np.ones(Kv.size),
     },
 )
 batch = fd.simulate_batch(variants, move)
@@ -21,7 +21,7 @@ print(batch)
 
 f = np.geomspace(1, 500, 400)
 for best in np.argsort(batch.rms["following_error"]):
-    gains = {"control.law.Kv": float(Kv.flat[best]), "control.law.Kp": float(Kp.flat[best])}
+    gains = {"axis.x.control.law.Kv": float(Kv.flat[best]), "axis.x.control.law.Kp": float(Kp.flat[best])}
     peak = fd.margins(fd.loop_gain(fd.vary(loop, gains), f)).sensitivity_peak
     if peak <= 2.0:
         break

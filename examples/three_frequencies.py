@@ -36,5 +36,5 @@ for name, loop in (("dadsc", dadsc), ("cascade", dataclasses.replace(dadsc, cont
         f"{name:8s} Ms {margins.sensitivity_peak:.2f}, N/um at 1 Hz {1e-6 * stiff.at(1.0):6.1f}, at 100 Hz "
         f"{1e-6 * stiff.at(100.0):5.1f}; a step of 200 N pushes it off by {1e6 * np.max(np.abs(error)):.2f} um"
     )
-tunables = [f"control.law.{name}" for name in fd.DADSC.tunables]
+tunables = [f"axis.x.control.law.{name}" for name in fd.DADSC.tunables]
 print(fd.delay_map(dadsc, tunables, [0.0, T, 2.0 * T, 3.0 * T]))

@@ -24,7 +24,7 @@ TRUTH = {"mass": 95.1089, "viscous": 203.5034, "coulomb": 20.3935, "offset": -3.
 def loop(dead_samples: int = 0) -> Loop:
     """The published symmetric axis under its published gains."""
     found = read_machine("emps_symmetric").loop("x")
-    return tree.vary(found, {"axis.actuator.dead_time": dead_samples * T})
+    return tree.vary(found, {"axis.x.actuator.dead_time": dead_samples * T})
 
 
 @cache

@@ -371,7 +371,7 @@ compiled_once = settings(
     max_examples=2, deadline=None, suppress_health_check=list(HealthCheck), phases=[Phase.explicit, Phase.generate]
 )
 few = settings(compiled_once, max_examples=4)
-drawn = settings(max_examples=4, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+drawn = settings(max_examples=6, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 
 
 class TestBlock:

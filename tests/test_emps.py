@@ -61,7 +61,7 @@ def test_the_following_error_of_the_log_is_the_published_one() -> None:
 def test_a_sample_of_delay_that_the_real_loop_does_not_have_makes_the_prediction_worse() -> None:
     log = measured(predicted("emps"))
     loop = read_machine("emps").loop("x")
-    delayed = tree.vary(loop, {"axis.actuator.dead_time": 1e-3})
+    delayed = tree.vary(loop, {"axis.x.actuator.dead_time": 1e-3})
     late, right = replay(delayed, log, skip=49), replay(loop, log, skip=49)
     # 2.1 against 1.24 um and 6.6 against 3.7 % when measured: half again as much tells the two loops apart with room
     assert late.rms("position_load") > 1.5 * right.rms("position_load")
@@ -90,5 +90,5 @@ def test_gain_in_file_is_that_of_the_drive_times_the_force_constant() -> None:
     loop = read_machine("emps").loop("x")
     motor = loop.axis.actuator.motor
     assert motor is not None
-    assert tree.get(loop, "control.law.Kp") == pytest.approx(243.45 * motor.force_per_unit(), rel=1e-9)
-    assert tree.get(loop, "control.force_limit") == pytest.approx(10.0 * motor.force_per_unit(), rel=1e-9)
+    assert tree.get(loop, "axis.x.control.law.Kp") == pytest.approx(243.45 * motor.force_per_unit(), rel=1e-9)
+    assert tree.get(loop, "axis.x.control.force_limit") == pytest.approx(10.0 * motor.force_per_unit(), rel=1e-9)

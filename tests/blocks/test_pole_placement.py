@@ -388,7 +388,7 @@ def test_gains_may_vary_within_a_batch() -> None:
     loop = fd.Loop(control=fd.Control(law=law()), axis=fd.Axis(plant=MODEL), sample_time=5e-5)
     move = fd.SnapLimitedMove(distance=0.01, velocity=0.3, acceleration=5.0, jerk=400.0, snap=4e4)
     widths = np.array([30.0, 50.0, 70.0])
-    batch = fd.simulate_batch(fd.vary(loop, {"control.law.bandwidth": widths}), move)
+    batch = fd.simulate_batch(fd.vary(loop, {"axis.x.control.law.bandwidth": widths}), move)
     for i, width in enumerate(widths):
-        run = fd.simulate(fd.vary(loop, {"control.law.bandwidth": float(width)}), move)
+        run = fd.simulate(fd.vary(loop, {"axis.x.control.law.bandwidth": float(width)}), move)
         assert batch.peak["tracking_error"][i] == np.max(np.abs(run["tracking_error"]))

@@ -235,7 +235,7 @@ def test_the_deployed_control_is_the_traced_one() -> None:
     loop = fd.read_machine("ball_screw").loop("x")
     f = np.geomspace(1.0, 9000.0, 60)
     known = ControlResponse(loop.control, float(loop.sample_time), ["law.Kp"])
-    expected = known.at([float(fd.get(loop, "control.law.Kp"))], f).value
+    expected = known.at([float(fd.get(loop, "axis.x.control.law.Kp"))], f).value
     for arithmetic, tolerance in (("float64", 1e-9), ("float32", 1e-3)):
         made = deployed(loop.control, float(loop.sample_time), arithmetic)
         for i, reading in enumerate(("reading_motor", "reading_load")):
@@ -261,7 +261,7 @@ def test_what_cannot_be_certified_says_where_by_how_much_and_what_to_do() -> Non
     with pytest.raises(NotCertifiedError, match=r"at 58\.\d+ Hz .* r = 0.6 .* at most 0\.5198.*lower the gains"):
         fd.certify(loop, radius=0.6)
     with pytest.raises(NotCertifiedError, match=r"not stable: an oscillation of .* Hz grows"):
-        fd.certify(fd.vary(loop, {"control.law.Kp": 4e5}))
+        fd.certify(fd.vary(loop, {"axis.x.control.law.Kp": 4e5}))
     with pytest.raises(ParameterError, match="needs its sample_time"):
         fd.certify(loop.control, {"x": loop})
     with pytest.raises(ParameterError, match=r"every 1 ms, not 0\.05 ms"):
@@ -279,8 +279,8 @@ def test_what_cannot_be_certified_says_where_by_how_much_and_what_to_do() -> Non
 def test_a_radius_over_frequency_and_several_plants() -> None:
     """A heavier table beside the machine; the radius grows with frequency, and its steps are never below the line."""
     loop = fd.read_machine("linear_motor").loop("x")
-    mass = float(fd.get(loop, "axis.plant.mass"))
-    heavy = fd.vary(loop, {"axis.plant.mass": 1.3 * mass})
+    mass = float(fd.get(loop, "axis.x.plant.mass"))
+    heavy = fd.vary(loop, {"axis.x.plant.mass": 1.3 * mass})
     points = [(10.0, 0.1), (100.0, 0.3), (1000.0, 1.0)]
     found = fd.certify(loop, {"light": loop, "heavy": heavy.axis}, radius=points)
     assert [each["name"] for each in found.document["plants"]] == ["light", "heavy"]

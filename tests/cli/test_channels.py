@@ -29,7 +29,7 @@ def written(folder: Path, heads: str, scales: tuple[float, float, float, float])
 
 
 def mass(folder: Path) -> float:
-    return float(tree.get(read_machine(folder / "machine.toml").loop("x"), "axis.plant.mass"))
+    return float(tree.get(read_machine(folder / "machine.toml").loop("x"), "axis.x.plant.mass"))
 
 
 def test_a_guess_is_shown_before_it_is_used(tmp_path: Path) -> None:

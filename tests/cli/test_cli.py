@@ -133,8 +133,8 @@ def test_a_measured_log_is_put_beside_its_prediction(run) -> None:
         (MACHINE, JOB.replace("velocity = 0.1", "velocity = -0.1"), r"j\.toml:6: .*velocity = -0\.1 m/s .* > 0"),
         (MACHINE, JOB.replace("[reference]", "[referense]"), r"j\.toml:3: key 'referense' .* mean reference"),
         (MACHINE, JOB.replace('"m.toml"', '"n.toml"'), r"j\.toml:2: machine: n\.toml"),
-        (MACHINE, JOB + '[[law]]\nname = "a"\nset = { "control.law.Kx" = 3 }\n', r"j\.toml.*'control\.law\.Kx'; did"),
-        (MACHINE, JOB + '[[law]]\nname = "a"\nset = { "control.law.Kv" = -3 }\n', r"j\.toml.*must be > 0 1/s"),
+        (MACHINE, JOB + '[[law]]\nname = "a"\nset = { "axis.x.control.law.Kx" = 3 }\n', r"j\.toml.*law\.Kx'; did"),
+        (MACHINE, JOB + '[[law]]\nname = "a"\nset = { "axis.x.control.law.Kv" = -3 }\n', r"j\.toml.*must be > 0 1/s"),
         (MACHINE, JOB + "seed = 1.5\n", r"j\.toml"),
         (MACHINE, 'machine = "m.toml"\nseed = -1\n' + JOB.split("\n", 2)[2], r"j\.toml:2: seed must be a whole number"),
         (MACHINE + "x = [1,\n", JOB, r"m\.toml:\d+: is not valid TOML"),
@@ -308,7 +308,7 @@ def test_an_axis_far_too_fast_for_its_substeps_is_refused(run, text, message) ->
 
 
 def test_names_with_brackets_are_shown_as_they_are(run) -> None:
-    given(job='title = "what [/red] x"\n' + JOB + '[[law]]\nname = "x [/b]"\nset = { "control.law.Kv" = 41 }\n')
+    given(job='title = "what [/red] x"\n' + JOB + '[[law]]\nname = "x [/b]"\nset = { "axis.x.control.law.Kv" = 41 }\n')
     code, out, errors = run("run", "j.toml", "--out", "d")
     assert code == 0, errors
     assert "what [/red] x" in out

@@ -212,7 +212,7 @@ def test_a_gain_beyond_single_precision_is_named(tmp_path: Path, capsys: pytest.
     file = tmp_path / "huge.toml"
     file.write_text(AXIS.format(Kv="1e39"), encoding="utf-8")
     text = said(capsys, "export", str(file), "--target", "c", "--precision", "float", "--out", str(tmp_path / "new"))
-    for part in ("control.law.Kv = 1e+39", "single precision", "3.4e38", "--precision double"):
+    for part in ("axis.x.control.law.Kv = 1e+39", "single precision", "3.4e38", "--precision double"):
         assert part in text
     assert not (tmp_path / "new").exists()
 

@@ -38,10 +38,10 @@ def test_without_a_machine_the_whole_loop_comes_out_of_the_log(tmp_path: Path) -
     assert "Use these values" in done.output
     loop = read_machine(tmp_path / "out" / "machine.toml").loop("x")
     # disturbed by 0.5 N: a tenth of a percent of the mass, a percent of the friction
-    assert tree.get(loop, "axis.plant.mass") == pytest.approx(TRUTH["mass"], rel=3e-3)
-    assert tree.get(loop, "axis.friction_load.coulomb") == pytest.approx(TRUTH["coulomb"], rel=0.02)
-    assert tree.get(loop, "axis.forces.0.force") == pytest.approx(-TRUTH["offset"], abs=0.2)
-    assert tree.get(loop, "control.law.Kv") == pytest.approx(160.18, rel=1e-4)
+    assert tree.get(loop, "axis.x.plant.mass") == pytest.approx(TRUTH["mass"], rel=3e-3)
+    assert tree.get(loop, "axis.x.friction_load.coulomb") == pytest.approx(TRUTH["coulomb"], rel=0.02)
+    assert tree.get(loop, "axis.x.forces.0.force") == pytest.approx(-TRUTH["offset"], abs=0.2)
+    assert tree.get(loop, "axis.x.control.law.Kv") == pytest.approx(160.18, rel=1e-4)
     page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
     for said in ("Use these values", "Residual and its memory", "standard error", "Dead time"):
         assert said in page
@@ -63,7 +63,7 @@ def test_a_given_machine_keeps_its_comments_and_the_rest_of_its_values(tmp_path:
     before, after = read_machine(start).loop("x"), read_machine(tmp_path / "out" / "machine.toml").loop("x")
     assert repr(after.control) == repr(before.control)
     assert repr(after.axis.encoder_load) == repr(before.axis.encoder_load)
-    assert tree.get(after, "axis.plant.mass") == pytest.approx(TRUTH["mass"], rel=3e-3)
+    assert tree.get(after, "axis.x.plant.mass") == pytest.approx(TRUTH["mass"], rel=3e-3)
 
 
 def test_what_is_missing_is_named(tmp_path: Path) -> None:

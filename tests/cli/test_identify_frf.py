@@ -67,8 +67,8 @@ Tn = 0.02
     assert "as the drawing says; standard error" in made
     assert "stiffness_N_per_um = 18.0" in made
     loop = read_machine(tmp_path / "o" / "machine.toml").loop("x")
-    assert tree.get(loop, "axis.plant.mass_motor") == pytest.approx(130.0, rel=0.01)
-    assert tree.get(loop, "axis.plant.viscous_load") == 0.0
+    assert tree.get(loop, "axis.x.plant.mass_motor") == pytest.approx(130.0, rel=0.01)
+    assert tree.get(loop, "axis.x.plant.viscous_load") == 0.0
     assert loop.control.law.Kv == 40.0  # type: ignore[attr-defined]
     page = (tmp_path / "o" / "report.html").read_text(encoding="utf-8")
     assert "Not identifiable: viscous_load" in page

@@ -87,7 +87,7 @@ def test_one_file_or_two_give_the_same(tmp_path: Path, screw: fd.Loop, both: Pat
 
 @pytest.mark.slow(reason="a search of a whole tuning; the walk from a run to a tuned loop is quick")
 def test_several_places_hold_together(tmp_path: Path, screw: fd.Loop, both: Path) -> None:
-    heavy = fd.vary(screw, {"axis.plant.mass_load": 60.0})
+    heavy = fd.vary(screw, {"axis.x.plant.mass_load": 60.0})
     path = tmp_path / "heavy.csv"
     fd.write_frf(path, response(heavy, "reading_load", seed=2), response(heavy, "reading_motor", seed=3))
     said = command(*fast(str(both), "--at", str(path), "--out", str(tmp_path / "out")))

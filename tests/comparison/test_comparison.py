@@ -34,7 +34,7 @@ def same(a: Loop, b: Loop) -> bool:
 
 
 def with_law(machine: MachineFile, **values: float) -> MachineFile:
-    loop = tree.vary(machine.loop("x"), {f"control.law.{name}": value for name, value in values.items()})
+    loop = tree.vary(machine.loop("x"), {f"axis.x.control.law.{name}": value for name, value in values.items()})
     return replace(machine, loops={"x": loop})
 
 

@@ -78,7 +78,7 @@ def test_a_million_samples_have_the_simulators_bits(name: str, count: int) -> No
     assert np.any(outputs["trip"] == TRIP_READING)
     assert np.all(np.isfinite(wanted))
     if LOOPS[name].control.force_limit is not None:
-        limits = [9000.0, *(each.get("control.force_limit", 9000.0) for each in tried.changes.values())]
+        limits = [9000.0, *(each.get("axis.x.control.force_limit", 9000.0) for each in tried.changes.values())]
         assert np.any(np.isin(np.abs(outputs["force"]), limits)), "no sample reached the force limit"
 
 

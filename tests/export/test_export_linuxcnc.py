@@ -187,9 +187,10 @@ def test_parameters_change_while_it_runs(exported, tmp_path):
     inputs[:, 0], inputs[:, 1] = 1e-3 * np.sin(20.0 * time), 0.02 * np.cos(20.0 * time)
     inputs[:, 5] = inputs[:, 6] = inputs[:, 0] - 2e-5 * np.sin(35.0 * time)
     inputs[:, -1] = 1.0
-    changes = [("control.law.Kv", 80.0), ("control.law.Tn", 0.01), ("control.filters.0.frequency", 400.0),
-               ("control.force_limit", 300.0)]  # fmt: skip
-    path = {name: name.removeprefix("control.").replace("_", "-") for name, _ in changes}
+    changes = [("axis.x.control.law.Kv", 80.0), ("axis.x.control.law.Tn", 0.01),
+               ("axis.x.control.filters.0.frequency", 400.0),
+               ("axis.x.control.force_limit", 300.0)]  # fmt: skip
+    path = {name: name.removeprefix("axis.x.control.").replace("_", "-") for name, _ in changes}
     meanwhile = [line for name, value in changes for line in between(f"setp axis-x.{path[name]} {value}")]
     # out of bounds: does not act, and does not count
     meanwhile += between("setp axis-x.law.Kv -1") + between("setp axis-x.law.Kv 80")
@@ -221,7 +222,7 @@ def test_changes_that_wait_act_together(exported, tmp_path):
     meanwhile += between("setp axis-x.hold-parameters 0")
     got = answers(routine, place, tmp_path, inputs, paced=True, meanwhile=meanwhile, more=[("retunes", "u")]).rows
     (at,) = np.flatnonzero(np.diff(got[:, -1])) + 1
-    expected = run(routine, inputs, {int(at): {"control.law.Kv": 9.0, "control.law.Kp": 900.0}})
+    expected = run(routine, inputs, {int(at): {"axis.x.control.law.Kv": 9.0, "axis.x.control.law.Kp": 900.0}})
     assert same_bits(got[:, :-1], expected)
 
 

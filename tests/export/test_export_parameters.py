@@ -108,13 +108,16 @@ class TestBallScrew:
         assert isinstance(law, CascadePPI)
         assert guard is not None
         truth = {
-            "control.law.Kv": law.Kv, "control.law.Kp": law.Kp, "control.law.Tn": law.Tn,
-            "control.law.Kp / control.law.Tn": law.Kp / law.Tn,
-            "control.law.velocity_feedforward": law.velocity_feedforward, "control.feedforward, mass": 163.0,
-            "control.force_limit": control.force_limit, "control.guard.velocity_limit": guard.velocity_limit,
-            "control.guard.following_error_limit": guard.following_error_limit,
-            "control.guard.travel_least": guard.travel_least, "control.guard.travel_most": guard.travel_most,
-            "axis.actuator.motor.lead": LEAD,
+            "axis.x.control.law.Kv": law.Kv, "axis.x.control.law.Kp": law.Kp, "axis.x.control.law.Tn": law.Tn,
+            "axis.x.control.law.Kp / axis.x.control.law.Tn": law.Kp / law.Tn,
+            "axis.x.control.law.velocity_feedforward": law.velocity_feedforward,
+            "axis.x.control.feedforward, mass": 163.0,
+            "axis.x.control.force_limit": control.force_limit,
+            "axis.x.control.guard.velocity_limit": guard.velocity_limit,
+            "axis.x.control.guard.following_error_limit": guard.following_error_limit,
+            "axis.x.control.guard.travel_least": guard.travel_least,
+            "axis.x.control.guard.travel_most": guard.travel_most,
+            "axis.x.actuator.motor.lead": LEAD,
         }  # fmt: skip
         blocks = re.findall(r"from (?P<path>[^=\n]+) = (?P<si>\S+).*\n(?:[;/#]+ .*\n)*(?P<line>.+)", text)
         seen = 0

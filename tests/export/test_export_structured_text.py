@@ -33,7 +33,7 @@ from slow_share import all_but
 
 # beside the laws: feedforwards and a prefilter, functions of the text's own, a table
 BESIDE = ["cascade_ppi, inverse dynamics, friction and prefilter", "cascade_ppi, learned force"]
-QUICK = ["cascade_ppi"]
+QUICK = ["cascade_ppi", BESIDE[1]]
 CASES = all_but(QUICK, LOOPS, "blark reads some 100 lines a second; functions of the text's own are tested one by one")
 
 
@@ -178,11 +178,17 @@ def test_what_is_too_much_for_a_plc_is_fixed_and_said_so() -> None:
     """The observer's matrix exponential is computed at the export; its parameters are no inputs any more."""
     made = exported("active_disturbance_rejection")
     fixed = {variable.path for variable in made.program.fixed.parameters}
-    assert fixed == {"control.law.observer.mass", "control.law.observer.omega_o", "control.law.observer.zeta_o"}
+    assert fixed == {
+        "axis.x.control.law.observer.mass",
+        "axis.x.control.law.observer.omega_o",
+        "axis.x.control.law.observer.zeta_o",
+    }
     assert not fixed & set(made.program.names)
-    assert {"control.law.omega_c", "control.law.mass", "control.force_limit"} <= set(made.program.names)
+    assert {"axis.x.control.law.omega_c", "axis.x.control.law.mass", "axis.x.control.force_limit"} <= set(
+        made.program.names
+    )
     (design,) = (each for each in made.program.structures if each.name == "axis_x_design")
-    assert "control.law.observer.omega_o = 150.0 rad/s" in design.said
+    assert "axis.x.control.law.observer.omega_o = 150.0 rad/s" in design.said
     assert not exported("cascade_ppi").program.fixed.parameters
 
 
@@ -267,7 +273,7 @@ def test_the_same_design_gives_the_same_bytes_and_a_readme_that_says_what_to_min
     said = files["README.md"]
     for word in ("Existing Item", "PLCopenXML", "Floating Point Exceptions", "cycle_wrong", "safety", "export anew"):
         assert word in said
-    assert "| fixed | `control.law.observer.omega_o` |" in said
+    assert "| fixed | `axis.z.control.law.observer.omega_o` |" in said
     assert "500 µs" in said or "µs**" in said
     assert all(name.startswith(("hanging", "twincat/hanging", "README")) for name in files)
 

@@ -101,8 +101,8 @@ def arguments(name: str) -> list[float]:
     points = INTERESTING.get(name, [0.0, -0.0, 1.0, -1.0, 1e-300, 800.0, -800.0, 1e9, 1.1e9, 1e308, -1e308])
     if name == "power_of_two":
         return points
-    far = 10.0 ** rng.uniform(-300.0, 300.0, 150)
-    return [*points, *map(float, rng.normal(0.0, 10.0, 350)), *map(float, far), math.inf, -math.inf, math.nan]
+    far = 10.0 ** rng.uniform(-300.0, 300.0, 300)
+    return [*points, *map(float, rng.normal(0.0, 10.0, 700)), *map(float, far), math.inf, -math.inf, math.nan]
 
 
 @pytest.mark.parametrize("name", sorted({*ELEMENTARY, *INTERESTING}))

@@ -43,10 +43,10 @@ jerk = 200
 snap = 2e4
 [[law]]
 name = "half"
-set = { "control.law.Kv" = 20 }
+set = { "axis.x.control.law.Kv" = 20 }
 [[law]]
 name = "nested"
-set = { control = { law = { Kv = 10 } } }
+set = { axis = { x = { control = { law = { Kv = 10 } } } } }
 [[law]]
 name = "other"
 [law.control.law]
@@ -150,9 +150,12 @@ def test_what_is_wrong_with_a_machine(tmp_path: Path, old: str, new: str, messag
         ("duration = 0\n" + JOB, r"j\.toml:1: duration must be a time in s"),
         (JOB + '[[law]]\nname = "half"\nset = {}', r"j\.toml:22: law\.3\.name must be a text that no other row has"),
         (JOB + '[[law]]\nname = "a"', r"j\.toml:21: row 'a' needs either a section \[law\.control\] or set"),
-        (JOB + '[[law]]\nname = "a"\nset = { "control.law.Kx" = 1 }', r"j\.toml:23: .*no parameter 'control\.law\.Kx'"),
-        (JOB + '[[law]]\nname = "a"\nset = { "control.law.Kv" = "b" }', r"j\.toml:23: .*must be a number"),
-        (JOB + '[[law]]\nname = "a"\nset = { "axis.plant.mass_load" = 1 }', r"j\.toml:23: .*not part of the control"),
+        (
+            JOB + '[[law]]\nname = "a"\nset = { "axis.x.control.law.Kx" = 1 }',
+            r"j\.toml:23: .*no parameter 'axis\.x\.control\.law\.Kx'",
+        ),
+        (JOB + '[[law]]\nname = "a"\nset = { "axis.x.control.law.Kv" = "b" }', r"j\.toml:23: .*must be a number"),
+        (JOB + '[[law]]\nname = "a"\nset = { "axis.x.plant.mass_load" = 1 }', r"j\.toml:23: .*not part of the control"),
         (
             JOB + "[log]\nfile = 'a'",
             r"j\.toml: a job needs either a section \[reference\] or a section \[log\], not both",

@@ -88,8 +88,8 @@ def test_bodies_keep_their_masses_and_the_friction_comes_beside_their_own(plant:
     assert own_viscous(truth.axis) == pytest.approx(50.0)
     assert found.loop is not None
     assert repr(found.loop.axis.plant) == repr(plant)
-    assert float(tree.get(found.loop, "axis.friction_load.coulomb")) == pytest.approx(20.0, rel=0.02)
-    assert float(tree.get(found.loop, "axis.friction_load.viscous")) == pytest.approx(150.0, rel=0.05)
+    assert float(tree.get(found.loop, "axis.x.friction_load.coulomb")) == pytest.approx(20.0, rel=0.02)
+    assert float(tree.get(found.loop, "axis.x.friction_load.viscous")) == pytest.approx(150.0, rel=0.05)
     said = next(said for said in found.remarks if "the sum of its masses" in said)
     assert "is off by" not in said
 

@@ -127,7 +127,7 @@ def test_the_gains_that_ran_are_found() -> None:
 
 def test_output_error_finds_the_truth_from_a_wrong_start() -> None:
     log = simulated(size=0.2)
-    start = tree.vary(loop(), {"axis.plant.mass": 70.0, "axis.friction_load.coulomb": 30.0})
+    start = tree.vary(loop(), {"axis.x.plant.mass": 70.0, "axis.x.friction_load.coulomb": 30.0})
     found = refine(start, log, delays=(0, 1))
     assert found.delay == 0
     for name, truth in (("mass", 95.1089), ("coulomb", 20.3935), ("viscous", 203.5034), ("force", 3.1648)):

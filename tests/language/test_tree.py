@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from typing import NamedTuple
 
 import numpy as np
@@ -37,13 +38,30 @@ def loop(**plant: float) -> Loop:
     )
 
 
+def test_a_path_is_the_name_in_the_machine_file():
+    """A loop of axis y places its parts under `axis.y`; the name by fields is refused with the path to write."""
+    other = dataclasses.replace(loop(), name="y")
+    paths, names = list(tree.parameters(other)), [name for name, _ in tree.leaves(other)]
+    assert [tree.path_of(other, name) for name in names] == paths
+    assert [tree.name_of(other, path) for path in paths] == names
+    assert tree.get(tree.vary(other, {"axis.y.control.law.Kv": 7.0}), "axis.y.control.law.Kv") == 7.0
+    assert tree.parameters(other.control.law) == dict(tree.leaves(other.control.law))
+    for refused, right in (
+        ("control.law.Kv", "axis.y.control.law.Kv"), ("axis.plant.stiffness", "axis.y.plant.stiffness"),
+    ):  # fmt: skip
+        with pytest.raises(ParameterError, match=f"'{refused}' is written '{right}', as in a machine file"):
+            tree.vary(other, {refused: 1.0})
+    with pytest.raises(ParameterError, match=r"no parameter 'axis.x.control.law.Kv'; did you mean axis.y.control.law"):
+        tree.get(other, "axis.x.control.law.Kv")
+
+
 def test_names_are_dotted_and_absent_parameters_have_none():
-    names = [name for name, _ in tree.leaves(loop())]
-    assert "control.law.Kv" in names
-    assert "control.filters.1.frequency" in names
-    assert "axis.plant.coupling_mass" not in names
+    names = list(tree.parameters(loop()))
+    assert "axis.x.control.law.Kv" in names
+    assert "axis.x.control.filters.1.frequency" in names
+    assert "axis.x.plant.coupling_mass" not in names
     assert len(set(names)) == len(names)
-    assert "axis.plant.coupling_mass" in [name for name, _ in tree.leaves(loop(coupling_mass=1.0))]
+    assert "axis.x.plant.coupling_mass" in tree.parameters(loop(coupling_mass=1.0))
 
 
 def test_leaves_taken_out_and_put_back_are_the_same_tree():
@@ -83,30 +101,30 @@ def test_named_tuples_keep_their_type_and_names(state: Outer):
 
 
 def test_get_and_vary_agree():
-    varied = tree.vary(loop(), {"control.law.Kv": 55.0, "control.filters.0.frequency": 170.0})
-    assert tree.get(varied, "control.law.Kv") == 55.0
-    assert tree.get(varied, "control.filters.0.frequency") == 170.0
-    assert tree.get(varied, "control.filters.1.frequency") == 300.0
+    varied = tree.vary(loop(), {"axis.x.control.law.Kv": 55.0, "axis.x.control.filters.0.frequency": 170.0})
+    assert tree.get(varied, "axis.x.control.law.Kv") == 55.0
+    assert tree.get(varied, "axis.x.control.filters.0.frequency") == 170.0
+    assert tree.get(varied, "axis.x.control.filters.1.frequency") == 300.0
 
 
 def test_vary_takes_lists_as_lanes():
-    varied = tree.vary(loop(), {"axis.plant.mass_load": [40.0, 50.0, 60.0]})
-    assert np.array_equal(tree.get(varied, "axis.plant.mass_load"), [40.0, 50.0, 60.0])
+    varied = tree.vary(loop(), {"axis.x.plant.mass_load": [40.0, 50.0, 60.0]})
+    assert np.array_equal(tree.get(varied, "axis.x.plant.mass_load"), [40.0, 50.0, 60.0])
     assert tree.structure(varied) == tree.structure(loop())
 
 
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"control.law.kv": 1.0}, "did you mean control.law.Kv"),
-        ({"axis.plant.mass": 1.0}, "there is no parameter 'axis.plant.mass'"),
-        ({"axis.plant.coupling_mass": 1.0}, "there is no parameter"),
-        ({"control.law.Kv": -1.0}, r"control\.law\.Kv = -1 1/s \(position gain\) must be > 0 1/s"),
-        ({"control.law.Kv": float("nan")}, "must be a finite number"),
-        ({"control.law.Kv": [1.0, -2.0]}, "must be > 0"),
-        ({"control.law.Kv": [1.0, 2.0], "control.law.Kp": [1.0, 2.0, 3.0]}, "one length"),
-        ({"axis.plant.mass_load": "heavy"}, "must be a number"),
-        ({"axis.plant.mass_load": True}, "must be a number"),
+        ({"axis.x.control.law.kv": 1.0}, "did you mean axis.x.control.law.Kv"),
+        ({"axis.x.plant.mass": 1.0}, "there is no parameter 'axis.x.plant.mass'"),
+        ({"axis.x.plant.coupling_mass": 1.0}, "there is no parameter"),
+        ({"axis.x.control.law.Kv": -1.0}, r"axis\.x\.control\.law\.Kv = -1 1/s \(position gain\) must be > 0 1/s"),
+        ({"axis.x.control.law.Kv": float("nan")}, "must be a finite number"),
+        ({"axis.x.control.law.Kv": [1.0, -2.0]}, "must be > 0"),
+        ({"axis.x.control.law.Kv": [1.0, 2.0], "axis.x.control.law.Kp": [1.0, 2.0, 3.0]}, "one length"),
+        ({"axis.x.plant.mass_load": "heavy"}, "must be a number"),
+        ({"axis.x.plant.mass_load": True}, "must be a number"),
     ],
 )
 def test_errors_name_parameter_value_bound_and_unit(changes: dict[str, object], words: str):
@@ -116,12 +134,12 @@ def test_errors_name_parameter_value_bound_and_unit(changes: dict[str, object], 
 
 def test_vary_runs_the_check_of_the_block():
     with pytest.raises(ParameterError, match="not positive definite"):
-        tree.vary(loop(coupling_mass=1.0), {"axis.plant.coupling_mass": 90.0})
+        tree.vary(loop(coupling_mass=1.0), {"axis.x.plant.coupling_mass": 90.0})
 
 
 def test_structure_knows_choices_types_and_what_is_absent_but_no_values():
     base = tree.structure(loop())
-    assert base == tree.structure(tree.vary(loop(), {"control.law.Kv": 1.0}))
+    assert base == tree.structure(tree.vary(loop(), {"axis.x.control.law.Kv": 1.0}))
     assert base != tree.structure(loop(coupling_mass=1.0))
     hash(base)
 

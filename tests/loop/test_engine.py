@@ -187,15 +187,21 @@ def test_native_code_has_the_bits_of_python(name: str):
 def varied(loop: Loop, count: int) -> Loop:
     """Variants of a loop: gains, masses, stiffness, friction, counts, a notch."""
     draw = np.random.default_rng(2)
-    names = ["control.law.Kv", "control.law.Kp", "control.law.Tn", "control.filters.0.frequency", "control.force_limit"]
-    names += ["axis.plant.mass_load", "axis.plant.stiffness", "axis.friction_load.coulomb"]
-    names += ["axis.encoder_motor.resolution"]
+    names = [
+        "axis.x.control.law.Kv",
+        "axis.x.control.law.Kp",
+        "axis.x.control.law.Tn",
+        "axis.x.control.filters.0.frequency",
+        "axis.x.control.force_limit",
+    ]
+    names += ["axis.x.plant.mass_load", "axis.x.plant.stiffness", "axis.x.friction_load.coulomb"]
+    names += ["axis.x.encoder_motor.resolution"]
     return tree.vary(loop, {name: tree.get(loop, name) * draw.uniform(0.9, 1.1, count) for name in names})
 
 
 def lane_of(loop: Loop, variants: Loop, lane: int) -> Loop:
     """One variant as a loop of its own."""
-    values = {n: float(v[lane]) for n, v in tree.leaves(variants) if isinstance(v, np.ndarray)}
+    values = {n: float(v[lane]) for n, v in tree.parameters(variants).items() if isinstance(v, np.ndarray)}
     return tree.vary(loop, values)
 
 
@@ -446,10 +452,10 @@ def test_a_run_that_leaves_its_bounds_says_when():
     from feeddrive.language.errors import DivergedError
 
     wild = dataclasses.replace(loops.common(), control=dataclasses.replace(loops.common().control, force_limit=None))
-    wild = tree.vary(wild, {"control.law.Kp": 1e9})
+    wild = tree.vary(wild, {"axis.x.control.law.Kp": 1e9})
     with pytest.raises(DivergedError, match=r"sample \d+"):
         simulate(wild, REFERENCE)
-    variants = tree.vary(wild, {"control.law.Kp": np.array([2e5, 1e9])})
+    variants = tree.vary(wild, {"axis.x.control.law.Kp": np.array([2e5, 1e9])})
     batch = simulate_batch(variants, REFERENCE, duration=0.3)
     assert batch.left[0] == -1
     with pytest.raises(DivergedError, match=f"sample {batch.left[1]} "):

@@ -25,14 +25,19 @@ from feeddrive.loop.simulate import simulate
 
 T = 1e-4
 GAINS = [
-    "control.law.Kv",
-    "control.law.Kp",
-    "control.law.Tn",
-    "control.filters.0.frequency",
-    "control.feedforward.0.mass",
-    "control.feedforward.0.viscous",
+    "axis.x.control.law.Kv",
+    "axis.x.control.law.Kp",
+    "axis.x.control.law.Tn",
+    "axis.x.control.filters.0.frequency",
+    "axis.x.control.feedforward.0.mass",
+    "axis.x.control.feedforward.0.viscous",
 ]
-PHYSICS = ["axis.plant.stiffness", "axis.plant.mass_load", "axis.actuator.dead_time", "axis.actuator.current_loop"]
+PHYSICS = [
+    "axis.x.plant.stiffness",
+    "axis.x.plant.mass_load",
+    "axis.x.actuator.dead_time",
+    "axis.x.actuator.current_loop",
+]
 
 
 class Swing(Reference):
@@ -97,7 +102,7 @@ def test_the_run_beside_its_tangents_is_the_run_itself() -> None:
 def test_the_slope_to_a_dead_time_of_whole_substeps_is_that_to_its_right(samples: float, substeps: int) -> None:
     base = loop()
     base = dataclasses.replace(base, axis=dataclasses.replace(base.axis, substeps=substeps))
-    name = "axis.actuator.dead_time"
+    name = "axis.x.actuator.dead_time"
     here = tree.vary(base, {name: samples * T})
     h = 1e-4 * T
     slope = (
@@ -113,7 +118,7 @@ def test_the_sample_time_has_no_gradient() -> None:
 
 
 def test_an_objective_of_ones_own() -> None:
-    found = gradient(loop(), Swing(), ["control.law.Kv"], objective=force_squared)
+    found = gradient(loop(), Swing(), ["axis.x.control.law.Kv"], objective=force_squared)
     run = simulate(loop(), Swing(), record=["force"])
     assert found.cost == pytest.approx(float(np.mean(run["force"] ** 2)), rel=1e-12)
 
@@ -123,5 +128,5 @@ def force_squared(signals: object) -> object:
 
 
 def test_a_parameter_that_is_not_there_is_refused_with_a_hint() -> None:
-    with pytest.raises(ParameterError, match=r"no parameter 'control.law.KV'; did you mean control.law.Kv"):
-        gradient(loop(), Swing(), ["control.law.KV"])
+    with pytest.raises(ParameterError, match=r"no parameter 'axis.x.control.law.KV'; did you mean axis.x.control.law"):
+        gradient(loop(), Swing(), ["axis.x.control.law.KV"])

@@ -93,7 +93,7 @@ def test_a_changed_run_has_the_bits_of_plain_python(name: str) -> None:
     loop = loop_of(replace(control, force_limit=400.0, guard=Guard()))
     later = loop_of(replace(moved(control, 0.9), force_limit=350.0, guard=Guard(reading_limit=900.0)))
     load = StepForce(force=50.0, start=0.01)
-    changes = {120: later.control, 0.0131: {"control.force_limit": 300.0}}
+    changes = {120: later.control, 0.0131: {"axis.x.control.force_limit": 300.0}}
     last = replace(later, control=replace(later.control, force_limit=300.0))
     count = 200
     run = simulate(loop, MOVE, load=load, duration=(count - 1) * T, changes=changes)
@@ -128,7 +128,7 @@ def test_a_change_before_the_first_sample_is_the_other_control() -> None:
 
 
 def test_values_by_name_build_on_the_control_as_it_is_then() -> None:
-    by_name = {300: {"control.law.Kv": 60.0}, 0.05: {"control.law.Kp": 9e3}}
+    by_name = {300: {"axis.x.control.law.Kv": 60.0}, 0.05: {"axis.x.control.law.Kp": 9e3}}
     whole = {300: Control(law=replace(PPI, Kv=60.0)), 500: Control(law=replace(PPI, Kv=60.0, Kp=9e3))}
     first, second = (simulate(loop_of(Control(law=PPI)), MOVE, changes=changes) for changes in (by_name, whole))
     assert first["force"].tobytes() == second["force"].tobytes()
@@ -282,18 +282,18 @@ def test_a_share_that_grows_blends_in_and_one_that_falls_acts_at_once(share: flo
         ({"soon": {}}, ParameterError, "must be a sample"),
         ({10: {}, 1e-3: {}}, ParameterError, "two at sample 10"),
         ({10: 3.0}, ParameterError, "must be a Control"),
-        ({10: {"axis.plant.mass": 3.0}}, ParameterError, "axis.plant.mass.*does not change live"),
-        ({10: {"control.law.Kw": 3.0}}, ParameterError, "at sample 10: there is no parameter 'control.law.Kw'; did"),
-        ({10: {"control.law.Kv": -3.0}}, ParameterError, "control.law.Kv = -3 1/s .* must be > 0"),
-        ({10: {"control.law.Kv": np.array([1.0, 2.0])}}, ParameterError, "must be one number"),
+        ({10: {"axis.x.plant.mass": 3.0}}, ParameterError, "axis.x.plant.mass.*does not change live"),
+        ({10: {"axis.x.control.law.Kw": 3.0}}, ParameterError, "at sample 10: there is no parameter .*law.Kw'; did"),
+        ({10: {"axis.x.control.law.Kv": -3.0}}, ParameterError, "axis.x.control.law.Kv = -3 1/s .* must be > 0"),
+        ({10: {"axis.x.control.law.Kv": np.array([1.0, 2.0])}}, ParameterError, "must be one number"),
         ({10: Control(law=replace(PPI, Kv=np.array([1.0, 2.0])))}, ParameterError, "arrays of variants"),
-        ({10: Control(law=replace(PPI, Tn=None))}, StructureError, "control.law.Tn would be left out: a live change"),
-        ({10: Control(law=PPI, force_limit=3.0)}, StructureError, "control.force_limit would come in"),
+        ({10: Control(law=replace(PPI, Tn=None))}, StructureError, "axis.x.control.law.Tn would be left out: a live"),
+        ({10: Control(law=PPI, force_limit=3.0)}, StructureError, "axis.x.control.force_limit would come in"),
         ({10: Control(law=replace(PPI, velocity_samples=2))}, StructureError, "velocity_samples would go from 1 to 2"),
-        ({10: Control(law=PPI, guard=Guard())}, StructureError, "control.guard would go from nothing to guard"),
+        ({10: Control(law=PPI, guard=Guard())}, StructureError, "axis.x.control.guard would go from nothing to guard"),
         ({10: Control(law=PPI, filters=(LowPass(frequency=9.0),))}, StructureError, "would go from 0 blocks to 1"),
         ({10: Control(law=DADSC(mass=1.0, tracking_rate=9.0, reaching_rate=9.0, adaptation_rate=9.0))}, StructureError,
-         "control.law would go from cascade_ppi to dadsc"),
+         "axis.x.control.law would go from cascade_ppi to dadsc"),
     ],
     ids=str,
 )  # fmt: skip

@@ -159,10 +159,12 @@ def test_c_has_the_bits_of_native_code(tmp_path):
 def test_a_batch_has_the_bits_of_single_runs():
     values = np.linspace(0.004, 0.0171, 11)
     loop = rings()
-    varied = tree.vary(loop, {"axis.forces.0.delay": values, "control.law.Kv": np.linspace(30.0, 50.0, 11)})
+    varied = tree.vary(loop, {"axis.x.forces.0.delay": values, "axis.x.control.law.Kv": np.linspace(30.0, 50.0, 11)})
     found = simulate_batch(varied, REFERENCE, load=LOAD, duration=(COUNT - 1) * T)
     for i in (0, 4, 10):
-        one = tree.vary(loop, {"axis.forces.0.delay": values[i], "control.law.Kv": np.linspace(30.0, 50.0, 11)[i]})
+        one = tree.vary(
+            loop, {"axis.x.forces.0.delay": values[i], "axis.x.control.law.Kv": np.linspace(30.0, 50.0, 11)[i]}
+        )
         alone = simulate(one, REFERENCE, load=LOAD, duration=(COUNT - 1) * T)
         assert found.peak["force"][i] == np.max(np.abs(alone["force"]))
         assert found.most["tracking_error"][i] == np.max(alone["tracking_error"])
@@ -207,7 +209,12 @@ def test_the_linear_model_of_a_delay_is_its_z_power():
 def test_gradients_go_through_rings():
     loop = replace(rings(), control=replace(rings().control, guard=None))
     loop = replace(loop, axis=replace(loop.axis, friction_load=None))
-    names = ["axis.forces.0.stiffness", "axis.forces.1.gain", "control.feedforward.0.mass", "axis.forces.0.delay"]
+    names = [
+        "axis.x.forces.0.stiffness",
+        "axis.x.forces.1.gain",
+        "axis.x.control.feedforward.0.mass",
+        "axis.x.forces.0.delay",
+    ]
     found = gradient(loop, REFERENCE, names, load=LOAD, duration=(COUNT - 1) * T)
     for name in names:
         value = float(tree.get(loop, name))

@@ -114,8 +114,12 @@ PICTURES: dict[str, Callable[[], Any]] = {
     "stiffness": lambda: stiffness(compliance(loop(), F)).plot(),
     "poles": lambda: linearize(loop(), ["load_force"], ["position_load"]).plot(),
     "stability": lambda: stability(loop()).plot(),
-    "batch": lambda: simulate_batch(tree.vary(loop(), {"control.law.Kv": np.linspace(30, 60, 24)}), Stroke()).plot(),
-    "gradient": lambda: gradient(loop(), Stroke(), ["control.law.Kv", "control.law.Tn", "axis.plant.mass_load"]).plot(),
+    "batch": lambda: simulate_batch(
+        tree.vary(loop(), {"axis.x.control.law.Kv": np.linspace(30, 60, 24)}), Stroke()
+    ).plot(),
+    "gradient": lambda: gradient(
+        loop(), Stroke(), ["axis.x.control.law.Kv", "axis.x.control.law.Tn", "axis.x.plant.mass_load"]
+    ).plot(),
     "replay": lambda: replay().plot(),
     "comparison": lambda: plot.comparison({r.name: r for r in runs()}),
 }

@@ -19,7 +19,7 @@ from feeddrive.papers.altintas2009.testbed import cascade
 from feeddrive.papers.altintas2009.testbed import loop as axis_loop
 from feeddrive.tuning.delay_map import delay_map
 
-TUNABLES = [f"control.law.{name}" for name in DADSC.tunables]
+TUNABLES = [f"axis.x.control.law.{name}" for name in DADSC.tunables]
 
 
 @pytest.mark.parametrize(("mass", "T"), [(5.0, 5e-5), (400.0, 1e-3)])
@@ -36,7 +36,7 @@ def test_the_edge_is_where_the_poles_leave_the_circle() -> None:
     law = CascadePPI(Kv=50.0, Kp=2e4, Tn=0.01)
     actuator = Actuator(dead_time=1.5e-4)
     loop = Loop(control=Control(law=law), axis=Axis(plant=Rigid(mass=40.0), actuator=actuator), sample_time=1e-4)
-    names = ["control.law.Kv", "control.law.Kp", "control.law.Tn"]
+    names = ["axis.x.control.law.Kv", "axis.x.control.law.Kp", "axis.x.control.law.Tn"]
     found = delay_map(loop, names, [1.5e-4])
     for factor, stable in ((0.999, True), (1.001, False)):
         f = factor * found.edge[0]
@@ -52,4 +52,4 @@ def test_the_edge_is_where_the_poles_leave_the_circle() -> None:
 
 def test_knobs_that_do_not_bring_the_loop_to_an_edge_are_refused() -> None:
     with pytest.raises(ParameterError, match="no bound lies within a factor"):
-        delay_map(axis_loop(cascade(300.0)), ["control.law.velocity_feedforward"], [0.0])
+        delay_map(axis_loop(cascade(300.0)), ["axis.x.control.law.velocity_feedforward"], [0.0])

@@ -89,7 +89,8 @@ def test_equal_to_a_grid_of_all_gains(motor: Loop) -> None:
             for c in np.geomspace(0.75, 1.35, 7):
                 values = end * [a, b, c]
                 loop = tree.vary(
-                    motor, dict(zip([f"control.law.{n}" for n in CascadePPI.tunables], values.tolist(), strict=True))
+                    motor,
+                    dict(zip([f"axis.x.control.law.{n}" for n in CascadePPI.tunables], values.tolist(), strict=True)),
                 )
                 there = robustness(loop)
                 if there.stable and there.sensitivity_peak <= 2.0 and there.delay_margin_samples >= 2.0:
@@ -112,7 +113,7 @@ def test_the_bounds_hold_on_lines_of_its_own(screw: Loop) -> None:
 
 def test_the_delay_margin_can_be_the_bound(motor: Loop) -> None:
     """Without dead time Ms <= 2 leaves less than two samples: the other bound is active."""
-    found = tuned(tree.vary(motor, {"axis.actuator.dead_time": 0.0}))
+    found = tuned(tree.vary(motor, {"axis.x.actuator.dead_time": 0.0}))
     assert {each.what for each in found.held} == {"delay margin"}
     assert found.after[0].margins.delay_margin_samples == pytest.approx(2.0, abs=0.01)
     assert found.after[0].margins.sensitivity_peak < 2.0
@@ -125,7 +126,9 @@ def test_a_tighter_bound_costs_rope_snap(motor: Loop) -> None:
 
 
 def test_it_begins_from_unstable_gains_and_gives_the_same(motor: Loop) -> None:
-    wild = tree.vary(motor, {"control.law.Kp": 4e6, "control.law.Kv": 3000.0, "control.law.Tn": 2e-4})
+    wild = tree.vary(
+        motor, {"axis.x.control.law.Kp": 4e6, "axis.x.control.law.Kv": 3000.0, "axis.x.control.law.Tn": 2e-4}
+    )
     assert not robustness(wild).stable
     assert tuned(wild).after[0].rope_snap == pytest.approx(tuned(motor).after[0].rope_snap, rel=2e-3)
 
@@ -138,7 +141,7 @@ def test_what_is_no_knob_is_refused(motor: Loop) -> None:
     with pytest.raises(ParameterError, match=r"law\.Kx"):
         tuned(motor, tunables=["law.Kx"])
     with pytest.raises(ParameterError, match="number > 0"):
-        tuned(tree.vary(motor, {"control.feedforward.0.viscous": 0.0}), tunables=["feedforward.0.viscous"])
+        tuned(tree.vary(motor, {"axis.x.control.feedforward.0.viscous": 0.0}), tunables=["feedforward.0.viscous"])
     with pytest.raises(ParameterError, match="sensitivity_peak = 1 "):
         Limits(1.0)
     with pytest.raises(ParameterError, match="has no axis"):

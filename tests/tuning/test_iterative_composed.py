@@ -63,7 +63,9 @@ def test_under_pole_placement(form: str) -> None:
 def test_the_error_model_under_pole_placement_is_the_loop() -> None:
     loop = begin_compensation(placed())
     trial = simulated_trial(simulate(loop, MOVE), MOVE)
-    moved = tree.vary(loop, {"control.feedforward.0.mass": 300.0, "control.feedforward.0.viscous": 2000.0})
+    moved = tree.vary(
+        loop, {"axis.x.control.feedforward.0.mass": 300.0, "axis.x.control.feedforward.0.viscous": 2000.0}
+    )
     after = simulated_trial(simulate(moved, MOVE), MOVE)
     names, phi, _ = regressors(loop, compensator(loop), MOVE.at(along(MOVE, T)))
     theta = [compensator(moved).parameters()[name] for name in names]
@@ -91,7 +93,7 @@ def test_behind_a_prefilter_the_columns_are_those_that_the_feedforward_sees() ->
     """e(θ) - e(θ0) = G_d φᵀ (θ0 - θ) again, with φ of the setpoint as it leaves the prefilter."""
     prefilter = TrajectoryPrefilter(theta1=1e-4, theta2=2e-6)
     loop = linear_loop(START, prefilter=prefilter)
-    other = tree.vary(loop, {"control.feedforward.0.mass": 120.0, "control.feedforward.0.viscous": 400.0})
+    other = tree.vary(loop, {"axis.x.control.feedforward.0.mass": 120.0, "axis.x.control.feedforward.0.viscous": 400.0})
     errors = [simulate(each, MOVE)["following_error"] for each in (loop, other)]
     names, phi, _ = regressors(loop, compensator(loop), MOVE.at(along(MOVE)))
     change = {**dict.fromkeys(names, 0.0), "mass": 90.0, "viscous": 400.0}

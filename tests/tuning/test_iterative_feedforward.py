@@ -370,7 +370,7 @@ class TestConvergence:
 
     def test_wrong_gains_diverge_at_gamma_1_and_converge_at_a_half(self) -> None:
         loop = linear_loop(TRUE)
-        believed = tree.vary(loop, {"control.law.Kp": 2.0 * float(tree.get(loop, "control.law.Kp"))})
+        believed = tree.vary(loop, {"axis.x.control.law.Kp": 2.0 * float(tree.get(loop, "axis.x.control.law.Kp"))})
         assert not convergence(loop, MOVE, believed=believed).converges
         assert convergence(loop, MOVE, believed=believed, gamma=0.5).rate < 0.1
 

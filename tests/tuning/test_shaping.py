@@ -108,7 +108,7 @@ def test_encirclement_says_what_poles_say(screw: fd.Loop, placement: fd.Loop) ->
     counts = [0, 0]
     for loop in (screw, placement):
         site = modelled_site(loop)
-        names = tuple(f"control.law.{name}" for name in loop.control.law.tunables)
+        names = tuple(f"axis.x.control.law.{name}" for name in loop.control.law.tunables)
         for _ in range(40):
             changes = {n: float(tree.get(loop, n)) * float(np.exp(random.uniform(-0.3, 1.0))) for n in names}
             other = tree.vary(loop, changes)
@@ -202,7 +202,7 @@ def test_the_optimum_of_a_model_is_that_of_another_search() -> None:
     limits = Limits(sensitivity_peak=2.0, delay_margin_samples=2.0)
     found = tune(motor.control, motor, limits=limits, filters="kept")
     assert found.holds, found.proof
-    names = [f"control.law.{name}" for name in motor.control.law.tunables]
+    names = [f"axis.x.control.law.{name}" for name in motor.control.law.tunables]
 
     def judged(x: np.ndarray) -> Robustness:
         return robustness(tree.vary(motor, dict(zip(names, np.exp(x).tolist(), strict=True))))
@@ -294,8 +294,8 @@ def test_noise_in_the_force_can_be_the_bound(screw: fd.Loop) -> None:
 
 
 def test_all_positions_and_loads_hold(screw: fd.Loop) -> None:
-    heavy = tree.vary(screw, {"axis.plant.mass_load": 60.0})
-    soft = tree.vary(screw, {"axis.plant.stiffness": 1.3e7})
+    heavy = tree.vary(screw, {"axis.x.plant.mass_load": 60.0})
+    soft = tree.vary(screw, {"axis.x.plant.stiffness": 1.3e7})
     alone = tune(screw.control, screw, limits=Limits(2.0), filters="kept")
     together = tune(screw.control, [screw, heavy, soft], limits=Limits(2.0), filters="kept")
     assert together.holds, together.proof

@@ -43,7 +43,7 @@ def test_the_run_keeps_the_force_limit(screw: fd.Loop) -> None:
 
 
 def test_a_plant_that_is_another_one_is_not_run(screw: fd.Loop) -> None:
-    heavy = fd.vary(screw, {"axis.plant.mass_load": 90.0})
+    heavy = fd.vary(screw, {"axis.x.plant.mass_load": 90.0})
     site, said = with_table_force(site_of(screw), heavy, "the plant of the baseline")
     assert "% off the response" in said
     assert site.known_as is None

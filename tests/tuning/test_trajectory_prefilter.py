@@ -198,10 +198,10 @@ def test_a_sine_cannot_tell_velocity_from_jerk() -> None:
 
 
 def test_saturation_is_refused() -> None:
-    run = fd.simulate(fd.vary(loop(), {"control.force_limit": 600.0}), MOVE)
+    run = fd.simulate(fd.vary(loop(), {"axis.x.control.force_limit": 600.0}), MOVE)
     with pytest.raises(LogError, match=r"met its limit in \d+ samples"):
         fd.fit_prefilter(run, MOVE)
-    limited = fd.vary(loop(), {"control.force_limit": 600.0})
+    limited = fd.vary(loop(), {"axis.x.control.force_limit": 600.0})
     with pytest.raises(LogError, match="met its limit"):
         fd.fit_prefilter_to_log(
             run.time, run["set_position"], run["reading_load"], T, force=run["force"], control=limited

@@ -122,7 +122,7 @@ def _nearest_stable(loop: Loop, velocity: float) -> str:
         return {name: values[name] * factor**power for name, power in powers.items()}
 
     def holds(factor: float) -> bool:
-        changes = {f"control.law.{name}": value for name, value in slowed(factor).items()}
+        changes = {tree.path_of(loop, f"control.law.{name}"): value for name, value in slowed(factor).items()}
         try:
             return stability(tree.vary(loop, changes), velocity=velocity).stable
         except FeeddriveError:

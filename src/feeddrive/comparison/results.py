@@ -75,7 +75,9 @@ def _tuned(each: Competitor) -> dict[str, Any]:
     said: dict[str, Any] = {"unfit": each.unfit or None, "remark": each.remark or None}
     if each.tuned is not None:
         said |= {
-            "tunables": {f"control.{name}": value for name, value in each.tuned.tunables.items()},
+            "tunables": {
+                f"{each.loop.place_of('control')}.{name}": value for name, value in each.tuned.tunables.items()
+            },
             "active": [held.sentence() for held in each.tuned.held],
             "loops_judged": each.tuned.evaluations,
             "settled": each.settled,

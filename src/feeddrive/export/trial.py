@@ -12,7 +12,7 @@ from feeddrive.language import tree
 from feeddrive.language.errors import FeeddriveError
 from feeddrive.loop.guard import Guard
 from feeddrive.loop.routine import Routine, Variable
-from feeddrive.loop.routine_trace import Controller
+from feeddrive.loop.routine_trace import controller_of
 
 _DRAWS = 5  # until a change is one that the block allows
 BROKEN = (np.nan, np.inf, -np.inf, 1e300, -1e200, 5e-324, 1e-310)  # what no encoder should say, and what few do
@@ -77,7 +77,7 @@ def _ends(guard: Guard) -> tuple[tuple[float, Any], tuple[float, Any]]:
 
 def _changes(routine: Routine, places: list[int], random: np.random.Generator) -> dict[int, dict[str, float]]:
     """Parameters that move by up to a quarter, where the block still holds together."""
-    both = Controller(control=routine.origin.control, motor=routine.origin.axis.actuator.motor)
+    both = controller_of(routine.origin)
     first = {variable.path: variable for variable in routine.parameters}
     found: dict[int, dict[str, float]] = {}
     for sample in places:

@@ -13,7 +13,7 @@ file = "run.csv"
 kind = "step_force"
 [[law]]                            # rows of the comparison; today's control is always the first
 name = "twice the gain"
-set = { "control.law.Kv" = 80 }    # changes by dotted name, in SI; or a whole [law.control]
+set = { "axis.x.control.law.Kv" = 80 }   # changes by path, in SI; or a whole [law.control]
 """
 
 from __future__ import annotations
@@ -154,8 +154,10 @@ def _varied(section: Section, changes: Any, today: Loop) -> Loop:
     for name, value in values.items():
         if isinstance(value, bool) or not isinstance(value, (int, float)):
             raise changes.error(f"'{name}' must be a number in SI, not {value!r}: choices need a whole [law.control]")
-        if not name.startswith("control."):
-            raise changes.error(f"'{name}' is not part of the control: a row changes names under control.*", name)
+        if not name.startswith((f"{today.place_of('control')}.", "control.")):
+            raise changes.error(
+                f"'{name}' is not part of the control: a row changes what is under {today.place_of('control')}", name
+            )
     try:
         return tree.vary(today, values)
     except FeeddriveError as error:

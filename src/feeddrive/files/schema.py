@@ -223,7 +223,10 @@ def job_schema() -> Schema:
         "properties": {
             "name": {**_TEXT, "minLength": 1, "description": "of the row"},
             "control": blocks.block(Control),
-            "set": {"type": "object", "description": 'changes of today\'s control by name: { "control.law.Kv" = 80 }'},
+            "set": {
+                "type": "object",
+                "description": 'changes of today\'s control by path: { "axis.x.control.law.Kv" = 80 }',
+            },
         },
         "additionalProperties": False,
     }

@@ -146,6 +146,10 @@ class Block:
         if type(self).rules is not Block.rules:
             enforce(self, lambda block: block.rules())
 
+    def place_of(self, field: str) -> str:
+        """Where a field stands in the tree of names; only a loop says more than the field's own name."""
+        return field
+
     def __repr__(self) -> str:
         shown = ", ".join(f"{name}={getattr(self, name)!r}" for name in declarations(type(self)))
         return f"{type(self).__name__}({shown})"

@@ -1,12 +1,15 @@
 """Trees of named leaves: blocks with parts, named tuples of states, plain tuples.
 
-One walk gives every leaf a dotted name (`axis.plant.mass`, `control.law.integral`).  Files, logs, sweeps, gradients and
-exported code all use these names.
+`leaves`, `rebuild`, `tables` and `structure` walk a tree by its own fields: `law.Kv` of a control, `control.law.Kv` of
+a loop.  `parameters`, `get`, `vary` and `declaration` use paths, the names of machine files: a loop places its axis
+under `axis.x`, so that its gain is `axis.x.control.law.Kv` in Python as in TOML, logs, sweeps and gradients.  A block
+that stands alone has no axis around it, and there a path is the name by fields.
 """
 
 from __future__ import annotations
 
 import dataclasses
+import re
 from collections.abc import Iterator, Mapping
 from difflib import get_close_matches
 from typing import Any, TypeVar, cast
@@ -90,22 +93,66 @@ def cases(*pairs: tuple[Any, Any], otherwise: Any) -> Any:
     return rebuild(pairs[0][1], iter(chosen))
 
 
-def declaration(block: Block, name: str) -> Declaration:
-    """The declaration of the leaf with a dotted name. Raises ParameterError for a name that is not there."""
-    owner, last = _owner(block, name)
+def parameters(tree: Any) -> dict[str, Any]:
+    """The value of every leaf by its path (`axis.x.control.law.Kv`), in the order of `leaves`."""
+    return {path: value for path, _, value in _placed(tree, "", "")}
+
+
+def path_of(tree: Any, name: str) -> str:
+    """The path of the leaf or part with a name by fields: `control.law.Kv` of a loop -> `axis.x.control.law.Kv`."""
+    first, dot, rest = name.partition(".")
+    if not isinstance(tree, Block) or first not in declarations(type(tree)):
+        return name
+    return f"{tree.place_of(first)}{dot}{rest}"
+
+
+def in_paths(block: Block, text: str) -> str:
+    """A sentence that names parts by fields, with their paths: `control.law.Kp / control.law.Tn`."""
+    fields = [field for field in declarations(type(block)) if block.place_of(field) != field]
+    if not fields:
+        return text
+    return re.sub(rf"(?<![\w.])({'|'.join(fields)})(?=\.)", lambda found: block.place_of(found[1]), text)
+
+
+def name_of(block: Any, path: str) -> str:
+    """The name by fields of the leaf with a path. Raises ParameterError for a path that is not there."""
+    names = {each: name for each, name, _ in _placed(block, "", "")}
+    if path not in names:
+        raise _unknown(block, path, list(names))
+    return names[path]
+
+
+def _placed(tree: Any, path: str, name: str) -> Iterator[tuple[str, str, Any]]:
+    """Path, name by fields, and value of every leaf."""
+    if isinstance(tree, (Block, tuple)):
+        for field, child in _children(tree):
+            place = tree.place_of(field) if isinstance(tree, Block) else field
+            below = _path(tree, path, field) if place == field else f"{path}.{place}" if path else place
+            yield from _placed(child, below, _path(tree, name, field))
+    elif tree is not None:
+        yield path, name, tree
+
+
+def _unknown(block: Any, path: str, paths: list[str]) -> ParameterError:
+    """The error for a path that is not there, with the right one for a name by fields."""
+    if path_of(block, path) in paths:
+        return ParameterError(f"'{path}' is written '{path_of(block, path)}', as in a machine file")
+    near = get_close_matches(path_of(block, path), paths, 3)
+    hint = f"; did you mean {' or '.join(near)}?" if near else f"; there are: {', '.join(paths[:12])}, ..."
+    return ParameterError(f"there is no parameter '{path}'{hint}")
+
+
+def declaration(block: Block, path: str) -> Declaration:
+    """The declaration of the leaf with a path. Raises ParameterError for a path that is not there."""
+    owner, last = _owner(block, path)
     return declarations(type(owner))[last]
 
 
-def _owner(block: Block, name: str) -> tuple[Block, str]:
-    names = [leaf for leaf, _ in leaves(block)]
-    if name not in names:
-        near = get_close_matches(name, names, 3)
-        hint = f"; did you mean {' or '.join(near)}?" if near else f"; there are: {', '.join(names[:12])}, ..."
-        raise ParameterError(f"there is no parameter '{name}'{hint}")
-    *path, last = name.split(".")
+def _owner(block: Block, path: str) -> tuple[Block, str]:
+    *fields, last = name_of(block, path).split(".")
     owner: Any = block
-    for step in path:
-        owner = _step(owner, step)
+    for field in fields:
+        owner = _step(owner, field)
     return _holder(owner, last), last
 
 
@@ -123,16 +170,18 @@ def _step(owner: Any, name: str) -> Any:
     return getattr(_holder(owner, name), name)
 
 
-def get(block: Block, name: str) -> Any:
-    """The value of the leaf with a dotted name. Raises ParameterError for a name that is not there."""
-    owner, last = _owner(block, name)
+def get(block: Block, path: str) -> Any:
+    """The value of the leaf with a path. Raises ParameterError for a path that is not there."""
+    owner, last = _owner(block, path)
     return getattr(owner, last)
 
 
 def vary(block: Tree, changes: Mapping[str, Any]) -> Tree:
-    """The block with other values, numbers or arrays over lanes, at dotted names; bounds are checked.
+    """The block with other values, numbers or arrays over lanes, by path; bounds are checked.
 
-    Raises ParameterError for a name that is not there, a value out of bounds, or arrays of unequal length.
+    fd.vary(loop, {"axis.x.control.law.Kv": 80.0})
+
+    Raises ParameterError for a path that is not there, a value out of bounds, or arrays of unequal length.
     """
     given: dict[str, Any] = {}
     lengths: dict[str, int] = {}
@@ -144,7 +193,7 @@ def vary(block: Tree, changes: Mapping[str, Any]) -> Tree:
     if len(set(lengths.values())) > 1:
         shown = ", ".join(f"{name}: {length}" for name, length in lengths.items())
         raise ParameterError(f"arrays of variants must have one length, not {shown}")
-    varied = rebuild(block, (given.get(name, value) for name, value in leaves(block)))
+    varied = rebuild(block, (given.get(path, value) for path, _, value in _placed(block, "", "")))
     for part in blocks(varied):
         if not lengths:
             part.require()

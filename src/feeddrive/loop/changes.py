@@ -17,7 +17,7 @@ from feeddrive.loop.engine.native import Native
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.runner import Prepared, System, Work, recorded
 
-# by sample (int) or time in s (float): a whole control, or values of some of its parameters by dotted name
+# by sample (int) or time in s (float): a whole control, or values of some of its parameters by path
 Changes: TypeAlias = Mapping[int | float, Control | Mapping[str, float]]
 
 _CONTROL = re.compile(r"(axis\.\w+\.)?control\.")
@@ -75,20 +75,23 @@ def _changed(loop: System, change: Any) -> System:
         found = dataclasses.replace(loop, control=change)
     elif isinstance(change, Mapping):
         for name, value in change.items():
-            if not isinstance(name, str) or not _CONTROL.match(name):
+            if not isinstance(name, str) or not _CONTROL.match(tree.name_of(loop, name)):
                 raise ParameterError(
-                    f"'{name}' is no parameter of the control, such as control.law.Kv: the axis does not change live"
+                    f"'{name}' is no parameter of the control, such as axis.x.control.law.Kv: the axis "
+                    "does not change live"
                 )
             if isinstance(value, (list, tuple, np.ndarray)):
                 raise ParameterError(f"{name} must be one number: a batch of variants cannot be changed live")
         found = tree.vary(loop, change)
     else:
-        raise ParameterError(f"{change!r} must be a Control, or values by name such as {{'control.law.Kv': 80.0}}")
+        raise ParameterError(
+            f"{change!r} must be a Control, or values by path, as in {{'axis.x.control.law.Kv': 80.0}}"
+        )
     for name, before in loop.loops().items():
         control = found.loops()[name].control
         if any(isinstance(value, np.ndarray) for _, value in tree.leaves(control)):
             raise ParameterError("the control holds arrays of variants: a batch of variants cannot be changed live")
-        control.check_live(before.control)
+        control.check_live(before.control, before.place_of("control"))
     return found
 
 

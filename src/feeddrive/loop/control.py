@@ -158,9 +158,9 @@ class Control(Block):
         guard, outcome = self.guard.command(guard, verdict, state.applied, command.applied, command.requested)
         return self.State(memory, outcome.applied, outcome.requested, guard), command._replace(**outcome._asdict())
 
-    def check_live(self, old: Control) -> None:
+    def check_live(self, old: Control, place: str = "control") -> None:
         """Raise StructureError, with the first place, if this control differs from `old` by more than numbers."""
-        differs = tree.difference(old, self, "control")
+        differs = tree.difference(old, self, place)
         if differs is not None:
             raise StructureError(
                 f"{differs}: a live change takes other numbers only; to change the structure, begin a new run"

@@ -72,7 +72,7 @@ def gradient(
     seed: int = 0,
     arithmetic: str = "exact",
 ) -> Gradient:
-    """The mean of `objective(signals)` over a run and its derivatives to parameters by dotted name.
+    """The mean of `objective(signals)` over a run and its derivatives to parameters by path (axis.x.control.law.Kv).
 
     Forward: eight tangents share a vector beside the run itself.  `objective` is plain arithmetic on one sample's
     `Signals`; of a machine on a mapping of them by axis.  Quantisers count as straight lines; friction is
@@ -83,19 +83,19 @@ def gradient(
     """
     known(loop, (), arithmetic)
     if isinstance(parameters, str):
-        raise ParameterError(f"parameters must be a list of names: [{parameters!r}]")
-    for name in parameters:
-        tree.declaration(loop, name)
+        raise ParameterError(f"parameters must be a list of paths: [{parameters!r}]")
+    names = tuple(tree.name_of(loop, path) for path in parameters)
+    for name in names:
         if name.rpartition(".")[2] == "sample_time":
             raise ParameterError(
                 "sample_time is a constant of the design: the reference is sampled with it, no gradient"
             )
     work = Work(loop, reference, load)
     count = sample_count(work, duration)
-    delayed = [axis for axis, name in _dead_times(loop).items() if name in parameters]
+    delayed = [axis for axis, name in _dead_times(loop).items() if name in names]
     prepared = Prepared(loop, work.first(), start, seed, partial=delayed)
     program = prepared.program(load=work.load)
-    seeds, first = _seeds(loop, prepared, work.first(), start, tuple(parameters))
+    seeds, first = _seeds(loop, prepared, work.first(), start, names)
     key = (program.key, objective, frozenset(seeds), frozenset(first), arithmetic)
 
     def differentiated() -> Native:

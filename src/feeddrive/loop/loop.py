@@ -94,6 +94,11 @@ class Loop(Block):
         control: Any
         axis: Any
 
+    def place_of(self, field: str) -> str:
+        """As in a machine file: the physics of axis x under `axis.x`, its control under `axis.x.control`."""
+        own = f"axis.{self.name}"
+        return {"axis": own, "control": f"{own}.control"}.get(field, field)
+
     def check(self) -> None:
         """The law finds the encoders that it needs; the dead time can be simulated."""
         if self.control.law.encoders > self.axis.encoders():

@@ -20,7 +20,7 @@ from feeddrive.loop.engine.native import Native, native
 from feeddrive.loop.engine.plan import plan
 from feeddrive.loop.loop import SETPOINT
 from feeddrive.loop.routine import Routine
-from feeddrive.loop.routine_trace import Controller
+from feeddrive.loop.routine_trace import controller_of
 from feeddrive.loop.trace import Carried, Program, concrete, numbers
 
 Changes = Mapping[int, Mapping[str, float]]
@@ -35,8 +35,7 @@ class ControllerRun:
             raise ParameterError(f"{routine.name} is an axis; its answers are those of `simulate`")
         self.routine = routine
         self.T = np.float64(routine.sample_time)
-        motor = routine.origin.axis.actuator.motor
-        self._both = Controller(control=routine.origin.control, motor=motor)
+        self._both = controller_of(routine.origin)
         self._prepare()
         given = dict(zip((v.name for v in routine.inputs), map(np.float64, first), strict=True))
         setpoint = Setpoint(*(given[each] for each in SETPOINT))
@@ -113,7 +112,7 @@ class ControllerRun:
         return out
 
     def retune(self, changes: Mapping[str, float]) -> None:
-        """Other parameters, by their dotted names, from the next sample on. Raises ParameterError as the blocks do."""
+        """Other parameters, by path, from the next sample on. Raises ParameterError as the blocks do."""
         self._unload()
         before, made = self._plain.control, self._made
         changed = tree.vary(self._both, changes)
@@ -128,7 +127,7 @@ class ControllerRun:
 def run(routine: Routine, inputs: np.ndarray, changes: Changes | None = None) -> np.ndarray:
     """The outputs of a controller from a reset with the first inputs on: inputs (n, inputs), outputs (n, outputs).
 
-    `changes` are other parameters, by sample and dotted name, which hold from that sample on.
+    `changes` are other parameters, by sample and path, which hold from that sample on.
     """
     held = ControllerRun(routine, inputs[0])
     pieces, start = [], 0

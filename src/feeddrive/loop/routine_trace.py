@@ -11,7 +11,7 @@ from typing import Any, cast
 from feeddrive.blocks.force.gravity import Gravity
 from feeddrive.blocks.signals import Noise, Setpoint
 from feeddrive.language import tree
-from feeddrive.language.block import Block, Number, part
+from feeddrive.language.block import Block, Number, label, part
 from feeddrive.language.errors import StructureError
 from feeddrive.language.graph import Graph, reachable
 from feeddrive.language.naming import Name, Names
@@ -31,6 +31,17 @@ class Controller(Block):
 
     control: Control = part("all that runs on the controller")
     motor: Any = part("what makes the force", default=None)
+    name: str = label("name of the axis", default="x")
+
+    def place_of(self, field: str) -> str:
+        """As in the loop from which it comes."""
+        own = f"axis.{self.name}"
+        return {"control": f"{own}.control", "motor": f"{own}.actuator.motor"}.get(field, field)
+
+
+def controller_of(loop: Loop) -> Controller:
+    """The part of a loop that runs on a target."""
+    return Controller(control=loop.control, motor=loop.axis.actuator.motor, name=loop.name)
 
 
 def guarded(loop: Loop) -> Loop:
@@ -57,7 +68,7 @@ def controller_routine(loop: Loop, name: str) -> Routine:
     Raises StructureError if a part leaves the language of `ops`.
     """
     loop = guarded(loop)
-    traced = _Traced(Controller(control=loop.control, motor=loop.axis.actuator.motor), loop)
+    traced = _Traced(controller_of(loop), loop)
     given = [*SETPOINT, *(("reading_motor", "reading_load") if loop.axis.encoders() == 2 else ("reading",)), "enable"]
     inputs = {each: traced.given(each) for each in given}
     T, both = traced.T, traced.symbolic
@@ -205,8 +216,8 @@ class _Traced:
             name=name,
             origin=loop,
             parameters=tuple(
-                self._parameter(path, symbol.index, float(values[path]))
-                for path, symbol in (self.parameters[i] for i in used)
+                self._parameter(each, symbol.index, float(values[each]))
+                for each, symbol in (self.parameters[i] for i in used)
             ),
             inputs=tuple(Variable(each, each, *MEANINGS[each], s.index) for each, s in inputs.items()),
             outputs=tuple(
@@ -232,12 +243,14 @@ class _Traced:
             blocks=tuple((path, each) for path, each in _owners(self.block)),
         )
 
-    def _parameter(self, path: str, node: int, value: float) -> Variable:
-        declared = tree.declaration(self.block, path)
-        if declared.unit == "Hz" and declared.below is None and not isinstance(self.block, Axis):
+    def _parameter(self, name: str, node: int, value: float) -> Variable:
+        is_axis = isinstance(self.block, Axis)
+        path = f"{self.loop.place_of('axis')}.{name}" if is_axis else tree.path_of(self.block, name)
+        declared = tree.declaration(self.block, name if is_axis else path)
+        if declared.unit == "Hz" and declared.below is None and not is_axis:
             declared = replace(declared, below=0.5 / float(self.loop.sample_time))  # what a sampled control can realise
         meaning = _ABSENT.sub("", declared.meaning)
-        return Variable(target_name(path), path, declared.unit, meaning, node, value, declared)
+        return Variable(target_name(name), path, declared.unit, meaning, node, value, declared)
 
     def _is_text(self, index: int) -> bool:
         return self.graph.nodes[index][0] in ("const", "truth")

@@ -96,7 +96,7 @@ def simulate(
                 signal `force` is without it
     enable      1 or 0 for each sample, shape (n,), for a loop with a guard; the last value holds on
     changes     live changes of parameters: by sample (int) or time in s (float), a `Control`, or values by name such as
-                {"control.law.Kv": 80.0}.  The states follow without a bump (`Control.retune`)
+                {"axis.x.control.law.Kv": 80.0}.  The states follow without a bump (`Control.retune`)
     duration    s; default: that of the reference
     start       position (m) and velocity (m/s) of the axis at t = 0; default: those of the setpoint
     seed        of the noise, a whole number

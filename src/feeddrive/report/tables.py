@@ -133,7 +133,7 @@ def parameters(study: Study) -> str:
     rows: dict[str, tuple[Declaration, list[Any]]] = {}
     count = len(study.entries)
     for i, entry in enumerate(study.entries):
-        for name, value in tree.leaves(entry.loop):
+        for name, value in tree.parameters(entry.loop).items():
             row = rows.setdefault(name, (tree.declaration(entry.loop, name), [None] * count))
             row[1][i] = value
     body: list[list[str]] = []
@@ -154,7 +154,7 @@ def parameters(study: Study) -> str:
 
 def _place(name: str) -> int:
     """Control before axis, otherwise as in the loop."""
-    return 0 if name.startswith("control.") else 1
+    return 0 if ".control." in name else 1
 
 
 def _trimmed(text: str) -> str:

@@ -62,7 +62,7 @@ def delay_map(
 ) -> DelayMap:
     """The edge of stability and the largest gains with Ms <= `sensitivity_bound`, for each dead time in s.
 
-    tunables  dotted names of parameters that are raised and lowered together, such as `control.law.Kp`
+    tunables  paths of parameters that are raised and lowered together, such as `axis.x.control.law.Kp`
 
     Between the gain at which a loop becomes stable and that at which it stops being so there is one stretch for the
     laws of this library on rigid axes; the map shows its upper end.  Gains that a law refuses count as unstable.
@@ -70,13 +70,14 @@ def delay_map(
     """
     values = {name: float(tree.get(loop, name)) for name in tunables}
     times = {name for name in tunables if tree.declaration(loop, name).unit == "s"}
+    delay = tree.path_of(loop, "axis.actuator.dead_time")
     edges, robusts = [], []
     for dead_time in dead_times:
 
         def judged(factor: float, dead_time: float = dead_time) -> Robustness:
             changed = {name: value / factor if name in times else value * factor for name, value in values.items()}
             try:
-                return robustness(tree.vary(loop, {**changed, "axis.actuator.dead_time": dead_time}), velocity=velocity)
+                return robustness(tree.vary(loop, {**changed, delay: dead_time}), velocity=velocity)
             except FeeddriveError:
                 return Robustness(float("inf"))
 

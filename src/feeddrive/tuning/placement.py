@@ -76,7 +76,7 @@ def placement(loop: Loop, *, velocity: float = 0.05) -> Placement:
 def _stable_tunables(loop: Loop, velocity: float) -> Iterator[str]:
     """For each tunable alone the largest value below the present one at which the loop is stable, in words."""
     for tunable in loop.control.law.tunables:
-        present = float(tree.get(loop, f"control.law.{tunable}"))
+        present = float(tree.get(loop.control.law, tunable))
 
         def is_stable(share: float, tunable: str = tunable, present: float = present) -> bool:
             law = tree.vary(loop.control.law, {tunable: share * present})
@@ -91,5 +91,5 @@ def _stable_tunables(loop: Loop, velocity: float) -> Iterator[str]:
         for _ in range(_HALVINGS):
             middle = float(np.sqrt(low * high))
             low, high = (middle, high) if is_stable(middle) else (low, middle)
-        unit = tree.declaration(loop, f"control.law.{tunable}").unit
+        unit = tree.declaration(loop.control.law, tunable).unit
         yield f"{tunable} = {low * present:.4g} {unit}".rstrip() + f" instead of {present:.4g}"

@@ -93,24 +93,25 @@ def _new(found: Identified, axis: str) -> str:
 def _say_errors(edit: TomlEdit, found: Identified, axis: str, loop: Loop) -> None:
     """The estimates with their errors in the comments."""
     for each in estimates_of(found):
-        name = each.name if each.name.startswith("axis.") else _place(loop, each.name)
+        name = each.name if each.name in tree.parameters(loop) else _place(loop, each.name)
         if name is None:
             continue
         parts = [int(part) if part.isdigit() else part for part in name.split(".")]
-        key = edit.set(("axis", axis, *parts[1:]), float(tree.get(loop, name)), each.unit)
+        key = edit.set(("axis", axis, *parts[2:]), float(tree.get(loop, name)), each.unit)
         edit.comment(key, f"standard error {each.error:.2g} {each.unit}")
 
 
 def _place(loop: Loop, parameter: str) -> str | None:
     """Where a parameter of the inverse dynamics stands in a loop."""
+    own = loop.place_of("axis")
     if parameter == "offset":
-        return next((name for name, _ in tree.leaves(loop) if name.startswith("axis.forces.")), None)
+        return next((path for path in tree.parameters(loop) if path.startswith(f"{own}.forces.")), None)
     for part in ("plant", "friction_load"):
         if part == "plant" and not isinstance(loop.axis.plant, Rigid):
             continue
-        name = f"axis.{part}.{parameter}"
-        if any(leaf == name for leaf, _ in tree.leaves(loop)):
-            return name
+        path = f"{own}.{part}.{parameter}"
+        if path in tree.parameters(loop):
+            return path
     return None
 
 

@@ -37,8 +37,8 @@ def pin(name: str, kind: str, direction: str, meaning: str) -> Item:
 
 
 def parameter(variable: Variable) -> Item:
-    """The HAL parameter of a routine's parameter: `control.law.Kv` is `law.Kv`, the dotted name of the machine file."""
-    name = variable.path.removeprefix("control.").replace("_", "-")
+    """The HAL parameter of a routine's parameter: `axis.x.control.law.Kv` is `law.Kv` of the component `axis-x`."""
+    name = re.sub(r"^axis\.[^.]+\.(control\.|actuator\.(?=motor\.))?", "", variable.path).replace("_", "-")
     return Item(name, "float", "rw", plain(f"{variable.meaning}, {variable.unit or 'no unit'}"))
 
 

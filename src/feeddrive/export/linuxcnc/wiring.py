@@ -51,7 +51,7 @@ def axis_hal(routine: Routine, joint: int, title: str, made_by: str) -> str:
         f"#   net {x}-running => CARD.analogout.0.enable",
         f"#   net {x}-heartbeat => CARD.charge-pump", "",
         "# Parameters, in SI units as in the machine file; they may be changed while the axis runs.",
-        *(line for v in routine.parameters if v.path.startswith("control.") for item in [names.parameter(v)]
+        *(line for v in routine.parameters if ".control." in v.path for item in [names.parameter(v)]
           for line in (f"# {item.meaning}", f"#   setp {name}.{item.name} {float(v.value)!r}")),
     ]  # fmt: skip
     return "\n".join(lines) + "\n"

@@ -27,6 +27,7 @@ from feeddrive.blocks.filter.biquad import Section
 from feeddrive.blocks.filter.low_pass import LowPass
 from feeddrive.export.cascade.beside import Lost, lost
 from feeddrive.export.cascade.quantities import Cascade
+from feeddrive.language import tree
 from feeddrive.language.errors import ParameterError, StructureError
 from feeddrive.loop.control import Control
 from feeddrive.loop.loop import Loop
@@ -181,4 +182,4 @@ def left_out(cascade: Cascade, route: str = "two") -> tuple[Lost, ...]:
     """What LinuxCNC's pids do not hold of a design."""
     late = route == "one" and not cascade.loop.control.filters
     outside = OUTSIDE | {"half_sample": _LATE} if late else OUTSIDE
-    return lost(cascade, HELD, outside)
+    return tuple(row._replace(path=tree.in_paths(cascade.loop, row.path)) for row in lost(cascade, HELD, outside))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import TypeVar
 
 from feeddrive.analysis.stability import stability
 from feeddrive.export.cascade.beside import Lost, lost, table
@@ -19,11 +20,14 @@ from feeddrive.export.parameters.odrive import ODRIVE
 from feeddrive.export.parameters.sinumerik import SINUMERIK
 from feeddrive.export.parameters.twincat import TWINCAT
 from feeddrive.files.atomic_io import new_directory
+from feeddrive.language import tree
 from feeddrive.language.errors import ParameterError
 from feeddrive.loop.loop import Loop
 
 MAKERS = {maker.key: maker for maker in (SINUMERIK, TWINCAT, ODRIVE)}
 OTHERS = ("linuxcnc", "csv")
+
+Row = TypeVar("Row", Line, Lost)
 
 
 def write_parameters(
@@ -62,12 +66,13 @@ def write_parameters(
                     f"{each} counts in turns of a motor, and axis.actuator.motor is direct: a linear motor, or a screw "
                     f"whose lead is not stated; give lead, or leave {each} out"
                 )
+                reason = tree.in_paths(cascade.loop, reason)
                 if makers:
                     raise ParameterError(reason)
                 sections.append(f"## {maker.title}\n\nNo file: {reason}.\n")
                 continue
             lines, missing = lines_of(maker, cascade, train)
-            missing += _lost(maker, cascade)
+            lines, missing = _in_paths(cascade.loop, lines), _in_paths(cascade.loop, [*missing, *_lost(maker, cascade)])
             kept = tuple(b for i, b in enumerate(cascade.loop.control.filters) if not maker.filters(b, i).why)
             bare = replace(cascade.loop, control=replace(cascade.loop.control, filters=kept))
             warning = _warning(bare, cascade.loop)
@@ -76,6 +81,7 @@ def write_parameters(
             sections.append(_section(f"{each}.txt", maker.title, warning, lines, missing))
         elif each == "linuxcnc":
             lines, missing = linuxcnc.lines(cascade)
+            lines, missing = _in_paths(cascade.loop, lines), _in_paths(cascade.loop, missing)
             title = "LinuxCNC's pid, as lines of halcmd"
             warning = _warning(stock_loop(cascade, stock_law(cascade, units=linuxcnc.UNITS)), cascade.loop)
             head = [title, *warning, *_head(design, cascade, None)]
@@ -90,6 +96,11 @@ def write_parameters(
         for each, content in files.items():
             (folder / each).write_text(content, encoding="utf-8")
     return out / "README.md"
+
+
+def _in_paths(loop: Loop, rows: Sequence[Row]) -> list[Row]:
+    """Lines or losses with the paths of the machine file."""
+    return [row._replace(path=tree.in_paths(loop, row.path)) for row in rows]
 
 
 def _head(design: Design, cascade: Cascade, train: DriveTrain | None) -> list[str]:

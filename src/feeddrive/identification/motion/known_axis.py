@@ -57,18 +57,19 @@ def refined_names(loop: Loop) -> tuple[str, ...] | None:
     if isinstance(loop.axis.plant, Rigid) and not is_richer(loop.axis):
         return None
     ends = ("coulomb", "coulomb_positive", "coulomb_negative", "viscous", "viscous_positive", "viscous_negative")
+    own = loop.place_of("axis")
     names = [
         name
-        for name, value in tree.leaves(loop)
+        for name, value in tree.parameters(loop).items()
         if isinstance(value, float)
         and value != 0.0
         and (
-            name == "axis.plant.mass"
-            or (name.startswith("axis.friction_load.") and name.endswith(ends))
-            or (name.startswith("axis.forces.") and name.endswith(".force"))
+            name == f"{own}.plant.mass"
+            or (name.startswith(f"{own}.friction_load.") and name.endswith(ends))
+            or (name.startswith(f"{own}.forces.") and name.endswith(".force"))
         )
     ]
-    return tuple(name for name in names if isinstance(loop.axis.plant, Rigid) or name != "axis.plant.mass")
+    return tuple(name for name in names if isinstance(loop.axis.plant, Rigid) or name != f"{own}.plant.mass")
 
 
 def remarks(axis: Axis, rigid: RigidFit) -> list[str]:

@@ -67,11 +67,12 @@ class Refinement(Result):
 
 def physics(loop: Loop) -> tuple[str, ...]:
     """The names of mass, friction and constant force of a loop: what output error fits if nothing else is asked."""
-    wanted = ("axis.plant.mass", "axis.friction_load.", "axis.friction_motor.", "axis.forces.")
+    own = loop.place_of("axis")
+    wanted = tuple(f"{own}.{part}" for part in ("plant.mass", "friction_load.", "friction_motor.", "forces."))
     skipped = ("stribeck_velocity", "smoothing", "transition_velocity", "period", "phase", "share")
     found = [
         name
-        for name, value in tree.leaves(loop)
+        for name, value in tree.parameters(loop).items()
         if name.startswith(wanted) and isinstance(value, float) and not name.endswith(skipped)
     ]
     return tuple(name for name in found if tree.get(loop, name) != 0.0)
@@ -145,7 +146,7 @@ def _later(loop: Loop, samples: int) -> Loop:
     if samples == 0:
         return loop
     dead_time = float(loop.axis.actuator.dead_time) + samples * float(loop.sample_time)
-    return tree.vary(loop, {"axis.actuator.dead_time": dead_time})
+    return tree.vary(loop, {f"{loop.place_of('axis')}.actuator.dead_time": dead_time})
 
 
 def _signals(loop: Loop, log: MotionLog, skip: int) -> np.ndarray:
@@ -194,7 +195,9 @@ def _fitted(
 
 def _encoder(loop: Loop, parameter: str) -> list[str]:
     return [
-        name for name, _ in tree.leaves(loop) if name.startswith("axis.encoder_") and name.endswith(f".{parameter}")
+        path
+        for path in tree.parameters(loop)
+        if path.startswith(f"{loop.place_of('axis')}.encoder_") and path.endswith(f".{parameter}")
     ]
 
 

@@ -185,7 +185,7 @@ def _rejection() -> list[Claim]:
 def delays() -> tuple[list[Claim], list[Table], list[Shown]]:
     """Claims, table and picture of row 1.i."""
     samples = (0, 1, 2, 3)
-    names = [f"control.law.{name}" for name in DADSC.tunables]
+    names = [f"axis.x.control.law.{name}" for name in DADSC.tunables]
     found = delay_map(loop(dadsc(RATE)), names, [d * T for d in samples])
     edge, robust = T * found.at_edge(names[0]), T * found.at_robust(names[0])
     rule = f"triple pole p = λ = K = ω_d; {PLANT}; dead time in whole samples"

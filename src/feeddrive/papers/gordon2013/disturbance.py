@@ -154,7 +154,7 @@ def _drawn(runs: Mapping[str, Run]) -> Any:
 
 def other_axis() -> Part:
     """A table that is heavier than the design believes, and encoders that are read a little early or late."""
-    heavy = {"axis.plant.mass_load": 43.0}
+    heavy = {"axis.x.plant.mass_load": 43.0}
     loops = {PLACED: tree.vary(placed(SOFTER), heavy), CASCADE: tree.vary(cascade(), heavy)}
     rows: list[list[str]] = []
     found: dict[str, tuple[float, float]] = {}

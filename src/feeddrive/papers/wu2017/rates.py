@@ -109,7 +109,7 @@ def _one_step() -> list[Claim]:
 def _by_mass() -> tuple[list[Claim], Table, Shown]:
     """The rate over the mass that the model assumes; the table's figures leave the drive's dead time out of it."""
     loop = table_axis("x", SETS["+ Coulomb"], known=True)
-    prompt = tree.vary(loop, {"axis.actuator.dead_time": 0.0})
+    prompt = tree.vary(loop, {"axis.x.actuator.dead_time": 0.0})
     free = convergence(loop, SAME).rate
     found: dict[str, list[float]] = {"dead time left out": [], "dead time known": []}
     rows = []
@@ -150,7 +150,7 @@ def _by_gain() -> tuple[list[Claim], Table]:
     loop = table_axis("x", SETS["+ Coulomb"])
     rows, found = [], {}
     for factor in (0.5, 1.0, 2.0):
-        believed = tree.vary(loop, {"control.law.Kp": factor * float(tree.get(loop, "control.law.Kp"))})
+        believed = tree.vary(loop, {"axis.x.control.law.Kp": factor * float(tree.get(loop, "axis.x.control.law.Kp"))})
         pair = [convergence(loop, SAME, believed=believed, gamma=gamma).rate for gamma in (1.0, 0.5)]
         found[factor] = pair
         rows.append(
