@@ -31,9 +31,8 @@ from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import simulate
 from feeddrive.plot import style
 from feeddrive.report import Entry, Study, build
-from feeddrive.report.numbers import number, percent
-from feeddrive.report.svg import THEME, svg
-from feeddrive.report.words import remarks, result
+from feeddrive.report.page import THEME, svg
+from feeddrive.report.sentences import number, percent, remarks, result
 
 LOG = Path(__file__).parents[2].parent / "shared" / "data" / "emps" / "DATA_EMPS.mat"
 GTAU = 35.15065188248547  # N at the carriage per V, published
@@ -336,7 +335,7 @@ def contrast(a: str, b: str) -> float:
     return (high + 0.05) / (low + 0.05)
 
 
-def test_a_curve_keeps_its_place_in_the_short_path() -> None:
+def test_a_curve_keeps_its_place_in_the_page() -> None:
     figure, (ax,) = style.picture(1, height=3.0)
     rng = np.random.default_rng(1)
     x, y = np.linspace(0.0, 1.0, 900), np.cumsum(rng.normal(size=900))
@@ -347,7 +346,7 @@ def test_a_curve_keeps_its_place_in_the_short_path() -> None:
     height = 72.0 * figure.get_figheight()
     expected = line.get_transform().transform(np.column_stack([x, y])) * 72.0 / figure.dpi
     expected[:, 1] = height - expected[:, 1]
-    # matplotlib drops points that lie within 1/9 of a pixel of a straight line, we round to a tenth of a point
+    # matplotlib drops points that lie within 1/9 of a pixel of a straight line, we round to a hundredth of a point
     for place in places:
         assert np.min(np.hypot(*(expected - place).T)) < 0.5
     assert places[:, 1].min() == pytest.approx(expected[:, 1].min(), abs=0.06)
@@ -357,12 +356,11 @@ def test_a_curve_keeps_its_place_in_the_short_path() -> None:
 
 
 def drawn(path: str) -> list[tuple[float, float]]:
-    """The points of a path of M and l."""
+    """The points of a path of M and L."""
     points: list[tuple[float, float]] = []
-    for command, rest in re.findall(r"([Ml])([^Mlz]*)", path):
-        numbers = list(map(float, re.findall(r"-?(?:\d+\.?\d*|\.\d+)", rest)))
-        for x, y in zip(numbers[::2], numbers[1::2], strict=True):
-            points.append((x, y) if command == "M" else (points[-1][0] + x, points[-1][1] + y))
+    for rest in re.findall(r"[ML]([^MLz]*)", path):
+        x, y = map(float, rest.split())
+        points.append((x, y))
     return points
 
 

@@ -13,9 +13,8 @@ from feeddrive.language import tree
 from feeddrive.language.table import Table
 from feeddrive.loop.control import Control
 from feeddrive.loop.linearize import compliance, tracking
-from feeddrive.report.block_sentences import block_sentence, described
-from feeddrive.report.content import RESPONSE_LINES, Entry, Extra, Shown, Study
-from feeddrive.report.numbers import number
+from feeddrive.report.content import RESPONSE_LINES, Entry, Shown, ShownTable, Study
+from feeddrive.report.sentences import block_sentence, described, number
 
 
 def study(found: Comparison) -> Study:
@@ -68,7 +67,7 @@ def _entry(found: Comparison, each: Competitor) -> Entry:
     return Entry(each.name, text, each.move, each.loop, loop_gain, soft, track)
 
 
-def _ranked(found: Comparison, criteria: tuple[Criterion, ...]) -> Extra:
+def _ranked(found: Comparison, criteria: tuple[Criterion, ...]) -> ShownTable:
     """Figures, each with its place in brackets."""
     rows = [[each.name] for each in found.competitors]
     best: list[int | None] = []
@@ -81,7 +80,7 @@ def _ranked(found: Comparison, criteria: tuple[Criterion, ...]) -> Extra:
             )
         best.append(places.index(1) if places.count(1) == 1 else None)
     heads = ["law", *(f"{criterion.head} {criterion.unit}" for criterion in criteria)]
-    return Extra(Table("Figures, and in brackets the place of the law by this criterion.", heads, rows), best)
+    return ShownTable(Table("Figures, and in brackets the place of the law by this criterion.", heads, rows), best)
 
 
 def figure(value: float, criterion: Criterion) -> str:
@@ -91,7 +90,7 @@ def figure(value: float, criterion: Criterion) -> str:
     return f"{value:.0f}" if criterion.key == "operations" else number(criterion.factor * value)
 
 
-def _tuning(found: Comparison) -> Extra:
+def _tuning(found: Comparison) -> ShownTable:
     """Robustness, what held the tuning back, and its proof."""
     rows: list[list[str]] = []
     for each in found.competitors:
@@ -110,10 +109,10 @@ def _tuning(found: Comparison) -> Extra:
         f"Robustness: {found.rule}. Proof: poles, limits on lines of its own, and the rope-snap error by a run of the "
         "loop with its friction, counts and limits, all computed anew."
     )
-    return Extra(Table(title, heads, rows))
+    return ShownTable(Table(title, heads, rows))
 
 
-def _tunables(found: Comparison) -> Extra:
+def _tunables(found: Comparison) -> ShownTable:
     """The tunables of each law, before and after."""
     rows = [
         [each.name, name, number(each.tuned.started[name], 4), number(value, 4), unit]
@@ -122,7 +121,7 @@ def _tunables(found: Comparison) -> Extra:
         for name, value in each.tuned.tunables.items()
         for unit in [_unit(each.tuned.control, name)]
     ]
-    return Extra(
+    return ShownTable(
         Table(
             "Knobs, where the search began and where it ended.", ["law", "tunable", "begun at", "tuned", "unit"], rows
         )
@@ -134,11 +133,11 @@ def _unit(control: Control, name: str) -> str:
     return tree.declaration(control, name).unit if name in there else ""
 
 
-def _refused(found: Comparison) -> list[Extra]:
+def _refused(found: Comparison) -> list[ShownTable]:
     if not found.refusals:
         return []
     rows = [[each.name, each.reason] for each in found.refusals]
-    return [Extra(Table("Laws that are not on this axis, and why.", ["law", "reason"], rows), text=True)]
+    return [ShownTable(Table("Laws that are not on this axis, and why.", ["law", "reason"], rows), text=True)]
 
 
 def _pictures(found: Comparison) -> list[Shown]:

@@ -13,7 +13,6 @@ import queue
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
 from difflib import get_close_matches
-from html import escape
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -22,8 +21,8 @@ from feeddrive.files.atomic_io import new_directory
 from feeddrive.files.provenance import versions
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.progress import Progress
-from feeddrive.papers.claims import Claim, Experiment, build, claims_table
-from feeddrive.report.page import header, page
+from feeddrive.papers.claims import CELLS, Claim, Experiment, build
+from feeddrive.report.page import render
 
 PAPERS = ("altintas2009", "gordon2013", "beltran2013", "wu2017")
 
@@ -143,10 +142,11 @@ def _figures(reproduced: Sequence[Reproduced]) -> dict[str, object]:
 
 
 def _index(reproduced: Sequence[Reproduced]) -> str:
-    title = "The four papers, reproduced"
-    lead = [f"{each.title}: {each.sentence}" for each in reproduced]
-    parts = [header("feeddrive reproduce", title, lead, [(each.name, each.title) for each in reproduced])]
-    for each in reproduced:
-        link = f'<h2><a href="{each.name}.html">{escape(each.title)}</a></h2>'
-        parts.append(f'<section id="{each.name}">\n{link}\n{claims_table(each.claims)}\n</section>\n')
-    return page(title, parts)
+    return render(
+        "papers.html",
+        title="The four papers, reproduced",
+        lead=[f"{each.title}: {each.sentence}" for each in reproduced],
+        links=[(each.name, each.title) for each in reproduced],
+        heads=CELLS,
+        papers=reproduced,
+    )

@@ -33,8 +33,8 @@ class Shown:
 
 
 @dataclass(frozen=True)
-class Extra:
-    """A table of a study's own, above those that every report has.
+class ShownTable:
+    """A table of a report.
 
     best  the row that stands out, for each column after the first; None for none
     text  whether the cells are sentences
@@ -133,5 +133,5 @@ class Study:
     job: str = ""
     versions: Mapping[str, str] = field(default_factory=dict[str, str])
     notes: Sequence[str] = ()
-    extras: Sequence[Extra] = ()
+    extras: Sequence[ShownTable] = ()
     pictures: Sequence[Shown] = ()

@@ -12,7 +12,7 @@ from feeddrive.plot.envelope import POINTS
 from feeddrive.plot.friction_curve import has_friction
 from feeddrive.plot.over_time import alike
 from feeddrive.report.content import Entry, Shown, Study
-from feeddrive.report.numbers import number
+from feeddrive.report.sentences import number
 
 SHORT = 16  # samples: a shorter run has no picture over time
 MOST = 8  # laws that the pictures show; the tables have all

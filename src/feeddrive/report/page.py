@@ -1,118 +1,137 @@
-"""The page of a report: structure and text; `page.css` has its looks."""
+"""Pages that are read offline: the Jinja2 templates of `templates/`, filled; `page.css` there has the looks.
+
+Every text is escaped, and a template that names what it was not given is an error.  No page loads or runs anything.
+"""
 
 from __future__ import annotations
 
+import re
+import warnings
 from collections.abc import Iterable, Sequence
-from html import escape
-from importlib.resources import files
+from functools import cache
+from io import StringIO
+from typing import TYPE_CHECKING, Any
 
-from feeddrive.language.errors import ParameterError
-from feeddrive.report import tables, words
-from feeddrive.report.content import Shown, Study
-from feeddrive.report.figures import chosen, figures
-from feeddrive.report.svg import svg
+from feeddrive.plot import style
+from feeddrive.report.content import Shown
 
-# nothing may be loaded, run or sent: a report is read on machines that belong to somebody else
-_POLICY = "default-src 'none'; style-src 'unsafe-inline'; base-uri 'none'; form-action 'none'"
+if TYPE_CHECKING:
+    from jinja2 import Environment
 
+# colors of the house style, and the page's variables for them
+THEME = {
+    style.INK: "var(--ink)",
+    style.MUTED: "var(--muted)",
+    style.GRID: "var(--grid)",
+    style.PAPER: "var(--paper)",
+    style.ALERT: "var(--alert)",
+    **{color: f"var(--curve-{i})" for i, color in enumerate(style.COLORS)},
+}
+_DECIMALS = re.compile(r"\d+\.\d+")
 # control characters, which no page may hold, apart from the ends of lines and tabs
 _CONTROL = dict.fromkeys([*range(9), *range(11, 32), *range(127, 160)])
 
 
-def build(study: Study) -> str:
-    """The report as one HTML page: no scripts, no other files, less than 1 MB.
+def render(template: str, **content: Any) -> str:
+    """A template of `templates/` with its content, as a whole page. Pure: the same content gives the same text."""
+    return _environment().get_template(template).render(**content).translate(_CONTROL)
 
-    Pure: the same study gives the same text.  Raises ParameterError for a study without entries.
-    """
-    if not study.entries:
-        raise ParameterError("a report needs at least one law")
-    drawn = [*study.pictures, *figures(study)]
-    parts = [
-        _header(study, drawn),
-        _result(study),
-        _facts(study),
-        _pictures(study, drawn),
-        _repeat(study),
-    ]
-    return page(study.title, parts)
+
+@cache
+def _environment() -> Environment:
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+    from markupsafe import Markup, escape
+
+    made = Environment(
+        loader=PackageLoader("feeddrive.report"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+
+    def drawn(shown: Shown) -> Markup:
+        return Markup(svg(shown.draw(), shown.key, shown.alt))
+
+    def unbroken(text: str) -> Markup:
+        """A word joiner keeps a unit such as N/µm on one line."""
+        return escape(text).replace("/", Markup("/&#8288;"))
+
+    made.filters.update(drawn=drawn, unbroken=unbroken)
+    return made
+
+
+def _part(name: str, *content: Any) -> str:
+    return str(getattr(_environment().get_template("parts.html").module, name)(*content))
 
 
 def page(title: str, parts: Sequence[str]) -> str:
-    """Sections as one page with the looks of a report: no scripts, no other files."""
-    sheet = files("feeddrive.report").joinpath("page.css").read_text(encoding="utf-8")
-    whole = (
-        f'<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
-        f'<meta http-equiv="Content-Security-Policy" content="{_POLICY}">\n'
-        f'<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-        f'<meta name="color-scheme" content="light dark">\n<title>{escape(title)}</title>\n<style>\n{sheet}</style>\n'
-        f"</head>\n<body>\n<main>\n{''.join(parts)}</main>\n</body>\n</html>\n"
-    )
-    return whole.translate(_CONTROL)
+    """Sections, as HTML, on one page."""
+    from markupsafe import Markup
+
+    return render("page.html", title=title, body=Markup("".join(parts)))
 
 
 def header(kind: str, title: str, lead: Sequence[str], links: Sequence[tuple[str, str]]) -> str:
     """Headline, the result in sentences, and links to what follows: (identifier, text)."""
-    said = "".join(f"<p>{escape(sentence)}</p>" for sentence in lead)
-    listed = "".join(f'<li><a href="#{key}">{escape(text)}</a></li>' for key, text in links)
-    return (
-        f'<header>\n<p class="kind">{escape(kind)}</p>\n<h1>{escape(title)}</h1>\n'
-        f'<div class="lead">{said}</div>\n<nav aria-label="contents"><ul>{listed}</ul></nav>\n</header>\n'
-    )
+    return _part("header", kind, title, lead, links)
 
 
 def definitions(pairs: Iterable[tuple[str, str]]) -> str:
     """A list of headlines and texts."""
-    listed = "".join(f"<dt>{escape(k)}</dt><dd>{escape(v)}</dd>" for k, v in pairs)
-    return f"<dl>{listed}</dl>"
+    return _part("definitions", pairs)
 
 
 def picture(shown: Shown) -> str:
     """A picture with its headline and how to read it."""
-    return (
-        f'<figure id="figure-{shown.key}">\n<h3>{escape(shown.title)}</h3>\n'
-        f"{svg(shown.draw(), shown.key, shown.alt)}\n"
-        f"<figcaption>{escape(shown.caption)}</figcaption>\n</figure>\n"
-    )
+    return _part("picture", shown)
 
 
-def _header(study: Study, drawn: list[Shown]) -> str:
-    links = [("result", "Result"), ("facts", "What was run"), *((f"figure-{s.key}", s.title) for s in drawn)]
-    links.append(("repeat", "How to repeat it"))
-    return header("feeddrive report", study.title, words.result(study), links)
+def table(caption: str, heads: Sequence[str], rows: Sequence[Sequence[str]], best: Sequence[int | None] = ()) -> str:
+    """Rows under heads; the first column names the row. `best` marks one row for each further column."""
+    return _part("table", caption, heads, rows, best)
 
 
-def _result(study: Study) -> str:
-    replay = next((entry.replay for entry in study.entries if entry.replay is not None), None)
-    shown = [tables.prediction(replay)] if replay is not None else []
-    shown += [tables.extra(each) for each in study.extras]
-    shown += [tables.errors(study), f"<p>{escape(tables.limits(study))}</p>", tables.frequency(study)]
-    said = "".join(f"<li>{escape(remark)}</li>" for remark in words.remarks(study))
-    remarks = f'<div class="remarks"><h3>Remarks</h3><ul>{said}</ul></div>' if said else ""
-    return f'<section id="result">\n<h2>Result</h2>\n{"".join(shown)}{remarks}\n</section>\n'
+def svg(figure: Any, key: str, alt: str) -> str:
+    """The figure as an SVG element in the colors of the page's theme.
+
+    key  letters that make its identifiers its own: pictures of one page must not share one
+    alt  what is to be seen
+    """
+    import matplotlib
+
+    text = StringIO()
+    silent = {"Date": None, "Creator": None, "Format": None, "Type": None}
+    with matplotlib.rc_context({"svg.fonttype": "none", "svg.hashsalt": key}), warnings.catch_warnings():
+        # the browser has the glyphs that matplotlib's own font lacks
+        warnings.filterwarnings("ignore", message="Glyph .* missing from font")
+        figure.savefig(text, format="svg", metadata=silent)
+    return _inlined(text.getvalue(), key, alt, float(figure.get_figwidth()) / style.WIDTH)
 
 
-def _facts(study: Study) -> str:
-    pairs = [*study.facts.items(), *((f"Law '{entry.name}'", entry.description) for entry in study.entries)]
-    if study.rule:
-        pairs.append(("Rule of comparison", study.rule))
-    return f'<section id="facts">\n<h2>What was run</h2>\n{definitions(pairs)}\n</section>\n'
+def _inlined(text: str, key: str, alt: str, width: float) -> str:
+    from markupsafe import escape
+
+    text = text[text.index("<svg") :]
+    text = re.sub(r"<metadata>.*?</metadata>|<defs>\s*<style.*?</defs>", "", text, flags=re.DOTALL)
+    box = re.search(r'viewBox="([^"]*)"', text)
+    head = f'<svg viewBox="{box[1] if box else ""}" width="{100 * width:.0f}%" role="img" aria-label="{escape(alt)}">'
+    body = text[text.index(">") + 1 :].replace("xlink:href", "href")
+    # a hundredth of a point: matplotlib writes six decimals
+    body = re.sub(r'(?<= )(d|x|y|width|height|transform)="([^"]*)"', _rounded, body)
+    body = _own_identifiers(body, key)
+    body = re.sub(r"#[0-9a-f]{6}", lambda found: THEME.get(found[0], found[0]), body)
+    body = re.sub(r"font: ([\d.]+)px [^;\"]*", r"font: \1px var(--font)", body)
+    return head + re.sub(r">\s+<", "><", body).strip()
 
 
-def _pictures(study: Study, drawn: list[Shown]) -> str:
-    all_laws, shown_laws = len(study.entries), len(chosen(study).entries)
-    note = ""
-    if shown_laws < all_laws:
-        note = f"<p>The pictures show {shown_laws} of {all_laws} laws: the first, and those that follow best.</p>"
-    made = [picture(shown) for shown in drawn]
-    return f'<section id="pictures">\n<h2>Pictures</h2>\n{note}{"".join(made)}</section>\n'
+def _rounded(found: re.Match[str]) -> str:
+    return f'{found[1]}="{_DECIMALS.sub(lambda number: f"{float(number[0]):.2f}", found[2])}"'
 
 
-def _repeat(study: Study) -> str:
-    parts = ["<p>The same job, with the same versions and seed, gives the same numbers to the last bit.</p>"]
-    if study.job:
-        parts.append(f"<h3>Job</h3><pre>{escape(study.job)}</pre>")
-    if study.versions:
-        rows = [[name, version] for name, version in study.versions.items()]
-        parts.append(tables.table("Versions.", ["of", "version"], rows))
-    parts.append(f"<details><summary>All parameters</summary>{tables.parameters(study)}</details>")
-    return f'<section id="repeat">\n<h2>How to repeat it</h2>\n{"".join(parts)}\n</section>\n'
+def _own_identifiers(body: str, key: str) -> str:
+    """Identifiers that something refers to, renamed; the others left out."""
+    used = list(dict.fromkeys(re.findall(r"(?:url\(|href=\")#([^)\"]+)", body)))
+    names = {name: f"{key}{i}" for i, name in enumerate(used)}
+    body = re.sub(r' id="([^"]*)"', lambda found: f' id="{names[found[1]]}"' if found[1] in names else "", body)
+    return re.sub(r"(url\(|href=\")#([^)\"]+)", lambda found: f"{found[1]}#{names[found[2]]}", body)

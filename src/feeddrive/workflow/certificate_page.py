@@ -12,8 +12,7 @@ from feeddrive.certificate.certificate import Certificate
 from feeddrive.files.atomic_io import new_directory
 from feeddrive.language.table import Table
 from feeddrive.report.content import Shown
-from feeddrive.report.page import definitions, header, page, picture
-from feeddrive.report.tables import table
+from feeddrive.report.page import definitions, header, page, picture, table
 from feeddrive.workflow.certificate_file import write_certificate
 
 FILE = "certificate.json"

@@ -20,8 +20,7 @@ from feeddrive.identification.cogging.cogging_fit import CoggingFit, CoggingOrde
 from feeddrive.identification.cogging.cogging_run import CoggingRun
 from feeddrive.language.block import Number
 from feeddrive.report.content import Shown
-from feeddrive.report.page import definitions, header, page, picture
-from feeddrive.report.tables import table
+from feeddrive.report.page import definitions, header, page, picture, table
 
 _NAMED = 6  # orders that a sentence names
 _STRONG = 0.05  # share of the strongest from which an order is named

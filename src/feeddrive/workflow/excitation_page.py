@@ -18,8 +18,7 @@ from feeddrive.loop.linearize import linearize
 from feeddrive.loop.loop import Loop
 from feeddrive.plot.frequency_estimate import frequency_estimate
 from feeddrive.report.content import Shown
-from feeddrive.report.page import definitions, header, page, picture
-from feeddrive.report.tables import table
+from feeddrive.report.page import definitions, header, page, picture, table
 
 _USELESS = 30.0  # %, deviation of a line from which it carries no tuning
 WARNING = (

@@ -14,8 +14,7 @@ from feeddrive.files.frf import write_frf
 from feeddrive.identification.excitation.frequency_estimate import FrequencyEstimate
 from feeddrive.language.table import Table
 from feeddrive.report.content import Shown
-from feeddrive.report.page import definitions, header, page, picture
-from feeddrive.report.tables import table
+from feeddrive.report.page import definitions, header, page, picture, table
 
 TRUSTED = 0.9  # coherence from which a line may carry a tuning
 

@@ -25,8 +25,7 @@ from feeddrive.language.table import Table
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.loop import Loop
 from feeddrive.report.content import Shown
-from feeddrive.report.page import definitions, header, page, picture
-from feeddrive.report.tables import table
+from feeddrive.report.page import definitions, header, page, picture, table
 
 _POOR = 0.15  # share of the force's RMS that a curve may leave before it is advised against
 _SLOW = 2  # runs in each direction that must be slower than the Stribeck velocity for its level to be seen

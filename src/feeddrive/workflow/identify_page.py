@@ -11,8 +11,7 @@ from feeddrive.files.atomic_io import new_directory
 from feeddrive.identification.motion.identify import Identified
 from feeddrive.language.table import Table
 from feeddrive.report.content import Shown
-from feeddrive.report.page import definitions, header, page, picture
-from feeddrive.report.tables import table
+from feeddrive.report.page import definitions, header, page, picture, table
 
 
 def write_identified(found: Identified, machine: str | None, out: str | Path, facts: Mapping[str, str]) -> Path:

@@ -22,8 +22,8 @@ from feeddrive.loop.linearize import compliance, loop_gain, tracking
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import Run, samples, simulate
 from feeddrive.report import Entry, Study
-from feeddrive.report.block_sentences import block_sentence, described
 from feeddrive.report.content import RESPONSE_LINES
+from feeddrive.report.sentences import block_sentence, described
 
 
 @dataclass(frozen=True, eq=False, repr=False)

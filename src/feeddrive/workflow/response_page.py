@@ -20,8 +20,7 @@ from feeddrive.identification.response.plant_fit import PlantFit
 from feeddrive.language import tree
 from feeddrive.language.table import Table
 from feeddrive.report.content import Shown
-from feeddrive.report.page import definitions, header, page, picture
-from feeddrive.report.tables import table
+from feeddrive.report.page import definitions, header, page, picture, table
 
 _POOR = 0.35  # RMS of ln(fitted/measured) on unused lines, 3 dB, from which a model is not worth using
 _DECIBEL = 8.686  # of 1 in ln

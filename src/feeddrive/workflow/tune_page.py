@@ -20,8 +20,7 @@ from feeddrive.files.messages import sentence
 from feeddrive.language import tree
 from feeddrive.language.table import Table
 from feeddrive.report.content import Shown
-from feeddrive.report.page import definitions, header, page, picture
-from feeddrive.report.tables import table
+from feeddrive.report.page import definitions, header, page, picture, table
 from feeddrive.tuning.judged_recipes import JudgedRecipe
 from feeddrive.tuning.shaping.figures import FIGURES, Figures
 from feeddrive.tuning.shaping.limits import Limits

@@ -1,45 +1,57 @@
-"""The tables of a report as HTML."""
+"""The report of a study as one page: its tables, and what goes where in the template `study.html`."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from html import escape
 from typing import Any
 
 from feeddrive.analysis.replay import Replay
 from feeddrive.language import tree
 from feeddrive.language.block import Declaration
-from feeddrive.language.table import shown
-from feeddrive.report.content import Entry, Extra, Study
-from feeddrive.report.numbers import decibel, number, percent
+from feeddrive.language.errors import ParameterError
+from feeddrive.language.table import Table, shown
+from feeddrive.report import sentences
+from feeddrive.report.content import Entry, ShownTable, Study
+from feeddrive.report.figures import chosen, figures
+from feeddrive.report.page import render
+from feeddrive.report.sentences import decibel, number, percent
 
-Cells = Sequence[str]
 
+def build(study: Study) -> str:
+    """The report as one HTML page: no scripts, no other files, less than 1 MB.
 
-def table(caption: str, heads: Cells, rows: Sequence[Cells], best: Sequence[int | None] = ()) -> str:
-    """Rows under heads; the first column names the row. `best` marks one row for each further column."""
-    # a word joiner keeps a unit such as N/µm on one line
-    top = "".join(f'<th scope="col">{escape(head).replace("/", "/&#8288;")}</th>' for head in heads)
-    body: list[str] = []
-    for i, row in enumerate(rows):
-        cells = "".join(
-            f'<td class="best">{escape(cell)}</td>' if best and best[k] == i else f"<td>{escape(cell)}</td>"
-            for k, cell in enumerate(row[1:])
-        )
-        body.append(f'<tr><th scope="row">{escape(row[0])}</th>{cells}</tr>')
-    return (
-        f'<div class="scroll"><table><caption>{escape(caption)}</caption><thead><tr>{top}</tr></thead>'
-        f"<tbody>{''.join(body)}</tbody></table></div>"
+    Pure: the same study gives the same text.  Raises ParameterError for a study without entries.
+    """
+    if not study.entries:
+        raise ParameterError("a report needs at least one law")
+    drawn = [*study.pictures, *figures(study)]
+    replay = next((entry.replay for entry in study.entries if entry.replay is not None), None)
+    rule = [("Rule of comparison", study.rule)] if study.rule else []
+    return render(
+        "study.html",
+        title=study.title,
+        lead=sentences.result(study),
+        links=[
+            ("result", "Result"),
+            ("facts", "What was run"),
+            *((f"figure-{each.key}", each.title) for each in drawn),
+            ("repeat", "How to repeat it"),
+        ],
+        tables=[*([prediction(replay)] if replay is not None else []), *study.extras, errors(study)],
+        limits=limits(study),
+        robustness=frequency(study),
+        remarks=sentences.remarks(study),
+        facts=[*study.facts.items(), *((f"Law '{each.name}'", each.description) for each in study.entries), *rule],
+        pictures=drawn,
+        laws=len(study.entries),
+        drawn_laws=len(chosen(study).entries),
+        job=study.job,
+        versions=study.versions,
+        parameters=parameters(study),
     )
 
 
-def extra(shown: Extra) -> str:
-    """A table of a study's own."""
-    made = table(shown.table.title, shown.table.heads, shown.table.rows, shown.best)
-    return made.replace("<table>", '<table class="text">', 1) if shown.text else made
-
-
-def errors(study: Study) -> str:
+def errors(study: Study) -> ShownTable:
     """RMS and peak errors and force of each law."""
     columns: list[tuple[str, list[float]]] = [
         ("following error RMS µm", [1e6 * entry.rms("following_error") for entry in study.entries]),
@@ -57,7 +69,7 @@ def errors(study: Study) -> str:
         "Errors and force. Following error: setpoint minus the controller's reading. "
         "Tracking error: setpoint minus true position."
     )
-    return table(said, heads, rows, best if len(rows) > 1 else ())
+    return ShownTable(Table(said, heads, rows), best if len(rows) > 1 else ())
 
 
 def _against(entry: Entry, signal: str, what: str) -> str:
@@ -81,10 +93,10 @@ def limits(study: Study) -> str:
     return f"Percentages of force: peak against the peak limit, RMS against the continuous one. Stated: {listed}."
 
 
-def frequency(study: Study) -> str:
-    """Margins, sensitivity peak and stiffness of each law; empty if no law has a loop gain."""
+def frequency(study: Study) -> list[ShownTable]:
+    """Margins, sensitivity peak and stiffness of each law; none if no law has a loop gain."""
     if all(entry.margins is None and entry.stiffness is None for entry in study.entries):
-        return ""
+        return []
     rows: list[list[str]] = []
     for entry in study.entries:
         m, k = entry.margins, entry.stiffness
@@ -111,24 +123,25 @@ def frequency(study: Study) -> str:
         "delay margin ms (samples)" if _sampled(study) else "delay margin ms", "Ms (at Hz)",
         "least stiffness N/µm (at Hz)", "stiffness at 1 Hz N/µm",
     ]  # fmt: skip
-    return table("Robustness and stiffness, of the loop in motion, opened at the drive.", heads, rows)
+    title = "Robustness and stiffness, of the loop in motion, opened at the drive."
+    return [ShownTable(Table(title, heads, rows))]
 
 
 def _sampled(study: Study) -> bool:
     return any(entry.margins is not None and entry.margins.delay_margin_samples is not None for entry in study.entries)
 
 
-def prediction(replay: Replay) -> str:
+def prediction(replay: Replay) -> ShownTable:
     """Measured and predicted."""
     found = replay.table()
     rows = [
         [cell.replace("um", "µm") if i == 1 else "–" if cell == "-" else cell for i, cell in enumerate(row)]
         for row in found.rows
     ]
-    return table(f"{found.title[0].upper()}{found.title[1:]}.", found.heads, rows)
+    return ShownTable(Table(f"{found.title[0].upper()}{found.title[1:]}.", found.heads, rows))
 
 
-def parameters(study: Study) -> str:
+def parameters(study: Study) -> ShownTable:
     """Every parameter of every law with its unit and meaning; rows in which the laws differ are marked."""
     rows: dict[str, tuple[Declaration, list[Any]]] = {}
     count = len(study.entries)
@@ -149,7 +162,7 @@ def parameters(study: Study) -> str:
         )
     heads = ["parameter", *(entry.name for entry in study.entries), "unit", "meaning"]
     note = "Parameters of the loop; * marks those in which the laws differ." if count > 1 else "Parameters of the loop."
-    return table(note, heads, body)
+    return ShownTable(Table(note, heads, body))
 
 
 def _place(name: str) -> int:

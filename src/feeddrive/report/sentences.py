@@ -1,12 +1,15 @@
-"""The result in plain sentences, and the remarks that the figures call for."""
+"""What a report says: numbers as a reader wants them, blocks and results in sentences, remarks on the figures."""
 
 from __future__ import annotations
+
+import math
 
 import numpy as np
 
 from feeddrive.analysis.replay import Replay
+from feeddrive.language.block import Block, declarations
+from feeddrive.loop.control import Control
 from feeddrive.report.content import Entry, Study
-from feeddrive.report.numbers import number, percent
 
 MS_BOUND = 2.0  # the usual bound on the sensitivity peak: Skogestad & Postlethwaite, section 2.4
 
@@ -141,3 +144,60 @@ def _quoted(entry: Entry) -> str:
 
 def _rms(values: np.ndarray) -> float:
     return float(np.sqrt(np.mean(values * values)))
+
+
+def number(value: float | None, digits: int = 3) -> str:
+    """So many significant digits without an exponent where that is readable; a dash for what is absent."""
+    if value is None:
+        return "–"
+    if math.isnan(value):
+        return "not a number"
+    if math.isinf(value):
+        return "∞" if value > 0.0 else "-∞"
+    if value == 0.0:
+        return "0"
+    size = math.floor(math.log10(abs(value))) + 1
+    if not -4 < size <= 7:
+        return f"{value:.{digits - 1}e}"
+    return f"{value:.{max(digits - size, 0)}f}"
+
+
+def percent(share: float) -> str:
+    """A share in percent."""
+    return f"{number(100.0 * share, 2 if abs(share) < 0.0995 else 3)} %"
+
+
+def decibel(value: float | None) -> str:
+    """One decimal."""
+    return "–" if value is None else f"{value:.1f}"
+
+
+def block_sentence(block: Block) -> str:
+    """A block by its kind, the parameters that are there, and its parts in brackets."""
+    declared = declarations(type(block))
+    values = {name: getattr(block, name) for name in declared}
+    given = [
+        f"{name.replace('_', ' ')} {value:.6g} {declared[name].unit}".rstrip()
+        for name, value in values.items()
+        if isinstance(value, float)
+    ]
+    parts = [
+        f"({block_sentence(part)})"
+        for value in values.values()
+        for part in (value if isinstance(value, tuple) else (value,))
+        if isinstance(part, Block)
+    ]
+    return f"{block.kind.replace('_', ' ')}: {', '.join([*given, *parts])}"
+
+
+def described(control: Control) -> str:
+    """What a control consists of, part by part, with the parameters that are there."""
+    parts = [block_sentence(control.law)]
+    parts += [f"compensation {block_sentence(block)}" for block in control.compensation]
+    parts += [f"filter {block_sentence(block)}" for block in control.filters]
+    parts += [f"feedforward {block_sentence(block)}" for block in control.feedforward]
+    if control.prefilter is not None:
+        parts.append(f"prefilter {block_sentence(control.prefilter)}")
+    if control.force_limit is not None:
+        parts.append(f"limit {control.force_limit:.4g} N")
+    return "; ".join(parts)
