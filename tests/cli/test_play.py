@@ -312,6 +312,6 @@ def test_without_the_packages_the_install_command_is_named(call, tmp_path: Path,
 
 def test_an_ethercat_segment_without_a_station_is_named(call, tmp_path: Path, profile: Path) -> None:
     (tmp_path / "drive.toml").write_text(DRIVE.replace("nowhere0", "veth0"))
-    done = in_a_namespace("bash", "-c", f"{FEEDDRIVE} play {profile} --drive drive.toml --yes", cwd=tmp_path)
+    done = in_a_namespace("bash", "-c", f"{FEEDDRIVE} play {profile.name} --drive drive.toml --yes", cwd=tmp_path)
     assert done.returncode == 2
     assert "EtherCAT veth0: no station answers; check cable, supply" in done.stderr
