@@ -22,6 +22,7 @@ import dataclasses
 import re
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import MISSING, dataclass, field
+from functools import cache
 from typing import Any, ClassVar, NamedTuple, TypeAlias, dataclass_transform
 
 import numpy as np
@@ -192,8 +193,9 @@ def _plain(block: Block) -> Block | None:
     return made
 
 
+@cache
 def declarations(block: type[Block]) -> dict[str, Declaration]:
-    """The declarations of a block's fields by name, in the order in which they stand in the class."""
+    """The declarations of a block's fields by name, in the order of the class; not to be changed."""
     return {spec.name: spec.metadata["declaration"] for spec in dataclasses.fields(block)}  # type: ignore[arg-type]
 
 

@@ -18,6 +18,7 @@ from feeddrive.language.ring import Ring, settled
 from feeddrive.loop.control import Control
 from feeddrive.loop.engine.native import Native, native
 from feeddrive.loop.engine.plan import plan
+from feeddrive.loop.hold import Hold
 from feeddrive.loop.loop import SETPOINT, Loop
 from feeddrive.loop.machine import Machine
 from feeddrive.loop.statistics import begin, gathering
@@ -27,6 +28,9 @@ System: TypeAlias = Loop | Machine  # what is traced to a program
 
 _programs: Recent[Program] = Recent(256)
 _natives: Recent[Native] = Recent(256)
+_holds: Recent[Hold] = Recent(256)
+_KEPT = 200_000  # samples of a reference that are kept at most, for the next run along it
+_references: Recent[Any] = Recent(8)
 
 
 class Prepared:
@@ -58,7 +62,7 @@ class Prepared:
             start = each_axis(lambda at: (at.position, at.velocity), setpoint)
         position, velocity = (each_axis(lambda at, i=i: _typed(at[i]), start) for i in (0, 1))
         with np.errstate(all="ignore"):
-            made = plain.prepare(self.timing)
+            made = _prepared(plain, self.timing)
             begun = plain.start(made, self.timing, setpoint, position, velocity)
         self._made: Any = made
         self._begun: Any = begun
@@ -195,6 +199,28 @@ class _Running(NamedTuple):
     begun: Any
 
 
+def _prepared(plain: Any, timing: Any) -> Any:
+    """What a loop or machine prepares; the hold of an axis that did not change since is kept."""
+    if not isinstance(plain, Loop):
+        return plain.prepare(timing)
+    axis, T = plain.axis, plain.sample_time
+    core = (axis.plant, axis.actuator, axis.friction_motor, axis.friction_load)
+    values = tuple(value for _, value in tree.leaves(core))
+    if any(isinstance(value, np.ndarray) for value in values) or next(tree.tables(core), None) is not None:
+        return plain.prepare(timing)
+    key = (tree.structure(core), axis.substeps, T, timing, values)
+    held = _holds.get(key, lambda: axis.prepare(T, timing))
+    return plain.Prepared(plain.control.prepare(T), held)
+
+
+def _setpoints(reference: Reference, t: np.ndarray, first: int, T: float) -> Any:
+    """The setpoints of a reference; those of a whole run are kept, since the next one often follows the same path."""
+    if first or not 1 < t.size <= _KEPT or next(tree.tables(reference), None) is not None:
+        return reference.at(t)
+    key = (tree.structure(reference), tuple(value for _, value in tree.leaves(reference)), t.size, T)
+    return _references.get(key, lambda: reference.at(t))
+
+
 def each_axis(function: Callable[[Any], Any], given: Any) -> Any:
     """A function of what a loop is given, or for each axis of what a machine is given."""
     return {name: function(one) for name, one in given.items()} if isinstance(given, Mapping) else function(given)
@@ -268,7 +294,7 @@ class Work:
             t = (first + np.arange(count)) * self.T
             self._rows = {}
             for axis, port in self._ports.items():
-                rows = dict(zip(SETPOINT, self.reference[axis].at(t), strict=True))
+                rows = dict(zip(SETPOINT, _setpoints(self.reference[axis], t, first, self.T), strict=True))
                 for name, forces in (("load_force", self.load), ("added_force", self.added_force)):
                     rows[name] = forces[axis].at(t) if axis in forces else 0.0
                 self._rows |= {f"{port}{name}": np.broadcast_to(row, count) for name, row in rows.items()}
