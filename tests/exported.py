@@ -3,10 +3,15 @@
 from __future__ import annotations
 
 import dataclasses
+from typing import Any
 
 import numpy as np
 
 import feeddrive as fd
+from feeddrive.blocks.families import Feedforward
+from feeddrive.blocks.signals import Setpoint
+from feeddrive.language.block import Number, parameter
+from feeddrive.language.ring import History
 
 T = 1e-4
 MASS, VISCOUS = 163.0, 1520.0
@@ -29,6 +34,22 @@ ONE = fd.Axis(
 GUARD = fd.Guard(following_error_limit=2e-3, velocity_limit=2.0, travel_least=-0.5, travel_most=0.5, safe_force=20.0)
 GPI = fd.GpiObserver(mass=MASS, omega_o=150.0)
 PPI = fd.CascadePPI(Kv=80.0, Kp=4e4, Tn=0.01)
+
+
+class LateInertia(Feedforward):
+    """F = mass · a(t - late), from a history of the set acceleration: a control with a ring."""
+
+    mass: Number = parameter("kg", "moving mass", least=0)
+    late: Number = parameter("s", "delay", least=0)
+
+    def start(self, setpoint: Setpoint) -> History:
+        """It has always been so."""
+        return History.start(12, setpoint.acceleration)
+
+    def step(self, state: History, setpoint: Setpoint, T: Number) -> tuple[History, Any]:
+        """The equation above."""
+        state = state.push(setpoint.acceleration)
+        return state, self.mass * state.ago(self.late / T)
 
 
 def loop(axis: fd.Axis, law: object, **parts: object) -> fd.Loop:
@@ -85,6 +106,9 @@ LOOPS: dict[str, fd.Loop] = {
                 stribeck_velocity=2e-3, jerk_feedforward=0.1, snap_feedforward=1e-4,
             ),
         ),
+    ),
+    "cascade_ppi, rings and reversals": loop(
+        ONE, PPI, feedforward=(LateInertia(mass=MASS, late=3.3e-4), fd.ReversalPulse(force=25.0, decay_time=0.004))
     ),
     "cascade_ppi, recovery": loop(
         ONE,

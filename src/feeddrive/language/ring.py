@@ -6,19 +6,21 @@ Indices are whole numbers and count around: index and index + length are the sam
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from feeddrive.language.errors import StructureError
 from feeddrive.language.graph import Symbol
-from feeddrive.language.primitives import clip, floor, minimum, where, zero
+from feeddrive.language.primitives import clip, equal, floor, minimum, where, zero
 
 
 class Ring:
     """Cells by index. A value: `put` gives a new ring and leaves this one as it is.
 
-    cells  None for a new ring, whose cells are 0; numbers of shape (length,) or (length, lanes); the symbol of a trace.
+    cells  None for a new ring, whose cells are 0; numbers of shape (length,) or (length, lanes); the symbol of a trace;
+           or a symbol for each cell, for a target that has no memory to index: every access then asks every cell.
     Native code writes in place, so a ring may be written once from each of its states: r1 = r.put(...), then
     r2 = r1.put(...), never two from r.  A choice between a ring and a new one takes the ring: a reset does not clear
     cells, and what must be forgotten at a reset is said by a number beside the ring (see `History`).
@@ -37,6 +39,10 @@ class Ring:
     def put(self, index: Any, value: Any) -> Ring:
         """The ring with another value in a cell."""
         place = self._place(index)
+        if isinstance(self.cells, tuple):
+            first, *others = self.cells
+            cells = (where(equal(place, float(i)), value, cell) for i, cell in enumerate(others, 1))
+            return Ring(self.length, (where(place > 0.5, first, value), *cells))
         symbol = next((each for each in (self.cells, place, value) if isinstance(each, Symbol)), None)
         if symbol is not None:
             graph = symbol.graph
@@ -47,6 +53,11 @@ class Ring:
     def get(self, index: Any) -> Any:
         """The number in a cell. Its derivative to the index is 0: interpolation is written around it."""
         place = self._place(index)
+        if isinstance(self.cells, tuple):
+            found, *others = self.cells
+            for i, cell in enumerate(others, 1):
+                found = where(equal(place, float(i)), cell, found)
+            return found
         symbol = next((each for each in (self.cells, place) if isinstance(each, Symbol)), None)
         if symbol is not None and self.cells is None:
             return symbol.graph.constant(0.0)
@@ -91,6 +102,29 @@ def written(cells: np.ndarray, place: Any, value: Any) -> np.ndarray:
 def _inside(cells: np.ndarray, place: Any) -> np.ndarray:
     held = np.clip(place, 0.0, float(len(cells) - 1))
     return np.asarray(np.where(held == held, held, 0.0), dtype=np.int64)
+
+
+def spread(state: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
+    """Names and values of a state as `tree.leaves` has them, with the cells of rings one by one."""
+    if isinstance(state, Ring):
+        cells = [0.0] * state.length if state.cells is None else state.cells
+        yield from ((f"{prefix}.{i}", cell) for i, cell in enumerate(cells))
+    elif isinstance(state, tuple):
+        names = getattr(state, "_fields", None) or map(str, range(len(state)))
+        for name, each in zip(names, state, strict=True):
+            yield from spread(each, f"{prefix}.{name}" if prefix else name)
+    elif state is not None:
+        yield prefix, state
+
+
+def gathered(state: Any, values: Iterator[Any]) -> Any:
+    """The same state with other numbers, taken in the order of `spread`."""
+    if isinstance(state, Ring):
+        return Ring(state.length, tuple(next(values) for _ in range(state.length)))
+    if isinstance(state, tuple):
+        parts = [gathered(each, values) for each in state]
+        return type(state)(*parts) if hasattr(state, "_fields") else tuple(parts)
+    return None if state is None else next(values)
 
 
 class History(NamedTuple):

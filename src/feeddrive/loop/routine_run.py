@@ -16,12 +16,13 @@ from feeddrive.language import tree
 from feeddrive.language.block import Number
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.graph import Graph
+from feeddrive.language.ring import Ring
 from feeddrive.loop.engine.native import Native, native
 from feeddrive.loop.engine.plan import plan
 from feeddrive.loop.loop import SETPOINT
 from feeddrive.loop.routine import Routine
 from feeddrive.loop.routine_trace import controller_of
-from feeddrive.loop.trace import Carried, Program, concrete, numbers
+from feeddrive.loop.trace import Carried, Program, concrete, leaf, node, numbers
 
 Changes = Mapping[int, Mapping[str, float]]
 
@@ -69,7 +70,8 @@ class ControllerRun:
             (v if type(v) is float else symbol(name, constants) for name, v in tree.leaves(self._made, "prepared")),
         )
         names = [name for name, _ in tree.leaves(self.state)]
-        before = tree.rebuild(self.state, (graph.input(f"state.{name}") for name in names))
+        begun = tree.leaves(self.state)
+        before = tree.rebuild(self.state, (leaf(graph, f"state.{name}", value) for name, value in begun))
         given = {v.name: symbol(v.name, inputs) for v in self.routine.inputs}
         T = cast(Number, symbol("T", constants))
         setpoint = Setpoint(*(given[each] for each in SETPOINT))
@@ -77,13 +79,13 @@ class ControllerRun:
         values = {"force": command.applied, "trip": command.trip, "enabled": command.running}
         if both.motor is not None:
             values["command"] = command.applied / both.motor.force_per_unit()
-        carried = zip(names, (value for _, value in tree.leaves(after)), strict=True)
+        carried = zip(names, tree.leaves(before), tree.leaves(after), strict=True)
         program = Program(
             graph=graph,
             constants=constants,
             inputs=inputs,
             states=tuple(
-                Carried(name, graph.input(f"state.{name}").index, graph.symbol(value).index) for name, value in carried
+                Carried(name, node(graph, first), node(graph, value)) for name, (_, first), (_, value) in carried
             ),
             outputs={v.name: graph.symbol(values[v.name]).index for v in self.routine.outputs},
             sample=None,
@@ -94,14 +96,23 @@ class ControllerRun:
     def _load(self) -> None:
         """State, constants and tables in the order of the machine code, where steps find and leave them."""
         plan, values, rows = self._native.plan, dict(tree.leaves(self.state)), dict(tree.tables(self._both))
-        self._states = np.array([[values[each.name]] for each in plan.states], dtype=np.float64)
+        held = [np.float64(values[each.name]) for each in plan.states]
+        for name, _, length in plan.rings:
+            cells = values[name.removeprefix("state.")].cells
+            held += [0.0] * length if cells is None else list(cells)
+        self._states = np.array(held, dtype=np.float64)[:, None]
         self._constants = np.array([[self._numbers[name]] for name, _ in plan.constants], dtype=np.float64)
         self._rows = [rows[name] for name, _ in plan.tables]
 
     def _unload(self) -> None:
         """The state as the blocks know it."""
         values = dict(tree.leaves(self.state))
-        values |= {each.name: np.float64(self._states[i, 0]) for i, each in enumerate(self._native.plan.states)}
+        plan = self._native.plan
+        values |= {each.name: np.float64(self._states[i, 0]) for i, each in enumerate(plan.states)}
+        first = len(plan.states)
+        for name, _, length in plan.rings:
+            values[name.removeprefix("state.")] = Ring(length, self._states[first : first + length, 0].copy())
+            first += length
         self.state = tree.rebuild(self.state, iter(values[name] for name, _ in tree.leaves(self.state)))
 
     def step(self, inputs: np.ndarray) -> np.ndarray:

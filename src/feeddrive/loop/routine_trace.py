@@ -15,7 +15,7 @@ from feeddrive.language.block import Block, Number, label, part
 from feeddrive.language.errors import StructureError
 from feeddrive.language.graph import Graph, reachable
 from feeddrive.language.naming import Name, Names
-from feeddrive.language.ring import Ring
+from feeddrive.language.ring import Ring, gathered, spread
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.control import Control
 from feeddrive.loop.core import advance
@@ -23,6 +23,7 @@ from feeddrive.loop.guard import Guard
 from feeddrive.loop.loop import SETPOINT, Loop
 from feeddrive.loop.routine import MEANINGS, Function, Retune, Routine, Variable, target_name
 
+LONGEST_RING = 256  # cells
 _ABSENT = re.compile(r"; absent[^;]*$")  # what is there is not absent
 
 
@@ -75,9 +76,9 @@ def controller_routine(loop: Loop, name: str) -> Routine:
     with traced.words:
         made = both.control.prepare(T)
         begun = both.control.start(made, _setpoint(inputs), *_readings(inputs))
-        _refuse_rings(begun, name)
-        names = [each for each, _ in tree.leaves(begun)]
-        before = tree.rebuild(begun, (traced.graph.input(f"state.{each}") for each in names))
+        _check_rings(begun, name)
+        names = [each for each, _ in spread(begun)]
+        before = gathered(begun, (traced.graph.input(f"state.{each}") for each in names))
         after, command = both.control.step(
             made, before, _setpoint(inputs), *_readings(inputs), cast(Number, inputs["enable"]), T
         )
@@ -91,10 +92,14 @@ def controller_routine(loop: Loop, name: str) -> Routine:
     return traced.routine(name, loop, made, inputs, names, begun, after, outputs, _retune(loop.control, made, begun))
 
 
-def _refuse_rings(state: Any, name: str) -> None:
+def _check_rings(state: Any, name: str) -> None:
+    """A target asks every cell of a ring at each access: rings are short there."""
     for path, value in tree.leaves(state):
-        if isinstance(value, Ring):
-            raise StructureError(f"{name}: {path} is a ring, which no target holds yet: leave its block out")
+        if isinstance(value, Ring) and value.length > LONGEST_RING:
+            raise StructureError(
+                f"{name}: {path} is a ring of {value.length} cells, more than the {LONGEST_RING} that an export may "
+                f"hold: give its block a shorter memory"
+            )
 
 
 def _setpoint(inputs: Mapping[str, Any]) -> Setpoint:
@@ -125,8 +130,9 @@ def plant_routine(loop: Loop, name: str, seed: int = 0) -> Routine:
     with traced.words:
         made = axis.prepare(T, timing)
         begun, at_start = seen(axis.start(cast(Number, inputs["start_position"]), zero, timing), zero)
-        names = [each for each, _ in tree.leaves(begun)]
-        before = tree.rebuild(begun, (traced.graph.input(f"state.{each}") for each in names))
+        _check_rings(begun, name)
+        names = [each for each, _ in spread(begun)]
+        before = gathered(begun, (traced.graph.input(f"state.{each}") for each in names))
         sample = traced.graph.input("state.sample")
         force, load_force = cast(Number, inputs["force"]), cast(Number, inputs["load_force"])
         moved, _ = advance(axis, made, before, force, load_force, cast(Number, sample * T), T)
@@ -185,9 +191,9 @@ class _Traced:
         node = self.graph.symbol
         for each, (_, _, value) in outputs.items():
             self.words.found.setdefault(node(value).index, Name("", each))
-        after_nodes = [node(value).index for _, value in tree.leaves(after)]
+        after_nodes = [node(value).index for _, value in spread(after)]
         before_nodes = [self.graph.input(f"state.{each}").index for each in states]
-        begun_nodes = [node(value).index for _, value in tree.leaves(begun)]
+        begun_nodes = [node(value).index for _, value in spread(begun)]
         leaves = [
             (i, f"prepared.{each}", value.index)
             for i, (each, value) in enumerate(tree.leaves(made))
@@ -279,7 +285,7 @@ def _retune(control: Control, made: Any, begun: Any) -> Retune:
 
     def symbols(values: Any, kind: str) -> Iterator[Any]:
         """A leaf for each number; a number that stands in the text stays there."""
-        for i, (_, value) in enumerate(tree.leaves(values)):
+        for i, (_, value) in enumerate(values if kind == "state" else tree.leaves(values)):
             if type(value) is float and kind.endswith("prepared"):
                 yield value
                 continue
@@ -291,11 +297,11 @@ def _retune(control: Control, made: Any, begun: Any) -> Retune:
     new = tree.rebuild(control, symbols(control, "new"))
     old_made = tree.rebuild(made, symbols(made, "old_prepared"))
     new_made = tree.rebuild(made, symbols(made, "new_prepared"))
-    state = tree.rebuild(begun, symbols(begun, "state"))
+    state = gathered(begun, symbols(spread(begun), "state"))
     names = Names(graph, {id(each): path for path, each in _owners(new, "control")})
     with names:
         after = new.retune(state, old, old_made, new_made)
-    states = tuple(graph.symbol(value).index for _, value in tree.leaves(after))
+    states = tuple(graph.symbol(value).index for _, value in spread(after))
     read = set(reachable(graph, states))
     leaves = {node: leaf for node, leaf in leaves.items() if node in read}
     return Retune(graph, leaves, states, names.found, names.makers)
