@@ -134,9 +134,9 @@ from feeddrive.files.machine import MachineFile as MachineFile
 from feeddrive.files.machine import read_machine as read_machine
 from feeddrive.files.read_log import read_arrays as read_arrays
 from feeddrive.files.read_log import read_log as read_log
-from feeddrive.identification.cogging.cogging_fit import CoggingFit as CoggingFit
-from feeddrive.identification.cogging.cogging_passes import cogging_passes as cogging_passes
 from feeddrive.identification.cogging.cogging_run import CoggingRun as CoggingRun
+from feeddrive.identification.cogging.cogging_run import cogging_passes as cogging_passes
+from feeddrive.identification.cogging.identify_cogging import CoggingFit as CoggingFit
 from feeddrive.identification.cogging.identify_cogging import identify_cogging as identify_cogging
 from feeddrive.identification.excitation.design import design_excitation as design_excitation
 from feeddrive.identification.excitation.estimate_frf import estimate_frf as estimate_frf

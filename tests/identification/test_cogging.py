@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from feeddrive.identification.cogging.cogging_passes import cogging_passes
-from feeddrive.identification.cogging.cogging_run import CoggingRun
+from feeddrive.identification.cogging.cogging_run import CoggingRun, cogging_passes
 from feeddrive.identification.cogging.identify_cogging import identify_cogging
 from feeddrive.language.errors import LogError, NotIdentifiableError, ParameterError
 

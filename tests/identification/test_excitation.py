@@ -8,16 +8,16 @@ import numpy as np
 import pytest
 
 import feeddrive as fd
-from feeddrive.identification.excitation.design import design_excitation
-from feeddrive.identification.excitation.estimate_frf import estimate_frf
-from feeddrive.identification.excitation.excitation import Excitation
-from feeddrive.identification.excitation.multisine import (
+from feeddrive.identification.excitation.design import (
     crest_factor,
+    design_excitation,
     grid_lines,
     low_crest_phases,
     schroeder_phases,
     summed,
 )
+from feeddrive.identification.excitation.estimate_frf import estimate_frf
+from feeddrive.identification.excitation.excitation import Excitation
 from feeddrive.language.errors import ParameterError, UnstableError
 from feeddrive.loop.linearize import linearize
 

@@ -8,15 +8,14 @@ import numpy as np
 import pytest
 
 from drive_logs import TRUTH, T, changed, loop, set_positions, simulated
-from feeddrive.identification.covariance import errors, ols_covariance, robust_covariance
-from feeddrive.identification.motion.conditioning import central_difference, decimated, kept, zero_phase
 from feeddrive.identification.motion.control_law import identify_control
 from feeddrive.identification.motion.delay import find_delay
 from feeddrive.identification.motion.identify import identify
 from feeddrive.identification.motion.motion_log import MotionLog
 from feeddrive.identification.motion.output_error import refine
-from feeddrive.identification.motion.preparation import JANOT
+from feeddrive.identification.motion.preparation import JANOT, central_difference, decimated, kept, zero_phase
 from feeddrive.identification.motion.rigid import RigidFit, identify_rigid
+from feeddrive.identification.regression import errors, ols_covariance, robust_covariance
 from feeddrive.language import tree
 from feeddrive.language.errors import LogError, NotIdentifiableError, ParameterError
 

@@ -11,7 +11,7 @@ from scipy.optimize import least_squares
 from feeddrive.blocks.actuator.actuator import Actuator
 from feeddrive.blocks.plant.modal import Modal
 from feeddrive.blocks.plant.mode import Mode
-from feeddrive.identification.response.vector_fitting import common_poles
+from feeddrive.identification.response.modal_response import common_poles
 from feeddrive.language.errors import NotIdentifiableError
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.control import Control

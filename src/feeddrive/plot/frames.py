@@ -25,7 +25,7 @@ from feeddrive.blocks.signals import Setpoint
 from feeddrive.certificate.certificate import Certificate
 from feeddrive.cosimulation.comparison import Cosimulation
 from feeddrive.files.log import Log
-from feeddrive.identification.cogging.cogging_fit import CoggingFit
+from feeddrive.identification.cogging.identify_cogging import CoggingFit
 from feeddrive.identification.excitation.excitation import Excitation
 from feeddrive.identification.excitation.frequency_estimate import FrequencyEstimate
 from feeddrive.identification.motion.control_law import ControlFit
@@ -33,14 +33,13 @@ from feeddrive.identification.motion.delay import DelayFit
 from feeddrive.identification.motion.identify import Identified
 from feeddrive.identification.motion.output_error import Refinement
 from feeddrive.identification.motion.rigid import RigidFit
-from feeddrive.identification.residuals import Residuals
+from feeddrive.identification.regression import Residuals, Validation
 from feeddrive.identification.response.agreement import Agreement
 from feeddrive.identification.response.fit_axis import AxisFits
 from feeddrive.identification.response.modal_fit import ModalFit
 from feeddrive.identification.response.plant_fit import PlantFit
 from feeddrive.identification.steady_runs.friction_curve import FrictionCurve
 from feeddrive.identification.steady_runs.steady_runs import SteadyRuns
-from feeddrive.identification.validation import Validation
 from feeddrive.language.errors import MissingExtraError
 from feeddrive.language.table import frame_of
 from feeddrive.loop.frequency_response import FRF

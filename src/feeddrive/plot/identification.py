@@ -7,17 +7,16 @@ from typing import Any
 
 import numpy as np
 
-from feeddrive.identification.cogging.cogging_fit import CoggingFit
 from feeddrive.identification.cogging.cogging_run import CoggingRun
+from feeddrive.identification.cogging.identify_cogging import CoggingFit
 from feeddrive.identification.estimate import NORMAL
 from feeddrive.identification.motion.control_law import ControlFit
 from feeddrive.identification.motion.delay import DelayFit
 from feeddrive.identification.motion.identify import Identified
 from feeddrive.identification.motion.rigid import RigidFit
-from feeddrive.identification.residuals import Residuals
+from feeddrive.identification.regression import Residuals, Validation
 from feeddrive.identification.steady_runs.friction_curve import FrictionCurve
 from feeddrive.identification.steady_runs.steady_runs import SteadyRuns
-from feeddrive.identification.validation import Validation
 from feeddrive.language.table import picture_of
 from feeddrive.plot import style
 from feeddrive.plot.envelope import envelope

@@ -12,10 +12,8 @@ import numpy as np
 from feeddrive.files.columns import ROLES, is_time
 from feeddrive.files.messages import nearest, sentence
 from feeddrive.files.read_log import read_arrays
-from feeddrive.identification.cogging.cogging_fit import CoggingFit
-from feeddrive.identification.cogging.cogging_passes import cogging_passes
-from feeddrive.identification.cogging.cogging_run import CoggingRun
-from feeddrive.identification.cogging.identify_cogging import identify_cogging
+from feeddrive.identification.cogging.cogging_run import CoggingRun, cogging_passes
+from feeddrive.identification.cogging.identify_cogging import CoggingFit, identify_cogging
 from feeddrive.language import units
 from feeddrive.language.errors import LogError, NotIdentifiableError, ParameterError
 from feeddrive.language.progress import Progress

@@ -16,8 +16,8 @@ from feeddrive.files.blocks_to_toml import to_toml
 from feeddrive.files.machine import MachineFile
 from feeddrive.files.messages import sentence
 from feeddrive.files.toml_edit import TomlEdit
-from feeddrive.identification.cogging.cogging_fit import CoggingFit, CoggingOrder
 from feeddrive.identification.cogging.cogging_run import CoggingRun
+from feeddrive.identification.cogging.identify_cogging import CoggingFit, CoggingOrder
 from feeddrive.language.block import Number
 from feeddrive.report.content import Shown
 from feeddrive.report.page import definitions, header, page, picture, table

@@ -11,7 +11,7 @@ from feeddrive.files.columns import Column
 from feeddrive.files.log import Log
 from feeddrive.files.machine import MachineFile, read_machine
 from feeddrive.files.read_log import read_log
-from feeddrive.identification.frame import lever
+from feeddrive.identification.estimate import lever
 from feeddrive.language.errors import LogError
 from feeddrive.language.progress import Progress
 from feeddrive.language.table import Table

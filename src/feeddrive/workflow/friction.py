@@ -10,7 +10,7 @@ import numpy as np
 
 from feeddrive.files.log import Log
 from feeddrive.files.messages import sentence
-from feeddrive.identification.frame import SHAFT
+from feeddrive.identification.estimate import SHAFT
 from feeddrive.identification.steady_runs.friction_curve import FrictionCurve, fit_friction
 from feeddrive.identification.steady_runs.steady_runs import LEAST_ROWS, SteadyRuns, steady_runs
 from feeddrive.language.errors import NotIdentifiableError, ParameterError

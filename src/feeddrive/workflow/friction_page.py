@@ -17,8 +17,8 @@ from feeddrive.files.blocks_to_toml import to_toml
 from feeddrive.files.machine import MachineFile
 from feeddrive.files.messages import sentence
 from feeddrive.files.toml_edit import TomlEdit
-from feeddrive.identification.frame import SHAFT
-from feeddrive.identification.motion.known_axis import own_viscous
+from feeddrive.identification.estimate import SHAFT
+from feeddrive.identification.motion.identify import own_viscous
 from feeddrive.identification.steady_runs.friction_curve import Compared, FrictionCurve
 from feeddrive.language.block import declarations
 from feeddrive.language.table import Table

@@ -11,8 +11,7 @@ from feeddrive.identification.excitation.averaged import METHODS, averaged
 from feeddrive.identification.excitation.frequency_estimate import FrequencyEstimate
 from feeddrive.identification.excitation.local_polynomial import local_polynomial
 from feeddrive.identification.excitation.periodic import periodic
-from feeddrive.identification.excitation.periods import find_period, repeating
-from feeddrive.identification.excitation.record import Record
+from feeddrive.identification.excitation.record import Record, find_period, repeating
 from feeddrive.language.errors import LogError, ParameterError
 
 ALL = ("auto", "periodic", "local_polynomial", *METHODS)

@@ -1,4 +1,4 @@
-"""What a frequency response is estimated from: input, output and what excited them, sampled on one clock."""
+"""Records of an excited axis: input, output and reference on one clock, cut into periods where they repeat."""
 
 from __future__ import annotations
 
@@ -11,6 +11,11 @@ from feeddrive.language.errors import LogError
 
 FEWEST = 32  # samples
 _STUCK = 0.02  # share of samples at the very largest or smallest value from which a channel counts as saturated
+_ALIKE = 0.9  # least correlation of a signal with itself one period later
+_EXACT = 1e-3  # share of its spread by which a reference may miss itself one period later
+_DRIFTS = 5.0  # standard errors from which a drift counts as one
+_BANDS = 12  # of lines, over which the test for a transient looks
+RISK = 0.01  # that a steady record loses its first period by chance
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -86,3 +91,114 @@ class Record:
     def nyquist(self) -> float:
         """Hz."""
         return 0.5 / self.sample_time
+
+
+def find_period(values: np.ndarray) -> int | None:
+    """Samples after which a signal repeats, at least twice in the record; None if it does not.
+
+    The least shift beyond the first zero of the autocorrelation at which it comes back to its largest value.
+    """
+    x = np.asarray(values, float) - np.mean(values)
+    n = x.size
+    size = int(2 ** np.ceil(np.log2(2 * n)))
+    spectrum = np.fft.rfft(x, size)
+    lagged = np.fft.irfft(np.abs(spectrum) ** 2, size)[: n // 2 + 1]
+    squares = np.concatenate([[0.0], np.cumsum(x * x)])
+    lags = np.arange(lagged.size)
+    power = np.sqrt(np.maximum(squares[n - lags] * (squares[n] - squares[lags]), np.finfo(float).tiny))
+    alike = lagged / power
+    below = np.flatnonzero(alike <= 0.0)
+    if not below.size or below[0] >= alike.size - 1:
+        return None
+    rest = alike[below[0] :]
+    best = float(rest.max())
+    if best < _ALIKE:
+        return None
+    inner = rest[1:-1]
+    # the last lag may be the peak itself: a record of exactly two periods
+    peaks = np.concatenate(
+        [[False], (inner >= rest[:-2]) & (inner >= rest[2:]), [rest.size > 1 and rest[-1] > rest[-2]]]
+    )
+    good = np.flatnonzero(peaks & (rest > 1.0 - 2.0 * (1.0 - best) - 1e-6))
+    return int(below[0] + good[0]) if good.size else None
+
+
+def repeating(values: np.ndarray, period: int) -> tuple[int, int]:
+    """First sample and end of the longest stretch over which a signal repeats itself exactly, but for a straight line.
+
+    A reference swells and fades, and the axis stands before and after; there nothing repeats, or nothing is there.
+    """
+    x = np.asarray(values, float)
+    change = x[period:] - x[:-period]
+    same = np.abs(change - np.median(change)) <= _EXACT * np.std(x)
+    # where nothing is sent, zeros repeat themselves, too
+    moves = np.cumsum(np.diff(x, prepend=x[0]) != 0.0)
+    alive = moves[period:] > moves[:-period]
+    edges = np.diff(np.concatenate([[False], same & alive, [False]]).astype(int))
+    begins, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
+    if not begins.size:
+        return 0, x.size
+    longest = int(np.argmax(ends - begins))
+    return int(begins[longest]), int(ends[longest]) + period
+
+
+def cut(record: Record, period: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Transforms of input, output and references by period: (p, lines), (p, lines), (r, p, lines), 1/period .. Nyquist.
+
+    A sine of amplitude a on a line has the size a.  A constant drift, as of an axis that moves on with a bias velocity,
+    is taken out: its slope is what a period adds on the mean over the second half, if that is more than five times its
+    standard error.  Raises LogError for less than two periods.
+    """
+    count = len(record) // period
+    if count < 2:
+        raise LogError(f"{record.name}: {len(record)} samples are less than two periods of {period}")
+    # what is left over is at the start: the axis is farther from steady state there
+    start = len(record) - count * period
+
+    def transformed(values: np.ndarray) -> np.ndarray:
+        kept = values[start:]
+        steps = np.diff(kept.reshape(count, period).mean(axis=1))[(count - 1) // 2 :]
+        error = np.std(steps, ddof=1) / np.sqrt(steps.size) if steps.size > 1 else 0.0
+        slope = np.mean(steps) / period if abs(np.mean(steps)) > _DRIFTS * error else 0.0
+        level = kept - slope * np.arange(kept.size)
+        return np.fft.rfft(level.reshape(count, period), axis=1)[:, 1 : (period + 1) // 2] * (2.0 / period)
+
+    r = np.array([transformed(each) for each in record.references])
+    return transformed(record.input), transformed(record.output), r
+
+
+def transient_periods(periods: np.ndarray) -> int:
+    """How many of the first periods are not in steady state yet; `periods` of shape (p, lines), at most half of them.
+
+    One period after the other is compared with the m of the second half, band by band of neighboring lines,
+
+        Q = Σ |Z - Z̄|² / ((1 + 1/m) Σ s²),   s² the variance among the m,
+
+    which is F-distributed with 2L and 2L(m - 1) degrees of freedom for L lines of even noise, fewer for uneven noise.
+    A period that lies beyond the quantile for a risk of 1 % over all bands is dropped, and the first one that does not
+    ends the test: a transient only decays.
+    """
+    from scipy.special import fdtri  # not scipy.stats, which takes a second to import
+
+    count, lines = periods.shape
+    half = count // 2
+    last = periods[half:]
+    m = last.shape[0]
+    if m < 2:
+        return 0
+    bands = np.array_split(np.arange(lines), min(_BANDS, lines))
+    mean = last.mean(axis=0)
+    spread = np.sum(np.abs(last - mean) ** 2, axis=0) / (m - 1)
+    for p in range(half):
+        away = np.abs(periods[p] - mean) ** 2 / (1.0 + 1.0 / m)
+        quotients = [float(np.sum(away[band]) / max(np.sum(spread[band]), 1e-300)) for band in bands]
+        limits = [float(fdtri(*_freedom(spread[band], m), 1.0 - RISK / len(bands))) for band in bands]
+        if all(q <= limit for q, limit in zip(quotients, limits, strict=True)):
+            return p
+    return half
+
+
+def _freedom(spread: np.ndarray, m: int) -> tuple[float, float]:
+    """Degrees of freedom above and below, for noise that is not even over the band (Satterthwaite)."""
+    even = float(np.sum(spread) ** 2 / max(np.sum(spread**2), 1e-300))
+    return 2.0 * even, 2.0 * even * (m - 1)

@@ -3,21 +3,26 @@
 from __future__ import annotations
 
 import dataclasses
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from feeddrive.analysis.friction_map import FrictionMap, friction_map
-from feeddrive.identification.frame import TABLE
+from feeddrive.blocks.families import Force, Friction
+from feeddrive.blocks.force.gravity import Gravity
+from feeddrive.blocks.friction.coulomb import Coulomb
+from feeddrive.blocks.friction.directional import Directional
+from feeddrive.blocks.friction.viscous import Viscous
+from feeddrive.blocks.plant.rigid import Rigid
+from feeddrive.identification.estimate import TABLE
 from feeddrive.identification.motion.control_law import ControlFit, identify_control
 from feeddrive.identification.motion.delay import DelayFit, find_delay
-from feeddrive.identification.motion.known_axis import is_richer, refined_names, with_rigid
-from feeddrive.identification.motion.known_axis import remarks as known_axis_remarks
 from feeddrive.identification.motion.motion_log import MotionLog
 from feeddrive.identification.motion.output_error import Refinement, refine
 from feeddrive.identification.motion.preparation import HOLD, Preparation
 from feeddrive.identification.motion.rigid import RigidFit, identify_rigid
+from feeddrive.language import tree
 from feeddrive.language.errors import FeeddriveError
 from feeddrive.language.table import Result, Table
 from feeddrive.loop.axis import Axis
@@ -26,6 +31,8 @@ from feeddrive.loop.loop import Loop
 
 _CLEARLY = 1.02  # times the position residual of plain friction up to which the machine's own kind is kept
 POOR = 0.15  # share of the force that a rigid drive may leave before its values are advised against
+_PLAIN = (Coulomb, Directional, Viscous)  # what an inverse dynamics can tell whole
+_FAR = 0.05  # share by which the sum of the masses may differ before it is said
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -116,7 +123,7 @@ def identify(
         whole = loop
         refinement = _attempted(lambda: refine(whole, log, refined_names(whole)), remarks)
     if start is not None:
-        remarks += known_axis_remarks(start.axis, rigid)
+        remarks += axis_remarks(start.axis, rigid)
     if loop is not None and start is not None and is_richer(start.axis):
         loop, refinement = _by_friction(log, start, rigid, loop, refinement, remarks)
     if refinement is not None and refinement.delay:
@@ -212,3 +219,113 @@ def _loop(log: MotionLog, rigid: RigidFit, start: Loop | None, control: ControlF
     axis = with_rigid(Axis(plant=rigid.plant()), rigid)
     delayed = dataclasses.replace(axis, actuator=dataclasses.replace(axis.actuator, dead_time=control.delay * T))
     return Loop(control=Control(law=control.law(), force_limit=log.force_limit), axis=delayed, sample_time=T)
+
+
+def with_rigid(axis: Axis, rigid: RigidFit, *, richer: bool = False) -> Axis:
+    """The axis with the mass, the friction and the constant force that were found.
+
+    A plant with several bodies keeps its own masses and dampers, which a rigid fit cannot tell apart, and friction on
+    both bodies stays as it is.  With `richer` a friction that knows more than Coulomb's levels keeps its shape.
+    """
+    if not isinstance(axis.plant, Rigid) and axis.friction_motor is not None:
+        return axis
+    plant = rigid.plant() if isinstance(axis.plant, Rigid) else axis.plant
+    friction = _without(rigid.friction_block(), 0.0 if isinstance(axis.plant, Rigid) else own_viscous(axis))
+    if richer and axis.friction_load is not None:
+        friction = _scaled(axis.friction_load, friction)
+    others: tuple[Force, ...] = tuple(each for each in axis.forces if not isinstance(each, Gravity))
+    gravity = rigid.gravity()
+    forces = others if gravity is None else (*others, gravity)
+    return replace(axis, plant=plant, friction_load=friction, forces=forces)
+
+
+def is_richer(axis: Axis) -> bool:
+    """Whether the friction of the axis knows more than levels and slopes: a Stribeck curve, presliding, a table."""
+    return axis.friction_load is not None and not isinstance(axis.friction_load, _PLAIN)
+
+
+def own_viscous(axis: Axis) -> float:
+    """Viscous friction, N s/m, that the plant itself has when it moves as one:  eᵀ C e."""
+    made = axis.plant.mechanics()
+    e = [float(share) for share in made.rigid_motion()]
+    return sum(e[i] * float(made.damping[i][j]) * e[j] for i in range(len(e)) for j in range(len(e)))
+
+
+def refined_names(loop: Loop) -> tuple[str, ...] | None:
+    """What output error may fit: None for all physics of a rigid axis, else friction and forces that are not 0.
+
+    Of a richer friction the levels and slopes; what acts near standstill is kept.
+    """
+    if isinstance(loop.axis.plant, Rigid) and not is_richer(loop.axis):
+        return None
+    ends = ("coulomb", "coulomb_positive", "coulomb_negative", "viscous", "viscous_positive", "viscous_negative")
+    own = loop.place_of("axis")
+    names = [
+        name
+        for name, value in tree.parameters(loop).items()
+        if isinstance(value, float)
+        and value != 0.0
+        and (
+            name == f"{own}.plant.mass"
+            or (name.startswith(f"{own}.friction_load.") and name.endswith(ends))
+            or (name.startswith(f"{own}.forces.") and name.endswith(".force"))
+        )
+    ]
+    return tuple(name for name in names if isinstance(loop.axis.plant, Rigid) or name != f"{own}.plant.mass")
+
+
+def axis_remarks(axis: Axis, rigid: RigidFit) -> list[str]:
+    """What the log says of a plant with several bodies, whose file keeps its masses."""
+    if isinstance(axis.plant, Rigid):
+        return []
+    found, own = rigid["mass"], float(axis.plant.rigid_mass())
+    off = found.value - own
+    said = [
+        f"the axis is a {axis.plant.kind}: a log of a motion tells the sum of its masses, {found.value:.5g} ± "
+        f"{found.error:.2g} kg, and not how it is split; its masses, springs and dampers stay as they are"
+        + (
+            f". Their sum, {own:.5g} kg, is off by {100.0 * off / own:+.2g} %: measure a frequency response "
+            f"(feeddrive excite, frf) and identify that"
+            if abs(off) > max(3.0 * found.error, _FAR * own)
+            else ""
+        )
+    ]
+    if axis.friction_motor is not None:
+        levels = ", ".join(f"{e.name} {e.value:.4g} {e.unit}" for e in rigid.estimates if e.name != "mass")
+        said.append(f"friction acts on both bodies, and the log tells its sum only ({levels}): both stay as they are")
+    return said
+
+
+def _without(friction: Friction, viscous: float) -> Friction:
+    """The friction without what the plant's own dampers take."""
+    if isinstance(friction, Coulomb):
+        return replace(friction, viscous=max(0.0, float(friction.viscous) - viscous))
+    if isinstance(friction, Directional):
+        return replace(
+            friction,
+            viscous_positive=max(0.0, float(friction.viscous_positive) - viscous),
+            viscous_negative=max(0.0, float(friction.viscous_negative) - viscous),
+        )
+    return friction
+
+
+def _scaled(known: Friction, found: Friction) -> Friction:
+    """A richer friction with the levels at speed that were found; what it has beyond them grows in proportion."""
+    leaves = dict(tree.leaves(found))
+    level = [float(value) for name, value in leaves.items() if name.startswith("coulomb")]
+    slope = [float(value) for name, value in leaves.items() if name.startswith("viscous")]
+    sides = {"positive": 0, "negative": -1}
+    changes: dict[str, float] = {}
+    old = dict(tree.leaves(known))
+    for name in old:
+        head, _, side = name.partition("_")
+        if head in ("coulomb", "viscous", "breakaway") and side in ("", "positive", "negative"):
+            which = level if head != "viscous" else slope
+            mean = which[sides[side]] if side else sum(which) / len(which)
+            if head == "breakaway":
+                before = float(old.get(name.replace("breakaway", "coulomb"), 0.0) or 0.0)
+                changes[name] = mean * (float(old[name]) / before if before > 0.0 else 1.0)
+            else:
+                changes[name] = mean
+    least = {"coulomb": 1e-9, "breakaway": 1e-9}
+    return tree.vary(known, {name: max(value, least.get(name, 0.0)) for name, value in changes.items()})

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from feeddrive.identification.frame import Frame, frame_of
+from feeddrive.identification.estimate import Frame, frame_of
 from feeddrive.language.errors import LogError, NotIdentifiableError, ParameterError
 
 LEAST_ROWS = 100

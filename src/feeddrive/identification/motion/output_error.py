@@ -11,9 +11,9 @@ import numpy as np
 
 from feeddrive.analysis.replay import Replay, estimate_start, replay
 from feeddrive.blocks.reference.recorded import Recorded
-from feeddrive.identification.covariance import errors, robust_covariance
 from feeddrive.identification.estimate import Estimate, estimates_table
 from feeddrive.identification.motion.motion_log import MotionLog
+from feeddrive.identification.regression import errors, robust_covariance
 from feeddrive.language import tree
 from feeddrive.language.errors import DivergedError, NotIdentifiableError, ParameterError
 from feeddrive.language.table import Result, Table

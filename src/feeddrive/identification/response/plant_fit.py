@@ -11,8 +11,7 @@ import numpy as np
 from feeddrive.blocks.actuator.actuator import Actuator
 from feeddrive.blocks.families import Plant
 from feeddrive.identification.estimate import Estimate, estimates_table
-from feeddrive.identification.response.advice import advice, blind, entangled
-from feeddrive.identification.response.agreement import Agreement, agreement
+from feeddrive.identification.response.agreement import Agreement, advice, agreement, blind, entangled
 from feeddrive.identification.response.refine import STEPS, Refined, Unknown, beside, refine
 from feeddrive.identification.response.traced_plant import SensorLines, TracedPlant
 from feeddrive.identification.response.units import ResponseUnits

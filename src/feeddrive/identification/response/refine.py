@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from feeddrive.identification.covariance import ols_covariance, robust_covariance
+from feeddrive.identification.regression import ols_covariance, robust_covariance
 from feeddrive.language.errors import ParameterError
 from feeddrive.loop.frequency_response import FRF
 

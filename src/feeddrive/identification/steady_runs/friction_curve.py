@@ -15,10 +15,8 @@ from feeddrive.blocks.friction.coulomb import Coulomb
 from feeddrive.blocks.friction.directional import Directional
 from feeddrive.blocks.friction.directional_stribeck import DirectionalStribeck
 from feeddrive.blocks.friction.stribeck import Stribeck
-from feeddrive.identification.covariance import errors
-from feeddrive.identification.criterion import information, likely_memory
-from feeddrive.identification.estimate import Estimate, estimates_table
-from feeddrive.identification.frame import SHAFT, Frame, require_table
+from feeddrive.identification.estimate import SHAFT, Estimate, Frame, estimates_table, require_table
+from feeddrive.identification.regression import errors, information, likely_memory
 from feeddrive.identification.steady_runs.steady_runs import SteadyRuns
 from feeddrive.identification.traced_force import TracedForce, steady_curve
 from feeddrive.language import tree
@@ -212,7 +210,7 @@ def fit_friction(runs: SteadyRuns, candidates: Sequence[Candidate] = CANDIDATES)
         level(v) = coulomb + (breakaway - coulomb) e^-|v / stribeck_velocity|^exponent
 
     Estimates are least squares with equal weights.  The criterion and the standard errors account for a residual that
-    hangs together from one speed to the next (`criterion.information`): a curve that is wrong in its shape leaves such
+    hangs together from one speed to the next (`regression.information`): a curve that is wrong in its shape leaves such
     a residual, and it is no evidence for more parameters than it can carry.  Two curves that share nothing are
     compared too; no block holds them, so they are never taken, but a remark says so if they are clearly better.
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from feeddrive.identification.covariance import errors, robust_covariance
-from feeddrive.identification.frame import TABLE, Frame, frame_of, lever
+from feeddrive.identification.estimate import TABLE, Frame, frame_of, lever
+from feeddrive.identification.regression import errors, robust_covariance
 from feeddrive.language.errors import LogError, NotIdentifiableError
 from feeddrive.language.table import Result, Table
 

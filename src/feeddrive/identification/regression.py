@@ -1,0 +1,231 @@
+"""Least squares: standard errors, evidence for a model, what a fit leaves over, and what it predicts of unused rows."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from scipy.signal import oaconvolve
+
+from feeddrive.language.errors import ParameterError
+from feeddrive.language.table import Result, Table
+
+MOST_ROWS = 5000  # scores whose covariance is summed lag by lag
+_MEMORIES = np.linspace(0.0, 0.98, 99)
+SHOWN_LAGS = (1, 2, 5, 10, 20)
+GAP = 5  # rows beside a stretch that its fit does not use either: their residual is much the same
+
+
+def ols_covariance(columns: np.ndarray, residual: np.ndarray) -> np.ndarray:
+    """s² (XᵀX)⁻¹ with s² = rᵀr / (n - p): right only for a white residual of constant size."""
+    n, p = columns.shape
+    return float(residual @ residual) / max(n - p, 1) * _inverse(columns)
+
+
+def robust_covariance(columns: np.ndarray, residual: np.ndarray, lags: int | None = None) -> np.ndarray:
+    """n / (n - p) (XᵀX)⁻¹ S (XᵀX)⁻¹, with S the long-run covariance of the scores z(k) = x(k) r(k):
+
+        S = Γ(0) + Σ w(j) (Γ(j) + Γ(j)ᵀ),   Γ(j) = Σ z(k) z(k-j)ᵀ,   w(j) = 1 - j / (lags + 1)
+
+    columns   shape (n, p), or (signals, n, p) for several signals with errors that hang together at each time
+    residual  shape (n,), or (signals, n)
+
+    It asks nothing of the residual but that its memory ends.  `lags` follows from that memory if it is not given:
+    1.1447 (α n)^⅓ of Andrews 1991, taken twice, with α from the first autocorrelation of each score.  S itself is
+    uncertain the more lags it has; the factor of `widening` makes 1.96 errors a 95 % interval all the same.
+    Sources: Newey & West 1987; Andrews 1991, eqs. (6.2) and (6.4); Kiefer & Vogelsang 2005.
+    """
+    stacked = columns if columns.ndim == 3 else columns[None]
+    remains = residual if residual.ndim == 2 else residual[None]
+    n, p = stacked.shape[1:]
+    return n / max(n - p, 1) * _long_run(_scores(stacked, remains), lags)
+
+
+def _scores(columns: np.ndarray, residual: np.ndarray) -> np.ndarray:
+    """In the metric of the estimates: what each sample adds to each parameter, shape (rows, p)."""
+    inverse = _inverse(columns.reshape(-1, columns.shape[-1]))
+    return _in_blocks(np.einsum("snp,sn->np", columns, residual) @ inverse)
+
+
+def _long_run(scores: np.ndarray, lags: int | None = None) -> np.ndarray:
+    """Their covariance over all lags that count."""
+    rows = scores.shape[0]
+    lags = max(0, min(memory(scores) if lags is None else lags, rows // 4))
+    # all lags at once: the scores against themselves, spread by the window
+    window = 1.0 - np.abs(np.arange(-lags, lags + 1)) / (lags + 1.0)
+    total = scores.T @ oaconvolve(scores, window[:, None], mode="full", axes=0)[lags : lags + rows]
+    total = 0.5 * (total + total.T)
+    return widening(lags / rows) ** 2 * total
+
+
+def _in_blocks(scores: np.ndarray) -> np.ndarray:
+    """Sums of as many rows in a row as leave at most `MOST_ROWS`: the covariance over long lags stays what it is."""
+    size = -(-scores.shape[0] // MOST_ROWS)
+    return scores if size == 1 else np.add.reduceat(scores, np.arange(0, scores.shape[0], size), axis=0)
+
+
+def widening(share: float) -> float:
+    """How much wider than 1.96 errors a 95 % interval is, if `share` of all lags was used with a Bartlett window.
+
+    (1.9600 + 2.9694 b + 0.4160 b² - 0.5324 b³) / 1.96, b = share.  Source: Kiefer & Vogelsang 2005, table 1.
+    """
+    return (1.9600 + 2.9694 * share + 0.4160 * share**2 - 0.5324 * share**3) / 1.96
+
+
+def memory(scores: np.ndarray) -> int:
+    """Lags after which the scores, shape (n, p), have forgotten: Andrews' rule for the Bartlett window, twice."""
+    n = scores.shape[0]
+    alpha, weight = 0.0, 0.0
+    for column in scores.T:
+        size = float(column @ column)
+        if size <= 0.0 or n < 3:
+            continue
+        rho = min(0.97, max(-0.97, float(column[1:] @ column[:-1]) / size))
+        spread = size * (1.0 - rho * rho)
+        alpha += 4.0 * rho**2 * spread**2 / ((1.0 - rho) ** 6 * (1.0 + rho) ** 2)
+        weight += spread**2 / (1.0 - rho) ** 4
+    return int(np.ceil(2.0 * 1.1447 * (alpha / weight * n) ** (1.0 / 3.0))) if weight > 0.0 else 0
+
+
+def errors(covariance: np.ndarray) -> np.ndarray:
+    """Standard errors: roots of the diagonal."""
+    return np.sqrt(np.maximum(np.diag(covariance), 0.0))
+
+
+def _inverse(columns: np.ndarray) -> np.ndarray:
+    sizes = np.linalg.norm(columns, axis=0)
+    scaled = columns / sizes
+    return np.linalg.inv(scaled.T @ scaled) / np.outer(sizes, sizes)
+
+
+def information(residual: np.ndarray, parameters: int, stretches: Sequence[slice] | None = None) -> float:
+    """The Bayesian information criterion of a residual that follows r(k) = rho r(k-1) + e(k); less is better.
+
+        -2 log L = n log(Σ e² / n) - m log(1 - rho²)
+        criterion = -2 log L + k log n · n / (n - k - 1),   k = parameters + 2
+
+    with the rho >= 0 that is most likely; rho and the size of e are the two parameters more.  The last factor corrects
+    for few rows, where the plain criterion takes a parameter too many in one case of five.  Without that memory, as
+    in the usual criterion, neighboring rows would count as independent, and a model would be allowed to follow what
+    they share.  `stretches` are rows in a row, m of them (default: all); rho does not reach from one to the next.
+    Sources: Schwarz 1978; McQuarrie 1999 for few rows; the likelihood of a first-order process, Box & Jenkins 1970.
+    """
+    parts = _parts(residual, stretches)
+    best = min(_likelihood(parts, rho) for rho in _MEMORIES)
+    n, k = residual.size, parameters + 2
+    return float(best + k * np.log(n) * n / max(n - k - 1, 1))
+
+
+def likely_memory(residual: np.ndarray, stretches: Sequence[slice] | None = None) -> float:
+    """The rho >= 0 that is most likely."""
+    parts = _parts(residual, stretches)
+    return float(min(_MEMORIES, key=lambda rho: _likelihood(parts, rho)))
+
+
+def _parts(residual: np.ndarray, stretches: Sequence[slice] | None) -> list[np.ndarray]:
+    parts = [residual] if stretches is None else [residual[part] for part in stretches]
+    return [part for part in parts if part.size]
+
+
+def _likelihood(parts: list[np.ndarray], rho: float) -> float:
+    """-2 log L but for a constant."""
+    n = sum(part.size for part in parts)
+    first = (1.0 - rho * rho) * sum(float(part[0]) ** 2 for part in parts)
+    rest = sum(float(np.sum((part[1:] - rho * part[:-1]) ** 2)) for part in parts)
+    # a residual of nothing but rounding is as good as one of 0
+    return n * float(np.log(max((first + rest) / n, 1e-300))) - len(parts) * float(np.log(1.0 - rho * rho))
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Residuals(Result):
+    """Measured - fitted, shape (n,), over the rows that were fitted.
+
+    norm       √(rᵀr);  relative: over that of the measured values
+    condition  number of the columns as they are, in SI
+    """
+
+    values: np.ndarray
+    measured: np.ndarray
+    condition: float
+    unit: str
+
+    @property
+    def norm(self) -> float:
+        """√(rᵀr)."""
+        return float(np.linalg.norm(self.values))
+
+    @property
+    def relative(self) -> float:
+        """|r| / |y|."""
+        return self.norm / float(np.linalg.norm(self.measured))
+
+    @property
+    def deviation(self) -> float:
+        """Standard deviation, in the unit of the force."""
+        return float(np.std(self.values, ddof=1))
+
+    def autocorrelation(self, lag: int) -> float:
+        """Σ r(k) r(k - lag) / Σ r(k)²; within ±2/√n for a white residual."""
+        r = self.values
+        return float(r[lag:] @ r[: r.size - lag]) / float(r @ r)
+
+    @property
+    def white(self) -> bool:
+        """Whether the first autocorrelation is within what chance gives in 95 % of white residuals."""
+        return abs(self.autocorrelation(1)) < 1.96 / np.sqrt(self.values.size)
+
+    def table(self) -> Table:
+        """Sizes and autocorrelation."""
+        rows = [
+            ["norm", self.unit, f"{self.norm:.6g}"],
+            ["relative to the measured force", "%", f"{100.0 * self.relative:.4g}"],
+            ["standard deviation", self.unit, f"{self.deviation:.4g}"],
+            ["condition of the columns", "", f"{self.condition:.6g}"],
+        ]
+        lags = [lag for lag in SHOWN_LAGS if lag < self.values.size]
+        rows += [[f"autocorrelation at lag {lag}", "", f"{self.autocorrelation(lag):.2f}"] for lag in lags]
+        what = "white" if self.white else "not white: errors as if it were (ols) are too small"
+        return Table(f"residual of {self.values.size} rows, {what}", ["", "unit", "value"], rows)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Validation(Result):
+    """Of each stretch: its error when it was not used, over its measured RMS, and the parameters without it.
+
+    relative  RMS of all errors on unused rows over the RMS of what was measured
+    values    shape (stretches, parameters)
+    """
+
+    errors: np.ndarray
+    relative: float
+    values: np.ndarray
+    unit: str
+
+    def table(self) -> Table:
+        """One row a stretch."""
+        rows = [[f"{i + 1}", f"{100.0 * error:.3g}"] for i, error in enumerate(self.errors)]
+        return Table(f"unused rows: {100.0 * self.relative:.3g} % RMS", ["stretch", "error %"], rows)
+
+
+def cross_validated(columns: np.ndarray, measured: np.ndarray, folds: int, unit: str) -> Validation:
+    """Leave out one stretch of rows after the other, with `GAP` rows beside it, and predict it.
+
+    A stretch that holds a direction or a speed alone makes its fit one that never saw it; that shows as a large error.
+    """
+    n = measured.size
+    if not 2 <= folds <= n // (4 * GAP):
+        raise ParameterError(f"folds = {folds} must be >= 2 and <= {n // (4 * GAP)}, for {n} rows")
+    edges = np.linspace(0, n, folds + 1).astype(int)
+    squares, sizes, found = [], [], []
+    for begin, end in pairwise(edges):
+        used = np.ones(n, dtype=bool)
+        used[max(0, begin - GAP) : end + GAP] = False
+        values = np.linalg.lstsq(columns[used], measured[used], rcond=None)[0]
+        off = measured[begin:end] - columns[begin:end] @ values
+        squares.append(float(off @ off))
+        sizes.append(float(measured[begin:end] @ measured[begin:end]))
+        found.append(values)
+    each = np.sqrt(np.array(squares) / np.maximum(np.array(sizes), np.finfo(float).tiny))
+    return Validation(each, float(np.sqrt(sum(squares) / sum(sizes))), np.array(found), unit)
