@@ -26,7 +26,7 @@ from feeddrive.export.layout import layout
 from feeddrive.export.trial import trial
 from feeddrive.files.machine import read_machine
 from feeddrive.loop.routine import Routine
-from feeddrive.loop.routine_trace import controller_routine, guarded, plant_routine
+from feeddrive.loop.routine_trace import controller_routine, plant_routine
 
 MOVE = fd.SnapLimitedMove(distance=0.02, velocity=0.2, acceleration=3.0, jerk=200.0, snap=2e4, dwell_after=0.05)
 PUSH, PUSHED_FROM = -100.0, 0.05  # N, s
@@ -127,8 +127,7 @@ def main() -> None:
     print("| control | force, N | share | table, nm | far: force, N | share | table, nm | random: force, N | share |")
     print("|---|---|---|---|---|---|---|---|---|")
     for name, given in {"ball_screw (bundled)": machine, **LOOPS}.items():
-        loop = guarded(given)
-        loop = dataclasses.replace(loop, control=dataclasses.replace(loop.control, guard=fd.Guard()))
+        loop = dataclasses.replace(given, control=dataclasses.replace(given.control, guard=fd.Guard()))
         cells = []
         for far in (0.0, FAR):
             single, double = closed(loop, "float", far), closed(loop, "double", far)

@@ -63,6 +63,10 @@ def mode_compensation(observer: object) -> fd.ModeCompensation:
 
 
 DADSC = fd.DADSC(mass=MASS, viscous=VISCOUS, tracking_rate=120.0, reaching_rate=120.0, adaptation_rate=60.0)
+LINUXCNC_PID = fd.LinuxcncPid(
+    position=fd.StockPid(Pgain=60.0, FF1=1.0, maxoutput=3000.0),
+    velocity=fd.StockPid(Pgain=40.0, Igain=400.0, maxoutput=9000.0),
+)
 FILTERS = (
     fd.Notch(frequency=460.0, damping_zero=0.06, damping_pole=0.6),
     fd.LowPass2(frequency=2500.0),
@@ -78,8 +82,8 @@ LAWS: dict[str, fd.Loop] = {
 }
 LOOPS: dict[str, fd.Loop] = {
     **LAWS,
-    "cascade_ppi, no guard": loop(TWO, PPI, guard=None),
-    "cascade_ppi, plain": loop(ONE, fd.CascadePPI(Kv=80.0, Kp=4e4), force_limit=None, guard=None),
+    "cascade_ppi, guard without bounds": loop(TWO, PPI, guard=fd.Guard()),
+    "cascade_ppi, plain": loop(ONE, fd.CascadePPI(Kv=80.0, Kp=4e4), force_limit=None, guard=fd.Guard()),
     "cascade_ppi, slow position loop": loop(
         ONE, fd.CascadePPI(Kv=30.0, Kp=2e4, Tn=0.02, position_every=4, velocity_samples=3, viscous=200.0)
     ),
@@ -131,6 +135,12 @@ LOOPS: dict[str, fd.Loop] = {
     "cascade_ppi, learned force": loop(
         ONE, PPI, compensation=(fd.LearnedForce(force=np.concatenate([50.0 * np.sin(np.arange(300.0)), [0.0]])),)
     ),
+    "cascade_ppi, rejection": loop(
+        ONE,
+        PPI,
+        compensation=(fd.DisturbanceRejection(observer=dataclasses.replace(GPI, omega_o=600.0), share=0.5),),
+    ),
+    "linuxcnc_pid": loop(ONE, LINUXCNC_PID),
     "dadsc, mode": loop(
         ONE, DADSC, compensation=(mode_compensation(fd.DisturbanceRecovery(mass=MASS, frequency=10.0)),)
     ),

@@ -3,9 +3,7 @@
 Stricter than a PLC: a name that is not declared, declared twice or written in another case, a number of the wrong type,
 a mixture of reals and integers, a plain literal that a short real would round, a variable that is read before it was
 written, an assignment to an input or a constant: each raises `IllegalTextError`.
-
-Reals are IEEE 754 numbers, every operation rounded by itself; LREAL has 64 bits and REAL 32.  With `flush`, numbers
-below the normal ones count as zero, as in the simulator.
+Reals are IEEE 754 numbers, every operation rounded by itself.  With `flush`, numbers below the normal ones are zero.
 """
 
 from __future__ import annotations
@@ -102,7 +100,7 @@ class Program:
             return Struct({name: value for name, (_, value) in self.structs[kind].items()})
         if kind in self.blocks:
             return self.blocks[kind].instance()
-        return given
+        return list(given) if isinstance(given, list) else given
 
 
 class Unit:
@@ -152,6 +150,8 @@ class Unit:
             (bounds,) = spec.subranges
             low, high = int(bounds.start.value), int(bounds.stop.value)
             kind = ("ARRAY", low, high, str(spec.type.type_name))
+            if init.value is None:
+                return kind, [0.0] * (high - low + 1)
             (place,) = [int(float(each.value)) for each in elements(init.value)]
             values = [entry(text, kind[3]) for text in self.owner.rows[place]]
             if len(values) != high - low + 1:
@@ -199,8 +199,6 @@ class Unit:
     def instance(self) -> Instance:
         """A function block with a memory of its own."""
         return Instance(self)
-
-    # statements
 
     def statements(self, block: Any, pad: str) -> list[str]:
         found = [line for each in block.statements for line in self.statement(each, pad)]
@@ -257,7 +255,8 @@ class Unit:
             raise IllegalTextError(f"{root_name} is assigned to, but is an input or a constant")
         expression, found = self.expression(value, kind)
         self.same(found, kind)
-        return f"{text} = {expression}.copy()" if kind in self.owner.structs else f"{text} = {expression}"
+        copied = kind in self.owner.structs or isinstance(kind, tuple)
+        return f"{text} = {expression}.copy()" if copied else f"{text} = {expression}"
 
     def same(self, found: Any, wanted: Any) -> None:
         if found != wanted and not (found == "ANY_REAL" and wanted in REALS):
@@ -267,8 +266,6 @@ class Unit:
         text, kind = self.expression(node, "BOOL")
         self.same(kind, "BOOL")
         return text
-
-    # expressions: Python text and type
 
     def place(self, node: Any) -> tuple[str, Any]:
         """A variable, a field of a structure or an element of an array."""

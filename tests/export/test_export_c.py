@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 import shutil
 import subprocess
 from pathlib import Path
@@ -21,7 +22,7 @@ from feeddrive.export.layout import Layout, layout
 from feeddrive.export.trial import BROKEN, Trial, trial
 from feeddrive.loop.guard import TRIP_COMMAND, TRIP_READING
 from feeddrive.loop.routine_run import run
-from feeddrive.loop.routine_trace import controller_routine, guarded, plant_routine
+from feeddrive.loop.routine_trace import controller_routine, plant_routine
 from slow_share import all_but
 
 pytestmark = pytest.mark.skipif(
@@ -85,7 +86,7 @@ def test_a_million_samples_have_the_simulators_bits(name: str, count: int) -> No
 @pytest.mark.parametrize("name", NAMES)
 def test_a_closed_loop_has_the_simulators_bits(name: str) -> None:
     """The readings of a simulated move, given to the C, bring the force of the simulation."""
-    loop = guarded(LOOPS[name])
+    loop = LOOPS[name]
     loop = dataclasses.replace(loop, control=dataclasses.replace(loop.control, guard=fd.Guard()))
     move = fd.SnapLimitedMove(distance=0.02, velocity=0.2, acceleration=3.0, jerk=200.0, snap=2e4, dwell_after=0.05)
     record = ["reading_motor", "reading_load", "force", "trip"]
@@ -295,13 +296,26 @@ def test_two_axes_in_headers_alone_share_one_program(compiler: str, tmp_path: Pa
 
 
 def test_a_hanging_axis_is_held_when_the_loop_is_off() -> None:
-    """Without a guard of its own the export gets one whose safe force is the weight, as far as the limit carries it."""
+    """By the safe force of its guard; and so it is before the first sample in which it is enabled."""
     hanging = dataclasses.replace(ONE, forces=(fd.Gravity(force=-392.4),))
-    for limit, held in ((9000.0, 392.4), (300.0, 300.0), (None, 392.4)):
-        made = guarded(a_loop(hanging, PPI, guard=None, force_limit=limit))
-        assert made.control.guard is not None
-        assert made.control.guard.safe_force == held
-    routine = controller_routine(a_loop(hanging, PPI, guard=None), "axis_x")
+    routine = controller_routine(a_loop(hanging, PPI, guard=fd.Guard(safe_force=392.4)), "axis_x")
     off = trial(routine, 5).inputs
     off[:, -1] = 0.0  # enable
     assert np.all(run(routine, off)[:, 0] == 392.4)
+
+
+@pytest.mark.parametrize("target", ["c", "linuxcnc", "fmu2", "fmu3", "cortex-m", "st"])
+def test_a_control_that_was_simulated_without_a_guard_is_refused(target: str, tmp_path: Path) -> None:
+    """The error holds the lines to add; with these lines the file can be exported."""
+    text = fd.read_machine("mill").file.text
+    bare = re.sub(r"\[axis\.z\.control\.guard\]\n(?:[a-z].*\n)+", "", text)
+    file = tmp_path / "mill.toml"
+    file.write_text(bare, encoding="utf-8")
+    with pytest.raises(fd.FeeddriveError, match="has no guard") as found:
+        fd.write_export(file, target, tmp_path / "out", axis="z")
+    assert not (tmp_path / "out").exists()
+    lines = [line.strip() for line in str(found.value).splitlines() if line.startswith("    ")]
+    assert len(lines) == 4
+    assert "safe_force_N = 392.4" in lines[3]
+    file.write_text(bare + "\n" + "\n".join(lines) + "\n", encoding="utf-8")
+    assert fd.read_machine(file).loop("z").control.guard is not None

@@ -28,7 +28,7 @@ from feeddrive.language.errors import FileError, ParameterError, StructureError
 from feeddrive.loop.guard import TRIP_READING
 from feeddrive.loop.routine import Routine
 from feeddrive.loop.routine_run import run
-from feeddrive.loop.routine_trace import controller_routine, guarded
+from feeddrive.loop.routine_trace import controller_routine
 from slow_share import all_but
 
 # beside the laws: feedforwards and a prefilter, functions of the text's own, a table
@@ -82,7 +82,6 @@ def same_bits(found: np.ndarray, wanted: np.ndarray) -> bool:
 
 def closed_loop(loop: fd.Loop, routine: Routine) -> tuple[np.ndarray, Mapping[str, np.ndarray]]:
     """The inputs of a control during a simulated move, and the simulated signals."""
-    loop = guarded(loop)
     move = fd.SnapLimitedMove(distance=0.01, velocity=0.2, acceleration=3.0, jerk=200.0, snap=2e4, dwell_after=0.02)
     record = ["reading_motor", "reading_load", "force", "trip"]
     simulated = fd.simulate(loop, move, load=fd.StepForce(force=-100.0, start=0.02), record=record)

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from test_engine import LOOPS, REFERENCE, ROW, arguments, every_operation, given, same
 
-from feeddrive.loop.engine import c
 from feeddrive.loop.engine.native import native
 from feeddrive.loop.engine.plan import Plan, plan
 from feeddrive.loop.loop import Signals
 from feeddrive.loop.runner import Prepared, Work
+from loop import c_loop as c
 
 COUNT = 20_000
 

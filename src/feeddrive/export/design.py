@@ -9,14 +9,18 @@ from pathlib import Path
 import numpy as np
 
 from feeddrive.analysis.margins import margins
+from feeddrive.blocks.force.gravity import Gravity
 from feeddrive.export.exportable import check_exportable
 from feeddrive.export.identifiers import check_name
 from feeddrive.export.layout import Layout, layout
 from feeddrive.files.machine import MachineFile, read_machine
+from feeddrive.language.block import Number
+from feeddrive.language.errors import StructureError
+from feeddrive.loop.axis import Axis
 from feeddrive.loop.linearize import loop_gain
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.routine import Routine
-from feeddrive.loop.routine_trace import controller_routine, plant_routine, weight
+from feeddrive.loop.routine_trace import controller_routine, plant_routine
 from feeddrive.version import __version__
 
 LARGEST_MS = 3.0  # above it a change of the axis by a third may end in an oscillation
@@ -77,17 +81,13 @@ class Design:
             return ()
         said, control = self.loop.control.guard, self.loop.control
         held, found = float(weight(self.loop.axis)), []
-        if said is None and held != 0.0:
-            acts = float(self.routine.origin.control.guard.safe_force)  # type: ignore[union-attr]
-            found.append(f"the machine file has no guard; while the loop is off, {acts:g} N hold the hanging axis")
-        elif said is None:
-            found.append("the machine file has no guard: nothing trips but broken numbers, and no bound is checked")
-        elif held != 0.0 and float(said.safe_force) == 0.0:
+        assert said is not None, "what is exported has a guard"
+        if held != 0.0 and float(said.safe_force) == 0.0:
             found.append(
                 f"A HANGING AXIS FALLS: gravity pulls with {-held:g} N, but the guard's safe_force is 0 N, which acts "
                 f"whenever the loop is off; write safe_force_N = {held:g}, or hold the axis by a brake"
             )
-        if said is not None and said.following_error_limit is None:
+        if said.following_error_limit is None:
             found.append("the guard has no following_error_limit: a loop that runs away does not trip")
         found += self._robustness()
         if control.force_limit is None:
@@ -118,13 +118,38 @@ def read_design(
     what  "control" or "plant"
 
     Raises FileError and ParameterError as `read_machine`, ParameterError for a name that a target cannot have,
-    StructureError for a part that leaves the language of `ops`, and both as `check_exportable`.
+    StructureError for a control without a guard and for a part that leaves the language of `ops`, and both as
+    `check_exportable`.
     """
     machine = read_machine(source)
     loop = machine.loop(axis)
+    if what == CONTROL:
+        require_guard(loop)
     prefix = name or f"{'axis' if what == CONTROL else 'plant'}_{loop.name}"
     check_name(prefix, "--name" if name else "the name of the axis")
     routine = controller_routine(loop, prefix) if what == CONTROL else plant_routine(loop, prefix)
     made = layout(routine, precision)
     check_exportable(made)
     return Design(machine, loop.name, loop, what, made)
+
+
+def require_guard(loop: Loop) -> None:
+    """Raise StructureError, with what to add to the machine file, for a control without a guard.
+
+    What is exported is what was simulated, and a target must know what it does with a broken reading.
+    """
+    if loop.control.guard is None:
+        held = float(weight(loop.axis))
+        raise StructureError(
+            f"the control of axis {loop.name} has no guard, so that nothing says what a target does with a broken "
+            f"reading. Add these lines, with the limits of your machine, simulate, and export again:\n\n"
+            f"    [axis.{loop.name}.control.guard]\n"
+            f"    following_error_limit_mm = 1    # trips beyond it\n"
+            f"    velocity_limit = 1              # m/s, trips beyond it\n"
+            f"    safe_force_N = {held:<16g} # while the loop is off{': the weight' if held else ''}"
+        )
+
+
+def weight(axis: Axis) -> Number:
+    """The force in N that holds a hanging axis where it is: against the gravity of its forces."""
+    return -sum((force.force for force in axis.forces if isinstance(force, Gravity)), 0.0) + 0.0

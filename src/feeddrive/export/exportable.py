@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from feeddrive.export.c.expressions import CALLS, FUNCTIONS, INFIX
 from feeddrive.export.layout import Field, Layout
 from feeddrive.export.layout_run import LayoutRun
 from feeddrive.language.errors import ParameterError, StructureError
 from feeddrive.language.graph import ELEMENTARY
-from feeddrive.loop.engine.c_words import CALLS, FUNCTIONS, INFIX
 
 LONGEST_TABLE = 65_536  # numbers: half a megabyte in double precision, more than the flash of most microcontrollers
 _WORDS = {*INFIX, *CALLS, *FUNCTIONS, *ELEMENTARY, "select", "gather", "neg", "not"}

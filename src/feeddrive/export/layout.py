@@ -41,6 +41,7 @@ class Layout:
     names    words of the law's text for nodes
     makers   dotted names of the blocks that compute the nodes
     prepared the prepared numbers, in their order, as nodes
+    conditions the truth nodes of the routine's conditions, in their order
     retune   the live change, in plain arithmetic, and which of its nodes are truth values
     """
 
@@ -56,6 +57,7 @@ class Layout:
     reset: Function
     step: Function
     prepared: tuple[tuple[str, int], ...]
+    conditions: tuple[int, ...]
     retune: Retune | None
     retune_truth: list[bool]
 
@@ -86,7 +88,7 @@ def layout(routine: Routine, precision: str = "double") -> Layout:
         *(v.node for v in (*routine.parameters, *routine.inputs, *routine.states)),
         *(node for _, node, _ in routine.tables),
         *routine.reset.states, *routine.reset.outputs, *routine.step.states, *routine.step.outputs,
-        *(node for _, node in routine.prepared),
+        *(node for _, node in routine.prepared), *(each.node for each in routine.conditions),
     ]  # fmt: skip
     given = {routine.sample_time_node: ("sample_time", 0)}
     for kind, nodes in (
@@ -115,6 +117,7 @@ def layout(routine: Routine, precision: str = "double") -> Layout:
     return Layout(
         routine=routine, precision=precision, graph=graph, leaves=leaves, moving=moving, truth=truth, design=design,
         names=names, makers=makers, reset=reset, step=step, prepared=prepared, retune=retune,
+        conditions=tuple(place[each.node] for each in routine.conditions),
         retune_truth=[] if retune is None else truths(retune.graph),
     )  # fmt: skip
 

@@ -6,6 +6,7 @@ ones count as zero, as the targets are told to.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Mapping
 from importlib import import_module
 from typing import Any
@@ -13,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from feeddrive.export.layout import Layout
+from feeddrive.language import matrix
 from feeddrive.language.graph import ELEMENTARY, Graph, arguments, reachable
 
 _OPERATIONS: dict[str, Callable[..., Any]] = {
@@ -34,6 +36,7 @@ _OPERATIONS: dict[str, Callable[..., Any]] = {
     "power_of_two": lambda k: type(k)(np.ldexp(1.0, int(k))),
     "exponent": lambda x: type(x)(np.frexp(x)[1] - 1 if x != 0.0 else np.finfo(type(x)).minexp - 1),
     "gather": lambda row, place: row[int(place)],
+    "decays": lambda *entries: bool(matrix.decays(np.reshape(entries, (math.isqrt(len(entries)), -1)).tolist())),
 }
 
 
@@ -51,17 +54,20 @@ class LayoutRun:
 
     def _configured(self) -> dict[int, Any]:
         """What `configure` leaves behind, by node, rounded once."""
-        routine, layout = self.layout.routine, self.layout
-        values = self._tables(np.float64)
-        for node, (kind, i) in layout.leaves.items():
-            if kind == "parameter":
-                values[node] = np.float64(self.parameters[routine.parameters[i].path])
-            elif kind == "sample_time":
-                values[node] = np.float64(routine.sample_time)
-        nodes = [field.node for field in layout.design]
-        found = evaluated(layout.graph, nodes, values, np.float64)
+        nodes = [field.node for field in self.layout.design]
+        found = self.values(nodes)
         kept = (value if isinstance(value, bool) else self._rounded(value) for value in found)
         return dict(zip(nodes, kept, strict=True))
+
+    def values(self, nodes: list[int]) -> list[Any]:
+        """Values, in double precision, of nodes that depend on parameters only."""
+        values = self._tables(np.float64)
+        for node, (kind, i) in self.layout.leaves.items():
+            if kind == "parameter":
+                values[node] = np.float64(self.parameters[self.layout.routine.parameters[i].path])
+            elif kind == "sample_time":
+                values[node] = np.float64(self.layout.routine.sample_time)
+        return evaluated(self.layout.graph, nodes, values, np.float64)
 
     def _rounded(self, value: Any) -> Any:
         with np.errstate(over="ignore", under="ignore"):

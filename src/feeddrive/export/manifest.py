@@ -12,6 +12,7 @@ from typing import Any
 from feeddrive.export.design import MACHINE_FILE, Design
 from feeddrive.files.atomic_io import read_whole
 from feeddrive.language.errors import FileError
+from feeddrive.loop.routine import Routine
 from feeddrive.version import __version__
 
 FILE = "export.json"
@@ -42,10 +43,17 @@ def manifest_text(design: Design, target: str, files: Mapping[str, bytes | str],
             "precision": design.layout.precision, "options": options,
         },
         "machine": {"name": design.machine.name, "file": MACHINE_FILE, "sha256": design.digest},
+        "rules": {str(code): sentence for code, sentence in design.routine.sentences.items()},
         "made_by": f"feeddrive {__version__}",
         "files": {name: _digest(content) for name, content in sorted(files.items())},
     }  # fmt: skip
     return json.dumps(content, indent=2, ensure_ascii=False) + "\n"
+
+
+def rules_table(routine: Routine) -> str:
+    """The codes of refused parameters with their sentences, in Markdown."""
+    rows = [f"| {code} | {text.replace('|', chr(92) + '|')} |" for code, text in routine.sentences.items()]
+    return "\n".join(["| code | broken rule |", "|---|---|", *rows])
 
 
 def read_manifest(directory: Path) -> Manifest:

@@ -13,7 +13,7 @@ from feeddrive.language.block import Block, Number, Rule, choice, part
 from feeddrive.language.errors import StructureError
 from feeddrive.language.matrix import Matrix, Row
 from feeddrive.loop.fastest import slow_enough
-from feeddrive.loop.hold import Hold, Port, Rows, Timing, hold
+from feeddrive.loop.hold import Hold, Port, Rows, Timing, hold, samples_of
 
 # noise channels of the encoders; each has room for several kinds of noise
 CHANNEL_MOTOR, CHANNEL_LOAD = 0.0, 16.0
@@ -75,9 +75,7 @@ class Axis(Block):
 
     def timing(self, T: float) -> Timing:
         """How many whole samples of dead time there are, and whether a part is left. All lanes must agree."""
-        samples = self.actuator.dead_time / T
-        near = ops.floor(samples + 0.5)
-        samples = ops.where(ops.absolute(samples - near) < 1e-9 * (1.0 + near), near, samples)
+        samples = samples_of(self.actuator.dead_time, T)
         whole = ops.floor(samples)
         least, most = -ops.most(-whole, 0.0), ops.most(whole, 0.0)
         if least != most:

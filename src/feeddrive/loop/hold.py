@@ -21,6 +21,24 @@ class Timing(NamedTuple):
         """How many past commands the axis must remember."""
         return self.whole + (1 if self.partial else 0)
 
+    def unchanged(self, dead_time: Number, T: Number) -> Any:
+        """Whether another dead time leaves the same structure."""
+        samples = samples_of(dead_time, T)
+        whole = ops.floor(samples)
+        partial = samples > whole
+        return ops.both(ops.equal(whole, float(self.whole)), partial if self.partial else ops.no(partial))
+
+    def said(self) -> str:
+        """In words."""
+        return f"{self.whole} whole samples and {'a part of one' if self.partial else 'no part of one'}"
+
+
+def samples_of(dead_time: Number, T: Number) -> Number:
+    """A dead time in samples; what misses a whole number by rounding only is one."""
+    samples = dead_time / T
+    near = ops.floor(samples + 0.5)
+    return ops.where(ops.absolute(samples - near) < 1e-9 * (1.0 + near), near, samples)
+
 
 class Rows(NamedTuple):
     """Rows of the shape matrix x = S q: the bodies of drive, motor and load of one axis."""

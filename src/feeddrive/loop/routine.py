@@ -1,6 +1,6 @@
 """What runs on a target: the control, or the axis, of a loop as four functions of named numbers.
 
-    configure   parameters -> numbers that depend on parameters only
+    configure   parameters -> numbers that depend on parameters only, or the first condition that they break
     reset       inputs -> the state where the axis is, disabled
     step        state, inputs -> state, outputs: one sample
     retune      state, parameters before and after -> state
@@ -57,6 +57,16 @@ class Variable(NamedTuple):
     declared: Declaration | None = None  # of a parameter: its bounds
 
 
+class Condition(NamedTuple):
+    """What must be true of the parameters, by a truth node, and the sentence that says so.
+
+    Its code is its place among all conditions, from 1 on; 0 says that none is broken.
+    """
+
+    node: int
+    sentence: str
+
+
 class Function(NamedTuple):
     """Nodes of what a function of a routine gives back, in the order of `states` and `outputs`."""
 
@@ -92,6 +102,8 @@ class Retune(NamedTuple):
 class Routine:
     """Four functions of named numbers in one graph; see the module.
 
+    conditions what `configure` and `retune` demand of the parameters: the bounds of each, in their order, then what
+               blocks demand between them
     origin    the loop, with its guard
     prepared  the named numbers that the blocks call prepared, and `prepared_leaves` their places among the leaves of
               what `prepare` returns
@@ -116,6 +128,7 @@ class Routine:
     reset: Function
     step: Function
     retune: Retune | None
+    conditions: tuple[Condition, ...]
     tables: tuple[tuple[str, int, np.ndarray], ...]
     names: dict[int, Name]
     makers: dict[int, str]
@@ -124,9 +137,22 @@ class Routine:
     blocks: tuple[tuple[str, Block], ...]
 
     @property
+    def sentences(self) -> dict[int, str]:
+        """What each code of a refusal says: the condition that is broken."""
+        return {code: each.sentence for code, each in enumerate(self.conditions, 1)}
+
+    @property
     def sample_time(self) -> float:
         """s."""
         return float(self.origin.sample_time)
+
+
+def off_outputs(routine: Routine) -> dict[str, float]:
+    """The outputs of a control that has no parameters to run with: the safe force of the machine file, switched off."""
+    guard, motor = routine.origin.control.guard, routine.origin.axis.actuator.motor
+    held = 0.0 if guard is None else float(guard.safe_force)
+    command = {} if motor is None else {"command": held / float(motor.force_per_unit())}
+    return {"force": held, **command, "trip": 0.0, "enabled": 0.0}
 
 
 def target_name(path: str) -> str:

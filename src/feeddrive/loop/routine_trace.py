@@ -5,23 +5,23 @@ from __future__ import annotations
 import inspect
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
+from functools import reduce
 from typing import Any, cast
 
-from feeddrive.blocks.force.gravity import Gravity
+import numpy as np
+
 from feeddrive.blocks.signals import Noise, Setpoint
-from feeddrive.language import tree
-from feeddrive.language.block import Block, Number, label, part
+from feeddrive.language import ops, tree
+from feeddrive.language.block import Block, Declaration, Number, label, part
 from feeddrive.language.errors import StructureError
-from feeddrive.language.graph import Graph, reachable
+from feeddrive.language.graph import Graph, Symbol, reachable
 from feeddrive.language.naming import Name, Names
 from feeddrive.language.ring import Ring, gathered, spread
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.control import Control
 from feeddrive.loop.core import advance
-from feeddrive.loop.guard import Guard
 from feeddrive.loop.loop import SETPOINT, Loop
-from feeddrive.loop.routine import MEANINGS, Function, Retune, Routine, Variable, target_name
+from feeddrive.loop.routine import MEANINGS, Condition, Function, Retune, Routine, Variable, target_name
 
 LONGEST_RING = 256  # cells
 _ABSENT = re.compile(r"; absent[^;]*$")  # what is there is not absent
@@ -45,30 +45,8 @@ def controller_of(loop: Loop) -> Controller:
     return Controller(control=loop.control, motor=loop.axis.actuator.motor, name=loop.name)
 
 
-def guarded(loop: Loop) -> Loop:
-    """The loop as it is exported: with a guard, since a target must know what it does with a reading that is none.
-
-    The guard that is added bounds nothing but broken numbers; its safe force is the weight of a hanging axis, as far as
-    the force limit carries it.
-    """
-    if loop.control.guard is not None:
-        return loop
-    held, limit = weight(loop.axis), loop.control.force_limit
-    held = held if limit is None else max(-limit, min(limit, held))
-    return replace(loop, control=replace(loop.control, guard=Guard(safe_force=held)))
-
-
-def weight(axis: Axis) -> Number:
-    """The force in N that holds a hanging axis where it is: against the gravity of its forces."""
-    return -sum((force.force for force in axis.forces if isinstance(force, Gravity)), 0.0) + 0.0
-
-
 def controller_routine(loop: Loop, name: str) -> Routine:
-    """The control of a loop. A control without a guard is given `Guard()`, which bounds nothing but broken numbers.
-
-    Raises StructureError if a part leaves the language of `ops`.
-    """
-    loop = guarded(loop)
+    """The control of a loop. Raises StructureError if a part leaves the language of `ops`."""
     traced = _Traced(controller_of(loop), loop)
     given = [*SETPOINT, *(("reading_motor", "reading_load") if loop.axis.encoders() == 2 else ("reading",)), "enable"]
     inputs = {each: traced.given(each) for each in given}
@@ -147,8 +125,9 @@ def plant_routine(loop: Loop, name: str, seed: int = 0) -> Routine:
     )
     outputs = {each: (*MEANINGS[each], value) for each, value in zip(readings, values, strict=True)}
     first: dict[str, Any] = dict(zip(readings, at_start, strict=True))
+    same = timing.unchanged(axis.actuator.dead_time, T), f"actuator dead_time has {timing.said()}"
     return traced.routine(
-        name, loop, made, inputs, [*names, "sample"], (begun, zero), (after, sample + 1.0), outputs, None, first
+        name, loop, made, inputs, [*names, "sample"], (begun, zero), (after, sample + 1.0), outputs, None, first, [same]
     )
 
 
@@ -185,6 +164,7 @@ class _Traced:
         outputs: Mapping[str, tuple[str, str, Any]],
         retune: Retune | None,
         first: Mapping[str, Any] | None = None,
+        conditions: Sequence[tuple[Any, str]] = (),
     ) -> Routine:
         """All of it with names, units and meanings."""
         values = dict(tree.leaves(self.block))
@@ -241,6 +221,7 @@ class _Traced:
             reset=Function(tuple(begun_nodes), first_nodes),
             step=Function(tuple(after_nodes), output_nodes),
             retune=retune,
+            conditions=tuple(self._conditions({self.parameters[i][0] for i in used}, conditions)),
             tables=self.tables,
             names=self.words.found,
             makers=self.words.makers,
@@ -249,14 +230,41 @@ class _Traced:
             blocks=tuple((path, each) for path, each in _owners(self.block)),
         )
 
-    def _parameter(self, name: str, node: int, value: float) -> Variable:
+    def _declared(self, name: str) -> tuple[str, Declaration]:
+        """Where a leaf stands in the loop, and its declaration."""
         is_axis = isinstance(self.block, Axis)
         path = f"{self.loop.place_of('axis')}.{name}" if is_axis else tree.path_of(self.block, name)
-        declared = tree.declaration(self.block, name if is_axis else path)
-        if declared.unit == "Hz" and declared.below is None and not is_axis:
-            declared = replace(declared, below=0.5 / float(self.loop.sample_time))  # what a sampled control can realise
+        return path, tree.declaration(self.block, name if is_axis else path)
+
+    def _parameter(self, name: str, node: int, value: float) -> Variable:
+        path, declared = self._declared(name)
         meaning = _ABSENT.sub("", declared.meaning)
         return Variable(target_name(name), path, declared.unit, meaning, node, value, declared)
+
+    def _conditions(self, used: set[str], more: Sequence[tuple[Any, str]]) -> Iterator[Condition]:
+        """Bounds of the parameters in use, then what blocks demand of them; what no parameter changes is no condition.
+
+        A parameter that nothing on the target reads stands in a rule with the value that it has.
+        """
+        values = dict(tree.leaves(self.block))
+        for path, symbol in self.parameters:
+            if path in used:
+                _, declared = self._declared(path)
+                bounds = f", {declared.bounds()}" if declared.bounds() else ""
+                holds = reduce(ops.both, declared.conditions(cast(Number, symbol)))
+                yield Condition(holds.index, f"{target_name(path)} is a finite number{bounds}")
+        leaves = iter([symbol if path in used else np.float64(values[path]) for path, symbol in self.parameters])
+        traced = tree.with_tables(tree.rebuild(self.block, leaves), dict(tree.tables(self.symbolic)))
+        with np.errstate(all="ignore"):
+            for path, block in _owners(traced):
+                for rule in (*block.rules(), *block.sampled_rules(self.T)):
+                    if isinstance(rule.holds, Symbol):
+                        where = path.removeprefix("control").removeprefix(".")
+                        yield Condition(rule.holds.index, f"{where}: {rule.sentence}" if where else rule.sentence)
+        unused = {symbol.index for path, symbol in self.parameters if path not in used}
+        for holds, sentence in more:
+            if not unused & set(reachable(self.graph, [holds.index])):
+                yield Condition(holds.index, sentence)
 
     def _is_text(self, index: int) -> bool:
         return self.graph.nodes[index][0] in ("const", "truth")

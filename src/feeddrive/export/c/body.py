@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
+import math
 import textwrap
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
 
+from feeddrive.export.c.expressions import CALLS, FUNCTIONS, WIDTH, bare, expression, number
 from feeddrive.export.identifiers import C_WORDS, identifier
 from feeddrive.export.layout import word
 from feeddrive.language.graph import ELEMENTARY, Graph, arguments
 from feeddrive.language.naming import Name
-from feeddrive.loop.engine.c_words import CALLS, FUNCTIONS, WIDTH, bare, expression, number
 
 _LINE = 112  # characters of a line, indented by 4
 # words that the functions themselves use
-_TAKEN = frozenset({"controller", "plant", "parameters", "design", "state", "inputs", "outputs", "old", "before"})
+_TAKEN = frozenset(
+    {"controller", "plant", "parameters", "design", "state", "inputs", "outputs", "old", "before", "matrix"}
+)
 
 
 class Body:
@@ -61,6 +64,10 @@ class Body:
         for index in order:
             node = self.graph.nodes[index]
             values = [self.text(i) for i in arguments(node)]
+            if node[0] == "decays":
+                self.used.add(node[0])
+                self._matrix(index, values)
+                continue
             if node[0] in ELEMENTARY:
                 text = f"exact_{node[0]}{'f' if self.real == 'float' else ''}({bare(values[0])})"
             else:
@@ -75,6 +82,15 @@ class Body:
             else:
                 self.texts[index] = text
 
+    def _matrix(self, index: int, values: list[str]) -> None:
+        """Whether the powers of a matrix decay, in a block of its own, so that its numbers are soon forgotten."""
+        size = math.isqrt(len(values))
+        self._unnamed += 1
+        self.texts[index] = f"v{self._unnamed}"
+        self.lines += [f"bool v{self._unnamed};", "{", f"    double matrix[{2 * len(values)}] = {{0.0}};"]
+        self.lines += [f"    matrix[{k}] = {bare(text)};" for k, text in enumerate(values) if text != "0.0"]
+        self.lines += [f"    v{self._unnamed} = decays(matrix, {size});", "}"]
+
     def _declare(self, index: int, named: Name | None, text: str) -> None:
         owner = named.owner if named is not None else self.makers.get(index)
         if owner is not None and owner != self._owner:
@@ -85,9 +101,7 @@ class Body:
         name = f"v{self._unnamed}" if named is None else identifier(word(named), self._taken, C_WORDS)
         self.texts[index] = name
         line = f"const {'bool' if self.truth[index] else self.real} {name} = {text};"
-        self.lines += textwrap.wrap(
-            line, _LINE, subsequent_indent="    ", break_long_words=False, break_on_hyphens=False
-        )
+        self.lines += wrapped(line)
 
     def assign(self, targets: Iterable[tuple[str, int]], cast: str = "") -> None:
         """`place = number;` for each, at once: what is overwritten and still wanted is taken first."""
@@ -99,3 +113,8 @@ class Body:
                 held[text] = identifier(f"last_{text.rpartition('>')[2]}", self._taken, C_WORDS)
                 self.lines.append(f"const {self.real} {held[text]} = {text};")
         self.lines += [f"{place} = {cast}{held.get(text, text if cast else bare(text))};" for place, text in moved]
+
+
+def wrapped(line: str) -> list[str]:
+    """A statement in lines of a readable length."""
+    return textwrap.wrap(line, _LINE, subsequent_indent="    ", break_long_words=False, break_on_hyphens=False)

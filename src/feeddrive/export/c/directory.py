@@ -8,7 +8,7 @@ from feeddrive.export.c.header_only import header_only
 from feeddrive.export.c.selftest import SAMPLES, self_test
 from feeddrive.export.c.text import texts
 from feeddrive.export.design import CONTROL, MACHINE_FILE, Design
-from feeddrive.export.manifest import FILE, manifest_text
+from feeddrive.export.manifest import FILE, manifest_text, rules_table
 from feeddrive.files.atomic_io import new_directory
 from feeddrive.loop.guard import TRIPS
 from feeddrive.loop.routine import Variable
@@ -102,6 +102,7 @@ def _readme(design: Design) -> str:
     parts.append("## Outputs\n\n" + _table(routine.outputs))
     if routine.parameters:
         parts.append("## Parameters\n\n" + _table(routine.parameters, values=True))
+        parts.append("## Rules of the parameters\n\n" + rules_table(routine))
     return "\n\n".join(parts) + "\n"
 
 
@@ -133,7 +134,7 @@ static {P}_controller controller;
 
 {P}_defaults(&parameters);
 if (!{P}_configure(&controller, &parameters)) {{  /* outside the interrupt */
-    return false;  /* a parameter is out of its bounds: do not go on */
+    return false;  /* the parameters break the rule {P}_broken_rule(&parameters): do not go on */
 }}
 {P}_reset(&controller, &inputs);  /* where the axis is */
 
@@ -144,9 +145,11 @@ if (!{P}_configure(&controller, &parameters)) {{  /* outside the interrupt */
 - `outputs.force` is limited and never NaN. `outputs.enabled` drops when the loop is off or tripped: let it drop
   the drive.
 - A trip is latched. Take `enable` away and give it again: the loop takes over where the axis is.
-- `{P}_retune` changes parameters between two samples. Do not write into `controller` by hand. It says false and
-  changes nothing if a parameter is out of its own bounds. Whether gains fit each other and the axis is not checked on
-  the target: change to what you have simulated.
+- `{P}_retune` changes parameters between two samples. Do not write into `controller` by hand.
+- `{P}_configure` and `{P}_retune` refuse (false) what the simulation refuses: a number out of its bounds, and numbers
+  that do not fit each other. `{P}_broken_rule` gives the code of the first broken rule; they are listed below. After a
+  refused retune the old parameters go on. After a refused configure a step does nothing but command the safe force of
+  the machine file. What they do not know is your axis: change to what you have simulated.
 - The step takes {T} as its sample time: call it at that period.
 - Compile with `{flags}`, never with `-ffast-math`. In C++ the header goes with any standard, the rest with C++17 or
   -std=gnu++.

@@ -7,10 +7,10 @@ from importlib import import_module
 from types import ModuleType
 
 from feeddrive.export.c.body import Body
+from feeddrive.export.c.expressions import FUNCTIONS, bare
 from feeddrive.export.layout import truths
 from feeddrive.language import mathematics
 from feeddrive.language.graph import ELEMENTARY, Graph, reachable
-from feeddrive.loop.engine.c_words import FUNCTIONS, bare
 
 _SAID = {
     "exp": "e^x",
@@ -32,7 +32,11 @@ def helpers(used: set[str], real: str) -> list[str]:
         text, more = _printed(name, real)
         used |= more
         texts.append(text)
-    return [FUNCTIONS[f"{name}{suffix}"] for name in ("power_of_two", "exponent", "uniform") if name in used] + texts
+    return [
+        FUNCTIONS[f"{name}{suffix}" if f"{name}{suffix}" in FUNCTIONS else name]
+        for name in ("power_of_two", "exponent", "uniform", "decays")
+        if name in used
+    ] + texts
 
 
 @cache

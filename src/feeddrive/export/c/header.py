@@ -6,9 +6,9 @@ import re
 import textwrap
 from collections.abc import Sequence
 
+from feeddrive.export.c.expressions import FLUSH
 from feeddrive.export.layout import Layout
 from feeddrive.loop import guard as guards
-from feeddrive.loop.engine.c_words import FLUSH
 from feeddrive.loop.routine import Variable
 
 _WIDTH = 116
@@ -42,11 +42,14 @@ def header(layout: Layout, title: str, made_by: str) -> str:
         f"/* All of a {held}: plain data, which may be copied. */",
         "typedef struct {",
         f"    {P}_design design;", f"    {P}_state state;", f"    {P}_parameters parameters;",
+        "    bool configured; /* false before configure, and after one that was refused */",
         f"}} {P}_{held};", "",
         "/* The values of the machine file. */",
         f"void {P}_defaults({P}_parameters *parameters);", "",
+        "/* 0, or the code of the first rule that the parameters break: README.md and export.json explain it. */",
+        f"int {P}_broken_rule(const {P}_parameters *parameters);", "",
         "/* All work that depends on parameters only: once, outside the interrupt. The state is left alone.",
-        "   False, and nothing is changed, if a parameter is out of its bounds or no number: then do not go on. */",
+        f"   False if a rule is broken: {_OFF[held]}. */",
         f"bool {P}_configure({arguments}, const {P}_parameters *parameters);", "",
         "/* The state where the axis is: off, without a trip. Once before the first step, after configure. */",
         f"void {P}_reset({arguments}, const {P}_inputs *inputs{reset_outputs});", "",
@@ -56,7 +59,7 @@ def header(layout: Layout, title: str, made_by: str) -> str:
     if routine.retune is not None:
         lines += [
             "/* Other parameters between two samples: the state follows, so that the command has no bump.",
-            "   False, and nothing is changed, if a parameter is out of its bounds or no number. */",
+            "   False, and the old parameters go on, if a rule is broken. */",
             f"bool {P}_retune({arguments}, const {P}_parameters *parameters);", "",
         ]  # fmt: skip
     lines += [
@@ -67,6 +70,10 @@ def header(layout: Layout, title: str, made_by: str) -> str:
     return "\n".join(lines) + "\n"
 
 
+_OFF = {
+    "controller": "then a step does nothing but command the safe force of the machine file",
+    "plant": "then reset and step do nothing",
+}
 _USE = """\
     {P}_parameters parameters;
     {P}_{held} {held};

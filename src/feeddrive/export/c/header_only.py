@@ -6,7 +6,7 @@ import re
 
 from feeddrive.export.c.text import Texts
 
-_SHARED = re.compile(r"\b(admissible|exact_\w+|power_of_twof?|exponentf?|uniform)(?=\()")
+_SHARED = re.compile(r"\b(designed|decays|exact_\w+|power_of_twof?|exponentf?|uniform)(?=\()")
 
 
 def header_only(P: str, made: Texts) -> str:
@@ -16,7 +16,7 @@ def header_only(P: str, made: Texts) -> str:
     assert header != made.header, "the header ends otherwise than expected"
     header = header.replace("#include <stdbool.h>", "#include <float.h>\n#include <math.h>\n#include <stdbool.h>", 1)
     header = header.replace("#include <stdint.h>", "#include <stdint.h>\n#include <string.h>", 1)
-    header = re.sub(rf"^(void|bool) {P}_", rf"static inline \1 {P}_", header, flags=re.MULTILINE)
+    header = re.sub(rf"^(void|bool|int) {P}_", rf"static inline \1 {P}_", header, flags=re.MULTILINE)
     bodies, seen = [], set[str]()
     for text in (made.configure, made.source):
         for piece in _pieces(text, P):
@@ -35,7 +35,7 @@ def _own(P: str, text: str) -> str:
 def _pieces(text: str, P: str) -> list[str]:
     """The comment on top, and each function with its comment; without includes."""
     lines = [line for line in text.splitlines() if not line.startswith("#include")]
-    body = re.sub(rf"^(void|bool) {P}_", rf"static inline \1 {P}_", "\n".join(lines), flags=re.MULTILINE)
+    body = re.sub(rf"^(void|bool|int) {P}_", rf"static inline \1 {P}_", "\n".join(lines), flags=re.MULTILINE)
     top, rest = body.split("*/\n", 1)
     pieces = [f"{top}*/", *re.split(r"(?<=^\})\n+", rest, flags=re.MULTILINE)]
     return [piece.strip("\n") + "\n" for piece in pieces if piece.strip()]

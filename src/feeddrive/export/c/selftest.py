@@ -6,10 +6,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from feeddrive.export.c.expressions import number
 from feeddrive.export.layout import Layout
 from feeddrive.export.layout_run import LayoutRun
 from feeddrive.export.trial import Trial, trial
-from feeddrive.loop.engine.c_words import number
 from feeddrive.loop.routine_run import run
 
 SAMPLES, CHANGES, BROKEN = 400, 4, 2e-3

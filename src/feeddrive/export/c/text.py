@@ -16,14 +16,14 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from feeddrive.export.ascii_text import ascii_text
-from feeddrive.export.c.body import Body
+from feeddrive.export.c.body import Body, wrapped
 from feeddrive.export.c.elementary import helpers
+from feeddrive.export.c.expressions import FUNCTIONS, bare, expression, number
 from feeddrive.export.c.header import comment, header
 from feeddrive.export.layout import Layout
-from feeddrive.language.block import Block
+from feeddrive.language.block import LARGEST, Block
 from feeddrive.language.graph import reachable
-from feeddrive.loop.engine.c_words import FUNCTIONS, number
-from feeddrive.loop.routine import Routine, Variable
+from feeddrive.loop.routine import Routine, Variable, off_outputs
 
 
 @dataclass(frozen=True)
@@ -62,6 +62,7 @@ def _source(layout: Layout, title: str, made_by: str) -> str:
             (f"{P}_state *const state = &{held}->state;", "state->" in text),
             ("(void)inputs;", "inputs->" not in text),
         ]
+        wanted.insert(0, (f"if (!{held}->configured) {{\n{_off(layout, bool(outputs))}    return;\n}}", True))
         more = f", {P}_outputs *outputs" if outputs else ""
         signature = f"void {P}_{name}({P}_{held} *{held}, const {P}_inputs *inputs{more})"
         functions.append(_function(signature, [line for line, needed in wanted if needed], body.lines))
@@ -78,32 +79,83 @@ def _configure(layout: Layout, title: str, made_by: str) -> str:
     routine, P = layout.routine, layout.routine.name
     held = routine.memory
     defaults = [_assigned(f"parameters->{v.name}", v.value) for v in routine.parameters]
-    body = Body(
-        layout.graph, layout.truth, _leaves(layout, {"parameter": "parameters->"}), layout.names, layout.makers,
-        "double", _titles(routine),
-    )  # fmt: skip
-    nodes = [field.node for field in layout.design]
-    body.compute(layout.order(nodes, moving=False), nodes)
-    body.lines.append("")
-    for field in layout.design:
-        text = body.text(field.node)
-        cast = "(float)" if layout.precision == "float" and not field.truth else ""
-        body.lines.append(f"design->{field.name} = {cast}{text};")
-    lines = [f"{P}_design *const design = &{held}->design;"] if layout.design else []
-    lines += ["if (!admissible(parameters)) {", "    return false;", "}"]
-    body.lines += [f"{held}->parameters = *parameters;", "return true;"]
+    designed, used = _designed(layout)
     functions = [
-        _admissible(routine),
         _function(f"void {P}_defaults({P}_parameters *parameters)", [], defaults or ["(void)parameters;"]),
+        designed,
         _function(
-            f"bool {P}_configure({P}_{held} *{held}, const {P}_parameters *parameters)", lines, body.lines
+            f"int {P}_broken_rule(const {P}_parameters *parameters)", [],
+            [f"{P}_design design;", "return designed(&design, parameters);"],
+        ),
+        _function(
+            f"bool {P}_configure({P}_{held} *{held}, const {P}_parameters *parameters)", [],
+            [
+                f"{held}->configured = designed(&{held}->design, parameters) == 0;",
+                f"if ({held}->configured) {{", f"    {held}->parameters = *parameters;", "}",
+                f"return {held}->configured;",
+            ],
         ),
     ]  # fmt: skip
     if routine.retune is not None:
-        functions.append(_retune(layout))
+        text, more = _retune(layout)
+        functions.append(text)
+        used |= more
     said = comment(f"{title}: what is done once, and outside the interrupt.\n\n{made_by}")
-    includes = [f'#include "{P}.h"', "", "#include <float.h>", *_needed(body.used | {"abs"}, "double")]
+    includes = [f'#include "{P}.h"', "", "#include <float.h>", *_needed(used, "double")]
     return _joined([*said, *includes, *functions])
+
+
+def _off(layout: Layout, answers: bool) -> str:
+    """What comes out after a refused configure: of a control the safe force of the machine file, of an axis nothing."""
+    routine = layout.routine
+    if routine.memory != "controller" or not answers:
+        return ""
+    cast = "(float)" if layout.precision == "float" else ""
+    values = off_outputs(routine)
+    return "".join(f"    outputs->{v.name} = {cast}{number(values[v.name])};\n" for v in routine.outputs)
+
+
+def _designed(layout: Layout) -> tuple[str, set[str]]:
+    """The design that parameters make, if they keep all conditions; and the operations that this takes."""
+    routine, P = layout.routine, layout.routine.name
+    leaves = _leaves(layout, {"parameter": "parameters->"})
+    for index, node in enumerate(layout.graph.nodes):
+        if node == ("const", LARGEST.hex()) or node == ("const", (-LARGEST).hex()):
+            leaves[index] = "DBL_MAX" if node[1] == LARGEST.hex() else "-DBL_MAX"
+    body = Body(layout.graph, layout.truth, leaves, layout.names, layout.makers, "double", _titles(routine))
+    said, bounds = routine.sentences, len(routine.parameters)
+    lines: list[str] = []
+    for code, node in enumerate(layout.conditions[:bounds], 1):
+        lines += _refused(_inline(layout, node, body), code, said[code])
+    rules = layout.conditions[bounds:]
+    nodes = [*rules, *(field.node for field in layout.design)]
+    body.compute(layout.order(nodes, moving=False), nodes)
+    lines += body.lines
+    for code, node in enumerate(rules, bounds + 1):
+        lines += _refused(bare(body.text(node)), code, said[code])
+    for field in layout.design:
+        cast = "(float)" if layout.precision == "float" and not field.truth else ""
+        lines.append(f"design->{field.name} = {cast}{body.text(field.node)};")
+    text = "\n".join(lines)
+    first = [f"(void){name};" for name in ("design", "parameters") if f"{name}->" not in text]
+    said = "/* What is computed once, and 0; or the code of the first rule that the parameters break, and nothing. */\n"
+    function = _function(
+        f"static int designed({P}_design *design, const {P}_parameters *parameters)", first, [*lines, "return 0;"]
+    )
+    return said + function, body.used
+
+
+def _inline(layout: Layout, index: int, body: Body) -> str:
+    """The comparisons of a bound in a line."""
+    name, *values = layout.graph.nodes[index]
+    if name == "and":
+        return " && ".join(_inline(layout, i, body) for i in values)
+    return bare(expression(name, [body.text(i) for i in values]))
+
+
+def _refused(holds: str, code: int, sentence: str) -> list[str]:
+    """Leave with a code where a condition does not hold."""
+    return [*comment(sentence), *wrapped(f"if (!({holds})) {{"), f"    return {code};", "}"]
 
 
 def _assigned(place: str, value: float) -> str:
@@ -112,30 +164,7 @@ def _assigned(place: str, value: float) -> str:
     return f"{place} = {text};" + (f" /* {value!r} */" if "0x" in text else "")
 
 
-def _admissible(routine: Routine) -> str:
-    """Whether every parameter is a number within the bounds that its block declares."""
-    signs = (("above", ">"), ("least", ">="), ("below", "<"), ("most", "<="))
-    lines = ["/* Is every parameter a number within its bounds? */"]
-    tests: list[str] = []
-    for v in routine.parameters:
-        place = f"parameters->{v.name}"
-        tests.append(f"fabs({place}) <= DBL_MAX")
-        for side, sign in signs:
-            bound = None if v.declared is None else getattr(v.declared, side)
-            if bound is not None:
-                tests.append(f"{place} {sign} {number(float(bound))}")
-    names = {v.name for v in routine.parameters}
-    if {"guard_safe_force", "force_limit"} <= names:
-        tests.append("fabs(parameters->guard_safe_force) <= parameters->force_limit")
-    body = ["return " + "\n    && ".join(tests or ["parameters != NULL"]) + ";"]
-    return (
-        "\n".join(lines)
-        + "\n"
-        + _function(f"static bool admissible(const {routine.name}_parameters *parameters)", [], body)
-    )
-
-
-def _retune(layout: Layout) -> str:
+def _retune(layout: Layout) -> tuple[str, set[str]]:
     """The state follows the parameters: `retune` of the blocks, between the design before and after; in double."""
     routine, P, real = layout.routine, layout.routine.name, layout.precision
     assert layout.retune is not None
@@ -166,13 +195,13 @@ def _retune(layout: Layout) -> str:
     first = [
         *([f"const {P}_controller before = *controller;"] if "before." in text else []),
         *([f"{P}_state *const state = &controller->state;"] if "state->" in text else []),
-        f"if (!{P}_configure(controller, parameters)) {{",
+        "if (!controller->configured || designed(&controller->design, parameters) != 0) {",
         "    return false;",
         "}",
+        "controller->parameters = *parameters;",
     ]
-    return _function(
-        f"bool {P}_retune({P}_controller *controller, const {P}_parameters *parameters)", first, body.lines
-    )
+    signature = f"bool {P}_retune({P}_controller *controller, const {P}_parameters *parameters)"
+    return _function(signature, first, body.lines), body.used
 
 
 def graph_constant(layout: Layout, index: int) -> str | None:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from feeddrive.export.c.expressions import number
 from feeddrive.export.layout import Layout
 from feeddrive.export.layout_run import LayoutRun
-from feeddrive.loop.engine.c_words import number
 
 
 def prepared_files(layout: Layout) -> dict[str, str]:
@@ -22,6 +22,7 @@ def prepared_files(layout: Layout) -> dict[str, str]:
         *_constant(f"{P}_design", "design", numbers),
         *_constant(f"{P}_parameters", "parameters", parameters),
         *(f"    controller->{name} = {name};" for name, rows in _given(numbers, parameters) if rows),
+        "    controller->configured = true;",
         "}",
         "",
     ]  # fmt: skip

@@ -7,7 +7,7 @@ from pathlib import Path
 from feeddrive.export.design import CONTROL, MACHINE_FILE, Design
 from feeddrive.export.fmu.fmu import fmu
 from feeddrive.export.fmu.variables import FmuVariable, variables
-from feeddrive.export.manifest import FILE, manifest_text
+from feeddrive.export.manifest import FILE, manifest_text, rules_table
 from feeddrive.files.atomic_io import check_directory, new_directory
 
 
@@ -38,6 +38,7 @@ def _readme(design: Design, version: int, binary: bool) -> str:
         T=f"{1e6 * design.routine.sample_time:g}",
         use=_CONTROL if design.what == CONTROL else _PLANT,
         binary="It holds a binary for the machine it was made on." if binary else "It holds sources only, no binary.",
+        rules=rules_table(design.routine),
         table="\n".join(["| variable | what | unit | meaning | start |", "|---|---|---|---|---|", *_rows(design)]),
     )
 
@@ -78,6 +79,13 @@ _README = """\
 ## Variables
 
 {table}
+
+## Rules of the parameters
+
+Parameters that break one of these rules are refused with an error whose message names it: at the end of the
+initialization, and at the next step, after which the old parameters go on.
+
+{rules}
 """
 _CONTROL = """\
 - Let the controller step first and hand its force to the plant before the plant steps: the other order adds a sample of

@@ -5,8 +5,9 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 
+from feeddrive.export.ascii_text import ascii_text
+from feeddrive.export.c.expressions import number
 from feeddrive.export.fmu.variables import TRIP_NAMES, FmuVariable, is_plant
-from feeddrive.loop.engine.c_words import number
 from feeddrive.loop.routine import Routine
 
 _GROUPS = {"time": "TIME", "sample_time": "CLOCK", "parameter": "PARAMETER", "start": "START", "input": "INPUT"}
@@ -95,11 +96,14 @@ def model_header(routine: Routine, token: str, variables: Sequence[FmuVariable])
     head = _HEAD.format(P=P, P_upper=P.upper(), held=routine.memory, token=token)
     rows = ",\n".join(f"    {_row(each)}" for each in variables)
     names = ", ".join(json.dumps(text) for text in TRIP_NAMES.values())
+    rules = ",\n        ".join(json.dumps(ascii_text(text)) for text in routine.sentences.values()) or '""'
     return (
         f"{head}{rows}\n}};\n\nenum {{ VARIABLE_COUNT = sizeof VARIABLES / sizeof VARIABLES[0] }};\n"
         f"{_PLANT if is_plant(routine) else _CONTROLLER}\n"
         f"static const char *model_trip_name(int trip)\n{{\n    static const char *const names[] = {{{names}}};\n"
-        f'    return trip >= 0 && trip < {len(TRIP_NAMES)} ? names[trip] : "unknown";\n}}\n\n#endif\n'
+        f'    return trip >= 0 && trip < {len(TRIP_NAMES)} ? names[trip] : "unknown";\n}}\n\n'
+        f"static const char *model_rule(int code)\n{{\n    static const char *const rules[] = {{{rules}}};\n"
+        f'    return code > 0 && code <= {len(routine.conditions)} ? rules[code - 1] : "unknown";\n}}\n\n#endif\n'
     )
 
 

@@ -25,7 +25,7 @@ def core(name: str, parts: Texts) -> str:
     the time.
     """
     once = re.compile(
-        rf"^static inline void {name}_(configure|retune)\([^;{{]*\)\n\{{.*?^\}}\n", re.DOTALL | re.MULTILINE
+        rf"^static (?:inline bool {name}_retune|int {name}_designed)\([^;{{]*\)\n\{{.*?^\}}\n", re.DOTALL | re.MULTILINE
     )
     whole = header_only(name, parts)
     return _EXACT + once.sub(lambda found: f"{_AS_IT_STANDS}{found[0]}#pragma GCC pop_options\n", whole)

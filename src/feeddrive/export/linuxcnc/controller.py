@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import math
-
 from feeddrive.export.linuxcnc import names
 from feeddrive.export.linuxcnc.component import component, numbers, where
 from feeddrive.export.linuxcnc.names import Item, hal, pin
 from feeddrive.export.linuxcnc.texts import filled
-from feeddrive.language.block import Declaration
 from feeddrive.loop.guard import TRIPS
 from feeddrive.loop.routine import Routine
 
@@ -16,7 +13,7 @@ FAULT_PERIOD, FAULT_LATE, FAULT_PARAMETER = 11, 12, 13  # beside the trip codes 
 FAULTS = {int(code): word for code, word in TRIPS.items()} | {
     FAULT_PERIOD: "a thread with another period than the sample time",
     FAULT_LATE: "a call that came too late",
-    FAULT_PARAMETER: "a parameter out of its bounds when enable came",
+    FAULT_PARAMETER: "parameters that broke a rule when enable came",
 }
 LATE = 10  # periods, the longest time from call to call
 # pin and meaning of each input of the law; lengths are in the unit of the machine
@@ -68,7 +65,8 @@ def pins(routine: Routine) -> list[Item]:
         pin("fault-code", "s32", "out", f"why: 0 none; {codes}"),
         pin("ok", "bit", "out", "the opposite of fault, for a chain of what must be well"),
         pin("heartbeat", "bit", "out", "changes at every call while there is no fault: for a watchdog or charge pump"),
-        pin("parameter-bad", "bit", "out", "a parameter is out of its bounds: no change acts until it is mended"),
+        pin("parameter-bad", "bit", "out", "the parameters break a rule: no change acts until they are mended"),
+        pin("parameter-rule", "s32", "out", "code of the rule that they break, 0 none; the README has its sentence"),
         pin("retunes", "u32", "out", "how many changes of parameters have acted"),
     ]
 
@@ -110,7 +108,6 @@ def controller_comp(routine: Routine, title: str, made_by: str) -> str:
             hal=hal(routine.name),
             period=names.period(routine),
             wanted=numbers([item.c for item in tuned]),
-            bounds="\n".join(_bound(item, v.declared) for item, v in tuned.items()),
             inputs=numbers([_given(v.name) for v in routine.inputs]),
             drive=where(any(v.name == "command" for v in routine.outputs), "    drive_cmd = result.command;\n"),
             period_fault=FAULT_PERIOD,
@@ -123,19 +120,3 @@ def controller_comp(routine: Routine, title: str, made_by: str) -> str:
 def _given(name: str) -> str:
     """A C expression for an input of the law."""
     return "on ? 1.0 : 0.0" if name == "enable" else f"{pin(_INPUTS[name][0], '', '', '').c} / scale"
-
-
-def _bound(item: Item, declared: Declaration | None) -> str:
-    """Bounds of a parameter as a row {least, most}; open ones by the next number."""
-    low, high = "-DBL_MAX", "DBL_MAX"
-    declared = declared or Declaration(role="parameter", unit="", meaning="")
-    if declared.above is not None or declared.least is not None:
-        low = (
-            math.nextafter(declared.above, math.inf) if declared.above is not None else float(declared.least or 0)
-        ).hex()
-    if declared.below is not None or declared.most is not None:
-        high = (
-            math.nextafter(declared.below, -math.inf) if declared.below is not None else float(declared.most or 0)
-        ).hex()
-    bounds = declared.bounds()
-    return f"    {{{low}, {high}}}, /* {item.name}{f' {names.plain(bounds)}' if bounds else ''} */"

@@ -22,6 +22,7 @@ def readme(routine: Routine, plant: Routine, joint: int, limit: Limits, title: s
         acceleration=f"{1e3 * limit.acceleration:.9g}", ferror=f"{1e3 * limit.following_error:.9g}",
         pins=_table(dict.fromkeys(controller.pins(routine))),
         own=_table(controller.settings(routine)), tuned=_table(tuned),
+        rules="\n".join(f"| {code} | {names.plain(text)} |" for code, text in routine.sentences.items()),
         codes="\n".join(f"| {code} | {word} |" for code, word in controller.FAULTS.items()),
     )  # fmt: skip
 

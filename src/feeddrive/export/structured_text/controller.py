@@ -14,12 +14,14 @@ from dataclasses import dataclass
 
 from feeddrive.export.identifiers import ST_WORDS, identifier
 from feeddrive.export.layout import Field, Layout
+from feeddrive.export.structured_text.configure import configure
 from feeddrive.export.structured_text.fixed import Fixed, fixed
 from feeddrive.export.structured_text.functions import functions
 from feeddrive.export.structured_text.section import Section
 from feeddrive.export.structured_text.statements import Assignment
 from feeddrive.export.structured_text.units import (
     CONSTANTS,
+    INDENT,
     INPUTS,
     OUTPUTS,
     VARIABLES,
@@ -27,11 +29,11 @@ from feeddrive.export.structured_text.units import (
     Structure,
     Unit,
 )
-from feeddrive.export.structured_text.words import decimal, literal
+from feeddrive.export.structured_text.words import bare, decimal, literal
 from feeddrive.language.graph import Graph
 from feeddrive.language.naming import Name
 from feeddrive.loop.guard import TRIPS
-from feeddrive.loop.routine import Variable
+from feeddrive.loop.routine import Variable, off_outputs
 
 CYCLE_TOLERANCE = 1e-6  # of the sample time: a task's cycle is known better
 
@@ -60,10 +62,10 @@ def program(layout: Layout, said: str) -> Program:
 
     Raises StructureError for a table with too many entries.
     """
-    return _Printer(layout, said).program()
+    return Printer(layout, said).program()
 
 
-class _Printer:
+class Printer:
     """Prints a layout; names of fields are made legal once, and used everywhere."""
 
     def __init__(self, layout: Layout, said: str) -> None:
@@ -80,7 +82,7 @@ class _Printer:
     def program(self) -> Program:
         """Structures, functions and function blocks."""
         reset = self._reset()
-        blocks = [self._configure(), reset, self._retune(), self._step(reset.sections[INPUTS][1:])]
+        blocks = [configure(self), reset, self._retune(), self._step(reset.sections[INPUTS][1:])]
         own = [unit for real, used in self.used.items() for unit in functions(used, self.name, real)]
         return Program(self._structures(), (*own, *blocks), self.fixed, self.parameters)
 
@@ -120,41 +122,15 @@ class _Printer:
             return ""
         return ("TRUE" if value else "FALSE") if field.truth else decimal(value, self.real)
 
-    def _configure(self) -> Unit:
-        """Always in long reals: the design has the best numbers that a short one can store."""
-        wanted = [field for field in self.layout.design if field.name not in self.fixed.fields]
-        leaves: dict[int, str] = {}
-        for node, (kind, i) in self.layout.leaves.items():
-            if kind == "sample_time":
-                leaves[node] = literal(self.routine.sample_time)
-            elif kind == "parameter":
-                leaves[node] = self._parameter("parameters", i)
-        section = self._section(leaves, ["parameters", "design"], "LREAL")
-        places = {field.node: f"design.{self.design[field.name]}" for field in wanted}
-        section.places = places if self.real == "LREAL" else {}
-        lines = self._computed(section, places)
-        for field in wanted:
-            text, place = section.statements.texts[field.node], places[field.node]
-            if text != place:
-                lines += Assignment(place, text if field.truth else self._narrow(text)).lines()
-        return Unit(
-            f"{self.name}_configure", "What depends on parameters only: once, not in every sample.",
-            sections={
-                INPUTS: [Declared("parameters", f"{self.name}_parameters")],
-                OUTPUTS: [Declared("design", f"{self.name}_design")],
-                VARIABLES: section.variables,
-            },
-            body=lines,
-        )  # fmt: skip
-
-    def _parameter(self, struct: str, i: int) -> str:
+    def parameter(self, struct: str, i: int) -> str:
+        """The field of a parameter, or its number if it is fixed."""
         path = self.routine.parameters[i].path
         return literal(self.values[path]) if path in self.values else f"{struct}.{self.parameters[path]}"
 
     def _reset(self) -> Unit:
         inputs = self._inputs()
         section = self._sampled([each.name for each in inputs])
-        lines = self._computed(section, self.layout.reset.states)
+        lines = self.computed(section, self.layout.reset.states)
         lines += section.assign(self._targets(self.layout.reset.states))
         words = set(re.findall(r"\w+", "\n".join(lines)))
         return Unit(
@@ -180,21 +156,21 @@ class _Printer:
             if kind == "state":
                 leaves[node] = self._wide(states[i])
             elif kind in ("old", "new"):
-                leaves[node] = self._parameter("before" if kind == "old" else "after", i)
+                leaves[node] = self.parameter("before" if kind == "old" else "after", i)
             elif i in self.routine.prepared_leaves:
                 made = self.layout.prepared[self.routine.prepared_leaves.index(i)][1]
                 leaves[node] = self._prepared("design_before" if kind == "old_prepared" else "design_after", made)
         taken = ["before", "after", "design_before", "design_after", "state", "retuned"]
-        section = self._section(leaves, taken, "LREAL", (retune.graph, retune.names, retune.makers))
+        section = self.section(leaves, taken, "LREAL", (retune.graph, retune.names, retune.makers))
         changed = [
             (f"retuned.{self.states[variable.path]}", node)
             for i, (variable, node) in enumerate(zip(self.routine.states, retune.states, strict=True))
             if retune.leaves.get(node) != ("state", i)
         ]
-        lines = self._computed(section, [node for _, node in changed])
+        lines = self.computed(section, [node for _, node in changed])
         lines.append("retuned := state;")
         for place, node in changed:
-            lines += Assignment(place, self._narrow(section.statements.texts[node])).lines()
+            lines += Assignment(place, self.narrow(section.statements.texts[node])).lines()
         structs = {"before": "parameters", "after": "parameters", "design_before": "design", "design_after": "design"}
         return Unit(
             f"{self.name}_retune", "The state after a live change: forces and estimates go on without a jump.",
@@ -225,6 +201,7 @@ class _Printer:
         ]  # fmt: skip
         outputs = [self._output(v) for v in self.routine.outputs]
         outputs.append(Declared("cycle_wrong", "BOOL", "", "TRUE: the cycle of the task is not the sample time"))
+        outputs.append(Declared("broken_rule", "DINT", "0", "0, or the rule that refused parameters break: see README"))
         own = [
             Declared("started", "BOOL", "FALSE", "whether there is a state"),
             Declared("retuned", "BOOL", "FALSE", "retune in the cycle before"),
@@ -236,7 +213,7 @@ class _Printer:
         ]  # fmt: skip
         section = self._sampled([each.name for each in (*inputs, *more, *outputs, *own)])
         step = self.layout.step
-        lines = self._computed(section, [*step.states, *step.outputs])
+        lines = self.computed(section, [*step.states, *step.outputs])
         lines += ["", "(* what comes out, and what the next sample remembers *)"]
         for variable, node in zip(self.routine.outputs, step.outputs, strict=True):
             lines += self._put(variable.name, section.statements.texts[node])
@@ -251,8 +228,17 @@ class _Printer:
                 INPUTS: [*inputs, *more], OUTPUTS: outputs,
                 VARIABLES: [*own, *section.variables], CONSTANTS: section.constants(),
             },
-            body=[*first.splitlines(), "", *lines],
+            body=[*first.splitlines(), "", "IF started THEN", *(f"{INDENT}{line}".rstrip() for line in lines),
+                  "ELSE", *(INDENT + line for line in self._off()), "END_IF;"],
         )  # fmt: skip
+
+    def _off(self) -> list[str]:
+        """What comes out while there are no parameters to run with: the safe force of the machine file."""
+        found: list[str] = []
+        for name, value in off_outputs(self.routine).items():
+            text = {"trip": "INT#0", "enabled": "FALSE"}.get(name) or bare(literal(value, self.real))
+            found.append(f"{name} := {text};")
+        return found
 
     def _inputs(self) -> list[Declared]:
         special = {"enable": Declared("enable", "BOOL", "FALSE", "TRUE: the loop shall run")}
@@ -279,11 +265,12 @@ class _Printer:
         """A stored number where long reals are computed."""
         return text if self.real == "LREAL" else f"REAL_TO_LREAL({text})"
 
-    def _narrow(self, text: str) -> str:
+    def narrow(self, text: str) -> str:
         """A long real where it is stored."""
         return text if self.real == "LREAL" else f"LREAL_TO_REAL({text})"
 
-    def _computed(self, section: Section, nodes: Iterable[int]) -> list[str]:
+    def computed(self, section: Section, nodes: Iterable[int]) -> list[str]:
+        """Statements for some nodes; their functions are printed as well."""
         lines = section.compute(nodes)
         self.used[section.real] |= section.statements.used
         return lines
@@ -298,7 +285,7 @@ class _Printer:
                 leaves[node] = routine.inputs[i].name
             elif kind == "state":
                 leaves[node] = f"state.{self.states[routine.states[i].path]}"
-        section = self._section(leaves | fields, [*taken, "state", "design"], self.real)
+        section = self.section(leaves | fields, [*taken, "state", "design"], self.real)
         section.statements.bounds = set(fields)
         for node, (kind, i) in layout.leaves.items():
             if kind == "table":
@@ -307,13 +294,14 @@ class _Printer:
                 section.switch(node)
         return section
 
-    def _section(
+    def section(
         self,
         leaves: Mapping[int, str],
         taken: Iterable[str],
         real: str,
         traced: tuple[Graph, Mapping[int, Name], Mapping[int, str]] | None = None,
     ) -> Section:
+        """Where the statements of one block are collected."""
         layout = self.layout
         graph, names, makers = traced or (layout.graph, layout.names, layout.makers)
         return Section(self.name, dict(self.routine.blocks), graph, leaves, names, makers, real, taken)
@@ -328,6 +316,9 @@ _FIRST = """\
 fresh := reset OR (NOT started);
 IF fresh OR (retune AND (NOT retuned)) THEN
     configuring(parameters := parameters);
+    broken_rule := configuring.rule;
+END_IF;
+IF (fresh OR (retune AND (NOT retuned))) AND (broken_rule = 0) THEN
     IF fresh THEN
         resetting(
             design := configuring.design{inputs});
@@ -344,6 +335,8 @@ IF fresh OR (retune AND (NOT retuned)) THEN
     active := parameters;
     design := configuring.design;
     started := TRUE;
+ELSIF fresh THEN
+    started := FALSE;
 END_IF;
 retuned := retune;
 

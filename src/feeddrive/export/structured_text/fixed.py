@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 from feeddrive.export.layout import Layout
 from feeddrive.export.layout_run import LayoutRun
-from feeddrive.language.graph import reachable
+from feeddrive.language.graph import Graph, arguments, reachable
 from feeddrive.loop.routine import Variable
 
 MOST_OPERATIONS = 500  # behind one design number
@@ -20,10 +20,14 @@ MOST_OPERATIONS = 500  # behind one design number
 
 @dataclass(frozen=True)
 class Fixed:
-    """What is fixed by the export: design numbers with their values, and the parameters behind them."""
+    """What is fixed by the export: design numbers with their values, and the parameters behind them.
+
+    nodes  values of the nodes that depend on fixed parameters alone and are read by rules on others
+    """
 
     fields: Mapping[str, float]
     parameters: tuple[Variable, ...]
+    nodes: Mapping[int, float]
 
 
 def fixed(layout: Layout) -> Fixed:
@@ -41,4 +45,30 @@ def fixed(layout: Layout) -> Fixed:
         if given and given <= held:
             found[field.name] = float(values[field.node])
     routine = layout.routine
-    return Fixed(found, tuple(routine.parameters[leaves[node][1]] for node in sorted(held)))
+    return Fixed(
+        found, tuple(routine.parameters[leaves[node][1]] for node in sorted(held)), _read_by_rules(layout, held)
+    )
+
+
+def _read_by_rules(layout: Layout, held: set[int]) -> dict[int, float]:
+    """What rules on other parameters read of fixed ones: the operations nearest to the rules, with their values."""
+    graph, leaves = layout.graph, layout.leaves
+    free = [kind == "parameter" and node not in held for node, (kind, _) in leaves.items()]
+    moving = {node for node, moves in zip(leaves, free, strict=True) if moves}
+    depends: list[bool] = []
+    for index, node in enumerate(graph.nodes):
+        depends.append(index in moving or any(depends[i] for i in arguments(node)))
+    wanted: set[int] = set()
+    for rule in layout.conditions[len(layout.routine.parameters) :]:
+        if depends[rule]:
+            for index in reachable(graph, [rule]):
+                if depends[index]:
+                    wanted |= {i for i in arguments(graph.nodes[index]) if not depends[i]}
+    wanted = {i for i in wanted if graph.nodes[i][0] not in ("const", "truth", "input") and reaches(graph, i, held)}
+    values = LayoutRun(layout, wide=True).values(sorted(wanted))
+    return dict(zip(sorted(wanted), values, strict=True))
+
+
+def reaches(graph: Graph, node: int, held: set[int]) -> bool:
+    """Whether a node depends on one of some others."""
+    return bool(held & set(reachable(graph, [node])))

@@ -5,6 +5,7 @@ The elementary functions are those of the simulator, traced from the same lines;
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from importlib import import_module
 
@@ -13,6 +14,7 @@ from feeddrive.export.structured_text.statements import Statements
 from feeddrive.export.structured_text.units import INPUTS, VARIABLES, Declared, Unit
 from feeddrive.export.structured_text.words import HUGE, OWN, bare, literal, own
 from feeddrive.language.graph import ELEMENTARY, Graph, reachable
+from feeddrive.language.matrix import SQUARINGS, TOO_LARGE
 
 _SAID = {
     "exp": "e^x.",
@@ -101,7 +103,63 @@ def functions(used: Iterable[str], prefix: str, real: str = "LREAL") -> list[Uni
     found: dict[str, Unit] = {}
     for name in sorted(set(used) & OWN):
         _add(found, name, prefix, real)
+    for name in sorted(each for each in used if each.startswith("decays_")):
+        found[name] = _decays(int(name.removeprefix("decays_")), own(prefix, name, real), real)
     return list(found.values())
+
+
+def _decays(size: int, name: str, real: str) -> Unit:
+    """Whether the powers of a matrix fall towards 0."""
+    n, array = math.isqrt(size), f"ARRAY[0..{size - 1}] OF {real}"
+    numbers = {"one": literal(1.0, real), "large": literal(TOO_LARGE, real)}
+    counts = [Declared(each, "DINT") for each in ("squaring", "i", "j", "k")]
+    return Unit(
+        name,
+        f"Whether the powers of a matrix of {n} rows, which stand one behind the other, fall towards 0.",
+        "BOOL",
+        {
+            INPUTS: [Declared("matrix", array)],
+            VARIABLES: [
+                Declared("now", array), Declared("next", array), Declared("norm", real), Declared("sum", real),
+                Declared("done", "BOOL"), Declared("broken", "BOOL"), *counts,
+            ],
+        },
+        _DECAYS.format(name=name, n=n, last=n - 1, most=SQUARINGS, **numbers).split("\n"),
+    )  # fmt: skip
+
+
+_DECAYS = """\
+{name} := FALSE;
+done := FALSE;
+squaring := 0;
+now := matrix;
+WHILE (NOT done) AND (squaring < {most}) DO
+    broken := FALSE;
+    {name} := TRUE;
+    FOR i := 0 TO {last} DO
+        norm := ABS(now[i * {n}]);
+        FOR k := 1 TO {last} DO
+            norm := norm + ABS(now[(i * {n}) + k]);
+        END_FOR;
+        broken := broken OR (NOT (norm < {large}));
+        {name} := {name} AND (norm < {one});
+    END_FOR;
+    done := broken OR {name};
+    IF NOT done THEN
+        FOR i := 0 TO {last} DO
+            FOR j := 0 TO {last} DO
+                sum := now[i * {n}] * now[j];
+                FOR k := 1 TO {last} DO
+                    sum := sum + (now[(i * {n}) + k] * now[(k * {n}) + j]);
+                END_FOR;
+                next[(i * {n}) + j] := sum;
+            END_FOR;
+        END_FOR;
+        now := next;
+    END_IF;
+    squaring := squaring + 1;
+END_WHILE;
+{name} := {name} AND (NOT broken);"""
 
 
 def _add(found: dict[str, Unit], name: str, prefix: str, real: str) -> None:

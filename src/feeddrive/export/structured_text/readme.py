@@ -6,6 +6,7 @@ import inspect
 import textwrap
 
 from feeddrive.export.design import Design
+from feeddrive.export.manifest import rules_table
 from feeddrive.export.structured_text.check import SAMPLES
 from feeddrive.export.structured_text.controller import Program
 from feeddrive.export.structured_text.units import INPUTS, OUTPUTS, WIDTH, Declared
@@ -47,6 +48,7 @@ def readme(design: Design, program: Program) -> str:
         "## Inputs\n\n" + _table(inputs),
         "## Outputs\n\n" + _table(outputs),
         "## Parameters\n\n" + _parameters(design, program),
+        "## Rules of the parameters\n\n" + rules_table(design.routine),
     ]
     return "\n\n".join(parts) + "\n"
 
@@ -120,8 +122,10 @@ controller(
 - `force` is limited and never NaN. `enabled` drops when the loop is off or tripped: let it drop the drive.
 - A trip is latched. Take `enable` away and give it again: the loop takes over where the axis is.
 - `parameters` are read in the first cycle. To change them while the loop runs, write into them, then give `retune` a
-  rising edge: state and force go on without a jump. Nothing checks them on the PLC: keep within the bounds that
-  feeddrive knows.
+  rising edge: state and force go on without a jump.
+- Parameters that the simulation refuses are refused here: `broken_rule` is then the code of the first rule that they
+  break, and the table below has its sentence. At a retune the old parameters go on. In the first cycle and at a reset
+  the block commands the safe force of the machine file until the parameters are mended.
 - `reset` starts anew where the axis is."""
 
 _TRAPS = """\

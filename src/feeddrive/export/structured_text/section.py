@@ -39,6 +39,7 @@ class Section:
         self._taken = {HUGE, *taken}
         self._lines: list[str] = []
         self.statements = Statements(graph, leaves, self._declare, names, prefix, real, makers)
+        self.statements.array = self.array
 
     def _declare(self, index: int, kind: str) -> str:
         if index in self.places:
@@ -54,6 +55,12 @@ class Section:
         node = self.graph.nodes[index]
         kept = self.statements.texts.get(node[2], "") if node[0] == "select" else ""
         return kept.removeprefix("state.") if kept.startswith("state.") else f"v{len(self.variables) + 1}"
+
+    def array(self, size: int) -> str:
+        """A variable for a row of numbers."""
+        name = identifier("matrix", self._taken, ST_WORDS)
+        self.variables.append(Declared(name, f"ARRAY[0..{size - 1}] OF {self.real}"))
+        return name
 
     def table(self, node: int, path: str, row: list[float]) -> None:
         """A table as an array that is constant."""
@@ -75,6 +82,8 @@ class Section:
 
     def compute(self, nodes: Iterable[int]) -> list[str]:
         """Statements for some nodes, under the names of the blocks in whose text they stand."""
+        nodes = list(nodes)
+        self.statements.done = []
         found = self.statements.compute(nodes, nodes)
         self._lines = []
         owner = None

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from typing import cast
 
 from feeddrive.export.structured_text.units import INDENT
-from feeddrive.export.structured_text.words import bare, expression, literal
+from feeddrive.export.structured_text.words import bare, expression, literal, own
 from feeddrive.language.graph import TRUTH, Graph, arguments
 
 WIDTH = 84  # an expression longer than this is cut by giving a part of it a name
@@ -71,6 +71,10 @@ def _append(done: list[Assignment | Choice], made: Assignment | Choice) -> None:
         done.append(made)
 
 
+def _no_array(size: int) -> str:
+    raise AssertionError(f"no place for a row of {size} numbers")
+
+
 class Statements:
     """The statements that compute some nodes of a graph.
 
@@ -97,6 +101,7 @@ class Statements:
         self.makers = makers or {}
         self.bounds: set[int] = set()  # numbers that stand behind in a comparison, as constants do
         self.used: set[str] = set()  # operations
+        self.array: Callable[[int], str] = _no_array
         self.done: list[Assignment | Choice] = []
         self._reads: dict[int, frozenset[int]] = {}  # nodes whose variables a node's text reads
         self._held: set[int] = set()
@@ -145,6 +150,15 @@ class Statements:
             case "select":
                 if index not in self._inside:
                     self._choice(index)
+            case "decays":
+                size, array = len(node) - 1, self.array(len(node) - 1)
+                self.used.add(f"decays_{size}")
+                entries = [(k, self.texts[i]) for k, i in enumerate(arguments(node)) if self.texts[i] != "0.0"]
+                reads = self._all_reads(arguments(node))
+                for k, text in entries:
+                    self.done.append(Assignment(f"{array}[{k}]", text, reads))
+                called = f"{own(self.prefix, f'decays_{size}', self.real)}({array})"
+                self.done.append(Assignment(self._variable(index, "BOOL"), called, reads))
             case name:
                 self.used.add(name)
                 values = arguments(node)

@@ -97,8 +97,7 @@ fmi2Status fmi2EnterInitializationMode(fmi2Component c)
 fmi2Status fmi2ExitInitializationMode(fmi2Component c)
 {
     REQUIRE(INITIALIZING);
-    initialize(c);
-    return fmi2OK;
+    return (fmi2Status)initialize(c);
 }
 
 fmi2Status fmi2Terminate(fmi2Component c)

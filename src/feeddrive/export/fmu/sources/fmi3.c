@@ -99,8 +99,7 @@ fmi3Status fmi3EnterInitializationMode(fmi3Instance c, fmi3Boolean toleranceDefi
 fmi3Status fmi3ExitInitializationMode(fmi3Instance c)
 {
     REQUIRE(INITIALIZING);
-    initialize(c);
-    return fmi3OK;
+    return (fmi3Status)initialize(c);
 }
 
 fmi3Status fmi3Terminate(fmi3Instance c)

@@ -161,13 +161,27 @@ static int set(instance *one, unsigned int reference, enum kind kind, double val
 
 /* ---- time ---- */
 
-static void initialize(instance *one)
+/* Whether the parameters keep the rules of their blocks; says which is broken if they do not. */
+static int admitted(const instance *one)
 {
+    const int rule = MODEL(broken_rule)(&one->now.parameters);
+    if (rule != 0) {
+        tell(one, ERROR, "logStatusError", "the parameters break rule %d: %s", rule, model_rule(rule));
+    }
+    return rule == 0;
+}
+
+static int initialize(instance *one)
+{
+    if (!admitted(one)) {
+        return ERROR;
+    }
     one->now.tuned = 0;
     MODEL(configure)(&one->now.core, &one->now.parameters);
     model_first(&one->now.core, &one->now.inputs, &one->now.outputs);
     one->now.began = 0;
     one->now.mode = STEPPING;
+    return OK;
 }
 
 static void tell_trip(const instance *one, double time, int before, int after)
@@ -194,6 +208,11 @@ static int advance(instance *one, double time, double step)
     if (!(fabs(time - now->time) <= 1e-3 * T + 1e-15 * fabs(time))) {
         return tell(one, ERROR, "logStatusError", "a step from %.15g s on, but the last one ended at %.15g s", time,
                     now->time);
+    }
+    if (now->tuned && !admitted(one)) {
+        now->parameters = now->core.parameters; /* the old ones go on */
+        now->tuned = 0;
+        return ERROR;
     }
     if (!now->began) {
         if (now->tuned) {

@@ -9,35 +9,25 @@ static bool started, was_on, was_asked, bad;
 static double scale;    /* length units in a metre */
 static int fault_now;   /* code of the fault, kept until the next rising edge of enable or reset */
 static long long called; /* time of the last call, ns */
-
-/* Least and most of every parameter, in the order of ${P}_parameters. */
-static const double bounds[][2] = {
-${bounds}
-};
-enum { PARAMETERS = sizeof bounds / sizeof bounds[0] };
-typedef char one_number_each[sizeof(${P}_parameters) == PARAMETERS * sizeof(double) ? 1 : -1];
-
-/* False for a number out of its bounds, and for one that is none. */
-static bool admitted(const double *wanted)
-{
-    for (int i = 0; i < PARAMETERS; i++)
-        if (!(wanted[i] >= bounds[i][0] && wanted[i] <= bounds[i][1]))
-            return false;
-    return true;
-}
+static ${P}_parameters judged; /* the parameters that were last looked at */
+static int rule;               /* the rule that these break, or 0 */
 
 FUNCTION(_)
 {
-    const double wanted[] = {${wanted}};
+    const ${P}_parameters wanted = {${wanted}};
     const long long now = rtapi_get_time();
     const bool asked = reset;
     bool on = enable;
 
     if (!started)
         scale = units_per_m;
-    const bool changed = !started || memcmp(wanted, &acting, sizeof acting) != 0;
+    const bool changed = !started || memcmp(&wanted, &acting, sizeof acting) != 0;
+    if (!started || memcmp(&wanted, &judged, sizeof judged) != 0) {
+        judged = wanted;
+        rule = ${P}_broken_rule(&judged);
+    }
     if (!changed || !hold_parameters)
-        bad = !(scale > 0.0 && scale <= DBL_MAX) || (changed && !admitted(wanted));
+        bad = !(scale > 0.0 && scale <= DBL_MAX) || (changed && rule != 0);
 
     /* a reset alone must not start a motion */
     if ((on && !was_on) || (asked && !was_asked && !on))
@@ -58,10 +48,10 @@ FUNCTION(_)
         if (bad || hold_parameters)
             ${P}_defaults(&acting);
         else
-            memcpy(&acting, wanted, sizeof acting);
+            acting = wanted;
         ${P}_configure(&core, &acting);
     } else if (changed && !bad && !hold_parameters) {
-        memcpy(&acting, wanted, sizeof acting);
+        acting = wanted;
         ${P}_retune(&core, &acting);
         retunes = retunes + 1;
     }
@@ -85,4 +75,5 @@ ${drive}    running = result.enabled > 0.5;
     if (fault_now == 0)
         heartbeat = !heartbeat;
     parameter_bad = bad;
+    parameter_rule = bad ? rule : 0;
 }

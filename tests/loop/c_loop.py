@@ -14,8 +14,8 @@ from __future__ import annotations
 import re
 from collections import Counter
 
+from feeddrive.export.c.expressions import CALLS, FLUSH, FUNCTIONS, RESERVED, WIDTH, bare, expression, number
 from feeddrive.language.graph import arguments
-from feeddrive.loop.engine.c_words import CALLS, FLUSH, FUNCTIONS, RESERVED, WIDTH, bare, expression, number
 from feeddrive.loop.engine.plan import Plan
 
 

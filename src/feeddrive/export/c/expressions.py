@@ -7,6 +7,7 @@ import re
 import numpy as np
 
 from feeddrive.language.graph import ELEMENTARY
+from feeddrive.language.matrix import SQUARINGS, TOO_LARGE
 from feeddrive.language.primitives import MIX, STRIDES
 
 INFIX = {"add": "+", "sub": "-", "mul": "*", "div": "/", "lt": "<", "le": "<=", "eq": "==", "and": "&&", "or": "||"}
@@ -63,6 +64,42 @@ static float exponentf(float x)
     memcpy(&bits, &x, sizeof bits);
     return (float)((bits >> 23) & 0xFFu) - 127.0f;
 }
+""",
+    "decays": f"""\
+/* Do the powers of a matrix of n rows fall towards 0? They stand in the 2 n n numbers from `now` on, row by row. */
+static bool decays(double *now, int n)
+{{
+    double *next = now + n * n;
+    for (int squaring = 0; squaring < {SQUARINGS}; squaring++) {{
+        bool small = true;
+        for (int i = 0; i < n; i++) {{
+            double norm = fabs(now[i * n]);
+            for (int k = 1; k < n; k++) {{
+                norm = norm + fabs(now[i * n + k]);
+            }}
+            if (!(norm < {TOO_LARGE})) {{
+                return false;
+            }}
+            small = small && norm < 1.0;
+        }}
+        if (small) {{
+            return true;
+        }}
+        for (int i = 0; i < n; i++) {{
+            for (int j = 0; j < n; j++) {{
+                double sum = now[i * n] * now[j];
+                for (int k = 1; k < n; k++) {{
+                    sum = sum + now[i * n + k] * now[k * n + j];
+                }}
+                next[i * n + j] = sum;
+            }}
+        }}
+        double *const done = now;
+        now = next;
+        next = done;
+    }}
+    return false;
+}}
 """,
     "uniform": f"""\
 /* A random number in (0, 1) that depends on three whole numbers only: the finaliser of SplitMix64, once over each. */

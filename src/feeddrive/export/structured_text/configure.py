@@ -1,0 +1,121 @@
+"""The function block that computes what depends on parameters only, and refuses parameters that break a rule."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Protocol
+
+from feeddrive.export.ascii_text import ascii_text
+from feeddrive.export.layout import Layout
+from feeddrive.export.structured_text.fixed import Fixed
+from feeddrive.export.structured_text.section import Section
+from feeddrive.export.structured_text.statements import Assignment
+from feeddrive.export.structured_text.units import INDENT, INPUTS, OUTPUTS, VARIABLES, Declared, Unit, plain
+from feeddrive.export.structured_text.words import expression, literal
+from feeddrive.language.graph import reachable
+
+
+class Printing(Protocol):
+    """What prints the other blocks: its layout, legal names, and its way to statements."""
+
+    layout: Layout
+    fixed: Fixed
+    name: str
+    real: str
+    parameters: dict[str, str]
+    design: dict[str, str]
+
+    def section(self, leaves: Mapping[int, str], taken: Iterable[str], real: str) -> Section:
+        """Where statements are collected, with the texts of what is there already and the names that are taken."""
+        ...
+
+    def computed(self, section: Section, nodes: Iterable[int]) -> list[str]:
+        """The statements for some nodes."""
+        ...
+
+    def parameter(self, struct: str, i: int) -> str:
+        """The text of a parameter."""
+        ...
+
+    def narrow(self, text: str) -> str:
+        """A long real where it is stored."""
+        ...
+
+
+def configure(printer: Printing) -> Unit:
+    """Always in long reals: the design has the best numbers that a short one can store.
+
+    Bounds are asked first, then the rules between parameters, then the design is computed, each only if all before
+    hold: what is refused divides nothing by zero.
+    """
+    layout = printer.layout
+    wanted = [field for field in layout.design if field.name not in printer.fixed.fields]
+    leaves: dict[int, str] = {node: literal(value) for node, value in printer.fixed.nodes.items()}
+    for node, (kind, i) in layout.leaves.items():
+        if kind == "sample_time":
+            leaves[node] = literal(layout.routine.sample_time)
+        elif kind == "parameter":
+            leaves[node] = printer.parameter("parameters", i)
+    section = printer.section(leaves, ["parameters", "design", "rule"], "LREAL")
+    lines = ["rule := 0;"]
+    bounds = len(layout.routine.parameters)
+    for code, (node, variable) in enumerate(zip(layout.conditions, layout.routine.parameters, strict=False), 1):
+        if variable.path in printer.parameters:
+            lines += _refused(layout, _inline(layout, node, section, printer.name), code)
+    rules = [
+        (code, node) for code, node in enumerate(layout.conditions[bounds:], bounds + 1) if _is_tunable(printer, node)
+    ]
+    inner = printer.computed(section, [node for _, node in rules])
+    for code, node in rules:
+        inner += _refused(layout, section.statements.texts[node], code)
+    lines += _unless_broken(inner)
+    places = {field.node: f"design.{printer.design[field.name]}" for field in wanted}
+    section.places = places if printer.real == "LREAL" else {}
+    inner = printer.computed(section, places)
+    for field in wanted:
+        text, place = section.statements.texts[field.node], places[field.node]
+        if text != place:
+            inner += Assignment(place, text if field.truth else printer.narrow(text)).lines()
+    lines += _unless_broken(inner)
+    return Unit(
+        f"{printer.name}_configure",
+        "What depends on parameters only: once, not in every sample. `rule` is 0, or the code of the first rule\n"
+        "that the parameters break, which the README explains; the design is then not to be used.",
+        sections={
+            INPUTS: [Declared("parameters", f"{printer.name}_parameters")],
+            OUTPUTS: [
+                Declared("design", f"{printer.name}_design"), Declared("rule", "DINT", "0", "0, or the broken rule")
+            ],
+            VARIABLES: section.variables,
+        },
+        body=lines,
+    )  # fmt: skip
+
+
+def _is_tunable(printer: Printing, node: int) -> bool:
+    """Whether a node depends on a parameter that can be changed on the PLC."""
+    for i in reachable(printer.layout.graph, [node]):
+        kind, place = printer.layout.leaves.get(i, ("", 0))
+        if kind == "parameter" and printer.layout.routine.parameters[place].path in printer.parameters:
+            return True
+    return False
+
+
+def _inline(layout: Layout, node: int, section: Section, prefix: str) -> str:
+    """The comparisons of a bound, in one expression."""
+    name, *values = layout.graph.nodes[node]
+    if name == "and":
+        return f"({' AND '.join(_inline(layout, i, section, prefix) for i in values)})"
+    texts = [section.statements.texts.get(i) or literal(float.fromhex(layout.graph.nodes[i][1])) for i in values]
+    return expression(name, texts, prefix)
+
+
+def _refused(layout: Layout, holds: str, code: int) -> list[str]:
+    """Keep the code of the first condition that does not hold."""
+    said = plain(ascii_text(layout.routine.sentences[code]))
+    return [f"(* {code}: {said} *)", f"IF (rule = 0) AND (NOT {holds}) THEN", f"{INDENT}rule := {code};", "END_IF;"]
+
+
+def _unless_broken(lines: list[str]) -> list[str]:
+    """Lines for parameters that break no rule so far."""
+    return ["IF rule = 0 THEN", *(f"{INDENT}{line}".rstrip() for line in lines), "END_IF;"] if lines else []
