@@ -151,16 +151,16 @@ def all_agree(count: int, seed: int, place: Path, words: tuple[str, ...]) -> Non
 @pytest.mark.skipif(shutil.which("gcc") is None, reason="NOT TESTED: exported C needs gcc: apt-get install gcc")
 def test_c_refuses_what_python_refuses(tmp_path: Path) -> None:
     """Every block in a loop, random parameters inside and outside of bounds and rules."""
-    all_agree(24, 5, tmp_path, ("half the sample rate", "free mass", "omega_o is slow", "breakaway", "force_limit"))
+    all_agree(24, 5, tmp_path, ("half the sample rate", "free mass"))
 
 
-@pytest.mark.slow(reason="25 times the cases of the quick one")
+@pytest.mark.slow(reason="eight times the cases of the quick one")
 @pytest.mark.skipif(shutil.which("gcc") is None, reason="NOT TESTED: exported C needs gcc: apt-get install gcc")
 def test_c_refuses_what_python_refuses_in_many_cases(tmp_path: Path) -> None:
-    """The same with 600 sets of parameters a loop."""
-    words = ("half the sample rate", "free mass", "omega_o is slow", "dead time that", "breakaway", "mass_motor",
-             "force_limit", "reaches every motion", "fastest mode")  # fmt: skip
-    all_agree(600, 77, tmp_path, words)
+    """The same with 200 sets of parameters a loop."""
+    all_agree(
+        200, 77, tmp_path, ("half the sample rate", "free mass", "omega_o is slow", "dead time that", "breakaway")
+    )
 
 
 DEFECTS = {

@@ -48,7 +48,9 @@ int main(void)
         fmi2SetReal(one, &vr, 1, &x);
         fmi2SetBoolean(one, &vr, 1, &on);
         fmi2GetReal(one, &vr, 1, &x);
-        if (fmi2DoStep(one, k * MODEL_SAMPLE_TIME, MODEL_SAMPLE_TIME, 0) != fmi2OK) return 9;
+        /* parameters that break a rule are refused once; then the old ones go on */
+        if (fmi2DoStep(one, k * MODEL_SAMPLE_TIME, MODEL_SAMPLE_TIME, 0) != fmi2OK &&
+            fmi2DoStep(one, k * MODEL_SAMPLE_TIME, MODEL_SAMPLE_TIME, 0) != fmi2OK) return 9;
         for (vr = 0; vr < VARIABLE_COUNT; vr++)
             if (VARIABLES[vr].group == OUTPUT && strcmp(VARIABLES[vr].name, "force") == 0)
                 if (fmi2GetReal(one, &vr, 1, &x) != fmi2OK || !(x - x == 0.0)) count++;
