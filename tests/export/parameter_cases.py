@@ -37,18 +37,11 @@ def cases(routine: Routine, count: int, seed: int) -> Iterator[dict[str, float]]
         yield changed
 
 
-def loop_path(routine: Routine, path: str) -> str:
-    """The name in the loop of a routine's parameter."""
-    if routine.memory == "plant":
-        return f"axis.{path}"
-    return path if path.startswith("control.") else f"axis.actuator.{path}"
-
-
 def refused(routine: Routine, changed: Mapping[str, float]) -> bool:
     """Whether Python refuses these parameters in the loop that is exported."""
     loop: fd.Loop = routine.origin
     try:
-        after = tree.vary(loop, {loop_path(routine, path): value for path, value in changed.items()})
+        after = tree.vary(loop, changed)
     except FeeddriveError:
         return True
     # an axis is exported with a number of samples of dead time; with another one it would be another program

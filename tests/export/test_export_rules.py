@@ -164,12 +164,12 @@ def test_c_refuses_what_python_refuses_in_many_cases(tmp_path: Path) -> None:
 
 
 DEFECTS = {
-    "dadsc, tracking_rate": ("dadsc", "control.law.tracking_rate", 1000.0, "free mass"),
-    "gpi, zeta_o": ("cascade_ppi, rejection", "control.compensation.0.observer.zeta_o", 300.0, "omega_o is slow"),
-    "gpi, omega_o": ("cascade_ppi, rejection", "control.compensation.0.observer.omega_o", 50.0, "omega_o is slow"),
-    "adrc, zeta_o": ("active_disturbance_rejection", "control.law.observer.zeta_o", 1000.0, "rigid axis of this mass"),
+    "dadsc, tracking_rate": ("dadsc", "law.tracking_rate", 1000.0, "free mass"),
+    "gpi, zeta_o": ("cascade_ppi, rejection", "compensation.0.observer.zeta_o", 300.0, "omega_o is slow"),
+    "gpi, omega_o": ("cascade_ppi, rejection", "compensation.0.observer.omega_o", 50.0, "omega_o is slow"),
+    "adrc, zeta_o": ("active_disturbance_rejection", "law.observer.zeta_o", 1000.0, "rigid axis of this mass"),
     "filter beyond half the sample rate": (
-        "cascade_ppi, filters and inertia", "control.filters.0.frequency", 20.0, "half the sample rate"
+        "cascade_ppi, filters and inertia", "filters.0.frequency", 20.0, "half the sample rate"
     ),
 }  # fmt: skip
 
@@ -181,7 +181,8 @@ def test_a_refused_change_leaves_the_old_control_and_a_refused_start_the_safe_fo
     name: str, form: str, tmp_path: Path
 ) -> None:
     """Python refuses each of these; the exported `configure` and `retune` once answered true."""
-    loop_name, path, factor, words = DEFECTS[name]
+    loop_name, last, factor, words = DEFECTS[name]
+    path = f"axis.x.control.{last}"
     routine = controller_routine(LOOPS[loop_name], "axis_x")
     variable = next(v for v in routine.parameters if v.path == path)
     assert refused(routine, {path: factor * variable.value})

@@ -21,7 +21,8 @@ from feeddrive.export.c.elementary import helpers
 from feeddrive.export.c.expressions import FUNCTIONS, bare, expression, number
 from feeddrive.export.c.header import comment, header
 from feeddrive.export.layout import Layout
-from feeddrive.language.block import LARGEST, Block
+from feeddrive.language.block import Block
+from feeddrive.language.declaration import LARGEST
 from feeddrive.language.graph import reachable
 from feeddrive.loop.routine import Routine, Variable, off_outputs
 
