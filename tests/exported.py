@@ -88,7 +88,10 @@ LOOPS: dict[str, fd.Loop] = {
         ONE, fd.CascadePPI(Kv=30.0, Kp=2e4, Tn=0.02, position_every=4, velocity_samples=3, viscous=200.0)
     ),
     "cascade_ppi, filters and inertia": loop(
-        TWO, PPI, filters=FILTERS, feedforward=(fd.Inertia(mass=MASS, viscous=VISCOUS), fd.ReversalPulse(force=20.0, decay_time=0.01))
+        TWO,
+        PPI,
+        filters=FILTERS,
+        feedforward=(fd.Inertia(mass=MASS, viscous=VISCOUS), fd.ReversalPulse(force=20.0, decay_time=0.01)),
     ),
     "cascade_ppi, inverse dynamics, friction and prefilter": loop(
         TWO,
