@@ -11,7 +11,7 @@ from typing import Any
 import matplotlib as mpl
 
 from feeddrive.papers.wu2017.testbed import SAME, SETS, TRIALS, noise, table_axis
-from feeddrive.plot.learning import errors_and_parameters
+from feeddrive.plot.tuning import errors_and_parameters
 from feeddrive.tuning.trials import iterate_trials
 
 TARGET = Path(__file__).parent / "images" / "iterative-feedforward.svg"

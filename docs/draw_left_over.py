@@ -15,7 +15,7 @@ import numpy as np
 
 import feeddrive as fd
 from feeddrive.papers.beltran2013 import limits
-from feeddrive.plot import milling
+from feeddrive.plot import curves as draw
 
 IMAGES = Path(__file__).parent / "images"
 STATES = (1, 3, 5)
@@ -30,7 +30,7 @@ def left_over() -> Any:
         name: (frequency, np.abs(limits.left_over(limits.observer_of(n), frequency))) for n, name in names.items()
     }
     marks = {name: (sines, np.array([abs(limits.sine_test(f, n)[0]) for f in sines])) for n, name in names.items()}
-    return milling.left_over(curves, marks, "part of the disturbance that is left", (60.0, "teeth pass"))
+    return draw.left_over(curves, marks, "part of the disturbance that is left", (60.0, "teeth pass"))
 
 
 def turn() -> Any:
@@ -38,7 +38,7 @@ def turn() -> Any:
     angle: Any = np.linspace(0.0, 2.0 * np.pi, 361)
     feed, normal, axial = fd.HelicalCutter.beltran2013().forces(angle, 5e-5)
     named = {"along the feed": np.asarray(feed), "normal": np.asarray(normal), "axial": np.asarray(axial)}
-    return milling.turn(angle, named)
+    return draw.turn(angle, named)
 
 
 if __name__ == "__main__":

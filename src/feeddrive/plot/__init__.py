@@ -8,30 +8,25 @@ from __future__ import annotations
 
 from feeddrive.plot import frames as frames  # registers the frames
 from feeddrive.plot.certificate import certificate, certificate_discs
-from feeddrive.plot.channels import log
 from feeddrive.plot.complex_plane import nyquist, poles
 from feeddrive.plot.distributions import batch, effort, gradient
-from feeddrive.plot.estimates import delay_map, disturbance
-from feeddrive.plot.frequency_estimate import excitation, frequency_estimate
-from feeddrive.plot.friction_curve import friction
 from feeddrive.plot.identification import (
     cogging,
     cogging_over_turn,
     control_fit,
     delay_fit,
+    friction,
     identified_friction,
     residuals,
     rigid_fit,
     steady_runs,
     validation,
 )
-from feeddrive.plot.learning import iteration, trial, trials
 from feeddrive.plot.open_loop import open_loop
 from feeddrive.plot.over_frequency import bode, closed_loop, sensitivity, spectrum, stiffness
-from feeddrive.plot.over_time import comparison, following_error, force, motion, run
-from feeddrive.plot.prediction import replay
-from feeddrive.plot.prefilter import prefilter_fit
-from feeddrive.plot.response_fit import response_fit, response_nyquist, response_residuals
+from feeddrive.plot.over_time import comparison, following_error, force, log, motion, replay, run
+from feeddrive.plot.responses import excitation, frequency_estimate, response_fit, response_nyquist, response_residuals
+from feeddrive.plot.tuning import delay_map, disturbance, iteration, prefilter_fit, trial, trials
 
 __all__ = [
     "batch",

@@ -1,4 +1,4 @@
-"""Pictures of plain curves, for experiments: one or more rows over one abscissa, and poles that move."""
+"""Pictures of plain curves, for experiments: rows over one abscissa, poles that move, a turn of a tool, magnitudes."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from feeddrive.plot import style
+from feeddrive.plot.style import envelope
 
 
 class Row(NamedTuple):
@@ -70,4 +71,66 @@ def pole_sweep(sweeps: Mapping[str, Sequence[np.ndarray]], said: str = "") -> An
     if said:
         style.note(ax, said)
     style.legend(figure, ax)
+    return figure
+
+
+def turn(angle: np.ndarray, forces: Mapping[str, np.ndarray]) -> Any:
+    """Forces in N by name over the angle of the spindle in rad, with the mean of each as a thin line."""
+    figure, (ax,) = style.picture(1, height=3.2)
+    for i, (name, force) in enumerate(forces.items()):
+        mean = float(np.mean(force))
+        ax.plot(np.degrees(angle), force, label=style.caption(name, f"mean {mean:.4g} N"), **style.curve(i))
+        ax.axhline(mean, color=style.color(i), linewidth=0.8, alpha=0.6)
+    ax.set_xlim(0.0, 360.0)
+    ax.set_xticks(np.arange(0.0, 361.0, 45.0))
+    style.labels(ax, "angle of the spindle (deg)", "force on the tool (N)")
+    style.legend(figure, ax, 3)
+    return figure
+
+
+def by_axis(time: np.ndarray, rows: Mapping[str, Mapping[str, np.ndarray]], quantity: str) -> Any:
+    """One row for each axis, with its curves by name, over time in s; quantity with its unit."""
+    figure, axes = style.picture(len(rows), height=0.9 + 1.45 * len(rows))
+    for ax, (axis, curves) in zip(axes, rows.items(), strict=True):
+        for i, (name, values) in enumerate(curves.items()):
+            ax.plot(*envelope(time, values), label=style.caption(name), **style.curve(i))
+        style.note(ax, axis)
+    style.labels(axes[-1], "time (s)", "")
+    figure.supylabel(quantity, fontsize=style.TEXT, color=style.INK)
+    if any(len(curves) > 1 for curves in rows.values()):
+        style.legend(figure, axes[0])
+    return figure
+
+
+def left_over(
+    curves: Mapping[str, tuple[np.ndarray, np.ndarray]],
+    measured: Mapping[str, tuple[np.ndarray, np.ndarray]],
+    quantity: str,
+    marked: tuple[float, str],
+    one: bool = True,
+) -> Any:
+    """Magnitudes over frequency in Hz on a logarithmic scale, measured ones as marks, one frequency as a line.
+
+    `one` draws the line at 1, above which a compensation does harm.
+    """
+    figure, (ax,) = style.picture(1, height=3.6)
+    for i, (name, (frequency, magnitude)) in enumerate(curves.items()):
+        ax.plot(frequency, magnitude, label=style.caption(name), **style.curve(i))
+    for i, name in enumerate(curves):
+        if name in measured:
+            ax.plot(
+                *measured[name], style.MARKERS[i % len(style.MARKERS)], color=style.color(i), markersize=5,
+                label=style.caption(name, "measured in the loop"),
+            )  # fmt: skip
+    if one:
+        ax.axhline(1.0, color=style.MUTED, linewidth=1.0, linestyle=(0, (4, 3)))
+    ax.axvline(marked[0], color=style.INK, linewidth=1.0, linestyle=(0, (4, 3)))
+    ax.annotate(marked[1], (marked[0], 0.0), xycoords=("data", "axes fraction"), xytext=(3, 4),
+                textcoords="offset points", fontsize=style.SMALL, color=style.MUTED)  # fmt: skip
+    ax.set_yscale("log")
+    style.plain_decades(ax.yaxis)
+    frequencies = [frequency for frequency, _ in curves.values()]
+    style.frequency_axis(ax, min(float(f[0]) for f in frequencies), max(float(f[-1]) for f in frequencies))
+    style.labels(ax, "frequency (Hz)", quantity)
+    style.legend(figure, ax, 3)
     return figure

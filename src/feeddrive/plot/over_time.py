@@ -1,4 +1,4 @@
-"""Pictures of runs over time: overview, following error, force, velocity and acceleration."""
+"""Pictures over time: runs, logs, and a prediction over its measurement."""
 
 from __future__ import annotations
 
@@ -7,12 +7,17 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from feeddrive.analysis.replay import Replay
 from feeddrive.analysis.reversal import Window, set_velocity
 from feeddrive.cosimulation.comparison import Cosimulation
-from feeddrive.language.table import picture_of
+from feeddrive.files.guess import Guess
+from feeddrive.files.log import Log
+from feeddrive.identification.motion.output_error import Refinement
+from feeddrive.language.errors import ParameterError
+from feeddrive.language.table import picture_of, shown
 from feeddrive.loop.simulate import Run
 from feeddrive.plot import style
-from feeddrive.plot.envelope import POINTS, envelope
+from feeddrive.plot.style import POINTS, envelope
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -185,3 +190,71 @@ def _peak(values: np.ndarray) -> float:
 @picture_of.register
 def _cosimulation(found: Cosimulation) -> Any:
     return following_error({row.name: row.run for row in found.rows})
+
+
+MOST = 12  # rows; a log with more channels shows the first ones
+
+
+@picture_of.register(Log)
+def log(log: Log) -> Any:
+    """The channels of a log over time, each in the unit in which people read it."""
+    chosen = dict(list(log.channels.items())[:MOST])
+    figure, axes = style.picture(len(chosen), height=1.0 + 1.3 * len(chosen))
+    for i, (name, values) in enumerate(chosen.items()):
+        unit, factor = shown(log.units.get(name, ""))
+        axes[i].plot(*envelope(log.time, factor * values, POINTS), **style.curve(0))
+        head = name.replace("_", " ")
+        last = i == len(chosen) - 1
+        style.labels(axes[i], "time (s)" if last else None, f"{head}\n({unit.replace('um', 'µm')})" if unit else head)
+    return figure
+
+
+@picture_of.register
+def _guess(found: Guess) -> Any:
+    raise ParameterError(f"{found.name}: a guess of roles has no picture; plot the log itself")
+
+
+# shown unit, factor from SI, words
+_SHOWN = {
+    "position_load": ("mm", 1e3, "position"),
+    "following_error": ("µm", 1e6, "following error"),
+    "force": ("N", 1.0, "force"),
+}
+
+
+@picture_of.register(Replay)
+def replay(replay: Replay, points: int = POINTS) -> Any:
+    """Measured over predicted for position, following error and force, each with its residual below."""
+    signals = [name for name in _SHOWN if name in replay.measured and name in replay.run.signals]
+    residuals = [name for name in signals if name != "following_error"]
+    rows = [(name, False) for name in signals] + [(name, True) for name in residuals]
+    rows.sort(key=lambda row: (signals.index("following_error" if row == ("position_load", True) else row[0]), row[1]))
+    figure, axes = style.picture(len(rows), height=0.8 + 1.45 * len(rows))
+    time = replay.run.time
+    for ax, (name, is_residual) in zip(axes, rows, strict=True):
+        unit, factor, words = _SHOWN[name]
+        if is_residual:
+            unit, factor = ("µm", 1e6) if unit == "mm" else (unit, factor)
+            off = factor * replay.residual(name)
+            ax.plot(
+                *envelope(time[replay.skipped :], off, points), **style.curve(1) | {"linestyle": "-", "linewidth": 0.9}
+            )
+            style.labels(ax, None, f"{words}\nresidual ({unit})")
+            style.note(ax, f"predicted - measured: RMS {_rms(off):.4g} {unit}, peak {np.max(np.abs(off)):.4g} {unit}")
+            continue
+        ax.plot(*envelope(time, factor * replay.measured[name], points), color=style.MUTED, linewidth=2.6, alpha=0.55,
+                label="measured")  # fmt: skip
+        ax.plot(*envelope(time, factor * replay.run[name], points), color=style.color(0), linewidth=1.0,
+                label="predicted")  # fmt: skip
+        style.labels(ax, None, f"{words}\n({unit})")
+        if name != "position_load":
+            style.note(ax, f"measured RMS {_rms(factor * replay.measured[name][replay.skipped :]):.4g} {unit}")
+    axes[-1].set_xlabel("time (s)", fontsize=style.TEXT)
+    figure.align_ylabels(axes)
+    style.legend(figure, axes[0])
+    return figure
+
+
+@picture_of.register
+def _refinement(found: Refinement) -> Any:
+    return replay(found.replay)

@@ -1,4 +1,7 @@
-"""The house style of all pictures: colors, lines, units, axes. Nothing here changes a global setting."""
+"""The house style of all pictures: colors, lines, units, axes, and the points that a long curve needs.
+
+Nothing here changes a global setting of matplotlib.
+"""
 
 from __future__ import annotations
 
@@ -197,3 +200,29 @@ def padded(low: float, high: float, part: float = 0.06) -> tuple[float, float]:
     """A range with some room on both sides; one that is a point gets a range around it."""
     room = part * (high - low) or 0.5 * abs(high) or 1.0
     return low - room, high + room
+
+
+POINTS = 2000  # more than twice the pixels that a picture is wide
+
+
+def envelope(x: np.ndarray, y: np.ndarray, points: int = POINTS) -> tuple[np.ndarray, np.ndarray]:
+    """At most `points` + 2 of the points (x, y), both of shape (n,): per stretch its lowest and highest, in order.
+
+    First and last point stay.  A curve that is short enough comes back as it is.  No value is invented or averaged, so
+    peaks and limits are where they were.  `points` is at least 2.
+    """
+    n = x.size
+    if n <= points:
+        return x, y
+    edges = np.linspace(0, n, points // 2 + 1).astype(int)
+    low = _first_of_stretch(y, edges, np.minimum)
+    high = _first_of_stretch(y, edges, np.maximum)
+    kept = np.unique(np.concatenate([[0], low, high, [n - 1]]))
+    return x[kept], y[kept]
+
+
+def _first_of_stretch(y: np.ndarray, edges: np.ndarray, extreme: np.ufunc) -> np.ndarray:
+    """Index of the first point in each stretch that has the stretch's extreme value."""
+    values = extreme.reduceat(y, edges[:-1])
+    met = np.flatnonzero(y == np.repeat(values, np.diff(edges)))
+    return met[np.searchsorted(met, edges[:-1])]

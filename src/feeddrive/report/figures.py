@@ -8,9 +8,9 @@ from dataclasses import replace
 from feeddrive import plot
 from feeddrive.analysis.friction_map import FrictionMap, friction_map
 from feeddrive.analysis.reversal import worst_window
-from feeddrive.plot.envelope import POINTS
-from feeddrive.plot.friction_curve import has_friction
+from feeddrive.plot.identification import has_friction
 from feeddrive.plot.over_time import alike
+from feeddrive.plot.style import POINTS
 from feeddrive.report.content import Entry, Shown, Study
 from feeddrive.report.sentences import number
 

@@ -16,7 +16,7 @@ from feeddrive.identification.excitation.frequency_estimate import FrequencyEsti
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.linearize import linearize
 from feeddrive.loop.loop import Loop
-from feeddrive.plot.frequency_estimate import frequency_estimate
+from feeddrive.plot.responses import frequency_estimate
 from feeddrive.report.content import Shown
 from feeddrive.report.page import definitions, header, page, picture, table
 

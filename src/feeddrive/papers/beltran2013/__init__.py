@@ -16,7 +16,7 @@ from feeddrive.loop.simulate import Run
 from feeddrive.papers.beltran2013 import limits, mill
 from feeddrive.papers.beltran2013.mill import AXES, Case, disturbances, loop
 from feeddrive.papers.claims import Claim, Experiment
-from feeddrive.plot import milling as draw
+from feeddrive.plot import curves as draw
 from feeddrive.report.content import Shown
 
 WITHOUT = Case("estimate not used", share=0.0)

@@ -9,7 +9,7 @@ import numpy as np
 
 from feeddrive.plot import style
 from feeddrive.plot.curves import Row, curves
-from feeddrive.plot.learning import errors_and_parameters
+from feeddrive.plot.tuning import errors_and_parameters
 from feeddrive.report.content import Shown
 from feeddrive.tuning.trials import Trials
 

@@ -1,4 +1,4 @@
-"""Pictures of trials: one trial, what it taught, and errors and parameters from trial to trial."""
+"""Pictures of what was tuned and learned: dead time against gain, trials, a prefilter, the estimate of an observer."""
 
 from __future__ import annotations
 
@@ -7,11 +7,14 @@ from typing import Any
 
 import numpy as np
 
+from feeddrive.analysis.observe import Observation
 from feeddrive.language import tree
 from feeddrive.language.table import picture_of
 from feeddrive.plot import style
-from feeddrive.plot.envelope import envelope
+from feeddrive.plot.style import POINTS, envelope
+from feeddrive.tuning.delay_map import DelayMap
 from feeddrive.tuning.iterative_feedforward import Iteration
+from feeddrive.tuning.trajectory_prefilter import PrefilterFit
 from feeddrive.tuning.trial import Trial
 from feeddrive.tuning.trials import Trials
 
@@ -98,3 +101,64 @@ def errors_and_parameters(named: Mapping[str, Trials]) -> Any:
 def _velocity(ax: Any, trial: Trial) -> None:
     ax.plot(*envelope(trial.time, 1e3 * np.asarray(trial.setpoint.velocity)), color=style.INK, linewidth=1.0)
     style.labels(ax, "time (s)", "set velocity\n(mm/s)")
+
+
+@picture_of.register(PrefilterFit)
+def prefilter_fit(fit: PrefilterFit, points: int = POINTS) -> Any:
+    """Above: the error and what the derivatives explain of it. Below: what is predicted to remain."""
+    figure, axes = style.picture(2, height=4.2)
+    measured = {"color": style.MUTED, "linewidth": 2.6, "alpha": 0.55}
+    axes[0].plot(*envelope(fit.time, 1e6 * fit.error, points), **measured, label="error")
+    axes[0].plot(*envelope(fit.time, 1e6 * fit.explained, points), **style.curve(0), label="explained")
+    axes[1].plot(*envelope(fit.time, 1e6 * fit.predicted, points), **style.curve(1) | {"linestyle": "-"})
+    size = 1.1e6 * float(np.max(np.abs(fit.error), initial=1e-12))
+    for ax in axes:
+        ax.set_ylim(-size, size)
+    style.labels(axes[0], None, "tracking error\n(µm)")
+    style.labels(axes[1], "time (s)", "predicted with\nthe prefilter (µm)")
+    style.note(axes[1], f"RMS {1e6 * fit.rms(fit.error):.4g} µm -> {1e6 * fit.rms(fit.predicted):.4g} µm")
+    style.legend(figure, axes[0])
+    return figure
+
+
+@picture_of.register(Observation)
+def disturbance(
+    observations: Observation | Mapping[str, Observation],
+    true: np.ndarray | None = None,
+    window: tuple[float, float] | None = None,
+) -> Any:
+    """Estimated disturbances over time in ms, with the true one in gray; `window` in s says from when to when."""
+    chosen = style.named(observations)
+    figure, (ax,) = style.picture(1, height=3.2)
+    first = next(iter(chosen.values()))
+    low, high = window or (float(first.time[0]), float(first.time[-1]))
+    shown = (first.time >= low) & (first.time <= high)
+    if true is not None:
+        ax.step(1e3 * first.time[shown], true[shown], where="post", color=style.MUTED, linewidth=2.4, alpha=0.55,
+                label="true")  # fmt: skip
+    for i, (name, found) in enumerate(chosen.items()):
+        ax.plot(1e3 * found.time[shown], found.disturbance[shown], label=style.caption(name), **style.curve(i))
+    style.labels(ax, "time (ms)", "disturbance (N)")
+    style.legend(figure, ax)
+    return figure
+
+
+@picture_of.register(DelayMap)
+def delay_map(maps: DelayMap | Mapping[str, DelayMap]) -> Any:
+    """The first tunable at the edge of stability and where Ms reaches its bound, over the dead time in samples."""
+    chosen = style.named(maps)
+    figure, (ax,) = style.picture(1, height=3.2)
+    for i, (name, found) in enumerate(chosen.items()):
+        tunable = next(iter(found.tunables))
+        samples = found.dead_time / found.sample_time
+        edge, robust = found.at_edge(tunable), found.at_robust(tunable)
+        mark = style.MARKERS[i % len(style.MARKERS)]
+        before = f"{name}: " if name else ""
+        ax.plot(samples, edge, mark + "-", color=style.color(i), linewidth=style.LINE, label=f"{before}unstable above")
+        ax.plot(samples, robust, mark + "--", color=style.color(i), linewidth=style.LINE,
+                label=f"{before}Ms = {found.sensitivity_bound:g}")  # fmt: skip
+        ax.fill_between(samples, 0.0, robust, color=style.color(i), alpha=0.08, linewidth=0.0)
+        style.labels(ax, "dead time (samples)", f"{tunable.rpartition('.')[2].replace('_', ' ')} (1/s)")
+    ax.set_ylim(bottom=0.0)
+    style.legend(figure, ax, 2)
+    return figure
