@@ -69,8 +69,8 @@ def margins_of(loop: fd.Loop) -> None:
                 lambda: control.stability_margins(theirs, returnall=True),
                 f"{off:.1e}; {more} crossings more",
             ),
-            "feeddrive, encirclement": (lambda: fd.encirclement(L), ""),
-            "feeddrive, margin_intervals, 200 draws": (lambda: fd.margin_intervals(noisy), ""),
+            "feeddrive, encirclement": (lambda: fd.analysis.encirclement(L), ""),
+            "feeddrive, margin_intervals, 200 draws": (lambda: fd.analysis.margin_intervals(noisy), ""),
         },
     )
 
@@ -116,7 +116,7 @@ def estimates() -> None:
     u = random.standard_normal(SAMPLES)
     b, a = signal.butter(2, 300.0, fs=1.0 / T)
     y = signal.lfilter(b, a, u) + 0.01 * random.standard_normal(SAMPLES)
-    record = fd.Record(input=u, output=y, sample_time=T)
+    record = fd.identification.Record(input=u, output=y, sample_time=T)
 
     def ours(method: str) -> fd.FRF:
         return fd.estimate_frf(record, method=method, **({"segment": SEGMENT} if method == "h1" else {})).frf

@@ -17,7 +17,9 @@ import fmpy
 import fmpy.fmi2
 from rounds import machine, measure, table
 
-from feeddrive import SnapLimitedMove, read_machine, simulate, simulate_with_fmu
+from feeddrive import read_machine, simulate
+from feeddrive.blocks import SnapLimitedMove
+from feeddrive.cosimulation import simulate_with_fmu
 from feeddrive.export.fmu.fmu import fmu
 from feeddrive.export.layout import layout
 from feeddrive.loop.routine_trace import controller_routine, plant_routine

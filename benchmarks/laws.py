@@ -46,15 +46,15 @@ class Candidate:
 
 def candidates() -> list[Candidate]:
     """The laws that are written by hand in laws.c."""
-    dadsc = fd.DADSC(mass=40.0, viscous=60.0, tracking_rate=300.0, reaching_rate=300.0, adaptation_rate=300.0)
-    table = fd.TwoMass(
+    dadsc = fd.blocks.DADSC(mass=40.0, viscous=60.0, tracking_rate=300.0, reaching_rate=300.0, adaptation_rate=300.0)
+    table = fd.blocks.TwoMass(
         mass_motor=130.0, mass_load=33.0, stiffness=1.8e7, damping=700.0, viscous_motor=1500.0, viscous_load=20.0
     )
-    poles = fd.PolePlacement(model=table, bandwidth=50.0)
+    poles = fd.blocks.PolePlacement(model=table, bandwidth=50.0)
     bodies = two_bodies("", table)
-    observer = fd.GpiObserver(mass=139.0, omega_o=700.0)
-    rejection = fd.ActiveDisturbanceRejection(mass=139.0, omega_c=12.0, observer=observer)
-    cascade = fd.CascadePPI(Kv=100.0, Kp=6.8e4, Tn=5.4e-3)
+    observer = fd.blocks.GpiObserver(mass=139.0, omega_o=700.0)
+    rejection = fd.blocks.ActiveDisturbanceRejection(mass=139.0, omega_c=12.0, observer=observer)
+    cascade = fd.blocks.CascadePPI(Kv=100.0, Kp=6.8e4, Tn=5.4e-3)
     return [
         Candidate(
             "P-PI", "cascade_ppi", cascade, 5e-5,

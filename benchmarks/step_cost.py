@@ -34,17 +34,17 @@ COUNTED = 40  # samples of each situation
 LIMIT = 9000.0  # N
 
 LAWS: dict[str, Law] = {
-    "p_pi": fd.CascadePPI(Kv=100.0, Kp=6.8e4, Tn=5.4e-3),
-    "pole_placement": fd.PolePlacement(
-        model=fd.TwoMass(mass_motor=130.0, mass_load=33.0, stiffness=1.8e7, damping=700.0), bandwidth=30.0
+    "p_pi": fd.blocks.CascadePPI(Kv=100.0, Kp=6.8e4, Tn=5.4e-3),
+    "pole_placement": fd.blocks.PolePlacement(
+        model=fd.blocks.TwoMass(mass_motor=130.0, mass_load=33.0, stiffness=1.8e7, damping=700.0), bandwidth=30.0
     ),
-    "gpi": fd.ActiveDisturbanceRejection(
-        mass=163.0, omega_c=40.0, observer=fd.GpiObserver(mass=163.0, omega_o=400.0, taylor_states=5)
+    "gpi": fd.blocks.ActiveDisturbanceRejection(
+        mass=163.0, omega_c=40.0, observer=fd.blocks.GpiObserver(mass=163.0, omega_o=400.0, taylor_states=5)
     ),
 }
 
 
-def design(law: Law, precision: str = "double", filters: tuple[fd.Notch, ...] = ()) -> Design:
+def design(law: Law, precision: str = "double", filters: tuple[fd.blocks.Notch, ...] = ()) -> Design:
     """A law with the default guard and a limit, on the bundled ball screw with its two encoders."""
     machine = read_machine("ball_screw")
     control = fd.Control(law=law, filters=filters, force_limit=LIMIT, guard=fd.Guard())
@@ -201,9 +201,9 @@ def hand_numbers(made: Design, first: np.ndarray) -> np.ndarray:
     around = [T, guard.reading_limit, guard.hold_samples, guard.safe_force, per_unit]
     around += [0.0, motor, load, motor - load, 0.0, first[0], 0.0, 0.0]
     match law:
-        case fd.CascadePPI():
+        case fd.blocks.CascadePPI():
             own = [law.Kv, law.Kp, law.velocity_feedforward, LIMIT, law.Kp * T / law.Tn]
-        case fd.PolePlacement():
+        case fd.blocks.PolePlacement():
             model = two_bodies(law.kind, law.model)
             own = [*law.gains(), LIMIT, model.led / model.k, model.dragged / model.k, lag(model)]
         case _:
@@ -264,7 +264,7 @@ def main() -> None:
     print("\n| law | core | -O | least | most | flash | configure | prepared | RAM |")
     print("|---|---|---|---|---|---|---|---|---|")
     for name, law in LAWS.items():
-        for filters in ((), (fd.Notch(frequency=400.0),)):
+        for filters in ((), (fd.blocks.Notch(frequency=400.0),)):
             for precision, core in (("float", "M4F"), ("double", "M7")):
                 for optimise in ("-O2", "-Os"):
                     cost = core_cost(design(law, precision, filters), optimise)

@@ -30,16 +30,20 @@ def main() -> None:
         for reading in ("reading_load", "reading_motor")
     )
     T = loop.sample_time
-    limits = fd.Limits(sensitivity_peak=2.0, compliance_peak=0.2e-6)
+    limits = fd.tuning.Limits(sensitivity_peak=2.0, compliance_peak=0.2e-6)
 
-    def one() -> fd.Tuned:
-        return fd.tune(loop.control, fd.measured_site(motor, sample_time=T), limits=fd.Limits(), filters="kept")
+    def one() -> fd.tuning.Tuned:
+        return fd.tune(
+            loop.control, fd.tuning.measured_site(motor, sample_time=T), limits=fd.tuning.Limits(), filters="kept"
+        )
 
-    def two() -> fd.Tuned:
-        return fd.tune(loop.control, fd.measured_site(load, motor, sample_time=T), limits=fd.Limits(), filters="kept")
+    def two() -> fd.tuning.Tuned:
+        return fd.tune(
+            loop.control, fd.tuning.measured_site(load, motor, sample_time=T), limits=fd.tuning.Limits(), filters="kept"
+        )
 
-    def four(filters: str) -> fd.Tuned:
-        site = fd.measured_site(load, motor, disturbance=(struck, back), sample_time=T)
+    def four(filters: str) -> fd.tuning.Tuned:
+        site = fd.tuning.measured_site(load, motor, disturbance=(struck, back), sample_time=T)
         return fd.tune(loop.control, site, limits=limits, filters=filters)
 
     cases = {

@@ -36,7 +36,7 @@ def left_over() -> Any:
 def turn() -> Any:
     """Three forces over a turn of the spindle, in a slot."""
     angle: Any = np.linspace(0.0, 2.0 * np.pi, 361)
-    feed, normal, axial = fd.HelicalCutter.beltran2013().forces(angle, 5e-5)
+    feed, normal, axial = fd.blocks.HelicalCutter.beltran2013().forces(angle, 5e-5)
     named = {"along the feed": np.asarray(feed), "normal": np.asarray(normal), "axial": np.asarray(axial)}
     return draw.turn(angle, named)
 

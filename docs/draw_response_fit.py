@@ -18,8 +18,8 @@ IMAGES = Path(__file__).parent / "images"
 def main() -> None:
     """The picture."""
     mpl.rcParams |= {"svg.fonttype": "none", "svg.hashsalt": "feeddrive"}
-    plant = fd.TwoMass(mass_motor=130.0, mass_load=33.0, stiffness=1.8e7, damping=700.0, viscous_motor=1500.0)
-    control = fd.Control(law=fd.CascadePPI(Kv=1.0, Kp=1.0, Tn=1.0))
+    plant = fd.blocks.TwoMass(mass_motor=130.0, mass_load=33.0, stiffness=1.8e7, damping=700.0, viscous_motor=1500.0)
+    control = fd.Control(law=fd.blocks.CascadePPI(Kv=1.0, Kp=1.0, Tn=1.0))
     loop = fd.Loop(control=control, axis=fd.Axis(plant=plant), sample_time=2e-4)
     model = fd.linearize(loop, ["cut"], ["position_motor", "position_load"], velocity=0.05)
     f = np.geomspace(5.0, 400.0, 80)
@@ -32,7 +32,7 @@ def main() -> None:
         name = output.replace("position_", "")
         return fd.FRF(f, exact + rough, "force", name, "m/N", sample_time=2e-4, variance=size**2)
 
-    found = fd.fit_two_mass(measured("position_motor"), measured("position_load"))
+    found = fd.identification.fit_two_mass(measured("position_motor"), measured("position_load"))
     IMAGES.mkdir(exist_ok=True)
     found.plot().savefig(IMAGES / "response_fit.svg", metadata={"Date": None})
 

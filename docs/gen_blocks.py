@@ -8,6 +8,7 @@
 
 from __future__ import annotations
 
+import importlib
 import inspect
 import json
 import re
@@ -23,6 +24,7 @@ import feeddrive
 from feeddrive.blocks.catalogue import catalogue
 from feeddrive.files.schema import job_schema, machine_schema
 from feeddrive.language.block import Block, Declaration, declarations
+from feeddrive.language.lazy_package import public_names
 
 ROOT = Path(__file__).parent.parent
 WHOLE = ("GLOSSARY.md", "DESIGN.md", "CONTRIBUTING.md", "CHANGELOG.md")
@@ -120,12 +122,23 @@ def default(block: type[Block], name: str) -> str:
 
 def python() -> str:
     """The public functions and results."""
-    lines = ["# Python", "", "Names of the package `feeddrive`; every [block](index.md) is one too.", ""]
-    blocks = {block.__name__ for members in catalogue().values() for block in members.values()}
-    public = [name for name in feeddrive._PLACES if name not in {*LOOP, *blocks}]
+    lines = [
+        "# Python",
+        "",
+        "Names of `feeddrive` and of its rooms; [blocks](index.md) are in `fd.blocks`.",
+        "",
+    ]
+    places = {"feeddrive": public_names("feeddrive")}
+    rooms = [name for name, module in places["feeddrive"].items() if module == "feeddrive"]
+    places |= {f"feeddrive.{room}": public_names(f"feeddrive.{room}") for room in rooms if room != "blocks"}
+    public = {
+        name: package for package, names in reversed(places.items()) for name in names if name not in {*LOOP, *rooms}
+    }
+    public.pop("__version__")
     for name in sorted(public, key=lambda name: (name[:1].isupper(), name)):
-        thing = getattr(feeddrive, name)
-        lines += [f"## {name}", "", f"`{signature(name, thing)}`", "", docstring(thing), ""]
+        thing = getattr(importlib.import_module(public[name]), name)
+        written = f"fd.{name}" if public[name] == "feeddrive" else f"fd.{public[name].partition('.')[2]}.{name}"
+        lines += [f"## {name}", "", f"`{signature(written, thing)}`", "", docstring(thing), ""]
         if inspect.isclass(thing):
             for member, method in vars(thing).items():
                 if not member.startswith("_") and getattr(method, "__doc__", None) and inspect.isfunction(method):

@@ -104,11 +104,11 @@ def two_mass(random: np.random.Generator) -> fd.Axis:
     stiffness = (2 * math.pi * frequency) ** 2 * motor * load / (motor + load)
     coulomb = random.uniform(20.0, 200.0)
     return fd.Axis(
-        plant=fd.TwoMass(
+        plant=fd.blocks.TwoMass(
             mass_motor=motor, mass_load=load, stiffness=stiffness, damping=0.02 * math.sqrt(stiffness * load),
             viscous_motor=300.0, viscous_load=100.0,
         ),
-        friction_load=fd.Stribeck(
+        friction_load=fd.blocks.Stribeck(
             coulomb=coulomb, breakaway=coulomb * random.uniform(1.0, 1.6), stribeck_velocity=random.uniform(1e-3, 1e-2)
         ),
     )  # fmt: skip
@@ -163,7 +163,7 @@ def against_truth(T: float, cases: int, samples: int) -> None:
         peak = law.breakaway * random.uniform(1.2, 4.0)
         push = peak * np.sin(2 * math.pi * random.uniform(0.4, 1.9) * np.arange(samples) / samples)
 
-        def level(v: float, law: fd.Stribeck = law) -> float:
+        def level(v: float, law: fd.blocks.Stribeck = law) -> float:
             return law.coulomb + (law.breakaway - law.coulomb) * math.exp(-((v / law.stribeck_velocity) ** 2))
 
         forces = np.column_stack([push, np.zeros(samples)])
@@ -188,7 +188,7 @@ def against_truth(T: float, cases: int, samples: int) -> None:
 
 def standstill() -> None:
     """An axis that is pushed with 99 % of its breakaway level for 100,000 samples."""
-    axis = fd.Axis(plant=fd.Rigid(mass=80.0), friction_load=fd.Coulomb(coulomb=100.0))
+    axis = fd.Axis(plant=fd.blocks.Rigid(mass=80.0), friction_load=fd.blocks.Coulomb(coulomb=100.0))
     held = move(axis, 1e-4, np.full(100_000, 99.0), position=0.123)
     print(f"standstill: largest |v| {np.max(np.abs(held.velocity)):g} m/s, {np.unique(held.position).size} position")
 
@@ -249,19 +249,19 @@ def bits() -> None:
     )
 
 
-def example() -> tuple[fd.Loop, fd.Recorded]:
+def example() -> tuple[fd.Loop, fd.blocks.Recorded]:
     """A two-mass loop with noise, quantiser, friction, notch, limit and a fraction of dead time; a swing of 50 mm."""
     T = 1e-4
     loop = fd.Loop(
         sample_time=T,
         control=fd.Control(
-            law=fd.CascadePPI(Kv=40.0, Kp=4e4, Tn=0.01),
-            filters=(fd.Notch(frequency=460.0),),
-            feedforward=(fd.Inertia(mass=150.0, viscous=1400.0),),
+            law=fd.blocks.CascadePPI(Kv=40.0, Kp=4e4, Tn=0.01),
+            filters=(fd.blocks.Notch(frequency=460.0),),
+            feedforward=(fd.blocks.Inertia(mass=150.0, viscous=1400.0),),
             force_limit=400.0,
         ),
         axis=fd.Axis(
-            plant=fd.TwoMass(
+            plant=fd.blocks.TwoMass(
                 mass_motor=130.0,
                 mass_load=33.0,
                 stiffness=1.8e7,
@@ -269,15 +269,15 @@ def example() -> tuple[fd.Loop, fd.Recorded]:
                 viscous_motor=1500.0,
                 viscous_load=20.0,
             ),
-            friction_load=fd.Stribeck(coulomb=40.0, breakaway=60.0, stribeck_velocity=0.002),
-            actuator=fd.Actuator(dead_time=1.4 * T, current_loop=1500.0),
-            encoder_motor=fd.Encoder(resolution=1e-8, noise=2e-8),
-            encoder_load=fd.Encoder(resolution=1e-7),
+            friction_load=fd.blocks.Stribeck(coulomb=40.0, breakaway=60.0, stribeck_velocity=0.002),
+            actuator=fd.blocks.Actuator(dead_time=1.4 * T, current_loop=1500.0),
+            encoder_motor=fd.blocks.Encoder(resolution=1e-8, noise=2e-8),
+            encoder_load=fd.blocks.Encoder(resolution=1e-7),
         ),
     )
     t = np.arange(10_001) * T
     w, a = 2 * math.pi * 2.0, 0.025
-    swing = fd.Recorded(
+    swing = fd.blocks.Recorded(
         position=a - a * np.cos(w * t),
         velocity=a * w * np.sin(w * t),
         acceleration=a * w * w * np.cos(w * t),

@@ -28,7 +28,7 @@ from feeddrive.files.machine import read_machine
 from feeddrive.loop.routine import Routine
 from feeddrive.loop.routine_trace import controller_routine, plant_routine
 
-MOVE = fd.SnapLimitedMove(distance=0.02, velocity=0.2, acceleration=3.0, jerk=200.0, snap=2e4, dwell_after=0.05)
+MOVE = fd.blocks.SnapLimitedMove(distance=0.02, velocity=0.2, acceleration=3.0, jerk=200.0, snap=2e4, dwell_after=0.05)
 PUSH, PUSHED_FROM = -100.0, 0.05  # N, s
 FAR = 0.5  # m, from the origin of the encoders
 

@@ -8,19 +8,24 @@ import numpy as np
 import feeddrive as fd
 
 axis = fd.Axis(
-    plant=fd.Rigid(mass=350.0),
-    actuator=fd.Actuator(dead_time=2.5e-4, current_loop=1000.0),
-    friction_load=fd.Coulomb(coulomb=120.0),
-    encoder_load=fd.Encoder(resolution=1e-7),
+    plant=fd.blocks.Rigid(mass=350.0),
+    actuator=fd.blocks.Actuator(dead_time=2.5e-4, current_loop=1000.0),
+    friction_load=fd.blocks.Coulomb(coulomb=120.0),
+    encoder_load=fd.blocks.Encoder(resolution=1e-7),
 )
 T = 2.5e-4
-move = fd.SnapLimitedMove(distance=0.1, velocity=0.5, acceleration=5.0, jerk=200.0, snap=2e4, back=True)
+move = fd.blocks.SnapLimitedMove(distance=0.1, velocity=0.5, acceleration=5.0, jerk=200.0, snap=2e4, back=True)
 frequency = np.geomspace(1.0, 0.5 / T, 2000)
 
 for crossover in (40.0, 80.0, 160.0):  # Hz, of the velocity loop
     w = 2.0 * math.pi * crossover
-    law = fd.CascadePPI(Kv=w / 4.0, Kp=350.0 * w, Tn=4.0 / w)  # position loop a quarter, integral a quarter of it
-    forward = (fd.Inertia(mass=350.0), fd.FrictionFeedforward(coulomb_positive=120.0, coulomb_negative=120.0))
+    law = fd.blocks.CascadePPI(
+        Kv=w / 4.0, Kp=350.0 * w, Tn=4.0 / w
+    )  # position loop a quarter, integral a quarter of it
+    forward = (
+        fd.blocks.Inertia(mass=350.0),
+        fd.blocks.FrictionFeedforward(coulomb_positive=120.0, coulomb_negative=120.0),
+    )
     loop = fd.Loop(control=fd.Control(law=law), axis=axis, sample_time=T)
     margins = fd.margins(fd.loop_gain(loop, frequency))
     stiff = fd.stiffness(fd.compliance(loop, frequency))

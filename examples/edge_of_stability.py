@@ -9,7 +9,9 @@ margins = fd.margins(fd.loop_gain(loop, np.geomspace(1, 10_000, 3000)))
 rise = 10 ** (margins.gain_increase_dB / 20)
 print(margins)
 
-move = fd.SnapLimitedMove(distance=0.4, velocity=0.2, acceleration=5, jerk=400, snap=4e4)  # 2 s at constant speed
+move = fd.blocks.SnapLimitedMove(
+    distance=0.4, velocity=0.2, acceleration=5, jerk=400, snap=4e4
+)  # 2 s at constant speed
 for share in (0.98, 1.02):
     louder = fd.vary(loop, {"axis.x.control.law.Kp": share * rise * loop.control.law.Kp})
     run = fd.simulate(louder, move)

@@ -16,7 +16,7 @@ with tempfile.TemporaryDirectory() as folder:
     print(f"{found.differing} outputs with other bits than the simulator's")
 
 # the same change of gains, live, in the simulator: what the drive's technician will see
-move = fd.SnapLimitedMove(distance=0.1, velocity=0.4, acceleration=5.0, jerk=300.0, snap=3e4)
+move = fd.blocks.SnapLimitedMove(distance=0.1, velocity=0.4, acceleration=5.0, jerk=300.0, snap=3e4)
 softer = {
     "axis.x.control.law.Kv": 0.6 * design.loop.control.law.Kv,
     "axis.x.control.law.Kp": 0.8 * design.loop.control.law.Kp,

@@ -5,13 +5,13 @@ import numpy as np
 import feeddrive as fd
 
 T = 2.5e-4
-encoder = fd.Encoder(resolution=1e-8, noise=5e-9)
+encoder = fd.blocks.Encoder(resolution=1e-8, noise=5e-9)
 loop = fd.Loop(
-    control=fd.Control(law=fd.CascadePPI(Kv=40.0, Kp=12e3, Tn=0.02), force_limit=4000.0),
+    control=fd.Control(law=fd.blocks.CascadePPI(Kv=40.0, Kp=12e3, Tn=0.02), force_limit=4000.0),
     axis=fd.Axis(
-        plant=fd.TwoMass(mass_motor=60.0, mass_load=60.0, stiffness=1.5e7, damping=900.0),
-        actuator=fd.Actuator(dead_time=1.5 * T, current_loop=1000.0),
-        friction_motor=fd.Coulomb(coulomb=60.0),
+        plant=fd.blocks.TwoMass(mass_motor=60.0, mass_load=60.0, stiffness=1.5e7, damping=900.0),
+        actuator=fd.blocks.Actuator(dead_time=1.5 * T, current_loop=1000.0),
+        friction_motor=fd.blocks.Coulomb(coulomb=60.0),
         encoder_motor=encoder,
         encoder_load=encoder,
     ),
@@ -20,10 +20,10 @@ loop = fd.Loop(
 
 # Three of four odd lines from 5 to 500 Hz on the force; the axis slides underneath, so that friction does not stick.
 # The simulation says what that does to the axis, and refuses what breaks a limit.
-excitation = fd.design_excitation(loop, band=(5.0, 500.0), amplitude=200.0, realisations=3, travel=0.3)
+excitation = fd.identification.design_excitation(loop, band=(5.0, 500.0), amplitude=200.0, realisations=3, travel=0.3)
 print(excitation)
 try:
-    fd.design_excitation(loop, band=(5.0, 500.0), amplitude=6000.0, travel=2.0)
+    fd.identification.design_excitation(loop, band=(5.0, 500.0), amplitude=6000.0, travel=2.0)
 except fd.FeeddriveError as error:
     print(f"refused: {error}")
 

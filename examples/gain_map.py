@@ -5,7 +5,7 @@ import numpy as np
 import feeddrive as fd
 
 loop = fd.read_machine("emps").loop("x")
-move = fd.SnapLimitedMove(distance=0.1, velocity=0.1, acceleration=0.8, jerk=20, snap=1000, dwell_after=0.2)
+move = fd.blocks.SnapLimitedMove(distance=0.1, velocity=0.1, acceleration=0.8, jerk=20, snap=1000, dwell_after=0.2)
 
 Kv, Kp = np.meshgrid(np.linspace(60, 400, 20), np.linspace(4e3, 30e3, 20))
 variants = fd.vary(

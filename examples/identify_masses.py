@@ -10,10 +10,10 @@ import numpy as np
 
 import feeddrive as fd
 
-plant = fd.TwoMass(mass_motor=130.0, mass_load=33.0, stiffness=1.8e7, damping=700.0, viscous_motor=1500.0)
+plant = fd.blocks.TwoMass(mass_motor=130.0, mass_load=33.0, stiffness=1.8e7, damping=700.0, viscous_motor=1500.0)
 loop = fd.Loop(
-    control=fd.Control(law=fd.CascadePPI(Kv=1.0, Kp=1.0, Tn=1.0)),
-    axis=fd.Axis(plant=plant, actuator=fd.Actuator(dead_time=2e-4)),
+    control=fd.Control(law=fd.blocks.CascadePPI(Kv=1.0, Kp=1.0, Tn=1.0)),
+    axis=fd.Axis(plant=plant, actuator=fd.blocks.Actuator(dead_time=2e-4)),
     sample_time=2e-4,
 )
 model = fd.linearize(loop, ["cut"], ["position_motor", "position_load"], velocity=0.05)
@@ -30,18 +30,19 @@ def measured(output: str) -> fd.FRF:
 
 
 motor, load = measured("position_motor"), measured("position_load")
-found = fd.fit_axis(motor, load)
+found = fd.identification.fit_axis(motor, load)
 print(found.table())
 print(found.fit.table())
 for name, why in found.fit.not_identifiable.items():
     print(f"not identifiable: {name}: {why}")
 
-modes = fd.fit_modes([motor, load])
+modes = fd.identification.fit_modes([motor, load])
 print(modes.table())
 
-alone = fd.fit_two_mass(motor, band=(5.0, 30.0))
+alone = fd.identification.fit_two_mass(motor, band=(5.0, 30.0))
 print(f"to 30 Hz with one encoder: {', '.join(alone.not_identifiable)}")
 print(alone.remarks[-1])
 
 in_amperes = replace(motor * 35.0, unit="m/A"), replace(load * 35.0, unit="m/A")
-print(f"through the motor's 35 N/A: {fd.fit_two_mass(*in_amperes, force_per_unit=35.0)['mass_load'].value:.2f} kg")
+found = fd.identification.fit_two_mass(*in_amperes, force_per_unit=35.0)
+print(f"through the motor's 35 N/A: {found['mass_load'].value:.2f} kg")

@@ -6,11 +6,11 @@ from scipy.integrate import solve_ivp
 import feeddrive as fd
 
 T, frequency, damping, stiffness = 1e-4, 35.0, 0.03, 2e7
-axis = fd.Axis(plant=fd.Rigid(mass=40.0, viscous=60.0))
-law = fd.DADSC(mass=40.0, viscous=60.0, tracking_rate=600.0, reaching_rate=600.0, adaptation_rate=600.0)
-recovery = fd.DisturbanceRecovery(mass=40.0, viscous=60.0, frequency=500.0)
-rest = fd.Polynomial7(distance=0.0, travel_time=1.0)
-cut = fd.SineForce(amplitude=100.0, frequency=frequency)  # at resonance
+axis = fd.Axis(plant=fd.blocks.Rigid(mass=40.0, viscous=60.0))
+law = fd.blocks.DADSC(mass=40.0, viscous=60.0, tracking_rate=600.0, reaching_rate=600.0, adaptation_rate=600.0)
+recovery = fd.blocks.DisturbanceRecovery(mass=40.0, viscous=60.0, frequency=500.0)
+rest = fd.blocks.Polynomial7(distance=0.0, travel_time=1.0)
+cut = fd.blocks.SineForce(amplitude=100.0, frequency=frequency)  # at resonance
 
 # the machine itself: the reaction of the cutting force bends the column by x_s
 w = 2.0 * np.pi * frequency
@@ -25,10 +25,10 @@ column = solve_ivp(
 ).y[0]
 
 
-def compensated(believed: float, **lead: float) -> tuple[fd.ModeCompensation, ...]:
+def compensated(believed: float, **lead: float) -> tuple[fd.blocks.ModeCompensation, ...]:
     """Compensation of the mode, with the frequency in Hz that one believes it has."""
-    mode = fd.MachineMode(frequency=believed, damping_ratio=damping, stiffness=stiffness)
-    return (fd.ModeCompensation(modes=(mode,), observer=recovery, **lead),)
+    mode = fd.blocks.MachineMode(frequency=believed, damping_ratio=damping, stiffness=stiffness)
+    return (fd.blocks.ModeCompensation(modes=(mode,), observer=recovery, **lead),)
 
 
 for name, compensation in (

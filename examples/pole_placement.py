@@ -7,20 +7,22 @@ import numpy as np
 import feeddrive as fd
 
 T = 1e-4
-screw = fd.TwoMass(
+screw = fd.blocks.TwoMass(
     mass_motor=220.0, mass_load=90.0, stiffness=9.0e7, damping=1800.0, viscous_motor=2500.0, viscous_load=100.0
 )
 axis = fd.Axis(
     plant=screw,
-    actuator=fd.Actuator(dead_time=T, current_loop=1200.0),
-    encoder_motor=fd.Encoder(resolution=2e-8),
-    encoder_load=fd.Encoder(resolution=2e-8),
+    actuator=fd.blocks.Actuator(dead_time=T, current_loop=1200.0),
+    encoder_motor=fd.blocks.Encoder(resolution=2e-8),
+    encoder_load=fd.blocks.Encoder(resolution=2e-8),
 )
-rigid = fd.CascadePPI(Kv=141.0, Kp=1.75e5, Tn=5.3e-3)  # a velocity loop of 90 Hz
+rigid = fd.blocks.CascadePPI(Kv=141.0, Kp=1.75e5, Tn=5.3e-3)  # a velocity loop of 90 Hz
 f = np.geomspace(0.5, 5000.0, 2000)
 
 
-def loop(law: fd.CascadePPI | fd.PolePlacement, *feedforward: fd.Inertia | fd.InverseDynamics) -> fd.Loop:
+def loop(
+    law: fd.blocks.CascadePPI | fd.blocks.PolePlacement, *feedforward: fd.blocks.Inertia | fd.blocks.InverseDynamics
+) -> fd.Loop:
     return fd.Loop(control=fd.Control(law=law, feedforward=feedforward), axis=axis, sample_time=T)
 
 
@@ -32,14 +34,16 @@ def figures(made: fd.Loop) -> str:
 
 print(f"P-PI                  {figures(loop(rigid))}")
 for bandwidth in (40.0, 60.0, 80.0):
-    law = fd.PolePlacement(model=screw, bandwidth=bandwidth, axial_damping=0.08)
+    law = fd.blocks.PolePlacement(model=screw, bandwidth=bandwidth, axial_damping=0.08)
     print(f"poles at {bandwidth:.0f} Hz        {figures(loop(law))}")
-placed = loop(fd.PolePlacement(model=screw, bandwidth=80.0, axial_damping=0.08), fd.InverseDynamics(model=screw))
-print(fd.placement(placed).table())
+placed = loop(
+    fd.blocks.PolePlacement(model=screw, bandwidth=80.0, axial_damping=0.08), fd.blocks.InverseDynamics(model=screw)
+)
+print(fd.tuning.placement(placed).table())
 
-move = fd.SnapLimitedMove(distance=0.2, velocity=0.8, acceleration=8.0, jerk=500.0, snap=5e4, dwell_after=0.1)
+move = fd.blocks.SnapLimitedMove(distance=0.2, velocity=0.8, acceleration=8.0, jerk=500.0, snap=5e4, dwell_after=0.1)
 for name, made in (
-    ("P-PI", loop(rigid, fd.Inertia(mass=310.0, viscous=2600.0))),
+    ("P-PI", loop(rigid, fd.blocks.Inertia(mass=310.0, viscous=2600.0))),
     ("pole placement", placed),
     (
         "screw set as the table",

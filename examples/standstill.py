@@ -7,10 +7,10 @@ import numpy as np
 import feeddrive as fd
 
 loop = fd.read_machine("emps").loop("x")
-rest = fd.SnapLimitedMove(distance=0.0, velocity=0.1, acceleration=1, jerk=50, snap=5000, dwell_before=5.0)
-load = fd.StepForce(force=15.0, start=0.5)  # N; the axis sticks up to 20 N
-off = dataclasses.replace(loop.control, law=fd.CascadePPI(Kv=1e-9, Kp=1e-9))  # a controller that does nothing
-for friction in (fd.Coulomb(coulomb=20.0), fd.Regularised(coulomb=20.0, transition_velocity=2e-4)):
+rest = fd.blocks.SnapLimitedMove(distance=0.0, velocity=0.1, acceleration=1, jerk=50, snap=5000, dwell_before=5.0)
+load = fd.blocks.StepForce(force=15.0, start=0.5)  # N; the axis sticks up to 20 N
+off = dataclasses.replace(loop.control, law=fd.blocks.CascadePPI(Kv=1e-9, Kp=1e-9))  # a controller that does nothing
+for friction in (fd.blocks.Coulomb(coulomb=20.0), fd.blocks.Regularised(coulomb=20.0, transition_velocity=2e-4)):
     axis = dataclasses.replace(loop.axis, friction_load=friction)
     run = fd.simulate(dataclasses.replace(loop, axis=axis, control=off), rest, load=load)
     moved, speed = run["position_load"][-1], np.max(np.abs(run["velocity_load"][1000:]))

@@ -8,9 +8,11 @@ import feeddrive as fd
 
 loop = fd.read_machine("mill").loop("x")
 frequency = np.geomspace(0.5, 4000.0, 3000)  # Hz
-leg = fd.Bezier10(distance=4e-3, travel_time=1.0, dwell_before=0.2)
-still = fd.LinearMove(distance=0.0, travel_time=1.2)
-cut = fd.MillingForce(cutter=fd.HelicalCutter.beltran2013(), spindle_speed=1800.0, references=(leg, still))
+leg = fd.blocks.Bezier10(distance=4e-3, travel_time=1.0, dwell_before=0.2)
+still = fd.blocks.LinearMove(distance=0.0, travel_time=1.2)
+cut = fd.blocks.MillingForce(
+    cutter=fd.blocks.HelicalCutter.beltran2013(), spindle_speed=1800.0, references=(leg, still)
+)
 for states in (0, 1, 3, 5):
     observer = dataclasses.replace(loop.control.law.observer, taylor_states=states)
     law = dataclasses.replace(loop.control.law, observer=observer)

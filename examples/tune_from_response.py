@@ -23,12 +23,12 @@ def measured(source: str, reading: str) -> fd.FRF:
 
 load, motor = measured("cut", "reading_load"), measured("cut", "reading_motor")
 hammer = (measured("load_force", "reading_load"), measured("load_force", "reading_motor"))
-site = fd.measured_site(load, motor, disturbance=hammer, sample_time=T)
+site = fd.tuning.measured_site(load, motor, disturbance=hammer, sample_time=T)
 
-rule = fd.margin_goals(site, loop.control, goal="robust")
+rule = fd.tuning.margin_goals(site, loop.control, goal="robust")
 print(f"by rule: Kv {rule.law.Kv:.0f} 1/s, Kp {rule.law.Kp:.0f} N s/m, Tn {1e3 * rule.law.Tn:.1f} ms")
 
-limits = fd.Limits(sensitivity_peak=2.0, compliance_peak=0.2e-6)
+limits = fd.tuning.Limits(sensitivity_peak=2.0, compliance_peak=0.2e-6)
 for filters in ("kept", "free", "placed"):
     found = fd.tune(loop.control, site, limits=limits, filters=filters)
     true = dataclasses.replace(loop, control=found.control)

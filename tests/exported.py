@@ -15,25 +15,25 @@ from feeddrive.language.ring import History
 
 T = 1e-4
 MASS, VISCOUS = 163.0, 1520.0
-MODEL = fd.TwoMass(
+MODEL = fd.blocks.TwoMass(
     mass_motor=130.0, mass_load=33.0, stiffness=1.8e7, damping=700.0, viscous_motor=1500.0, viscous_load=20.0
 )
-MOTOR = fd.Screw(torque_constant=1.2, lead=0.02, peak_current=24.0, continuous_current=9.0)
+MOTOR = fd.blocks.Screw(torque_constant=1.2, lead=0.02, peak_current=24.0, continuous_current=9.0)
 TWO = fd.Axis(
     plant=MODEL,
-    actuator=fd.Actuator(dead_time=1e-4, current_loop=1500.0, motor=MOTOR),
-    friction_load=fd.Coulomb(coulomb=30.0),
-    encoder_motor=fd.Encoder(resolution=1e-8),
-    encoder_load=fd.Encoder(resolution=1e-8),
+    actuator=fd.blocks.Actuator(dead_time=1e-4, current_loop=1500.0, motor=MOTOR),
+    friction_load=fd.blocks.Coulomb(coulomb=30.0),
+    encoder_motor=fd.blocks.Encoder(resolution=1e-8),
+    encoder_load=fd.blocks.Encoder(resolution=1e-8),
 )
 ONE = fd.Axis(
-    plant=fd.Rigid(mass=MASS),
-    friction_load=fd.Stribeck(coulomb=30.0, breakaway=50.0, stribeck_velocity=2e-3),
-    encoder_load=fd.Encoder(resolution=1e-8),
+    plant=fd.blocks.Rigid(mass=MASS),
+    friction_load=fd.blocks.Stribeck(coulomb=30.0, breakaway=50.0, stribeck_velocity=2e-3),
+    encoder_load=fd.blocks.Encoder(resolution=1e-8),
 )
 GUARD = fd.Guard(following_error_limit=2e-3, velocity_limit=2.0, travel_least=-0.5, travel_most=0.5, safe_force=20.0)
-GPI = fd.GpiObserver(mass=MASS, omega_o=150.0)
-PPI = fd.CascadePPI(Kv=80.0, Kp=4e4, Tn=0.01)
+GPI = fd.blocks.GpiObserver(mass=MASS, omega_o=150.0)
+PPI = fd.blocks.CascadePPI(Kv=80.0, Kp=4e4, Tn=0.01)
 
 
 class LateInertia(Feedforward):
@@ -57,72 +57,81 @@ def loop(axis: fd.Axis, law: object, **parts: object) -> fd.Loop:
     return fd.Loop(control=fd.Control(law=law, **control), axis=axis, sample_time=T)  # type: ignore[arg-type]
 
 
-def mode_compensation(observer: object) -> fd.ModeCompensation:
-    mode = fd.MachineMode(frequency=25.0, damping_ratio=0.05, stiffness=2e7)
-    return fd.ModeCompensation(modes=(mode,), observer=observer)  # type: ignore[arg-type]
+def mode_compensation(observer: object) -> fd.blocks.ModeCompensation:
+    mode = fd.blocks.MachineMode(frequency=25.0, damping_ratio=0.05, stiffness=2e7)
+    return fd.blocks.ModeCompensation(modes=(mode,), observer=observer)  # type: ignore[arg-type]
 
 
-DADSC = fd.DADSC(mass=MASS, viscous=VISCOUS, tracking_rate=120.0, reaching_rate=120.0, adaptation_rate=60.0)
-LINUXCNC_PID = fd.LinuxcncPid(
-    position=fd.StockPid(Pgain=60.0, FF1=1.0, maxoutput=3000.0),
-    velocity=fd.StockPid(Pgain=40.0, Igain=400.0, maxoutput=9000.0),
+DADSC = fd.blocks.DADSC(mass=MASS, viscous=VISCOUS, tracking_rate=120.0, reaching_rate=120.0, adaptation_rate=60.0)
+LINUXCNC_PID = fd.blocks.LinuxcncPid(
+    position=fd.blocks.StockPid(Pgain=60.0, FF1=1.0, maxoutput=3000.0),
+    velocity=fd.blocks.StockPid(Pgain=40.0, Igain=400.0, maxoutput=9000.0),
 )
 FILTERS = (
-    fd.Notch(frequency=460.0, damping_zero=0.06, damping_pole=0.6),
-    fd.LowPass2(frequency=2500.0),
-    fd.LowPass(frequency=3000.0),
-    fd.SecondOrder(frequency_zero=150.0, damping_zero=0.3, frequency_pole=180.0, damping_pole=0.5),
+    fd.blocks.Notch(frequency=460.0, damping_zero=0.06, damping_pole=0.6),
+    fd.blocks.LowPass2(frequency=2500.0),
+    fd.blocks.LowPass(frequency=3000.0),
+    fd.blocks.SecondOrder(frequency_zero=150.0, damping_zero=0.3, frequency_pole=180.0, damping_pole=0.5),
 )
 # the plain laws of the papers, and then all that can stand beside them
 LAWS: dict[str, fd.Loop] = {
     "cascade_ppi": loop(TWO, PPI),
-    "pole_placement": loop(TWO, fd.PolePlacement(model=MODEL, bandwidth=30.0, rigid_damping=0.6)),
+    "pole_placement": loop(TWO, fd.blocks.PolePlacement(model=MODEL, bandwidth=30.0, rigid_damping=0.6)),
     "dadsc": loop(ONE, DADSC),
-    "active_disturbance_rejection": loop(ONE, fd.ActiveDisturbanceRejection(mass=MASS, omega_c=80.0, observer=GPI)),
+    "active_disturbance_rejection": loop(
+        ONE, fd.blocks.ActiveDisturbanceRejection(mass=MASS, omega_c=80.0, observer=GPI)
+    ),
 }
 LOOPS: dict[str, fd.Loop] = {
     **LAWS,
     "cascade_ppi, guard without bounds": loop(TWO, PPI, guard=fd.Guard()),
-    "cascade_ppi, plain": loop(ONE, fd.CascadePPI(Kv=80.0, Kp=4e4), force_limit=None, guard=fd.Guard()),
+    "cascade_ppi, plain": loop(ONE, fd.blocks.CascadePPI(Kv=80.0, Kp=4e4), force_limit=None, guard=fd.Guard()),
     "cascade_ppi, slow position loop": loop(
-        ONE, fd.CascadePPI(Kv=30.0, Kp=2e4, Tn=0.02, position_every=4, velocity_samples=3, viscous=200.0)
+        ONE, fd.blocks.CascadePPI(Kv=30.0, Kp=2e4, Tn=0.02, position_every=4, velocity_samples=3, viscous=200.0)
     ),
     "cascade_ppi, filters and inertia": loop(
         TWO,
         PPI,
         filters=FILTERS,
-        feedforward=(fd.Inertia(mass=MASS, viscous=VISCOUS), fd.ReversalPulse(force=20.0, decay_time=0.01)),
+        feedforward=(
+            fd.blocks.Inertia(mass=MASS, viscous=VISCOUS),
+            fd.blocks.ReversalPulse(force=20.0, decay_time=0.01),
+        ),
     ),
     "cascade_ppi, inverse dynamics, friction and prefilter": loop(
         TWO,
         PPI,
         feedforward=(
-            fd.InverseDynamics(model=MODEL),
-            fd.FrictionFeedforward(
+            fd.blocks.InverseDynamics(model=MODEL),
+            fd.blocks.FrictionFeedforward(
                 coulomb_positive=30.0, coulomb_negative=28.0, breakaway=45.0, stribeck_velocity=2e-3, smoothing=1e-4
             ),
         ),
-        prefilter=fd.TrajectoryPrefilter(theta1=1e-5, theta2=1e-7, theta3=1e-10, theta4=1e-13),
+        prefilter=fd.blocks.TrajectoryPrefilter(theta1=1e-5, theta2=1e-7, theta3=1e-10, theta4=1e-13),
     ),
     "cascade_ppi, compensator": loop(
         ONE,
         PPI,
         feedforward=(
-            fd.DisturbanceCompensator(
+            fd.blocks.DisturbanceCompensator(
                 mass=MASS, viscous=VISCOUS, coulomb_positive=30.0, coulomb_negative=30.0, stribeck=10.0,
                 stribeck_velocity=2e-3, jerk_feedforward=0.1, snap_feedforward=1e-4,
             ),
         ),
     ),
     "cascade_ppi, rings and reversals": loop(
-        ONE, PPI, feedforward=(LateInertia(mass=MASS, late=3.3e-4), fd.ReversalPulse(force=25.0, decay_time=0.004))
+        ONE,
+        PPI,
+        feedforward=(LateInertia(mass=MASS, late=3.3e-4), fd.blocks.ReversalPulse(force=25.0, decay_time=0.004)),
     ),
     "cascade_ppi, recovery": loop(
         ONE,
         PPI,
         compensation=(
-            fd.DisturbanceRejection(
-                observer=fd.DisturbanceRecovery(mass=MASS, viscous=VISCOUS, frequency=10.0), share=0.5, blend_time=0.1
+            fd.blocks.DisturbanceRejection(
+                observer=fd.blocks.DisturbanceRecovery(mass=MASS, viscous=VISCOUS, frequency=10.0),
+                share=0.5,
+                blend_time=0.1,
             ),
         ),
     ),
@@ -130,31 +139,35 @@ LOOPS: dict[str, fd.Loop] = {
         ONE,
         PPI,
         compensation=(
-            fd.DisturbanceRejection(
-                observer=fd.KalmanRecovery(mass=MASS, viscous=VISCOUS, resolution=1e-8, force_step=0.01), share=0.5
+            fd.blocks.DisturbanceRejection(
+                observer=fd.blocks.KalmanRecovery(mass=MASS, viscous=VISCOUS, resolution=1e-8, force_step=0.01),
+                share=0.5,
             ),
         ),
     ),
     "cascade_ppi, learned force": loop(
-        ONE, PPI, compensation=(fd.LearnedForce(force=np.concatenate([50.0 * np.sin(np.arange(300.0)), [0.0]])),)
+        ONE, PPI, compensation=(fd.blocks.LearnedForce(force=np.concatenate([50.0 * np.sin(np.arange(300.0)), [0.0]])),)
     ),
     "cascade_ppi, rejection": loop(
         ONE,
         PPI,
-        compensation=(fd.DisturbanceRejection(observer=dataclasses.replace(GPI, omega_o=600.0), share=0.5),),
+        compensation=(fd.blocks.DisturbanceRejection(observer=dataclasses.replace(GPI, omega_o=600.0), share=0.5),),
     ),
     "linuxcnc_pid": loop(ONE, LINUXCNC_PID),
     "dadsc, mode": loop(
-        ONE, DADSC, compensation=(mode_compensation(fd.DisturbanceRecovery(mass=MASS, frequency=10.0)),)
+        ONE, DADSC, compensation=(mode_compensation(fd.blocks.DisturbanceRecovery(mass=MASS, frequency=10.0)),)
     ),
     "pole_placement, exact commands": loop(
-        TWO, fd.PolePlacement(model=MODEL, bandwidth=30.0, commands="exact"), filters=FILTERS[:1]
+        TWO, fd.blocks.PolePlacement(model=MODEL, bandwidth=30.0, commands="exact"), filters=FILTERS[:1]
     ),
-    "pole_placement, series commands": loop(TWO, fd.PolePlacement(model=MODEL, bandwidth=30.0, commands="series")),
+    "pole_placement, series commands": loop(
+        TWO,
+        fd.blocks.PolePlacement(model=MODEL, bandwidth=30.0, commands="series"),
+    ),
     **{
         f"active_disturbance_rejection, {states} taylor states": loop(
             ONE,
-            fd.ActiveDisturbanceRejection(
+            fd.blocks.ActiveDisturbanceRejection(
                 mass=MASS, omega_c=60.0, observer=dataclasses.replace(GPI, taylor_states=states, omega_o=100.0)
             ),
         )
@@ -162,7 +175,7 @@ LOOPS: dict[str, fd.Loop] = {
     },
     "active_disturbance_rejection, hanging": loop(
         ONE,
-        fd.ActiveDisturbanceRejection(
+        fd.blocks.ActiveDisturbanceRejection(
             mass=MASS, omega_c=60.0,
             observer=dataclasses.replace(
                 GPI, start_disturbance=-300.0, delay_samples=2, hold="zero_order", omega_o=9.0

@@ -46,20 +46,22 @@ def drive(random: np.random.Generator) -> Drive:
     damping = 2.0 * float(random.uniform(0.01, 0.05)) * reduced * mode
     force = 10.0 * (motor + load)
     axis = fd.Axis(
-        plant=fd.TwoMass(
+        plant=fd.blocks.TwoMass(
             mass_motor=motor, mass_load=load, stiffness=stiffness, damping=damping,
             viscous_motor=float(random.uniform(0.5, 10.0)) * motor, viscous_load=float(random.uniform(0.0, 2.0)) * load,
         ),
-        friction_motor=fd.Stribeck(coulomb=0.02 * force, breakaway=0.03 * force, stribeck_velocity=0.004),
-        actuator=fd.Actuator(
+        friction_motor=fd.blocks.Stribeck(coulomb=0.02 * force, breakaway=0.03 * force, stribeck_velocity=0.004),
+        actuator=fd.blocks.Actuator(
             dead_time=float(random.uniform(0.5, 3.0)) * T, current_loop=float(random.uniform(600.0, 1500.0))
         ),
-        encoder_motor=fd.Encoder(resolution=1e-8),
-        encoder_load=fd.Encoder(resolution=1e-8),
+        encoder_motor=fd.blocks.Encoder(resolution=1e-8),
+        encoder_load=fd.blocks.Encoder(resolution=1e-8),
     )  # fmt: skip
     rate = 2.0 * np.pi * 5.0
-    law = fd.CascadePPI(Kv=0.3 * rate, Kp=(motor + load) * rate, Tn=5.0 / rate)
-    loop = fd.Loop(control=fd.Control(law=law, filters=(fd.LowPass2(frequency=1000.0),)), axis=axis, sample_time=T)
+    law = fd.blocks.CascadePPI(Kv=0.3 * rate, Kp=(motor + load) * rate, Tn=5.0 / rate)
+    loop = fd.Loop(
+        control=fd.Control(law=law, filters=(fd.blocks.LowPass2(frequency=1000.0),)), axis=axis, sample_time=T
+    )
     if random.random() < 0.5:
         return Drive(loop, Limits(sensitivity_peak=2.0))
     return Drive(loop, Limits(sensitivity_peak=2.0, phase_margin_deg=35.0, gain_margin_dB=8.0))

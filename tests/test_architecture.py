@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import importlib
 import re
 import subprocess
 import sys
@@ -269,27 +270,58 @@ def test_import_feeddrive_loads_nothing_heavy():
 
 
 def test_a_loop_is_described_with_numpy_alone():
-    code = "import feeddrive; feeddrive.Loop; feeddrive.TwoMass; feeddrive.CascadePPI; feeddrive.Stribeck"
+    code = "import feeddrive; feeddrive.Loop; b = feeddrive.blocks; b.TwoMass; b.CascadePPI; b.Stribeck"
     assert loaded_by(code) == {"numpy"}
 
 
-def test_static_names_are_the_ones_that_are_loaded():
-    """What type checkers see in the stub is what `feeddrive.name` gives at run time."""
-    listed = [found.module for found in imports(SOURCE / "__init__.pyi") if found.module.startswith("feeddrive.")]
-    assert len(listed) > 100
+PUBLIC = [path.parent for path in sorted(SOURCE.rglob("__init__.pyi"))]
+
+
+@pytest.mark.parametrize("folder", PUBLIC, ids=shown)
+def test_static_names_are_the_ones_that_are_loaded(folder: Path):
+    """What type checkers see in a stub is what the package gives, also after modules of these names were imported."""
+    package = ".".join(("feeddrive", *folder.relative_to(SOURCE).parts))
+    listed = [found.module for found in imports(folder / "__init__.pyi") if found.module.startswith("feeddrive.")]
+    assert listed
+    made = importlib.import_module(package)
     for path in listed:
         module, _, name = path.rpartition(".")
-        __import__(module)
-        assert getattr(feeddrive, name) is getattr(sys.modules[module], name), name
+        held = importlib.import_module(path) if module == package else getattr(importlib.import_module(module), name)
+        assert getattr(made, name) is held, name
+    names = {path.rpartition(".")[2] for path in listed}
+    assert names == set(dir(made)), "dir lists the public names and nothing else"
+
+
+def test_the_top_is_short_and_old_names_say_where_they_went():
+    rooms = [name for name in dir(feeddrive) if (SOURCE / name).is_dir()]
+    assert 35 <= len(dir(feeddrive)) - len(rooms) <= 45
+    for room in rooms:
+        for name in set(dir(getattr(feeddrive, room))) - set(dir(feeddrive)) if room != "plot" else ():
+            with pytest.raises(AttributeError, match=rf"fd\.{name} is now fd\."):
+                getattr(feeddrive, name)
+    with pytest.raises(AttributeError, match=r"fd\.get is now fd\.parameters\(loop\)\[path\]"):
+        feeddrive.get  # noqa: B018
+    assert not {"get", "leaves", "Sequence", "annotations"} & set(dir(feeddrive))
 
 
 def test_dir_names_every_block_and_each_can_be_had():
-    names = dir(feeddrive)
+    names = dir(feeddrive.blocks)
     for block in concrete_blocks():
         assert block.__name__ in names
-        assert getattr(feeddrive, block.__name__) is block
+        assert getattr(feeddrive.blocks, block.__name__) is block
+
+
+def test_dir_is_quick():
+    """0.2 s are allowed; a fresh interpreter, with the imports of the package itself."""
+    code = (
+        "import time, feeddrive as fd; t = time.process_time(); dir(fd); dir(fd.blocks); print(time.process_time() - t)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=120)
+    assert float(done.stdout) < 0.2
 
 
 def test_a_name_that_is_not_there_is_an_attribute_error():
     with pytest.raises(AttributeError, match="no name 'NoSuchBlock'"):
         feeddrive.NoSuchBlock  # noqa: B018
+    with pytest.raises(AttributeError, match="no name 'NoSuchBlock'"):
+        feeddrive.blocks.NoSuchBlock  # noqa: B018

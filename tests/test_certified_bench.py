@@ -22,7 +22,9 @@ def test_a_cascade_on_the_bench_is_certified() -> None:
     frf = replace(estimated("theta_mx").frf, unit="m/N", sample_time=T)
     inertia = 1.0 / np.mean(frf.magnitude[:3] * (2.0 * np.pi * frf.frequency[:3]) ** 2)
     crossover = 2.0 * np.pi * 20.0
-    law = fd.CascadePPI(Kp=inertia * crossover, Tn=4.0 / crossover, Kv=0.25 * crossover, velocity_encoder="motor")
+    law = fd.blocks.CascadePPI(
+        Kp=inertia * crossover, Tn=4.0 / crossover, Kv=0.25 * crossover, velocity_encoder="motor"
+    )
     found = fd.certify(fd.Control(law=law), {"bench": frf}, sample_time=T, arithmetic="float32")
     plant = found.document["plants"][0]
     assert "240 measured lines" in plant["source"]

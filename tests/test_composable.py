@@ -15,47 +15,56 @@ from feeddrive.language.errors import FeeddriveError, StructureError
 from feeddrive.loop.control import Control
 
 T = 1e-4
-MODEL = fd.TwoMass(
+MODEL = fd.blocks.TwoMass(
     mass_motor=130.0, mass_load=33.0, stiffness=1.8e7, damping=700.0, viscous_motor=1500.0, viscous_load=20.0
 )
 AXIS = fd.Axis(
     plant=MODEL,
-    actuator=fd.Actuator(dead_time=1e-4, current_loop=1500.0),
-    friction_load=fd.Coulomb(coulomb=30.0),
-    encoder_motor=fd.Encoder(resolution=1e-8),
-    encoder_load=fd.Encoder(resolution=1e-8),
+    actuator=fd.blocks.Actuator(dead_time=1e-4, current_loop=1500.0),
+    friction_load=fd.blocks.Coulomb(coulomb=30.0),
+    encoder_motor=fd.blocks.Encoder(resolution=1e-8),
+    encoder_load=fd.blocks.Encoder(resolution=1e-8),
 )
 MASS, VISCOUS = 163.0, 1520.0
-MOVE = fd.SnapLimitedMove(distance=0.02, velocity=0.2, acceleration=3.0, jerk=200.0, snap=2e4, dwell_after=0.1)
-CUT = fd.StepForce(force=-100.0, start=0.12)
+MOVE = fd.blocks.SnapLimitedMove(distance=0.02, velocity=0.2, acceleration=3.0, jerk=200.0, snap=2e4, dwell_after=0.1)
+CUT = fd.blocks.StepForce(force=-100.0, start=0.12)
 
 LAWS: dict[str, Law] = {
-    "cascade_ppi": fd.CascadePPI(Kv=80.0, Kp=4e4, Tn=0.01),
-    "dadsc": fd.DADSC(mass=MASS, viscous=VISCOUS, tracking_rate=120.0, reaching_rate=120.0, adaptation_rate=60.0),
-    "pole_placement": fd.PolePlacement(model=MODEL, bandwidth=30.0, rigid_damping=0.6),
-    "active_disturbance_rejection": fd.ActiveDisturbanceRejection(
-        mass=MASS, omega_c=80.0, observer=fd.GpiObserver(mass=MASS, omega_o=150.0, taylor_states=1)
+    "cascade_ppi": fd.blocks.CascadePPI(Kv=80.0, Kp=4e4, Tn=0.01),
+    "dadsc": fd.blocks.DADSC(
+        mass=MASS, viscous=VISCOUS, tracking_rate=120.0, reaching_rate=120.0, adaptation_rate=60.0
+    ),
+    "pole_placement": fd.blocks.PolePlacement(model=MODEL, bandwidth=30.0, rigid_damping=0.6),
+    "active_disturbance_rejection": fd.blocks.ActiveDisturbanceRejection(
+        mass=MASS, omega_c=80.0, observer=fd.blocks.GpiObserver(mass=MASS, omega_o=150.0, taylor_states=1)
     ),
 }
 FEEDFORWARDS: dict[str, tuple[Feedforward, ...]] = {
     "none": (),
-    "inertia": (fd.Inertia(mass=MASS, viscous=VISCOUS),),
-    "inverse dynamics": (fd.InverseDynamics(model=MODEL),),
-    "friction": (fd.FrictionFeedforward(coulomb_positive=30.0, coulomb_negative=30.0),),
-    "compensator": (fd.DisturbanceCompensator(mass=MASS, viscous=VISCOUS, coulomb_positive=30, coulomb_negative=30),),
+    "inertia": (fd.blocks.Inertia(mass=MASS, viscous=VISCOUS),),
+    "inverse dynamics": (fd.blocks.InverseDynamics(model=MODEL),),
+    "friction": (fd.blocks.FrictionFeedforward(coulomb_positive=30.0, coulomb_negative=30.0),),
+    "compensator": (
+        fd.blocks.DisturbanceCompensator(mass=MASS, viscous=VISCOUS, coulomb_positive=30, coulomb_negative=30),
+    ),
 }
 OBSERVERS: dict[str, Any] = {
-    "recovered": fd.DisturbanceRecovery(mass=MASS, viscous=VISCOUS, frequency=10.0),
-    "kalman": fd.KalmanRecovery(mass=MASS, viscous=VISCOUS, resolution=1e-8, force_step=0.01),
-    "gpi": fd.GpiObserver(mass=MASS, omega_o=60.0, taylor_states=1),
+    "recovered": fd.blocks.DisturbanceRecovery(mass=MASS, viscous=VISCOUS, frequency=10.0),
+    "kalman": fd.blocks.KalmanRecovery(mass=MASS, viscous=VISCOUS, resolution=1e-8, force_step=0.01),
+    "gpi": fd.blocks.GpiObserver(mass=MASS, omega_o=60.0, taylor_states=1),
 }
-MODE = fd.MachineMode(frequency=25.0, damping_ratio=0.05, stiffness=2e7)
+MODE = fd.blocks.MachineMode(frequency=25.0, damping_ratio=0.05, stiffness=2e7)
 COMPENSATIONS: dict[str, tuple[Any, ...]] = {
     "none": (),
-    **{f"rejection, {name}": (fd.DisturbanceRejection(observer=each, share=0.5),) for name, each in OBSERVERS.items()},
-    **{f"mode, {name}": (fd.ModeCompensation(modes=(MODE,), observer=each),) for name, each in OBSERVERS.items()},
+    **{
+        f"rejection, {name}": (fd.blocks.DisturbanceRejection(observer=each, share=0.5),)
+        for name, each in OBSERVERS.items()
+    },
+    **{
+        f"mode, {name}": (fd.blocks.ModeCompensation(modes=(MODE,), observer=each),) for name, each in OBSERVERS.items()
+    },
 }
-PREFILTERS = {"none": None, "prefilter": fd.TrajectoryPrefilter(theta1=1e-5)}
+PREFILTERS = {"none": None, "prefilter": fd.blocks.TrajectoryPrefilter(theta1=1e-5)}
 
 
 def control(law: str, feedforward: str, compensation: str, prefilter: str = "none") -> Control:
@@ -64,7 +73,7 @@ def control(law: str, feedforward: str, compensation: str, prefilter: str = "non
         feedforward=FEEDFORWARDS[feedforward],
         compensation=COMPENSATIONS[compensation],
         prefilter=PREFILTERS[prefilter],
-        filters=(fd.LowPass2(frequency=2000.0),),
+        filters=(fd.blocks.LowPass2(frequency=2000.0),),
         force_limit=9000.0,
     )
 
@@ -101,7 +110,7 @@ def test_what_goes_together_runs_and_what_does_not_says_why(law: str) -> None:
 @pytest.mark.parametrize("law", LAWS)
 def test_a_prefilter_goes_before_any_law(law: str) -> None:
     """Its θ1 moves the setpoint by θ1 v: at constant speed the error changes by 10 us times 0.2 m/s = 2 um."""
-    move = fd.SnapLimitedMove(distance=0.1, velocity=0.2, acceleration=3.0, jerk=200.0, snap=2e4)
+    move = fd.blocks.SnapLimitedMove(distance=0.1, velocity=0.2, acceleration=3.0, jerk=200.0, snap=2e4)
     axis = dataclasses.replace(AXIS, friction_load=None, encoder_motor=None, encoder_load=None)
     runs = [
         fd.simulate(fd.Loop(control=control(law, "none", "none", each), axis=axis, sample_time=T), move)
@@ -113,17 +122,17 @@ def test_a_prefilter_goes_before_any_law(law: str) -> None:
 
 
 def test_a_law_with_two_positions_is_refused_on_an_axis_with_one() -> None:
-    for axis in (fd.Axis(plant=fd.Rigid(mass=MASS)), dataclasses.replace(AXIS, encoder_motor=None)):
+    for axis in (fd.Axis(plant=fd.blocks.Rigid(mass=MASS)), dataclasses.replace(AXIS, encoder_motor=None)):
         with pytest.raises(StructureError, match="two encoders"):
             fd.Loop(control=control("pole_placement", "none", "none"), axis=axis, sample_time=T)
 
 
 def test_an_observer_too_fast_is_refused_wherever_it_stands() -> None:
-    fast = fd.GpiObserver(mass=MASS, omega_o=5e4)
+    fast = fd.blocks.GpiObserver(mass=MASS, omega_o=5e4)
     for given in (
-        Control(law=LAWS["cascade_ppi"], compensation=(fd.DisturbanceRejection(observer=fast),)),
-        Control(law=LAWS["cascade_ppi"], compensation=(fd.ModeCompensation(modes=(MODE,), observer=fast),)),
-        Control(law=fd.ActiveDisturbanceRejection(mass=MASS, omega_c=12.0, observer=fast)),
+        Control(law=LAWS["cascade_ppi"], compensation=(fd.blocks.DisturbanceRejection(observer=fast),)),
+        Control(law=LAWS["cascade_ppi"], compensation=(fd.blocks.ModeCompensation(modes=(MODE,), observer=fast),)),
+        Control(law=fd.blocks.ActiveDisturbanceRejection(mass=MASS, omega_c=12.0, observer=fast)),
     ):
         with pytest.raises(FeeddriveError, match="too fast"):
             fd.Loop(control=given, axis=AXIS, sample_time=T)

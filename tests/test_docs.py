@@ -69,7 +69,7 @@ def test_the_law_that_contributing_adds_works(monkeypatch: pytest.MonkeyPatch):
     exec(next(blocks(ROOT / "CONTRIBUTING.md", "python")), names)
     Kv, Kp, mass, T = 20.0, 2000.0, 100.0, 1e-3
     law = names["SmithLaw"](Kv=Kv, Kp=Kp)
-    loop = fd.Loop(control=fd.Control(law=law), axis=fd.Axis(plant=fd.Rigid(mass=mass)), sample_time=T)
+    loop = fd.Loop(control=fd.Control(law=law), axis=fd.Axis(plant=fd.blocks.Rigid(mass=mass)), sample_time=T)
     poles = fd.linearize(loop, ["set_position"], ["position_load"]).poles()
     # x(k+1) = x + T v + T²/2m F, v(k+1) = v + T/m F, F = -Kp (Kv x + (x - x(k-1))/T): states x, v, x(k-1)
     by_position, by_last = -Kp * (Kv + 1.0 / T), Kp / T

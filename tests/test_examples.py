@@ -70,8 +70,10 @@ def test_placed_poles_are_stiff_at_low_frequencies_and_not_everywhere(capsys: py
     assert low[-1] > 4.0 * low[0]
     assert softest[-1] < softest[0]
     # far below the bandwidth it is k Ki / ((k + K1) ω)
-    screw = fd.TwoMass(mass_motor=220, mass_load=90, stiffness=9e7, damping=1800, viscous_motor=2500, viscous_load=100)
-    gains = fd.PolePlacement(model=screw, bandwidth=80.0, axial_damping=0.08).gains()
+    screw = fd.blocks.TwoMass(
+        mass_motor=220, mass_load=90, stiffness=9e7, damping=1800, viscous_motor=2500, viscous_load=100
+    )
+    gains = fd.blocks.PolePlacement(model=screw, bandwidth=80.0, axial_damping=0.08).gains()
     assert 1e6 * low[-1] == pytest.approx(9e7 * gains.Ki / ((9e7 + gains.K1) * 2.0 * np.pi * 5.0), rel=0.02)
     cascade, placed, rigid = map(float, re.findall(r"([0-9.]+) um RMS", text))
     assert placed < 0.3 * rigid < rigid < cascade

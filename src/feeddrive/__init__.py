@@ -1,22 +1,25 @@
 """feeddrive: the servo loop of a machine-tool feed drive, from a measured log or a machine file to a proven loop.
 
-Every block is a name of this package (`feeddrive.TwoMass`, `feeddrive.CascadePPI`), found by the file it stands in, and
-so are the few functions that work on a loop, which `__init__.pyi` lists.  Names are loaded on first use, so that
-`import feeddrive` stays quick.
+The names that most programs need stand here; all others stand in the rooms that `dir(feeddrive)` shows, the blocks in
+`feeddrive.blocks`.  Names are loaded on first use, so that `import feeddrive` stays quick.
 """
 
 from __future__ import annotations
 
-import pkgutil
-import re
 from typing import Any
 
+from feeddrive.language.lazy_package import make_lazy, public_names
 from feeddrive.language.table import views_from
 
-_LISTED = (pkgutil.get_data(__name__, "__init__.pyi") or b"").decode()
-# public name -> module that holds it
-_PLACES: dict[str, str] = {
-    name: module for module, name in re.findall(r"(?m)^from (feeddrive[.\w]+) import \(?\s*(\w+)", _LISTED)
+# names of before whose work another name does now; until 1.0
+_RENAMED = {
+    "get": "fd.parameters(loop)[path]",
+    "leaves": "fd.parameters(loop)",
+    "export": "fd.write_export",
+    "arena": "fd.compare",
+    "Arena": "fd.comparison.Comparison",
+    "shape": "fd.tune",
+    "Comparison": "fd.workflow.JobResult for a job that was run, fd.comparison.Comparison for laws that were compared",
 }
 
 
@@ -27,39 +30,21 @@ def _load_views() -> object:
     return plot
 
 
+def _moved(name: str) -> Any:
+    """The error for a name that is not here, with the one to write if there is one."""
+    here = public_names(__name__)
+    if name in _RENAMED:
+        raise AttributeError(f"fd.{name} is now {_RENAMED[name]}")
+    for room in [room for room, place in here.items() if place == __name__]:
+        if name in public_names(f"{__name__}.{room}"):
+            raise AttributeError(f"fd.{name} is now fd.{room}.{name}")
+    if name[:1].isupper():  # a block that no stub lists
+        from feeddrive import blocks
+
+        if hasattr(blocks, name):
+            raise AttributeError(f"fd.{name} is now fd.blocks.{name}")
+    raise AttributeError(f"module 'feeddrive' has no name '{name}'")
+
+
 views_from(_load_views)
-
-
-def __getattr__(name: str) -> Any:
-    """A public name, loaded on first use: one of those listed, or a block by the module that is named as it is."""
-    from importlib import import_module
-
-    if name in _PLACES:
-        found = getattr(import_module(_PLACES[name]), name)
-    else:
-        found = _block(name)
-        if found is None:
-            raise AttributeError(f"module 'feeddrive' has no name '{name}'")
-    globals()[name] = found
-    return found
-
-
-def _block(name: str) -> Any:
-    """The block with a class name, or None."""
-    if not name[:1].isupper():
-        return None
-    from importlib import import_module
-
-    from feeddrive.blocks.catalogue import modules
-    from feeddrive.language.block import snake_case
-
-    file = f".{snake_case(name)}"
-    return next((getattr(import_module(module), name, None) for module in modules() if module.endswith(file)), None)
-
-
-def __dir__() -> list[str]:
-    """All public names, blocks included; imports every block."""
-    from feeddrive.blocks.catalogue import catalogue
-
-    blocks = {block.__name__ for members in catalogue().values() for block in members.values()}
-    return sorted({*_PLACES, *blocks})
+make_lazy(__name__, _moved)

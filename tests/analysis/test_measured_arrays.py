@@ -52,14 +52,16 @@ def test_control_and_axis_from_python_control() -> None:
     G = 1.0 / (MASS * s * s + VISCOUS * s)
     arrays = fd.measured_loop((F, law(F)), None, (F, plant(F)))
     models = fd.measured_loop(C, None, G, frequency=F)
-    frds = fd.measured_loop(fd.as_frf((F, law(F))).to_control(), None, fd.as_frf((F, plant(F))).to_control())
+    frds = fd.measured_loop(
+        fd.analysis.as_frf((F, law(F))).to_control(), None, fd.analysis.as_frf((F, plant(F))).to_control()
+    )
     for other in (models, frds):
         assert other.loop_gain.response == pytest.approx(arrays.loop_gain.response, rel=1e-9)
         assert other.margins.delay_margin == pytest.approx(arrays.margins.delay_margin, rel=1e-6)
     back = arrays.loop_gain.to_control()
     assert back.dt == 0
     assert (back.input_labels, back.output_labels) == (["cut"], ["force"])
-    named = fd.as_frf(back)
+    named = fd.analysis.as_frf(back)
     assert (named.input, named.output) == ("cut", "force")
 
 
@@ -77,7 +79,7 @@ def test_a_sampled_control_acts_at_z() -> None:
     with pytest.raises(ParameterError, match=r"sampled with 0.001 s, and sample_time is 0.002 s"):
         fd.measured_loop(C, 2 * T, (f[f < 200], plant(f[f < 200])))
     with pytest.raises(ParameterError, match="beyond Nyquist, 500 Hz"):
-        fd.as_frf(C, np.array([10.0, 600.0]))
+        fd.analysis.as_frf(C, np.array([10.0, 600.0]))
     with pytest.raises(ParameterError, match="beyond Nyquist, 500 Hz"):
         fd.measured_loop((F, law(F)), T, (F, plant(F)))
 
@@ -88,7 +90,7 @@ def test_what_does_not_fit_together_is_said() -> None:
     with pytest.raises(ParameterError, match="different frequencies"):
         fd.measured_loop((1.01 * F, law(F)), None, (F, plant(F)))
     with pytest.raises(ParameterError, match="give its sample_time"):
-        fd.measured_loop(fd.Control(law=fd.CascadePPI(Kv=40.0, Kp=2e4, Tn=0.02)), None, (F, plant(F)))
+        fd.measured_loop(fd.Control(law=fd.blocks.CascadePPI(Kv=40.0, Kp=2e4, Tn=0.02)), None, (F, plant(F)))
 
 
 @pytest.mark.parametrize(
@@ -188,12 +190,14 @@ def test_encirclements_of_random_sampled_loops_are_their_eigenvalues(
     """P-PI on two masses with any dead time and lag, sampled: turns round -1 against eigenvalues of the closed loop."""
     T = 2.5e-4
     axis = fd.Axis(
-        plant=fd.TwoMass(mass_motor=130.0, mass_load=33.0, stiffness=stiffness, damping=2500.0, viscous_motor=1500.0),
-        actuator=fd.Actuator(dead_time=dead_time, current_loop=lag),
+        plant=fd.blocks.TwoMass(
+            mass_motor=130.0, mass_load=33.0, stiffness=stiffness, damping=2500.0, viscous_motor=1500.0
+        ),
+        actuator=fd.blocks.Actuator(dead_time=dead_time, current_loop=lag),
     )
-    loop = fd.Loop(control=fd.Control(law=fd.CascadePPI(Kv=Kv, Kp=Kp, Tn=Tn)), axis=axis, sample_time=T)
+    loop = fd.Loop(control=fd.Control(law=fd.blocks.CascadePPI(Kv=Kv, Kp=Kp, Tn=Tn)), axis=axis, sample_time=T)
     f = np.geomspace(0.02, 0.5 / T, 12_000)
-    found = fd.encirclement(fd.loop_gain(loop, f))
+    found = fd.analysis.encirclement(fd.loop_gain(loop, f))
     poles = fd.stability(loop).model.poles()
     assume(np.all(np.abs(np.abs(poles) - 1.0) > 1e-5))  # beside the edge the lines cannot resolve it
     growing = int(np.sum(np.abs(poles) > 1.0))

@@ -32,22 +32,24 @@ def test_gain_and_compliance_are_those_of_the_modelled_loop(loop: fd.Loop) -> No
     assert found.compliance is not None
     assert np.max(np.abs(found.compliance.response / closed.response - 1.0)) < 1e-8
     assert found.margins.sensitivity_peak == pytest.approx(fd.margins(gain).sensitivity_peak, rel=1e-9)
-    assert found.sensitivity.response == pytest.approx(fd.sensitivity(gain).response, rel=1e-8)
+    assert found.sensitivity.response == pytest.approx(fd.analysis.sensitivity(gain).response, rel=1e-8)
     assert "least stiffness" in str(found)
 
 
 def test_a_delay_that_was_not_measured_is_added() -> None:
     """The axis without dead time, and 50 µs by the argument, are the axis with it."""
     loop = placed()
-    quick = dataclasses.replace(loop, axis=dataclasses.replace(loop.axis, actuator=fd.Actuator(current_loop=1500.0)))
+    quick = dataclasses.replace(
+        loop, axis=dataclasses.replace(loop.axis, actuator=fd.blocks.Actuator(current_loop=1500.0))
+    )
     load, motor = responses(quick, "cut")
     found = fd.measured_loop(loop.control, float(loop.sample_time), load, motor, delay=5e-5)
     assert np.max(np.abs(found.loop_gain.response / fd.loop_gain(loop, LINES).response - 1.0)) < 1e-9
 
 
 def test_one_encoder_is_enough_for_a_law_with_one() -> None:
-    axis = fd.Axis(plant=fd.Rigid(mass=100.0), actuator=fd.Actuator(dead_time=1e-4))
-    loop = fd.Loop(control=fd.Control(law=fd.CascadePPI(Kv=40.0, Kp=2e4, Tn=0.02)), axis=axis, sample_time=1e-4)
+    axis = fd.Axis(plant=fd.blocks.Rigid(mass=100.0), actuator=fd.blocks.Actuator(dead_time=1e-4))
+    loop = fd.Loop(control=fd.Control(law=fd.blocks.CascadePPI(Kv=40.0, Kp=2e4, Tn=0.02)), axis=axis, sample_time=1e-4)
     lines = LINES[LINES < 4000.0]
     load = fd.linearize(loop, ["cut"], ["reading_load"]).response(lines)
     found = fd.measured_loop(loop.control, 1e-4, load)

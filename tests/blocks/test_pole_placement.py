@@ -18,18 +18,18 @@ from feeddrive.blocks.signals import Reading, Setpoint
 from feeddrive.language import tree
 from feeddrive.language.errors import ParameterError, StructureError
 
-MODEL = fd.TwoMass(
+MODEL = fd.blocks.TwoMass(
     mass_motor=130.0, mass_load=33.0, stiffness=1.8e7, damping=700.0, viscous_motor=1500.0, viscous_load=20.0
 )
 MODE = float(two_bodies("", MODEL).mode) / (2.0 * np.pi)
 
 
-def coupled(m12: float, **others: float) -> fd.TwoMass:
+def coupled(m12: float, **others: float) -> fd.blocks.TwoMass:
     return dataclasses.replace(MODEL, coupling_mass=m12, **others)
 
 
-def law(**changes: object) -> fd.PolePlacement:
-    return fd.PolePlacement(**{"model": MODEL, "bandwidth": 50.0, **changes})
+def law(**changes: object) -> fd.blocks.PolePlacement:
+    return fd.blocks.PolePlacement(**{"model": MODEL, "bandwidth": 50.0, **changes})
 
 
 # printed to nine digits by another program, half a unit of the last digit
@@ -50,7 +50,7 @@ def law(**changes: object) -> fd.PolePlacement:
     ],
     ids=["default", "softer", "full mass matrix"],
 )
-def test_gains_are_the_golden_ones(made: fd.PolePlacement, expected: tuple[float, ...], digits: float) -> None:
+def test_gains_are_the_golden_ones(made: fd.blocks.PolePlacement, expected: tuple[float, ...], digits: float) -> None:
     assert tuple(made.gains()) == pytest.approx(expected, rel=digits)
 
 
@@ -74,16 +74,16 @@ def test_open_loop_poles_are_the_golden_ones() -> None:
 
 
 def test_filter_pack_has_the_golden_coefficients() -> None:
-    notch = fd.Notch(frequency=460.0, damping_zero=0.06, damping_pole=0.6).prepare(5e-5)
+    notch = fd.blocks.Notch(frequency=460.0, damping_zero=0.06, damping_pole=0.6).prepare(5e-5)
     assert (notch.b0, notch.b1, notch.b2, notch.a2) == pytest.approx(
         (0.92841922, -1.821741947, 0.91251238, 0.8409316), abs=6e-9
     )
-    low = fd.LowPass2(frequency=2500.0, damping=0.7).prepare(5e-5)
+    low = fd.blocks.LowPass2(frequency=2500.0, damping=0.7).prepare(5e-5)
     expected = (0.097959253, 0.195918506, 0.097959253, -0.945978228, 0.33781524)
     assert (low.b0, low.b1, low.b2, low.a1, low.a2) == pytest.approx(expected, abs=6e-9)
 
 
-def characteristic(model: fd.TwoMass, gains: tuple[float, ...]) -> list[Fraction]:
+def characteristic(model: fd.blocks.TwoMass, gains: tuple[float, ...]) -> list[Fraction]:
     """det(s M s + C s + K + feedback) · s over det M, in exact arithmetic, from the determinant itself."""
     made = model.mechanics()
     K1, K2, K3, K4, Ki = map(Fraction, gains)
@@ -110,9 +110,9 @@ sizes = st.floats(np.log(0.2), np.log(5.0)).map(np.exp)
 
 
 @st.composite
-def designs(draw: st.DrawFn) -> fd.PolePlacement:
+def designs(draw: st.DrawFn) -> fd.blocks.PolePlacement:
     scale = [draw(sizes) for _ in range(6)]
-    model = fd.TwoMass(
+    model = fd.blocks.TwoMass(
         mass_motor=130.0 * scale[0],
         mass_load=33.0 * scale[1],
         stiffness=1.8e7 * scale[2],
@@ -121,7 +121,7 @@ def designs(draw: st.DrawFn) -> fd.PolePlacement:
         viscous_load=20.0 * scale[5],
         coupling_mass=draw(st.one_of(st.none(), st.floats(-5.0, 5.0))),
     )
-    return fd.PolePlacement(
+    return fd.blocks.PolePlacement(
         model=model,
         bandwidth=draw(st.floats(20.0, 150.0)),
         rigid_damping=draw(st.floats(0.2, 2.0)),
@@ -131,7 +131,7 @@ def designs(draw: st.DrawFn) -> fd.PolePlacement:
 
 @given(made=designs())
 @settings(max_examples=60, deadline=None)
-def test_the_closed_loop_has_the_desired_polynomial(made: fd.PolePlacement) -> None:
+def test_the_closed_loop_has_the_desired_polynomial(made: fd.blocks.PolePlacement) -> None:
     """Exact arithmetic on the gains as they are: what is left is their rounding, amplified by few cancellations."""
     found = characteristic(made.model, tuple(made.gains()))  # type: ignore[arg-type]
     for got, wanted in zip(found, made.polynomial(), strict=True):
@@ -140,7 +140,7 @@ def test_the_closed_loop_has_the_desired_polynomial(made: fd.PolePlacement) -> N
 
 @given(made=designs())
 @settings(max_examples=60, deadline=None)
-def test_poles_are_reproduced(made: fd.PolePlacement) -> None:
+def test_poles_are_reproduced(made: fd.blocks.PolePlacement) -> None:
     """Each pole that stands apart from the others moves by less than 1e-12 of its size, to first order p/p'."""
     found = [float(each - Fraction(a)) for each, a in zip(characteristic(made.model, tuple(made.gains())),  # type: ignore[arg-type]
                                                           made.polynomial(), strict=True)]  # fmt: skip
@@ -152,7 +152,7 @@ def test_poles_are_reproduced(made: fd.PolePlacement) -> None:
             assert abs(np.polyval(found[::-1], pole) / np.polyval(slope, pole)) < 1e-12 * abs(pole) / min(apart, 1.0)
 
 
-def state_space(model: fd.TwoMass) -> tuple[np.ndarray, np.ndarray]:
+def state_space(model: fd.blocks.TwoMass) -> tuple[np.ndarray, np.ndarray]:
     """[x1, x2, v1, v2, ∫x2] and the force on the screw."""
     made = model.mechanics()
     M, C, K = (np.array(each, dtype=float) for each in (made.mass, made.damping, made.stiffness))
@@ -206,7 +206,7 @@ def test_the_sampled_loop_has_the_placed_poles_as_it_is_sampled_faster() -> None
 def test_a_screw_in_rotary_terms_gives_the_same_gains() -> None:
     lead = 0.02
     radius = lead / (2.0 * np.pi)
-    rotary = fd.ScrewTwoMass(
+    rotary = fd.blocks.ScrewTwoMass(
         inertia_motor=130.0 * radius**2, lead=lead, mass_load=33.0, stiffness=1.8e7, damping=700.0,
         viscous_bearings=1500.0 * radius**2, viscous_load=20.0,
     )  # fmt: skip
@@ -223,7 +223,7 @@ def test_the_sum_of_the_position_gains_is_that_of_the_slow_poles() -> None:
 # --- set position of the screw
 
 
-def stepped(made: fd.PolePlacement, setpoints: list[Setpoint], T: float) -> list[tuple[float, float]]:
+def stepped(made: fd.blocks.PolePlacement, setpoints: list[Setpoint], T: float) -> list[tuple[float, float]]:
     """The screw's lead (m, m/s) at each setpoint, read off the state of the exact lag."""
     prepared = made.prepare(T)
     state = made.start(prepared, setpoints[0], Reading(0.0, 0.0))
@@ -286,15 +286,15 @@ def test_the_inverse_is_that_of_both_equations(m12: float | None) -> None:
     a = np.array([middle.acceleration + lead.acceleration, middle.acceleration])
     v = np.array([middle.velocity + lead.velocity, middle.velocity])
     expected = float(np.sum(M @ a + C @ v))
-    assert fed(fd.InverseDynamics(model=model), setpoint, 5e-5) == pytest.approx(expected, rel=1e-12)
-    rigid = fed(fd.InverseDynamics(model=model, order="rigid"), setpoint, 5e-5)
+    assert fed(fd.blocks.InverseDynamics(model=model), setpoint, 5e-5) == pytest.approx(expected, rel=1e-12)
+    rigid = fed(fd.blocks.InverseDynamics(model=model, order="rigid"), setpoint, 5e-5)
     assert rigid == pytest.approx(float(np.sum(M)) * middle.acceleration + 1520.0 * middle.velocity, rel=1e-12)
 
 
 def test_without_damping_the_inverse_has_the_fourth_order_form() -> None:
     """u = (m1 + m2) a + m1 m2/k snap (Lambrechts, Boerlage & Steinbuch 2005)."""
-    model = fd.TwoMass(mass_motor=130.0, mass_load=33.0, stiffness=1.8e7)
-    force = fed(fd.InverseDynamics(model=model), Setpoint(0.0, 0.0, 0.0, 0.0, 8e4), 1e-12)
+    model = fd.blocks.TwoMass(mass_motor=130.0, mass_load=33.0, stiffness=1.8e7)
+    force = fed(fd.blocks.InverseDynamics(model=model), Setpoint(0.0, 0.0, 0.0, 0.0, 8e4), 1e-12)
     assert force == pytest.approx(130.0 * 33.0 / 1.8e7 * 8e4, rel=1e-9)
 
 
@@ -315,7 +315,7 @@ def test_a_step_beyond_the_limit_settles() -> None:
     control = fd.Control(law=law(), force_limit=400.0)
     loop = fd.Loop(control=control, axis=fd.Axis(plant=MODEL), sample_time=5e-5)
     set_position = np.r_[0.0, np.full(8000, 1e-3)]
-    step = fd.Recorded(position=set_position, velocity=np.zeros(8001), sample_time=5e-5)
+    step = fd.blocks.Recorded(position=set_position, velocity=np.zeros(8001), sample_time=5e-5)
     run = fd.simulate(loop, step)
     assert np.max(np.abs(run["requested"])) > 400.0
     assert np.max(run["position_load"]) < 1.6e-3
@@ -326,7 +326,7 @@ def test_all_contributions_together_follow_the_models_own_axis() -> None:
     """On the very axis that the law believes in, without delay, compatible commands leave a tenth and less."""
 
     def left(commands: str, order: str | None) -> float:
-        forward = () if order is None else (fd.InverseDynamics(model=MODEL, order=order),)
+        forward = () if order is None else (fd.blocks.InverseDynamics(model=MODEL, order=order),)
         control = fd.Control(law=law(commands=commands), feedforward=forward)
         loop = fd.Loop(control=control, axis=fd.Axis(plant=MODEL), sample_time=5e-5)
         return float(np.max(np.abs(fd.tracking(loop, np.array([5.0, 10.0, 20.0])).response - 1.0)))
@@ -362,7 +362,7 @@ def test_a_table_that_the_screw_cannot_move_is_refused_with_the_nearest_value() 
 
 def test_a_model_of_another_form_is_refused() -> None:
     with pytest.raises(StructureError, match="one spring between them"):
-        law(model=fd.Rigid(mass=100.0))
+        law(model=fd.blocks.Rigid(mass=100.0))
 
 
 def test_poles_beyond_nyquist_are_refused_with_the_nearest_value() -> None:
@@ -373,20 +373,20 @@ def test_poles_beyond_nyquist_are_refused_with_the_nearest_value() -> None:
 
 
 def test_one_encoder_is_refused() -> None:
-    axis = fd.Axis(plant=MODEL, encoder_load=fd.Encoder(resolution=1e-8))
+    axis = fd.Axis(plant=MODEL, encoder_load=fd.blocks.Encoder(resolution=1e-8))
     with pytest.raises(StructureError, match="needs the position of the motor and that of the load"):
         fd.Loop(control=fd.Control(law=law()), axis=axis, sample_time=5e-5)
 
 
 def test_the_inverse_is_not_fed_beside_an_inertia() -> None:
     with pytest.raises(StructureError, match="feeds the acceleration forward"):
-        fd.Control(law=law(), feedforward=(fd.InverseDynamics(model=MODEL), fd.Inertia(mass=163.0)))
+        fd.Control(law=law(), feedforward=(fd.blocks.InverseDynamics(model=MODEL), fd.blocks.Inertia(mass=163.0)))
 
 
 def test_gains_may_vary_within_a_batch() -> None:
     """Each lane has the gains of its own poles: the batch gives what single runs give."""
     loop = fd.Loop(control=fd.Control(law=law()), axis=fd.Axis(plant=MODEL), sample_time=5e-5)
-    move = fd.SnapLimitedMove(distance=0.01, velocity=0.3, acceleration=5.0, jerk=400.0, snap=4e4)
+    move = fd.blocks.SnapLimitedMove(distance=0.01, velocity=0.3, acceleration=5.0, jerk=400.0, snap=4e4)
     widths = np.array([30.0, 50.0, 70.0])
     batch = fd.simulate_batch(fd.vary(loop, {"axis.x.control.law.bandwidth": widths}), move)
     for i, width in enumerate(widths):

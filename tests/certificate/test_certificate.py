@@ -105,12 +105,14 @@ def random_loop(seed: int) -> fd.Loop:
     mode = 2.0 * math.pi * rng.uniform(40.0, 300.0)
     T = float(rng.choice([5e-5, 2.5e-4, 1e-3]))
     both = m1 * m2 / (m1 + m2)
-    plant = fd.TwoMass(mass_motor=m1, mass_load=m2, stiffness=mode**2 * both, damping=0.04 * mode * both)
+    plant = fd.blocks.TwoMass(mass_motor=m1, mass_load=m2, stiffness=mode**2 * both, damping=0.04 * mode * both)
     late = rng.uniform(0.0, 2.5) * T
     wv = rng.uniform(0.05, 0.4) * mode
-    law = fd.CascadePPI(Kp=(m1 + m2) * wv, Tn=5.0 / wv, Kv=wv / 5.0, velocity_encoder="motor")
-    filters = (fd.LowPass(frequency=min(0.3 / T, mode)),) if rng.random() < 0.5 else ()
-    axis = fd.Axis(plant=plant, actuator=fd.Actuator(dead_time=late), friction_load=fd.Viscous(viscous=20.0))
+    law = fd.blocks.CascadePPI(Kp=(m1 + m2) * wv, Tn=5.0 / wv, Kv=wv / 5.0, velocity_encoder="motor")
+    filters = (fd.blocks.LowPass(frequency=min(0.3 / T, mode)),) if rng.random() < 0.5 else ()
+    axis = fd.Axis(
+        plant=plant, actuator=fd.blocks.Actuator(dead_time=late), friction_load=fd.blocks.Viscous(viscous=20.0)
+    )
     return fd.Loop(control=fd.Control(law=law, filters=filters), axis=axis, sample_time=T)
 
 
@@ -235,7 +237,7 @@ def test_the_deployed_control_is_the_traced_one() -> None:
     loop = fd.read_machine("ball_screw").loop("x")
     f = np.geomspace(1.0, 9000.0, 60)
     known = ControlResponse(loop.control, float(loop.sample_time), ["law.Kp"])
-    expected = known.at([float(fd.get(loop, "axis.x.control.law.Kp"))], f).value
+    expected = known.at([float(fd.parameters(loop)["axis.x.control.law.Kp"])], f).value
     for arithmetic, tolerance in (("float64", 1e-9), ("float32", 1e-3)):
         made = deployed(loop.control, float(loop.sample_time), arithmetic)
         for i, reading in enumerate(("reading_motor", "reading_load")):
@@ -279,7 +281,7 @@ def test_what_cannot_be_certified_says_where_by_how_much_and_what_to_do() -> Non
 def test_a_radius_over_frequency_and_several_plants() -> None:
     """A heavier table beside the machine; the radius grows with frequency, and its steps are never below the line."""
     loop = fd.read_machine("linear_motor").loop("x")
-    mass = float(fd.get(loop, "axis.x.plant.mass"))
+    mass = float(fd.parameters(loop)["axis.x.plant.mass"])
     heavy = fd.vary(loop, {"axis.x.plant.mass": 1.3 * mass})
     points = [(10.0, 0.1), (100.0, 0.3), (1000.0, 1.0)]
     found = fd.certify(loop, {"light": loop, "heavy": heavy.axis}, radius=points)

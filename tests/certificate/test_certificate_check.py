@@ -276,7 +276,7 @@ def test_files_are_written_and_read_only_if_they_are_proven(text: str, tmp_path:
     again = fd.read_certificate(path)
     assert again.document == found.document
     assert str(again) == str(found)
-    wrong = fd.Certificate(changed(text, wider))
+    wrong = fd.certificate.Certificate(changed(text, wider))
     with pytest.raises(NotCertifiedError, match="not certified"):
         fd.write_certificate(tmp_path / "wrong.json", wrong)
     assert not (tmp_path / "wrong.json").exists()

@@ -89,5 +89,5 @@ def test_a_tuning_brings_the_certificate_of_the_file_that_it_writes(tmp_path: Pa
     machine = tmp_path / "out" / "machine.toml"
     assert document["machine"]["sha256"] == hashlib.sha256(machine.read_bytes()).hexdigest()
     loop = fd.read_machine(machine).loop("x")
-    assert document["control"]["parameters"]["law.Kp"] == fd.get(loop, "axis.x.control.law.Kp")
+    assert document["control"]["parameters"]["law.Kp"] == fd.parameters(loop)["axis.x.control.law.Kp"]
     assert document["control"] == fd.certify(loop).document["control"]

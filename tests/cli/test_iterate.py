@@ -36,16 +36,16 @@ def call(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.Capture
     return asked
 
 
-def logged(reference: fd.SnapLimitedMove, name: str = "run.csv") -> fd.Run:
+def logged(reference: fd.blocks.SnapLimitedMove, name: str = "run.csv") -> fd.loop.Run:
     run = fd.simulate(fd.read_machine("xy_table").loop("x"), reference)
     write_run_csv(name, run.time, run.signals, run.units)
     return run
 
 
-def section(path: Path) -> fd.DisturbanceCompensator:
+def section(path: Path) -> fd.blocks.DisturbanceCompensator:
     control = read_toml(path).root().section("axis").section("x").section("control")
     made = read_block(Feedforward, control.listed("feedforward")[0])  # type: ignore[type-abstract]
-    assert isinstance(made, fd.DisturbanceCompensator)
+    assert isinstance(made, fd.blocks.DisturbanceCompensator)
     return made
 
 
@@ -55,7 +55,9 @@ def test_a_log_gives_the_parameters_of_the_run(call, tmp_path: Path) -> None:
     assert code == 0
     assert "standard error" in out
     assert "predicted" in out
-    expected = fd.iterate(fd.read_machine("xy_table").loop("x"), fd.simulated_trial(run, MOVE)).after.parameters()
+    expected = fd.tuning.iterate(
+        fd.read_machine("xy_table").loop("x"), fd.tuning.simulated_trial(run, MOVE)
+    ).after.parameters()
     for name, value in section(tmp_path / "next.toml").parameters().items():
         # the log has twelve digits or so, and differences for derivatives
         assert value == pytest.approx(expected[name], rel=0.01), name
@@ -70,7 +72,9 @@ def test_the_printed_section_is_the_written_one(call, tmp_path: Path) -> None:
 
 
 def test_a_log_without_reversal_freezes_friction_with_the_reason(call, tmp_path: Path) -> None:
-    one_way = fd.SnapLimitedMove(distance=0.1, velocity=0.25, acceleration=3.0, jerk=60.0, snap=15e3, dwell_after=0.2)
+    one_way = fd.blocks.SnapLimitedMove(
+        distance=0.1, velocity=0.25, acceleration=3.0, jerk=60.0, snap=15e3, dwell_after=0.2
+    )
     logged(one_way)
     code, out, _ = call("run.csv", *AXIS, "--out", "next.toml")
     assert code == 0
@@ -111,12 +115,12 @@ def test_a_machine_runs_simulated_trials(call, tmp_path: Path) -> None:
     assert code == 0
     assert "3 trials" in out
     assert "100 mm out and back" in out
-    loop = fd.begin_compensation(
+    loop = fd.tuning.begin_compensation(
         fd.read_machine("xy_table").loop("x"),
         ("mass", "viscous", "coulomb_positive", "coulomb_negative", "stribeck"),
         stribeck_velocity=0.006,
     )
-    found = fd.iterate_trials(loop, MOVE, 3)
+    found = fd.tuning.iterate_trials(loop, MOVE, 3)
     expected = found.parameters()
     assert section(tmp_path / "next.toml").parameters() == {name: values[-1] for name, values in expected.items()}
 
@@ -141,7 +145,7 @@ def test_columns_are_named_and_have_units(call, tmp_path: Path) -> None:
     assert "--set-position" in errors
     code, _, _ = call("own.csv", *AXIS, "--set-position", "soll:mm", "--position", "ist:mm", "--out", "next.toml")
     assert code == 0
-    expected = fd.iterate(fd.read_machine("xy_table").loop("x"), fd.simulated_trial(run, MOVE)).after
+    expected = fd.tuning.iterate(fd.read_machine("xy_table").loop("x"), fd.tuning.simulated_trial(run, MOVE)).after
     assert section(tmp_path / "next.toml").mass == pytest.approx(float(expected.mass or 0.0), rel=0.02)
 
 

@@ -41,8 +41,8 @@ def test_the_section_is_the_fit_of_the_run(call, tmp_path: Path) -> None:
     assert "central differences" in out
     section = read_toml(tmp_path / "section.toml").root().section("axis").section("x")
     made = read_block(Prefilter, section.section("control").section("prefilter"))  # type: ignore[type-abstract]
-    fit = fd.fit_prefilter(fd.simulate(placed(), LONG), LONG).prefilter
-    assert isinstance(made, fd.TrajectoryPrefilter)
+    fit = fd.tuning.fit_prefilter(fd.simulate(placed(), LONG), LONG).prefilter
+    assert isinstance(made, fd.blocks.TrajectoryPrefilter)
     for name in ("theta1", "theta2", "theta3", "theta4"):
         assert getattr(made, name) == pytest.approx(getattr(fit, name), rel=0.02)
 

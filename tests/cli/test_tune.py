@@ -38,7 +38,7 @@ def test_a_machine_gets_new_numbers_and_keeps_its_comments(tmp_path: Path) -> No
     assert fd.margins(fd.loop_gain(loop, np.geomspace(1.0, 9999.0, 8000))).sensitivity_peak < 2.003
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
     assert summary["holds"] is True
-    assert summary["tunables"]["law.Kp"] == pytest.approx(float(fd.get(loop, "axis.x.control.law.Kp")), rel=1e-5)
+    assert summary["tunables"]["law.Kp"] == pytest.approx(float(fd.parameters(loop)["axis.x.control.law.Kp"]), rel=1e-5)
     assert (
         summary["figures"]["new"]["model"]["rope-snap error"] < summary["figures"]["today"]["model"]["rope-snap error"]
     )

@@ -183,20 +183,20 @@ def test_a_rule_of_the_trade_is_judged_like_a_search(tmp_path: Path) -> None:
 
 def test_a_fit_of_modes_knows_the_hold_of_a_file_that_does_not_state_it() -> None:
     """Two modes, 1.37 samples of dead time, T = 0.25 ms: without the hold the fit was a fifth off at 240 Hz."""
-    plant = fd.Modal(
+    plant = fd.blocks.Modal(
         mass=217.0, viscous=400.0,
-        modes=(fd.Mode(frequency=91.0, damping_ratio=0.03, mass=500.0, load=-1.1),
-               fd.Mode(frequency=240.0, damping_ratio=0.02, mass=900.0, load=0.3)),
+        modes=(fd.blocks.Mode(frequency=91.0, damping_ratio=0.03, mass=500.0, load=-1.1),
+               fd.blocks.Mode(frequency=240.0, damping_ratio=0.02, mass=900.0, load=0.3)),
     )  # fmt: skip
     T = 2.5e-4
-    axis = fd.Axis(plant=plant, actuator=fd.Actuator(dead_time=1.37 * T))
+    axis = fd.Axis(plant=plant, actuator=fd.blocks.Actuator(dead_time=1.37 * T))
     control = replace(fd.read_machine("ball_screw").loop("x").control, filters=())
     loop = fd.Loop(control=control, axis=axis, sample_time=T)
     model, lines = fd.linearize(loop, ["cut"], ["reading_load", "reading_motor"]), np.arange(2.0, 1000.0, 1.0)
     load, motor = (
         fd.FRF(lines, model.response(lines, each, "cut").response, "force", each, "m/N") for each in model.outputs
     )
-    site = fd.measured_site(load, motor, sample_time=T)
+    site = fd.tuning.measured_site(load, motor, sample_time=T)
     made, words = tune_sources._on_the_table(site, None, load, motor, T)
     assert not made.at_drive, words
     off = float(words[0].split("within ")[1].split(" %")[0])

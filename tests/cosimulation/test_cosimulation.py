@@ -14,21 +14,10 @@ import pytest
 from typer.testing import CliRunner
 
 import feeddrive
-from feeddrive import (
-    Actuator,
-    Axis,
-    CascadePPI,
-    Control,
-    Guard,
-    Loop,
-    Rigid,
-    SnapLimitedMove,
-    StepForce,
-    Viscous,
-    simulate,
-    simulate_with_fmu,
-)
+from feeddrive import Axis, Control, Guard, Loop, simulate
+from feeddrive.blocks import Actuator, CascadePPI, Rigid, SnapLimitedMove, StepForce, Viscous
 from feeddrive.cli.commands import app
+from feeddrive.cosimulation import simulate_with_fmu
 from feeddrive.cosimulation.archive import importer
 from feeddrive.cosimulation.comparison import cosimulate, write_cosimulation
 from feeddrive.export import toolchain

@@ -88,9 +88,11 @@ def test_a_closed_loop_has_the_simulators_bits(name: str) -> None:
     """The readings of a simulated move, given to the C, bring the force of the simulation."""
     loop = LOOPS[name]
     loop = dataclasses.replace(loop, control=dataclasses.replace(loop.control, guard=fd.Guard()))
-    move = fd.SnapLimitedMove(distance=0.02, velocity=0.2, acceleration=3.0, jerk=200.0, snap=2e4, dwell_after=0.05)
+    move = fd.blocks.SnapLimitedMove(
+        distance=0.02, velocity=0.2, acceleration=3.0, jerk=200.0, snap=2e4, dwell_after=0.05
+    )
     record = ["reading_motor", "reading_load", "force", "trip"]
-    simulated = fd.simulate(loop, move, load=fd.StepForce(force=-100.0, start=0.05), record=record)
+    simulated = fd.simulate(loop, move, load=fd.blocks.StepForce(force=-100.0, start=0.05), record=record)
     made = laid_out(loop)
     count = len(simulated["force"])
     setpoint = move.at(np.arange(count) * T)
@@ -176,9 +178,9 @@ def test_an_exported_axis_moves_as_the_simulated_one(axis: str, tmp_path: Path) 
     """Step by step under the recorded force of a closed loop: the readings of the simulation, bit for bit."""
     loop = LOOPS["cascade_ppi" if axis == "two encoders" else "dadsc"]
     loop = dataclasses.replace(loop, control=dataclasses.replace(loop.control, guard=None))
-    move = fd.SnapLimitedMove(distance=0.01, velocity=0.2, acceleration=3.0, jerk=200.0, snap=2e4)
+    move = fd.blocks.SnapLimitedMove(distance=0.01, velocity=0.2, acceleration=3.0, jerk=200.0, snap=2e4)
     record = ["force", "load_force", "reading_motor", "reading_load", "velocity_load"]
-    simulated = fd.simulate(loop, move, load=fd.StepForce(force=-100.0, start=0.05), record=record)
+    simulated = fd.simulate(loop, move, load=fd.blocks.StepForce(force=-100.0, start=0.05), record=record)
     made = layout(plant_routine(loop, "plant_x"))
     found = texts(made, "an axis under test", "made by a test")
     rows = np.column_stack([simulated["force"], simulated["load_force"]])
@@ -302,7 +304,7 @@ def test_two_axes_in_headers_alone_share_one_program(compiler: str, tmp_path: Pa
 
 def test_a_hanging_axis_is_held_when_the_loop_is_off() -> None:
     """By the safe force of its guard; and so it is before the first sample in which it is enabled."""
-    hanging = dataclasses.replace(ONE, forces=(fd.Gravity(force=-392.4),))
+    hanging = dataclasses.replace(ONE, forces=(fd.blocks.Gravity(force=-392.4),))
     routine = controller_routine(a_loop(hanging, PPI, guard=fd.Guard(safe_force=392.4)), "axis_x")
     off = trial(routine, 5).inputs
     off[:, -1] = 0.0  # enable

@@ -13,7 +13,8 @@ import numpy as np
 import pytest
 
 import feeddrive
-from feeddrive import SnapLimitedMove, simulate
+from feeddrive import simulate
+from feeddrive.blocks import SnapLimitedMove
 from feeddrive.export import toolchain
 from feeddrive.export.design import CONTROL, PLANT, read_design
 from feeddrive.export.fmu import binary

@@ -120,7 +120,7 @@ def test_closed_loop_in_hal_is_the_simulation(exported, tmp_path, machine, axis)
     """Controller and axis as components, against `simulate` of the same loop: no bit differs over a whole move."""
     design, place = exported(machine, axis)
     loop, routine = design.routine.origin, design.routine
-    move = fd.SnapLimitedMove(
+    move = fd.blocks.SnapLimitedMove(
         distance=0.02, velocity=0.1, acceleration=1.0, jerk=50.0, snap=5000.0, back=True, dwell_after=0.02
     )
     signals = ("force", "reading_motor", "reading_load", "position_motor", "position_load", "trip")

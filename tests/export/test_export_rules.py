@@ -30,20 +30,20 @@ PLANTS = {
     "two masses": TWO,
     "rigid": ONE,
     "full mass matrix": fd.Axis(
-        plant=fd.TwoMass(mass_motor=130.0, mass_load=33.0, stiffness=1.8e7, damping=700.0, coupling_mass=65.0),
-        actuator=fd.Actuator(dead_time=1.3e-4, motor=MOTOR),
-        friction_motor=fd.Lugre(coulomb=50.0, breakaway=80.0, stribeck_velocity=2e-3, bristle_stiffness=1e7),
-        friction_load=fd.DirectionalStribeck(
+        plant=fd.blocks.TwoMass(mass_motor=130.0, mass_load=33.0, stiffness=1.8e7, damping=700.0, coupling_mass=65.0),
+        actuator=fd.blocks.Actuator(dead_time=1.3e-4, motor=MOTOR),
+        friction_motor=fd.blocks.Lugre(coulomb=50.0, breakaway=80.0, stribeck_velocity=2e-3, bristle_stiffness=1e7),
+        friction_load=fd.blocks.DirectionalStribeck(
             coulomb_positive=20.0, breakaway_positive=30.0, coulomb_negative=25.0, breakaway_negative=35.0,
             stribeck_velocity=2e-3,
         ),
     ),
     "chain": fd.Axis(
-        plant=fd.ThreeMassChain(
+        plant=fd.blocks.ThreeMassChain(
             mass_motor=85.0, mass_screw=45.0, mass_load=33.0, coupling_stiffness=2.352e8, coupling_damping=2496.0,
             stiffness=1.8e7, damping=700.0,
         ),
-        friction_motor=fd.Regularised(
+        friction_motor=fd.blocks.Regularised(
             coulomb=50.0, breakaway=80.0, stribeck_velocity=2e-3, transition_velocity=1e-4, viscous=10.0
         ),
     ),

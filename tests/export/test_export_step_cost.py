@@ -79,7 +79,7 @@ def test_executed_instructions_on_a_cortex_m4f(name: str):
     """With the whole guard; a biquad costs at most 25 more."""
     law = step_cost.LAWS[name]
     cost = step_cost.core_cost(step_cost.design(law, "float"))
-    filtered = step_cost.core_cost(step_cost.design(law, "float", (fd.Notch(frequency=400.0),)))
+    filtered = step_cost.core_cost(step_cost.design(law, "float", (fd.blocks.Notch(frequency=400.0),)))
     least, most = BOUNDS[name]
     assert cost.least <= 1.05 * least
     assert cost.most <= 1.05 * most

@@ -82,9 +82,11 @@ def same_bits(found: np.ndarray, wanted: np.ndarray) -> bool:
 
 def closed_loop(loop: fd.Loop, routine: Routine) -> tuple[np.ndarray, Mapping[str, np.ndarray]]:
     """The inputs of a control during a simulated move, and the simulated signals."""
-    move = fd.SnapLimitedMove(distance=0.01, velocity=0.2, acceleration=3.0, jerk=200.0, snap=2e4, dwell_after=0.02)
+    move = fd.blocks.SnapLimitedMove(
+        distance=0.01, velocity=0.2, acceleration=3.0, jerk=200.0, snap=2e4, dwell_after=0.02
+    )
     record = ["reading_motor", "reading_load", "force", "trip"]
-    simulated = fd.simulate(loop, move, load=fd.StepForce(force=-100.0, start=0.02), record=record)
+    simulated = fd.simulate(loop, move, load=fd.blocks.StepForce(force=-100.0, start=0.02), record=record)
     count = len(simulated["force"])
     setpoint = move.at(np.arange(count) * T)
     rows = {
@@ -282,7 +284,7 @@ def test_what_cannot_be_exported_is_named(tmp_path: Path) -> None:
         write_structured_text(read_design("emps", what="plant"), tmp_path / "plant")
     with pytest.raises(ParameterError, match="word of Structured Text"):
         read_design("emps", name="Task")
-    force = fd.LearnedForce(force=np.concatenate([np.ones(20_000), [0.0]]))
+    force = fd.blocks.LearnedForce(force=np.concatenate([np.ones(20_000), [0.0]]))
     loop = LOOPS["cascade_ppi"]
     long = dataclasses.replace(loop, control=dataclasses.replace(loop.control, compensation=(force,)))
     with pytest.raises(StructureError, match="20001 entries, more than the 10000"):

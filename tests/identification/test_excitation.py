@@ -27,13 +27,13 @@ BAND = (10.0, 400.0)
 
 def loop(*, friction: bool = False, noise: float = 2e-8) -> fd.Loop:
     """A two-mass axis with a mode at 113 Hz under P-PI, 0.8 samples of dead time, noisy encoders."""
-    encoder = fd.Encoder(resolution=1e-9, noise=noise)
+    encoder = fd.blocks.Encoder(resolution=1e-9, noise=noise)
     return fd.Loop(
-        control=fd.Control(law=fd.CascadePPI(Kv=40.0, Kp=12e3, Tn=0.02), force_limit=4000.0),
+        control=fd.Control(law=fd.blocks.CascadePPI(Kv=40.0, Kp=12e3, Tn=0.02), force_limit=4000.0),
         axis=fd.Axis(
-            plant=fd.TwoMass(mass_motor=60.0, mass_load=60.0, stiffness=1.5e7, damping=900.0),
-            actuator=fd.Actuator(dead_time=0.8 * T, current_loop=1500.0),
-            friction_motor=fd.Coulomb(coulomb=60.0) if friction else None,
+            plant=fd.blocks.TwoMass(mass_motor=60.0, mass_load=60.0, stiffness=1.5e7, damping=900.0),
+            actuator=fd.blocks.Actuator(dead_time=0.8 * T, current_loop=1500.0),
+            friction_motor=fd.blocks.Coulomb(coulomb=60.0) if friction else None,
             encoder_motor=encoder,
             encoder_load=encoder,
         ),
@@ -137,7 +137,9 @@ def test_more_samples_than_can_be_drawn_are_refused_at_once() -> None:
 def test_a_loop_that_is_unstable_by_itself_is_not_excited() -> None:
     tame = loop()
     with pytest.raises(UnstableError, match="unstable"):
-        designed(replace(tame, control=fd.Control(law=fd.CascadePPI(Kv=40.0, Kp=12e5, Tn=0.02), force_limit=4000.0)))
+        designed(
+            replace(tame, control=fd.Control(law=fd.blocks.CascadePPI(Kv=40.0, Kp=12e5, Tn=0.02), force_limit=4000.0))
+        )
 
 
 def test_the_amplitude_that_the_refusal_names_keeps_the_limit() -> None:

@@ -5,18 +5,16 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
-from feeddrive import (
+from feeddrive import Axis, Control, Loop
+from feeddrive.blocks import (
     DADSC,
     ActiveDisturbanceRejection,
-    Axis,
     CascadePPI,
-    Control,
     DisturbanceRecovery,
     DisturbanceRejection,
     GpiObserver,
     Inertia,
     KalmanRecovery,
-    Loop,
     LowPass,
     LowPass2,
     MachineMode,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import sys
 import threading
 import time
 
@@ -277,7 +278,7 @@ def test_widths_are_tried_and_stretches_joined(monkeypatch):
     plain = simulate_batch(variants, REFERENCE, duration=0.05, lanes=8)
     monkeypatch.setattr(groups, "WIDE", 1)
     monkeypatch.setattr(groups, "TRIED", 1)
-    monkeypatch.setattr("feeddrive.loop.simulate.CHUNK", 300)
+    monkeypatch.setattr(sys.modules["feeddrive.loop.simulate"], "CHUNK", 300)
     seen: list[tuple[int, int]] = []
     tried = simulate_batch(variants, REFERENCE, duration=0.05, progress=lambda *done: seen.append(done))
     for found in ("rms", "peak", "least", "most"):

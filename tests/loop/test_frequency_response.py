@@ -79,12 +79,12 @@ def test_an_added_force_acts_and_is_not_in_the_command() -> None:
     """A free mass, hardly controlled: the added force alone moves it, x = F t²/2m, and the command stays small."""
     T, F, mass = 1e-3, 3.0, 2.0
     loop = fd.Loop(
-        control=fd.Control(law=fd.CascadePPI(Kv=1e-9, Kp=1e-9, Tn=1e3)),
-        axis=fd.Axis(plant=fd.Rigid(mass=mass)),
+        control=fd.Control(law=fd.blocks.CascadePPI(Kv=1e-9, Kp=1e-9, Tn=1e3)),
+        axis=fd.Axis(plant=fd.blocks.Rigid(mass=mass)),
         sample_time=T,
     )
-    still = fd.Recorded(position=np.zeros(101), sample_time=T)
-    push = fd.RecordedForce(force=np.full(101, F), sample_time=T)
+    still = fd.blocks.Recorded(position=np.zeros(101), sample_time=T)
+    push = fd.blocks.RecordedForce(force=np.full(101, F), sample_time=T)
     run = fd.simulate(loop, still, added_force=push)
     assert run["position_load"] == pytest.approx(0.5 * F / mass * run.time**2, rel=1e-6)
     assert np.max(np.abs(run["force"])) < 1e-6

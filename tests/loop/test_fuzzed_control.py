@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from feeddrive import Control, Guard, LinuxcncPid, Notch, StockPid
+from feeddrive import Control, Guard
+from feeddrive.blocks import LinuxcncPid, Notch, StockPid
 from feeddrive.blocks.catalogue import catalogue
 from feeddrive.blocks.families import Filter, Law, Observer, Prefilter
 from feeddrive.blocks.signals import Setpoint

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from feeddrive import Recorded, StepForce
+from feeddrive.blocks import Recorded, StepForce
 from feeddrive.blocks.controller.cascade_ppi import CascadePPI
 from feeddrive.blocks.families import Law, Load, Reference
 from feeddrive.blocks.plant.rigid import Rigid

@@ -9,14 +9,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from feeddrive import (
+from feeddrive import Control, FeeddriveError, Guard, simulate, stream
+from feeddrive.blocks import (
     DADSC,
     CascadePPI,
-    Control,
     DisturbanceRejection,
     Encoder,
-    FeeddriveError,
-    Guard,
     LowPass,
     LowPass2,
     Notch,
@@ -25,8 +23,6 @@ from feeddrive import (
     SecondOrder,
     SnapLimitedMove,
     StepForce,
-    simulate,
-    stream,
 )
 from feeddrive.blocks.signals import Noise, Reading, Setpoint
 from feeddrive.language import tree

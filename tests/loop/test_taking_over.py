@@ -5,26 +5,22 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from feeddrive import (
+from feeddrive import Axis, Control, Guard, Loop, simulate
+from feeddrive.blocks import (
     DADSC,
     ActiveDisturbanceRejection,
-    Axis,
     CascadePPI,
-    Control,
     DisturbanceRecovery,
     DisturbanceRejection,
     Encoder,
     GpiObserver,
-    Guard,
     KalmanRecovery,
-    Loop,
     MachineMode,
     ModeCompensation,
     PolePlacement,
     Recorded,
     Rigid,
     TwoMass,
-    simulate,
 )
 
 T = 1e-4

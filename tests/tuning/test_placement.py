@@ -19,7 +19,7 @@ def with_law(**changes: float) -> fd.Loop:
 
 
 def test_poles_as_placed_are_those_asked_for() -> None:
-    found = fd.placement(placed())
+    found = fd.tuning.placement(placed())
     assert found.poles[0] == pytest.approx(-314.159, rel=1e-5)
     assert found.stability.stable
     assert "K1" in str(found)
@@ -27,7 +27,7 @@ def test_poles_as_placed_are_those_asked_for() -> None:
 
 def test_unstable_gains_are_refused_with_the_nearest_stable_value() -> None:
     with pytest.raises(UnstableError, match="must be < 1") as refused:
-        fd.placement(with_law(bandwidth=150.0))
+        fd.tuning.placement(with_law(bandwidth=150.0))
     near = float(re.findall(r"bandwidth = ([0-9.]+) Hz instead of 150", str(refused.value))[0])
     # four digits are shown: a little below it is stable, a little above it is not
     assert fd.stability(with_law(bandwidth=0.999 * near)).stable
@@ -36,4 +36,4 @@ def test_unstable_gains_are_refused_with_the_nearest_stable_value() -> None:
 
 def test_another_law_has_no_placed_poles() -> None:
     with pytest.raises(ParameterError, match="cascade_ppi"):
-        fd.placement(cascade())
+        fd.tuning.placement(cascade())

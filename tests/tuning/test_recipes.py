@@ -26,8 +26,8 @@ def screw() -> fd.Loop:
 
 def rigid(viscous: float = 50.0) -> fd.Loop:
     """100 kg, one sample of computation at 10 kHz, no filters."""
-    axis = fd.Axis(plant=fd.Rigid(mass=100.0, viscous=viscous), actuator=fd.Actuator(dead_time=1e-4))
-    return fd.Loop(control=fd.Control(law=fd.CascadePPI(Kv=40.0, Kp=2e4, Tn=0.02)), axis=axis, sample_time=1e-4)
+    axis = fd.Axis(plant=fd.blocks.Rigid(mass=100.0, viscous=viscous), actuator=fd.blocks.Actuator(dead_time=1e-4))
+    return fd.Loop(control=fd.Control(law=fd.blocks.CascadePPI(Kv=40.0, Kp=2e4, Tn=0.02)), axis=axis, sample_time=1e-4)
 
 
 def test_mass_and_lag_are_read_off() -> None:

@@ -239,14 +239,14 @@ def test_the_ball_screw_from_a_noisy_response(screw: fd.Loop, placement: fd.Loop
 
 
 def test_notches_come_where_they_pay(screw: fd.Loop) -> None:
-    bare = replace(screw.control, filters=(fd.LowPass2(frequency=2500.0),))
+    bare = replace(screw.control, filters=(fd.blocks.LowPass2(frequency=2500.0),))
     free = tune(bare, screw, limits=BARS, filters="free", today=screw.control)
     placed = tune(bare, screw, limits=BARS, filters="placed", today=screw.control)
     assert placed.holds, placed.proof
     assert any("taken" in text and "not taken" not in text for text in placed.notches)
     assert placed.after[0].rope_snap < 0.97 * free.after[0].rope_snap
     for i, block in enumerate(placed.control.filters):
-        if isinstance(block, fd.Notch):
+        if isinstance(block, fd.blocks.Notch):
             assert block.damping_zero <= block.damping_pole, f"filters.{i} raises"
     assert np.isnan(placed.started["filters.1.frequency"])
 
@@ -353,7 +353,7 @@ def test_bad_input_is_named(screw: fd.Loop) -> None:
         tune(screw.control, screw, band=(1e5, 2e5))
     with pytest.raises(ParameterError, match=r"law\.Kq"):
         tune(screw.control, screw, tunables=["law.Kq"])
-    static = replace(screw.control, law=fd.CascadePPI(Kv=100.0, Kp=6.8e4))
+    static = replace(screw.control, law=fd.blocks.CascadePPI(Kv=100.0, Kp=6.8e4))
     with pytest.raises(ParameterError, match="integral action"):
         tune(static, screw)
     assert tune(static, screw, goal="stiffness", band=(1.0, 20.0), filters="kept", starts=1).holds

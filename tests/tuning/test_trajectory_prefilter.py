@@ -17,29 +17,29 @@ from feeddrive.tuning.derivatives import differenced
 from feeddrive.tuning.trajectory_prefilter import REGRESSORS
 
 T = 1e-4
-MOVE = fd.SnapLimitedMove(distance=0.1, velocity=0.5, acceleration=8.0, jerk=600.0, snap=6e4, dwell_after=0.05)
+MOVE = fd.blocks.SnapLimitedMove(distance=0.1, velocity=0.5, acceleration=8.0, jerk=600.0, snap=6e4, dwell_after=0.05)
 SIZES = np.array([1e-5, 1e-7, 1e-9, 1e-11])  # of θ: each part is then of the order of µm
 TIME = T * np.arange(round(MOVE.duration / T))
 
 
-def synthetic(theta: np.ndarray, remainder: np.ndarray | float = 0.0) -> fd.Run:
+def synthetic(theta: np.ndarray, remainder: np.ndarray | float = 0.0) -> fd.loop.Run:
     """A run whose error is exactly θ on the derivatives of MOVE, and a remainder."""
     setpoint = MOVE.at(TIME)
     error = np.column_stack(setpoint[1:]) @ theta + remainder
-    return fd.Run("run", TIME, {"following_error": error}, T)
+    return fd.loop.Run("run", TIME, {"following_error": error}, T)
 
 
 def loop(**control: object) -> fd.Loop:
     """A rigid axis under P-PI that follows well: feedforward of velocity and acceleration, one sample of delay."""
     made = fd.Control(
         **{
-            "law": fd.CascadePPI(Kv=40.0, Kp=2.0e4, Tn=0.02),
-            "feedforward": (fd.Inertia(mass=90.0, viscous=350.0),),
+            "law": fd.blocks.CascadePPI(Kv=40.0, Kp=2.0e4, Tn=0.02),
+            "feedforward": (fd.blocks.Inertia(mass=90.0, viscous=350.0),),
             "force_limit": 5000.0,
             **control,
         }
     )
-    axis = fd.Axis(plant=fd.Rigid(mass=100.0, viscous=400.0), actuator=fd.Actuator(dead_time=T))
+    axis = fd.Axis(plant=fd.blocks.Rigid(mass=100.0, viscous=400.0), actuator=fd.blocks.Actuator(dead_time=T))
     return fd.Loop(control=made, axis=axis, sample_time=T)
 
 
@@ -49,7 +49,7 @@ parts = st.tuples(*(st.floats(-1.0, 1.0) for _ in range(4))).map(np.array)
 @given(share=parts)
 @settings(max_examples=30, deadline=None)
 def test_an_error_of_derivatives_is_found_exactly(share: np.ndarray) -> None:
-    found = fd.fit_prefilter(synthetic(share * SIZES), MOVE)
+    found = fd.tuning.fit_prefilter(synthetic(share * SIZES), MOVE)
     assert np.array(list(found.theta.values())) / SIZES == pytest.approx(share, abs=1e-9)
     assert found.rms(found.error - found.explained) < 1e-9 * np.linalg.norm(SIZES)
 
@@ -58,7 +58,7 @@ def test_an_error_of_derivatives_is_found_exactly(share: np.ndarray) -> None:
 def test_a_subset_of_regressors_is_the_least_squares_of_it(regressors: tuple[str, ...]) -> None:
     remainder = 1e-7 * np.sin(40.0 * TIME)
     run = synthetic(np.array([0.3, -0.5, 0.7, 0.2]) * SIZES, remainder)
-    found = fd.fit_prefilter(run, MOVE, regressors=regressors)
+    found = fd.tuning.fit_prefilter(run, MOVE, regressors=regressors)
     assert set(found.theta) == set(regressors)
     columns = np.column_stack([getattr(MOVE.at(TIME), each) for each in REGRESSORS if each in regressors])
     left = (found.error - found.explained)[found.counted]
@@ -71,9 +71,9 @@ def test_a_subset_of_regressors_is_the_least_squares_of_it(regressors: tuple[str
 def test_the_exact_series_inverts(share: np.ndarray, present: np.ndarray) -> None:
     """(1 - θ(s)) (1 + exact) = 1 + present up to s⁴."""
     theta, before = 1e-3 ** np.arange(1, 5) * share, 1e-3 ** np.arange(1, 5) * present
-    had = fd.TrajectoryPrefilter(**dict(zip(("theta1", "theta2", "theta3", "theta4"), before, strict=True)))
+    had = fd.blocks.TrajectoryPrefilter(**dict(zip(("theta1", "theta2", "theta3", "theta4"), before, strict=True)))
     found = dataclasses.replace(
-        fd.fit_prefilter(synthetic(SIZES), MOVE, present=had), theta=dict(zip(REGRESSORS, theta, strict=True))
+        fd.tuning.fit_prefilter(synthetic(SIZES), MOVE, present=had), theta=dict(zip(REGRESSORS, theta, strict=True))
     )
     exact = found.exact
     product = np.convolve([1.0, *-theta], [1.0, exact.theta1, exact.theta2, exact.theta3, exact.theta4])[:5]
@@ -83,7 +83,7 @@ def test_the_exact_series_inverts(share: np.ndarray, present: np.ndarray) -> Non
 
 def proportional(fed: float) -> fd.Loop:
     """Without integral action, and with a share of the velocity fed forward: E(s) = 1 - H(s) is a series in s/Kv."""
-    return loop(law=fd.CascadePPI(Kv=40.0, Kp=2.0e4, velocity_feedforward=fed))
+    return loop(law=fd.blocks.CascadePPI(Kv=40.0, Kp=2.0e4, velocity_feedforward=fed))
 
 
 def test_what_is_left_is_of_second_order() -> None:
@@ -94,7 +94,7 @@ def test_what_is_left_is_of_second_order() -> None:
     E = 1.0 - fd.tracking(base, low).response
     powers = np.column_stack([s**n for n in range(1, 7)])
     series = np.linalg.lstsq(np.vstack([powers.real, powers.imag]), np.r_[E.real, E.imag], rcond=None)[0]
-    block = fd.TrajectoryPrefilter(**dict(zip(("theta1", "theta2", "theta3", "theta4"), series, strict=False)))
+    block = fd.blocks.TrajectoryPrefilter(**dict(zip(("theta1", "theta2", "theta3", "theta4"), series, strict=False)))
     held = dataclasses.replace(base, control=dataclasses.replace(base.control, prefilter=block))
     left = 1.0 - fd.tracking(held, low).response
     # what is cut off above the snap is of fifth order: it shows at the upper end
@@ -104,7 +104,7 @@ def test_what_is_left_is_of_second_order() -> None:
 
 def test_the_prefilter_widens_tracking_and_takes_its_phase_out() -> None:
     base = proportional(0.8)
-    fit = fd.tune_prefilter(base, MOVE, runs=2)[-1]
+    fit = fd.tuning.tune_prefilter(base, MOVE, runs=2)[-1]
     held = dataclasses.replace(base, control=dataclasses.replace(base.control, prefilter=fit.prefilter))
     lines = np.array([0.5, 2.0, 4.0])
     before, after = fd.tracking(base, lines), fd.tracking(held, lines)
@@ -114,7 +114,7 @@ def test_the_prefilter_widens_tracking_and_takes_its_phase_out() -> None:
 
 def test_the_blocks_numbers_are_the_operator_on_each_derivative() -> None:
     """On a polynomial of degree 4 the output's derivatives are those of its position: nothing is cut off there."""
-    block = fd.TrajectoryPrefilter(theta1=1e-2, theta2=2e-3, theta3=-3e-4, theta4=4e-5)
+    block = fd.blocks.TrajectoryPrefilter(theta1=1e-2, theta2=2e-3, theta3=-3e-4, theta4=4e-5)
     at = [
         block.step(block.start(s), s, T)[1] for s in (Setpoint(0.0, 1.0, 2.0, 3.0, 4.0).shifted(h) for h in (0.0, 0.1))
     ]
@@ -130,7 +130,7 @@ def test_standard_errors_are_those_of_repeated_runs() -> None:
         noise = np.zeros(TIME.size)
         for k, step in enumerate(rng.normal(size=TIME.size - 1), start=1):
             noise[k] = 0.98 * noise[k - 1] + 1e-8 * step
-        found = fd.fit_prefilter(synthetic(SIZES, noise), MOVE)
+        found = fd.tuning.fit_prefilter(synthetic(SIZES, noise), MOVE)
         thetas.append(list(found.theta.values()))
         claimed.append(list(found.standard_error.values()))
     ratio = np.mean(claimed, axis=0) / np.std(thetas, axis=0)
@@ -141,25 +141,25 @@ def test_standard_errors_are_those_of_repeated_runs() -> None:
 # --- logs
 
 
-def measured() -> fd.Run:
+def measured() -> fd.loop.Run:
     return fd.simulate(loop(), MOVE)
 
 
 def test_a_log_gives_what_the_run_gives() -> None:
     run = measured()
-    by_run = fd.fit_prefilter(run, MOVE)
+    by_run = fd.tuning.fit_prefilter(run, MOVE)
     arguments = (run.time + 5.0, run["set_position"], run["reading_load"], T)
-    exact = fd.fit_prefilter_to_log(*arguments, reference=MOVE)
+    exact = fd.tuning.fit_prefilter_to_log(*arguments, reference=MOVE)
     assert list(exact.theta.values()) == pytest.approx(list(by_run.theta.values()), rel=0.01)  # steps of the snap
     # lie on samples, so that the rounding of a time that starts at 5 s moves a few of them by a sample
-    by_differences = fd.fit_prefilter_to_log(*arguments)
+    by_differences = fd.tuning.fit_prefilter_to_log(*arguments)
     for name, value in by_run.theta.items():
         # central differences are those of a motion smoothed over two samples
         assert by_differences.theta[name] == pytest.approx(value, abs=2.0 * by_run.standard_error[name])
 
 
 def test_differences_are_of_second_order() -> None:
-    motion = fd.Polynomial7(distance=0.1, travel_time=0.4)
+    motion = fd.blocks.Polynomial7(distance=0.1, travel_time=0.4)
     worst = []
     for step in (2e-3, 1e-3):
         t = step * np.arange(round(0.4 / step) + 1)
@@ -171,8 +171,8 @@ def test_differences_are_of_second_order() -> None:
 
 
 def test_a_prefilter_that_was_there_is_kept() -> None:
-    had = fd.TrajectoryPrefilter(theta1=1e-4)
-    found = fd.fit_prefilter(synthetic(SIZES), MOVE, present=had)
+    had = fd.blocks.TrajectoryPrefilter(theta1=1e-4)
+    found = fd.tuning.fit_prefilter(synthetic(SIZES), MOVE, present=had)
     assert found.prefilter.theta1 == pytest.approx(1e-4 + 1e-5, rel=1e-9)
 
 
@@ -180,30 +180,30 @@ def test_a_prefilter_that_was_there_is_kept() -> None:
 
 
 def test_a_motion_without_jerk_is_refused() -> None:
-    move = fd.TrapezoidalMove(distance=0.1, velocity=0.1, acceleration=1.0)
+    move = fd.blocks.TrapezoidalMove(distance=0.1, velocity=0.1, acceleration=1.0)
     run = fd.simulate(loop(), move)
     with pytest.raises(LogError, match=r"no jerk .* only the regressors velocity, acceleration"):
-        fd.fit_prefilter(run, move)
-    assert set(fd.fit_prefilter(run, move, regressors=("velocity", "acceleration")).theta) == {
+        fd.tuning.fit_prefilter(run, move)
+    assert set(fd.tuning.fit_prefilter(run, move, regressors=("velocity", "acceleration")).theta) == {
         "velocity",
         "acceleration",
     }
 
 
 def test_a_sine_cannot_tell_velocity_from_jerk() -> None:
-    sine = fd.Sine(amplitude=0.01, frequency=5.0, cycles=5)
+    sine = fd.blocks.Sine(amplitude=0.01, frequency=5.0, cycles=5)
     run = fd.simulate(loop(force_limit=None), sine)
     with pytest.raises(LogError, match=r"(velocity and jerk|acceleration and snap) cannot be told apart"):
-        fd.fit_prefilter(run, sine)
+        fd.tuning.fit_prefilter(run, sine)
 
 
 def test_saturation_is_refused() -> None:
     run = fd.simulate(fd.vary(loop(), {"axis.x.control.force_limit": 600.0}), MOVE)
     with pytest.raises(LogError, match=r"met its limit in \d+ samples"):
-        fd.fit_prefilter(run, MOVE)
+        fd.tuning.fit_prefilter(run, MOVE)
     limited = fd.vary(loop(), {"axis.x.control.force_limit": 600.0})
     with pytest.raises(LogError, match="met its limit"):
-        fd.fit_prefilter_to_log(
+        fd.tuning.fit_prefilter_to_log(
             run.time, run["set_position"], run["reading_load"], T, force=run["force"], control=limited
         )
 
@@ -211,13 +211,17 @@ def test_saturation_is_refused() -> None:
 def test_another_clock_is_refused_with_the_controllers() -> None:
     run = measured()
     with pytest.raises(LogError, match=r"0\.00012 s is not the controller's, 0\.0001 s: they differ by 20 %"):
-        fd.fit_prefilter_to_log(1.2 * run.time, run["set_position"], run["reading_load"], 1.2 * T, control=loop())
+        fd.tuning.fit_prefilter_to_log(
+            1.2 * run.time, run["set_position"], run["reading_load"], 1.2 * T, control=loop()
+        )
 
 
 def test_too_short_a_motion_is_refused_with_the_least_length() -> None:
-    move = fd.SnapLimitedMove(distance=1e-9, velocity=0.5, acceleration=8.0, jerk=600.0, snap=6e4, dwell_after=0.05)
+    move = fd.blocks.SnapLimitedMove(
+        distance=1e-9, velocity=0.5, acceleration=8.0, jerk=600.0, snap=6e4, dwell_after=0.05
+    )
     with pytest.raises(LogError, match="need at least 100"):
-        fd.fit_prefilter(fd.simulate(loop(), move), move)
+        fd.tuning.fit_prefilter(fd.simulate(loop(), move), move)
 
 
 @pytest.mark.parametrize("read", ["dead encoder", "another unit", "another axis' zero"])
@@ -228,13 +232,13 @@ def test_a_position_that_does_not_follow_is_refused(read: str) -> None:
     with pytest.raises(
         LogError, match=r"away from the set position, less than half the travel, 0\.[0-9]+ m, is admitted"
     ):
-        fd.fit_prefilter_to_log(run.time, run["set_position"], position, T)
+        fd.tuning.fit_prefilter_to_log(run.time, run["set_position"], position, T)
 
 
 def test_another_reference_is_refused() -> None:
     run = measured()
     with pytest.raises(LogError, match="differ by up to"):
-        fd.fit_prefilter_to_log(
+        fd.tuning.fit_prefilter_to_log(
             run.time, run["set_position"], run["reading_load"], T, reference=dataclasses.replace(MOVE, jerk=500.0)
         )
 
@@ -244,19 +248,19 @@ def test_rounded_set_positions_are_refused_where_rounding_is_the_derivative(coun
     run = measured()
     rounded = count * np.round(run["set_position"] / count)
     with pytest.raises(LogError, match=f"of their {refused} by differences") as error:
-        fd.fit_prefilter_to_log(run.time, rounded, run["reading_load"], T)
+        fd.tuning.fit_prefilter_to_log(run.time, rounded, run["reading_load"], T)
     assert "at most 5 % is admitted" in str(error.value)
     # the reference in closed form has derivatives whatever the log's rounding
-    fd.fit_prefilter_to_log(run.time, rounded, run["reading_load"], T, reference=MOVE)
+    fd.tuning.fit_prefilter_to_log(run.time, rounded, run["reading_load"], T, reference=MOVE)
 
 
 def test_unknown_regressors_are_refused() -> None:
     with pytest.raises(ParameterError, match="there are velocity, acceleration, jerk, snap"):
-        fd.fit_prefilter(synthetic(SIZES), MOVE, regressors=("crackle",))
+        fd.tuning.fit_prefilter(synthetic(SIZES), MOVE, regressors=("crackle",))
 
 
 def test_the_result_shows_itself() -> None:
-    found = fd.fit_prefilter(synthetic(SIZES), MOVE)
+    found = fd.tuning.fit_prefilter(synthetic(SIZES), MOVE)
     assert "velocity" in str(found)
     assert found.to_pandas().shape == (TIME.size, 3)
     assert len(found.plot().axes) == 2

@@ -13,7 +13,7 @@ from feeddrive.workflow.tuned_machine import machine_text
 def test_the_old_value_in_a_comment_has_the_unit_of_its_key(tmp_path: Path) -> None:
     text = (BUNDLED / "machines" / "linear_motor.toml").read_text()
     loop = fd.read_machine("linear_motor").loop("x")
-    Kp, Tn = (float(fd.get(loop, f"axis.x.control.law.{name}")) for name in ("Kp", "Tn"))
+    Kp, Tn = (float(fd.parameters(loop)[f"axis.x.control.law.{name}"]) for name in ("Kp", "Tn"))
     for name, written in (("Kp", f"Kp_kN_s_per_m = {Kp / 1e3!r}"), ("Tn", f"Tn_ms = {1e3 * Tn!r}")):
         text, count = re.subn(rf"(?m)^{name}\w* *=[^\n]*", written, text)
         assert count == 1
@@ -26,4 +26,4 @@ def test_the_old_value_in_a_comment_has_the_unit_of_its_key(tmp_path: Path) -> N
     made = machine_text(machine, "x", new.control)
     assert re.search(rf"(?m)^Kp_kN_s_per_m = {2.0 * Kp / 1e3:.7g}\b.*# was {Kp / 1e3:.7g}$", made), made
     assert re.search(rf"(?m)^Tn_ms = {3e3 * Tn:.7g}\b.*# was {1e3 * Tn:.7g}$", made), made
-    assert re.search(rf"(?m)^Kv = 7\b.*was {float(fd.get(loop, 'axis.x.control.law.Kv')):.7g}$", made), made
+    assert re.search(rf"(?m)^Kv = 7\b.*was {float(fd.parameters(loop)['axis.x.control.law.Kv']):.7g}$", made), made

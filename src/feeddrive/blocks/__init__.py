@@ -1,1 +1,37 @@
 """Floor 1, the blocks: one law a file, named as its paper names it. `families.py` says what each kind must answer."""
+
+from __future__ import annotations
+
+import re
+from importlib import import_module
+from pkgutil import get_data
+from typing import Any
+
+from feeddrive.language.lazy_package import make_lazy, modules_below, public_names
+
+
+def _unlisted(name: str) -> Any:
+    """A block that the stub does not list, by the module that is named as it is: `SmithLaw` in `smith_law.py`."""
+    from feeddrive.language.block import snake_case
+
+    file = f".{snake_case(name)}"
+    for module in modules_below(__name__) if name[:1].isupper() else ():
+        if module.endswith(file):
+            return getattr(import_module(module), name)
+    raise AttributeError(f"module '{__name__}' has no name '{name}'")
+
+
+def _all_unlisted() -> list[str]:
+    """The blocks of the files that the stub does not name, found without importing them."""
+    from feeddrive.language.block import snake_case
+
+    listed, found = set(public_names(__name__).values()), list[str]()
+    for module in modules_below(__name__):
+        if module not in listed:
+            package, _, stem = module.rpartition(".")
+            text = (get_data(package, f"{stem}.py") or b"").decode()
+            found += [name for name in re.findall(r"(?m)^class (\w+)\(", text) if snake_case(name) == stem]
+    return found
+
+
+make_lazy(__name__, _unlisted, _all_unlisted)

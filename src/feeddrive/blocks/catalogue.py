@@ -8,16 +8,15 @@ from __future__ import annotations
 
 import importlib
 import inspect
-import pkgutil
 from collections.abc import Iterator, Mapping
 from difflib import get_close_matches
 from functools import cache
 from types import MappingProxyType
 from typing import TypeVar
 
-import feeddrive.blocks
 from feeddrive.language.block import Block
 from feeddrive.language.errors import ParameterError
+from feeddrive.language.lazy_package import modules_below
 
 B = TypeVar("B", bound=Block)
 
@@ -39,9 +38,7 @@ def members(family: type[B]) -> Mapping[str, type[B]]:
 
 def modules() -> Iterator[str]:
     """Dotted names of the modules that hold blocks: those one folder down."""
-    for module in pkgutil.walk_packages(feeddrive.blocks.__path__, "feeddrive.blocks."):
-        if not module.ispkg and module.name.count(".") > 2:
-            yield module.name
+    return modules_below("feeddrive.blocks")
 
 
 def blocks_of(module: str) -> list[type[Block]]:

@@ -1,1 +1,5 @@
 """Certificates: a loop proven stable and robust for a list of plants, in a file that anybody can check."""
+
+from feeddrive.language.lazy_package import make_lazy
+
+make_lazy(__name__)

@@ -71,3 +71,7 @@ __all__ = [
     "trials",
     "validation",
 ]
+
+
+def __dir__() -> list[str]:
+    return __all__

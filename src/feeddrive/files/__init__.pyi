@@ -1,0 +1,19 @@
+"""Files people touch: TOML in and out, measured logs, runs, result directories."""
+
+from feeddrive.files.blocks_to_toml import to_toml as to_toml
+from feeddrive.files.frf import encoders as encoders
+from feeddrive.files.frf import read_frf as read_frf
+from feeddrive.files.frf import read_frfs as read_frfs
+from feeddrive.files.frf import write_frf as write_frf
+from feeddrive.files.guess import Guess as Guess
+from feeddrive.files.guess import guess_roles as guess_roles
+from feeddrive.files.guess import write_roles as write_roles
+from feeddrive.files.job import Job as Job
+from feeddrive.files.job import read_job as read_job
+from feeddrive.files.job import read_request as read_request
+from feeddrive.files.log import Log as Log
+from feeddrive.files.log import write_log as write_log
+from feeddrive.files.machine import MachineFile as MachineFile
+from feeddrive.files.machine import read_machine as read_machine
+from feeddrive.files.read_log import read_arrays as read_arrays
+from feeddrive.files.read_log import read_log as read_log
