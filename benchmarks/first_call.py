@@ -51,7 +51,7 @@ def child(what: str) -> None:
     else:
         prepared = Prepared(loop, Work(loop, reference).first())
         mark("numbers")
-        program = gathering(prepared.program(load=False, enable=False), (), "tracking_error")
+        program = gathering(prepared.program(load=False, enable=False), (), ["tracking_error"])
         mark("trace")
         made = plan(program.keeping(workload.RECORD))
         mark("plan")

@@ -23,7 +23,9 @@ from feeddrive.blocks.friction.viscous import Viscous
 from feeddrive.blocks.load.milling_force import MillingForce
 from feeddrive.blocks.plant.rigid import Rigid
 from feeddrive.blocks.plant.two_mass import TwoMass
+from feeddrive.blocks.reference.snap_limited_move import SnapLimitedMove
 from feeddrive.blocks.signals import Noise
+from feeddrive.files.machine import read_machine
 from feeddrive.language import tree
 from feeddrive.language.errors import ParameterError, StructureError
 from feeddrive.language.graph import reachable
@@ -305,6 +307,19 @@ def test_a_dynamometer_record_acts_on_its_axes_at_substeps():
     assert np.max(np.abs(found["x.velocity_load"][inside] - 1000.0 * t**2 / 100.0)) < 1e-12
     assert np.max(np.abs(found["y.velocity_load"] + 0.5 * found["x.velocity_load"])) < 1e-12
     assert np.ptp(found["x.velocity_load"][found.time > 0.1005]) < 1e-12  # nothing after the record
+
+
+def test_the_axes_of_a_file_make_a_machine():
+    """With a mode that both feel, a move of x alone loads the friction that holds y."""
+    file = read_machine("xy_table")
+    shapes = (ModeShape(axis="x", load=1.0), ModeShape(axis="y", load=0.5))
+    machine = file.machine(StructureMode(frequency=35.0, mass=900.0, shapes=shapes))
+    still = SnapLimitedMove(distance=0.0, velocity=0.2, acceleration=3.0, jerk=60.0, snap=1e4)
+    path = {"x": replace(still, distance=0.02), "y": still}
+    found = simulate(machine, path, duration=0.3)
+    alone = simulate(file.machine(), path, duration=0.3)
+    assert np.max(np.abs(alone["y.friction_load"])) == 0.0
+    assert np.max(np.abs(found["y.friction_load"])) > 1.0  # N
 
 
 def test_what_does_not_fit_is_refused():

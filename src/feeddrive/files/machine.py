@@ -16,6 +16,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+from feeddrive.blocks.machine_families import Coupling
 from feeddrive.files.blocks_from_toml import read_block
 from feeddrive.files.messages import nearest
 from feeddrive.files.toml_file import Section, TomlFile, read_toml
@@ -23,6 +24,7 @@ from feeddrive.language.errors import FileError, ParameterError
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.control import Control
 from feeddrive.loop.loop import Loop
+from feeddrive.loop.machine import Machine
 
 BUNDLED = Path(__file__).parent / "bundled"
 _TEXTS = ("name", "source", "remark")
@@ -47,6 +49,10 @@ class MachineFile:
         if axis not in self.loops:
             raise ParameterError(f"{self.file.name}: axis '{axis}' is not there{nearest(axis, self.loops)}")
         return self.loops[axis]
+
+    def machine(self, *couplings: Coupling) -> Machine:
+        """All axes as one machine, with what couples them. Raises ParameterError and StructureError as `Machine`."""
+        return Machine.of(self.loops, couplings)
 
 
 def read_machine(path: str | Path) -> MachineFile:

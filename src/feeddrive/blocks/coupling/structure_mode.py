@@ -17,6 +17,7 @@ class StructureMode(Coupling):
 
     Several of them act in parallel, as the modes of a measured response matrix do.  They move with the axes in one
     exact hold: the response from any force to any position of the coupled machine has no error but rounding.
+    Friction acts on the position of a body with its modes in it, as on a guideway that does not move.
     When not to use it: for a mode that changes with the position of an axis, since shapes are constant.
     Source: modal superposition, Ewins 2000, ch. 2; shapes may have either sign.
     """
