@@ -11,7 +11,7 @@ import os
 import sys
 from typing import NoReturn
 
-from feeddrive.language.errors import AbortedError, DivergedError, FeeddriveError, UnstableError
+from feeddrive.language.errors import AbortedError, CancelledError, DivergedError, FeeddriveError, UnstableError
 
 STOPPED = 130
 
@@ -29,6 +29,8 @@ def main() -> None:
         from feeddrive.cli.commands import app
 
         app()
+    except CancelledError:
+        _stopped()
     except FeeddriveError as error:
         sys.stderr.write(f"feeddrive: error: {error}\n")
         sys.exit(1 if isinstance(error, (AbortedError, DivergedError, UnstableError)) else 2)

@@ -5,8 +5,11 @@ from __future__ import annotations
 import re
 import zlib
 from collections.abc import Callable
+from functools import cached_property
+from pathlib import Path
 
-from feeddrive.files.columns import Columns, Reader, most_unpacked
+from feeddrive.files.atomic_io import read_whole
+from feeddrive.files.columns import MOST_BYTES, Columns, Reader, most_unpacked
 from feeddrive.files.readers import mdf
 from feeddrive.files.readers.csv_text import read_csv
 from feeddrive.files.readers.mat import read_mat, read_mat73
@@ -65,20 +68,59 @@ _OTHERS = (
 def read_columns(name: str, content: bytes, wanted: frozenset[str] | None) -> Columns:
     """The columns of a log of any known format. Raises LogError for a damaged file and for a file of another kind."""
     content = unpacked(name, content)
+    return _reader(name, content)(name, content, wanted)
+
+
+class OpenedFile:
+    """A measured file that several look at: its content is read once, and parsed once.
+
+    `read_log`, `read_arrays` and `read_frfs` take it in place of a path.  What is parsed is the whole file.
+    """
+
+    def __init__(self, path: str | Path) -> None:
+        self.path = Path(path)
+
+    def __str__(self) -> str:
+        return str(self.path)
+
+    @cached_property
+    def content(self) -> bytes:
+        """The bytes of the file. Raises FileError."""
+        return read_whole(self.path, MOST_BYTES)
+
+    @cached_property
+    def unpacked(self) -> bytes:
+        """The content, or what gzip packed there."""
+        return unpacked(str(self), self.content)
+
+    @cached_property
+    def csv(self) -> Columns:
+        """The columns of a CSV. Raises LogError."""
+        return read_csv(str(self), self.unpacked, None)
+
+    @cached_property
+    def columns(self) -> Columns:
+        """The columns of a file of any known format. Raises LogError."""
+        reader = _reader(str(self), self.unpacked)
+        return self.csv if reader is read_csv else reader(str(self), self.unpacked, None)
+
+
+def _reader(name: str, content: bytes) -> Reader:
+    """The reader of a content. Raises LogError for a file of another kind."""
     if content.startswith(b"MATLAB 5.0 MAT-file"):
-        return read_mat(name, content, wanted)
+        return read_mat
     if content.startswith(_HDF5) or content[512:].startswith(_HDF5):
-        return read_mat73(name, content, wanted)
+        return read_mat73
     if content.startswith(b"PAR1"):
-        return read_parquet(name, content, wanted)
+        return read_parquet
     if content.startswith(mdf.STARTS):
-        return mdf.read_mdf(name, content, wanted)
+        return mdf.read_mdf
     if content.startswith(_UFF):
-        return read_uff(name, content, wanted)
+        return read_uff
     if content.startswith(_NPY):
-        return read_npy(name, content, wanted)
+        return read_npy
     refuse_others(name, content, _READABLE)
-    return _text_reader(content)(name, content, wanted)
+    return _text_reader(content)
 
 
 def _text_reader(content: bytes) -> Reader:

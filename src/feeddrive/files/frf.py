@@ -11,16 +11,14 @@ from pathlib import Path
 import numpy as np
 
 from feeddrive.files.atomic_io import read_whole, write_whole
-from feeddrive.files.columns import Columns, is_time
-from feeddrive.files.formats import refuse_others, unpacked
+from feeddrive.files.columns import MOST_BYTES, Columns, is_time
+from feeddrive.files.formats import OpenedFile, refuse_others
 from feeddrive.files.messages import nearest, plain
 from feeddrive.files.readers import ast_xml, uff
-from feeddrive.files.readers.csv_text import read_csv
 from feeddrive.files.readers.frf_columns import Response, frequency_of, in_si, responses_of
 from feeddrive.language.errors import LogError, ParameterError
 from feeddrive.loop.frequency_response import FRF
 
-MOST_BYTES = 500_000_000
 _LARGEST = 1e30  # of a response: its powers must not overflow
 _READABLE = "CSV, UFF 58, AST XML, also packed by gzip"
 
@@ -58,7 +56,7 @@ def read_frf(
     )
 
 
-def read_frfs(path: str | Path, *, columns: Sequence[str] | None = None) -> dict[str, FRF]:
+def read_frfs(path: str | Path | OpenedFile, *, columns: Sequence[str] | None = None) -> dict[str, FRF]:
     """All frequency responses in a file, by name; see `read_frf`."""
     try:
         return _read_frfs(path, columns)
@@ -68,11 +66,11 @@ def read_frfs(path: str | Path, *, columns: Sequence[str] | None = None) -> dict
         raise LogError(f"{path}: does not fit into the memory") from None
 
 
-def names_frequency(path: str | Path) -> bool:
+def names_frequency(path: str | Path | OpenedFile) -> bool:
     """True for a file that has a column of frequency and none of time: it is no log, even if its lines are wrong."""
     where = str(path)
     try:
-        tables = list(_tables(where, unpacked(where, read_whole(path, MOST_BYTES)), None))
+        tables = list(_tables(_opened(path), None))
         for table, _ in tables:
             frequency_of(where, table)
         return bool(tables) and not any(is_time(name) for table, _ in tables for name in table.values)
@@ -80,23 +78,27 @@ def names_frequency(path: str | Path) -> bool:
         return False
 
 
-def _read_frfs(path: str | Path, columns: Sequence[str] | None) -> dict[str, FRF]:
+def _opened(path: str | Path | OpenedFile) -> OpenedFile:
+    return path if isinstance(path, OpenedFile) else OpenedFile(path)
+
+
+def _read_frfs(path: str | Path | OpenedFile, columns: Sequence[str] | None) -> dict[str, FRF]:
     where = str(path)
-    content = unpacked(where, read_whole(path, MOST_BYTES))
     found: dict[str, FRF] = {}
-    for table, stated in _tables(where, content, columns):
+    for table, stated in _tables(_opened(path), columns):
         found |= _responses(where, table, stated)
     return found
 
 
-def _tables(where: str, content: bytes, columns: Sequence[str] | None) -> Iterable[tuple[Columns, Mapping[str, str]]]:
+def _tables(file: OpenedFile, columns: Sequence[str] | None) -> Iterable[tuple[Columns, Mapping[str, str]]]:
     """Tables of frequency and responses, one for each vector of frequencies, and what the file states of them."""
+    where, content = str(file), file.unpacked
     if content.startswith(uff.STARTS):
         return uff.uff_tables(where, content)
     if ast_xml.is_xml(content):
         return ast_xml.ast_tables(where, content)
     refuse_others(where, content, _READABLE)
-    table = read_csv(where, content, None)
+    table = file.csv
     return [(table if columns is None else _renamed(where, table, columns), _statements(content))]
 
 

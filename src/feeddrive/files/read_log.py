@@ -14,7 +14,7 @@ import numpy as np
 
 from feeddrive.files.atomic_io import read_whole
 from feeddrive.files.columns import MOST_BYTES, OWN_UNIT, ROLES, Column, Columns, Named, is_time, unit_of
-from feeddrive.files.formats import read_columns
+from feeddrive.files.formats import OpenedFile, read_columns
 from feeddrive.files.log import Log, write_log
 from feeddrive.files.messages import nearest, plain
 from feeddrive.language import units
@@ -28,7 +28,7 @@ __all__ = ["ROLES", "Column", "Log", "Named", "read_log", "write_log"]
 
 
 def read_log(
-    path: str | Path,
+    path: str | Path | OpenedFile,
     mapping: Mapping[str, Named] | None = None,
     *,
     optional: Mapping[str, Named] | None = None,
@@ -55,14 +55,15 @@ def read_log(
         raise LogError(f"{path}: does not fit into the memory; map only the columns that are needed") from None
 
 
-def read_arrays(path: str | Path) -> dict[str, np.ndarray]:
+def read_arrays(path: str | Path | OpenedFile) -> dict[str, np.ndarray]:
     """The columns of numbers of a file that is no log over time: a cogging map, a friction curve.
 
     No clock is asked for.  They are as they stand in the file, NaN included; a matrix of numpy gives column_1, ...
     Raises FileError or LogError as `read_log`.
     """
     try:
-        return dict(read_columns(str(path), read_whole(path, MOST_BYTES), None).values)
+        file = path if isinstance(path, OpenedFile) else OpenedFile(path)
+        return dict(file.columns.values)
     except LogError as error:
         raise LogError(plain(str(error))) from None
     except MemoryError:
@@ -70,7 +71,7 @@ def read_arrays(path: str | Path) -> dict[str, np.ndarray]:
 
 
 def _read_log(
-    path: str | Path,
+    path: str | Path | OpenedFile,
     mapping: Mapping[str, Named] | None,
     optional: Mapping[str, Named],
     sample_time: float | None,
@@ -81,9 +82,12 @@ def _read_log(
         raise ParameterError(f"{where}: sample_time = {sample_time:g} s must be > 0 s")
     given = None if mapping is None else {role: _column(where, role, column) for role, column in mapping.items()}
     extra = {role: _column(where, role, column) for role, column in optional.items()}
-    content = read_whole(path, MOST_BYTES)
-    wanted = None if given is None else frozenset(column.name for column in (*given.values(), *extra.values()))
-    columns = read_columns(where, content, wanted)
+    if isinstance(path, OpenedFile):
+        content, columns = path.content, path.columns
+    else:
+        content = read_whole(path, MOST_BYTES)
+        wanted = None if given is None else frozenset(column.name for column in (*given.values(), *extra.values()))
+        columns = read_columns(where, content, wanted)
     there = {*columns.values, *columns.left_out}
     asked = {role: column for role, column in extra.items() if column.name in there} | (given or {})
     chosen = _chosen(columns, asked, everything=given is None)

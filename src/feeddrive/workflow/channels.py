@@ -9,6 +9,7 @@ from collections.abc import Collection, Mapping
 from pathlib import Path
 
 from feeddrive.files.columns import OWN_UNIT, ROLES, Column
+from feeddrive.files.formats import OpenedFile
 from feeddrive.files.guess import Guess, guess_roles, write_roles
 from feeddrive.files.job import LogRequest, read_request
 from feeddrive.files.log import Log
@@ -40,7 +41,7 @@ def column(text: str, role: str = "") -> Column:
 
 
 def mapped(
-    path: Path,
+    path: Path | OpenedFile,
     named: Mapping[str, str | None],
     channels: Path | None,
     wanted: Collection[str],
@@ -52,9 +53,10 @@ def mapped(
     named     role -> text of the command line; what is named goes before all else
     channels  a TOML file with [log.channels]; without it roles that are not named are guessed, and the guess is shown
     """
+    path = path if isinstance(path, OpenedFile) else OpenedFile(path)
     told = {role: column(text, role) for role, text in named.items() if text is not None}
     if channels is not None:
-        request = requested(channels, path)
+        request = requested(channels, path.path)
         mapping = {role: each for role, each in {**request.channels, **told}.items() if role in wanted}
         log = read_log(path, mapping, optional=request.optional, sample_time=sample_time or request.sample_time)
         return log, mapping
@@ -83,7 +85,7 @@ def requested(channels: Path, path: Path) -> LogRequest:
     return read_request(channels, path)
 
 
-def clock(path: Path, time: str | None, sample_time: float | None) -> float | None:
+def clock(path: Path | OpenedFile, time: str | None, sample_time: float | None) -> float | None:
     """The sample time of a log whose column of time has another name than the usual ones."""
     return (
         sample_time
@@ -92,7 +94,7 @@ def clock(path: Path, time: str | None, sample_time: float | None) -> float | No
     )
 
 
-def show(guess: Guess, path: Path, progress: Progress) -> None:
+def show(guess: Guess, path: Path | OpenedFile, progress: Progress) -> None:
     """The guess, and how to correct it."""
     progress.remark(guess.table())
     progress.remark(

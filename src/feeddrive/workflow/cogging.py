@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from feeddrive.files.columns import ROLES, is_time
+from feeddrive.files.formats import OpenedFile
 from feeddrive.files.messages import nearest, sentence
 from feeddrive.files.read_log import read_arrays
 from feeddrive.identification.cogging.cogging_run import CoggingRun, cogging_passes
@@ -127,7 +128,8 @@ def _passes(request: CoggingRequest, drive: Drive, orders: Sequence[int] | None,
     """Ways in one direction of logs that run over the travel; a clock is not needed."""
     paths, named = request.logs, request.named()
     wanted = ("time", *_POSITIONS, *_FORCES)
-    read, mapping = read_logs(paths, named, request.channels, wanted, _clock(paths[0], request), progress)
+    files = [OpenedFile(path) for path in paths]
+    read, mapping = read_logs(files, named, request.channels, wanted, _clock(files[0], request), progress)
     found: list[CoggingRun] = []
     role = moving = ""
     period, units_there = 0.0, ""
@@ -144,7 +146,7 @@ def _passes(request: CoggingRequest, drive: Drive, orders: Sequence[int] | None,
     return _Seen(found, role, units_there, period, moving == "angle_motor", columns_said(mapping))
 
 
-def _clock(path: Path, request: CoggingRequest) -> float | None:
+def _clock(path: OpenedFile, request: CoggingRequest) -> float | None:
     """Of a file without any: cogging is a matter of places, so any will do."""
     if request.sample_time is not None or request.time is not None or request.channels is not None:
         return request.sample_time

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from feeddrive.blocks.actuator.screw import Screw
 from feeddrive.files.columns import Column
+from feeddrive.files.formats import OpenedFile
 from feeddrive.files.log import Log
 from feeddrive.files.machine import MachineFile, read_machine
 from feeddrive.files.read_log import read_log
@@ -87,7 +88,7 @@ def axis_name(loop: Loop | None, axis: str | None) -> str:
 
 
 def read_logs(
-    paths: Sequence[Path], named: Mapping[str, str | None], channels: Path | None, wanted: Collection[str],
+    paths: Sequence[Path | OpenedFile], named: Mapping[str, str | None], channels: Path | None, wanted: Collection[str],
     sample_time: float | None, progress: Progress,
 ) -> tuple[list[Log], dict[str, Column]]:  # fmt: skip
     """All logs with the roles of the first one, whose guess is shown. Raises LogError as `read_log`."""

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from feeddrive.files.columns import unit_of
+from feeddrive.files.formats import OpenedFile
 from feeddrive.files.guess import guess_roles, unit_in_name
 from feeddrive.files.log import Log
 from feeddrive.files.messages import nearest
@@ -110,8 +111,9 @@ def _read(
     if channels is not None:
         requests = [requested(channels, log) for log in logs]
         return [each.read() for each in requests]
-    clocks = [clock(log, time, sample_time) for log in logs]
-    read = [read_log(log, sample_time=step, name=str(log)) for log, step in zip(logs, clocks, strict=True)]
+    files = [OpenedFile(log) for log in logs]
+    clocks = [clock(file, time, sample_time) for file in files]
+    read = [read_log(file, sample_time=step, name=str(file)) for file, step in zip(files, clocks, strict=True)]
     usual = {*_INPUT} & {*read[0].channels} and {*_ONE_OUTPUT, *(n for kind in _OUTPUTS for n in kind)} & {
         *read[0].channels
     }
@@ -122,7 +124,8 @@ def _read(
     if not guess.mapping:  # all need a factor: the columns as they are, so that what is missing is named among them
         return read
     return [
-        read_log(log, guess.mapping, sample_time=step, name=str(log)) for log, step in zip(logs, clocks, strict=True)
+        read_log(file, guess.mapping, sample_time=step, name=str(file))
+        for file, step in zip(files, clocks, strict=True)
     ]
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from feeddrive.files.formats import OpenedFile
 from feeddrive.files.log import Log
 from feeddrive.files.machine import read_machine
 from feeddrive.files.messages import sentence
@@ -34,18 +35,19 @@ def identify(request: IdentifyRequest, progress: Progress) -> Outcome[Any]:
     Raises LogError for a log that cannot be used, NotIdentifiableError for one that does not hold what is asked.
     """
     progress.step(f"reading {request.log}")
-    responses = responses_in(request.log)
+    file = OpenedFile(request.log)
+    responses = responses_in(file)
     if responses is not None:
         return identify_responses(request, responses, progress)
-    return _identify_motion(request, progress)
+    return _identify_motion(request, file, progress)
 
 
-def _identify_motion(request: IdentifyRequest, progress: Progress) -> Outcome[Any]:
+def _identify_motion(request: IdentifyRequest, file: OpenedFile, progress: Progress) -> Outcome[Any]:
     """A rigid drive from a log of one motion."""
     given = None if request.machine is None else read_machine(request.machine)
     loop = None if given is None else given.loop(request.axis)
     log = request.log
-    measured, mapping = mapped(log, request.named(), request.channels, _WANTED, request.sample_time, progress)
+    measured, mapping = mapped(file, request.named(), request.channels, _WANTED, request.sample_time, progress)
     motion = _motion(log, measured, loop, request.force_constant)
     progress.step("fitting")
     found = identify_motion(motion, loop, friction=request.friction, lead=request.lead, gear=request.gear)

@@ -12,6 +12,7 @@ import numpy as np
 
 from feeddrive.blocks.families import Plant
 from feeddrive.blocks.plant.two_mass import TwoMass
+from feeddrive.files.formats import OpenedFile
 from feeddrive.files.frf import encoders, names_frequency, read_frfs
 from feeddrive.files.machine import read_machine
 from feeddrive.files.messages import nearest, sentence
@@ -29,7 +30,7 @@ from feeddrive.workflow.request import frequencies
 from feeddrive.workflow.response_page import machine_text, recommendation, tables, told_by, write_fit
 
 
-def responses_in(path: Path) -> dict[str, FRF] | None:
+def responses_in(path: Path | OpenedFile) -> dict[str, FRF] | None:
     """The frequency responses of a file; None if it holds none, as a log does. Raises what is wrong with its lines."""
     try:
         return read_frfs(path)

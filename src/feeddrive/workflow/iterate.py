@@ -12,6 +12,7 @@ from feeddrive.blocks.reference.snap_limited_move import SnapLimitedMove
 from feeddrive.files.atomic_io import write_whole
 from feeddrive.files.blocks_to_toml import to_toml
 from feeddrive.files.columns import Column
+from feeddrive.files.formats import OpenedFile
 from feeddrive.files.job import read_job
 from feeddrive.files.machine import read_machine
 from feeddrive.files.messages import nearest
@@ -167,9 +168,10 @@ def _reference(job: str) -> Reference:
 
 
 def _trial(log: Path, loop: Loop, named: Mapping[str, str | None], smoothing: int | None) -> Trial:
-    there = read_log(log).channels
+    file = OpenedFile(log)
+    there = read_log(file).channels
     columns = {role: _column(str(log), role, named.get(role), there) for role in USUAL}
-    measured = read_log(log, {role: column for role, column in columns.items() if column is not None})
+    measured = read_log(file, {role: column for role, column in columns.items() if column is not None})
     force = measured.channels.get("force")
     motor = loop.axis.actuator.motor
     if force is None and "command" in measured.channels and motor is not None:

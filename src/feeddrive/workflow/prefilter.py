@@ -9,6 +9,7 @@ from feeddrive.blocks.families import Reference
 from feeddrive.blocks.prefilter.trajectory_prefilter import TrajectoryPrefilter
 from feeddrive.files.atomic_io import write_whole
 from feeddrive.files.blocks_to_toml import to_toml
+from feeddrive.files.formats import OpenedFile
 from feeddrive.files.job import read_job
 from feeddrive.files.machine import read_machine
 from feeddrive.files.messages import nearest
@@ -72,9 +73,10 @@ def prefilter(request: PrefilterRequest, progress: Progress) -> Outcome[Prefilte
 def _fit(
     log: Path, regressors: list[str], loop: Loop | None, reference: Reference | None, columns: Mapping[str, str | None]
 ) -> PrefilterFit:
-    found = read_log(log)
+    file = OpenedFile(log)
+    found = read_log(file)
     names = {role: _column(str(log), role, columns.get(role), found.channels) for role in USUAL}
-    measured = read_log(log, {role: name for role, name in names.items() if name is not None})
+    measured = read_log(file, {role: name for role, name in names.items() if name is not None})
     present = None if loop is None else loop.control.prefilter
     if present is not None and not isinstance(present, TrajectoryPrefilter):
         raise ParameterError(
