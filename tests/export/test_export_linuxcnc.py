@@ -337,7 +337,8 @@ def test_directory_says_all(exported):
     for name in declared:
         assert f"`{name}`" in readme
     for variable in design.routine.parameters:
-        assert variable.path.removeprefix("control.").replace("_", "-") in declared
+        short = variable.path.removeprefix("axis.x.").removeprefix("control.").removeprefix("actuator.")
+        assert short.replace("_", "-") in declared
     wiring = (place / "axis_x.hal").read_text()
     for each in ("joint.0.motor-pos-cmd", "joint.0.vel-cmd", "joint.0.acc-cmd", "joint.0.amp-enable-out",
                  "joint.0.amp-fault-in", "joint.0.motor-pos-fb"):  # fmt: skip
