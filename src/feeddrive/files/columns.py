@@ -115,6 +115,16 @@ def is_time(name: str) -> bool:
     return _TIME.fullmatch(name.strip()) is not None
 
 
+def free_name(name: str, taken: dict[str, int]) -> str:
+    """The name, or one that no other column has: force, force_again, force_again3, ...; `taken` counts them."""
+    free = name
+    while free in taken:
+        taken[name] += 1
+        free = f"{name}_again{taken[name] if taken[name] > 2 else ''}"
+    taken[free] = 1
+    return free
+
+
 def is_wanted(name: str, wanted: frozenset[str] | None) -> bool:
     """True for a column that is wanted or that is time."""
     return wanted is None or name in wanted or is_time(name)

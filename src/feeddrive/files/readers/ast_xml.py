@@ -27,7 +27,7 @@ from xml.parsers import expat
 
 import numpy as np
 
-from feeddrive.files.columns import Columns
+from feeddrive.files.columns import Columns, free_name
 from feeddrive.language.errors import LogError
 
 MOST_BYTES = 100_000_000
@@ -112,15 +112,13 @@ def _parsed(name: str, content: bytes) -> _Element:
 
 def ast_tables(name: str, content: bytes) -> Iterator[tuple[Columns, dict[str, str]]]:
     """A table of f, re, im, coherence for each response in the file, and what it leads from and to."""
-    names: list[str] = []
+    names: dict[str, int] = {}
     for element in _parsed(name, content).walk():
         parts = {kind: each for each in element.children if (kind := _kind(each.tag)) is not None}
         if not {"f", "response"} <= set(parts):
             continue
         label = re.sub(r"[^\w+-]+", "_", element.attributes.get("name", "")).strip("_") or "frf"
-        while label in names:
-            label += "_again"
-        names.append(label)
+        label = free_name(label, names)
         if len(names) > _MOST_RESPONSES:
             raise LogError(f"{name}: holds more than {_MOST_RESPONSES} responses; export fewer")
         frequency = np.real(_array(name, parts["f"]))

@@ -50,7 +50,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from feeddrive.files.columns import Columns, check_size, unit_of
+from feeddrive.files.columns import Columns, check_size, free_name, unit_of
 from feeddrive.files.readers.csv_text import MOST_BYTES, Text, read_csv, text_of
 from feeddrive.language.errors import LogError
 
@@ -231,11 +231,10 @@ def _twincat_channels(name: str, begin: str, separator: str) -> tuple[list[_Twin
     if times[:1] != [0]:
         raise LogError(f"{name}: line {start + 1} is not the row of names of a TwinCAT export; export it again")
     channels: list[_TwincatChannel] = []
+    taken: dict[str, int] = {}
     for place in range(len(keys)):
         if keys[place] and place not in times:
-            label = keys[place]
-            while label in {channel.name for channel in channels}:
-                label += "_again"
+            label = free_name(keys[place], taken)
             channels.append(_TwincatChannel(max(k for k in times if k < place), place, label))
     line = start + 1
     while line < len(rows) and any(rows[line]) and not _is_number(rows[line][0]):

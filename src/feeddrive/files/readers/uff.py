@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from feeddrive.files.columns import Columns, is_wanted, unit_of
+from feeddrive.files.columns import Columns, free_name, is_wanted, unit_of
 from feeddrive.language.errors import LogError, MissingExtraError
 
 MOST_BYTES = 50_000_000
@@ -61,8 +61,9 @@ def read_uff(name: str, content: bytes, wanted: frozenset[str] | None) -> Column
     units: dict[str, str] = {}
     left_out: dict[str, str] = {}
     unread: list[str] = []
+    names: dict[str, int] = {}
     for each in sets_of(name, content):
-        label = _free(_label(each), (*values, *left_out, *unread))
+        label = free_name(_label(each), names)
         if each["func_type"] != _TIME or np.iscomplexobj(each["data"]):
             left_out[label] = "no time response but another function; read_frf reads frequency responses"
         elif not is_wanted(label, wanted):
@@ -86,11 +87,10 @@ def uff_tables(name: str, content: bytes) -> Iterator[tuple[Columns, dict[str, s
     if not responses:
         raise LogError(f"{name}: is a universal file without a frequency response (function type 4)")
     coherences = {(_end(each, "rsp"), _end(each, "ref")): each for each in sets if each["func_type"] == _COHERENCE}
-    names: list[str] = []
+    names: dict[str, int] = {}
     for each in responses:
         output, entrance = _end(each, "rsp"), _end(each, "ref")
-        label = _free(f"{output}_{entrance}", names)
-        names.append(label)
+        label = free_name(f"{output}_{entrance}", names)
         data = np.asarray(each["data"])
         values = {"f": np.asarray(each["x"], dtype=np.float64), f"re_{label}": np.real(data).astype(np.float64),
                   f"im_{label}": np.imag(data).astype(np.float64)}  # fmt: skip
@@ -113,12 +113,6 @@ def _end(each: Mapping[str, Any], end: str) -> str:
 def _label(each: Mapping[str, Any]) -> str:
     text = " ".join(str(each.get("id1", "")).split())
     return text if text and text != "NONE" else _end(each, "rsp")
-
-
-def _free(label: str, taken: Any) -> str:
-    while label in taken:
-        label += "_again"
-    return label
 
 
 def _unit(each: Mapping[str, Any], axis: str) -> str:
