@@ -20,7 +20,7 @@ import numpy as np
 import feeddrive as fd
 from feeddrive.blocks.families import Law
 from feeddrive.blocks.plant.two_bodies import lag, two_bodies
-from feeddrive.export.c.directory import c_files
+from feeddrive.export.c.bundle import c_files
 from feeddrive.export.cortex_m.bundle import write_cortex_m
 from feeddrive.export.cortex_m.emulator import Cost, step_cost
 from feeddrive.export.design import CONTROL, Design

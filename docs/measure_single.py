@@ -20,7 +20,7 @@ sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
 
 import feeddrive as fd
 from exported import LOOPS
-from feeddrive.export.c.stream import FLAGS, streamed
+from feeddrive.export.c.programs import FLAGS, streamed
 from feeddrive.export.c.text import texts
 from feeddrive.export.layout import layout
 from feeddrive.export.trial import trial

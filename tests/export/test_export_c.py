@@ -15,8 +15,7 @@ import feeddrive as fd
 from exported import LAWS, LOOPS, ONE, PPI, T
 from exported import loop as a_loop
 from feeddrive.export.c.header_only import header_only
-from feeddrive.export.c.selftest import self_test, stepped
-from feeddrive.export.c.stream import streamed
+from feeddrive.export.c.programs import self_test, stepped, streamed
 from feeddrive.export.c.text import texts
 from feeddrive.export.layout import Layout, layout
 from feeddrive.export.trial import BROKEN, Trial, trial

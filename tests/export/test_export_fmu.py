@@ -18,8 +18,7 @@ from feeddrive.blocks import SnapLimitedMove
 from feeddrive.export import toolchain
 from feeddrive.export.design import CONTROL, PLANT, read_design
 from feeddrive.export.fmu import binary
-from feeddrive.export.fmu.directory import write_fmu
-from feeddrive.export.fmu.fmu import fmu
+from feeddrive.export.fmu.fmu import fmu, write_fmu
 from feeddrive.export.layout import layout
 from feeddrive.export.trial import trial
 from feeddrive.export.verify import verify

@@ -9,8 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from feeddrive.export.ascii_text import ascii_text
-from feeddrive.export.identifiers import C_WORDS, HAL_WORDS, ST_WORDS, check_name, identifier
+from feeddrive.export.identifiers import C_WORDS, HAL_WORDS, ST_WORDS, ascii_text, check_name, identifier
 from feeddrive.language.errors import ParameterError
 
 WORDS = sorted(C_WORDS | ST_WORDS | HAL_WORDS)

@@ -17,14 +17,13 @@ from exported import LAWS
 from feeddrive.export.c.text import texts
 from feeddrive.export.design import read_design
 from feeddrive.export.layout import layout
-from feeddrive.export.linuxcnc import names, session
+from feeddrive.export.linuxcnc import component, session
+from feeddrive.export.linuxcnc.bundle import write_linuxcnc
 from feeddrive.export.linuxcnc.component import core
 from feeddrive.export.linuxcnc.controller import controller_comp
-from feeddrive.export.linuxcnc.halrun import halrun
 from feeddrive.export.linuxcnc.limits import limits
-from feeddrive.export.linuxcnc.proof import answers
-from feeddrive.export.linuxcnc.session import HalError
-from feeddrive.export.linuxcnc.write import write_linuxcnc
+from feeddrive.export.linuxcnc.samples import answers
+from feeddrive.export.linuxcnc.session import HalError, halrun
 from feeddrive.export.trial import trial
 from feeddrive.language.errors import FileError, MissingProgramError, ParameterError, StructureError
 from feeddrive.loop.routine_run import run
@@ -127,7 +126,7 @@ def test_closed_loop_in_hal_is_the_simulation(exported, tmp_path, machine, axis)
     expected = fd.simulate(loop, move, record=signals)
     time = expected.time
     given = np.column_stack([*move.at(time), np.ones(time.size)])
-    c, p = names.hal(routine.name), names.hal(f"{routine.name}_plant")
+    c, p = component.hal(routine.name), component.hal(f"{routine.name}_plant")
     two = len(routine.inputs) == 8
     commands = ["position-cmd", "velocity-cmd", "acceleration-cmd", "jerk-cmd", "snap-cmd", "enable"]
     wiring = [
@@ -144,7 +143,7 @@ def test_closed_loop_in_hal_is_the_simulation(exported, tmp_path, machine, axis)
         f"net trip {c}.trip-code => sampler.0.pin.5",
     ]  # fmt: skip
     components = [place / f"{routine.name}.comp", place / f"{routine.name}_plant.comp"]
-    got = halrun(components, tmp_path, names.period(routine), wiring, given, "fffffb", "fffffs").rows
+    got = halrun(components, tmp_path, component.period(routine), wiring, given, "fffffb", "fffffs").rows
     assert same_bits(got, np.column_stack([expected[each] for each in signals]))
     assert np.max(np.abs(expected["position_load"])) > 0.019
 
@@ -285,7 +284,7 @@ def test_a_thread_of_another_period_is_a_fault(exported, tmp_path):
     """The law is made for 1 ms: at 1.002 ms it does not run, at 1.0005 ms it does."""
     design, place = exported("emps")
     routine = design.routine
-    assert names.period(routine) == 1_000_000
+    assert component.period(routine) == 1_000_000
     inputs = np.zeros((50, len(routine.inputs)))
     inputs[:, 0], inputs[:, -1] = 1e-4, 1.0
     for period, code in ((1_002_000, 11.0), (1_000_500, 0.0)):
@@ -345,7 +344,7 @@ def test_directory_says_all(exported):
         assert each in wiring
     assert "emergency stop" in readme
     assert "uncoupled" in readme
-    assert f"SERVO_PERIOD = {names.period(design.routine)}" in readme
+    assert f"SERVO_PERIOD = {component.period(design.routine)}" in readme
 
 
 def test_writing_twice_gives_the_same_bytes(exported, tmp_path):
@@ -369,7 +368,7 @@ def test_wiring_is_taken_by_the_real_motion_module(tmp_path, machine, axis):
     for file in place.glob("*.hal"):
         (tmp_path / file.name).write_text(file.read_text().replace("#   setp", "setp"))
     values = {"[KINS]KINEMATICS": f"trivkins coordinates={'XY'[: 'xy'.index(axis) + 1]}", "[EMCMOT]EMCMOT": "motmod",
-              "[EMCMOT]SERVO_PERIOD": str(names.period(design.routine)),
+              "[EMCMOT]SERVO_PERIOD": str(component.period(design.routine)),
               "[KINS]JOINTS": str("xy".index(axis) + 1)}  # fmt: skip
     desk = (tmp_path / "desk.hal").read_text()
     for key, value in values.items():
@@ -379,7 +378,7 @@ def test_wiring_is_taken_by_the_real_motion_module(tmp_path, machine, axis):
     components = [place / f"{name}.comp", place / f"{name}_plant.comp"]
     printed = session.session(tmp_path, components, "halrun -f desk.hal")
     order = [line.split()[-1] for line in printed.splitlines() if line.split()[-1:] and "servo" not in line]
-    assert f"{names.hal(name)}" in order
+    assert f"{component.hal(name)}" in order
     shown = [line for line in printed.splitlines() if "setp" in line or "error" in line.lower()]
     assert not shown, printed
 
@@ -432,18 +431,18 @@ def test_names_that_hal_cannot_have(tmp_path):
         with pytest.raises(ParameterError, match=reason):
             write_linuxcnc(design, tmp_path / name)
         assert not (tmp_path / name).exists()
-    item = names.pin("a-b", "bit", "in", "")
+    item = component.pin("a-b", "bit", "in", "")
     with pytest.raises(StructureError, match="one name"):
-        names.check_component("axis_x", (), [item, names.pin("a.b", "bit", "in", "")])
+        component.check_component("axis_x", (), [item, component.pin("a.b", "bit", "in", "")])
 
 
 @needs_linuxcnc
 def test_stock_components_are_known():
     """The list holds what the installed LinuxCNC brings; a name of them would be replaced."""
     installed = {each.stem for each in Path(session.MODULES).glob("*.so")}
-    assert {"pid", "motmod", "streamer"} <= names.STOCK
-    assert len(installed & names.STOCK) > 100
-    assert "axis_x" not in names.STOCK
+    assert {"pid", "motmod", "streamer"} <= component.STOCK
+    assert len(installed & component.STOCK) > 100
+    assert "axis_x" not in component.STOCK
 
 
 @pytest.mark.parametrize(
@@ -453,7 +452,7 @@ def test_sample_times_that_no_thread_has(sample_time, reason):
     design = read_design("emps")
     routine = replace(design.routine, origin=_timed(design.routine.origin, sample_time))
     with pytest.raises(ParameterError, match=reason):
-        names.period(routine)
+        component.period(routine)
 
 
 def _timed(loop, sample_time):

@@ -9,12 +9,12 @@ import pytest
 
 from export.test_export_linuxcnc_whole import PROGRAM, RUNNER
 from feeddrive.blocks.controller.linuxcnc_pid import LinuxcncPid
-from feeddrive.export.cascade.quantities import read_cascade
 from feeddrive.export.design import read_design
+from feeddrive.export.linuxcnc.bundle import write_linuxcnc
 from feeddrive.export.linuxcnc.session import session
-from feeddrive.export.linuxcnc.write import write_linuxcnc
-from feeddrive.export.linuxcnc_pid.directory import write_linuxcnc_pid
+from feeddrive.export.linuxcnc_pid.bundle import write_linuxcnc_pid
 from feeddrive.export.linuxcnc_pid.mapping import period, stock_law
+from feeddrive.export.parameters.quantities import read_cascade
 from hal_programs import needs_linuxcnc
 
 pytestmark = [pytest.mark.slow(reason="LinuxCNC as a whole runs a program in its own time"), needs_linuxcnc]

@@ -23,13 +23,13 @@ from feeddrive.blocks.filter.notch import Notch
 from feeddrive.blocks.filter.second_order import SecondOrder
 from feeddrive.blocks.plant.two_mass import TwoMass
 from feeddrive.blocks.prefilter.trajectory_prefilter import TrajectoryPrefilter
-from feeddrive.export.cascade.beside import CONSEQUENCES, items, lost
-from feeddrive.export.cascade.quantities import DriveTrain, drive_train, read_cascade
 from feeddrive.export.design import Design, read_design
 from feeddrive.export.linuxcnc_pid import mapping
-from feeddrive.export.parameters.directory import MAKERS, write_parameters
+from feeddrive.export.parameters.bundle import MAKERS, write_parameters
 from feeddrive.export.parameters.maker import lines_of
+from feeddrive.export.parameters.quantities import DriveTrain, drive_train, read_cascade
 from feeddrive.export.parameters.sinumerik import SINUMERIK
+from feeddrive.export.parameters.unsupported import CONSEQUENCES, items, lost
 from feeddrive.language.errors import FileError, ParameterError, StructureError
 from feeddrive.loop.control import Control
 from feeddrive.loop.guard import Guard

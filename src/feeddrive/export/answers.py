@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from feeddrive.export.c.stream import FLAGS, streamed
+from feeddrive.export.c.programs import FLAGS, streamed
 from feeddrive.export.design import Design
 from feeddrive.export.trial import Trial
 from feeddrive.language.errors import FileError, ParameterError
@@ -44,7 +44,7 @@ def _c(directory: Path, design: Design, tried: Trial, flags: Sequence[str], comm
 
 
 def _linuxcnc(directory: Path, design: Design, tried: Trial, flags: Sequence[str], command: str | None) -> Answers:
-    from feeddrive.export.linuxcnc.proof import answers
+    from feeddrive.export.linuxcnc.samples import answers
 
     _own_build("linuxcnc", flags, command)
     with tempfile.TemporaryDirectory(prefix="feeddrive-") as folder:
@@ -53,7 +53,7 @@ def _linuxcnc(directory: Path, design: Design, tried: Trial, flags: Sequence[str
 
 
 def _fmu(directory: Path, design: Design, tried: Trial, flags: Sequence[str], command: str | None) -> Answers:
-    from feeddrive.export.fmu.proof import answers
+    from feeddrive.export.fmu.importer import answers
 
     _own_build("fmu", flags, command)
     found = answers(directory / f"{design.name}.fmu", design.routine, tried)

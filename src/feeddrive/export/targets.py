@@ -29,14 +29,14 @@ class Target:
 _HERE = __name__.rpartition(".")[0]
 _BOTH = ("double", "float")
 TARGETS: dict[str, Target] = {
-    "c": Target("c.directory", "write_c", ("single_header",), _BOTH, plants=True),
-    "linuxcnc": Target("linuxcnc.write", "write_linuxcnc", ("joint",)),
-    "linuxcnc-pid": Target("linuxcnc_pid.directory", "write_linuxcnc_pid", ("joint", "route", "units")),
-    "fmu2": Target("fmu.directory", "write_fmu", plants=True, fixed={"version": 2}),
-    "fmu3": Target("fmu.directory", "write_fmu", plants=True, fixed={"version": 3}),
+    "c": Target("c.bundle", "write_c", ("single_header",), _BOTH, plants=True),
+    "linuxcnc": Target("linuxcnc.bundle", "write_linuxcnc", ("joint",)),
+    "linuxcnc-pid": Target("linuxcnc_pid.bundle", "write_linuxcnc_pid", ("joint", "route", "units")),
+    "fmu2": Target("fmu.fmu", "write_fmu", plants=True, fixed={"version": 2}),
+    "fmu3": Target("fmu.fmu", "write_fmu", plants=True, fixed={"version": 3}),
     "cortex-m": Target("cortex_m.bundle", "write_cortex_m", ("core",), ("float", "double")),
-    "st": Target("structured_text.directory", "write_structured_text", precisions=_BOTH),
-    "parameters": Target("parameters.directory", "write_parameters", ("makers", "lead", "gear")),
+    "st": Target("structured_text.bundle", "write_structured_text", precisions=_BOTH),
+    "parameters": Target("parameters.bundle", "write_parameters", ("makers", "lead", "gear")),
 }
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from feeddrive.export.answers import PROOFS, WITHOUT, Answers
-from feeddrive.export.c.selftest import stepped
+from feeddrive.export.c.programs import stepped
 from feeddrive.export.design import CONTROL, MACHINE_FILE, Design, read_design
 from feeddrive.export.manifest import Manifest, changed_files, read_manifest
 from feeddrive.export.trial import Trial, trial

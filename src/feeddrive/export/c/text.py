@@ -15,11 +15,10 @@ import textwrap
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
-from feeddrive.export.ascii_text import ascii_text
-from feeddrive.export.c.body import Body, wrapped
-from feeddrive.export.c.elementary import helpers
+from feeddrive.export.c.body import Body, helpers, wrapped
 from feeddrive.export.c.expressions import FUNCTIONS, bare, expression, number
 from feeddrive.export.c.header import comment, header
+from feeddrive.export.identifiers import ascii_text
 from feeddrive.export.layout import Layout
 from feeddrive.language.block import Block
 from feeddrive.language.declaration import LARGEST

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
 
-from feeddrive.export.fmu.variables import TRIP_NAMES, FmuVariable
+from feeddrive.export.fmu.model import TRIP_NAMES, FmuVariable
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.units import measure
 

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from feeddrive.export.linuxcnc import names
-from feeddrive.export.linuxcnc.component import component, numbers, where
-from feeddrive.export.linuxcnc.names import Item, hal, pin
+from feeddrive.export.linuxcnc import component
+from feeddrive.export.linuxcnc.component import Item, component_text, hal, numbers, pin, where
 from feeddrive.export.linuxcnc.texts import filled
 from feeddrive.loop.guard import TRIPS
 from feeddrive.loop.routine import Routine
@@ -73,7 +72,7 @@ def pins(routine: Routine) -> list[Item]:
 
 def settings(routine: Routine) -> dict[Item, float]:
     """Parameters of the component itself, and their values."""
-    T = names.period(routine)
+    T = component.period(routine)
     return {
         Item("units-per-m", "float", "rw", "length units of the machine in a metre: 1000 for mm, "
              "39.37007874015748 for inch; read at the first call"): 1000.0,
@@ -85,7 +84,7 @@ def settings(routine: Routine) -> dict[Item, float]:
 
 def tolerance(routine: Routine) -> int:
     """By how much the period of the thread may differ from the sample time, ns."""
-    return max(names.period(routine) // 1000, 1)
+    return max(component.period(routine) // 1000, 1)
 
 
 def controller_comp(routine: Routine, title: str, made_by: str) -> str:
@@ -94,9 +93,9 @@ def controller_comp(routine: Routine, title: str, made_by: str) -> str:
     Raises ParameterError and StructureError for names and sample times that LinuxCNC cannot have.
     """
     items, own = pins(routine), settings(routine)
-    tuned = {names.parameter(v): v for v in routine.parameters}
-    names.check_component(routine.name, ("",), [*items, *own, *tuned])
-    return component(
+    tuned = {component.parameter(v): v for v in routine.parameters}
+    component.check_component(routine.name, ("",), [*items, *own, *tuned])
+    return component_text(
         routine.name,
         f"{title}. {made_by} Pins in mm, mm/s, ... (units-per-m), N; parameters in SI as in the machine file.",
         items,
@@ -106,7 +105,7 @@ def controller_comp(routine: Routine, title: str, made_by: str) -> str:
             "controller.c",
             P=routine.name,
             hal=hal(routine.name),
-            period=names.period(routine),
+            period=component.period(routine),
             wanted=numbers([item.c for item in tuned]),
             inputs=numbers([_given(v.name) for v in routine.inputs]),
             drive=where(any(v.name == "command" for v in routine.outputs), "    drive_cmd = result.command;\n"),

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from feeddrive.export.linuxcnc import names
-from feeddrive.export.linuxcnc.component import component, numbers
-from feeddrive.export.linuxcnc.names import Item, pin
+from feeddrive.export.linuxcnc import component
+from feeddrive.export.linuxcnc.component import Item, component_text, numbers, pin
 from feeddrive.export.linuxcnc.texts import filled
 from feeddrive.loop.routine import Routine
 
@@ -28,18 +27,18 @@ def plant_comp(routine: Routine, title: str, made_by: str) -> str:
 
     Raises ParameterError and StructureError for names and sample times that LinuxCNC cannot have.
     """
-    T = names.period(routine)
+    T = component.period(routine)
     pins = [pin(*_INPUTS[v.name][:1], "float", "in", _INPUTS[v.name][1]) for v in routine.inputs if v.name in _INPUTS]
     pins += [pin(_OUTPUTS[v.name][0], "float", "out", _OUTPUTS[v.name][1]) for v in routine.outputs]
     own = {
         Item("units-per-m", "float", "rw", "length units of the machine in a metre; read at the first call"): 1000.0,
         Item("start-position", "float", "rw", "where the axis stands at first, mm; read at the first call"): 0.0,
     }
-    physics = {names.parameter(v): v.value for v in routine.parameters}
-    names.check_component(routine.name, FUNCTIONS, [*pins, *own, *physics])
+    physics = {component.parameter(v): v.value for v in routine.parameters}
+    component.check_component(routine.name, FUNCTIONS, [*pins, *own, *physics])
     given = {name: pin(place, "", "", "").c for name, (place, _) in _INPUTS.items()}
     given["start_position"] = "start_position / scale"
-    return component(
+    return component_text(
         routine.name,
         f"{title}. {made_by} For the desk only: call read before and write after the controller, every {T} ns. "
         "Parameters in SI; they act if set before the first call.",

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from feeddrive.export.linuxcnc import controller, names
+from feeddrive.export.linuxcnc import component, controller
+from feeddrive.export.linuxcnc.component import hal
 from feeddrive.export.linuxcnc.limits import Limits
-from feeddrive.export.linuxcnc.names import hal
 from feeddrive.export.linuxcnc.texts import filled
 from feeddrive.loop.routine import Routine
 
@@ -20,7 +20,7 @@ def axis_hal(routine: Routine, joint: int, title: str, made_by: str) -> str:
     drive = any(v.name == "command" for v in routine.outputs)
     unit = next((v.meaning.rsplit(" ", 1)[-1] for v in routine.outputs if v.name == "command"), "")
     lines = [
-        f"# {names.plain(title)}", f"# {names.plain(made_by)}", "#",
+        f"# {component.plain(title)}", f"# {component.plain(made_by)}", "#",
         f"# Joint {joint} of LinuxCNC. Load this file behind the one that loads motmod and the driver of your card.",
         f"# Once before:  sudo halcompile --install {P}.comp", "",
         f"loadrt {P}",
@@ -51,7 +51,7 @@ def axis_hal(routine: Routine, joint: int, title: str, made_by: str) -> str:
         f"#   net {x}-running => CARD.analogout.0.enable",
         f"#   net {x}-heartbeat => CARD.charge-pump", "",
         "# Parameters, in SI units as in the machine file; they may be changed while the axis runs.",
-        *(line for v in routine.parameters if ".control." in v.path for item in [names.parameter(v)]
+        *(line for v in routine.parameters if ".control." in v.path for item in [component.parameter(v)]
           for line in (f"# {item.meaning}", f"#   setp {name}.{item.name} {float(v.value)!r}")),
     ]  # fmt: skip
     return "\n".join(lines) + "\n"
@@ -65,10 +65,10 @@ def axis_ini(routine: Routine, joint: int, letter: str, limit: Limits, title: st
     ends = [f"MIN_LIMIT = {1e3 * limit.least + room:.9g}", f"MAX_LIMIT = {1e3 * limit.most - room:.9g}"]
     moves = [f"MAX_VELOCITY = {velocity:.9g}", f"MAX_ACCELERATION = {acceleration:.9g}"]
     lines = [
-        f"# {names.plain(title)}", f"# {names.plain(made_by)}", "#",
+        f"# {component.plain(title)}", f"# {component.plain(made_by)}", "#",
         "# In your .ini these must stand as well:",
         "#   [TRAJ]   LINEAR_UNITS = mm",
-        f"#   [EMCMOT] SERVO_PERIOD = {names.period(routine)}", "",
+        f"#   [EMCMOT] SERVO_PERIOD = {component.period(routine)}", "",
         *_unknown(limit), f"[AXIS_{letter}]", *moves, *ends, "",
         f"[JOINT_{joint}]", "TYPE = LINEAR", *moves, *ends,
         f"# In a simulated move within these limits the following error was at most {1e3 * limit.peak_error:.3g} mm,",
@@ -119,7 +119,7 @@ def desk_ini(routine: Routine, joint: int, letter: str) -> str:
     others = [each for each in LETTERS if each != letter][:joint]
     ideal = "".join(_IDEAL.format(letter=each, joint=i) for i, each in enumerate(others))
     return filled(
-        "desk.ini", name=routine.name, period=names.period(routine), coordinates="".join([*others, letter]),
+        "desk.ini", name=routine.name, period=component.period(routine), coordinates="".join([*others, letter]),
         joints=joint + 1, ideal=ideal,
     )  # fmt: skip
 

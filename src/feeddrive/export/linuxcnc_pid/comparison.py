@@ -10,8 +10,8 @@ import numpy as np
 from feeddrive.analysis.margins import margins
 from feeddrive.analysis.stability import require_stable, stability
 from feeddrive.blocks.reference.jerk_limited_move import JerkLimitedMove
-from feeddrive.export.cascade.quantities import Cascade
 from feeddrive.export.linuxcnc_pid.mapping import stock_law, stock_loop
+from feeddrive.export.parameters.quantities import Cascade
 from feeddrive.language.errors import DivergedError, UnstableError
 from feeddrive.loop.linearize import loop_gain
 from feeddrive.loop.loop import Loop

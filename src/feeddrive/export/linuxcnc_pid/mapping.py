@@ -25,8 +25,8 @@ from feeddrive.blocks.controller.stock_pid import StockPid
 from feeddrive.blocks.families import Filter
 from feeddrive.blocks.filter.biquad import Section
 from feeddrive.blocks.filter.low_pass import LowPass
-from feeddrive.export.cascade.beside import Lost, lost
-from feeddrive.export.cascade.quantities import Cascade
+from feeddrive.export.parameters.quantities import Cascade
+from feeddrive.export.parameters.unsupported import Lost, lost
 from feeddrive.language import tree
 from feeddrive.language.errors import ParameterError, StructureError
 from feeddrive.loop.control import Control

@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 
-from feeddrive.export.cascade.quantities import QUANTITIES, Cascade, DriveTrain, at_shaft
+from feeddrive.export.parameters.quantities import QUANTITIES, Cascade, DriveTrain, at_shaft
 from feeddrive.language import tree, units
 from feeddrive.language.block import Block, declarations
 

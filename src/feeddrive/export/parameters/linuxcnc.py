@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from feeddrive.export.cascade.beside import Lost, numbers
-from feeddrive.export.cascade.quantities import Cascade
-from feeddrive.export.linuxcnc_pid.fragments import COEFFICIENTS, GAINS
+from feeddrive.export.linuxcnc_pid.bundle import COEFFICIENTS, GAINS
 from feeddrive.export.linuxcnc_pid.mapping import left_out, period, stock_law
 from feeddrive.export.parameters.maker import Line
+from feeddrive.export.parameters.quantities import Cascade
+from feeddrive.export.parameters.unsupported import Lost, numbers
 
 UNITS = 1000.0  # machine units in a meter: mm
 _SOURCE = "LinuxCNC manual page pid(9); tested bit for bit against the component of LinuxCNC 2.9"

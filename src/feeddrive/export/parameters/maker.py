@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from feeddrive.blocks.families import Filter
-from feeddrive.export.cascade.beside import Lost
-from feeddrive.export.cascade.quantities import QUANTITIES, Cascade, DriveTrain, at_shaft
+from feeddrive.export.parameters.quantities import QUANTITIES, Cascade, DriveTrain, at_shaft
+from feeddrive.export.parameters.unsupported import Lost
 
 NOT_CHECKED = "NOT CHECKED against a manual: name and unit are those in common use"
 

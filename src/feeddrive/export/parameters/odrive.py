@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 
-from feeddrive.export.cascade.beside import Lost
 from feeddrive.export.parameters.maker import Filtered, Maker, Row
+from feeddrive.export.parameters.unsupported import Lost
 
 _SOURCE = "odriverobotics/ODrive, Firmware/MotorControl/controller.hpp (firmware 0.5), the units beside the fields"
 _NO_FILTER = "there is no filter between velocity controller and torque"

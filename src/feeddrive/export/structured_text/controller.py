@@ -14,11 +14,10 @@ from dataclasses import dataclass
 
 from feeddrive.export.identifiers import ST_WORDS, identifier
 from feeddrive.export.layout import Field, Layout
-from feeddrive.export.structured_text.configure import configure
-from feeddrive.export.structured_text.fixed import Fixed, fixed
+from feeddrive.export.structured_text.configure import Fixed, configure, fixed
+from feeddrive.export.structured_text.expressions import bare, decimal, literal
 from feeddrive.export.structured_text.functions import functions
-from feeddrive.export.structured_text.section import Section
-from feeddrive.export.structured_text.statements import Assignment
+from feeddrive.export.structured_text.statements import Assignment, Section
 from feeddrive.export.structured_text.units import (
     CONSTANTS,
     INDENT,
@@ -29,7 +28,6 @@ from feeddrive.export.structured_text.units import (
     Structure,
     Unit,
 )
-from feeddrive.export.structured_text.words import bare, decimal, literal
 from feeddrive.language.graph import Graph
 from feeddrive.language.naming import Name
 from feeddrive.loop.guard import TRIPS

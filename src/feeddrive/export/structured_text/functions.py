@@ -10,9 +10,9 @@ from collections.abc import Iterable
 from importlib import import_module
 
 from feeddrive.export.identifiers import ST_WORDS, identifier
+from feeddrive.export.structured_text.expressions import HUGE, OWN, bare, literal, own
 from feeddrive.export.structured_text.statements import Statements
-from feeddrive.export.structured_text.units import INPUTS, VARIABLES, Declared, Unit
-from feeddrive.export.structured_text.words import HUGE, OWN, bare, literal, own
+from feeddrive.export.structured_text.units import INPUTS, VARIABLES, Declared, Unit, huge
 from feeddrive.language.graph import ELEMENTARY, Graph, reachable
 from feeddrive.language.matrix import SQUARINGS, TOO_LARGE
 
@@ -211,8 +211,3 @@ def _elementary(name: str, graph: Graph, root: int, prefix: str, real: str) -> U
     if any(HUGE in line for line in body):
         variables.insert(0, huge(real))
     return Unit(function, _SAID[name], real, {INPUTS: [Declared("x", real)], VARIABLES: variables}, body)
-
-
-def huge(real: str) -> Declared:
-    """The variable whose square is infinite."""
-    return Declared(HUGE, real, "1.0E300" if real == "LREAL" else "1.0E30", "its square is infinite")

@@ -7,6 +7,8 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
+from feeddrive.export.structured_text.expressions import HUGE
+
 INDENT = "    "
 WIDTH = 116
 INPUTS, OUTPUTS, VARIABLES, CONSTANTS = "VAR_INPUT", "VAR_OUTPUT", "VAR", "VAR CONSTANT"
@@ -107,3 +109,8 @@ def plain(text: str) -> str:
 
 def _joined(lines: Iterable[str]) -> str:
     return "\n".join(lines) + "\n"
+
+
+def huge(real: str) -> Declared:
+    """The variable whose square is infinite."""
+    return Declared(HUGE, real, "1.0E300" if real == "LREAL" else "1.0E30", "its square is infinite")

@@ -2,21 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 
 from feeddrive.export.c.text import texts
 from feeddrive.export.design import CONTROL, MACHINE_FILE, Design
 from feeddrive.export.identifiers import check_name
 from feeddrive.export.layout import layout
-from feeddrive.export.linuxcnc.component import core
+from feeddrive.export.linuxcnc import component, controller
+from feeddrive.export.linuxcnc.component import Item, core, hal
 from feeddrive.export.linuxcnc.controller import controller_comp
-from feeddrive.export.linuxcnc.limits import limits
+from feeddrive.export.linuxcnc.limits import Limits, limits
 from feeddrive.export.linuxcnc.plant import plant_comp
-from feeddrive.export.linuxcnc.readme import readme
+from feeddrive.export.linuxcnc.texts import filled
 from feeddrive.export.linuxcnc.wiring import LETTERS, axis_hal, axis_ini, desk_hal, desk_ini
 from feeddrive.export.manifest import FILE, manifest_text
 from feeddrive.files.atomic_io import check_directory, new_directory
 from feeddrive.language.errors import ParameterError
+from feeddrive.loop.routine import Routine
 from feeddrive.loop.routine_trace import plant_routine
 
 
@@ -64,3 +67,28 @@ def write_linuxcnc(design: Design, out: str | Path, *, joint: int | None = None)
         for name, text in files.items():
             (folder / name).write_text(text, encoding="utf-8")
     return out / "README.md"
+
+
+def readme(routine: Routine, plant: Routine, joint: int, limit: Limits, title: str, made_by: str) -> str:
+    """The text, as Markdown."""
+    tuned = {component.parameter(v): v.value for v in routine.parameters}
+    return filled(
+        "README.md",
+        title=title, made_by=made_by, P=routine.name, plant=plant.name, hal=hal(routine.name), joint=joint,
+        period=component.period(routine), tolerance=controller.tolerance(routine),
+        late=controller.LATE * component.period(routine), velocity=f"{1e3 * limit.velocity:.9g}",
+        acceleration=f"{1e3 * limit.acceleration:.9g}", ferror=f"{1e3 * limit.following_error:.9g}",
+        pins=_table(dict.fromkeys(controller.pins(routine))),
+        own=_table(controller.settings(routine)), tuned=_table(tuned),
+        rules="\n".join(f"| {code} | {component.plain(text)} |" for code, text in routine.sentences.items()),
+        codes="\n".join(f"| {code} | {word} |" for code, word in controller.FAULTS.items()),
+    )  # fmt: skip
+
+
+def _table(items: Mapping[Item, float | None]) -> str:
+    """Rows of pins or of parameters."""
+    rows: list[str] = []
+    for item, value in items.items():
+        kind = f"{item.type} {item.direction}" if value is None else f"{value!r}"
+        rows.append(f"| `{item.name}` | {kind} | {item.meaning.replace('|', chr(92) + '|')} |")
+    return "\n".join(rows)

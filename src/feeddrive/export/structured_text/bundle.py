@@ -1,16 +1,52 @@
-"""The README of a Structured Text export, and the comment above its function block."""
+"""The target `st`: a directory with a control as Structured Text, in the forms that PLC tools import, and a README."""
 
 from __future__ import annotations
 
 import inspect
 import textwrap
+from pathlib import Path
 
-from feeddrive.export.design import Design
-from feeddrive.export.manifest import rules_table
-from feeddrive.export.structured_text.check import SAMPLES
-from feeddrive.export.structured_text.controller import Program
+from feeddrive.export.design import CONTROL, MACHINE_FILE, Design
+from feeddrive.export.manifest import FILE, manifest_text, rules_table
+from feeddrive.export.structured_text.check import SAMPLES, check
+from feeddrive.export.structured_text.controller import Program, program
+from feeddrive.export.structured_text.project_files import plcopen, twincat_file
 from feeddrive.export.structured_text.units import INPUTS, OUTPUTS, WIDTH, Declared
+from feeddrive.files.atomic_io import new_directory
+from feeddrive.language.errors import ParameterError
 from feeddrive.loop.guard import TRIPS
+
+
+def structured_text_files(design: Design) -> dict[str, str]:
+    """The files of the export by name, without machine file and manifest.
+
+    Raises ParameterError for an axis, StructureError for a table with too many entries.
+    """
+    if design.what != CONTROL:
+        raise ParameterError("st: a PLC runs the control; export an axis as fmu2, fmu3 or c")
+    P = design.name
+    printed = program(design.layout, header(design))
+    tried = check(design.layout, printed)
+    parts = (*printed.structures, *printed.units, tried)
+    files = {f"{P}.st": printed.text(), f"{P}_check.st": tried.text(), f"{P}.xml": plcopen(P, parts)}
+    files |= {f"twincat/{name}": content for name, content in map(twincat_file, parts)}
+    files["README.md"] = readme(design, printed)
+    return files
+
+
+def write_structured_text(design: Design, out: Path) -> Path:
+    """Write the export, whole or not at all; its README is returned.
+
+    Raises as `structured_text_files`, and FileError as `new_directory`.
+    """
+    files = structured_text_files(design)
+    files[MACHINE_FILE] = design.machine.file.text
+    files[FILE] = manifest_text(design, "st", files)
+    with new_directory(out) as folder:
+        (folder / "twincat").mkdir()
+        for name, content in files.items():
+            (folder / name).write_text(content, encoding="utf-8")
+    return out / "README.md"
 
 
 def header(design: Design) -> str:

@@ -9,7 +9,7 @@ from feeddrive.blocks.feedforward.disturbance_compensator import DisturbanceComp
 from feeddrive.blocks.feedforward.friction_feedforward import FrictionFeedforward
 from feeddrive.blocks.feedforward.inertia import Inertia
 from feeddrive.blocks.feedforward.inverse_dynamics import InverseDynamics
-from feeddrive.export.cascade.quantities import Cascade
+from feeddrive.export.parameters.quantities import Cascade
 from feeddrive.language import tree
 from feeddrive.language.block import Block
 

@@ -8,17 +8,16 @@ from pathlib import Path
 from typing import TypeVar
 
 from feeddrive.analysis.stability import stability
-from feeddrive.export.cascade.beside import Lost, lost, table
-from feeddrive.export.cascade.quantities import Cascade, DriveTrain, drive_train, read_cascade
-from feeddrive.export.cascade.safety import SAFETY, kv_lines
 from feeddrive.export.design import MACHINE_FILE, Design
 from feeddrive.export.linuxcnc_pid.mapping import stock_law, stock_loop
 from feeddrive.export.manifest import FILE, manifest_text
 from feeddrive.export.parameters import generic, linuxcnc
 from feeddrive.export.parameters.maker import NOT_CHECKED, Line, Maker, lines_of
 from feeddrive.export.parameters.odrive import ODRIVE
+from feeddrive.export.parameters.quantities import SAFETY, Cascade, DriveTrain, drive_train, kv_lines, read_cascade
 from feeddrive.export.parameters.sinumerik import SINUMERIK
 from feeddrive.export.parameters.twincat import TWINCAT
+from feeddrive.export.parameters.unsupported import Lost, lost, table
 from feeddrive.files.atomic_io import new_directory
 from feeddrive.language import tree
 from feeddrive.language.errors import ParameterError

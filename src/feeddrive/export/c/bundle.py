@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from feeddrive.export.c.header_only import header_only
-from feeddrive.export.c.selftest import SAMPLES, self_test
+from feeddrive.export.c.programs import SAMPLES, self_test
 from feeddrive.export.c.text import texts
 from feeddrive.export.design import CONTROL, MACHINE_FILE, Design
 from feeddrive.export.manifest import FILE, manifest_text, rules_table

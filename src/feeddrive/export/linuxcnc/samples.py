@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from feeddrive.export.linuxcnc import controller, names
-from feeddrive.export.linuxcnc.halrun import HalRun, halrun
-from feeddrive.export.linuxcnc.names import hal
+from feeddrive.export.linuxcnc import component, controller
+from feeddrive.export.linuxcnc.component import hal
+from feeddrive.export.linuxcnc.session import HalRun, halrun
 from feeddrive.loop.routine import Routine
 
 OUTPUTS = {
@@ -66,7 +66,7 @@ def answers(
             rows[:, i] *= units_per_m
     rows = np.column_stack([rows, *(also or {}).values()])
     return halrun(
-        [directory / f"{routine.name}.comp"], folder, period or names.period(routine), wiring, rows,
+        [directory / f"{routine.name}.comp"], folder, period or component.period(routine), wiring, rows,
         "".join("b" if pin == "enable" or pin in (also or {}) else "f" for pin in pins),
         "".join(kind for _, kind in taken), meanwhile=meanwhile, at_end=at_end, paced=paced, patience=patience,
     )  # fmt: skip
