@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
+from feeddrive.blocks.plant.transmission import radians_per_metre
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.table import Table
 
@@ -43,7 +44,7 @@ def lever(lead: float, gear: float = 1.0) -> float:
     """Travel of the table per rad of the motor, m/rad; lead in m, gear in turns of the motor per turn of the screw."""
     if not (math.isfinite(lead) and lead > 0.0 and math.isfinite(gear) and gear > 0.0):
         raise ParameterError(f"lead = {lead:g} m and gear = {gear:g} must be > 0")
-    return lead / (2.0 * math.pi * gear)
+    return 1.0 / (gear * float(radians_per_metre(lead)))
 
 
 def power(unit: str) -> int:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -16,6 +15,7 @@ from feeddrive.files.formats import OpenedFile
 from feeddrive.files.frf import encoders, names_frequency, read_frfs
 from feeddrive.files.machine import read_machine
 from feeddrive.files.messages import nearest, sentence
+from feeddrive.identification.estimate import lever
 from feeddrive.identification.response.fit_axis import AxisFits, fit_axis
 from feeddrive.identification.response.modal_fit import ModalFit, fit_modes
 from feeddrive.language import tree, units
@@ -145,7 +145,7 @@ def _fit(
         held=not request.measured_input,
         band=band,
         force_per_unit=request.force_constant,
-        travel_per_unit=None if request.lead is None else request.lead / (2.0 * math.pi * request.gear),
+        travel_per_unit=None if request.lead is None else lever(request.lead, request.gear),
         step=progress.step,
     )
 

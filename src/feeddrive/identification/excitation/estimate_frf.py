@@ -1,4 +1,4 @@
-"""One door to all estimators of frequency responses: it takes the one that fits the excitation."""
+"""Frequency responses from records: the estimator that fits the excitation is taken."""
 
 from __future__ import annotations
 

@@ -69,7 +69,7 @@ def find_delay(log: MotionLog, *, friction: str = "directional", how: Preparatio
     delays = np.arange(-REACH, REACH + 1)
     base = prepare(log, how)
     columns = columns_of(base, friction)
-    columns = columns[:, np.any(columns != 0.0, axis=0)]  # of a motion in one direction the other's friction is none
+    columns = columns[:, np.any(columns != 0.0, axis=0)]  # a motion in one direction has no friction of the other
     basis = np.linalg.qr(columns)[0]
     forces = [base.force_with(log.force, HOLD + d) for d in delays]
     residual = np.array([_left(basis, force) for force in forces])

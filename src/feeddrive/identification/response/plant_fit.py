@@ -12,7 +12,7 @@ from feeddrive.blocks.actuator.actuator import Actuator
 from feeddrive.blocks.families import Plant
 from feeddrive.identification.estimate import Estimate, estimates_table
 from feeddrive.identification.response.agreement import Agreement, advice, agreement, blind, entangled
-from feeddrive.identification.response.refine import STEPS, Refined, Unknown, beside, refine
+from feeddrive.identification.response.refine import STEPS, Refined, Unknown, covariances_at, refine
 from feeddrive.identification.response.traced_plant import SensorLines, TracedPlant
 from feeddrive.identification.response.units import ResponseUnits
 from feeddrive.language import tree
@@ -223,7 +223,7 @@ def _covariance(
     """Robust and plain, of all that was sought; what was given up, at its value, counts as unknown."""
     every = [*names, *gone]
     at = np.concatenate([found.values, [*gone.values()]])
-    both = beside(
+    both = covariances_at(
         task.model(every), task.unknowns(every), task.frfs, at,
         logarithmic=not weighted, model_error=found.model_error,
     )  # fmt: skip

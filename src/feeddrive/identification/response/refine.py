@@ -110,7 +110,7 @@ def refine(
     steps: int = STEPS,
     model_error: float = 0.0,
 ) -> Refined:
-    """Gauss-Newton with Levenberg's damping from `start` (default: that of the unknowns) on the lines in `use`.
+    """Gauss-Newton steps with Levenberg's damping from `start` (default: that of the unknowns) on the lines in `use`.
 
     The cost is Σ ρ(r), ρ = 2 s² c² (√(1 + (r/sc)²) - 1), c = 2, s the median size of the residuals: a square for all
     but lines that lie far off, which pull with bounded force.  Where the variances are known and the model is not as
@@ -287,7 +287,7 @@ def _descend(
     return Refined(values, covariance, ols, slopes, tuple(whole), _spread(r), 0.0, loose & ~free, settled)
 
 
-def beside(
+def covariances_at(
     model: Model,
     unknowns: Sequence[Unknown],
     responses: Sequence[FRF],

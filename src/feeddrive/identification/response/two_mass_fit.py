@@ -43,7 +43,7 @@ def fit_plant(
     force_per_unit: float | None = None,
     travel_per_unit: float | None = None,
 ) -> PlantFit:
-    """Any plant of the house, from its own values as the start, brought onto responses of motor and load encoder.
+    """Any plant block, from its own values as the start, fitted to the responses of motor and load encoder.
 
         x/f = e^(-s·dead_time) / (1 + s/ω) · Sᵢ (M s² + C s + K)⁻¹ S_driveᵀ,   both responses together
 
