@@ -31,7 +31,6 @@ from feeddrive.language.errors import ParameterError, StructureError
 from feeddrive.language.graph import reachable
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.control import Control
-from feeddrive.loop.engine import c
 from feeddrive.loop.gradient import gradient
 from feeddrive.loop.linearize import linearize
 from feeddrive.loop.loop import SETPOINT, Loop, Signals
@@ -39,6 +38,7 @@ from feeddrive.loop.machine import Machine
 from feeddrive.loop.runner import Prepared, Work
 from feeddrive.loop.simulate import simulate, simulate_batch, stream
 from feeddrive.loop.trace import concrete
+from loop import c_loop as c
 from loop import engine_loops as loops
 
 T, COUNT = 2e-4, 750

@@ -25,7 +25,6 @@ from feeddrive.language.graph import Graph, Symbol
 from feeddrive.language.ring import History, Ring
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.control import Control
-from feeddrive.loop.engine import c
 from feeddrive.loop.engine.native import native
 from feeddrive.loop.engine.plan import plan
 from feeddrive.loop.gradient import gradient
@@ -35,6 +34,7 @@ from feeddrive.loop.loop import Loop, Signals
 from feeddrive.loop.runner import Prepared, Work
 from feeddrive.loop.simulate import simulate, simulate_batch, stream
 from feeddrive.loop.trace import Carried, Program, concrete
+from loop import c_loop as c
 from loop.engine_loops import Saw, Sway, compiled
 
 T = 2e-4
