@@ -17,7 +17,7 @@ from rounds import machine, measure, ratio, table
 from scipy import signal
 
 import feeddrive as fd
-from feeddrive.analysis.opened import opened
+from feeddrive.analysis.loop_model import loop_model
 from feeddrive.report import build
 from feeddrive.workflow import jobs
 
@@ -77,7 +77,7 @@ def margins_of(loop: fd.Loop) -> None:
 
 def response_of(loop: fd.Loop) -> None:
     """The frequency response of a sampled model of the loop, cut at the force."""
-    both = opened(loop)
+    both = loop_model(loop)
     model = fd.linearize(loop, ["cut"], ["force"])
     frequency = np.geomspace(1.0, 0.49 / loop.sample_time, LINES)
     w = 2.0 * np.pi * frequency * loop.sample_time

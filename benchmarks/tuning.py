@@ -34,17 +34,20 @@ def main() -> None:
 
     def one() -> fd.tuning.Tuned:
         return fd.tune(
-            loop.control, fd.tuning.measured_site(motor, sample_time=T), limits=fd.tuning.Limits(), filters="kept"
+            loop.control, fd.tuning.measured_point(motor, sample_time=T), limits=fd.tuning.Limits(), filters="kept"
         )
 
     def two() -> fd.tuning.Tuned:
         return fd.tune(
-            loop.control, fd.tuning.measured_site(load, motor, sample_time=T), limits=fd.tuning.Limits(), filters="kept"
+            loop.control,
+            fd.tuning.measured_point(load, motor, sample_time=T),
+            limits=fd.tuning.Limits(),
+            filters="kept",
         )
 
     def four(filters: str) -> fd.tuning.Tuned:
-        site = fd.tuning.measured_site(load, motor, disturbance=(struck, back), sample_time=T)
-        return fd.tune(loop.control, site, limits=limits, filters=filters)
+        point = fd.tuning.measured_point(load, motor, disturbance=(struck, back), sample_time=T)
+        return fd.tune(loop.control, point, limits=limits, filters=filters)
 
     cases = {
         "one response (one encoder), three gains": one,

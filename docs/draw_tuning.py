@@ -10,7 +10,7 @@ import feeddrive as fd
 from feeddrive import plot
 
 
-def measured(loop: fd.Loop, random: np.random.Generator) -> fd.tuning.Site:
+def measured(loop: fd.Loop, random: np.random.Generator) -> fd.tuning.OperatingPoint:
     """Two encoders, drive and hammer, one per cent of noise on each of 2000 lines."""
     lines = np.arange(1.0, 2001.0)
     model = fd.linearize(loop, ["cut", "load_force"], ["reading_load", "reading_motor"])
@@ -23,7 +23,7 @@ def measured(loop: fd.Loop, random: np.random.Generator) -> fd.tuning.Site:
             variance = (0.01 * np.abs(true)) ** 2
             found[source, reading] = fd.FRF(lines, values, source, reading, "m/N", loop.sample_time, variance=variance)
     struck = (found["load_force", "reading_load"], found["load_force", "reading_motor"])
-    return fd.tuning.measured_site(
+    return fd.tuning.measured_point(
         found["cut", "reading_load"], found["cut", "reading_motor"], disturbance=struck, sample_time=loop.sample_time
     )
 
@@ -31,10 +31,10 @@ def measured(loop: fd.Loop, random: np.random.Generator) -> fd.tuning.Site:
 def main() -> None:
     """Draw it."""
     loop = fd.read_machine("ball_screw").loop("x")
-    site = measured(loop, np.random.default_rng(0))
+    point = measured(loop, np.random.default_rng(0))
     limits = fd.tuning.Limits(sensitivity_peak=2.0, compliance_peak=0.2e-6)
-    free = fd.tune(loop.control, site, limits=limits, filters="placed")
-    soft = fd.tune(loop.control, site, goal="bandwidth", limits=limits, filters="kept")
+    free = fd.tune(loop.control, point, limits=limits, filters="placed")
+    soft = fd.tune(loop.control, point, goal="bandwidth", limits=limits, filters="kept")
     curves = {
         "today": free.before[0],
         "for bandwidth, gains alone": soft.after[0],

@@ -23,14 +23,14 @@ def measured(source: str, reading: str) -> fd.FRF:
 
 load, motor = measured("cut", "reading_load"), measured("cut", "reading_motor")
 hammer = (measured("load_force", "reading_load"), measured("load_force", "reading_motor"))
-site = fd.tuning.measured_site(load, motor, disturbance=hammer, sample_time=T)
+point = fd.tuning.measured_point(load, motor, disturbance=hammer, sample_time=T)
 
-rule = fd.tuning.margin_goals(site, loop.control, goal="robust")
+rule = fd.tuning.margin_goals(point, loop.control, goal="robust")
 print(f"by rule: Kv {rule.law.Kv:.0f} 1/s, Kp {rule.law.Kp:.0f} N s/m, Tn {1e3 * rule.law.Tn:.1f} ms")
 
 limits = fd.tuning.Limits(sensitivity_peak=2.0, compliance_peak=0.2e-6)
 for filters in ("kept", "free", "placed"):
-    found = fd.tune(loop.control, site, limits=limits, filters=filters)
+    found = fd.tune(loop.control, point, limits=limits, filters=filters)
     true = dataclasses.replace(loop, control=found.control)
     margins = fd.margins(fd.loop_gain(true, np.geomspace(1.0, 9999.0, 6000)))
     print(f"filters {filters}: rope snap {1e9 * found.after[0].rope_snap:.2f} nm s^1/2/N as measured")

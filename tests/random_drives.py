@@ -8,12 +8,12 @@ from typing import NamedTuple
 import numpy as np
 
 import feeddrive as fd
-from feeddrive.analysis.opened import opened
+from feeddrive.analysis.loop_model import loop_model
 from feeddrive.language.errors import NotIdentifiableError, UnstableError
-from feeddrive.tuning.shaping.limits import Limits
-from feeddrive.tuning.shaping.shape import tune
-from feeddrive.tuning.shaping.shaped_loop import Tuned
-from feeddrive.tuning.shaping.site import measured_site
+from feeddrive.tuning.limits import Limits
+from feeddrive.tuning.operating_point import measured_point
+from feeddrive.tuning.tune import tune
+from feeddrive.tuning.tuned import Tuned
 
 PERIODS = 10
 
@@ -92,17 +92,17 @@ def outcome(seed: int, confidence: float = 0.95) -> Outcome:
     random = np.random.default_rng(seed)
     loop, limits = drive(random)
     load, motor = measured(loop, random)
-    site = measured_site(load, motor, sample_time=float(loop.sample_time))
+    point = measured_point(load, motor, sample_time=float(loop.sample_time))
     assert load.coherence is not None
     try:
-        shaped = tune(loop.control, site, limits=limits, filters="kept", starts=1, confidence=confidence)
+        shaped = tune(loop.control, point, limits=limits, filters="kept", starts=1, confidence=confidence)
     except (NotIdentifiableError, UnstableError) as error:
         # up to where it was good: three times the crossover that a perfect measurement gives
         true = tune(loop.control, loop, limits=limits, filters="kept", starts=1)
         crossover = true.after[0].margins.gain_crossovers[-1].frequency
         return Outcome(str(error), None, False, False, _coherent(load, crossover))
     tuned = replace(loop, control=shaped.control)
-    both = opened(tuned)
+    both = loop_model(tuned)
     stable = bool(np.abs(both.closed.poles()[0]) < 1.0)
     m = fd.margins(both.loop_gain(both.lines(400)))
     holds = stable and m.sensitivity_peak <= 2.0

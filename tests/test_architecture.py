@@ -40,7 +40,7 @@ FLOORS = [
 ]
 # arrows that still run up and are on their way out
 PENDING = {}
-PENDING_CIRCLES = [["feeddrive.tuning.shaping.shaped_loop", "feeddrive.tuning.shaping.words"]]
+PENDING_CIRCLES: list[list[str]] = []
 # Blocks that are part of a step, and so are traced; those of reference/ and load/ are sampled and may use numpy.
 TRACED = [
     "actuator",

@@ -18,7 +18,7 @@ from feeddrive.analysis.measured_loop import measured_loop as measured_loop
 from feeddrive.analysis.stability import stability as stability
 from feeddrive.analysis.stiffness import stiffness as stiffness
 from feeddrive.certificate.certify import certify as certify
-from feeddrive.comparison.arena import compare as compare
+from feeddrive.comparison.compare import compare as compare
 from feeddrive.export.targets import write_export as write_export
 from feeddrive.export.verify import verify as verify
 from feeddrive.files.frf import read_frf as read_frf
@@ -46,7 +46,7 @@ from feeddrive.loop.machine import Machine as Machine
 from feeddrive.loop.simulate import simulate as simulate
 from feeddrive.loop.simulate import simulate_batch as simulate_batch
 from feeddrive.loop.simulate import stream as stream
-from feeddrive.tuning.shaping.shape import tune as tune
+from feeddrive.tuning.tune import tune as tune
 from feeddrive.version import __version__ as __version__
 from feeddrive.workflow.certificate_file import read_certificate as read_certificate
 from feeddrive.workflow.certificate_file import write_certificate as write_certificate

@@ -9,8 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from feeddrive.analysis.margins import margins
-from feeddrive.analysis.sensitivity import complementary_sensitivity, sensitivity
+from feeddrive.analysis.margins import complementary_sensitivity, margins, sensitivity
 from feeddrive.language.errors import ParameterError
 from feeddrive.loop.frequency_response import FRF
 

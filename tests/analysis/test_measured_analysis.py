@@ -9,11 +9,10 @@ import pytest
 
 import feeddrive as fd
 from feeddrive.analysis.conversion import as_frf
-from feeddrive.analysis.encirclement import encirclement
+from feeddrive.analysis.loop_model import loop_model
 from feeddrive.analysis.margin_intervals import FIGURES, margin_intervals
-from feeddrive.analysis.margins import margins
-from feeddrive.analysis.opened import opened
-from feeddrive.analysis.sensitivity import sensitivity
+from feeddrive.analysis.margins import margins, sensitivity
+from feeddrive.analysis.stability import encirclement
 from feeddrive.analysis.stiffness import stiffness
 from feeddrive.blocks.actuator.actuator import Actuator
 from feeddrive.blocks.controller.cascade_ppi import CascadePPI
@@ -63,7 +62,7 @@ def test_encirclements_count_the_poles_of_rational_loops() -> None:
 @pytest.mark.parametrize("Kv", [10.0, 80.0, 400.0])
 def test_encirclements_of_sampled_loops_agree_with_their_poles(Kp: float, Kv: float) -> None:
     """With nothing said of the integrators: P-PI on a free axis, sampled, with dead time and lag, up to Nyquist."""
-    made = opened(loop(Kv, Kp, 0.02))
+    made = loop_model(loop(Kv, Kp, 0.02))
     L = made.loop_gain(made.lines(200))
     growing = int(np.sum(np.abs(made.closed.poles()) > 1.0 + 1e-9))
     found = encirclement(L)
@@ -107,7 +106,7 @@ def test_intervals_hold_the_true_margins(lines: int, noise: float) -> None:
 
     Measured over 300 of each it is 92.7 to 98.3 %, and the deviation of a share of 120 is 2 %.
     """
-    made = opened(loop(60.0, 2.5e4, 0.02))
+    made = loop_model(loop(60.0, 2.5e4, 0.02))
     fine = np.geomspace(2.0, 1000.0, 20000)
     truth = margins(made.loop_gain(fine))
     f = np.geomspace(2.0, 1000.0, lines)
@@ -177,7 +176,7 @@ def test_objects_of_python_control_go_in_and_out() -> None:
 
 
 def test_a_model_of_the_house_goes_in() -> None:
-    made = opened(loop(40.0, 3e4, 0.02))
+    made = loop_model(loop(40.0, 3e4, 0.02))
     f = np.geomspace(1.0, 2000.0, 300)
     assert np.array_equal(as_frf(made.open, f).response, made.open.response(f).response)
 
@@ -192,7 +191,7 @@ def test_a_variance_that_is_zero_leaves_no_room() -> None:
 
 def test_a_line_that_is_zero_at_nyquist_does_not_end_the_smoothing() -> None:
     """A sampled loop gain may vanish there, and its noise with it: 28 powers of ten between two neighbors."""
-    made = opened(loop(60.0, 2.5e4, 0.02))
+    made = loop_model(loop(60.0, 2.5e4, 0.02))
     f = np.geomspace(2.0, 2000.0, 400)
     L = made.loop_gain(f)
     zero = replace(L, response=np.append(L.response[:-1], 1e-23))
@@ -202,7 +201,7 @@ def test_a_line_that_is_zero_at_nyquist_does_not_end_the_smoothing() -> None:
 
 def test_a_delay_margin_that_jumps_is_not_sure() -> None:
     """A resonance that just reaches |L| = 1 has a delay margin of its own or none; the interval holds both."""
-    made = opened(loop(60.0, 6e4, 0.02))
+    made = loop_model(loop(60.0, 6e4, 0.02))
     f = np.geomspace(2.0, 1000.0, 500)
     L = made.loop_gain(f)
     first, last = (c.delay_margin for c in (lambda all_: (all_[0], all_[-1]))(margins(L).gain_crossovers))

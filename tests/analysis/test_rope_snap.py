@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from feeddrive.analysis.effort import effort
-from feeddrive.analysis.opened import opened
-from feeddrive.analysis.recovery import force_noise, rope_snap, rope_snap_of_lines
-from feeddrive.analysis.sums import summed
+from feeddrive.analysis.loop_model import loop_model
+from feeddrive.analysis.stiffness import force_noise, rope_snap, rope_snap_of_lines, summed
 from feeddrive.blocks.controller.cascade_ppi import CascadePPI
 from feeddrive.blocks.controller.dadsc import DADSC
 from feeddrive.blocks.plant.rigid import Rigid
@@ -41,14 +40,14 @@ def test_rope_snap_of_a_triple_pole(p: float, mass: float) -> None:
     """C = s/(m (s + p)³) gives ISE = 3/(16 m² p⁵); sampling changes it in the order of pT, here 1 % and less."""
     loop = rigid(dadsc(p), T=0.002 / p)
     expected = np.sqrt(3.0 / 16.0) / mass * p**-2.5
-    assert rope_snap(opened(loop).closed) == pytest.approx(expected, rel=0.01)
+    assert rope_snap(loop_model(loop).closed) == pytest.approx(expected, rel=0.01)
 
 
 @pytest.mark.parametrize("name", ["ball_screw", "linear_motor"])
 def test_the_sum_over_samples_is_the_integral_over_frequency(name: str) -> None:
     """Parseval, to the error of the trapezoidal rule on 400 lines a decade."""
     loop = read_machine(name).loop("x")
-    both = opened(loop)
+    both = loop_model(loop)
     lines = both.lines(400)
     soft = compliance(loop, lines).response
     assert rope_snap(both.closed) == pytest.approx(rope_snap_of_lines(lines, soft, loop.sample_time), rel=1e-3)
@@ -56,16 +55,16 @@ def test_the_sum_over_samples_is_the_integral_over_frequency(name: str) -> None:
 
 def test_rope_snap_of_the_baseline_of_gordon_and_erkorkmaz() -> None:
     """P-PI on their truth plant: 9.1e-9 m s^½/N, given to two digits (and with a continuous lag of the encoder)."""
-    assert rope_snap(opened(read_machine("ball_screw").loop("x")).closed) == pytest.approx(9.1e-9, rel=0.015)
+    assert rope_snap(loop_model(read_machine("ball_screw").loop("x")).closed) == pytest.approx(9.1e-9, rel=0.015)
 
 
 def test_without_an_integral_the_axis_does_not_come_back() -> None:
-    assert rope_snap(opened(rigid(CascadePPI(Kv=40.0, Kp=1e4))).closed) == np.inf
+    assert rope_snap(loop_model(rigid(CascadePPI(Kv=40.0, Kp=1e4))).closed) == np.inf
 
 
 def test_an_unstable_loop_has_no_figure() -> None:
     with pytest.raises(UnstableError, match="does not end"):
-        rope_snap(opened(rigid(CascadePPI(Kv=40.0, Kp=1e7, Tn=0.01))).closed)
+        rope_snap(loop_model(rigid(CascadePPI(Kv=40.0, Kp=1e7, Tn=0.01))).closed)
 
 
 def test_the_sum_by_doubling_solves_the_lyapunov_equation() -> None:
@@ -81,7 +80,7 @@ def test_the_sum_by_doubling_solves_the_lyapunov_equation() -> None:
 def test_a_loop_that_is_opened_and_closed_is_the_loop(name: str) -> None:
     """Poles, loop gain and compliance are those of `linearize`, `loop_gain` and `compliance`, to rounding."""
     loop = read_machine(name).loop("x")
-    both = opened(loop)
+    both = loop_model(loop)
     f = np.geomspace(1.0, 2000.0, 50)
     assert np.allclose(both.loop_gain(f).response, loop_gain(loop, f).response, rtol=1e-9)
     closed = both.closed.response(f, "position_load", "load_force").response
@@ -94,7 +93,7 @@ def test_noise_in_the_force_is_what_a_run_shows() -> None:
     """White noise of 50 nm on the reading, without counts: RMS over 20000 samples, 3 % being four of its deviations."""
     loop = rigid(CascadePPI(Kv=40.0, Kp=1e4, Tn=0.02), encoder=Encoder(noise=50e-9))
     run = simulate(loop, STILL, duration=2.0, seed=3, record=["force"])
-    expected = force_noise(opened(loop).closed, 0.0, 50e-9, shared=True)
+    expected = force_noise(loop_model(loop).closed, 0.0, 50e-9, shared=True)
     assert np.std(run["force"][2000:]) == pytest.approx(expected, rel=0.03)
 
 
@@ -102,12 +101,12 @@ def test_noise_in_the_force_of_a_p_law() -> None:
     """F = -G x(k) + D x(k-1) of white noise alone is √(G² + D²) σ, if the axis is too heavy to answer."""
     Kv, Kp, T = 40.0, 1e4, 1e-4
     loop = rigid(CascadePPI(Kv=Kv, Kp=Kp), T=T, mass=1e9)
-    model = opened(loop).open
+    model = loop_model(loop).open
     gain, difference = Kp * (Kv + 1.0 / T), Kp / T
     through = model.D[model.outputs.index("force")][model.inputs.index("reading_load")]
     also = model.D[model.outputs.index("force")][model.inputs.index("reading_motor")]
     assert abs(through + also) == pytest.approx(gain, rel=1e-12)
-    assert force_noise(opened(loop).closed, 0.0, 1e-9, shared=True) == pytest.approx(
+    assert force_noise(loop_model(loop).closed, 0.0, 1e-9, shared=True) == pytest.approx(
         1e-9 * np.hypot(gain, difference), rel=1e-3
     )
 

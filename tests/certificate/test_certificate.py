@@ -11,10 +11,9 @@ import pytest
 import feeddrive as fd
 from feeddrive.certificate import check
 from feeddrive.certificate.deployed import deployed, rounded
-from feeddrive.certificate.discs import deviations, given
-from feeddrive.certificate.responses import LoopResponse
+from feeddrive.certificate.discs import LoopResponse, deviations, given
 from feeddrive.language.errors import NotCertifiedError, ParameterError
-from feeddrive.tuning.shaping.control_response import ControlResponse
+from feeddrive.tuning.control_response import ControlResponse
 
 Held = dict[str, list[list[str]]]
 

@@ -196,8 +196,8 @@ def test_a_fit_of_modes_knows_the_hold_of_a_file_that_does_not_state_it() -> Non
     load, motor = (
         fd.FRF(lines, model.response(lines, each, "cut").response, "force", each, "m/N") for each in model.outputs
     )
-    site = fd.tuning.measured_site(load, motor, sample_time=T)
-    made, words = tune_sources._on_the_table(site, None, load, motor, T)
+    point = fd.tuning.measured_point(load, motor, sample_time=T)
+    made, words = tune_sources._on_the_table(point, None, load, motor, T)
     assert not made.at_drive, words
     off = float(words[0].split("within ")[1].split(" %")[0])
     assert off < 5.0, words  # what 250 lines and four modes leave; 56 without the hold

@@ -1,4 +1,4 @@
-"""The arena: today's gains first, the rule kept, places by figures, and a report that shows who loses where."""
+"""The comparison of laws: today first, the rule kept, places by figures, and a report that shows who loses where."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ import pytest
 
 from feeddrive.analysis.stability import stability
 from feeddrive.blocks.reference.snap_limited_move import SnapLimitedMove
-from feeddrive.comparison.arena import PLAIN, TODAY, Comparison, compare
-from feeddrive.comparison.criteria import CRITERIA, Criterion, ranks
-from feeddrive.comparison.results import write_arena
-from feeddrive.comparison.work import work_of
+from feeddrive.comparison.compare import PLAIN, TODAY, Comparison, compare
+from feeddrive.comparison.duty import duty_of
+from feeddrive.comparison.figures import CRITERIA, Criterion, ranks
+from feeddrive.comparison.report import write_comparison
 from feeddrive.files.machine import MachineFile, read_machine
 from feeddrive.language import tree
 from feeddrive.language.errors import ParameterError
@@ -84,7 +84,7 @@ def test_laws_that_do_not_fit_are_named_with_the_reason(found: Comparison) -> No
 
 
 def test_the_directory_holds_what_it_promises(found: Comparison, tmp_path: Path) -> None:
-    report = write_arena(found, tmp_path / "out")
+    report = write_comparison(found, tmp_path / "out")
     page = report.read_text(encoding="utf-8")
     assert report.stat().st_size < 1_000_000
     for text in (
@@ -116,7 +116,7 @@ def test_unstable_gains_are_a_first_row_that_says_so(tmp_path: Path) -> None:
     assert "tracking_error_rms_m" not in first.figures
     assert "unstable" in found.remarks[0]
     assert found[PLAIN].figures["rope_snap_ISE_root_m_per_N"] == pytest.approx(0.9e-9, rel=0.03)
-    assert "unstable" in write_arena(found, tmp_path / "out").read_text(encoding="utf-8")
+    assert "unstable" in write_comparison(found, tmp_path / "out").read_text(encoding="utf-8")
 
 
 def test_a_law_that_nobody_knows_is_refused() -> None:
@@ -139,13 +139,13 @@ def test_places() -> None:
 
 def test_the_work_follows_the_limits_of_the_machine() -> None:
     """On the ball screw it is the move of Gordon & Erkorkmaz: 300 mm, 1 m/s, 10 m/s², 800 m/s³, 8e4 m/s⁴."""
-    move = work_of(read_machine("ball_screw").loop("x")).move
+    move = duty_of(read_machine("ball_screw").loop("x")).move
     assert isinstance(move, SnapLimitedMove)
     assert (move.distance, *move.limits()) == (0.3, 1.0, 10.0, 800.0, 8e4)
     # an axis whose dry friction is large is pulled harder, so that it moves
-    assert work_of(read_machine("emps").loop("x")).force == pytest.approx(100.0, rel=0.02)
+    assert duty_of(read_machine("emps").loop("x")).force == pytest.approx(100.0, rel=0.02)
     with pytest.raises(ParameterError, match="force > 0"):
-        work_of(read_machine("emps").loop("x"), force=-1.0)
+        duty_of(read_machine("emps").loop("x"), force=-1.0)
 
 
 def test_the_pictures_are_drawn(found: Comparison) -> None:
@@ -163,7 +163,7 @@ def test_the_pictures_are_drawn(found: Comparison) -> None:
 @pytest.mark.parametrize(("name", "axis"), [("ball_screw", "x"), ("mill", "x"), ("emps", "x")])
 def test_every_bundled_machine(name: str, axis: str, tmp_path: Path) -> None:
     found = compare(read_machine(name), axis, starts=1)
-    assert write_arena(found, tmp_path / "out").is_file()
+    assert write_comparison(found, tmp_path / "out").is_file()
     for each in found.competitors[1:]:
         assert each.figures["sensitivity_peak"] <= 2.001, each.name
     if name == "ball_screw":

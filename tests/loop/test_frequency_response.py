@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import feeddrive as fd
-from feeddrive.analysis.sensitivity import complementary_sensitivity, sensitivity
+from feeddrive.analysis.margins import complementary_sensitivity, sensitivity
 from feeddrive.language.errors import ParameterError
 from feeddrive.loop.frequency_response import FRF
 

@@ -29,7 +29,7 @@ from feeddrive.blocks.plant.mode import Mode
 from feeddrive.blocks.plant.two_bodies import two_mass_model
 from feeddrive.blocks.plant.two_mass import TwoMass
 from feeddrive.blocks.signals import Reading, Setpoint
-from feeddrive.comparison.arena import compare
+from feeddrive.comparison.compare import compare
 from feeddrive.files.machine import read_machine
 from feeddrive.language import tree
 from feeddrive.language.block import parameter
@@ -37,10 +37,10 @@ from feeddrive.language.errors import ParameterError, StructureError, UnstableEr
 from feeddrive.loop.linearize import loop_gain
 from feeddrive.loop.loop import Loop
 from feeddrive.tuning.candidates import axis_model, candidates
-from feeddrive.tuning.shaping.limits import Limits
-from feeddrive.tuning.shaping.shape import tune
-from feeddrive.tuning.shaping.shaped_loop import Tuned
-from feeddrive.tuning.shaping.tunables import law_tunables
+from feeddrive.tuning.limits import Limits
+from feeddrive.tuning.tunables import law_tunables
+from feeddrive.tuning.tune import tune
+from feeddrive.tuning.tuned import Tuned
 
 
 @pytest.fixture(scope="module")

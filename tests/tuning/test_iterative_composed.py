@@ -25,9 +25,8 @@ from feeddrive.loop.axis import Axis
 from feeddrive.loop.control import Control
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import simulate
-from feeddrive.tuning.compensated import begin_compensation, compensator
 from feeddrive.tuning.error_model import filtered, true_error_model
-from feeddrive.tuning.iterative_feedforward import iterate, regressors
+from feeddrive.tuning.iterative_feedforward import begin_compensation, compensator, iterate, regressors
 from feeddrive.tuning.trial import simulated_trial
 from feeddrive.tuning.trials import iterate_trials
 from trials import MOVE, OUT_AND_BACK, START, along, linear_loop

@@ -19,11 +19,9 @@ from feeddrive.blocks.reference.snap_limited_move import SnapLimitedMove
 from feeddrive.language import tree
 from feeddrive.language.errors import LogError, ParameterError, StructureError, UnstableError
 from feeddrive.loop.linearize import StateSpace
-from feeddrive.tuning.compensated import begin_compensation, compensated, compensator
-from feeddrive.tuning.convergence import convergence
 from feeddrive.tuning.error_model import error_model, filtered, true_error_model
-from feeddrive.tuning.iterative_feedforward import iterate, regressors
-from feeddrive.tuning.trials import iterate_trials
+from feeddrive.tuning.iterative_feedforward import begin_compensation, compensated, compensator, iterate, regressors
+from feeddrive.tuning.trials import convergence, iterate_trials
 from trials import (
     MOVE,
     OUT_AND_BACK,

@@ -9,6 +9,7 @@ import pytest
 
 import feeddrive as fd
 from feeddrive.language.errors import NotIdentifiableError, ParameterError
+from feeddrive.tuning.operating_point import measured_point
 from feeddrive.tuning.recipes import (
     GOALS,
     half_antiresonance,
@@ -16,7 +17,6 @@ from feeddrive.tuning.recipes import (
     margin_goals,
     symmetric_optimum,
 )
-from feeddrive.tuning.shaping.site import measured_site
 
 
 @pytest.fixture(scope="module")
@@ -44,9 +44,9 @@ def test_the_symmetric_optimum_is_symmetric() -> None:
     """A margin near atan a - atan 1/a; a dead time lowers no gain, so the crossover is √(1 + 1/a²) above 1/(aτ)."""
     loop = rigid(viscous=0.0)
     found = symmetric_optimum(loop, a=3.0)
-    site = fd.linearize(loop, ["cut"], ["reading_load"]).response(np.geomspace(10.0, 4999.0, 3000))
+    point = fd.linearize(loop, ["cut"], ["reading_load"]).response(np.geomspace(10.0, 4999.0, 3000))
     control = replace(loop.control, law=replace(found.law, Kv=1e-6))
-    m = fd.measured_loop(control, 1e-4, site).margins
+    m = fd.measured_loop(control, 1e-4, point).margins
     assert m.crossover == pytest.approx(np.sqrt(10.0 / 9.0) / (2.0 * np.pi * 3.0 * found.lag), rel=0.02)
     assert m.phase_margin_deg == pytest.approx(np.degrees(np.arctan(3.0) - np.arctan(1.0 / 3.0)), abs=2.0)
 
@@ -94,8 +94,8 @@ def test_from_a_measurement_as_from_the_model(screw: fd.Loop) -> None:
     lines = np.arange(2.0, 1500.0)
     model = fd.linearize(screw, ["cut"], ["reading_load", "reading_motor"])
     load, motor = (model.response(lines, output=name) for name in ("reading_load", "reading_motor"))
-    site = measured_site(load, motor, sample_time=float(screw.sample_time))
-    one, two = symmetric_optimum(site, screw.control), symmetric_optimum(screw)
+    point = measured_point(load, motor, sample_time=float(screw.sample_time))
+    one, two = symmetric_optimum(point, screw.control), symmetric_optimum(screw)
     assert one.law.Kp == pytest.approx(two.law.Kp, rel=0.03)
     assert "symmetric optimum" in str(one)
 
@@ -108,4 +108,4 @@ def test_what_has_no_mass_and_what_is_no_goal() -> None:
     lines = np.geomspace(1.0, 1000.0, 200)
     spring = fd.FRF(lines, np.full(lines.size, 1e-6 + 0j), unit="m/N")
     with pytest.raises(NotIdentifiableError, match="shows no mass"):
-        symmetric_optimum(measured_site(spring, sample_time=1e-4))
+        symmetric_optimum(measured_point(spring, sample_time=1e-4))

@@ -9,20 +9,20 @@ import pytest
 from scipy.optimize import minimize
 
 import feeddrive as fd
-from feeddrive.analysis.opened import opened
+from feeddrive.analysis.loop_model import loop_model
 from feeddrive.analysis.robustness import Robustness, robustness
 from feeddrive.language import tree
 from feeddrive.language.errors import NotIdentifiableError, ParameterError, UnstableError
 from feeddrive.tuning.candidates import candidates
-from feeddrive.tuning.shaping.answer import answer, encircles
-from feeddrive.tuning.shaping.control_response import ControlResponse
-from feeddrive.tuning.shaping.criteria import GOALS, Criteria
-from feeddrive.tuning.shaping.limits import Limits
-from feeddrive.tuning.shaping.quadratic import least_quadratic
-from feeddrive.tuning.shaping.shape import tune
-from feeddrive.tuning.shaping.site import Site, measured_site, modelled_site
-from feeddrive.tuning.shaping.smoothing import smoothed
-from feeddrive.tuning.shaping.tunables import law_tunables
+from feeddrive.tuning.closed_loop import answer, encircles
+from feeddrive.tuning.control_response import ControlResponse
+from feeddrive.tuning.criteria import GOALS, Criteria
+from feeddrive.tuning.limits import Limits
+from feeddrive.tuning.operating_point import OperatingPoint, measured_point, modelled_point
+from feeddrive.tuning.search import least_quadratic
+from feeddrive.tuning.smoothing import smoothed
+from feeddrive.tuning.tunables import law_tunables
+from feeddrive.tuning.tune import tune
 from random_drives import outcome
 
 LINES = np.geomspace(2.0, 9000.0, 120)
@@ -55,10 +55,10 @@ def responses(loop: fd.Loop, lines: np.ndarray, share: float, seed: int) -> dict
     return found
 
 
-def struck_site(loop: fd.Loop, share: float, seed: int = 0) -> Site:
+def struck_point(loop: fd.Loop, share: float, seed: int = 0) -> OperatingPoint:
     """2000 lines, 1 Hz apart."""
     found = responses(loop, np.arange(1.0, 2001.0), share, seed)
-    return measured_site(
+    return measured_point(
         found["cut", "reading_load"],
         found["cut", "reading_motor"],
         disturbance=(found["load_force", "reading_load"], found["load_force", "reading_motor"]),
@@ -71,8 +71,8 @@ def test_the_response_is_that_of_the_control_itself(screw: fd.Loop, index: int) 
     """Every law of the library, with its filters and compensation, against the linearised loop that runs."""
     design = candidates(screw)[0][index]
     loop = design.loop
-    site = modelled_site(loop)
-    part = site.chosen(np.arange(0, site.frequency.size, 11))
+    point = modelled_point(loop)
+    part = point.chosen(np.arange(0, point.frequency.size, 11))
     found = answer(part, ControlResponse(loop.control, float(loop.sample_time), ()).at((), part.frequency))
     gain, soft = fd.loop_gain(loop, part.frequency), fd.compliance(loop, part.frequency)
     assert np.max(np.abs(found.gain / gain.response - 1.0)) < 1e-6
@@ -84,9 +84,9 @@ def test_the_response_is_that_of_the_control_itself(screw: fd.Loop, index: int) 
 def test_slopes_are_those_of_differences(placement: fd.Loop, goal: str) -> None:
     names = (*(f"law.{n}" for n in placement.control.law.tunables), "filters.0.frequency", "filters.1.damping")
     limits = Limits(2.0, 6.0, 30.0, 5.0, 0.2e-6, 5.0, (1e-8, 1e-8))
-    site = modelled_site(placement)
+    point = modelled_point(placement)
     response = ControlResponse(placement.control, float(placement.sample_time), names)
-    criteria = Criteria((site.chosen(site.sparse()),), response, goal, limits, (3.0, 30.0))
+    criteria = Criteria((point.chosen(point.sparse()),), response, goal, limits, (3.0, 30.0))
     x = np.log([float(tree.get(placement.control, name)) for name in names])
     here = criteria(x)
     for i, step in enumerate(1e-5 * np.eye(x.size)):
@@ -107,14 +107,14 @@ def test_encirclement_says_what_poles_say(screw: fd.Loop, placement: fd.Loop) ->
     random = np.random.default_rng(3)
     counts = [0, 0]
     for loop in (screw, placement):
-        site = modelled_site(loop)
+        point = modelled_point(loop)
         names = tuple(f"axis.x.control.law.{name}" for name in loop.control.law.tunables)
         for _ in range(40):
             changes = {n: float(tree.get(loop, n)) * float(np.exp(random.uniform(-0.3, 1.0))) for n in names}
             other = tree.vary(loop, changes)
-            stable = bool(np.abs(opened(other).closed.poles()[0]) < 1.0)
-            response = ControlResponse(other.control, float(loop.sample_time), ()).at((), site.frequency)
-            assert encircles(answer(site, response)) is not stable, changes
+            stable = bool(np.abs(loop_model(other).closed.poles()[0]) < 1.0)
+            response = ControlResponse(other.control, float(loop.sample_time), ()).at((), point.frequency)
+            assert encircles(answer(point, response)) is not stable, changes
             counts[stable] += 1
     assert min(counts) > 10
 
@@ -124,18 +124,18 @@ def test_encirclement_counts_what_integrates_on_a_measured_axis(screw: fd.Loop) 
     design = next(each for each in candidates(screw)[0] if each.name == "P-PI + recovery")
     loop = design.loop
     found = responses(screw, np.arange(1.0, 2001.0), 0.02, 1)
-    site = measured_site(found["cut", "reading_load"], found["cut", "reading_motor"], sample_time=5e-5)
+    point = measured_point(found["cut", "reading_load"], found["cut", "reading_motor"], sample_time=5e-5)
     random, counts = np.random.default_rng(1), [0, 0]
     for _ in range(40):
         names = [f"control.{name}" for name in law_tunables(loop.control)]
         changes = {n: float(tree.get(loop, n)) * float(np.exp(random.uniform(-3.0, 0.7))) for n in names}
         other = tree.vary(loop, changes)
-        largest = float(np.abs(opened(other).closed.poles()[0]))
+        largest = float(np.abs(loop_model(other).closed.poles()[0]))
         if abs(largest - 1.0) < 1e-4:
             continue  # slower than the lines: 0.3 Hz
-        response = ControlResponse(other.control, 5e-5, ()).at((), site.frequency)
-        assert encircles(answer(site, response)) is not (largest < 1.0), changes
-        backward = replace(site, by_force=-site.by_force)
+        response = ControlResponse(other.control, 5e-5, ()).at((), point.frequency)
+        assert encircles(answer(point, response)) is not (largest < 1.0), changes
+        backward = replace(point, by_force=-point.by_force)
         assert encircles(answer(backward, response)), "an axis that moves against its force"
         counts[largest < 1.0] += 1
     assert min(counts) >= 3
@@ -151,9 +151,9 @@ def test_margins_know_the_noise_of_their_crossover(screw: fd.Loop) -> None:
     for seed in range(100):
         found = responses(screw, lines, 0.01, seed)
         bare = {key: replace(frf, variance=None) for key, frf in found.items()}
-        site = measured_site(bare["cut", "reading_load"], bare["cut", "reading_motor"], sample_time=5e-5)
-        site = replace(site, variance=(0.01 * np.abs(site.by_force)) ** 2)
-        bounds = Criteria((site,), response, "bandwidth", limits, (0.0, np.inf))(np.zeros(0)).bounds
+        point = measured_point(bare["cut", "reading_load"], bare["cut", "reading_motor"], sample_time=5e-5)
+        point = replace(point, variance=(0.01 * np.abs(point.by_force)) ** 2)
+        bounds = Criteria((point,), response, "bandwidth", limits, (0.0, np.inf))(np.zeros(0)).bounds
         for kind in {bound.kind for bound in bounds}:
             lowest = min((bound for bound in bounds if bound.kind == kind), key=lambda bound: bound.frequency)
             slacks.setdefault(kind, []).append(lowest.slack)
@@ -226,16 +226,16 @@ def test_every_start_ends_at_the_same_place(screw: fd.Loop) -> None:
 @pytest.mark.parametrize(("share", "seed"), [(0.005, 0), (0.005, 1), (0.01, 2)])
 def test_the_ball_screw_from_a_noisy_response(screw: fd.Loop, placement: fd.Loop, share: float, seed: int) -> None:
     """9.1e-9 for P-PI, 8.9e-9 with free filters, 7.1e-9 for pole placement, on the true plant and within the limits."""
-    site = struck_site(screw, share, seed)
+    point = struck_point(screw, share, seed)
     for loop, filters, bar in ((screw, "kept", 9.1e-9), (screw, "free", 8.9e-9), (placement, "kept", 7.1e-9)):
-        found = tune(loop.control, site, limits=BARS, filters=filters)
+        found = tune(loop.control, point, limits=BARS, filters=filters)
         assert found.holds, found.proof
         true = replace(loop, control=found.control)
         figures = robustness(true, per_decade=600)
         assert figures.rope_snap <= bar
         # the confidence is 95 %, not certainty: a tenth of a per cent over the limit is within it
         assert figures.sensitivity_peak <= 2.02
-        assert np.max(fd.compliance(true, opened(true).lines(400)).magnitude) <= 0.202e-6
+        assert np.max(fd.compliance(true, loop_model(true).lines(400)).magnitude) <= 0.202e-6
 
 
 def test_notches_come_where_they_pay(screw: fd.Loop) -> None:
@@ -280,13 +280,15 @@ def test_margins_that_are_asked_for_hold(screw: fd.Loop) -> None:
 
 
 def test_noise_in_the_force_can_be_the_bound(screw: fd.Loop) -> None:
-    from feeddrive.analysis.recovery import force_noise
+    from feeddrive.analysis.stiffness import force_noise
 
     noise = (2e-9, 2e-9)
     free = tune(screw.control, screw, limits=Limits(reading_noise=noise), filters="kept")
     before = free.after[0].force_noise
     assert before is not None
-    assert before == pytest.approx(force_noise(opened(replace(screw, control=free.control)).closed, *noise), rel=0.01)
+    assert before == pytest.approx(
+        force_noise(loop_model(replace(screw, control=free.control)).closed, *noise), rel=0.01
+    )
     quiet = tune(screw.control, screw, limits=Limits(force_noise=0.8 * before, reading_noise=noise), filters="kept")
     assert quiet.after[0].force_noise == pytest.approx(0.8 * before, rel=5e-3)
     assert "force noise" in {held.what for held in quiet.held}
@@ -325,16 +327,16 @@ def test_the_cascade_loop_by_loop(screw: fd.Loop) -> None:
 
 
 def test_a_poor_measurement_is_refused_with_the_band(screw: fd.Loop) -> None:
-    noisy = struck_site(screw, 0.8)
+    noisy = struck_point(screw, 0.8)
     with pytest.raises((NotIdentifiableError, UnstableError), match=r"Hz"):
         tune(screw.control, noisy, limits=Limits(2.0), filters="kept")
     lines = np.arange(1.0, 101.0)
     short = responses(screw, lines, 0.001, 0)
-    site = measured_site(
+    point = measured_point(
         short["cut", "reading_load"], short["cut", "reading_motor"], sample_time=float(screw.sample_time)
     )
     with pytest.raises(NotIdentifiableError, match=r"measure again.*ends at 100 Hz"):
-        tune(screw.control, site, limits=Limits(2.0), filters="kept")
+        tune(screw.control, point, limits=Limits(2.0), filters="kept")
 
 
 def test_what_cannot_be_reached_says_what_stands_against_it(screw: fd.Loop) -> None:
@@ -362,7 +364,7 @@ def test_bad_input_is_named(screw: fd.Loop) -> None:
         tune(slow, screw)
     frf = fd.FRF(LINES, np.ones(LINES.size) + 0j, unit="m/s/N")
     with pytest.raises(ParameterError, match="m/N"):
-        measured_site(frf, sample_time=5e-5)
+        measured_point(frf, sample_time=5e-5)
 
 
 def test_unstable_gains_of_today_are_no_obstacle(screw: fd.Loop) -> None:

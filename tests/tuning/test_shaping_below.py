@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 import feeddrive as fd
-from feeddrive.tuning.shaping.control_response import ControlResponse
-from feeddrive.tuning.shaping.criteria import Criteria
-from feeddrive.tuning.shaping.figures import figures
+from feeddrive.tuning.control_response import ControlResponse
+from feeddrive.tuning.criteria import Criteria
+from feeddrive.tuning.figures import figures
 
 
-def snap(site: fd.tuning.Site, control: fd.Control) -> float:
-    response = ControlResponse(control, site.sample_time, ())
-    criteria = Criteria((site,), response, "rope-snap", fd.tuning.Limits(), (0.0, np.inf))
+def snap(point: fd.tuning.OperatingPoint, control: fd.Control) -> float:
+    response = ControlResponse(control, point.sample_time, ())
+    criteria = Criteria((point,), response, "rope-snap", fd.tuning.Limits(), (0.0, np.inf))
     return figures(criteria.answers(np.zeros(0))[0], (0.0, 0.0)).rope_snap
 
 
@@ -25,14 +25,14 @@ def test_the_error_far_below_the_lines_is_counted(Kv: float) -> None:
     """
     loop = fd.read_machine("ball_screw").loop("x")
     control = fd.vary(loop.control, {"law.Kv": Kv})
-    whole = fd.tuning.modelled_site(loop)
+    whole = fd.tuning.modelled_point(loop)
     deep = fd.linearize(loop, ["cut", "load_force"], ["reading_motor", "reading_load"])
     lines = np.unique(np.concatenate([np.geomspace(1e-3, 1.0, 2000), whole.frequency]))
     found = {
         source: np.array([deep.response(lines, output=each, input=source).response for each in deep.outputs])
         for source in deep.inputs
     }
-    true = fd.tuning.Site(
+    true = fd.tuning.OperatingPoint(
         "true", lines, found["cut"], found["load_force"], np.array([found["cut"][1], found["load_force"][1]]),
         whole.sample_time,
     )  # fmt: skip
@@ -43,8 +43,8 @@ def test_the_error_far_below_the_lines_is_counted(Kv: float) -> None:
 def test_a_goal_that_does_not_see_the_position_gain_keeps_it() -> None:
     """Bandwidth alone would let the position loop fall asleep: it ended at a hundredth of the gain that was there."""
     loop = fd.read_machine("ball_screw").loop("x")
-    whole = fd.tuning.modelled_site(loop)
-    site = whole.chosen(np.flatnonzero(whole.frequency >= 2.0))
-    found = fd.tune(loop.control, site, goal="bandwidth", filters="kept", starts=1)
+    whole = fd.tuning.modelled_point(loop)
+    point = whole.chosen(np.flatnonzero(whole.frequency >= 2.0))
+    found = fd.tune(loop.control, point, goal="bandwidth", filters="kept", starts=1)
     assert found.tunables["law.Kv"] > 5.0  # 1/s: the position comes back within a second
     assert found.tunables["law.Tn"] < 0.1  # s

@@ -8,15 +8,14 @@ import numpy as np
 import pytest
 
 import feeddrive as fd
-from feeddrive.analysis.opened import opened
-from feeddrive.analysis.recovery import rope_snap
+from feeddrive.analysis.loop_model import loop_model
+from feeddrive.analysis.stiffness import rope_snap
 from feeddrive.language.errors import UnstableError
 from feeddrive.tuning.candidates import Candidate, candidates
-from feeddrive.tuning.shaping.limits import Limits
-from feeddrive.tuning.shaping.shape import tune
-from feeddrive.tuning.shaping.site import Site, measured_site
-from feeddrive.tuning.shaping.table_force import with_table_force
-from feeddrive.tuning.shaping.tunables import law_tunables
+from feeddrive.tuning.limits import Limits
+from feeddrive.tuning.operating_point import OperatingPoint, measured_point, with_table_force
+from feeddrive.tuning.tunables import law_tunables
+from feeddrive.tuning.tune import tune
 
 # rope snap in nm √s/N that each reaches here on the true axis, and a hundredth more: another noise may cost that
 SNAP = {
@@ -39,7 +38,7 @@ def screw() -> fd.Loop:
 
 
 @pytest.fixture(scope="module")
-def site(screw: fd.Loop) -> Site:
+def point(screw: fd.Loop) -> OperatingPoint:
     """Two encoders, 1000 lines with 0.3 % of noise; the force on the table by the plant, as with --baseline."""
     random, lines = np.random.default_rng(0), np.arange(1.0, 2001.0, 2.0)
     model = fd.linearize(screw, ["cut"], ["reading_load", "reading_motor"])
@@ -50,7 +49,7 @@ def site(screw: fd.Loop) -> Site:
         noisy = true + 0.003 * np.abs(true) * (a + 1j * b) / np.sqrt(2.0)
         variance = (0.003 * np.abs(true)) ** 2
         found.append(fd.FRF(lines, noisy, "cut", reading, "m/N", screw.sample_time, variance=variance))
-    return with_table_force(measured_site(*found, sample_time=float(screw.sample_time)), screw, "the plant")[0]
+    return with_table_force(measured_point(*found, sample_time=float(screw.sample_time)), screw, "the plant")[0]
 
 
 def design_of(screw: fd.Loop, name: str) -> Candidate:
@@ -58,14 +57,14 @@ def design_of(screw: fd.Loop, name: str) -> Candidate:
 
 
 @pytest.mark.parametrize("name", SNAP)
-def test_every_law_on_a_measurement(screw: fd.Loop, site: Site, name: str) -> None:
+def test_every_law_on_a_measurement(screw: fd.Loop, point: OperatingPoint, name: str) -> None:
     """Stable by the poles of the true loop, Ms and peak compliance as asked, half a per cent for 95 %."""
     design = design_of(screw, name)
     limits = Limits(sensitivity_peak=2.0, compliance_peak=0.2e-6)
-    found = tune(design.loop.control, site, limits=limits, filters="kept", starts=1)
+    found = tune(design.loop.control, point, limits=limits, filters="kept", starts=1)
     assert found.holds, found.proof
     assert set(found.tunables) == {*law_tunables(design.loop.control)}
-    both = opened(replace(design.loop, control=found.control))
+    both = loop_model(replace(design.loop, control=found.control))
     assert np.abs(both.closed.poles()[0]) < 1.0
     lines = both.lines(400)
     assert fd.margins(both.loop_gain(lines)).sensitivity_peak <= 2.01

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 import feeddrive as fd
-from feeddrive.tuning.shaping.limits import Limits
-from feeddrive.tuning.shaping.shape import tune
-from feeddrive.tuning.shaping.site import Site, measured_site
-from feeddrive.tuning.shaping.table_force import with_table_force
+from feeddrive.tuning.limits import Limits
+from feeddrive.tuning.operating_point import OperatingPoint, measured_point, with_table_force
+from feeddrive.tuning.tune import tune
+from feeddrive.tuning.tuned import Verdict
 
 RUN = "run with friction, counts and limit"
 
@@ -21,11 +21,11 @@ def screw() -> fd.Loop:
     return fd.read_machine("ball_screw").loop("x")
 
 
-def site_of(loop: fd.Loop) -> Site:
+def point_of(loop: fd.Loop) -> OperatingPoint:
     """Both encoders, 2000 lines, without noise."""
     model = fd.linearize(loop, ["cut"], ["reading_load", "reading_motor"])
     load, motor = (model.response(np.arange(1.0, 2001.0), each, "cut") for each in model.outputs)
-    return measured_site(replace(load, unit="m/N"), replace(motor, unit="m/N"), sample_time=float(loop.sample_time))
+    return measured_point(replace(load, unit="m/N"), replace(motor, unit="m/N"), sample_time=float(loop.sample_time))
 
 
 def test_the_run_keeps_the_force_limit(screw: fd.Loop) -> None:
@@ -33,9 +33,9 @@ def test_the_run_keeps_the_force_limit(screw: fd.Loop) -> None:
     limits = Limits(sensitivity_peak=2.0, compliance_peak=0.2e-6, snap_force=50.0)
     for most, holds in ((1000.0, True), (40.0, False)):
         strong = replace(screw, control=replace(screw.control, force_limit=most))
-        site, said = with_table_force(site_of(screw), strong, "the plant of the baseline")
+        point, said = with_table_force(point_of(screw), strong, "the plant of the baseline")
         assert "agrees" in said
-        found = tune(strong.control, site, limits=limits, filters="kept", starts=1)
+        found = tune(strong.control, point, limits=limits, filters="kept", starts=1)
         line = next(each for each in found.proof if RUN in each.what)
         assert line.holds is holds, line
         assert found.holds is holds
@@ -44,11 +44,11 @@ def test_the_run_keeps_the_force_limit(screw: fd.Loop) -> None:
 
 def test_a_plant_that_is_another_one_is_not_run(screw: fd.Loop) -> None:
     heavy = fd.vary(screw, {"axis.x.plant.mass_load": 90.0})
-    site, said = with_table_force(site_of(screw), heavy, "the plant of the baseline")
+    point, said = with_table_force(point_of(screw), heavy, "the plant of the baseline")
     assert "% off the response" in said
-    assert site.known_as is None
-    found = tune(screw.control, site, limits=Limits(2.0), filters="kept", starts=1)
+    assert point.known_as is None
+    found = tune(screw.control, point, limits=Limits(2.0), filters="kept", starts=1)
     line = next(each for each in found.proof if RUN in each.what)
     assert line.holds is None
     assert "--baseline" in line.said
-    assert found.recommendation().startswith("Against a force at the drive") or found.not_worth
+    assert found.recommendation().startswith("Against a force at the drive") or found.verdict is Verdict.LEAVE

@@ -10,8 +10,7 @@ from feeddrive.blocks.load.recorded_force import RecordedForce
 from feeddrive.blocks.reference.snap_limited_move import SnapLimitedMove
 from feeddrive.language.errors import ParameterError
 from feeddrive.loop.simulate import simulate
-from feeddrive.tuning.signal_ilc import learn_signal
-from feeddrive.tuning.trials import iterate_trials
+from feeddrive.tuning.trials import iterate_trials, learn_signal
 from trials import MOVE, OUT_AND_BACK, START, T, along, linear_loop
 
 OTHER = SnapLimitedMove(distance=0.05, **{**OUT_AND_BACK, "velocity": 0.15})

@@ -13,8 +13,8 @@ import feeddrive as fd
 from feeddrive.blocks.signals import Setpoint
 from feeddrive.language.errors import LogError, ParameterError
 from feeddrive.loop.loop import UNITS
-from feeddrive.tuning.derivatives import differenced
 from feeddrive.tuning.trajectory_prefilter import REGRESSORS
+from feeddrive.tuning.trial import differenced
 
 T = 1e-4
 MOVE = fd.blocks.SnapLimitedMove(distance=0.1, velocity=0.5, acceleration=8.0, jerk=600.0, snap=6e4, dwell_after=0.05)

@@ -15,8 +15,7 @@ from feeddrive.files.machine import read_machine
 from feeddrive.files.read_log import read_log
 from feeddrive.language.errors import LogError, ParameterError
 from feeddrive.loop.simulate import simulate
-from feeddrive.tuning.compensated import begin_compensation
-from feeddrive.tuning.iterative_feedforward import iterate
+from feeddrive.tuning.iterative_feedforward import begin_compensation, iterate
 from feeddrive.tuning.trial import measured_trial, simulated_trial
 from trials import MOVE, RECORD, START, T, along, linear_loop, trial_with_friction
 

@@ -1,18 +1,34 @@
-"""Stability margins of a loop, from complex numbers over frequency: the same for a measured and a modelled loop."""
+"""Stability margins and sensitivity of a loop, from complex numbers over frequency: measured and modelled alike."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from feeddrive.analysis.conversion import as_frf
-from feeddrive.analysis.extremum import least
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.table import Result, Table
 from feeddrive.loop.frequency_response import FRF
+
+
+def least(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:
+    """Place and value of the minimum of y(x), both of shape (n,), n >= 1; at an end of the range that end itself."""
+    k = int(np.argmin(y))
+    if k in (0, y.size - 1):
+        return float(x[k]), float(y[k])
+    left, right = x[k - 1] - x[k], x[k + 1] - x[k]
+    slope_left, slope_right = (y[k - 1] - y[k]) / left, (y[k + 1] - y[k]) / right
+    bend = (slope_right - slope_left) / (right - left)
+    if not bend > 0.0:
+        return float(x[k]), float(y[k])
+    slope = slope_left - bend * left
+    step = -0.5 * slope / bend
+    # the neighbors are not lower, so the vertex lies within half an interval; rounding must not take it below zero
+    return float(x[k] + step), float(y[k] + 0.5 * slope * step)
+
 
 _ROUNDING = 1e-9  # rad, and of ln |L|: what is nearer to a crossing counts as on it
 
@@ -174,3 +190,35 @@ def _gain_crossover(frequency: float, lead: float) -> GainCrossover:
     turned = 0.0 if abs(lead) < _ROUNDING else lead % (2.0 * np.pi)
     signed = turned - 2.0 * np.pi if turned > np.pi else turned
     return GainCrossover(float(frequency), float(np.degrees(signed)), float(turned / (2.0 * np.pi * frequency)))
+
+
+def sensitivity(loop_gain: FRF | Any, frequency: np.ndarray | None = None) -> FRF:
+    """S = 1/(1 + L): what is left of a disturbance that enters where the loop was opened.
+
+    The variance of a measured L goes along to first order, |S|⁴ var(L).
+    Raises ParameterError if L is exactly -1 on a line: the closed loop then oscillates and has no response there.
+    """
+    L = as_frf(loop_gain, frequency)
+    _check(L)
+    return replace((1.0 + L).inverse(), input="disturbance", output="remainder", unit="")
+
+
+def complementary_sensitivity(loop_gain: FRF | Any, frequency: np.ndarray | None = None) -> FRF:
+    """T = L/(1 + L) = 1 - S: what the loop answers to a signal that enters where it was opened.
+
+    Raises ParameterError as `sensitivity`.  It is not the response to the setpoint, which has feedforward: `tracking`.
+    """
+    L = as_frf(loop_gain, frequency)
+    _check(L)
+    # the response by one division: 1 - S would lose the digits where |L| is small; the variance is that of S
+    response = L.response / (1.0 + L.response)
+    return replace((1.0 + L).inverse(), response=response, input="disturbance", output="answer", unit="")
+
+
+def _check(L: FRF) -> None:
+    on_edge = np.flatnonzero(L.response == -1.0)
+    if on_edge.size:
+        raise ParameterError(
+            f"the loop gain is exactly -1 at {L.frequency[on_edge[0]]:g} Hz: the closed loop is at the edge of "
+            f"stability and has no sensitivity there"
+        )

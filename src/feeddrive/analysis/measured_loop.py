@@ -8,10 +8,9 @@ from typing import Any
 import numpy as np
 
 from feeddrive.analysis.conversion import as_frf
-from feeddrive.analysis.encirclement import Encirclement, encirclement
 from feeddrive.analysis.margin_intervals import MarginIntervals, margin_intervals
-from feeddrive.analysis.margins import Margins, margins
-from feeddrive.analysis.sensitivity import complementary_sensitivity, sensitivity
+from feeddrive.analysis.margins import Margins, complementary_sensitivity, margins, sensitivity
+from feeddrive.analysis.stability import Encirclement, encirclement
 from feeddrive.analysis.stiffness import Stiffness, stiffness
 from feeddrive.blocks.plant.two_mass import TwoMass
 from feeddrive.language.errors import ParameterError

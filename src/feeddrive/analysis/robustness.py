@@ -6,9 +6,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from feeddrive.analysis.loop_model import loop_model
 from feeddrive.analysis.margins import margins
-from feeddrive.analysis.opened import opened
-from feeddrive.analysis.recovery import rope_snap
+from feeddrive.analysis.stiffness import rope_snap
 from feeddrive.loop.loop import Loop
 
 _EDGE = 1e-9  # of |z|: what eigenvalues of a small matrix are uncertain by
@@ -30,7 +30,7 @@ class Robustness(NamedTuple):
 
 def robustness(loop: Loop, *, velocity: float = 0.05, per_decade: int = 40) -> Robustness:
     """The figures of a loop that moves with `velocity` (m/s), opened at the actuator."""
-    both = opened(loop, velocity=velocity)
+    both = loop_model(loop, velocity=velocity)
     poles = both.closed.poles()
     growth = float(abs(poles[0])) if poles.size else 0.0
     if not Robustness(growth).stable:

@@ -1,14 +1,17 @@
-"""Stability of a linear model by its poles, and what to do about a loop that has none."""
+"""Stability of a loop: by the poles of its model, and by encirclement of -1 from its loop gain."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
+from feeddrive.analysis.conversion import as_frf
 from feeddrive.language import tree
-from feeddrive.language.errors import FeeddriveError, UnstableError
+from feeddrive.language.errors import FeeddriveError, ParameterError, UnstableError
 from feeddrive.language.table import Result, Table
+from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.linearize import StateSpace, linearize
 from feeddrive.loop.loop import Loop
 
@@ -137,3 +140,158 @@ def _nearest_stable(loop: Loop, velocity: float) -> str:
         low, high = (middle, high) if holds(middle) else (low, middle)
     listed = ", ".join(f"{name} = {value:.4g} {units[name]}" for name, value in slowed(low).items())
     return f"; in the same proportion it is stable up to {listed}, which is {100.0 * low:.3g} % of the speed"
+
+
+_COARSE = np.radians(60.0)  # turn of 1 + L between two lines from which what lies between is doubtful
+_DISC = 2.4477  # √χ²(95 %, 2): deviations of a real part in which a complex normal lies with 95 %
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Encirclement(Result):
+    """What the Nyquist curve says of the closed loop.
+
+    turns          of L round -1, counterclockwise, over all frequencies, -∞ to ∞
+    unstable       poles of the closed loop that grow: unstable_poles of the open one - turns
+    arc            degrees by which L was taken to turn on the left-out arc below the first line, from 0 Hz on
+    rounding       how far the turns were from a whole number before rounding
+    doubts         why the count may be wrong: lines too far apart, noise over -1, a gain above 1 beyond the last line
+    """
+
+    loop_gain: FRF
+    turns: int
+    unstable: int
+    unstable_poles: int
+    arc: float
+    rounding: float
+    doubts: tuple[str, ...]
+
+    @property
+    def stable(self) -> bool:
+        """Whether no pole of the closed loop grows; `certain` says whether the lines tell it."""
+        return self.unstable == 0
+
+    @property
+    def certain(self) -> bool:
+        """Whether there is no doubt."""
+        return not self.doubts
+
+    def sentence(self) -> str:
+        """The verdict in words."""
+        said = "stable" if self.stable else f"unstable, with {self.unstable} growing poles"
+        if self.unstable < 0:
+            said = "not possible: it turns more often than the open loop has unstable poles"
+        open_loop = f"{self.unstable_poles} unstable poles" if self.unstable_poles else "no unstable pole"
+        return f"the closed loop is {said}: L turns {self.turns} times round -1, the open loop has {open_loop}"
+
+    def table(self) -> Table:
+        """The count and its doubts."""
+        rows = [
+            ["turns round -1, counterclockwise", f"{self.turns}"],
+            ["unstable poles of the open loop", f"{self.unstable_poles}"],
+            ["unstable poles of the closed loop", f"{self.unstable}"],
+            ["left-out arc below the first line", f"{self.arc:.0f} deg"],
+            *(["doubt", doubt] for doubt in self.doubts),
+        ]
+        return Table(self.sentence(), ["what", ""], rows)
+
+
+def encirclement(
+    loop_gain: FRF | Any,
+    frequency: np.ndarray | None = None,
+    *,
+    unstable_poles: int = 0,
+    integrators: int | None = None,
+) -> Encirclement:
+    """Stability of the loop that L closes, by the argument of 1 + L from line to line (Nyquist 1932).
+
+        unstable = unstable_poles - turns,   turns = (2/2π) [arc + Σ arg((1 + Lₖ₊₁)/(1 + Lₖ)) + closing]
+
+    unstable_poles  of the open loop, outside the left half plane (or the unit circle), without those at the origin
+    integrators     poles of L at the origin (z = 1); None: from the slope of its lowest lines
+
+    Below the first line L is taken to come from +∞·e^0 over the arc of its integrators: it turns by -90° for each one,
+    to that branch of its own phase which lies nearest.  How it gets there does not matter as long as |L| > 1.
+    A sampled L is closed at Nyquist, where it is real; any other L must be below 1 at its last line and stay there.
+    Raises ParameterError for fewer than two lines and for an L of exactly -1.
+    """
+    L = as_frf(loop_gain, frequency)
+    if L.frequency.size < 2:
+        raise ParameterError(f"a Nyquist curve needs at least two lines, not {L.frequency.size}")
+    if unstable_poles < 0 or (integrators is not None and integrators < 0):
+        raise ParameterError("unstable_poles and integrators must be >= 0")
+    response = L.response
+    distance = 1.0 + response
+    if np.any(distance == 0.0):
+        raise ParameterError(f"the loop gain is exactly -1 at {L.frequency[np.argmin(np.abs(distance))]:g} Hz")
+    doubts: list[str] = []
+    count = _integrators(L) if integrators is None else integrators
+    if count == 0:
+        # without integrators L begins at a real value; the straight way from there
+        way = np.linspace(float(np.real(response[0])), response[0], 2001)
+        begin, arc = 0.0, 0.0
+    else:
+        begin, arc = _arc(float(np.angle(response[0])), count)
+        way = np.abs(response[0]) * np.exp(1j * (begin + np.linspace(0.0, arc, 4001)))
+    first = _turned(1.0 + way)
+    if count > 0 and np.abs(response[0]) <= 1.0:
+        doubts.append(
+            f"|L| is {np.abs(response[0]):.3g} at the first line, {L.frequency[0]:.3g} Hz: below 1 the left-out arc of "
+            f"its {count} integrators is not known to pass -1 outside; measure from a lower frequency"
+        )
+    steps = np.angle(distance[1:] / distance[:-1])
+    coarse = np.flatnonzero(np.abs(steps) > _COARSE)
+    if coarse.size:
+        i = int(coarse[np.argmax(np.abs(steps[coarse]))])
+        doubts.append(
+            f"1 + L turns by {np.degrees(abs(steps[i])):.0f} deg between {L.frequency[i]:.5g} and "
+            f"{L.frequency[i + 1]:.5g} Hz, more than {np.degrees(_COARSE):.0f} deg: measure lines between them"
+        )
+    closing = -float(np.angle(distance[-1]))
+    if L.sample_time is not None and L.frequency[-1] * L.sample_time >= 0.5 * (1.0 - 1e-9):
+        # real at Nyquist, on either side of zero
+        if float(np.real(distance[-1])) < 0.0:
+            closing += float(np.copysign(np.pi, np.angle(distance[-1])))
+    elif np.abs(response[-1]) >= 1.0:
+        doubts.append(
+            f"|L| is {np.abs(response[-1]):.3g} at the last line, {L.frequency[-1]:.4g} Hz, and may turn round -1 "
+            f"beyond it: measure to where it stays below 1"
+        )
+    total = (first + float(np.sum(steps)) + closing) / np.pi
+    turns = round(total)
+    if L.variance is not None:
+        near = np.abs(distance) / np.maximum(np.sqrt(0.5 * L.variance), 1e-300)
+        place = int(np.argmin(near))
+        if near[place] < _DISC:
+            doubts.append(
+                f"-1 lies within the 95 % disc of L at {L.frequency[place]:.5g} Hz (|1 + L| = "
+                f"{np.abs(distance[place]):.3g}): measure longer there"
+            )
+    if abs(total - turns) > 0.1:
+        doubts.append(f"the turns come out as {total:.3f}, not a whole number: L does not close")
+    return Encirclement(
+        L, turns, unstable_poles - turns, unstable_poles, float(np.degrees(arc)), abs(total - turns), tuple(doubts)
+    )
+
+
+def _turned(curve: np.ndarray) -> float:
+    """By how much a curve turns round zero, rad."""
+    return float(np.sum(np.angle(curve[1:] / curve[:-1])))
+
+
+def _integrators(L: FRF) -> int:
+    """From the slope of ln |L| over ln f of the lowest lines, over a factor of 2 in frequency or five lines."""
+    many = max(int(np.searchsorted(L.frequency, 2.0 * L.frequency[0])), min(5, L.frequency.size))
+    x, y = np.log(L.frequency[:many]), np.log(np.maximum(np.abs(L.response[:many]), 1e-300))
+    slope = float(np.polyfit(x, y, 1)[0])
+    return max(round(-slope), 0)
+
+
+def _arc(angle: float, integrators: int) -> tuple[float, float]:
+    """Where L begins, at +∞ (0) or for a negative gain at -∞ (π), and how far it turns to `angle`, rad.
+
+    The turn is the one nearest to -90° for each integrator.
+    """
+    wanted = -0.5 * np.pi * integrators
+    turns = [wanted + (angle - begin - wanted + np.pi) % (2.0 * np.pi) - np.pi for begin in (0.0, np.pi)]
+    positive = abs(turns[0] - wanted) <= 0.5 * np.pi
+    return (0.0, turns[0]) if positive else (np.pi, turns[1])

@@ -1,4 +1,4 @@
-"""Dynamic stiffness: which force on the table moves it by how much, in closed loop."""
+"""How a force on the table moves it in closed loop: dynamic stiffness, recovery from a step, noise in the force."""
 
 from __future__ import annotations
 
@@ -9,11 +9,33 @@ from typing import Any
 import numpy as np
 
 from feeddrive.analysis.conversion import as_frf
-from feeddrive.analysis.extremum import least
-from feeddrive.language.errors import ParameterError
+from feeddrive.analysis.margins import least
+from feeddrive.language.errors import ParameterError, UnstableError
 from feeddrive.language.table import Result, Table
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.linearize import StateSpace
+
+_DOUBLINGS = 64  # 2^64 samples: more than any loop is run for
+
+
+def summed(A: np.ndarray, Q: np.ndarray) -> np.ndarray:
+    """P = Σ (Aᵀ)^k Q A^k over k = 0, 1, ...: the solution of P = Aᵀ P A + Q.
+
+    P ← P + Aᵀ P A, A ← A A doubles the number of terms in each step.
+    Raises UnstableError if the sum does not end.  Source: Smith 1968 (squaring for the Lyapunov equation).
+    """
+    total, power = Q.copy(), A.copy()
+    with np.errstate(all="ignore"):
+        for _ in range(_DOUBLINGS):
+            more = power.T @ total @ power
+            total = total + more
+            if not np.all(np.isfinite(total)):
+                break
+            if np.max(np.abs(more), initial=0.0) <= 1e-15 * np.max(np.abs(total), initial=0.0):
+                return total
+            power = power @ power
+    raise UnstableError("the sum over all time does not end: the loop is not stable, or at its edge")
+
 
 NAMED = (1.0, 10.0, 100.0, 1000.0)  # Hz, at which the table states it
 
@@ -94,3 +116,57 @@ def static_stiffness(model: StateSpace) -> float:
     scale = float(np.sum(np.abs(model.C[0] * moved)) + abs(model.D[0, 0]))
     cancelled = np.linalg.norm(model.B[:, 0]) * np.linalg.norm(model.C[0])
     return float("inf") if abs(compliance) <= 1e-9 * max(scale, cancelled) else 1.0 / abs(compliance)
+
+
+_ROUNDING = 1e-9  # of what the terms of a static compliance amount to
+
+
+def rope_snap(model: StateSpace) -> float:
+    """ISE^½ of a force step of 1 N, in m s^½/N: the L2 norm of the position's response; infinite where it stays off.
+
+        ISE^½ = [∫ |C|²/ω² dω/π]^½ = [T Σ y(k)²]^½,   y the response of a model from `load_force` to `position_load`
+
+    From the sum over all samples (`summed`): C x(k) = C A^k (x(0) - x(∞)), x(∞) = (1 - A)⁻¹ B.
+    Without integral action the axis does not come back, and the figure is infinite.
+    Raises UnstableError for a model that is not stable.
+    """
+    column, row = model.inputs.index("load_force"), model.outputs.index("position_load")
+    A, B, C, D = model.A, model.B[:, column], model.C[row], model.D[row, column]
+    P = summed(A, np.outer(C, C))
+    rest = np.linalg.solve(np.eye(A.shape[0]) - A, B)
+    left = float(C @ rest + D)
+    scale = np.sum(np.abs(C * rest)) + abs(D) + np.linalg.norm(B) * np.linalg.norm(C)
+    if abs(left) > _ROUNDING * scale:
+        return float("inf")
+    return float(np.sqrt(max(rest @ P @ rest, 0.0) * model.sample_time))
+
+
+def rope_snap_of_lines(frequency: np.ndarray, compliance: np.ndarray, T: float) -> float:
+    """The same from a compliance over frequency (Hz, from near 0 to Nyquist; m/N), by the trapezoidal rule.
+
+        ISE = ∫ |C|² T² / (2 - 2 cos ωT) dω/π
+
+    which is |C|²/ω² of a continuous loop with the step held over the samples, so that both forms agree.
+    """
+    angle = 2.0 * np.pi * frequency * T
+    values = np.abs(compliance) ** 2 * (T / (2.0 * np.sin(0.5 * angle))) ** 2
+    # below the first line the integrand is that line's: with integral action C falls as ω
+    return float(np.sqrt(2.0 * frequency[0] * values[0] + np.trapezoid(values, 2.0 * frequency)))
+
+
+def force_noise(model: StateSpace, motor: float, load: float, *, shared: bool = False) -> float:
+    """RMS of the commanded force in N, from white errors of the readings with standard deviations in m.
+
+    motor, load  of the two readings, independent of each other
+    shared       one encoder gives both readings: its error, `load`, is in both
+
+    A count of q has an error of q/√12, white as long as the axis moves by a count or more each sample.
+    Raises UnstableError for a model that is not stable.
+    """
+    row = model.outputs.index("force")
+    first, second = (model.inputs.index(name) for name in ("reading_motor", "reading_load"))
+    B, D = model.B[:, [first, second]], model.D[row, [first, second]]
+    scales = np.array([[load], [load]]) if shared else np.diag([motor, load])
+    into, through = B @ scales, D @ scales
+    P = summed(model.A, np.outer(model.C[row], model.C[row]))
+    return float(np.sqrt(max(np.trace(into.T @ P @ into), 0.0) + np.sum(through * through)))

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from feeddrive.certificate import check
-from feeddrive.certificate.responses import LoopResponse, matrices
+from feeddrive.certificate.discs import LoopResponse, matrices
 from feeddrive.language.errors import NotCertifiedError
 from feeddrive.language.table import Result, Table
 

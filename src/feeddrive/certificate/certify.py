@@ -1,4 +1,4 @@
-"""From a control and plants to a certificate, or the reason why there is none."""
+"""What a certificate says in words, and what is said where there is none."""
 
 from __future__ import annotations
 
@@ -11,10 +11,8 @@ import numpy as np
 from feeddrive.certificate import check
 from feeddrive.certificate.certificate import Certificate
 from feeddrive.certificate.deployed import Deployed, deployed
-from feeddrive.certificate.discs import Radius, deviations, given, measured, together
+from feeddrive.certificate.discs import LoopResponse, Radius, deviations, given, measured, together
 from feeddrive.certificate.plants import NominalPlant, measured_plant, modelled_plant
-from feeddrive.certificate.responses import LoopResponse
-from feeddrive.certificate.words import ASSUMED, BETWEEN, CLAIM, NOT_CHECKED, OUTSIDE, THEOREM, refusal
 from feeddrive.language import tree
 from feeddrive.language.errors import NotCertifiedError, ParameterError
 from feeddrive.loop.axis import Axis
@@ -22,6 +20,97 @@ from feeddrive.loop.control import Control
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.linearize import StateSpace
 from feeddrive.loop.loop import Loop
+from feeddrive.tuning.operating_point import OperatingPoint
+
+CLAIM = (
+    "For every plant of the list the linear loop of the control with these coefficients is stable, and it stays so for "
+    "every plant P (1 + Δ) with |Δ| <= r(f) at all frequencies from 0 to half the sample rate, grid points and "
+    "everything between them."
+)
+THEOREM = (
+    "F = Dc Dp - Nc Np has all zeros inside the unit circle and |F| > r |Nc Np| on it; by Rouché's theorem "
+    "F - Nc Np Δ then has as many zeros outside as F, none. Δ is any stable transfer function, or one with which "
+    "P (1 + Δ) has the poles of P on and outside the circle (Doyle, Francis & Tannenbaum 1992, chapter 4)."
+)
+ASSUMED = [
+    "The plant of the list is linear, time invariant and sampled with the control; its poles on and outside the unit "
+    "circle are those of the model.",
+    "The control computes its linear law with the numbers of the list.",
+]
+BETWEEN = (
+    "Between measured lines the true plant stays in the disc around the model, with the larger radius of both; "
+    "a resonance narrower than the distance of the lines, which no line shows, is not covered. Below the first and "
+    "above the last line the radius is an assumption. The errors of the lines are complex normal with the variances of "
+    "the list; they may hang together."
+)
+NOT_CHECKED = [
+    "what stands there for people: claim, theorem, assumed, machine, law, parameters, units, readings, states, the "
+    "plants' names and source, dead_time_s, sample_time_ms",
+    "that the matrices are those of this control with these numbers: feeddrive traced it and says so",
+]
+OUTSIDE = [
+    "saturation: force limit, current limit, anti-windup in action",
+    "friction other than its slope at the stated velocity: stick, stiction, reversal; backlash",
+    "rounding of signals: counts of encoders, arithmetic of the running controller, limit cycles",
+    "enable, trips and start; feedforward and reference, which cannot destabilise a linear loop",
+    "change in time: wear, temperature, a position or load that is not in the list",
+]
+
+
+def refusal(made: Deployed, plant: NominalPlant, loop: LoopResponse, place: float | None) -> str:
+    """Where, by how much, and what to do. `place` in Hz; None for a loop that is not stable at all."""
+    lost = ""
+    if made.coarse:
+        name = max(made.coarse, key=lambda each: made.coarse[each])
+        lost = f"; rounding to {made.arithmetic} moves {name} by {100.0 * made.coarse[name]:.3g} %: use more digits"
+    T = made.model.sample_time
+    if place is None:
+        turning = abs(np.angle(loop.pole)) / (2.0 * np.pi * T)
+        motion = f"an oscillation of {turning:.4g} Hz" if turning > 0.0 else "a drift"
+        grows = "grows" if loop.growth > 1.0 else "does not die out"
+        rounded = "" if made.arithmetic == "float64" else f" with {made.arithmetic} coefficients"
+        remedy = "lower the gains, or put a notch there" if turning > 0.0 else "lower the gains"
+        if plant.lines and turning == 0.0:
+            remedy += ", or multiply the response by -1 if its sign is reversed"
+        return (
+            f"not certified: '{plant.name}': the nominal loop{rounded} is not stable: {motion} {grows} "
+            f"(|z| = {loop.growth:.9g}): {remedy}{lost}"
+        )
+    at = np.array([place])
+    distance, taken = (float(each[0]) for each in loop.room(at))
+    share = distance / taken if taken else np.inf
+    r = float(np.max(loop.radii(at)))
+    said = (
+        f"not certified: '{plant.name}': at {place:.5g} Hz |1 + L| is {distance:.4g} and the disc takes {taken:.4g}: "
+        f"with r = {r:.4g} there, it may be at most {r * share:.4g}"
+    )
+    return f"{said}: {_remedy(plant, place)}{lost}"
+
+
+def _remedy(plant: NominalPlant, place: float) -> str:
+    """What to do, by what makes the disc wide."""
+    T = plant.model.sample_time
+    if plant.lines:
+        lines = plant.lines[0]
+        if place > lines.frequency[-1]:
+            return f"lower the gains, measure beyond {lines.frequency[-1]:.4g} Hz, or state a smaller r beyond it"
+        i = int(np.argmin(np.abs(lines.frequency - place)))
+        model = plant.model.response(lines.frequency[i : i + 1], output=plant.model.outputs[0]).response[0]
+        noise, misfit = np.sqrt(lines.variance[i]), abs(lines.response[i] - model)
+        if noise > misfit:
+            return f"measure longer around {place:.4g} Hz, where noise makes the disc wide, or lower the gains"
+        better = "" if "fitted" in plant.source else ", with --fit from the lines alone"
+        return (
+            f"lower the gains, or fit the plant better around {place:.4g} Hz, where the model misses the lines{better}"
+        )
+    modes = np.array([p for p in plant.model.poles() if abs(p) > 0.5 and np.imag(p) > 0.0])
+    if modes.size:
+        near = np.angle(modes) / (2.0 * np.pi * T)
+        nearest = float(near[np.argmin(np.abs(np.log(near / place)))])
+        if 0.9 < nearest / place < 1.1:
+            return f"put a notch at {nearest:.4g} Hz, lower the gains, or state a smaller disc"
+    return "lower the gains, or state a smaller disc"
+
 
 PlantLike = Loop | Axis | FRF | Sequence[Loop | Axis | FRF]
 _MODEL, _LEAST, _BEYOND = 0.2, 0.05, 1.0
@@ -207,3 +296,35 @@ def _held(model: StateSpace) -> dict[str, Any]:
 
 def _exact(model: StateSpace) -> Any:
     return check.polynomials(check.system(_held(model), "control"))
+
+
+def site_plants(points: Sequence[OperatingPoint | Loop]) -> dict[str, PlantLike]:
+    """By name: the loops of models, and the lines of measurements with what smoothing left of their variance."""
+    plants: dict[str, PlantLike] = {}
+    for each in points:
+        name = each.name if isinstance(each, OperatingPoint) else "model"
+        count = sum(other == name or other.startswith(f"{name} ") for other in plants)
+        plants[name if count == 0 else f"{name} {count + 1}"] = _plant_like(each)
+    return plants
+
+
+def _plant_like(point: OperatingPoint | Loop) -> PlantLike:
+    if isinstance(point, Loop):
+        return point
+    if point.loop is not None:
+        return point.loop
+    variance = np.zeros(point.by_force.shape) if point.variance is None else point.variance
+    load = _response(point, 1, variance[1])
+    if np.all(point.by_force[0] == point.by_force[1]):
+        return load
+    of_motor = variance[0]
+    if point.ratio is not None:
+        # where the ratio of both was fitted, the motor's line has the error of the load's, too
+        tied = ~np.isnan(point.ratio[0])
+        of_motor = of_motor + np.where(tied, np.abs(np.where(tied, point.ratio[0], 0.0)) ** 2 * variance[1], 0.0)
+    return [load, _response(point, 0, of_motor)]
+
+
+def _response(point: OperatingPoint, row: int, variance: np.ndarray) -> FRF:
+    output = ("reading_motor", "reading_load")[row]
+    return FRF(point.frequency, point.by_force[row], "cut", output, "m/N", point.sample_time, None, variance)

@@ -1,15 +1,124 @@
-"""The discs |dP/P| <= r(f) of a plant, as steps over frequency: given, or wide enough for all measured lines."""
+"""The discs |dP/P| <= r(f) of a plant, and the loop over frequency against them, in floats."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from feeddrive.certificate.plants import NominalPlant
 from feeddrive.language.errors import ParameterError
+from feeddrive.loop.linearize import StateSpace
+
+_BESIDE = np.linspace(-4.0, 4.0, 33)  # half widths of a resonance at which lines are added
+_PER_DECADE, _LOWEST = 150, 1e-6  # of Nyquist
+_REFINED = 6  # rounds, each of which takes the search ten times nearer
+
+
+def matrices(given: Mapping[str, Any], inputs: Sequence[str], outputs: Sequence[str], T: float) -> StateSpace:
+    """A linear system as a certificate holds it."""
+    A, B, C, D = (
+        np.array([[float.fromhex(x) for x in row] for row in given[name]], dtype=float) for name in ("A", "B", "C", "D")
+    )
+    n = len(given["A"])
+    return StateSpace(
+        A.reshape(n, n), B.reshape(n, len(inputs)), C.reshape(len(outputs), n), D.reshape(len(outputs), len(inputs)),
+        T, tuple(given["states"]), tuple(inputs), tuple(outputs),
+    )  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class LoopResponse:
+    """Control and plant of a certificate. `bands` are its steps of r, with one radius or one for each reading."""
+
+    control: StateSpace
+    plant: StateSpace
+    bands: Sequence[Mapping[str, Any]]
+
+    @cached_property
+    def closed(self) -> np.ndarray:
+        """The closed loop, x' = A x."""
+        C, P = self.control, self.plant
+        return np.block([[C.A, C.B @ P.C], [P.B @ C.C, P.A + P.B @ C.D @ P.C]])
+
+    @cached_property
+    def growth(self) -> float:
+        """|z| of the largest pole of the closed loop."""
+        return float(np.max(np.abs(np.linalg.eigvals(self.closed))))
+
+    @cached_property
+    def pole(self) -> complex:
+        """The largest pole of the closed loop."""
+        found = np.linalg.eigvals(self.closed)
+        return complex(found[np.argmax(np.abs(found))])
+
+    def gains(self, frequency: np.ndarray) -> np.ndarray:
+        """-Ci Pi for each reading, shape (readings, lines)."""
+        found = [
+            -self.control.response(frequency, input=reading).response
+            * self.plant.response(frequency, output=output).response
+            for reading, output in zip(self.control.inputs, self.plant.outputs, strict=True)
+        ]
+        return np.array(found)
+
+    def radii(self, frequency: np.ndarray) -> np.ndarray:
+        """r of each disc, on an edge the larger one; shape (discs, lines)."""
+        edges = np.array([band["to_Hz"] for band in self.bands])
+        r = np.array([band["r"] for band in self.bands], dtype=float)
+        left = np.minimum(np.searchsorted(edges, frequency * (1.0 - 1e-12), side="left"), edges.size - 1)
+        right = np.minimum(np.searchsorted(edges, frequency * (1.0 + 1e-12), side="right"), edges.size - 1)
+        return np.maximum(r[left], r[right]).T
+
+    def room(self, frequency: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """|1 + L| and Σ ri |Li|, or r |L| with one disc."""
+        gains, r = self.gains(frequency), self.radii(frequency)
+        whole = gains.sum(axis=0)
+        taken = r[0] * np.abs(whole) if r.shape[0] == 1 else np.sum(r * np.abs(gains), axis=0)
+        return np.abs(1.0 + whole), taken
+
+    def lines(self) -> np.ndarray:
+        """Hz up to Nyquist: even over ln f, denser around every resonance, and on every edge of the radius."""
+        T = self.control.sample_time
+        nyquist = 0.5 / T
+        poles = np.concatenate([self.plant.poles(), self.control.poles(), np.linalg.eigvals(self.closed)])
+        poles = poles[(np.abs(poles) > 0.1) & (np.abs(poles.imag) > 0.0)]
+        s = np.log(poles) / T
+        near = (np.abs(s.imag)[:, None] + np.abs(s.real)[:, None] * _BESIDE).ravel() / (2.0 * np.pi)
+        spread = np.geomspace(_LOWEST * nyquist, nyquist, round(-np.log10(_LOWEST) * _PER_DECADE))
+        edges = np.array([band["to_Hz"] for band in self.bands])
+        every = np.unique(np.concatenate([spread, near, edges]))
+        every = every[(every >= spread[0]) & (every <= nyquist)]
+        return every[np.append(np.diff(every) > 1e-13 * every[:-1], True)]
+
+    def reserve(self, also: Sequence[float] = ()) -> tuple[float, float]:
+        """By which factor all discs could be wider, and the frequency in Hz that allows no more."""
+        f = self.lines()
+        if also:
+            spread = np.concatenate([x * np.geomspace(0.98, 1.0 / 0.98, 81) for x in also])
+            f = np.unique(np.concatenate([f, spread[spread <= f[-1]]]))
+        room = self._ratio(f)
+        best = float(np.min(room)), float(f[np.argmin(room)])  # it may lie on an edge of the radius
+        # each local minimum is followed down between its neighbors
+        inner = np.flatnonzero((room <= np.append(room[1:], np.inf)) & (room <= np.append(np.inf, room[:-1])))
+        for i in inner[np.argsort(room[inner])][:8]:
+            low, high = f[max(i - 1, 0)], f[min(i + 1, f.size - 1)]
+            for _ in range(_REFINED):
+                fine = np.unique(np.linspace(low, high, 21))
+                values = self._ratio(fine)
+                k = int(np.argmin(values))
+                if values[k] < best[0]:
+                    best = float(values[k]), float(fine[k])
+                low, high = fine[max(k - 1, 0)], fine[min(k + 1, fine.size - 1)]
+        return best
+
+    def _ratio(self, f: np.ndarray) -> np.ndarray:
+        distance, taken = self.room(f)
+        return distance / np.maximum(taken, 1e-12 * distance)
+
 
 Radius = float | Sequence[tuple[float, float]]
 _ALIKE = 1.15  # radii of neighboring lines that become one step

@@ -1,4 +1,4 @@
-"""The plants of a certificate: sampled linear models with exact integrators, and the lines measured on them."""
+"""The plants of a certificate: sampled linear models, fitted ones among them, and the lines measured on them."""
 
 from __future__ import annotations
 
@@ -7,15 +7,151 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
+from scipy.optimize import least_squares
 
+from feeddrive.blocks.actuator.actuator import Actuator
+from feeddrive.blocks.plant.modal import Modal
+from feeddrive.blocks.plant.mode import Mode
 from feeddrive.certificate.deployed import READINGS
-from feeddrive.certificate.fitted import fitted_plant
-from feeddrive.language.errors import ParameterError
+from feeddrive.identification.response.modal_response import common_poles
+from feeddrive.language.errors import NotIdentifiableError, ParameterError
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.control import Control
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.linearize import StateSpace, linearize
 from feeddrive.loop.loop import Loop
+
+_LINES = 250  # that are fitted, spread over ln f
+_MOST = 8  # modes
+_SHARE = 0.01  # of a response, below which noise does not make a line count for more
+_BETTER = 0.85  # of the misfit that one mode more must leave, or less
+_USELESS = 0.5  # relative misfit in the mean, beyond which there is no model
+
+
+def fitted_plant(name: str, measured: Sequence[FRF], control: Control, T: float) -> tuple[StateSpace, float, int]:
+    """The sampled model with outputs in the order of `measured`, its dead time in s and how many modes it has.
+
+        x/f = e^(-s·dead_time) hold(s) [ (a + b s)/(s (s + corner)) + Σ (aᵢ + bᵢ s)/(s² + 2ζᵢωᵢs + ωᵢ²) ]
+
+    ω, ζ, corner and dead time are common and found by least squares, in which all a and b are solved for (variable
+    projection); then the modes are sampled exactly, and a and b are solved for once more.
+    Raises NotIdentifiableError if that leaves half of the response.
+    """
+    f = measured[0].frequency
+    inside = np.flatnonzero(f < 0.45 / T)
+    wanted = np.geomspace(f[inside[0]], f[inside[-1]], _LINES)
+    keep = np.unique(inside[np.searchsorted(f[inside], wanted).clip(0, inside.size - 1)])
+    if keep.size < 10:
+        raise NotIdentifiableError(f"'{name}': {keep.size} lines are too few to fit a plant to: at least 10")
+    f, G = f[keep], np.array([each.response[keep] for each in measured])
+    noise = np.array([np.zeros(f.size) if each.variance is None else each.variance[keep] for each in measured])
+    weight = 1.0 / np.sqrt(noise + (_SHARE * np.abs(G)) ** 2 + 1e-300)
+    best: tuple[float, np.ndarray] | None = None
+    for count in range(_MOST + 1):
+        if 2 * f.size * len(G) < 6 * (2 + 2 * count) * len(G):
+            break
+        found = _refined(f, G, weight, T, count)
+        if best is None or found[0] < _BETTER ** (count - _modes(best[1])) * best[0]:
+            best = found
+        elif count >= _modes(best[1]) + 2:
+            break
+    assert best is not None
+    model = _sampled(best[1], f, G, weight, control, T, len(measured))
+    left = np.array([model.response(f, output=each).response for each in model.outputs])
+    if np.median(np.abs(left / G - 1.0)) > _USELESS:
+        raise NotIdentifiableError(
+            f"'{name}': no model with up to {_MOST} modes fits it; give the axis as a machine, or measure with "
+            f"less noise"
+        )
+    return model, float(best[1][-1]), _modes(best[1])
+
+
+def _modes(values: np.ndarray) -> int:
+    return (values.size - 2) // 2
+
+
+def _columns(values: np.ndarray, s: np.ndarray, T: float) -> np.ndarray:
+    """Responses of free motion and modes, position and velocity of each, held and late; shape (lines, columns)."""
+    k = _modes(values)
+    omega, ratio = np.exp(values[:k]), np.exp(values[k : 2 * k])
+    corner, late = np.exp(values[-2]), values[-1]
+    late_hold = np.exp(-s * late) * (1.0 - np.exp(-s * T)) / (s * T)
+    free = 1.0 / (s * (s + corner))
+    modes = 1.0 / (s[:, None] ** 2 + 2.0 * np.outer(s, ratio * omega) + omega**2)
+    both = np.column_stack([free, modes])
+    return np.hstack([both, both * s[:, None]]) * late_hold[:, None]
+
+
+def _solved(columns: np.ndarray, G: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Real factors of the columns for each response, and the weighted residuals."""
+    factors: list[np.ndarray] = []
+    left: list[np.ndarray] = []
+    for response, w in zip(G, weight, strict=True):
+        matrix = columns * w[:, None]
+        stacked = np.vstack([np.real(matrix), np.imag(matrix)])
+        scale = np.linalg.norm(stacked, axis=0) + 1e-300
+        right = np.concatenate([np.real(response * w), np.imag(response * w)])
+        x = np.linalg.lstsq(stacked / scale, right, rcond=None)[0]
+        factors.append(x / scale)
+        left.append(stacked / scale @ x - right)
+    return np.array(factors), np.concatenate(left)
+
+
+def _refined(f: np.ndarray, G: np.ndarray, weight: np.ndarray, T: float, count: int) -> tuple[float, np.ndarray]:
+    """Modes from vector fitting at several dead times, the best of them brought to the least misfit."""
+    s = 2j * np.pi * f
+    low = 2.0 * np.pi * f[0]
+    # s² takes the free motion away; what of dead time and hold is left needs a few poles of its own
+    plain = [each * s * s for each in G]
+    starts: list[tuple[float, np.ndarray]] = []
+    for pairs in range(count, count + 4) if count else (0,):
+        poles, heights = (
+            common_poles([s] * len(plain), plain, pairs, 1) if count else (np.zeros(0, complex), np.zeros(0))
+        )
+        if poles.size < count:
+            continue
+        chosen = np.sort_complex(poles[np.argsort(-heights)[:count]])
+        ratio = np.clip(-np.real(chosen) / np.abs(chosen), 1e-4, 0.9)
+        for late in np.arange(0.0, 4.1, 1.0) * T:
+            for corner in (0.05 * low, low):
+                begin = np.concatenate([np.log(np.abs(chosen)), np.log(ratio), [np.log(corner), late]])
+                starts.append((float(np.sum(_solved(_columns(begin, s, T), G, weight)[1] ** 2)), begin))
+    if not starts:
+        return np.inf, np.concatenate([np.full(2 * count, -1.0), [np.log(low), 0.0]])
+    begin = min(starts, key=lambda each: each[0])[1]
+    least = np.concatenate([np.full(count, np.log(0.3 * low)), np.full(count, np.log(1e-5)), [np.log(1e-6 * low), 0.0]])
+    # a mode beyond the last line would be made of noise
+    most = np.concatenate(
+        [np.full(count, np.log(2.0 * np.pi * f[-1])), np.full(count, np.log(2.0)), [np.log(10.0 * low), 30 * T]]
+    )
+    found = least_squares(
+        lambda x: _solved(_columns(x, s, T), G, weight)[1], np.clip(begin, least + 1e-9, most - 1e-9),
+        bounds=(least, most), x_scale=np.concatenate([np.full(2 * count, 0.1), [1.0, 0.1 * T]]), max_nfev=40,
+    )  # fmt: skip
+    return float(np.sqrt(np.mean(found.fun**2))), found.x
+
+
+def _sampled(
+    values: np.ndarray, f: np.ndarray, G: np.ndarray, weight: np.ndarray, control: Control, T: float, count: int
+) -> StateSpace:
+    """The modes held exactly over a sample, with positions and velocities mixed so that the lines are met best."""
+    k = _modes(values)
+    modes = [
+        Mode(frequency=float(w / (2.0 * np.pi)), damping_ratio=float(d), mass=1.0, motor=1.0, load=1.0)
+        for w, d in zip(np.exp(values[:k]), np.exp(values[k : 2 * k]), strict=True)
+    ]
+    plant = Modal(mass=1.0, viscous=float(np.exp(values[-2])), modes=tuple(modes))
+    axis = Axis(plant=plant, actuator=Actuator(dead_time=float(values[-1])))
+    loop = Loop(control=replace(control, guard=None, force_limit=None), axis=axis, sample_time=T)
+    made = linearize(loop, ["cut"], ["reading_motor", "reading_load"][:count], velocity=0.05)
+    own = [i for i, state in enumerate(made.states) if state.startswith(("axis.position.", "axis.velocity."))]
+    z = np.exp(2j * np.pi * f * T)
+    n = len(made.states)
+    states = np.linalg.solve(z[:, None, None] * np.eye(n) - made.A, np.broadcast_to(made.B, (z.size, n, 1)))[:, own, 0]
+    C = np.zeros((count, n))
+    C[:, own] = _solved(states, G, weight)[0]
+    return replace(made, C=C)
+
 
 _AVERAGES = 8  # behind a coherence that comes without a variance
 _SIZES = 1e-40, 1e20  # m/N

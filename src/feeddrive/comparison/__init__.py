@@ -1,4 +1,4 @@
-"""The arena: all laws on one axis, over the same work, at equal robustness."""
+"""All laws on one axis, over the same work, at equal robustness."""
 
 from feeddrive.language.lazy_package import make_lazy
 

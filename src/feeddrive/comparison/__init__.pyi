@@ -1,5 +1,5 @@
-"""The arena: all laws on one axis, over the same work, at equal robustness."""
+"""All laws on one axis, over the same work, at equal robustness."""
 
-from feeddrive.comparison.arena import Comparison as Comparison
-from feeddrive.comparison.arena import compare as compare
-from feeddrive.comparison.results import write_arena as write_arena
+from feeddrive.comparison.compare import Comparison as Comparison
+from feeddrive.comparison.compare import compare as compare
+from feeddrive.comparison.report import write_comparison as write_comparison

@@ -1,26 +1,80 @@
-"""The figures of one law of the arena, from its linear model and its three runs."""
+"""The figures of one law of a comparison, from its linear model and its three runs, and by which it is ranked."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from feeddrive.analysis.effort import effort
+from feeddrive.analysis.loop_model import LoopModel
 from feeddrive.analysis.margins import margins
-from feeddrive.analysis.opened import Opened
-from feeddrive.analysis.recovery import force_noise, rope_snap
-from feeddrive.comparison.work import Work
+from feeddrive.analysis.stiffness import force_noise, rope_snap
+from feeddrive.comparison.duty import Duty
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import Run
+
+TIE = 0.005  # share by which figures must differ to be ranked apart
+
+
+class Criterion(NamedTuple):
+    """A figure by which laws are ranked: its name in files (SI), in words, unit and factor as shown, what is better."""
+
+    key: str
+    head: str
+    unit: str
+    factor: float = 1.0
+    higher: bool = False
+
+
+CRITERIA = (
+    Criterion("tracking_error_rms_m", "tracking RMS", "µm", 1e6),
+    Criterion("tracking_error_peak_m", "tracking peak", "µm", 1e6),
+    Criterion("snap_peak_m", "rope snap peak", "µm", 1e6),
+    Criterion("snap_settling_s", "rope snap settling", "ms", 1e3),
+    Criterion("step_peak_m", "force step peak", "µm", 1e6),
+    Criterion("step_settling_s", "force step settling", "ms", 1e3),
+    Criterion("rope_snap_ISE_root_m_per_N", "rope snap ISE^½", "nm √s/N", 1e9),
+    Criterion("stiffness_1_10_Hz_N_per_m", "stiffness 1-10 Hz", "N/µm", 1e-6, higher=True),
+    Criterion("stiffness_10_100_Hz_N_per_m", "stiffness 10-100 Hz", "N/µm", 1e-6, higher=True),
+    Criterion("stiffness_100_1000_Hz_N_per_m", "stiffness 100-1000 Hz", "N/µm", 1e-6, higher=True),
+    Criterion("stiffness_least_N_per_m", "least stiffness", "N/µm", 1e-6, higher=True),
+    Criterion("force_noise_N", "noise in the force, RMS", "N"),
+    Criterion("operations", "effort", "operations a sample"),
+)
+
+
+def ranks(criterion: Criterion, figures: Sequence[Mapping[str, float | None]]) -> list[int | None]:
+    """The place of each law, 1 for the best; those within half a per cent share one, and what has no figure has none.
+
+    What is infinite (a law that never settles, a force that is never held) has a figure: the last place.
+    """
+    values = [row.get(criterion.key) for row in figures]
+    found: list[int | None] = []
+    for value in values:
+        better = sum(
+            1 for other in values if value is not None and other is not None and beats(criterion, other, value)
+        )
+        found.append(None if value is None else 1 + better)
+    return found
+
+
+def beats(criterion: Criterion, a: float, b: float) -> bool:
+    """Whether a is better than b by more than a tie; what is infinite is neither better nor worse than its like."""
+    better, worse = (b, a) if criterion.higher else (a, b)
+    if math.isinf(better) or math.isinf(worse):
+        return better < worse
+    return better < (1.0 - TIE) * worse
+
 
 BANDS = ((1.0, 10.0), (10.0, 100.0), (100.0, 1000.0))  # Hz
 _LINES = 60  # of a band
 
 
-def linear(loop: Loop, both: Opened) -> dict[str, float | None]:
+def linear(loop: Loop, both: LoopModel) -> dict[str, float | None]:
     """Margins, rope-snap error, stiffness by band, noise in the force, effort; of a stable loop."""
     found: dict[str, float | None] = dict(effort_of(loop))
     lines = both.lines(200)
@@ -51,7 +105,7 @@ def effort_of(loop: Loop) -> dict[str, float]:
     return {"operations": float(effort(loop).total)}
 
 
-def _noise(loop: Loop, both: Opened) -> float | None:
+def _noise(loop: Loop, both: LoopModel) -> float | None:
     """RMS of the force by counts and noise of the encoders; None if they have neither."""
     axis = loop.axis
     motor, load = _deviation(axis.encoder_motor), _deviation(axis.encoder_load)
@@ -69,9 +123,9 @@ def _deviation(encoder: Any) -> float:
     return math.hypot(resolution / math.sqrt(12.0), getattr(encoder, "noise", None) or 0.0)
 
 
-def counted(run: Run, work: Work) -> Run:
+def counted(run: Run, duty: Duty) -> Run:
     """The run without the standstill at its start, in which a hanging axis finds its force."""
-    skip = int(np.searchsorted(run.time, work.skip))
+    skip = int(np.searchsorted(run.time, duty.skip))
     signals = {name: values[skip:] for name, values in run.signals.items()}
     return replace(run, time=run.time[skip:], signals=signals, first=run.first + skip)
 
@@ -87,11 +141,11 @@ def tracked(run: Run) -> dict[str, float | None]:
     }
 
 
-def recovered(run: Run, work: Work, name: str) -> dict[str, float | None]:
+def recovered(run: Run, duty: Duty, name: str) -> dict[str, float | None]:
     """Largest error after the force changed, and how long it stays further from 0 than `near`; infinite to the end."""
-    begin = int(np.searchsorted(run.time, work.begin - 1e-9))
+    begin = int(np.searchsorted(run.time, duty.begin - 1e-9))
     error = np.abs(run["tracking_error"][begin:])
-    far = np.flatnonzero(error > work.near)
+    far = np.flatnonzero(error > duty.near)
     never = far.size > 0 and far[-1] == error.size - 1
     settled = 0.0 if not far.size else math.inf if never else float((far[-1] + 1) * run.sample_time)
     return {f"{name}_peak_m": float(np.max(error)), f"{name}_settling_s": settled}

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from feeddrive.comparison.criteria import CRITERIA
+from feeddrive.comparison.figures import CRITERIA
 from feeddrive.loop.simulate import Run
 from feeddrive.plot import style
 

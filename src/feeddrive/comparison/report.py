@@ -1,18 +1,27 @@
-"""The report of the arena: how each law was tuned, figures and places by criterion, and the pictures of a study."""
+"""The report of a comparison, and the directory that it is written to."""
 
 from __future__ import annotations
 
+import csv
+import io
+import json
+import math
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from feeddrive.comparison import pictures
-from feeddrive.comparison.arena import TODAY, Comparison, Competitor
-from feeddrive.comparison.criteria import CRITERIA, Criterion
+from feeddrive.comparison.compare import TODAY, Comparison, Competitor
+from feeddrive.comparison.figures import CRITERIA, Criterion
+from feeddrive.files.atomic_io import new_directory
+from feeddrive.files.blocks_to_toml import to_toml
+from feeddrive.files.provenance import file_names
 from feeddrive.language import tree
 from feeddrive.language.table import Table
 from feeddrive.loop.control import Control
 from feeddrive.loop.linearize import compliance, tracking
+from feeddrive.report import build
 from feeddrive.report.content import RESPONSE_LINES, Entry, Shown, ShownTable, Study
 from feeddrive.report.sentences import block_sentence, described, number
 
@@ -20,15 +29,15 @@ from feeddrive.report.sentences import block_sentence, described, number
 def study(found: Comparison) -> Study:
     """What the report is made from."""
     loop = found.competitors[0].loop
-    work = found.work
+    duty = found.duty
     facts = {
         "Machine": f"{found.machine.name}, axis {found.axis}",
         "Source of its numbers": found.machine.source or "not stated",
         "Sample time": f"{1e3 * loop.sample_time:g} ms, {loop.axis.substeps} substep(s) of exact hold",
-        "Move": f"{block_sentence(work.move)}; the first {work.skip:g} s do not count",
-        "Rope snap": f"the table pulled back by {work.force:g} N, let go after {work.begin:g} s",
-        "Force step": f"{work.force:g} N switched on after {work.begin:g} s",
-        "Settled": f"what stays within {1e6 * work.near:g} µm until the end, {work.rest:g} s after the force changed",
+        "Move": f"{block_sentence(duty.move)}; the first {duty.skip:g} s do not count",
+        "Rope snap": f"the table pulled back by {duty.force:g} N, let go after {duty.begin:g} s",
+        "Force step": f"{duty.force:g} N switched on after {duty.begin:g} s",
+        "Settled": f"what stays within {1e6 * duty.near:g} µm until the end, {duty.rest:g} s after the force changed",
         "Noise": f"seed {found.seed}, the same for all laws; in the force: from counts and noise of the encoders",
         "Linear model": f"sliding at {1e3 * found.velocity:.4g} mm/s",
     }
@@ -143,7 +152,7 @@ def _refused(found: Comparison) -> list[ShownTable]:
 def _pictures(found: Comparison) -> list[Shown]:
     pictures = [
         Shown(
-            "arena",
+            "ratios",
             "All laws against plain P-PI",
             "Each figure divided by that of P-PI under the same rule. Blue: better, orange: worse; for stiffness more "
             "is better, for all else less.",
@@ -169,6 +178,84 @@ def _recovery(found: Comparison) -> Any:
     rows = [(each.name, each.snap, each.step) for each in found.competitors if each.snap and each.step]
     times = [each.figures.get("snap_settling_s") for each in found.competitors]
     finite = [t for t in times if t is not None and np.isfinite(t)]
-    T, work = float(found.competitors[0].loop.sample_time), found.work
-    span = min(max(2.0 * float(np.median(finite)) if finite else work.rest, 20.0 * T), work.rest)
-    return pictures.recovery(rows, begin=work.begin, near=work.near, span=float(span))
+    T, duty = float(found.competitors[0].loop.sample_time), found.duty
+    span = min(max(2.0 * float(np.median(finite)) if finite else duty.rest, 20.0 * T), duty.rest)
+    return pictures.recovery(rows, begin=duty.begin, near=duty.near, span=float(span))
+
+
+def write_comparison(found: Comparison, out: str | Path) -> Path:
+    """Write the directory whole or not at all, and return the path of the report.
+
+    Raises FileError if `out` cannot be written, or is a directory that feeddrive did not write.
+    """
+    page = build(study(found))
+    with new_directory(out) as folder:
+        (folder / "report.html").write_text(page, encoding="utf-8")
+        (folder / "summary.json").write_text(json.dumps(summary(found), indent=2) + "\n", encoding="utf-8")
+        (folder / "figures.csv").write_text(figures_csv(found), encoding="utf-8")
+        (folder / "machine.toml").write_text(found.machine.file.text, encoding="utf-8")
+        controls = folder / "controls"
+        controls.mkdir()
+        for name, each in zip(file_names(found.competitors), found.competitors, strict=True):
+            text = to_toml(each.loop.control, f"axis.{found.axis}.control")
+            (controls / f"{name}.toml").write_text(text, encoding="utf-8")
+    return Path(out) / "report.html"
+
+
+def summary(found: Comparison) -> dict[str, Any]:
+    """All figures as plain numbers; what does not occur is null, what is infinite the text "infinite"."""
+    places = {criterion.key: found.places(criterion) for criterion in CRITERIA}
+    return {
+        "title": found.title,
+        "machine": found.machine.name,
+        "source": found.machine.source,
+        "axis": found.axis,
+        "rule": found.rule,
+        "seed": found.seed,
+        "force_N": found.duty.force,
+        "settled_within_m": found.duty.near,
+        "velocity_of_the_linear_model_m_per_s": found.velocity,
+        "versions": dict(found.versions),
+        "laws": {
+            each.name: {
+                **{key: _plain(value) for key, value in each.figures.items()},
+                "places": {key: row[i] for key, row in places.items()},
+                **_tuned(each),
+            }
+            for i, each in enumerate(found.competitors)
+        },
+        "refused": {each.name: each.reason for each in found.refusals},
+        "remarks": list(found.remarks),
+    }
+
+
+def _tuned(each: Competitor) -> dict[str, Any]:
+    said: dict[str, Any] = {"unfit": each.unfit or None, "remark": each.remark or None}
+    if each.tuned is not None:
+        said |= {
+            "tunables": {
+                f"{each.loop.place_of('control')}.{name}": value for name, value in each.tuned.tunables.items()
+            },
+            "active": [held.sentence() for held in each.tuned.held],
+            "loops_judged": each.tuned.evaluations,
+            "settled": each.settled,
+            "spread_of_searches": each.tuned.spread,
+            "proof": {line.what: {"holds": line.holds, "said": line.said} for line in each.tuned.proof},
+        }
+    return said
+
+
+def _plain(value: float | None) -> float | str | None:
+    return "infinite" if value is not None and math.isinf(value) else value
+
+
+def figures_csv(found: Comparison) -> str:
+    """The figures as CSV; what does not occur is empty."""
+    keys = list(dict.fromkeys(key for each in found.competitors for key in each.figures))
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(["law", *keys])
+    for each in found.competitors:
+        cells = (each.figures.get(key) for key in keys)
+        writer.writerow([each.name, *("" if cell is None else repr(float(cell)) for cell in cells)])
+    return text.getvalue()

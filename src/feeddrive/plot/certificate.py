@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from feeddrive.certificate.certificate import Certificate
-from feeddrive.certificate.responses import LoopResponse
+from feeddrive.certificate.discs import LoopResponse
 from feeddrive.language.table import picture_of
 from feeddrive.plot import style
 

@@ -7,10 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from feeddrive.analysis.encirclement import Encirclement
 from feeddrive.analysis.margins import Margins
 from feeddrive.analysis.margins import margins as margins_of
-from feeddrive.analysis.stability import Stability
+from feeddrive.analysis.stability import Encirclement, Stability
 from feeddrive.language.table import picture_of
 from feeddrive.loop.linearize import StateSpace
 from feeddrive.plot import style

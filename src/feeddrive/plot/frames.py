@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 
 from feeddrive.analysis.effort import Effort
-from feeddrive.analysis.encirclement import Encirclement
 from feeddrive.analysis.friction_map import FrictionMap
 from feeddrive.analysis.margin_intervals import MarginIntervals
 from feeddrive.analysis.margins import Margins
@@ -19,7 +18,7 @@ from feeddrive.analysis.measured_loop import MeasuredLoop
 from feeddrive.analysis.observe import Observation
 from feeddrive.analysis.replay import Replay
 from feeddrive.analysis.spectrum import Spectrum
-from feeddrive.analysis.stability import Stability
+from feeddrive.analysis.stability import Encirclement, Stability
 from feeddrive.analysis.stiffness import Stiffness
 from feeddrive.blocks.signals import Setpoint
 from feeddrive.certificate.certificate import Certificate
@@ -50,10 +49,10 @@ from feeddrive.tuning.delay_map import DelayMap
 from feeddrive.tuning.iterative_feedforward import Iteration
 from feeddrive.tuning.placement import Placement
 from feeddrive.tuning.recipes import Recipe
-from feeddrive.tuning.shaping.shaped_loop import Tuned
 from feeddrive.tuning.trajectory_prefilter import PrefilterFit
 from feeddrive.tuning.trial import Trial
 from feeddrive.tuning.trials import Trials
+from feeddrive.tuning.tuned import Tuned
 
 
 def frame(index: Sequence[Any] | np.ndarray, columns: Mapping[str, Any], index_name: str) -> Any:

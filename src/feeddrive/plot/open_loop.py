@@ -14,7 +14,7 @@ from feeddrive.language.errors import ParameterError
 from feeddrive.language.table import picture_of
 from feeddrive.plot import style
 from feeddrive.tuning.recipes import Recipe
-from feeddrive.tuning.shaping.cascade import CascadeLoops
+from feeddrive.tuning.tuned import CascadeLoops
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

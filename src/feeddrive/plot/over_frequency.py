@@ -7,15 +7,14 @@ from typing import Any
 
 import numpy as np
 
-from feeddrive.analysis.margins import Margins
-from feeddrive.analysis.sensitivity import complementary_sensitivity
-from feeddrive.analysis.sensitivity import sensitivity as sensitivity_of
+from feeddrive.analysis.margins import Margins, complementary_sensitivity
+from feeddrive.analysis.margins import sensitivity as sensitivity_of
 from feeddrive.analysis.spectrum import Spectrum
 from feeddrive.analysis.stiffness import Stiffness
 from feeddrive.language.table import picture_of, shown
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.plot import style
-from feeddrive.tuning.shaping.shaped_loop import Tuned
+from feeddrive.tuning.tuned import Tuned
 
 BANDS = 500  # over the whole axis: a line shows the largest amplitude in its band
 
@@ -188,10 +187,10 @@ def _span(frequencies: Any) -> tuple[float, float]:
 
 @picture_of.register
 def _tuned(found: Tuned) -> Any:
-    """Dynamic stiffness before and after at each site."""
+    """Dynamic stiffness before and after at each point."""
     many = len(found.after) > 1
     curves = {
-        f"{name}, {each.site}" if many else name: each.stiffness
+        f"{name}, {each.point}" if many else name: each.stiffness
         for name, row in (("today", found.before), ("new", found.after))
         for each in row
         if each.stable

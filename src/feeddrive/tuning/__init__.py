@@ -1,4 +1,4 @@
-"""Gains: laws tuned under one rule, so that they can be compared."""
+"""Gains: tuned, by rules, learned; and the laws that can be tuned."""
 
 from feeddrive.language.lazy_package import make_lazy
 

@@ -1,14 +1,16 @@
-"""Gains: laws tuned under one rule, so that they can be compared."""
+"""Gains: tuned, by rules, learned; and the laws that can be tuned."""
 
-from feeddrive.tuning.compensated import begin_compensation as begin_compensation
-from feeddrive.tuning.compensated import compensated as compensated
-from feeddrive.tuning.convergence import Convergence as Convergence
-from feeddrive.tuning.convergence import convergence as convergence
 from feeddrive.tuning.delay_map import DelayMap as DelayMap
 from feeddrive.tuning.delay_map import delay_map as delay_map
 from feeddrive.tuning.error_model import error_model as error_model
 from feeddrive.tuning.iterative_feedforward import Iteration as Iteration
+from feeddrive.tuning.iterative_feedforward import begin_compensation as begin_compensation
+from feeddrive.tuning.iterative_feedforward import compensated as compensated
 from feeddrive.tuning.iterative_feedforward import iterate as iterate
+from feeddrive.tuning.limits import Limits as Limits
+from feeddrive.tuning.operating_point import OperatingPoint as OperatingPoint
+from feeddrive.tuning.operating_point import measured_point as measured_point
+from feeddrive.tuning.operating_point import modelled_point as modelled_point
 from feeddrive.tuning.placement import Placement as Placement
 from feeddrive.tuning.placement import placement as placement
 from feeddrive.tuning.recipes import Recipe as Recipe
@@ -16,15 +18,6 @@ from feeddrive.tuning.recipes import half_antiresonance as half_antiresonance
 from feeddrive.tuning.recipes import kv_rule as kv_rule
 from feeddrive.tuning.recipes import margin_goals as margin_goals
 from feeddrive.tuning.recipes import symmetric_optimum as symmetric_optimum
-from feeddrive.tuning.shaping.limits import Limits as Limits
-from feeddrive.tuning.shaping.shape import assess as assess
-from feeddrive.tuning.shaping.shape import tune as tune
-from feeddrive.tuning.shaping.shaped_loop import Tuned as Tuned
-from feeddrive.tuning.shaping.site import Site as Site
-from feeddrive.tuning.shaping.site import measured_site as measured_site
-from feeddrive.tuning.shaping.site import modelled_site as modelled_site
-from feeddrive.tuning.signal_ilc import SignalTrials as SignalTrials
-from feeddrive.tuning.signal_ilc import learn_signal as learn_signal
 from feeddrive.tuning.trajectory_prefilter import PrefilterFit as PrefilterFit
 from feeddrive.tuning.trajectory_prefilter import fit_prefilter as fit_prefilter
 from feeddrive.tuning.trajectory_prefilter import fit_prefilter_to_log as fit_prefilter_to_log
@@ -32,5 +25,12 @@ from feeddrive.tuning.trajectory_prefilter import tune_prefilter as tune_prefilt
 from feeddrive.tuning.trial import Trial as Trial
 from feeddrive.tuning.trial import measured_trial as measured_trial
 from feeddrive.tuning.trial import simulated_trial as simulated_trial
+from feeddrive.tuning.trials import Convergence as Convergence
+from feeddrive.tuning.trials import SignalTrials as SignalTrials
 from feeddrive.tuning.trials import Trials as Trials
+from feeddrive.tuning.trials import convergence as convergence
 from feeddrive.tuning.trials import iterate_trials as iterate_trials
+from feeddrive.tuning.trials import learn_signal as learn_signal
+from feeddrive.tuning.tune import assess as assess
+from feeddrive.tuning.tune import tune as tune
+from feeddrive.tuning.tuned import Tuned as Tuned

@@ -3,20 +3,23 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from feeddrive.analysis.margins import margins
 from feeddrive.blocks.controller.cascade_ppi import CascadePPI
-from feeddrive.language.errors import NotIdentifiableError, ParameterError
+from feeddrive.language.errors import FeeddriveError, NotIdentifiableError, ParameterError
 from feeddrive.language.table import Result, Table
 from feeddrive.loop.control import Control
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.loop import Loop
-from feeddrive.tuning.shaping.control_response import ControlResponse
-from feeddrive.tuning.shaping.site import Site, modelled_site
+from feeddrive.tuning.control_response import ControlResponse
+from feeddrive.tuning.criteria import Criteria
+from feeddrive.tuning.figures import Figures, figures
+from feeddrive.tuning.limits import Limits
+from feeddrive.tuning.operating_point import OperatingPoint, modelled_point
 
 _OFF = 1e-9  # a gain that counts as none
 _STRAIGHT = math.radians(30.0)  # lag of the phase up to which mass and lag are read off
@@ -54,29 +57,29 @@ class Recipe(Result):
 
 
 class _Axis:
-    """A site with the velocity loop of a control around it: Kp = 1, no integral, no position loop."""
+    """A point with the velocity loop of a control around it: Kp = 1, no integral, no position loop."""
 
-    def __init__(self, site: Site | Loop, control: Control | None) -> None:
-        if isinstance(site, Loop):
-            control, site = control or site.control, modelled_site(site)
+    def __init__(self, point: OperatingPoint | Loop, control: Control | None) -> None:
+        if isinstance(point, Loop):
+            control, point = control or point.control, modelled_point(point)
         if control is None:
             control = Control(law=CascadePPI(Kv=1.0, Kp=1.0))
         law = control.law if isinstance(control.law, CascadePPI) else CascadePPI(Kv=1.0, Kp=1.0)
-        self.site, self.law = site, replace(law, position_every=1, viscous=None)
+        self.point, self.law = point, replace(law, position_every=1, viscous=None)
         self.control = replace(control, law=self.law, compensation=())
-        self.frequency = site.frequency
+        self.frequency = point.frequency
         self.unit = self.gain(replace(self.law, Kv=_OFF, Kp=1.0, Tn=None))
         self.mass, self.lag = self._read()
 
     def gain(self, law: CascadePPI) -> np.ndarray:
         """The loop gain at the actuator with a law."""
-        response = ControlResponse(replace(self.control, law=law), self.site.sample_time, ())
-        return -np.einsum("kl,kl->l", response.at((), self.frequency).value, self.site.by_force)
+        response = ControlResponse(replace(self.control, law=law), self.point.sample_time, ())
+        return -np.einsum("kl,kl->l", response.at((), self.frequency).value, self.point.by_force)
 
     def velocity_loop(self, Kp: float, Tn: float | None) -> FRF:
         """Of PI around the velocity."""
         gain = self.gain(replace(self.law, Kv=_OFF, Kp=Kp, Tn=Tn))
-        return FRF(self.frequency, gain, "cut", "force", "N/N", self.site.sample_time)
+        return FRF(self.frequency, gain, "cut", "force", "N/N", self.point.sample_time)
 
     def _read(self) -> tuple[float, float]:
         """Mass and lag from the lines below all resonances, on which velocity over force is 1/((m s + b) e^(s lag)).
@@ -91,7 +94,7 @@ class _Axis:
         if last < 5 or phase[last - 1] > 2.0 * _STRAIGHT:
             end = self.frequency[max(last - 1, 0)]
             raise NotIdentifiableError(
-                f"'{self.site.name}' shows no mass from {self.frequency[0]:.4g} to {end:.4g} Hz: measure between "
+                f"'{self.point.name}' shows no mass from {self.frequency[0]:.4g} to {end:.4g} Hz: measure between "
                 f"the friction, which holds it below, and its first resonance above"
             )
         s = 1j * w[:last] / w[last - 1]
@@ -100,7 +103,7 @@ class _Axis:
         both = np.vstack([np.real(rows), np.imag(rows)])
         c0, c1, c2 = np.linalg.lstsq(both, np.concatenate([np.real(right), np.imag(right)]))[0]
         scale = w[last - 1]
-        lag = max(float(c2 / c1 / scale), 0.5 * self.site.sample_time)
+        lag = max(float(c2 / c1 / scale), 0.5 * self.point.sample_time)
         return float(c1 / scale - c0 * lag), lag
 
     def antiresonance(self) -> float:
@@ -119,7 +122,7 @@ class _Axis:
         return Recipe(name, replace(self.law, Kp=Kp, Tn=Tn, Kv=Kv), reason, source, self.mass, self.lag)
 
 
-def symmetric_optimum(site: Site | Loop, control: Control | None = None, *, a: float = 2.0) -> Recipe:
+def symmetric_optimum(point: OperatingPoint | Loop, control: Control | None = None, *, a: float = 2.0) -> Recipe:
     """PI by the symmetric optimum of a free mass with a lag τ, and Kv a quarter of its crossover.
 
         Kp = m/(a τ),   Tn = a² τ,   Kv = 1/(4 a τ)
@@ -130,7 +133,7 @@ def symmetric_optimum(site: Site | Loop, control: Control | None = None, *, a: f
     """
     if not a > 1.0:
         raise ParameterError(f"a = {a:g} must be > 1")
-    axis = _Axis(site, control)
+    axis = _Axis(point, control)
     tau = axis.lag
     reason = f"mass {axis.mass:.4g} kg, lag {1e3 * tau:.3g} ms, a = {a:g}"
     return axis.made(
@@ -138,14 +141,14 @@ def symmetric_optimum(site: Site | Loop, control: Control | None = None, *, a: f
     )
 
 
-def kv_rule(site: Site | Loop, control: Control | None = None, *, damping: float = 1.0) -> Recipe:
+def kv_rule(point: OperatingPoint | Loop, control: Control | None = None, *, damping: float = 1.0) -> Recipe:
     """Kv from the crossover ωv of the present velocity loop: Kv = ωv/(4 D²).
 
     A velocity loop that answers like a first-order lag 1/ωv gives the position loop the damping ratio D.
     Raises ParameterError for a velocity loop without crossover.
     Source: Weck & Brecher, Werkzeugmaschinen 3, position loops of feed drives.
     """
-    axis = _Axis(site, control)
+    axis = _Axis(point, control)
     law = axis.law
     crossover = margins(axis.velocity_loop(law.Kp, law.Tn)).crossover
     if crossover is None:
@@ -155,7 +158,7 @@ def kv_rule(site: Site | Loop, control: Control | None = None, *, damping: float
     return axis.made("Kv rule", law.Kp, law.Tn, Kv, reason, "Weck & Brecher")
 
 
-def half_antiresonance(site: Site | Loop, control: Control | None = None) -> Recipe:
+def half_antiresonance(point: OperatingPoint | Loop, control: Control | None = None) -> Recipe:
     """The velocity loop crosses over at half of the first antiresonance, Tn = 4/ωv, Kv = ωv/4.
 
     Below it motor and table still move as one, so that the velocity loop does not see the spring.  The crossover is
@@ -163,11 +166,11 @@ def half_antiresonance(site: Site | Loop, control: Control | None = None) -> Rec
     Raises NotIdentifiableError if the axis shows no antiresonance.
     Source: rule of the trade for drives with an elastic coupling.
     """
-    axis = _Axis(site, control)
+    axis = _Axis(point, control)
     first = axis.antiresonance()
     if not math.isfinite(first):
         raise NotIdentifiableError(
-            f"'{axis.site.name}' shows no antiresonance up to {axis.frequency[-1]:.4g} Hz: take symmetric_optimum, or "
+            f"'{axis.point.name}' shows no antiresonance up to {axis.frequency[-1]:.4g} Hz: take symmetric_optimum, or "
             f"measure higher"
         )
     rate = min(math.pi * first, 0.5 / axis.lag)
@@ -176,7 +179,7 @@ def half_antiresonance(site: Site | Loop, control: Control | None = None) -> Rec
     return axis.made("half the first antiresonance", Kp, _SLOW / rate, rate / _CRITICAL, reason, "rule of the trade")
 
 
-def margin_goals(site: Site | Loop, control: Control | None = None, *, goal: str = "robust") -> Recipe:
+def margin_goals(point: OperatingPoint | Loop, control: Control | None = None, *, goal: str = "robust") -> Recipe:
     """The highest velocity gain, and then the highest Kv, that keep gain and phase margin on the real loop.
 
         robust: 12 dB and 60°,   dynamic: 7 dB and 45°,   Tn = 4/ωv;   Kv at most ωv/4, and less if the margins want it
@@ -187,7 +190,7 @@ def margin_goals(site: Site | Loop, control: Control | None = None, *, goal: str
     if goal not in GOALS:
         raise ParameterError(f"goal = {goal!r} must be one of {', '.join(GOALS)}")
     least_gain, least_phase = GOALS[goal]
-    axis = _Axis(site, control)
+    axis = _Axis(point, control)
 
     def keeps(L: FRF) -> bool:
         found = margins(L)
@@ -208,7 +211,7 @@ def margin_goals(site: Site | Loop, control: Control | None = None, *, goal: str
 
     def position(Kv: float) -> FRF:
         whole = axis.gain(replace(axis.law, Kv=Kv, Kp=Kp, Tn=Tn))
-        return FRF(axis.frequency, (whole - inner) / (1.0 + inner), "command", "command", "", axis.site.sample_time)
+        return FRF(axis.frequency, (whole - inner) / (1.0 + inner), "command", "command", "", axis.point.sample_time)
 
     Kv = _largest(lambda value: keeps(position(value)), 1e-3 * rate, rate / _CRITICAL)
     if Kv is None:
@@ -247,5 +250,47 @@ RECIPES: dict[str, Callable[..., Recipe]] = {
     "kv-rule": kv_rule,
     "half-antiresonance": half_antiresonance,
     "margins-robust": margin_goals,
-    "margins-dynamic": lambda site, control=None: margin_goals(site, control, goal="dynamic"),
+    "margins-dynamic": lambda point, control=None: margin_goals(point, control, goal="dynamic"),
 }
+
+
+@dataclass(frozen=True, eq=False)
+class JudgedRecipe:
+    """A rule with its law and the figures at every point; without a law the reason why the rule gives none."""
+
+    name: str
+    recipe: Recipe | None
+    figures: tuple[Figures, ...]
+    reason: str
+
+
+def judged_recipes(
+    points: Sequence[OperatingPoint | Loop],
+    control: Control,
+    limits: Limits,
+    step: Callable[[str], None] | None = None,
+    velocity: float = 0.05,
+) -> tuple[JudgedRecipe, ...]:
+    """Every rule, read off at the first point with the filters of a control, and judged at all of them."""
+    made = tuple(
+        modelled_point(each, f"axis {i + 1}" if len(points) > 1 else "model", velocity=velocity)
+        if isinstance(each, Loop)
+        else each
+        for i, each in enumerate(points)
+    )
+    found: list[JudgedRecipe] = []
+    for name, rule in RECIPES.items():
+        if step is not None:
+            step(f"rule {name}")
+        try:
+            recipe = rule(made[0], control)
+        except FeeddriveError as error:
+            found.append(JudgedRecipe(name, None, (), str(error)))
+            continue
+        whole = replace(control, law=recipe.law, compensation=())
+        response = ControlResponse(whole, made[0].sample_time, (), velocity)
+        answers = Criteria(made, response, "stiffness", limits, (0.0, np.inf)).answers(np.zeros(0))
+        found.append(
+            JudgedRecipe(name, recipe, tuple(figures(each, limits.reading_noise) for each in answers), recipe.reason)
+        )
+    return tuple(found)

@@ -14,8 +14,8 @@ from feeddrive.language.errors import LogError, ParameterError
 from feeddrive.language.table import Result, Table
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import Run, simulate
-from feeddrive.tuning.derivatives import differenced
 from feeddrive.tuning.least_squares import standard_errors
+from feeddrive.tuning.trial import differenced
 
 REGRESSORS = ("velocity", "acceleration", "jerk", "snap")
 _UNITS = ("s", "s2", "s3", "s4")

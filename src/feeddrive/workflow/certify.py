@@ -9,9 +9,8 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from feeddrive.certificate.certificate import Certificate
-from feeddrive.certificate.certify import PlantLike
+from feeddrive.certificate.certify import PlantLike, site_plants
 from feeddrive.certificate.certify import certify as certify_loop
-from feeddrive.certificate.sites import site_plants
 from feeddrive.files.frf import encoders, read_frf, read_frfs
 from feeddrive.files.machine import BUNDLED, MachineFile, read_machine
 from feeddrive.language.errors import FeeddriveError, ParameterError
@@ -19,7 +18,7 @@ from feeddrive.language.progress import Progress
 from feeddrive.loop.control import Control
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.loop import Loop
-from feeddrive.tuning.shaping.site import Site
+from feeddrive.tuning.operating_point import OperatingPoint
 from feeddrive.workflow.certificate_page import FILE, write_certified
 from feeddrive.workflow.command import Outcome, command
 from feeddrive.workflow.request import OUT, Request, argument, option
@@ -84,9 +83,9 @@ def certify(request: CertifyRequest, progress: Progress) -> Outcome[Certificate]
 
 
 def certified(
-    control: Control, sites: Sequence[Site | Loop], text: str | None, axis: str
+    control: Control, points: Sequence[OperatingPoint | Loop], text: str | None, axis: str
 ) -> tuple[Certificate | None, str]:
-    """The certificate of a tuned control at its sites, and what it says; None and the reason where there is none.
+    """The certificate of a tuned control at its points, and what it says; None and the reason where there is none.
 
     With the text of a machine file it is the control of that file, whose numbers have fewer digits.
     """
@@ -98,7 +97,7 @@ def certified(
                 file.write_text(text, encoding="utf-8")
                 machine = read_machine(file)
             control, of_file = machine.loop(axis).control, source(machine)
-        found = certify_loop(control, site_plants(sites), sample_time=float(sites[0].sample_time), machine=of_file)
+        found = certify_loop(control, site_plants(points), sample_time=float(points[0].sample_time), machine=of_file)
     except FeeddriveError as error:
         return None, str(error)
     return found, found.sentence()

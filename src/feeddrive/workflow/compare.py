@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from feeddrive.comparison.arena import Comparison, pieces
-from feeddrive.comparison.arena import compare as compare_laws
-from feeddrive.comparison.results import write_arena
+from feeddrive.comparison.compare import Comparison, pieces
+from feeddrive.comparison.compare import compare as compare_laws
+from feeddrive.comparison.report import write_comparison
 from feeddrive.files.machine import MachineFile, read_machine
 from feeddrive.language.progress import Progress
 from feeddrive.loop.runner import cores
@@ -43,6 +43,6 @@ def compare(request: CompareRequest, progress: Progress) -> Outcome[Comparison]:
     files: dict[str, Path] = {}
     if request.out is not None:
         step("report")
-        files["Report"] = write_arena(found, request.out)
+        files["Report"] = write_comparison(found, request.out)
     refused = [f"'{each.name}' is not on this axis: {each.reason}" for each in found.refusals]
     return Outcome(found, [found.table()], [f"rule: {found.rule}", *found.remarks, *refused], files=files)

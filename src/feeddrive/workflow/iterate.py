@@ -21,8 +21,7 @@ from feeddrive.language.errors import LogError, ParameterError
 from feeddrive.language.progress import Progress
 from feeddrive.language.table import Table
 from feeddrive.loop.loop import Loop
-from feeddrive.tuning.compensated import begin_compensation
-from feeddrive.tuning.iterative_feedforward import Iteration
+from feeddrive.tuning.iterative_feedforward import Iteration, begin_compensation
 from feeddrive.tuning.iterative_feedforward import iterate as next_iteration
 from feeddrive.tuning.trial import Trial, measured_trial
 from feeddrive.tuning.trials import iterate_trials

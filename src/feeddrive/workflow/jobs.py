@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from feeddrive.analysis.effort import fastest_mode, substeps_needed
 from feeddrive.analysis.replay import replay
-from feeddrive.analysis.resolution import fastest_mode, substeps_needed
 from feeddrive.analysis.stability import require_stable
 from feeddrive.blocks.families import Reference
 from feeddrive.files.job import Job

@@ -14,20 +14,19 @@ from feeddrive.language.progress import Progress
 from feeddrive.loop.control import Control
 from feeddrive.loop.loop import Loop
 from feeddrive.tuning.candidates import control_with
-from feeddrive.tuning.judged_recipes import JudgedRecipe, judged_recipes
-from feeddrive.tuning.recipes import RECIPES, margin_goals
-from feeddrive.tuning.shaping.criteria import GOALS
-from feeddrive.tuning.shaping.limits import Limits
-from feeddrive.tuning.shaping.shape import assess
-from feeddrive.tuning.shaping.shape import tune as tune_control
-from feeddrive.tuning.shaping.shaped_loop import Tuned
-from feeddrive.tuning.shaping.site import Site
+from feeddrive.tuning.criteria import GOALS
+from feeddrive.tuning.limits import Limits
+from feeddrive.tuning.operating_point import OperatingPoint
+from feeddrive.tuning.recipes import RECIPES, JudgedRecipe, judged_recipes, margin_goals
+from feeddrive.tuning.tune import assess
+from feeddrive.tuning.tune import tune as tune_control
+from feeddrive.tuning.tuned import Tuned, Verdict
 from feeddrive.workflow.certify import certified
 from feeddrive.workflow.command import Outcome, command
 from feeddrive.workflow.drive_logs import axis_name
 from feeddrive.workflow.request import OUT, Request, argument, frequencies, option
 from feeddrive.workflow.tune_page import Story, tables, write_tuned
-from feeddrive.workflow.tune_sources import Measurement, machine_of, several, site_of
+from feeddrive.workflow.tune_sources import Measurement, machine_of, point_of, several
 from feeddrive.workflow.tuned_machine import machine_text
 
 
@@ -112,7 +111,7 @@ def tune(request: TuneRequest, progress: Progress) -> Outcome[Tuned]:
         progress.step("report")
         report = write_tuned(found, text, name, request.out, story, certificate)
         if text is not None:
-            kind = "Machine, with values that are not recommended" if found.not_worth else "Machine"
+            kind = "Machine, with values that are not recommended" if found.verdict is Verdict.LEAVE else "Machine"
             files[kind] = report.parent / "machine.toml"
         if found.holds and certificate is not None:
             files["Certificate"] = report.parent / "certificate.json"
@@ -138,30 +137,30 @@ def _tuned(request: TuneRequest, progress: Progress) -> tuple[Tuned, Story, str 
         )
     limits, step = request.limits(), progress.step
     name = axis_name(loop, request.axis)
-    sites, said = _sites(request, machine, loop, progress)
-    control, begun = _control(request, loop, sites)
+    points, said = _points(request, machine, loop, progress)
+    control, begun = _control(request, loop, points)
     band = (0.0, math.inf) if request.band is None else frequencies(request.band)
     today = None if loop is None else loop.control
     if request.recipe is not None:
-        made = RECIPES[request.recipe](sites[0], control)
+        made = RECIPES[request.recipe](points[0], control)
         found = assess(
-            replace(control, law=made.law, compensation=()), sites, rule=f"{made.name}: {made.reason} ({made.source})",
+            replace(control, law=made.law, compensation=()), points, rule=f"{made.name}: {made.reason} ({made.source})",
             goal=request.goal, limits=limits, band=band, confidence=request.confidence, today=today, step=step,
         )  # fmt: skip
     else:
         found = tune_control(
-            control, sites, goal=request.goal, limits=limits, filters=request.filters, confidence=request.confidence,
+            control, points, goal=request.goal, limits=limits, filters=request.filters, confidence=request.confidence,
             starts=request.starts, seed=request.seed, today=today, band=band, step=step,
         )  # fmt: skip
     rules: tuple[JudgedRecipe, ...] = ()
     if found.control.law.kind == "cascade_ppi":
-        rules = judged_recipes(sites, control, limits, step)
+        rules = judged_recipes(points, control, limits, step)
     what = f"{base.name}, axis {name}" if base is not None else Path(request.source).name
     facts = {
         "Source": ", ".join([request.source, *request.at]),
         "Today": begun or what,
         "Law": control.law.kind,
-        "Sample time": f"{1e3 * float(sites[0].sample_time):g} ms",
+        "Sample time": f"{1e3 * float(points[0].sample_time):g} ms",
         "Loops judged": str(found.evaluations),
         "Searches": "none, a rule"
         if found.recipe
@@ -171,7 +170,7 @@ def _tuned(request: TuneRequest, progress: Progress) -> tuple[Tuned, Story, str 
     }
     text = None if base is None or not found.holds else machine_text(base, name, found.control)
     step("certificate")
-    certificate, facts["Certificate"] = certified(found.control, sites, text, name) if found.holds else (None, "")
+    certificate, facts["Certificate"] = certified(found.control, points, text, name) if found.holds else (None, "")
     story = Story(what, {k: v for k, v in facts.items() if v}, rules, tuple(said), begun or "today")
     return found, story, text, name, certificate
 
@@ -187,9 +186,9 @@ def _python(request: TuneRequest) -> str:
     )
 
 
-def _sites(
+def _points(
     request: TuneRequest, machine: MachineFile | None, loop: Loop | None, progress: Progress
-) -> tuple[list[Site | Loop], list[str]]:
+) -> tuple[list[OperatingPoint | Loop], list[str]]:
     """The axis at every position and load that was given: machines and measurements."""
     machines = {i: made for i, each in enumerate(request.at) if (made := machine_of(each)) is not None}
     if machine is not None and (request.motor or request.disturbance):
@@ -197,17 +196,17 @@ def _sites(
     measured = [each for i, each in enumerate(request.at) if i not in machines]
     first = Measurement(request.source, None, request.disturbance, request.disturbance_motor)
     places = several(first, measured, request.motor) if machine is None else [Measurement(each) for each in measured]
-    found: list[Site | Loop] = [] if machine is None else [machine.loop(request.axis)]
+    found: list[OperatingPoint | Loop] = [] if machine is None else [machine.loop(request.axis)]
     said: list[str] = []
     for each in places:
         progress.step(f"reading {Path(each.load).name}")
-        site, words = site_of(each, Path(each.load).stem, loop, request.sample_time, request.delay, request.unit)
-        found.append(site)
+        point, words = point_of(each, Path(each.load).stem, loop, request.sample_time, request.delay, request.unit)
+        found.append(point)
         said += words
     return [*found, *(each.loop(request.axis) for each in machines.values())], said
 
 
-def _control(request: TuneRequest, loop: Loop | None, sites: Sequence[Site | Loop]) -> tuple[Control, str]:
+def _control(request: TuneRequest, loop: Loop | None, points: Sequence[OperatingPoint | Loop]) -> tuple[Control, str]:
     """Where the search begins: today's control, another law on the same axis, or a P-PI by robust margins.
 
     And what stands in the place of today's control, if there is none.
@@ -215,7 +214,7 @@ def _control(request: TuneRequest, loop: Loop | None, sites: Sequence[Site | Loo
     if loop is None:
         if request.law not in (None, "cascade_ppi"):
             raise ParameterError(f"--law {request.law} needs a machine to take its model from: give it with --baseline")
-        law = replace(margin_goals(sites[0]).law, velocity_encoder="motor")
+        law = replace(margin_goals(points[0]).law, velocity_encoder="motor")
         return Control(law=law), "rule margins-robust"
     if request.law is None or request.law == loop.control.law.kind:
         law = loop.control.law

@@ -21,12 +21,11 @@ from feeddrive.language import tree
 from feeddrive.language.table import Table
 from feeddrive.report.content import Shown
 from feeddrive.report.page import definitions, header, page, picture, table
-from feeddrive.tuning.judged_recipes import JudgedRecipe
-from feeddrive.tuning.shaping.figures import FIGURES, Figures
-from feeddrive.tuning.shaping.limits import Limits
-from feeddrive.tuning.shaping.shaped_loop import Tuned
-from feeddrive.tuning.shaping.tunables import readable
-from feeddrive.tuning.shaping.words import broken_limits
+from feeddrive.tuning.figures import FIGURES, Figures
+from feeddrive.tuning.limits import Limits
+from feeddrive.tuning.recipes import JudgedRecipe
+from feeddrive.tuning.tunables import readable
+from feeddrive.tuning.tuned import Tuned, broken_limits
 from feeddrive.workflow.certificate_file import write_certificate
 
 
@@ -115,7 +114,7 @@ def _said(found: Tuned) -> str:
 
 
 def tables(found: Tuned, story: Story) -> list[Table]:
-    """Old against new: values, figures at each site, rules of the trade, the cascade loop by loop, the proof."""
+    """Old against new: values, figures at each point, rules of the trade, the cascade loop by loop, the proof."""
     rows = [
         [
             readable(found.control, name), "–" if math.isnan(found.started[name]) else f"{found.started[name]:.5g}",
@@ -147,16 +146,16 @@ def _figures(before: Figures | None, after: Figures, several: bool, today: str) 
         if cells != ["-", "-"]:
             rows.append([head, *cells, unit])
     against = ", against a force at the drive" if after.at_drive else ""
-    place = f" at {after.site}" if several else ""
+    place = f" at {after.point}" if several else ""
     return Table(f"figures of the closed loop{place}{against}", ["what", today, "new", "unit"], rows)
 
 
 def _compared(found: Tuned, story: Story) -> Table:
-    """Today, every rule of the trade and the new control, each at its worst site."""
+    """Today, every rule of the trade and the new control, each at its worst point."""
     shown = [(story.today, found.before), *((rule.name, rule.figures) for rule in story.rules), ("new", found.after)]
     rows = [[name, *_cells(row, found.limits)] for name, row in shown]
     return Table(
-        "beside the rules of the trade: Ms, phase margin, least stiffness, rope-snap error at the worst site",
+        "beside the rules of the trade: Ms, phase margin, least stiffness, rope-snap error at the worst point",
         ["", *_COMPARED],
         rows,
     )
@@ -193,7 +192,7 @@ def _rows(found: Tuned, today: str) -> Sequence[tuple[str, Figures]]:
     """Stable loops by name."""
     many = len(found.after) > 1
     return [
-        (f"{name}, {each.site}" if many else name, each)
+        (f"{name}, {each.point}" if many else name, each)
         for name, row in ((today, found.before), ("new", found.after))
         for each in row
         if each.stable
@@ -246,16 +245,16 @@ def summary(found: Tuned, story: Story) -> dict[str, Any]:
         "tunables": dict(found.tunables),
         "today": {name: None if math.isnan(value) else value for name, value in found.started.items()},
         "figures": {
-            name: {each.site: _plain(each) for each in row}
+            name: {each.point: _plain(each) for each in row}
             for name, row in (("today", found.before), ("new", found.after))
         },
         "held_back_by": [
-            {"what": h.what, "site": h.site, "frequency_Hz": h.frequency, "gain_percent": h.gain} for h in found.held
+            {"what": h.what, "point": h.point, "frequency_Hz": h.frequency, "gain_percent": h.gain} for h in found.held
         ],
         "against": "a force at the drive" if found.at_drive else "a force on the table",
         "remarks": [*story.said, *found.advice],
         "rules": {
-            rule.name: {"reason": rule.reason, "figures": {each.site: _plain(each) for each in rule.figures}}
+            rule.name: {"reason": rule.reason, "figures": {each.point: _plain(each) for each in rule.figures}}
             for rule in story.rules
         },
         "standard_deviations_kept": found.sure,

@@ -20,10 +20,9 @@ from feeddrive.loop.control import Control
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.linearize import linearize
 from feeddrive.loop.loop import Loop
+from feeddrive.tuning.control_response import ControlResponse
+from feeddrive.tuning.operating_point import READINGS, OperatingPoint, measured_point, with_table_force
 from feeddrive.tuning.recipes import margin_goals
-from feeddrive.tuning.shaping.control_response import ControlResponse
-from feeddrive.tuning.shaping.site import Site, measured_site
-from feeddrive.tuning.shaping.table_force import READINGS, with_table_force
 
 LOAD = ("reading_load", "position_load", "load")
 MOTOR = ("reading_motor", "position_motor", "motor")
@@ -57,10 +56,10 @@ def machine_of(source: str) -> MachineFile | None:
     return None
 
 
-def site_of(
+def point_of(
     given: Measurement, name: str, loop: Loop | None, sample_time: float | None, delay: float, unit: str | None
-) -> tuple[Site, list[str]]:
-    """The measured site, and what must be said of it. Raises ParameterError for what does not fit, with what to do."""
+) -> tuple[OperatingPoint, list[str]]:
+    """The measured point, and what must be said of it. Raises ParameterError for what does not fit, with what to do."""
     found = {key: _in_metres(given.load, frf, unit) for key, frf in read_frfs(given.load).items()}
     load, motor = _roles(given, found, unit)
     step = sample_time or load.sample_time or (None if loop is None else float(loop.sample_time))
@@ -80,20 +79,20 @@ def site_of(
     for each in (load, motor):
         if each is not None:
             _check_sign(given.load, each)
-    site = measured_site(load, motor, disturbance=struck, sample_time=step, delay=delay, name=name)
+    point = measured_point(load, motor, disturbance=struck, sample_time=step, delay=delay, name=name)
     said: list[str] = []
     if loop is not None:
-        _check_size(given.load, site, loop, stated=bool(load.unit) or unit is not None)
+        _check_size(given.load, point, loop, stated=bool(load.unit) or unit is not None)
         if motor is None and given.motor != _NONE:
             _check_encoders(given.load, loop)
-    if site.at_drive:
-        site, said = _on_the_table(site, loop, load, motor, step)
+    if point.at_drive:
+        point, said = _on_the_table(point, loop, load, motor, step)
     elif loop is not None:
-        site, words = with_table_force(site, loop, _BASELINE)
+        point, words = with_table_force(point, loop, _BASELINE)
         said += [words] if words else []
     if not load.unit and unit is None:
         said.append(f"{given.load} does not say its unit: it counts as m/N (--unit)")
-    return site, said
+    return point, said
 
 
 def _roles(given: Measurement, found: dict[str, FRF], unit: str | None) -> tuple[FRF, FRF | None]:
@@ -158,17 +157,17 @@ def _check_sign(path: str, frf: FRF) -> None:
         )
 
 
-def _check_size(path: str, site: Site, loop: Loop, *, stated: bool) -> None:
+def _check_size(path: str, point: OperatingPoint, loop: Loop, *, stated: bool) -> None:
     """A response without a unit that is many times what the baseline's plant gives is in another unit."""
     model = linearize(loop, ["cut"], READINGS)
-    low = site.frequency <= 3.0 * site.frequency[0]
-    true = model.response(site.frequency[low], READINGS[1], "cut").response
-    ratio = float(np.median(np.abs(site.by_force[1, low] / true)))
+    low = point.frequency <= 3.0 * point.frequency[0]
+    true = model.response(point.frequency[low], READINGS[1], "cut").response
+    ratio = float(np.median(np.abs(point.by_force[1, low] / true)))
     if not stated and not 1.0 / _SIZE < ratio < _SIZE:
         guess = {3: "mm/N", 6: "um/N", 9: "nm/N"}.get(round(math.log10(ratio)) if ratio > 0.0 else 0)
         hint = f", as if it were in {guess}" if guess else ""
         raise ParameterError(
-            f"{path}: is {ratio:.3g} times what the baseline's plant does at {site.frequency[0]:.4g} Hz{hint}, and it "
+            f"{path}: is {ratio:.3g} times what the baseline's plant does at {point.frequency[0]:.4g} Hz{hint}, and it "
             f"states no unit: say it with --unit (m/N if it is right and the baseline's mass is not)"
         )
 
@@ -190,26 +189,28 @@ def _check_encoders(path: str, loop: Loop) -> None:
         )
 
 
-def _on_the_table(site: Site, loop: Loop | None, load: FRF, motor: FRF | None, step: float) -> tuple[Site, list[str]]:
-    """The site with a force on the table by the baseline's plant, else by a fit of modes to both encoders."""
+def _on_the_table(
+    point: OperatingPoint, loop: Loop | None, load: FRF, motor: FRF | None, step: float
+) -> tuple[OperatingPoint, list[str]]:
+    """The point with a force on the table by the baseline's plant, else by a fit of modes to both encoders."""
     said: list[str] = []
     if loop is not None:
-        made, words = with_table_force(site, loop, _BASELINE)
+        made, words = with_table_force(point, loop, _BASELINE)
         if not made.at_drive:
             return made, [words]
         said.append(words)
     if motor is None:
-        return site, said
+        return point, said
     try:
         # what a control reads and commands is sampled and held, also where a file does not say so
         at_motor, at_load = (replace(_fewer(each), sample_time=step) for each in (motor, load))
         fit = fit_modal_axis(at_motor, at_load)
         plant, actuator = fit.blocks()
-        control = Control(law=margin_goals(site).law) if loop is None else loop.control
+        control = Control(law=margin_goals(point).law) if loop is None else loop.control
         fitted = Loop(control=control, axis=Axis(plant=plant, actuator=actuator), sample_time=step)
-        made, words = with_table_force(site, fitted, f"a fit of {len(getattr(plant, 'modes', ()))} modes", run=False)
+        made, words = with_table_force(point, fitted, f"a fit of {len(getattr(plant, 'modes', ()))} modes", run=False)
     except FeeddriveError as error:
-        return site, [*said, f"no plant could be fitted for a force on the table: {error}"]
+        return point, [*said, f"no plant could be fitted for a force on the table: {error}"]
     return made, [words] if not made.at_drive else [*said, words]
 
 

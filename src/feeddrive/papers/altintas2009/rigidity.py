@@ -32,7 +32,7 @@ from feeddrive.papers.claims import Claim
 from feeddrive.plot.curves import Row, curves
 from feeddrive.report.content import Shown
 from feeddrive.tuning.delay_map import DelayMap, delay_map
-from feeddrive.tuning.shaping.shape import tune
+from feeddrive.tuning.tune import tune
 
 F = np.geomspace(0.1, 1000.0, 1200)
 RATE = 300.0

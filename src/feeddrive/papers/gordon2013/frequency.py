@@ -15,8 +15,7 @@ import numpy as np
 from feeddrive import plot
 from feeddrive.analysis.margins import Margins, margins
 from feeddrive.analysis.measured_loop import measured_loop
-from feeddrive.analysis.recovery import rope_snap
-from feeddrive.analysis.stiffness import stiffness
+from feeddrive.analysis.stiffness import rope_snap, stiffness
 from feeddrive.language import tree
 from feeddrive.language.table import Table
 from feeddrive.loop.frequency_response import FRF

@@ -28,8 +28,7 @@ from feeddrive.papers.wu2017.testbed import (
     table_axis,
 )
 from feeddrive.report.content import Shown
-from feeddrive.tuning.signal_ilc import learn_signal
-from feeddrive.tuning.trials import Trials, iterate_trials
+from feeddrive.tuning.trials import Trials, iterate_trials, learn_signal
 
 # RMS in um after trials 1 to 6 as an independent program found them, and its last one with changing references
 EXPECTED = {

@@ -26,11 +26,10 @@ from feeddrive.papers.wu2017.testbed import (
     table_axis,
 )
 from feeddrive.report.content import Shown
-from feeddrive.tuning.compensated import compensated, compensator
-from feeddrive.tuning.convergence import convergence
 from feeddrive.tuning.error_model import filtered, true_error_model
-from feeddrive.tuning.iterative_feedforward import iterate, regressors
+from feeddrive.tuning.iterative_feedforward import compensated, compensator, iterate, regressors
 from feeddrive.tuning.trial import simulated_trial
+from feeddrive.tuning.trials import convergence
 
 TRUE = {"mass": 120.0, "viscous": 400.0, "coulomb_positive": 95.0, "coulomb_negative": 80.0}
 MASSES = (0.01, 0.1, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0)

@@ -14,7 +14,7 @@ from feeddrive.blocks.load.recorded_force import RecordedForce
 from feeddrive.blocks.reference.snap_limited_move import SnapLimitedMove
 from feeddrive.files.machine import read_machine
 from feeddrive.loop.loop import Loop
-from feeddrive.tuning.compensated import compensated
+from feeddrive.tuning.iterative_feedforward import compensated
 
 TRANSITION = 2e-4  # m/s, v_t of the tanh friction of the tables
 FORCE_CONSTANT = 300.0  # N/A

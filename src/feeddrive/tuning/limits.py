@@ -1,20 +1,99 @@
-"""The bounds of a shaped loop: slack, slope to the tunables, and what noise leaves open.
+"""What a tuned loop must keep at every operating point: limits, and each as a bound with slack and slope.
 
-All are logarithms or shares, so that 0.01 is about a per cent: a bound keeps while its slack is >= 0.
+Slacks are logarithms or shares, so that 0.01 is about a per cent: a bound keeps while its slack is >= 0.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
 from typing import NamedTuple
 
 import numpy as np
 
-from feeddrive.analysis.extremum import least
+from feeddrive.analysis.margins import least
 from feeddrive.blocks.filter.notch import Notch
+from feeddrive.language.errors import ParameterError
 from feeddrive.loop.control import Control
-from feeddrive.tuning.shaping.answer import Answer
-from feeddrive.tuning.shaping.limits import Limits
+from feeddrive.tuning.closed_loop import Answer
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Bounds of a shaped loop; what is None does not bind.
+
+    sensitivity_peak       Ms = max |1/(1 + L)|
+    gain_margin_dB         the gain may rise by at least so much
+    phase_margin_deg       at every gain crossover
+    delay_margin_samples   extra dead time that reaches -1
+    compliance_peak        m/N: largest compliance of the closed loop over all frequencies
+    force_noise            N RMS in the command, from errors of the readings: reading_noise, white, m RMS
+    snap_force             N: a step of it on the table may not drive the command to its limit, in the run that proves
+    """
+
+    sensitivity_peak: float | None = 2.0
+    gain_margin_dB: float | None = None
+    phase_margin_deg: float | None = None
+    delay_margin_samples: float | None = None
+    compliance_peak: float | None = None
+    force_noise: float | None = None
+    reading_noise: tuple[float, float] = (0.0, 0.0)
+    snap_force: float | None = None
+
+    def __post_init__(self) -> None:
+        least = {"sensitivity_peak": 1.0}
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if field.name == "reading_noise" or value is None:
+                continue
+            bound = least.get(field.name, 0.0)
+            if not (math.isfinite(value) and value > bound):
+                raise ParameterError(f"{field.name} = {value:g} must be a finite number > {bound:g}")
+        if self.phase_margin_deg is not None and not self.phase_margin_deg < 180.0:
+            raise ParameterError(f"phase_margin_deg = {self.phase_margin_deg:g} must be < 180")
+        if self.force_noise is not None and not any(value > 0.0 for value in self.reading_noise):
+            raise ParameterError("force_noise needs reading_noise: the errors of the two readings in m RMS")
+
+    def sentence(self) -> str:
+        """All of them, as a clause."""
+        return ", ".join(each for each in self._clauses().values() if each) or "stability alone"
+
+    def only(self, kind: str) -> str:
+        """One of them, as a clause; by the name that a bound has."""
+        return self._clauses()[kind]
+
+    def eased(self, kind: str, factor: float) -> Limits:
+        """The same with one of them wider by a factor, that of Ms from 1 on."""
+        match kind:
+            case "Ms":
+                return replace(self, sensitivity_peak=1.0 + factor * ((self.sensitivity_peak or 1.0) - 1.0))
+            case "gain margin":
+                return replace(self, gain_margin_dB=(self.gain_margin_dB or 0.0) / factor)
+            case "phase margin":
+                return replace(self, phase_margin_deg=(self.phase_margin_deg or 0.0) / factor)
+            case "delay margin":
+                return replace(self, delay_margin_samples=(self.delay_margin_samples or 0.0) / factor)
+            case "peak compliance":
+                return replace(self, compliance_peak=factor * (self.compliance_peak or 0.0))
+            case "force noise":
+                return replace(self, force_noise=factor * (self.force_noise or 0.0))
+            case _:
+                return self
+
+    def _clauses(self) -> dict[str, str]:
+        """By the names of bounds; empty for what does not bind."""
+        said = {
+            "Ms": (self.sensitivity_peak, "Ms <= {:.4g}"),
+            "gain margin": (self.gain_margin_dB, "gain margin >= {:.4g} dB"),
+            "phase margin": (self.phase_margin_deg, "phase margin >= {:.4g} deg"),
+            "delay margin": (self.delay_margin_samples, "delay margin >= {:.4g} samples"),
+            "peak compliance": (None if self.compliance_peak is None else 1e6 * self.compliance_peak,
+                                "peak compliance <= {:.4g} um/N"),
+            "force noise": (self.force_noise, "force noise <= {:.4g} N RMS"),
+        }  # fmt: skip
+        return {kind: "" if value is None else text.format(value) for kind, (value, text) in said.items()}
+
 
 NOTCH = "notch"  # the bound that keeps a notch from raising
 _NEAR = 0.7  # of a logarithm: bounds with more slack on a line are not written down
@@ -23,10 +102,10 @@ _STRETCH = 0.08  # of ln f on both sides of a crossover, over which its slopes a
 
 
 class Bound(NamedTuple):
-    """One bound at one frequency of one site: its slack, slope, and standard deviation from the measurement."""
+    """One bound at one frequency of one point: its slack, slope, and standard deviation from the measurement."""
 
     kind: str
-    site: int
+    point: int
     frequency: float
     slack: float
     slope: np.ndarray
@@ -35,9 +114,9 @@ class Bound(NamedTuple):
 
 
 def bounds_of(i: int, each: Answer, limits: Limits) -> list[Bound]:
-    """All bounds of a site that are near."""
+    """All bounds of a point that are near."""
     found: list[Bound] = []
-    f, L, dL = each.site.frequency, each.gain, each.gain_slope
+    f, L, dL = each.point.frequency, each.gain, each.gain_slope
     spread = np.sqrt(0.5 * each.gain_variance)  # of the part along one direction
     if limits.sensitivity_peak is not None:
         away = np.abs(1.0 + L)
@@ -108,11 +187,11 @@ def _at_vertex(x: np.ndarray, slack: np.ndarray) -> np.ndarray:
 def _crossovers(i: int, each: Answer, limits: Limits, spread: np.ndarray) -> list[Bound]:
     """Gain, phase and delay margins, at straight lines of ln L over ln f between two lines of the grid."""
     found: list[Bound] = []
-    x, L = np.log(each.site.frequency), each.gain
+    x, L = np.log(each.point.frequency), each.gain
     pushed = each.gain_slope / L[:, None]  # of ln L
     level, turn = np.log(np.abs(L)), np.angle(L[1:] * np.conj(L[:-1]))
     lead = np.angle(-L)
-    T = each.site.sample_time
+    T = each.point.sample_time
     if limits.phase_margin_deg is not None or limits.delay_margin_samples is not None:
         for k in np.flatnonzero(level[:-1] * level[1:] < 0.0):
             part = level[k] / (level[k] - level[k + 1])
@@ -169,14 +248,14 @@ def force_noise(each: Answer, reading_noise: tuple[float, float]) -> tuple[float
     C, dC = each.response.value, each.response.slope
     S = 1.0 / (1.0 + each.gain)
     dS = -(S * S)[:, None] * each.gain_slope
-    f, T = each.site.frequency, each.site.sample_time
+    f, T = each.point.frequency, each.point.sample_time
     width = np.zeros(f.size)
     step = 0.5 * np.diff(f)
     width[:-1] += step
     width[1:] += step
     width[0] += f[0]
     width[-1] += max(0.5 / T - f[-1], 0.0)
-    if each.site.ratio is not None and np.all(each.site.ratio[0] == 1.0):  # one encoder gives both readings
+    if each.point.ratio is not None and np.all(each.point.ratio[0] == 1.0):  # one encoder gives both readings
         parts = [(C[0] + C[1], dC[0] + dC[1], max(reading_noise))]
     else:
         parts = [(C[k], dC[k], reading_noise[k]) for k in range(2)]

@@ -12,7 +12,8 @@ from feeddrive.language.errors import ParameterError
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.linearize import linearize
 from feeddrive.loop.loop import Loop
-from feeddrive.tuning.shaping.smoothing import smoothed, stiff_ratio
+from feeddrive.tuning.control_response import ControlResponse
+from feeddrive.tuning.smoothing import smoothed, stiff_ratio
 
 _LOWEST = 3e-5  # of Nyquist: where the lines of a model begin
 _PER_DECADE = 250
@@ -26,7 +27,7 @@ _AVERAGES = 8  # behind a coherence that comes without a variance
 
 
 @dataclass(frozen=True, eq=False)
-class Site:
+class OperatingPoint:
     """An axis at one position and load: responses in m/N on lines in Hz, of the readings of motor and load.
 
     by_force     from the command, shape (2, lines)
@@ -55,8 +56,8 @@ class Site:
     loop: Loop | None = None
     known_as: Loop | None = None
 
-    def chosen(self, keep: np.ndarray) -> Site:
-        """The site on some of its lines, by index."""
+    def chosen(self, keep: np.ndarray) -> OperatingPoint:
+        """The point on some of its lines, by index."""
         return replace(
             self,
             frequency=self.frequency[keep],
@@ -81,7 +82,7 @@ class Site:
         return np.union1d(keep, [0, x.size - 1])
 
 
-def modelled_site(loop: Loop, name: str = "model", *, velocity: float = 0.05) -> Site:
+def modelled_point(loop: Loop, name: str = "model", *, velocity: float = 0.05) -> OperatingPoint:
     """The axis of a loop that moves with `velocity` (m/s), its dead time, current loop and encoders with it."""
     model = linearize(
         loop, ["cut", "load_force"], ["reading_motor", "reading_load", "position_load"], velocity=velocity
@@ -101,7 +102,7 @@ def modelled_site(loop: Loop, name: str = "model", *, velocity: float = 0.05) ->
         for source in model.inputs
     }
     readings = ("reading_motor", "reading_load")
-    return Site(
+    return OperatingPoint(
         name,
         lines,
         np.array([found[each, "cut"] for each in readings]),
@@ -112,7 +113,7 @@ def modelled_site(loop: Loop, name: str = "model", *, velocity: float = 0.05) ->
     )
 
 
-def measured_site(
+def measured_point(
     load: FRF,
     motor: FRF | None = None,
     *,
@@ -121,7 +122,7 @@ def measured_site(
     delay: float = 0.0,
     name: str = "measured",
     averages: int = _AVERAGES,
-) -> Site:
+) -> OperatingPoint:
     """The axis behind measured responses, in m/N on the same lines.
 
     load, motor   from the commanded force to the readings; with one encoder leave `motor` out
@@ -179,7 +180,7 @@ def measured_site(
         made = [[_without(row[0]), row[1]] for row in made]
     by_force = np.array([each.response * late for each in made[0]])
     by_load = by_force if len(made) == 1 else np.array([each.response for each in made[1]])
-    return Site(
+    return OperatingPoint(
         name,
         lines,
         by_force,
@@ -232,3 +233,84 @@ def _on(frf: FRF, inside: np.ndarray, averages: int) -> _Lines:
         share = np.maximum(frf.coherence, 1e-3)
         variance = np.abs(frf.response) ** 2 * (1.0 - share) / (share * averages)
     return _Lines(frf.response[inside], None if variance is None else variance[inside])
+
+
+_WORST = 0.2  # of the response: a plant that is further off is another one
+_COUNTS = 0.1  # |L| from which lines count
+_FEWEST = 10
+READINGS = ("reading_motor", "reading_load")
+
+
+def disagreement(point: OperatingPoint, loop: Loop, velocity: float = 0.05) -> float:
+    """The median of |measured/model - 1| without the share of the noise, the worse of both readings.
+
+    On the lines on which the loop gain of the loop's own control is 0.1 or more.
+    """
+    model = linearize(loop, ["cut"], READINGS, velocity=velocity)
+    C = ControlResponse(loop.control, point.sample_time, (), velocity).at((), point.frequency).value
+    gain = np.abs(np.einsum("kl,kl->l", C, point.by_force))
+    lines = np.flatnonzero(gain >= _COUNTS)
+    if lines.size < _FEWEST:
+        lines = np.arange(point.frequency.size)
+    off: list[float] = []
+    for k, reading in enumerate(READINGS):
+        if k == 0 and _one_encoder(point):
+            continue
+        true = model.response(point.frequency[lines], reading, "cut").response
+        apart = np.abs(point.by_force[k, lines] / true - 1.0) ** 2
+        noise = 0.0 if point.variance is None else np.median(point.variance[1, lines] / np.abs(true) ** 2)
+        off.append(float(np.sqrt(max(np.median(apart) - noise, 0.0))))
+    return max(off)
+
+
+def with_table_force(
+    point: OperatingPoint, loop: Loop, source: str, velocity: float = 0.05, *, run: bool = True
+) -> tuple[OperatingPoint, str]:
+    """The point with the responses of a plant to a force on the table, and how far it can be trusted in words.
+
+    The plant must agree with the measured responses to 20 % (`disagreement`); by how much it does not is taken for the
+    standard deviation of its answer, if the measurement has one.  A point that the plant does not fit comes back as it
+    is.  One that was struck keeps its responses.
+
+    run  what is tuned is also run on the loop, with its friction, counts and limits (`OperatingPoint.known_as`)
+    """
+    off = disagreement(point, loop, velocity)
+    if off > _WORST:
+        nothing = "a force on the table, nor can the new control be run on it" if run else "a force on the table"
+        apart = f"{source} is {100.0 * off:.3g} % off the response '{point.name}'"
+        return point, f"{apart}, and so it says nothing on {nothing}"
+    if run:
+        point = replace(point, known_as=replace(loop, sample_time=point.sample_time))
+    if not point.at_drive:
+        return point, ""
+    model = linearize(loop, ["cut", "load_force"], READINGS, velocity=velocity)
+    found = {
+        source: np.array([model.response(point.frequency, each, source).response for each in READINGS])
+        for source in model.inputs
+    }
+    by_load = found["load_force"]
+    # y = S y_d (1 - C_m y_u (r_u - r_d)), r = motor/load: by how much the ratios differ decides about stiffness, so the
+    # plant gives the difference and not a second ratio, whose error would be as large as what is looked for
+    apart = found["cut"][0] / found["cut"][1] - by_load[0] / by_load[1]
+    if _one_encoder(point):
+        apart = 0.0 * apart
+    by_load = np.array([by_load[1] * (point.by_force[0] / point.by_force[1] - apart), by_load[1]])
+    variance = None
+    if point.variance is not None:
+        spread = (off * np.abs(by_load)) ** 2
+        variance = np.array([np.zeros(spread.shape[1]), spread[1]])
+    ratio = None if point.ratio is None else np.array([point.ratio[0], by_load[0] / by_load[1]])
+    moved = np.array([point.moved[0], by_load[1]])
+    shown = (
+        f"the force on the table is by {source}, which agrees with the response '{point.name}' within "
+        f"{100.0 * max(off, 1e-3):.2g} %; a hammer on the table (--disturbance) would prove it"
+    )
+    return (
+        replace(point, by_load=by_load, moved=moved, load_variance=variance, at_drive=False, ratio=ratio),
+        shown,
+    )
+
+
+def _one_encoder(point: OperatingPoint) -> bool:
+    """Whether one encoder gives both readings."""
+    return point.ratio is not None and bool(np.all(point.ratio[0] == 1.0))

@@ -1,4 +1,4 @@
-"""The work of a shaping: searches from several starts, on all lines, with the room that noise asks for."""
+"""The work of a tuning: searches from several starts, on all lines, with the room that noise asks for."""
 
 from __future__ import annotations
 
@@ -12,13 +12,12 @@ from feeddrive.blocks.filter.notch import Notch
 from feeddrive.language import tree
 from feeddrive.language.errors import NotIdentifiableError, UnstableError
 from feeddrive.loop.control import Control
-from feeddrive.tuning.shaping import certainty
-from feeddrive.tuning.shaping.control_response import ControlResponse
-from feeddrive.tuning.shaping.criteria import Criteria
-from feeddrive.tuning.shaping.limits import Limits
-from feeddrive.tuning.shaping.search import End, Search
-from feeddrive.tuning.shaping.site import Site
-from feeddrive.tuning.shaping.tunables import box, logarithms, speeds
+from feeddrive.tuning.control_response import ControlResponse
+from feeddrive.tuning.criteria import Criteria, needed, require_covered, require_good
+from feeddrive.tuning.limits import Limits
+from feeddrive.tuning.operating_point import OperatingPoint
+from feeddrive.tuning.search import End, Search
+from feeddrive.tuning.tunables import box, logarithms, speeds
 
 _LADDER = np.log(2.0) * np.arange(2.0, -11.5, -0.5)  # factors 4 ... 1/2048
 _NEAR = 0.3  # a start that breaks its bounds by less is near enough
@@ -46,30 +45,30 @@ class Best(NamedTuple):
     box: tuple[np.ndarray, np.ndarray]
 
 
-class Work:
-    """One shaping: the same sites, goal and limits for every set of tunables that is tried."""
+class Tuner:
+    """One tuning: the same points, goal and limits for every set of tunables that is tried."""
 
     def __init__(
-        self, sites: tuple[Site, ...], goal: str, limits: Limits, band: tuple[float, float], confidence: float,
-        starts: int, seed: int, velocity: float, step: Callable[[str], None],
+        self, points: tuple[OperatingPoint, ...], goal: str, limits: Limits, band: tuple[float, float],
+        confidence: float, starts: int, seed: int, velocity: float, step: Callable[[str], None],
     ) -> None:  # fmt: skip
-        self.sites, self.goal, self.limits, self.band = sites, goal, limits, band
+        self.points, self.goal, self.limits, self.band = points, goal, limits, band
         self.confidence, self.starts, self.velocity = confidence, starts, velocity
         self.random = np.random.default_rng(seed)
-        self.kept = [site.sparse() for site in sites]
-        self.noisy = any(site.variance is not None for site in sites)
+        self.kept = [point.sparse() for point in points]
+        self.noisy = any(point.variance is not None for point in points)
         self.evaluations, self.step = 0, step
 
     def criteria(self, control: Control, names: tuple[str, ...], whole: bool = False) -> Criteria:
         """Of a set of tunables, on the lines of the search or on all."""
-        response = ControlResponse(control, self.sites[0].sample_time, names, self.velocity)
-        sites = self.sites if whole else tuple(s.chosen(k) for s, k in zip(self.sites, self.kept, strict=True))
-        return Criteria(sites, response, self.goal, self.limits, self.band)
+        response = ControlResponse(control, self.points[0].sample_time, names, self.velocity)
+        points = self.points if whole else tuple(s.chosen(k) for s, k in zip(self.points, self.kept, strict=True))
+        return Criteria(points, response, self.goal, self.limits, self.band)
 
     def tuned(self, control: Control, names: tuple[str, ...], starts: int | None = None) -> Best:
         """The best end of some searches, on all lines, with the room that the noise asks for."""
         x = logarithms(control, names)
-        low, high = box(control, names, x, self.sites[0].sample_time)
+        low, high = box(control, names, x, self.points[0].sample_time)
         criteria = self.criteria(control, names)
         search = Search(criteria, low, high)
         self.step("where to begin")
@@ -91,26 +90,24 @@ class Work:
         end = self._on_all_lines(control, names, search, end)
         free, sure = float(np.max(end.judged.goal)), 0.0
         if self.noisy:
-            certainty.require_good(search.criteria.answers(end.x), 1.0)
+            require_good(search.criteria.answers(end.x), 1.0)
             sure = _one_sided(self.confidence)
             self.step("room for the noise")
             for _ in range(_TURNS):
                 search.sure = sure
                 end = self._from_below(search, search.descend(end.x), x, speeds(control, names))
                 end = self._on_all_lines(control, names, search, end)
-                wanted = certainty.needed(
-                    self.criteria(control, names, whole=True)(end.x).bounds, sure, self.confidence
-                )
+                wanted = needed(self.criteria(control, names, whole=True)(end.x).bounds, sure, self.confidence)
                 if abs(wanted - sure) < 0.03:
                     break
                 sure = wanted
         cost = float(np.exp(float(np.max(end.judged.goal)) - free) - 1.0)
         if search.broken(end.judged) > 5e-3:
-            certainty.require_covered(self.criteria(control, names, whole=True).answers(end.x))
+            require_covered(self.criteria(control, names, whole=True).answers(end.x))
             self._refuse(search, end)
-        certainty.require_covered(self.criteria(control, names, whole=True).answers(end.x))
+        require_covered(self.criteria(control, names, whole=True).answers(end.x))
         if self.noisy:
-            certainty.require_good(search.criteria.answers(end.x), 1.0)
+            require_good(search.criteria.answers(end.x), 1.0)
             if cost > _COSTLY:
                 self._too_costly(search, end, cost)
         self.evaluations += search.criteria.count
@@ -125,9 +122,9 @@ class Work:
         if found is None:
             raise UnstableError("the loop is unstable with these gains: take another rule, or let the goal search")
         answers = criteria.answers(x)
-        certainty.require_covered(answers)
+        require_covered(answers)
         if self.noisy:
-            certainty.require_good(answers, 1.0)
+            require_good(answers, 1.0)
         self.evaluations += 1
         return Best(
             control, names, End(x, found, {}, search.broken(found)), criteria, 0.0, 0.0, 0.0, True, (x - 1.0, x + 1.0)
@@ -175,12 +172,12 @@ class Work:
             found = whole(end.x)
             added = False
             for bound in found.bounds:
-                site = self.sites[bound.site]
+                point = self.points[bound.point]
                 if search.sure * bound.deviation - bound.slack > 1e-3 and bound.frequency > 0.0:
-                    k = min(int(np.searchsorted(site.frequency, bound.frequency)), site.frequency.size - 1)
-                    beside = np.arange(max(k - 1, 0), min(k + 2, site.frequency.size))
-                    if not np.all(np.isin(beside, self.kept[bound.site])):
-                        self.kept[bound.site] = np.union1d(self.kept[bound.site], beside)
+                    k = min(int(np.searchsorted(point.frequency, bound.frequency)), point.frequency.size - 1)
+                    beside = np.arange(max(k - 1, 0), min(k + 2, point.frequency.size))
+                    if not np.all(np.isin(beside, self.kept[bound.point])):
+                        self.kept[bound.point] = np.union1d(self.kept[bound.point], beside)
                         added = True
             if not added:
                 return end
@@ -206,7 +203,7 @@ class Work:
         best = f"; within reach, each with the other limits kept: {' or '.join(reached)}" if reached else ""
         raise UnstableError(
             f"no setting was found that keeps {self.limits.sentence()}: {worst.kind}{where} "
-            f"('{self.sites[worst.site].name}'){noise} stays {beyond:.3g} % beyond its limit{against}{best}; ease a "
+            f"('{self.points[worst.point].name}'){noise} stays {beyond:.3g} % beyond its limit{against}{best}; ease a "
             f"limit, or add a filter there"
         )
 
@@ -218,7 +215,7 @@ class Work:
             criteria = search.criteria
             limits = self.limits.eased(kind, factor)
             other = Search(
-                Criteria(criteria.sites, criteria.control, self.goal, limits, self.band), search.low, search.high
+                Criteria(criteria.points, criteria.control, self.goal, limits, self.band), search.low, search.high
             )
             other.sure = search.sure
             if other.judge(end.x) is None:
@@ -240,7 +237,7 @@ class Work:
         forced = [b for b in end.judged.bounds if end.force.get(b.key, 0.0) > 0.0 and b.deviation > 0.0]
         worst = max(forced or end.judged.bounds, key=lambda b: end.force.get(b.key, 0.0) * b.deviation)
         raise NotIdentifiableError(
-            f"do not tune, measure again: the noise of '{self.sites[worst.site].name}' costs {100.0 * cost:.3g} % of "
+            f"do not tune, measure again: the noise of '{self.points[worst.point].name}' costs {100.0 * cost:.3g} % of "
             f"the goal, most of it from {0.7 * worst.frequency:.4g} to {1.4 * worst.frequency:.4g} Hz, where "
             f"{worst.kind} is only known to {100.0 * worst.deviation:.2g} %; excite this band more strongly, or "
             f"average longer"
@@ -280,7 +277,7 @@ class Work:
         ]
         found: dict[float, float] = {}
         for each in self.criteria(best.control, best.names, whole=True).answers(best.end.x):
-            f, size = each.site.frequency, np.abs(each.gain)
+            f, size = each.point.frequency, np.abs(each.gain)
             above = np.flatnonzero(size >= 1.0)
             crossover = f[above[0]] if above.size else f[0]
             for k in range(2, f.size - 2):

@@ -19,7 +19,7 @@ _BESIDE = np.linspace(-4.0, 4.0, 33)  # half widths of a resonance at which line
 
 
 @dataclass(frozen=True, eq=False)
-class Opened:
+class LoopModel:
     """The linear model of a loop from `cut` and further inputs to `force` and `position_load`, and its closed form.
 
     open    the loop cut between control and actuator
@@ -65,7 +65,7 @@ class Opened:
         return FRF(frequency, -values, "cut", "force", "N/N", model.sample_time)
 
 
-def opened(loop: Loop, *, velocity: float = 0.05) -> Opened:
+def loop_model(loop: Loop, *, velocity: float = 0.05) -> LoopModel:
     """The linear model of a loop that moves with `velocity` (m/s), opened at the actuator.
 
     Its inputs are `cut`, `load_force` and both readings.
@@ -78,7 +78,7 @@ def opened(loop: Loop, *, velocity: float = 0.05) -> Opened:
         )
     inputs = ("cut", "load_force", "reading_motor", "reading_load")
     model = linearize(loop, inputs, ("force", "position_load"), velocity=velocity)
-    return Opened(model, close(model))
+    return LoopModel(model, close(model))
 
 
 def close(model: StateSpace) -> StateSpace:

@@ -1,4 +1,4 @@
-"""All laws on one axis: the present gains first, then each law tuned under the same rule, over the same work."""
+"""All laws on one axis: the present gains first, then each law tuned under the same rule, over the same duty."""
 
 from __future__ import annotations
 
@@ -8,13 +8,22 @@ from typing import Any
 
 import numpy as np
 
-from feeddrive.analysis.opened import Opened, opened
+from feeddrive.analysis.loop_model import LoopModel, loop_model
 from feeddrive.analysis.stability import stability
 from feeddrive.blocks.families import Reference
-from feeddrive.comparison.criteria import CRITERIA, Criterion, beats, ranks
-from feeddrive.comparison.figures import counted, effort_of, linear, recovered, tracked
-from feeddrive.comparison.tuning import Rule, tuned_all
-from feeddrive.comparison.work import Work, work_of
+from feeddrive.comparison.duty import Duty, duty_of
+from feeddrive.comparison.figures import (
+    CRITERIA,
+    Criterion,
+    beats,
+    counted,
+    effort_of,
+    linear,
+    ranks,
+    recovered,
+    tracked,
+)
+from feeddrive.comparison.tune_all import Rule, tuned_all
 from feeddrive.files.job import Job
 from feeddrive.files.machine import MachineFile
 from feeddrive.files.provenance import versions
@@ -23,8 +32,8 @@ from feeddrive.language.table import Result, Table, frame_of, picture_of
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import Run, simulate
 from feeddrive.tuning.candidates import PLAIN, Candidate, Refusal, candidates
-from feeddrive.tuning.shaping.shaped_loop import Tuned
 from feeddrive.tuning.trajectory_prefilter import tune_prefilter
+from feeddrive.tuning.tuned import Tuned
 
 TODAY = "today's gains"
 _NOISY = 0.02  # share of the force limit beyond which noise in the force is remarked
@@ -45,7 +54,7 @@ class Competitor:
     move: Run | None = None
     snap: Run | None = None
     step: Run | None = None
-    model: Opened | None = None
+    model: LoopModel | None = None
     unfit: str = ""
 
     @property
@@ -70,7 +79,7 @@ class Comparison(Result):
 
     machine: MachineFile
     axis: str
-    work: Work
+    duty: Duty
     velocity: float
     seed: int
     rule: str
@@ -161,7 +170,7 @@ def compare(
     """Put all laws on an axis of a machine.
 
     laws               names of those that are wanted, P-PI always among them; default: all
-    reference, force   the move, and the force in N of rope snap and step; default: from the machine's limits (`Work`)
+    reference, force   the move, and the force in N of rope snap and step; default: from the machine's limits (`Duty`)
     sensitivity_peak, delay_margin_samples   the rule of equal robustness
     seed               of the encoders' noise, the same for all laws
     starts             of each search
@@ -177,28 +186,28 @@ def compare(
     said = step or (lambda _: None)
     loop = machine.loop(axis)
     name = axis if axis is not None else next(iter(machine.loops))
-    work = work_of(loop, reference, force)
-    velocity = _velocity(work, loop)
+    duty = duty_of(loop, reference, force)
+    velocity = _velocity(duty, loop)
     possible, refused = _wanted(loop, laws)
     rule = Rule(sensitivity_peak, delay_margin_samples, velocity, starts)
     said(TODAY)
-    competitors = [_judged(TODAY, loop, None, "as in the machine file", work, velocity, seed)]
+    competitors = [_judged(TODAY, loop, None, "as in the machine file", duty, velocity, seed)]
     tuned = tuned_all([candidate for candidate in possible if not candidate.like], rule, workers, said)
     for candidate in possible:
         if candidate.like:
             said(candidate.name)
-            tuned[candidate.name] = _like(candidate, tuned, work, seed)
+            tuned[candidate.name] = _like(candidate, tuned, duty, seed)
     refusals = [*refused, *(found for found in tuned.values() if isinstance(found, Refusal))]
     for candidate in possible:
         made = tuned[candidate.name]
         if isinstance(made, Tuned):
-            competitors.append(_judged(candidate.name, made.loops[0], made, candidate.remark, work, velocity, seed))
+            competitors.append(_judged(candidate.name, made.loops[0], made, candidate.remark, duty, velocity, seed))
     if all(each.move is None for each in competitors):
         reasons = "; ".join(f"{each.name}: {each.unfit}" for each in competitors)
         raise UnstableError(f"{machine.file.name}: axis '{name}': no law can be run on it: {reasons}")
     rows = tuple(competitors)
     remarks = (*_robust(rows, sensitivity_peak, delay_margin_samples), *_against(rows), *_noisy(rows), *_unproven(rows))
-    return Comparison(machine, name, work, velocity, seed, rule.sentence, rows, tuple(refusals), remarks, versions())
+    return Comparison(machine, name, duty, velocity, seed, rule.sentence, rows, tuple(refusals), remarks, versions())
 
 
 def pieces(machine: MachineFile, axis: str | None, laws: Sequence[str] | None = None) -> int:
@@ -222,15 +231,15 @@ def _wanted(loop: Loop, laws: Sequence[str] | None) -> tuple[tuple[Candidate, ..
     )
 
 
-def _velocity(work: Work, loop: Loop) -> float:
+def _velocity(duty: Duty, loop: Loop) -> float:
     """Half of the largest set speed, in m/s; 10 mm/s for a reference that stands still."""
-    t = np.linspace(0.0, work.move.duration, 4001)
+    t = np.linspace(0.0, duty.move.duration, 4001)
     t = np.unique(np.round(t / loop.sample_time)) * loop.sample_time
-    largest = float(np.max(np.abs(work.move.at(t).velocity)))
+    largest = float(np.max(np.abs(duty.move.at(t).velocity)))
     return 0.5 * largest if largest > 0.0 else 0.01
 
 
-def _like(candidate: Candidate, known: Mapping[str, Tuned | Refusal], work: Work, seed: int) -> Tuned | Refusal:
+def _like(candidate: Candidate, known: Mapping[str, Tuned | Refusal], duty: Duty, seed: int) -> Tuned | Refusal:
     """What differs from another candidate in the setpoint's path only takes over its gains."""
     made = known.get(candidate.like)
     if not isinstance(made, Tuned):
@@ -238,7 +247,7 @@ def _like(candidate: Candidate, known: Mapping[str, Tuned | Refusal], work: Work
     loop = replace(candidate.loop, control=replace(candidate.loop.control, law=made.control.law))
     try:
         if candidate.prefilter:
-            fitted = tune_prefilter(loop, work.move, seed=seed)[-1].prefilter
+            fitted = tune_prefilter(loop, duty.move, seed=seed)[-1].prefilter
             loop = replace(loop, control=replace(loop.control, prefilter=fitted))
     except FeeddriveError as error:
         return Refusal(candidate.name, str(error))
@@ -246,7 +255,7 @@ def _like(candidate: Candidate, known: Mapping[str, Tuned | Refusal], work: Work
 
 
 def _judged(
-    name: str, loop: Loop, tuned: Tuned | None, remark: str, work: Work, velocity: float, seed: int
+    name: str, loop: Loop, tuned: Tuned | None, remark: str, duty: Duty, velocity: float, seed: int
 ) -> Competitor:
     """All figures of a law; one that is not stable, or leaves its bounds, keeps its place without them."""
     verdict = stability(loop, velocity=velocity)
@@ -254,19 +263,19 @@ def _judged(
         return Competitor(name, loop, tuned, remark, effort_of(loop), unfit=verdict.sentence())
     both, figures = None, dict[str, float | None](effort_of(loop))
     if loop.control.law.period() == 1:
-        both = opened(loop, velocity=velocity)
+        both = loop_model(loop, velocity=velocity)
         figures = linear(loop, both)
-    rest = work.begin + work.rest
+    rest = duty.begin + duty.rest
     try:
-        move = counted(simulate(loop, work.move, seed=seed, name=name), work)
+        move = counted(simulate(loop, duty.move, seed=seed, name=name), duty)
         signals = ["tracking_error", "force", "trip"]
         snap, step = (
-            simulate(loop, work.still(), load=load, duration=rest, seed=seed, record=signals, name=name)
-            for load in (work.snap, work.step)
+            simulate(loop, duty.still(), load=load, duration=rest, seed=seed, record=signals, name=name)
+            for load in (duty.snap, duty.step)
         )
     except FeeddriveError as error:
         return Competitor(name, loop, tuned, remark, figures, model=both, unfit=str(error))
-    figures |= tracked(move) | recovered(snap, work, "snap") | recovered(step, work, "step")
+    figures |= tracked(move) | recovered(snap, duty, "snap") | recovered(step, duty, "step")
     tripped = "; the guard tripped" if any(np.any(run["trip"] > 0.0) for run in (move, snap, step)) else ""
     return Competitor(name, loop, tuned, remark + tripped, figures, move, snap, step, both)
 

@@ -9,10 +9,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from feeddrive.analysis.loop_model import LoopModel, loop_model
 from feeddrive.analysis.margins import margins
-from feeddrive.analysis.opened import Opened, opened
-from feeddrive.analysis.recovery import rope_snap
 from feeddrive.analysis.stability import stability
+from feeddrive.analysis.stiffness import rope_snap
 from feeddrive.blocks.families import Sensor
 from feeddrive.blocks.load.step_force import StepForce
 from feeddrive.blocks.reference.recorded import Recorded
@@ -21,9 +21,9 @@ from feeddrive.language.errors import FeeddriveError
 from feeddrive.loop.control import Control
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import simulate
-from feeddrive.tuning.shaping.figures import Figures
-from feeddrive.tuning.shaping.limits import Limits
-from feeddrive.tuning.shaping.site import Site
+from feeddrive.tuning.figures import Figures
+from feeddrive.tuning.limits import Limits
+from feeddrive.tuning.operating_point import OperatingPoint
 
 _DENSE = 400  # lines a decade
 _ROOM = 2e-3  # of a bound: what lines may differ by
@@ -47,32 +47,32 @@ def of_measurement(found: Sequence[Figures], limits: Limits) -> tuple[Checked, .
     checks: list[Checked] = []
     for each in found:
         said = "-1 is not encircled" if each.stable else "-1 is encircled"
-        checks.append(Checked(f"{each.site}: Nyquist", each.stable, f"{said}, {each.loop_gain.frequency.size} lines"))
+        checks.append(Checked(f"{each.point}: Nyquist", each.stable, f"{said}, {each.loop_gain.frequency.size} lines"))
         if each.stable:
-            checks.append(_kept(each.site, limits, each))
+            checks.append(_kept(each.point, limits, each))
     return tuple(checks)
 
 
-def of_known(site: Site, control: Control, limits: Limits, velocity: float) -> tuple[Checked, ...]:
+def of_known(point: OperatingPoint, control: Control, limits: Limits, velocity: float) -> tuple[Checked, ...]:
     """A measured axis run as the loop that agrees with it: stable by its poles, and with friction, counts and limit.
 
     The limits are those of the measurement, which that loop meets to some per cent only, and are not asked of it again.
     """
-    if site.known_as is None:
+    if point.known_as is None:
         said = "no loop is known that agrees with the response: give the machine, as identify writes it, as --baseline"
-        return (Checked(f"{site.name}: {_RUN}", None, said),)
-    loop, name = replace(site.known_as, control=control), f"{site.name}, on the baseline's axis"
+        return (Checked(f"{point.name}: {_RUN}", None, said),)
+    loop, name = replace(point.known_as, control=control), f"{point.name}, on the baseline's axis"
     poles = stability(loop, velocity=velocity)
     checks = [Checked(f"{name}: poles", poles.stable, f"largest |z| {poles.growth:.6f}")]
     if poles.stable:
-        checks.append(_run(name, loop, opened(loop, velocity=velocity), limits, velocity, poles.time_constant))
+        checks.append(_run(name, loop, loop_model(loop, velocity=velocity), limits, velocity, poles.time_constant))
     return tuple(checks)
 
 
-def _kept(site: str, limits: Limits, each: Figures) -> Checked:
+def _kept(point: str, limits: Limits, each: Figures) -> Checked:
     m = each.margins
     peak = each.peak_compliance
-    return _bounds(f"{site}: limits on all lines", limits, m.sensitivity_peak, m.gain_increase_dB, m.phase_margin_deg,
+    return _bounds(f"{point}: limits on all lines", limits, m.sensitivity_peak, m.gain_increase_dB, m.phase_margin_deg,
                    m.delay_margin_samples, peak)  # fmt: skip
 
 
@@ -102,7 +102,7 @@ def of_model(name: str, loop: Loop, limits: Limits, velocity: float) -> tuple[Ch
     checks = [Checked(f"{name}: poles", poles.stable, f"largest |z| {poles.growth:.6f}")]
     if not poles.stable:
         return tuple(checks)
-    both = opened(loop, velocity=velocity)
+    both = loop_model(loop, velocity=velocity)
     lines = both.lines(_DENSE)
     m = margins(both.loop_gain(lines))
     peak = float(np.max(both.closed.response(lines, "position_load", "load_force").magnitude))
@@ -114,7 +114,7 @@ def of_model(name: str, loop: Loop, limits: Limits, velocity: float) -> tuple[Ch
     return tuple(checks)
 
 
-def _run(name: str, loop: Loop, both: Opened, limits: Limits, velocity: float, slowest: float | None) -> Checked:
+def _run(name: str, loop: Loop, both: LoopModel, limits: Limits, velocity: float, slowest: float | None) -> Checked:
     """A force switched on while the axis slides, with friction, guard and limit.
 
     Its answer is what two runs with and without it differ by, both without counts and noise, which two runs do not

@@ -1,4 +1,4 @@
-"""What every law of the arena is given to do: one move, one rope snap and one force step, from the machine's limits."""
+"""What every law of a comparison is given to do: one move, one rope snap, one force step, from the machine's limits."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _NEAR = 0.5e-6  # m: settled is what stays within, or within ten counts
 
 
 @dataclass(frozen=True)
-class Work:
+class Duty:
     """One move (there and back), and a force in N that is released and switched on at `begin` s for `rest` s.
 
     `skip` is the standstill in s at the start that does not count; `near` in m is what counts as settled.
@@ -49,7 +49,7 @@ class Work:
         return SnapLimitedMove(distance=0.0, velocity=1.0, acceleration=1.0, jerk=1.0, snap=1.0)
 
 
-def work_of(loop: Loop, reference: Reference | None = None, force: float | None = None) -> Work:
+def duty_of(loop: Loop, reference: Reference | None = None, force: float | None = None) -> Duty:
     """The work of an axis, from its limits of force and velocity; a reference and a force in N may be given.
 
     Speed: half of the limit of guard and motor, 1 m/s at most, 0.2 m/s without one.  Acceleration: what 30 % of the
@@ -83,7 +83,7 @@ def work_of(loop: Loop, reference: Reference | None = None, force: float | None 
         )  # fmt: skip
     encoders = (loop.axis.encoder_motor, loop.axis.encoder_load)
     counts = [getattr(each, "resolution", None) or 0.0 for each in encoders]
-    return Work(reference, _rounded(force), max(_NEAR, 10.0 * max(counts)))
+    return Duty(reference, _rounded(force), max(_NEAR, 10.0 * max(counts)))
 
 
 def _dry_friction(loop: Loop) -> float:

@@ -10,19 +10,19 @@ import numpy as np
 from feeddrive.analysis.margins import Margins, margins
 from feeddrive.analysis.stiffness import Stiffness, stiffness
 from feeddrive.loop.frequency_response import FRF
-from feeddrive.tuning.shaping.answer import Answer, encircles
-from feeddrive.tuning.shaping.bounds import force_noise
-from feeddrive.tuning.shaping.criteria import snap_weights
+from feeddrive.tuning.closed_loop import Answer, encircles
+from feeddrive.tuning.criteria import snap_weights
+from feeddrive.tuning.limits import force_noise
 
 
 @dataclass(frozen=True, eq=False)
 class Figures:
-    """Of one control at one site; infinite or 0 where the loop is unstable.
+    """Of one control at one point; infinite or 0 where the loop is unstable.
 
     deviation  standard deviation of Ms from the variance of the measurement, 0 for a model
     """
 
-    site: str
+    point: str
     stable: bool
     loop_gain: FRF
     compliance: FRF
@@ -49,10 +49,10 @@ class Figures:
 
 
 def figures(answer: Answer, reading_noise: tuple[float, float]) -> Figures:
-    """From a closed loop on all lines of its site."""
-    site = answer.site
-    f, T = site.frequency, site.sample_time
-    L = FRF(f, answer.gain, "cut", "force", "N/N", T, variance=None if site.variance is None else answer.gain_variance)
+    """From a closed loop on all lines of its point."""
+    point = answer.point
+    f, T = point.frequency, point.sample_time
+    L = FRF(f, answer.gain, "cut", "force", "N/N", T, variance=None if point.variance is None else answer.gain_variance)
     C = FRF(f, answer.compliance, "load_force", "position_load", "m/N", T)
     stable = not encircles(answer)
     lines, y, _ = answer.recovery()
@@ -66,7 +66,7 @@ def figures(answer: Answer, reading_noise: tuple[float, float]) -> Figures:
         part = (-3.0103 - level[i]) / (level[i + 1] - level[i])
         width = float(f[i] * (f[i + 1] / f[i]) ** part)
     return Figures(
-        site=site.name,
+        point=point.name,
         stable=stable,
         loop_gain=L,
         compliance=C,
@@ -74,7 +74,7 @@ def figures(answer: Answer, reading_noise: tuple[float, float]) -> Figures:
         bandwidth=width if stable else None,
         force_noise=force_noise(answer, reading_noise)[0] if any(reading_noise) else None,
         deviation=float(np.sqrt(0.5 * answer.gain_variance[k]) / away[k] ** 2),
-        at_drive=site.at_drive,
+        at_drive=point.at_drive,
     )
 
 

@@ -1,14 +1,14 @@
-"""Runs the arena for docs/laws/arena.md: the tables as Markdown on the output, the pictures into docs/images.
+"""Runs the comparisons for docs/laws/comparison.md: tables as Markdown on the output, pictures into docs/images.
 
-python docs/draw_arena.py
+python docs/draw_comparison.py
 """
 
 from __future__ import annotations
 
 from pathlib import Path
 
-from feeddrive.comparison.arena import Comparison, compare
-from feeddrive.comparison.criteria import CRITERIA
+from feeddrive.comparison.compare import Comparison, compare
+from feeddrive.comparison.figures import CRITERIA
 from feeddrive.comparison.report import figure
 from feeddrive.files.machine import read_machine
 from feeddrive.loop.runner import cores
@@ -35,7 +35,7 @@ def main() -> None:
     """All axes."""
     for machine, axis in AXES:
         found = compare(read_machine(machine), axis, workers=cores())
-        found.plot().savefig(IMAGES / f"arena_{machine}.svg", metadata={"Date": None})
+        found.plot().savefig(IMAGES / f"comparison_{machine}.svg", metadata={"Date": None})
         print(f"\n## {found.title}\n\n{markdown(found)}\n")
         for each in found.competitors:
             if each.tuned is not None:

@@ -1,4 +1,4 @@
-"""The tunings of the arena: one after the other, or side by side in processes of their own."""
+"""The tunings of a comparison: one after the other, or side by side in processes of their own."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from dataclasses import dataclass
 
 from feeddrive.language.errors import FeeddriveError
 from feeddrive.tuning.candidates import Candidate, Refusal
-from feeddrive.tuning.shaping.limits import Limits
-from feeddrive.tuning.shaping.shape import tune
-from feeddrive.tuning.shaping.shaped_loop import Tuned
-from feeddrive.tuning.shaping.tunables import law_tunables
+from feeddrive.tuning.limits import Limits
+from feeddrive.tuning.tunables import law_tunables
+from feeddrive.tuning.tune import tune
+from feeddrive.tuning.tuned import Tuned
 
 
 @dataclass(frozen=True)

@@ -6,11 +6,37 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
+from scipy.optimize import nnls
 
 from feeddrive.language.errors import FeeddriveError
-from feeddrive.tuning.shaping.bounds import Bound
-from feeddrive.tuning.shaping.criteria import Criteria, Judged
-from feeddrive.tuning.shaping.quadratic import least_quadratic
+from feeddrive.tuning.criteria import Criteria, Evaluation
+from feeddrive.tuning.limits import Bound
+
+
+def least_quadratic(H: np.ndarray, g: np.ndarray, A: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
+    """x and multipliers of  min ½ xᵀHx + gᵀx  subject to  A x >= b,  H positive definite; None if there is no such x.
+
+    Source: Lawson & Hanson 1974, chapter 23 (least distance programming).
+    """
+    # a few tunables, hundreds of bounds: products with the small inverse do not wake the threads of the BLAS, as a
+    # triangular solve does
+    inverse = np.linalg.inv(np.linalg.cholesky(H))
+    shift, G = inverse @ g, A @ inverse.T
+    h = b + G @ shift
+    scale = np.maximum(np.sqrt(np.sum(G * G, axis=1)), 1e-300)  # rows of one length: all bounds are seen alike
+    E = np.vstack([(G / scale[:, None]).T, h / scale])
+    f = np.zeros(E.shape[0])
+    f[-1] = 1.0
+    try:
+        u, _ = nnls(E, f, maxiter=30 * E.shape[1])
+    except RuntimeError:
+        return None
+    r = E @ u - f
+    if not -r[-1] > 1e-12:
+        return None
+    y = -r[:-1] / r[-1]
+    return inverse.T @ (y - shift), u / (-r[-1] * scale)
+
 
 _FIRST, _LARGEST, _SMALLEST = 0.25, 0.6, 2e-3  # of a logarithm: how far a step may go
 _AGAIN = 0.1  # the same after a new look
@@ -25,19 +51,19 @@ class End(NamedTuple):
     """Where a search ended: the point, its figures, and the force of each bound there, by key."""
 
     x: np.ndarray
-    judged: Judged
+    judged: Evaluation
     force: Mapping[tuple[str, int, int], float]
     broken: float
 
 
 class Search:
-    """Minimises the worst goal of all sites while every bound keeps its slack above `sure` standard deviations."""
+    """Minimises the worst goal of all points while every bound keeps its slack above `sure` standard deviations."""
 
     def __init__(self, criteria: Criteria, low: np.ndarray, high: np.ndarray, sure: float = 0.0) -> None:
         self.criteria, self.low, self.high, self.sure = criteria, low, high, sure
         self.penalty = _PENALTY
 
-    def judge(self, x: np.ndarray) -> Judged | None:
+    def judge(self, x: np.ndarray) -> Evaluation | None:
         """The figures, or None where the loop is unstable or has none."""
         try:
             found = self.criteria(x)
@@ -45,7 +71,7 @@ class Search:
             return None
         return found if found.stable and np.all(np.isfinite(found.goal)) else None
 
-    def broken(self, found: Judged) -> float:
+    def broken(self, found: Evaluation) -> float:
         """By how much the worst bound is broken; negative if all keep."""
         return max((self.room(b) - b.slack for b in found.bounds), default=-1.0)
 
@@ -53,7 +79,7 @@ class Search:
         """The least slack that a bound must have."""
         return _ROOM + self.sure * bound.deviation
 
-    def merit(self, found: Judged | None) -> float:
+    def merit(self, found: Evaluation | None) -> float:
         """What a step must lower."""
         if found is None:
             return np.inf
@@ -117,7 +143,7 @@ class Search:
                     break
         return End(x, here, force, self.broken(here))
 
-    def _curved(self, here: Judged, there: Judged, move: np.ndarray) -> dict[tuple[str, int, int], float]:
+    def _curved(self, here: Evaluation, there: Evaluation, move: np.ndarray) -> dict[tuple[str, int, int], float]:
         """By how much each bound has less slack after a move than its slope says."""
         after = {bound.key: bound.slack for bound in there.bounds}
         return {c.key: c.slack + float(c.slope @ move) - after[c.key] for c in here.bounds if c.key in after}
@@ -125,7 +151,7 @@ class Search:
     def _step(
         self,
         x: np.ndarray,
-        here: Judged,
+        here: Evaluation,
         curvature: np.ndarray,
         size: float,
         lost: Mapping[tuple[str, int, int], float] | None = None,
@@ -142,17 +168,17 @@ class Search:
         H[n, n] = H[n + 1, n + 1] = _FLAT
         g = np.zeros(n + 2)
         g[n], g[n + 1] = 1.0, self.penalty
-        sites, many = here.goal.size, len(bounds)
-        A = np.zeros((sites + many + 1 + 2 * n, n + 2))
+        points, many = here.goal.size, len(bounds)
+        A = np.zeros((points + many + 1 + 2 * n, n + 2))
         b = np.zeros(A.shape[0])
-        A[:sites, :n], A[:sites, n], b[:sites] = -here.slope, 1.0, here.goal - worst
+        A[:points, :n], A[:points, n], b[:points] = -here.slope, 1.0, here.goal - worst
         for i, bound in enumerate(bounds):
-            A[sites + i, :n], A[sites + i, n + 1] = bound.slope, 1.0
-            b[sites + i] = self.room(bound) - bound.slack + (lost or {}).get(bound.key, 0.0)
-        A[sites + many, n + 1] = 1.0
+            A[points + i, :n], A[points + i, n + 1] = bound.slope, 1.0
+            b[points + i] = self.room(bound) - bound.slack + (lost or {}).get(bound.key, 0.0)
+        A[points + many, n + 1] = 1.0
         low, high = np.maximum(-size, self.low - x), np.minimum(size, self.high - x)
-        A[sites + many + 1 : sites + many + 1 + n, :n], b[sites + many + 1 : sites + many + 1 + n] = np.eye(n), low
-        A[sites + many + 1 + n :, :n], b[sites + many + 1 + n :] = -np.eye(n), -high
+        A[points + many + 1 : points + many + 1 + n, :n], b[points + many + 1 : points + many + 1 + n] = np.eye(n), low
+        A[points + many + 1 + n :, :n], b[points + many + 1 + n :] = -np.eye(n), -high
         solved = least_quadratic(H, g, A, b)
         if solved is None:
             return None
@@ -161,11 +187,16 @@ class Search:
         after = np.max(here.goal + here.slope @ move)
         left = max((self.room(c) - c.slack - c.slope @ move for c in bounds), default=0.0)
         promised = float(self.merit(here) - after - self.penalty * max(left, 0.0) - 0.5 * move @ curvature @ move)
-        force = {c.key: float(m) for c, m in zip(bounds, multipliers[sites : sites + many], strict=True) if m > 1e-6}
+        force = {c.key: float(m) for c, m in zip(bounds, multipliers[points : points + many], strict=True) if m > 1e-6}
         return move, force, promised
 
     def _bent(
-        self, B: np.ndarray, move: np.ndarray, here: Judged, there: Judged, force: Mapping[tuple[str, int, int], float]
+        self,
+        B: np.ndarray,
+        move: np.ndarray,
+        here: Evaluation,
+        there: Evaluation,
+        force: Mapping[tuple[str, int, int], float],
     ) -> np.ndarray:
         """Damped BFGS of the Lagrangian (Powell 1978)."""
         worst = int(np.argmax(there.goal))

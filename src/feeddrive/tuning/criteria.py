@@ -1,0 +1,264 @@
+"""What an operating point says of a control: the goal with its slope, every bound, and how sure they are."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from scipy.stats import norm
+
+from feeddrive.language.errors import NotIdentifiableError
+from feeddrive.tuning.closed_loop import Answer, Below, answer, encircles
+from feeddrive.tuning.control_response import ControlResponse, Response
+from feeddrive.tuning.limits import Bound, Limits, bounds_of, notches_stay_notches
+from feeddrive.tuning.operating_point import OperatingPoint
+
+GOALS = ("rope-snap", "stiffness", "least-stiffness", "bandwidth")
+_REJECTED = float(np.sqrt(0.5))  # |S| up to here counts as bandwidth
+_BESIDE = 0.02  # of the logarithm of the rope-snap error, beside that of another goal
+
+
+class Evaluation(NamedTuple):
+    """The goal of each point (less is better), its slope, and the bounds; `stable` by encirclement."""
+
+    stable: bool
+    goal: np.ndarray  # (points,)
+    slope: np.ndarray  # (points, tunables)
+    curvature: np.ndarray  # (tunables, tunables)
+    bounds: tuple[Bound, ...]
+
+
+class Criteria:
+    """Judges a control at all points, for one goal within limits."""
+
+    def __init__(
+        self,
+        points: tuple[OperatingPoint, ...],
+        control: ControlResponse,
+        goal: str,
+        limits: Limits,
+        band: tuple[float, float],
+    ) -> None:
+        self.points, self.control, self.goal, self.limits, self.band = points, control, goal, limits, band
+        self._known: dict[bytes, Evaluation] = {}
+        self._below = [Below(point) for point in points]
+        every = [part.frequency for pair in zip(self._below, points, strict=True) for part in pair]
+        self._lines, places = np.unique(np.concatenate(every), return_inverse=True)
+        self._places = np.split(places, np.cumsum([part.size for part in every])[:-1])
+
+    @property
+    def count(self) -> int:
+        """Points that were computed."""
+        return len(self._known)
+
+    def answers(self, x: np.ndarray) -> list[Answer]:
+        """The closed loops at logarithms of the tunables; slopes are to the logarithms."""
+        values = np.exp(x)
+        whole = self.control.at(values, self._lines)
+        parts = [
+            Response(whole.value[:, place], whole.slope[:, place] * values, whole.unstable) for place in self._places
+        ]
+        return [
+            answer(point, fast, below.recovery(slow))
+            for point, below, slow, fast in zip(self.points, self._below, parts[::2], parts[1::2], strict=True)
+        ]
+
+    def __call__(self, x: np.ndarray) -> Evaluation:
+        """The figures at a point; each is computed once."""
+        key = np.asarray(x, float).tobytes()
+        if key not in self._known:
+            self._known[key] = self.judged(x, self.answers(x))
+        return self._known[key]
+
+    def judged(self, x: np.ndarray, answers: list[Answer]) -> Evaluation:
+        """Goal and bounds of closed loops."""
+        stable = not any(encircles(each) for each in answers)
+        goals = [self._goal(each) for each in answers]
+        bounds: list[Bound] = []
+        for i, each in enumerate(answers):
+            bounds += bounds_of(i, each, self.limits)
+        bounds += notches_stay_notches(self.control.control, self.control.tunables, x)
+        worst = int(np.argmax([value for value, _, _ in goals]))
+        return Evaluation(
+            stable,
+            np.array([value for value, _, _ in goals]),
+            np.array([slope for _, slope, _ in goals]),
+            goals[worst][2],
+            tuple(bounds),
+        )
+
+    def _goal(self, each: Answer) -> tuple[float, np.ndarray, np.ndarray]:
+        """Logarithm of what is to be small, its slope, and the Gauss-Newton part of its curvature.
+
+        A goal that does not see how long a law takes to come back would give away its position gain for nothing; a
+        fiftieth of the rope-snap error stands beside it.
+        """
+        f = each.point.frequency
+        inside = (f >= self.band[0]) & (f <= self.band[1])
+        lines, y, dy = each.recovery()
+        snap = _mean_square(y, dy, snap_weights(lines, each.point.sample_time))
+        match self.goal:
+            case "rope-snap":
+                return snap
+            case "stiffness":
+                own = _mean_square(each.compliance, each.compliance_slope, _log_weights(f, inside))
+            case "least-stiffness":
+                size = np.where(inside, np.abs(each.compliance), 0.0)
+                k = int(np.argmax(size))
+                slope = (each.compliance_slope[k] / each.compliance[k]).real
+                own = float(np.log(size[k])), slope, np.outer(slope, slope)
+            case _:
+                own = _bandwidth(each)
+        return own[0] + _BESIDE * snap[0], own[1] + _BESIDE * snap[1], own[2] + _BESIDE * snap[2]
+
+
+def snap_weights(frequency: np.ndarray, T: float) -> np.ndarray:
+    """w of ISE = Σ w |y|²: the trapezoidal rule of ∫ |y|² T²/(2 - 2 cos ωT) dω/π, with the part below the first line.
+
+    Below it the integrand is that of the line, since with integral action y falls as ω.
+    """
+    kernel = (T / (2.0 * np.sin(np.pi * frequency * T))) ** 2
+    width = np.zeros(frequency.size)
+    step = 0.5 * np.diff(frequency)
+    width[:-1] += step
+    width[1:] += step
+    width[0] += frequency[0]
+    return 2.0 * kernel * width
+
+
+def _log_weights(frequency: np.ndarray, inside: np.ndarray) -> np.ndarray:
+    """Weights of the mean of |y|² over ln f inside of the band."""
+    x = np.log(frequency)
+    width = np.zeros(x.size)
+    step = 0.5 * np.diff(x)
+    width[:-1] += step
+    width[1:] += step
+    width = np.where(inside, width, 0.0)
+    return width / np.sum(width)
+
+
+def _mean_square(y: np.ndarray, dy: np.ndarray, weight: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
+    """½ ln Σ w |y|²."""
+    total = float(np.sum(weight * np.abs(y) ** 2))
+    slope = np.real(dy.T @ (weight * np.conj(y))) / total
+    root = np.sqrt(weight)[:, None] * dy
+    curvature = np.real(root.conj().T @ root) / total
+    return 0.5 * float(np.log(total)), slope, curvature - np.outer(slope, slope)
+
+
+def _bandwidth(each: Answer) -> tuple[float, np.ndarray, np.ndarray]:
+    """-ln of the frequency at which |S| first rises to -3 dB."""
+    level = -np.log(np.abs(1.0 + each.gain)) - np.log(_REJECTED)
+    rises = np.flatnonzero((level[:-1] < 0.0) & (level[1:] >= 0.0))
+    x = np.log(each.point.frequency)
+    tunables = each.gain_slope.shape[1]
+    if not rises.size:
+        return float(-x[0]), np.zeros(tunables), np.zeros((tunables, tunables))
+    i = int(rises[0])
+    part = level[i] / (level[i] - level[i + 1])
+    tilt = (level[i + 1] - level[i]) / (x[i + 1] - x[i])
+    pushed = -(each.gain_slope / (1.0 + each.gain)[:, None]).real
+    moved = (1.0 - part) * pushed[i] + part * pushed[i + 1]
+    slope = moved / tilt
+    return float(-(x[i] + part * (x[i + 1] - x[i]))), slope, np.outer(slope, slope)
+
+
+_TOGETHER = 0.15  # of ln f: bounds nearer than this at one point share their noise and count once
+_POOR = 0.5  # of the distance to -1 that the noise may take
+_BEYOND = 3.0  # times the crossover: up to there the measurement must be good
+_LOW = 0.3  # |L| at the last line that may be left
+_BEFORE = 2.0  # times the first line: the lowest crossover must lie above
+_GAP = 1.6  # ratio of two lines beside each other around a crossover
+
+
+def distances(bounds: Sequence[Bound]) -> np.ndarray:
+    """Slack over standard deviation of each separate bound: the nearest one of every neighborhood in frequency."""
+    left = sorted((b for b in bounds if b.deviation > 0.0), key=lambda b: b.slack / b.deviation)
+    kept: list[Bound] = []
+    for bound in left:
+        if all(b.point != bound.point or abs(np.log(b.frequency / bound.frequency)) > _TOGETHER for b in kept):
+            kept.append(bound)
+        if bound.slack / bound.deviation > 8.0:
+            break
+    return np.array([b.slack / b.deviation for b in kept])
+
+
+def chance(bounds: Sequence[Bound]) -> float:
+    """The probability that all bounds hold: Π Φ(slack/σ), for noise that is normal and independent."""
+    return float(np.prod(norm.cdf(distances(bounds))))
+
+
+def needed(bounds: Sequence[Bound], sure: float, confidence: float) -> float:
+    """The number of standard deviations to keep in place of `sure`, so that all bounds hold with the confidence."""
+    found = distances(bounds)
+    if not found.size:
+        return sure
+
+    def off(more: float) -> float:
+        return float(np.prod(norm.cdf(found + more))) - confidence
+
+    low, high = -5.0, 8.0
+    if off(low) > 0.0 or off(high) < 0.0:
+        return sure
+    while high - low > 1e-4:
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if off(middle) < 0.0 else (low, middle)
+    return max(0.0, sure + high)
+
+
+def require_covered(answers: Sequence[Answer]) -> None:
+    """Raise NotIdentifiableError, with the band, where lines are missing that a tuning stands on.
+
+    Below: the lowest crossover must lie above twice the first line.  Around it, from half to twice, two lines
+    may not be further apart than a factor 1.6.  Above: the loop gain must have fallen to 0.3 at the last line, unless
+    the lines go up to three times the highest crossover, or nearly to half the sample rate.
+    """
+    for each in answers:
+        f, size, point = each.point.frequency, np.abs(each.gain), each.point
+        if point.loop is not None:
+            continue
+        above, below = np.flatnonzero(size >= 1.0), np.flatnonzero(size < 1.0)
+        again = f"do not tune, measure again: '{point.name}'"
+        if not above.size or (below.size and f[below[0]] < _BEFORE * f[0]):
+            raise NotIdentifiableError(
+                f"{again} begins at {f[0]:.4g} Hz, where the loop gain is only {size[0]:.2g}: what lies below decides; "
+                f"measure from {0.1 * f[0]:.2g} Hz on, a fifth of the crossover or less"
+            )
+        crossover = float(f[above[-1]])
+        if size[-1] > _LOW and f[-1] < _BEYOND * crossover and f[-1] < 0.45 / point.sample_time:
+            raise NotIdentifiableError(
+                f"{again} ends at {f[-1]:.4g} Hz, where the loop gain is still {size[-1]:.2g}; measure up to at least "
+                f"{_BEYOND * crossover:.4g} Hz, three times the crossover"
+            )
+        first = float(f[below[0]]) if below.size else crossover
+        for k in np.flatnonzero(f[1:] / f[:-1] > _GAP):
+            if f[k + 1] > first / _BEFORE and f[k] < _BEFORE * crossover:
+                raise NotIdentifiableError(
+                    f"{again} has no lines from {f[k]:.4g} to {f[k + 1]:.4g} Hz, and the crossover lies near, at "
+                    f"{first if f[k] < first else crossover:.4g} Hz; measure this band too"
+                )
+
+
+def require_good(answers: Sequence[Answer], sure: float) -> None:
+    """Raise NotIdentifiableError, with the band, where noise leaves a tuning without ground.
+
+    Evaluation up to three times the highest crossover: k σ(L) may not exceed half of |1 + L|.
+    """
+    for each in answers:
+        f, L, point = each.point.frequency, each.gain, each.point
+        above = np.flatnonzero(np.abs(L) >= 1.0)
+        crossover = float(f[above[-1]]) if above.size else float(f[0])
+        if point.variance is None:
+            continue
+        excess = sure * np.sqrt(0.5 * each.gain_variance) > _POOR * np.abs(1.0 + L)
+        poor = np.flatnonzero(excess & (f <= _BEYOND * crossover))
+        if poor.size:
+            low, high = f[poor[0]], f[poor[-1]]
+            worst = poor[np.argmax(each.gain_variance[poor] / np.abs(1.0 + L[poor]) ** 2)]
+            share = np.sqrt(point.variance[1, worst]) / np.abs(point.by_force[1, worst])
+            raise NotIdentifiableError(
+                f"do not tune, measure again: '{point.name}' is too noisy from {low:.4g} to {high:.4g} Hz, up to "
+                f"{100.0 * share:.2g} % of the response at {f[worst]:.4g} Hz, below three times the crossover of "
+                f"{crossover:.4g} Hz; excite this band more strongly, or average longer"
+            )

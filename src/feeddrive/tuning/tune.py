@@ -1,0 +1,314 @@
+"""Tune a control on measured or modelled axes: gains and filters together, within limits at every one of them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from feeddrive.language import tree
+from feeddrive.language.errors import ParameterError
+from feeddrive.loop.control import Control
+from feeddrive.loop.loop import Loop
+from feeddrive.tuning.control_response import ControlResponse
+from feeddrive.tuning.criteria import GOALS, Criteria, Evaluation, chance
+from feeddrive.tuning.figures import Figures, figures
+from feeddrive.tuning.limits import NOTCH, Limits
+from feeddrive.tuning.operating_point import OperatingPoint, modelled_point
+from feeddrive.tuning.proof import of_known, of_measurement, of_model
+from feeddrive.tuning.search import End
+from feeddrive.tuning.tunables import filter_tunables, law_tunables, readable
+from feeddrive.tuning.tuned import HeldBack, Tuned, cascade_loops
+from feeddrive.tuning.tuner import Best, Tuner
+
+FILTERS = ("kept", "free", "placed")
+
+
+def tune(
+    control: Control | Loop,
+    points: OperatingPoint | Loop | Sequence[OperatingPoint | Loop] | None = None,
+    *,
+    goal: str = "rope-snap",
+    limits: Limits | None = None,
+    tunables: Sequence[str] | None = None,
+    filters: str = "free",
+    band: tuple[float, float] = (0.0, math.inf),
+    confidence: float = 0.95,
+    starts: int = 2,
+    seed: int = 0,
+    velocity: float = 0.05,
+    today: Control | None = None,
+    step: Callable[[str], None] | None = None,
+) -> Tuned:
+    """The control with the tunables that are best for the goal while all limits hold at every point.
+
+        minimise  max over points of the goal   over ln(tunables)   subject to   slack_i >= k σ_i  for all limits i
+
+    goal        rope-snap: ISE^½ = [∫ |y|²/ω² dω/π]^½;  stiffness: the mean of |y|² over ln f in the band;
+                least-stiffness: max |y| in the band;  bandwidth: 1/(frequency at which |1/(1 + L)| rises to -3 dB);
+                y is the compliance of the closed loop
+    control     where the search begins; a loop stands for its control, on its own axis if no point is given
+    points       axes at several positions and loads: `measured_point`, or loops, whose axis is taken
+    tunables    dotted names below the control, such as law.Kp; default: those of the law
+    filters     kept: as they are;  free: their frequencies and dampings are tuned too;  placed: and notches are added
+                where they pay
+    confidence  that all limits hold at once on the true axis, if the points know their variance: k follows from it
+    today       the control to compare with; default: `control` itself
+    step        is told what is done next
+
+    The response of the control is that of the control itself, linearised (`ControlResponse`), its slopes are exact.
+    The stable side of -1 is kept by encirclement at every step.  A tuning for loops is run on them with friction,
+    counts and limits, and one that fails there says so (`Tuned.holds`).  Where the searches do not agree, more are made
+    (`Tuned.settled`).
+    Raises UnstableError if nothing is found within the limits, NotIdentifiableError if the measurement is too poor to
+    tune on, with the band in which to measure again, ParameterError for what does not fit.
+    """
+    if points is None:
+        if not isinstance(control, Loop):
+            raise ParameterError("a control alone has no axis: give a loop, or the control and its points")
+        points = control
+    control = control.control if isinstance(control, Loop) else control
+    if filters not in FILTERS:
+        raise ParameterError(f"filters = {filters!r} must be one of {', '.join(FILTERS)}")
+    tuner = _tuner(control, points, goal, limits, band, confidence, starts, seed, velocity, step)
+    chosen = law_tunables(control) if tunables is None else tuple(tunables)
+    best = tuner.tuned(
+        control, chosen if filters == "kept" else tuple(dict.fromkeys([*chosen, *filter_tunables(control)]))
+    )
+    tried: list[str] = []
+    if filters == "placed":
+        best = tuner.with_notches(best, tried)
+    tuner.step("proof")
+    return result(tuner, best, today or control, tuple(tried))
+
+
+def assess(
+    control: Control,
+    points: OperatingPoint | Loop | Sequence[OperatingPoint | Loop],
+    *,
+    rule: str,
+    goal: str = "rope-snap",
+    limits: Limits | None = None,
+    band: tuple[float, float] = (0.0, math.inf),
+    confidence: float = 0.95,
+    velocity: float = 0.05,
+    today: Control | None = None,
+    step: Callable[[str], None] | None = None,
+) -> Tuned:
+    """A control as it is, such as a recipe gives it, with the figures and the proof of `shape` and without a search.
+
+    rule  what it was made by, in words; the rest as in `shape`.  Raises as `shape` does, and UnstableError if the loop
+    is unstable at a point.
+    """
+    tuner = _tuner(control, points, goal, limits, band, confidence, 1, 0, velocity, step)
+    names = law_tunables(control)
+    return result(tuner, tuner.as_it_is(control, names), today or control, (), rule)
+
+
+def _tuner(
+    control: Control, points: OperatingPoint | Loop | Sequence[OperatingPoint | Loop], goal: str, limits: Limits | None,
+    band: tuple[float, float], confidence: float, starts: int, seed: int, velocity: float,
+    step: Callable[[str], None] | None,
+) -> Tuner:  # fmt: skip
+    """What is asked for, checked."""
+    if goal not in GOALS:
+        raise ParameterError(f"goal = {goal!r} must be one of {', '.join(GOALS)}")
+    if not 0.5 <= confidence < 1.0:
+        raise ParameterError(f"confidence = {confidence:g} must be >= 0.5 and < 1")
+    if not 0.0 <= band[0] < band[1]:
+        raise ParameterError(f"the band from {band[0]:g} to {band[1]:g} Hz is empty: the lower frequency comes first")
+    given = (points,) if isinstance(points, (OperatingPoint, Loop)) else tuple(points)
+    made = tuple(
+        modelled_point(each, f"axis {i + 1}" if len(given) > 1 else "model", velocity=velocity)
+        if isinstance(each, Loop)
+        else each
+        for i, each in enumerate(given)
+    )
+    if not made:
+        raise ParameterError("shaping needs at least one point")
+    if len({each.sample_time for each in made}) > 1:
+        said = ", ".join(f"'{each.name}' {1e3 * each.sample_time:g} ms" for each in made)
+        raise ParameterError(f"one control has one sample time, but the points have {said}")
+    _check_band(made, band)
+    tuner = Tuner(made, goal, limits or Limits(), band, confidence, starts, seed, velocity, step or _silent)
+    if goal == "rope-snap" and not ControlResponse(control, made[0].sample_time, (), velocity).integrates(()):
+        raise ParameterError(
+            f"goal = 'rope-snap' needs a control with integral action: without it ('{control.law.kind}' as it is) the "
+            f"table stays off under a force for ever; give it one, such as law.Tn, or take the goal stiffness"
+        )
+    return tuner
+
+
+def _check_band(points: Sequence[OperatingPoint], band: tuple[float, float]) -> None:
+    for each in points:
+        inside = np.count_nonzero((each.frequency >= band[0]) & (each.frequency <= band[1]))
+        if inside < 3:
+            raise ParameterError(
+                f"the band from {band[0]:g} to {band[1]:g} Hz holds {inside} lines of '{each.name}', which has "
+                f"{each.frequency[0]:.4g} to {each.frequency[-1]:.4g} Hz: at least 3"
+            )
+
+
+def _silent(text: str) -> None:
+    """Nobody is told."""
+
+
+_MUCH = 0.02  # of the goal, by a tenth of a sample
+
+
+def result(tuner: Tuner, best: Best, today: Control, tried: tuple[str, ...], recipe: str = "") -> Tuned:
+    """Figures before and after, what holds the goal back, what would help, and the proof."""
+    values = dict(zip(best.names, np.exp(best.end.x).tolist(), strict=True))
+    control = tree.vary(best.control, values)
+    before = _figures(tuner, today)
+    after = _figures(tuner, control)
+    loops = tuple(replace(point.loop, control=control) for point in tuner.points if point.loop is not None)
+    proof = of_measurement(
+        [each for each, point in zip(after, tuner.points, strict=True) if point.loop is None], tuner.limits
+    )
+    for point in tuner.points:
+        if point.loop is None:
+            proof += of_known(point, control, tuner.limits, tuner.velocity)
+        else:
+            loop = replace(point.loop, control=control)
+            proof += of_model(point.name, loop, tuner.limits, tuner.velocity)
+    cascades = [cascade_loops(each, tuner.points[0]) for each in (today, control)] if before else []
+    whole = tuner.criteria(best.control, best.names, whole=True)
+    return Tuned(
+        control=control,
+        loops=loops,
+        tunables=values,
+        started={name: _of_today(today, control, name) for name in values},
+        goal=tuner.goal,
+        band=tuner.band,
+        limits=tuner.limits,
+        before=before,
+        after=after,
+        held=_held(tuner, best),
+        advice=() if recipe else _advice(tuner, best),
+        notches=tried,
+        sure=best.sure,
+        confidence=chance(whole(best.end.x).bounds) if tuner.noisy else None,
+        cost=best.cost,
+        evaluations=tuner.evaluations,
+        spread=best.spread,
+        settled=best.settled,
+        proof=proof,
+        cascade=tuple(each for each in cascades if each is not None),
+        recipe=recipe,
+    )
+
+
+def _figures(tuner: Tuner, control: Control) -> tuple[Figures, ...]:
+    """At every point, on all lines; empty for a control that has no response."""
+    try:
+        found = tuner.criteria(control, (), whole=True).answers(np.zeros(0))
+    except ParameterError:
+        return ()
+    return tuple(figures(each, tuner.limits.reading_noise) for each in found)
+
+
+def _held(tuner: Tuner, best: Best) -> tuple[HeldBack, ...]:
+    """Bounds with a force, those at one place together."""
+    summed: dict[tuple[str, int], list[tuple[float, float]]] = {}
+    for bound in best.end.judged.bounds:
+        force = best.end.force.get(bound.key, 0.0)
+        if force > 1e-4 and bound.kind != NOTCH:
+            summed.setdefault((bound.kind, bound.point), []).append((force, bound.frequency))
+    found: list[HeldBack] = []
+    for (kind, point), parts in summed.items():
+        groups: list[list[tuple[float, float]]] = []
+        for part in sorted(parts, key=lambda each: each[1]):
+            if groups and part[1] < 1.3 * groups[-1][-1][1]:
+                groups[-1].append(part)
+            else:
+                groups.append([part])
+        for group in groups:
+            force = sum(each[0] for each in group)
+            where = sum(each[0] * each[1] for each in group) / force
+            found.append(HeldBack(kind, tuner.points[point].name, where, 100.0 * force * math.log(1.1)))
+    return tuple(sorted(found, key=lambda each: -each.gain))
+
+
+def _advice(tuner: Tuner, best: Best) -> tuple[str, ...]:
+    """What less dead time would bring, by the multipliers of the optimum; and what the noise costs."""
+    found: list[str] = []
+    step = 0.1 * tuner.points[0].sample_time
+
+    def sooner(point: OperatingPoint) -> OperatingPoint:
+        ahead = np.exp(2j * np.pi * point.frequency * step)
+        moved = point.moved.copy()
+        moved[0] = moved[0] * ahead
+        late = point.by_force * ahead
+        return replace(point, by_force=late, moved=moved, by_load=late if point.at_drive else point.by_load)
+
+    points = tuple(sooner(point) for point in best.criteria.points)
+    other = Criteria(points, best.criteria.control, tuner.goal, tuner.limits, tuner.band)(best.end.x)
+    gained = _gain(best.end.judged, other, best.end)
+    if gained > 1e-4:
+        # by slopes: a whole sample where it says little, a tenth where it says much
+        small = gained < _MUCH
+        how = f"one sample ({10e6 * step:g} us)" if small else f"a tenth of a sample ({1e6 * step:g} us)"
+        found.append(
+            f"{how} less dead time, from computation, filters or bus, would gain about "
+            f"{100.0 * gained * (10.0 if small else 1.0):.2g} %"
+        )
+    if tuner.noisy and best.cost > 5e-3:
+        found.append(f"a measurement without noise would gain {100.0 * best.cost:.2g} %")
+    found += _edges(tuner, best)
+    if any(point.at_drive for point in tuner.points):
+        found.append(
+            "all compliances are against a force at the drive, not on the table: strike the table (--disturbance), or "
+            "give a machine whose plant agrees with the response (--baseline)"
+        )
+    return tuple(found)
+
+
+def _edges(tuner: Tuner, best: Best) -> list[str]:
+    """What stands at the edge of what was searched, in plain words."""
+    found: list[str] = []
+    nyquist = 0.5 / tuner.points[0].sample_time
+    for name, value, low, high in zip(best.names, best.end.x, *best.box, strict=True):
+        if min(value - low, high - value) > 1e-6:
+            continue
+        shown = readable(best.control, name)
+        size, unit = math.exp(value), tree.declaration(best.control, name).unit
+        end = "upper" if high - value < 1e-6 else "lower"
+        reason = ""
+        if name.startswith("filters.") and unit == "Hz" and end == "upper":
+            reason = f", {100.0 * size / nyquist:.3g} % of half the sample rate: as good as no filter"
+            if tuner.limits.force_noise is None:
+                reason += ", which no limit on the noise in the force speaks against"
+        found.append(f"{shown} = {size:.4g} {unit}".rstrip() + f" is the {end} end of what was searched{reason}")
+    found += [
+        f"filters.{bound.key[1]} (notch) would rather raise than lower, which is no notch's tuner: it is flat"
+        for bound in best.end.judged.bounds
+        if bound.kind == NOTCH and best.end.force.get(bound.key, 0.0) > 1e-3 and bound.slack < 0.02
+    ]
+    return found
+
+
+def _gain(here: Evaluation, there: Evaluation, end: End) -> float:
+    """By how much the goal would fall, by the Lagrangian, if the axis were the other one."""
+    slack = {bound.key: bound.slack for bound in there.bounds}
+    eased = sum(
+        end.force.get(bound.key, 0.0) * (slack[bound.key] - bound.slack) for bound in here.bounds if bound.key in slack
+    )
+    return float(np.max(here.goal) - np.max(there.goal)) + eased
+
+
+def _of_today(today: Control, control: Control, name: str) -> float:
+    """The value of a tunable in today's control; NaN if another block stands there, or none."""
+    place, last = name.rpartition(".")[::2]
+    blocks: list[object] = [today, control]
+    for step in place.split("."):
+        blocks = [
+            (each[int(step)] if int(step) < len(each) else None)
+            if isinstance(each, tuple)
+            else getattr(each, step, None)
+            for each in blocks
+        ]
+    value = getattr(blocks[0], last, None) if type(blocks[0]) is type(blocks[1]) else None
+    return float(value) if value is not None else math.nan

@@ -1,0 +1,353 @@
+"""What a tuning gives: the control, old against new, what holds it back, its proof, and all that in sentences."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from enum import Enum
+
+import numpy as np
+
+from feeddrive.analysis.margins import Margins, margins
+from feeddrive.blocks.controller.cascade_ppi import CascadePPI
+from feeddrive.language import tree
+from feeddrive.language.table import Result, Table
+from feeddrive.loop.control import Control
+from feeddrive.loop.frequency_response import FRF
+from feeddrive.loop.loop import Loop
+from feeddrive.tuning.control_response import ControlResponse
+from feeddrive.tuning.figures import FIGURES, LARGER, Figures
+from feeddrive.tuning.limits import Limits
+from feeddrive.tuning.operating_point import OperatingPoint
+from feeddrive.tuning.proof import Checked
+from feeddrive.tuning.tunables import readable
+
+_OFF = 1e-9  # of Kv: a position loop that is open
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class CascadeLoops(Result):
+    """Loop gains of the velocity loop alone, opened at the actuator, and of the position loop around it, closed."""
+
+    velocity: Margins
+    position: Margins
+
+    def table(self) -> Table:
+        """Crossover and margins of both."""
+        rows: list[list[str]] = []
+        for name, m in (("velocity loop", self.velocity), ("position loop", self.position)):
+            cells = (m.crossover, m.phase_margin_deg, m.gain_increase_dB, m.sensitivity_peak)
+            rows.append([name, *("-" if cell is None else f"{cell:.4g}" for cell in cells)])
+        heads = ["loop", "crossover Hz", "phase margin deg", "gain may rise dB", "Ms"]
+        return Table("the cascade, loop by loop", heads, rows)
+
+
+def cascade_loops(control: Control, point: OperatingPoint) -> CascadeLoops | None:
+    """Velocity and position loop of a P-PI control; None for another law.
+
+    With Lv the gain at the actuator without position loop (Kv -> 0) and L the whole, the position loop opened at the
+    velocity command has the gain (L - Lv)/(1 + Lv).
+    """
+    law = control.law
+    if not isinstance(law, CascadePPI):
+        return None
+    gains: list[np.ndarray] = []
+    for Kv in (law.Kv, _OFF * law.Kv):
+        C = ControlResponse(replace(control, law=replace(law, Kv=Kv)), point.sample_time, ()).at((), point.frequency)
+        gains.append(-np.einsum("kl,kl->l", C.value, point.by_force))
+    whole, inner = gains
+    T = point.sample_time
+    found = [
+        margins(FRF(point.frequency, gain, source, answer, unit, T))
+        for gain, source, answer, unit in (
+            (inner, "cut", "force", "N/N"),
+            ((whole - inner) / (1.0 + inner), "velocity command", "velocity command", ""),
+        )
+    ]
+    return CascadeLoops(*found)
+
+
+class Verdict(Enum):
+    """What to do with a tuning: take the new control, leave today's as it is, or use none of it (the proof fails)."""
+
+    TAKE = "take"
+    LEAVE = "leave"
+    REFUSE = "refuse"
+
+
+@dataclass(frozen=True)
+class HeldBack:
+    """A bound that holds the search back: where, and what the goal gains in per cent if it is eased by a tenth."""
+
+    what: str
+    point: str
+    frequency: float  # Hz
+    gain: float
+
+    def sentence(self) -> str:
+        """In plain"""
+        where = f" at {self.frequency:.4g} Hz" if self.frequency > 0.0 else ""
+        return f"{self.what}{where} ({self.point}): a tenth more room would gain {self.gain:.2g} %"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Tuned(Result):
+    """A control shaped for a goal within limits at all points.
+
+    tunables, started    values by dotted name of the control, new and where the user stands today (nan: new filter)
+    before, after     figures at each point; before is empty if today's control has none
+    held              the bounds that hold the goal back, the strongest first
+    advice            what else would help, in plain words
+    notches           what was tried and what it brought
+    sure, confidence  standard deviations kept to every bound, and with which probability all of them hold at once
+    spread, settled   by which share the worst end of the searches is above the best; whether two ended near the best
+    cost              by which share the goal is worse because of the noise of the measurement
+    recipe            the rule that the control is made by, if nothing was searched
+    cascade           velocity and position loop one by one, before and after, for a P-PI control
+    """
+
+    control: Control
+    loops: tuple[Loop, ...]
+    tunables: Mapping[str, float]
+    started: Mapping[str, float]
+    goal: str
+    band: tuple[float, float]
+    limits: Limits
+    before: tuple[Figures, ...]
+    after: tuple[Figures, ...]
+    held: tuple[HeldBack, ...]
+    advice: tuple[str, ...]
+    notches: tuple[str, ...]
+    sure: float
+    confidence: float | None
+    cost: float
+    evaluations: int
+    spread: float
+    settled: bool
+    proof: tuple[Checked, ...]
+    cascade: tuple[CascadeLoops, ...] = ()
+    recipe: str = ""
+
+    @property
+    def holds(self) -> bool:
+        """Whether no line of the proof fails; a tuning that does not hold must not be used."""
+        return all(line.holds is not False for line in self.proof)
+
+    @property
+    def proven(self) -> bool:
+        """Whether all lines of the proof hold."""
+        return all(line.holds is True for line in self.proof)
+
+    @property
+    def rule(self) -> str:
+        """What it was tuned for."""
+        if self.recipe:
+            return f"{self.recipe}; judged by {self.limits.sentence()}"
+        noise = "" if not self.sure else f", kept with {self.sure:.3g} standard deviations of the measurement"
+        return f"{aim(self)} subject to {self.limits.sentence()}{noise}"
+
+    @property
+    def at_drive(self) -> bool:
+        """Whether the compliance is that against a force at the drive, since none on the table is known."""
+        return any(each.at_drive for each in self.after)
+
+    def gained(self) -> float | None:
+        """By which factor the goal of the worst point is better than before; None without a stable before."""
+        if not self.before or not all(each.stable for each in self.before):
+            return None
+        return goal_of(self, self.before) / goal_of(self, self.after)
+
+    @property
+    def verdict(self) -> Verdict:
+        """What to do; the sentence of `recommendation` follows from it."""
+        if not self.holds:
+            return Verdict.REFUSE
+        gained = self.gained()
+        if gained is None or broken_limits(self.before, self.limits):
+            return Verdict.TAKE
+        return Verdict.LEAVE if _change(self, gained) < _NOT_WORTH else Verdict.TAKE
+
+    def recommendation(self) -> str:
+        """What to do and why, with what is worse than today."""
+        return recommendation(self)
+
+    def table(self) -> Table:
+        """Old against new, what holds it back, and the proof."""
+        rows = [
+            [
+                readable(self.control, name),
+                _number(self.started[name]),
+                _number(value),
+                tree.declaration(self.control, name).unit,
+            ]
+            for name, value in self.tunables.items()
+        ]
+        for i, after in enumerate(self.after):
+            before = self.before[i] if self.before else None
+            mark = f" ({after.point})" if len(self.after) > 1 else ""
+            rows += [
+                [f"{head}{mark}", "" if before is None else _figure(before, read), _figure(after, read), unit]
+                for head, unit, read in FIGURES
+                if read(after) is not None
+            ]
+        rows += [["held back by", "", "", held.sentence()] for held in self.held]
+        rows += [["to gain more", "", "", text] for text in self.advice]
+        rows += [["notch", "", "", text] for text in self.notches]
+        rows += [[f"proof: {line.what}", "", _verdict(line.holds), line.said] for line in self.proof]
+        return Table(f"{self.rule}. {self.recommendation()}", ["what", "today", "new", "unit"], rows)
+
+
+def _number(value: float) -> str:
+    return "–" if np.isnan(value) else f"{value:.5g}"
+
+
+def _verdict(holds: bool | None) -> str:
+    return "not proven" if holds is None else "holds" if holds else "DOES NOT HOLD"
+
+
+def _figure(each: Figures, read: Callable[[Figures], float | None]) -> str:
+    if not each.stable:
+        return "unstable"
+    value = read(each)
+    return "-" if value is None else f"{value:.4g}"
+
+
+_NOT_WORTH = 2.0  # per cent: less gain is no reason to change anything
+_WORSE = 0.03  # of a figure that counts as worse
+_WHAT = {
+    "rope-snap": "rope-snap error",
+    "stiffness": "dynamic stiffness",
+    "least-stiffness": "least stiffness",
+    "bandwidth": "bandwidth",
+}
+
+
+def aim(found: Tuned) -> str:
+    """The goal."""
+    band = "" if found.band == (0.0, np.inf) else f" from {found.band[0]:g} to {found.band[1]:g} Hz"
+    drive = " against a force at the drive" if found.at_drive and found.goal != "bandwidth" else ""
+    return {
+        "rope-snap": f"least rope-snap error{drive}",
+        "stiffness": f"greatest dynamic stiffness{drive}{band}",
+        "least-stiffness": f"greatest least stiffness{drive}{band}",
+        "bandwidth": "greatest bandwidth",
+    }[found.goal]
+
+
+def recommendation(found: Tuned) -> str:
+    """What to do and why, what holds it back, and what is worse than today."""
+    if found.verdict is Verdict.REFUSE:
+        failed = [line for line in found.proof if line.holds is False]
+        return f"Do not use this tuning: {failed[0].what} does not hold ({failed[0].said})."
+    worse = _worse(found)
+    return _advised(found) + (f" Worse than today: {worse}." if worse else "") + _of_the_table(found)
+
+
+def _of_the_table(found: Tuned) -> str:
+    if not found.at_drive:
+        return ""
+    return (
+        " Nothing is known of a force on the table, which may well become softer there: strike the table or give a "
+        "machine with its plant before cutting with it."
+    )
+
+
+def _advised(found: Tuned) -> str:
+    limit = f"; {found.held[0].what} holds it back" if found.held else ""
+    gained = found.gained()
+    limits, new = found.limits.sentence(), _new_values(found)
+    if gained is None:
+        state = "there is no control to compare with" if not found.before else "today's loop is unstable"
+        return f"{new} keep {limits}, and {state}{limit}."
+    less = found.goal == "rope-snap"
+    change = _change(found, gained)
+    word = ("less" if less else "more") if change >= 0.0 else ("more" if less else "less")
+    what = _WHAT[found.goal]
+    broken = broken_limits(found.before, found.limits)
+    if broken:
+        return f"{new} keep {limits} with {abs(change):.3g} % {word} {what}, and today's {broken}{limit}."
+    drive = " against a force at the drive" if found.at_drive and found.goal != "bandwidth" else ""
+    if found.recipe and change < 0.0:
+        return f"Leave the control as it is: this rule gives {abs(change):.3g} % {word} {what}{drive}{limit}."
+    if found.verdict is Verdict.LEAVE:
+        best = "this rule" if found.recipe else "the best that was found"
+        return f"Leave the control as it is: {best} has only {change:.2g} % {word} {what}{drive}{limit}."
+    return f"{new} give {change:.3g} % {word} {what} within {limits}{limit}."
+
+
+def _change(found: Tuned, gained: float) -> float:
+    """By how many per cent the goal is better than before."""
+    return 100.0 * (1.0 - 1.0 / gained if found.goal == "rope-snap" else gained - 1.0)
+
+
+def _new_values(found: Tuned) -> str:
+    """Taken without reserve only where a force on the table is known."""
+    if not found.at_drive:
+        return "Take the new values: they"
+    return "The new values" if found.goal == "bandwidth" else "Against a force at the drive the new values"
+
+
+def _worse(found: Tuned) -> str:
+    """Figures that are worse than today at the point where they fell most, as a clause."""
+    if not found.before or not all(each.stable for each in found.before):
+        return ""
+    said: list[str] = []
+    for head, unit, read in FIGURES:
+        if head not in LARGER:
+            continue
+        pairs = [(read(a), read(b)) for a, b in zip(found.before, found.after, strict=True)]
+        fell = [
+            ((a / b if LARGER[head] else b / a), a, b)
+            for a, b in pairs
+            if a is not None and b is not None and a * b > 0
+        ]
+        if fell and max(fell)[0] > 1.0 + _WORSE:
+            _, a, b = max(fell)
+            said.append(f"{head} {a:.3g} -> {b:.3g} {unit}".rstrip())
+    return ", ".join(said)
+
+
+def goal_of(found: Tuned, row: Sequence[Figures]) -> float:
+    """What is to be small, at the worst point."""
+    return max(_goal(each, found.goal, found.band) for each in row)
+
+
+def _goal(each: Figures, goal: str, band: tuple[float, float]) -> float:
+    f, size = each.compliance.frequency, each.compliance.magnitude
+    inside = (f >= band[0]) & (f <= band[1])
+    match goal:
+        case "rope-snap":
+            return each.rope_snap
+        case "stiffness":
+            x = np.log(f[inside])
+            return float(np.sqrt(np.trapezoid(size[inside] ** 2, x) / (x[-1] - x[0])))
+        case "least-stiffness":
+            return float(np.max(size[inside]))
+        case _:
+            return 1.0 / each.bandwidth if each.bandwidth else np.inf
+
+
+def broken_limits(before: Sequence[Figures], limits: Limits, room: float = 0.02) -> str:
+    """Which limit a control does not keep, as a clause; empty if it keeps all."""
+    for each in before:
+        m = each.margins
+        if limits.sensitivity_peak is not None and m.sensitivity_peak > (1.0 + room) * limits.sensitivity_peak:
+            return f"have Ms = {m.sensitivity_peak:.3g}, more than {limits.sensitivity_peak:g}"
+        phase, gain, delay = m.phase_margin_deg, m.gain_increase_dB, m.delay_margin_samples
+        if (
+            limits.phase_margin_deg is not None
+            and phase is not None
+            and abs(phase) < (1.0 - room) * limits.phase_margin_deg
+        ):
+            return f"have {phase:.3g} deg of phase margin, less than {limits.phase_margin_deg:g}"
+        if limits.gain_margin_dB is not None and gain is not None and gain < (1.0 - room) * limits.gain_margin_dB:
+            return f"have {gain:.3g} dB of gain margin, less than {limits.gain_margin_dB:g}"
+        if (
+            limits.delay_margin_samples is not None
+            and delay is not None
+            and delay < (1.0 - room) * limits.delay_margin_samples
+        ):
+            return f"have {delay:.3g} samples of delay margin, less than {limits.delay_margin_samples:g}"
+        if limits.compliance_peak is not None and each.peak_compliance > (1.0 + room) * limits.compliance_peak:
+            return f"have a peak compliance of {1e6 * each.peak_compliance:.3g} um/N"
+    return ""
