@@ -239,7 +239,7 @@ def test_the_compensator_is_told_the_steady_curve_of_the_axis(motor: Loop) -> No
         dry = replace(block, mass=None, viscous=None)
         speeds = np.geomspace(1e-4, 0.3, 50)
         curve = np.array([axis.dry_friction(v) for v in (*speeds, *-speeds)])
-        fed = np.array([dry.force(Setpoint(0.0, float(v)), 1e-4) for v in (*speeds, *-speeds)])
+        fed = np.array([dry.step((), Setpoint(0.0, float(v)), 1e-4)[1] for v in (*speeds, *-speeds)])
         assert np.max(np.abs(fed - curve)) <= share * np.max(np.abs(curve)), friction
     bare = replace(motor, axis=replace(motor.axis, friction_load=Viscous(viscous=50.0)))
     assert "no dry friction" in {each.name: each.reason for each in candidates(bare)[1]}["P-PI + compensator"]
