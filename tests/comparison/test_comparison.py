@@ -88,7 +88,7 @@ def test_the_directory_holds_what_it_promises(found: Comparison, tmp_path: Path)
     page = report.read_text(encoding="utf-8")
     assert report.stat().st_size < 1_000_000
     for text in (
-        found.rule.replace("<=", "&lt;=").replace("'", "&#x27;"),
+        found.rule.replace("<=", "&lt;=").replace("'", "&#39;"),
         "loses to P-PI",
         "Laws that are not on this axis",
     ):
