@@ -47,6 +47,9 @@ def test_a_wrong_field_is_refused_by_name_value_bound_and_unit(given: dict[str, 
 def test_a_request_is_in_si_and_says_its_command_line() -> None:
     asked = Asked("emps", compliance=2e-7, at=("a b.csv", "c.csv"))  # type: ignore[arg-type]
     assert asked.at == (Path("a b.csv"), Path("c.csv"))
+    assert asked.python("tune").startswith(
+        "from feeddrive.workflow.tune import tune; tune('emps', compliance=2e-07, at="
+    )
     assert asked.command_line("tune") == "feeddrive tune emps --compliance 0.2 --at 'a b.csv' --at c.csv"
 
 

@@ -47,6 +47,10 @@ class AbortedError(BusError):
     """A motion on a real or virtual drive that was ended before its end; the message says by what."""
 
 
+class WrongSignError(ParameterError):
+    """A measured response whose sign at an encoder no axis of the wanted structure can have."""
+
+
 class CancelledError(FeeddriveError):
     """Work that was stopped by whoever asked for it; nothing was written."""
 

@@ -1,4 +1,4 @@
-"""Reports of a measurement: a frequency response that was estimated, an excitation that was designed."""
+"""What each command does, as a function with a declared request; `commands.py` lists them, one module each."""
 
 from feeddrive.language.lazy_package import make_lazy
 

@@ -12,9 +12,9 @@ from typing import Any
 from feeddrive.workflow.command import Command
 
 COMMANDS: dict[str, tuple[str, str]] = {
-    "run": ("run", "Run the laws of a job over the same work and write a report, a summary and the signals."),
+    "run": ("run_job", "Run the laws of a job over the same work and write a report, a summary and the signals."),
     "demo": (
-        "run",
+        "run_job",
         "Run the bundled example: a real ball-screw axis under today's control and under three better ones.",
     ),
     "reproduce": (

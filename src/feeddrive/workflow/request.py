@@ -145,6 +145,16 @@ class Request:
                 words += ([field.flag] if field.flag else []) + ([] if field.kind is bool else [shown])
         return shlex.join(words)
 
+    def python(self, name: str) -> str:
+        """What asks for the same from Python."""
+        given = [(field, getattr(self, field.name)) for field in fields_of(type(self))]
+        words = [
+            f"{'' if not field.flag else f'{field.name}='}{_literal(value)}"
+            for field, value in given
+            if value != field.default
+        ]
+        return f"from feeddrive.workflow.{name} import {name}; {name}({', '.join(words)})"
+
     def usual_out(self) -> Path | None:
         """Where a command writes if it is not told where; None for one that writes only what is named."""
         return None
@@ -162,6 +172,11 @@ def fields_of(request: type[Request]) -> tuple[Field, ...]:
         flag = "" if positional else given["flag"] or f"--{spec.name.replace('_', '-')}"
         found.append(Field(spec.name, kind, many, spec.default, given["unit"], given["declared"], flag, given["short"]))
     return tuple(found)
+
+
+def _literal(value: Any) -> str:
+    """A value as Python reads it; a path as its text."""
+    return repr(str(value)) if isinstance(value, Path) else repr(value)
 
 
 def _kind(hint: Any) -> tuple[type, bool]:

@@ -118,7 +118,7 @@ def recommendation(found: AxisFits | ModalFit) -> str:
     unused = _DECIBEL * fit.agreement.unused
     if fit.agreement.unused > _POOR:
         where, apart = fit.agreement.worst
-        wrong = None if isinstance(found, ModalFit) else next((w for w in found.refused.values() if "sign" in w), None)
+        wrong = not isinstance(found, ModalFit) and found.wrong_sign
         other = (
             "the motor's encoder does not sit where the force acts: give a machine file with the structure of the axis "
             "(a chain of three masses has its encoder on the screw), or take --model modes"

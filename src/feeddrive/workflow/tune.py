@@ -166,24 +166,13 @@ def _tuned(request: TuneRequest, progress: Progress) -> tuple[Tuned, Story, str 
         if found.recipe
         else f"{request.starts}, their ends {100.0 * found.spread:.2g} % apart",
         "Again": request.command_line("tune"),
-        "In Python": _python(request),
+        "In Python": request.python("tune"),
     }
     text = None if base is None or not found.holds else machine_text(base, name, found.control)
     step("certificate")
     certificate, facts["Certificate"] = certified(found.control, points, text, name) if found.holds else (None, "")
     story = Story(what, {k: v for k, v in facts.items() if v}, rules, tuple(said), begun or "today")
     return found, story, text, name, certificate
-
-
-def _python(request: TuneRequest) -> str:
-    """What gives the same tuning from Python, for a machine."""
-    if request.recipe is not None or not (request.source.endswith(".toml") or machine_of(request.source)):
-        return ""
-    axis = "" if request.axis is None else f"{request.axis!r}"
-    return (
-        f"loop = fd.read_machine({request.source!r}).loop({axis}); fd.tune(loop.control, loop, goal={request.goal!r}, "
-        f"limits=fd.{request.limits()!r}, filters={request.filters!r}, starts={request.starts}, seed={request.seed})"
-    )
 
 
 def _points(

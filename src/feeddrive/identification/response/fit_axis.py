@@ -15,7 +15,7 @@ from feeddrive.identification.response.plant_fit import PlantFit
 from feeddrive.identification.response.two_mass_fit import fit_modal_axis, fit_plant, fit_two_mass
 from feeddrive.identification.response.units import taken
 from feeddrive.language import tree
-from feeddrive.language.errors import FeeddriveError, ParameterError
+from feeddrive.language.errors import FeeddriveError, ParameterError, WrongSignError
 from feeddrive.language.table import Result, Table
 from feeddrive.loop.frequency_response import FRF
 
@@ -30,11 +30,13 @@ class AxisFits(Result):
 
     fits     by structure; `chosen` is the name of the one to use
     refused  structures that could not be fitted, with why, or that were not needed
+    wrong_sign  a mode or the free motion has a sign at an encoder that none of them can have
     """
 
     fits: Mapping[str, PlantFit]
     chosen: str
     refused: Mapping[str, str]
+    wrong_sign: bool = False
 
     @property
     def fit(self) -> PlantFit:
@@ -87,6 +89,7 @@ def fit_axis(
         raise ParameterError(f"there is no structure '{structure}' to fit; there are {', '.join(ways)}")
     found: dict[str, PlantFit] = {}
     refused: dict[str, str] = {}
+    wrong_sign = False
     for name, way in ways.items():
         if structure not in (None, name):
             continue
@@ -101,11 +104,12 @@ def fit_axis(
             if structure is not None:
                 raise
             refused[name] = str(error)
+            wrong_sign = wrong_sign or isinstance(error, WrongSignError)
     if not found:
         raise ParameterError("; ".join(f"{name}: {why}" for name, why in refused.items()))
     best = min(fit.agreement.unused for fit in found.values())
     good = [name for name, fit in found.items() if fit.agreement.unused <= _AS_GOOD * best + 1e-9]
-    return AxisFits(found, min(good, key=lambda name: len(found[name].estimates)), refused)
+    return AxisFits(found, min(good, key=lambda name: len(found[name].estimates)), refused, wrong_sign)
 
 
 def _ways(

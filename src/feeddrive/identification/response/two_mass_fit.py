@@ -19,7 +19,7 @@ from feeddrive.identification.response.plant_fit import PlantFit, Task, finished
 from feeddrive.identification.response.traced_plant import DRIVE, SensorLines, TracedPlant
 from feeddrive.identification.response.units import ResponseUnits, taken
 from feeddrive.language import tree
-from feeddrive.language.errors import NotIdentifiableError, ParameterError
+from feeddrive.language.errors import NotIdentifiableError, ParameterError, WrongSignError
 from feeddrive.loop.frequency_response import FRF
 
 _BEYOND = 4.0  # how far beyond the lines a resonance is looked for, as a factor
@@ -139,7 +139,7 @@ def _check_driven(modal: ModalFit, frequency: float, residue: float) -> None:
     number = int(np.argmin(np.abs(modal.values[: modal.model.modes] - frequency))) + 1
     error = known[f"residue_{number}_motor"].error if f"residue_{number}_motor" in known else np.inf
     if residue < -3.0 * error:
-        raise ParameterError(
+        raise WrongSignError(
             f"the mode at {frequency:.4g} Hz has the wrong sign at the motor's encoder (residue {residue:.3g} ± "
             f"{error:.1g}): the force does not act where this encoder sits, and no masses can be told; give the "
             f"response as `load` alone, or take fit_modes"
@@ -265,11 +265,11 @@ def _from_mode(modal: ModalFit, place: int) -> TwoMass | None:
 
 
 def check_signs(modal: ModalFit) -> None:
-    """Raise ParameterError for an encoder that counts against the force: its free motion has the wrong sign."""
+    """Raise WrongSignError for an encoder that counts against the force: its free motion has the wrong sign."""
     for name in modal.outputs:
         free = modal[f"free_{name}"] if name else modal["free"]
         if free.value < -5.0 * free.error:
-            raise ParameterError(
+            raise WrongSignError(
                 f"the response to '{name}' has the wrong sign: a positive force moves it to smaller positions "
                 f"(its free motion is {free.value:.3g} {free.unit}); turn it, -frf, after a look at the "
                 f"encoder's direction"
