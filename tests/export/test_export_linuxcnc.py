@@ -195,9 +195,11 @@ def test_parameters_change_while_it_runs(exported, tmp_path):
     meanwhile += between("setp axis-x.law.Kv -1") + between("setp axis-x.law.Kv 80")
     got = answers(
         routine, place, tmp_path, inputs, paced=True, meanwhile=meanwhile,
-        more=[("retunes", "u"), ("parameter-bad", "b")],
+        more=[("retunes", "u"), ("parameter-bad", "b"), ("parameter-rule", "s")],
     ).rows  # fmt: skip
-    outputs, retunes, bad = got[:, :-2], got[:, -2], got[:, -1]
+    outputs, retunes, bad, rule = got[:, :-3], got[:, -3], got[:, -2], got[:, -1]
+    assert {int(code) for code in rule[bad == 1.0]} == {1}
+    assert routine.sentences[1].startswith("law_Kv")
     places = np.flatnonzero(np.diff(retunes)) + 1
     assert len(places) == len(changes), "each change acted at a sample of its own"
     assert np.any(bad == 1.0)
