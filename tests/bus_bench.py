@@ -24,8 +24,7 @@ import pytest
 from feeddrive.blocks.controller.cascade_ppi import CascadePPI
 from feeddrive.blocks.plant.two_mass import TwoMass
 from feeddrive.bus.client import DriveClient, transport_of
-from feeddrive.bus.drive_file import BusDrive, BusLimits
-from feeddrive.bus.scaling import DriveScaling
+from feeddrive.bus.drive_file import BusDrive, BusLimits, DriveScaling
 from feeddrive.bus.virtual.canopen_node import serve_canopen
 from feeddrive.bus.virtual.driven_axis import DrivenAxis
 from feeddrive.bus.virtual.ethercat_slave import serve_ethercat

@@ -22,12 +22,11 @@ from bus_bench import LIMITS, SCALING, T, bench_loop, client, drive, powered, wi
 from feeddrive.blocks.controller.pole_placement import PolePlacement
 from feeddrive.blocks.load.recorded_force import RecordedForce
 from feeddrive.blocks.reference.recorded import Recorded
+from feeddrive.bus.cia402 import FAULT_RESET, OBJECTS
 from feeddrive.bus.client import DriveClient
-from feeddrive.bus.objects import OBJECTS
+from feeddrive.bus.drive_file import DriveScaling
 from feeddrive.bus.play import listened, play
-from feeddrive.bus.power_states import FAULT_RESET
 from feeddrive.bus.profile import Profile
-from feeddrive.bus.scaling import DriveScaling
 from feeddrive.bus.transport import write_object
 from feeddrive.bus.virtual import coe
 from feeddrive.bus.virtual.driven_axis import DrivenAxis

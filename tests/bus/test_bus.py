@@ -13,9 +13,9 @@ import pytest
 
 import bus_scenarios
 from bus_bench import LIMITS, SCALING, T, client, drive, over_ethercat, powered
-from feeddrive.bus.can_lines import opened_network
+from feeddrive.bus.canopen import opened_network
+from feeddrive.bus.cia402 import OBJECTS
 from feeddrive.bus.client import DriveClient, transport_of
-from feeddrive.bus.objects import OBJECTS
 from feeddrive.bus.play import play
 from feeddrive.bus.virtual.firmware import Firmware
 from feeddrive.language.errors import BusError

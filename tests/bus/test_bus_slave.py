@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bus_bench import SCALING, T, bench_loop
-from feeddrive.bus.objects import OBJECTS
+from feeddrive.bus.cia402 import OBJECTS
 from feeddrive.bus.virtual.driven_axis import DrivenAxis
 from feeddrive.bus.virtual.eeprom import INPUTS, MAILBOX_IN, MAILBOX_OUT, OUTPUTS, eeprom
 from feeddrive.bus.virtual.esc import INIT, OP, PREOP, SAFEOP, SlaveController

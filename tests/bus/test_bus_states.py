@@ -9,19 +9,22 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bus_bench import SCALING, T, bench_loop
-from feeddrive.bus.objects import OBJECTS, SENT, TOLD, Layout
-from feeddrive.bus.power_states import (
+from feeddrive.bus.cia402 import (
     DISABLE_VOLTAGE,
     ENABLE_OPERATION,
     FAULT_RESET,
+    OBJECTS,
     QUICK_STOP,
+    SENT,
     SHUTDOWN,
     SWITCH_ON,
+    TOLD,
+    Layout,
     PowerState,
     answer,
     state_of,
 )
-from feeddrive.bus.scaling import DriveScaling, interpolation_time
+from feeddrive.bus.drive_file import DriveScaling, interpolation_time
 from feeddrive.bus.virtual.driven_axis import DrivenAxis
 from feeddrive.bus.virtual.firmware import Firmware
 from feeddrive.language.errors import ParameterError

@@ -18,8 +18,8 @@ from feeddrive import Axis, Control, Guard, Loop, simulate
 from feeddrive.blocks import Actuator, CascadePPI, Rigid, SnapLimitedMove, StepForce, Viscous
 from feeddrive.cli.commands import app
 from feeddrive.cosimulation import simulate_with_fmu
-from feeddrive.cosimulation.archive import importer
 from feeddrive.cosimulation.comparison import cosimulate, write_cosimulation
+from feeddrive.cosimulation.fmu import importer
 from feeddrive.export import toolchain
 from feeddrive.export.fmu.fmu import fmu
 from feeddrive.export.layout import layout

@@ -14,8 +14,7 @@ from export.parameter_cases import cases, refused
 from exported import LOOPS, MOTOR, ONE, PPI, TWO, loop
 from feeddrive.blocks.catalogue import catalogue
 from feeddrive.blocks.families import Compensation, Feedforward, Filter, Law, Motor, Observer, Prefilter
-from feeddrive.cosimulation.archive import opened
-from feeddrive.cosimulation.instance import Instance
+from feeddrive.cosimulation.fmu import Instance, opened
 from feeddrive.export.c.header_only import header_only
 from feeddrive.export.c.text import texts
 from feeddrive.export.fmu.fmu import fmu

@@ -4,7 +4,7 @@ from feeddrive.bus.client import DriveClient as DriveClient
 from feeddrive.bus.client import transport_of as transport_of
 from feeddrive.bus.drive_file import BusDrive as BusDrive
 from feeddrive.bus.drive_file import BusLimits as BusLimits
+from feeddrive.bus.drive_file import DriveScaling as DriveScaling
 from feeddrive.bus.drive_file import read_drive as read_drive
 from feeddrive.bus.play import play as play
 from feeddrive.bus.profile import read_profile as read_profile
-from feeddrive.bus.scaling import DriveScaling as DriveScaling

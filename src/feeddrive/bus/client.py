@@ -6,22 +6,27 @@ import time
 from types import TracebackType
 from typing import NamedTuple
 
-from feeddrive.bus.commissioning import check_scaling, identify, write_cycle_time, write_limits
-from feeddrive.bus.drive_file import BusDrive
-from feeddrive.bus.objects import NEEDED, OBJECTS, SENT, TOLD, VIRTUAL, Layout
-from feeddrive.bus.pace import Pace
-from feeddrive.bus.power_states import (
+from feeddrive.bus.cia402 import (
     CSP,
     CST,
     DISABLE_VOLTAGE,
     ERRORS,
     FAULT_RESET,
     MODES,
+    NEEDED,
+    OBJECTS,
     QUICK_STOP,
+    SENT,
+    TOLD,
     TOWARDS_ENABLED,
+    VIRTUAL,
+    Layout,
     PowerState,
     state_of,
 )
+from feeddrive.bus.commissioning import check_scaling, identify, write_cycle_time, write_limits
+from feeddrive.bus.drive_file import BusDrive
+from feeddrive.bus.pace import Pace
 from feeddrive.bus.transport import Transport, has_object, write_object
 from feeddrive.language.errors import BusError
 
@@ -275,6 +280,6 @@ def transport_of(drive: BusDrive, interface: str, bitrate: int | None) -> Transp
         from feeddrive.bus.ethercat import EtherCAT
 
         return EtherCAT(interface, drive.station)
-    from feeddrive.bus.canopen_bus import CANopen
+    from feeddrive.bus.canopen import CANopen
 
     return CANopen(interface, drive.station, bitrate)

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from feeddrive.bus.drive_file import BusDrive
-from feeddrive.bus.objects import DEVICE_NAME, OBJECTS
-from feeddrive.bus.power_states import MODES
-from feeddrive.bus.scaling import DriveScaling, interpolation_time
+from feeddrive.bus.cia402 import DEVICE_NAME, MODES, OBJECTS
+from feeddrive.bus.drive_file import BusDrive, DriveScaling, interpolation_time
 from feeddrive.bus.transport import RefusedError, Transport, has_object, read_object, write_object
 from feeddrive.language.errors import BusError
 

@@ -11,9 +11,9 @@ from types import FrameType
 
 import numpy as np
 
+from feeddrive.bus.cia402 import PowerState
 from feeddrive.bus.client import DriveClient, Told
 from feeddrive.bus.pace import Lateness, urgent
-from feeddrive.bus.power_states import PowerState
 from feeddrive.bus.profile import Profile
 from feeddrive.files.log import Log
 from feeddrive.language.errors import BusError

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Protocol
 
-from feeddrive.bus.objects import OBJECTS, Layout
+from feeddrive.bus.cia402 import OBJECTS, Layout
 from feeddrive.language.errors import BusError
 
 _REASONS = {

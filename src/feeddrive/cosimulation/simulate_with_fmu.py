@@ -10,9 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from feeddrive.blocks.families import Load, Reference
-from feeddrive.cosimulation.archive import Archive, opened
-from feeddrive.cosimulation.instance import Instance
-from feeddrive.cosimulation.ports import TAKEN, Port, needed, ports
+from feeddrive.cosimulation.fmu import TAKEN, Archive, Instance, Port, needed, opened, ports
 from feeddrive.language.errors import DivergedError, ParameterError
 from feeddrive.loop.loop import SETPOINT, Loop, Signals
 from feeddrive.loop.routine import Routine

@@ -6,8 +6,7 @@ from pathlib import Path
 
 from feeddrive.bus.play import interruption
 from feeddrive.bus.virtual.canopen_node import serve_canopen
-from feeddrive.bus.virtual.described import drive_text, scaling_of
-from feeddrive.bus.virtual.driven_axis import DrivenAxis
+from feeddrive.bus.virtual.driven_axis import DrivenAxis, drive_text, scaling_of
 from feeddrive.bus.virtual.ethercat_slave import serve_ethercat
 from feeddrive.bus.virtual.firmware import Firmware
 from feeddrive.files.atomic_io import write_whole

@@ -6,8 +6,8 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from feeddrive.bus.can_lines import opened_network, packages
-from feeddrive.bus.objects import Layout
+from feeddrive.bus.canopen import opened_network, packages
+from feeddrive.bus.cia402 import Layout
 from feeddrive.bus.virtual.firmware import Firmware, SdoAbortError
 from feeddrive.bus.virtual.pdo_map import INVALID, PdoMap
 

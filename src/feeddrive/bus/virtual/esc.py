@@ -9,7 +9,7 @@ from __future__ import annotations
 import struct
 from collections.abc import Iterator
 
-from feeddrive.bus.objects import VIRTUAL
+from feeddrive.bus.cia402 import VIRTUAL
 from feeddrive.bus.virtual import coe
 from feeddrive.bus.virtual.eeprom import INPUTS, MAILBOX_IN, MAILBOX_OUT, OUTPUTS, eeprom
 from feeddrive.bus.virtual.firmware import PRODUCT, REVISION, VENDOR, Firmware

@@ -7,7 +7,7 @@ import socket
 import time
 from collections.abc import Callable, Sequence
 
-from feeddrive.bus.interfaces import opened_socket
+from feeddrive.bus.ethercat import opened_socket
 from feeddrive.bus.virtual.esc import ETHERTYPE, OP, SlaveController
 from feeddrive.bus.virtual.firmware import Firmware
 

@@ -10,9 +10,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from feeddrive.bus.objects import AT, DEVICE_NAME, OBJECTS, VIRTUAL
-from feeddrive.bus.power_states import CSP, CST, CSV, PowerState, answer
-from feeddrive.bus.scaling import DriveScaling, interpolation_time
+from feeddrive.bus.cia402 import AT, CSP, CST, CSV, DEVICE_NAME, OBJECTS, VIRTUAL, PowerState, answer
+from feeddrive.bus.drive_file import DriveScaling, interpolation_time
 from feeddrive.bus.virtual.driven_axis import DrivenAxis
 from feeddrive.language.errors import ParameterError
 from feeddrive.loop.guard import TRIP_COMMAND, TRIP_FOLLOWING_ERROR, TRIP_READING, TRIP_TRAVEL, TRIP_VELOCITY

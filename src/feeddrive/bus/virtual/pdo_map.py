@@ -9,7 +9,7 @@ from __future__ import annotations
 import struct
 from collections.abc import Callable
 
-from feeddrive.bus.objects import AT, OBJECTS, SENT, TOLD, Layout
+from feeddrive.bus.cia402 import AT, OBJECTS, SENT, TOLD, Layout
 from feeddrive.bus.virtual.firmware import (
     NO_OBJECT,
     NO_SUBINDEX,

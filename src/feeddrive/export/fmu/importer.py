@@ -8,8 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from feeddrive.cosimulation.archive import Archive, opened
-from feeddrive.cosimulation.instance import Instance
+from feeddrive.cosimulation.fmu import Archive, Instance, opened
 from feeddrive.export.trial import Trial
 from feeddrive.loop.routine import Routine
 

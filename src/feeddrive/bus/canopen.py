@@ -1,4 +1,4 @@
-"""CANopen by the canopen package: process data with every SYNC."""
+"""CANopen by the canopen package: process data with every SYNC, on CAN buses that one text names."""
 
 from __future__ import annotations
 
@@ -6,10 +6,9 @@ import contextlib
 from threading import Condition
 from typing import Any
 
-from feeddrive.bus.can_lines import opened_network, packages
-from feeddrive.bus.objects import Layout
+from feeddrive.bus.cia402 import Layout
 from feeddrive.bus.transport import RefusedError, write_mapping
-from feeddrive.language.errors import BusError
+from feeddrive.language.errors import BusError, MissingExtraError
 
 _SYNC, _INVALID, _EVERY_SYNC = 0x80, 1 << 31, 1
 
@@ -127,3 +126,37 @@ class CANopen:
         with contextlib.suppress(Exception):
             self._network.disconnect()
         self._network = None
+
+
+def packages() -> Any:
+    """The canopen package. Raises MissingExtraError without it."""
+    try:
+        import canopen
+    except ImportError as missing:
+        raise MissingExtraError(missing.name or "canopen", "bus", "CANopen") from None
+    return canopen
+
+
+def opened_network(interface: str, bitrate: int | None) -> Any:
+    """A canopen network on the bus. Raises BusError for one that cannot be opened."""
+    canopen = packages()
+    import can
+
+    kind, _, channel = interface.partition(":")
+    if kind not in can.VALID_INTERFACES or not channel:
+        raise BusError(
+            f"interface '{interface}' must name what python-can calls interface and channel, as socketcan:can0; "
+            f"it knows {', '.join(sorted(can.VALID_INTERFACES))}"
+        )
+    rate: dict[str, Any] = {} if bitrate is None else {"bitrate": bitrate}
+    try:
+        line = can.Bus(channel=channel, interface=kind, **rate)
+    except (can.CanError, OSError, ValueError, ImportError) as error:
+        raise BusError(
+            f"interface '{interface}' cannot be opened: {error}; is it there and up "
+            "(ip link set can0 up type can bitrate 1000000)?"
+        ) from None
+    network = canopen.Network(line)
+    network.NOTIFIER_CYCLE = 0.1  # s that its end may have to wait for
+    network.connect()
+    return network

@@ -1,0 +1,345 @@
+"""An FMU: unpacked and checked before it runs, its variables as signals of the loop, then started, stepped and closed.
+
+An FMU is a program: see `opened`.  Units of its variables become SI.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import tempfile
+import zipfile
+from collections.abc import Generator, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Any, NamedTuple
+
+from feeddrive.files.atomic_io import refusal
+from feeddrive.files.messages import nearest
+from feeddrive.language.errors import FmuError, MissingExtraError, ParameterError
+from feeddrive.language.units import factor, measure
+from feeddrive.loop.loop import UNITS
+
+MOST = 2_000_000_000  # bytes that are unpacked
+
+
+@dataclass(frozen=True)
+class Archive:
+    """An unpacked FMU: its file, its description as FMPy reads it, its folder, and its library for this machine."""
+
+    name: str
+    description: Any
+    folder: Path
+    library: Path
+
+    @property
+    def three(self) -> bool:
+        """Whether it is of FMI 3.0; else it is of FMI 2.0."""
+        return str(self.description.fmiVersion).startswith("3.")
+
+    @property
+    def model(self) -> str:
+        """The identifier of the model, which names its library."""
+        return self.description.coSimulation.modelIdentifier
+
+
+@contextlib.contextmanager
+def opened(path: str | Path) -> Generator[Archive]:
+    """An FMU, unpacked for the length of the block; nothing of it is run yet.
+
+    Raises FileError for a file that cannot be read, FmuError for one that is no FMU, has no co-simulation or
+    no binary for this machine, and MissingExtraError without FMPy.
+    """
+    fmpy = importer()
+    with tempfile.TemporaryDirectory(prefix="feeddrive-fmu-", ignore_cleanup_errors=True) as folder:
+        try:
+            with zipfile.ZipFile(path) as packed:
+                _check_entries(packed, path)
+                packed.extractall(folder)
+            description = fmpy.read_model_description(folder, validate=False)
+        except OSError as error:
+            raise refusal(path, "read", error) from None
+        except FmuError:
+            raise
+        except Exception as error:  # a ZIP or an XML file can be broken in ways that only their readers know
+            raise FmuError(f"{path}: is no sound FMU: {_first_line(error)}") from None
+        yield _checked(str(path), description, Path(folder))
+
+
+def importer() -> Any:
+    """FMPy. Raises MissingExtraError without it."""
+    try:
+        import fmpy
+    except ImportError:
+        raise MissingExtraError("fmpy", "fmu", "running an FMU") from None
+    return fmpy
+
+
+def _check_entries(packed: zipfile.ZipFile, path: str | Path) -> None:
+    """An FMU has a description, stays in its folder and fits on the disk."""
+    names = packed.namelist()
+    if "modelDescription.xml" not in names:
+        raise FmuError(f"{path}: is not an FMU: it holds no modelDescription.xml")
+    outside = [name for name in names if name.startswith(("/", "\\")) or ".." in Path(name).parts or ":" in name]
+    if outside:
+        raise FmuError(f"{path}: is not an FMU: its file '{outside[0]}' would lie outside its folder")
+    size = sum(each.file_size for each in packed.infolist())
+    if size > MOST:
+        raise FmuError(
+            f"{path}: would take {size / 1e9:.3g} GB unpacked, more than the {MOST / 1e9:g} GB that are read"
+        )
+
+
+def _checked(name: str, description: Any, folder: Path) -> Archive:
+    fmpy = importer()
+    if description.fmiVersion == "1.0":
+        raise FmuError(f"{name}: is of FMI 1.0; FMI 2.0 and 3.0 can be run")
+    if description.coSimulation is None:
+        raise FmuError(f"{name}: is no FMU for co-simulation (it has no solver of its own): export it as one that is")
+    three = str(description.fmiVersion).startswith("3.")
+    here = fmpy.platform_tuple if three else fmpy.platform
+    file = f"{description.coSimulation.modelIdentifier}{fmpy.sharedLibraryExtension}"
+    library = folder / "binaries" / here / file
+    if not library.is_file():
+        there = sorted({each.parent.name for each in (folder / "binaries").glob("*/*") if each.is_file()})
+        has = f"has binaries for {', '.join(there)}" if there else "has no binary"
+        advice = f"compile it:  fmpy compile {name}" if description.buildConfigurations else "ask its maker for one"
+        raise FmuError(f"{name}: {has}, but none for this machine ({here}): {advice}")
+    return Archive(name, description, folder, library)
+
+
+def _first_line(error: Exception) -> str:
+    """What an error says, in a line; never nothing."""
+    return (str(error).strip() or type(error).__name__).splitlines()[0]
+
+
+# what the loop hands to an FMU, and what it can take from one
+GIVEN = ("force", "command", "load_force", "start_position")
+TAKEN = (
+    "reading", "reading_motor", "reading_load", "position_motor", "position_load", "velocity_motor", "velocity_load",
+    "drive_force", "friction_motor", "friction_load",
+)  # fmt: skip
+_BASE = ("m", "kg", "s", "A", "rad")  # in the order of `units.Dimension`
+_REALS = ("Real", "Float64")
+
+
+class Port(NamedTuple):
+    """A variable that carries a signal: value in SI = factor · value of the FMU."""
+
+    signal: str
+    variable: str
+    reference: int
+    factor: float
+
+
+def ports(archive: Archive, names: Mapping[str, str], command_unit: str | None) -> dict[str, Port]:
+    """The ports by signal: those of `names`, and every signal whose own name the FMU has.
+
+    `names` are the FMU's variables by signal, as "x" or "x:mm"; a variable that states no unit counts as SI.
+    `command_unit` is the unit of the drive's command; None without a motor.
+
+    Raises ParameterError for a signal that there is not or a unit that does not fit, FmuError for a variable that is
+    missing or of the wrong kind.
+    """
+    known = {each.name: each for each in archive.description.modelVariables}
+    for signal in names:
+        if signal not in (*GIVEN, *TAKEN):
+            raise ParameterError(
+                f"there is no signal '{signal}' to name a variable for{nearest(signal, GIVEN + TAKEN)}"
+            )
+    both = {"force", "command"} & set(names)
+    own = [signal for signal in (*GIVEN, *TAKEN) if signal in known and not (signal in ("force", "command") and both)]
+    if not both and "force" in own and "command" in own:
+        own.remove("command")
+    wanted = {signal: signal for signal in own} | dict(names)
+    return {signal: _port(archive, known, signal, text, command_unit) for signal, text in wanted.items()}
+
+
+def _port(archive: Archive, known: Mapping[str, Any], signal: str, text: str, command_unit: str | None) -> Port:
+    name, unit = text, ""
+    if name not in known and ":" in text:
+        name, _, unit = text.rpartition(":")
+    if name not in known:
+        raise FmuError(f"{archive.name}: has no variable '{name}' for {signal}{nearest(name, list(known))}")
+    variable = known[name]
+    causalities = _causalities(signal)
+    if variable.causality not in causalities:
+        raise FmuError(f"{archive.name}: '{name}' is {variable.causality}, but {signal} needs an {causalities[0]}")
+    if variable.type not in _REALS or variable.dimensions:
+        raise FmuError(f"{archive.name}: '{name}' is no single number of 64 bits, which {signal} needs")
+    if signal == "command" and command_unit is None:
+        raise ParameterError("command: the machine file names no motor, so that there is no command in a drive's unit")
+    declared = (command_unit or "") if signal == "command" else _unit(signal)
+    try:
+        return Port(signal, name, variable.valueReference, _factor(archive, variable, unit, declared))
+    except ParameterError as error:
+        raise ParameterError(f"{archive.name}: '{name}' as {signal}: {error}") from None
+
+
+def _causalities(signal: str) -> tuple[str, ...]:
+    if signal == "start_position":
+        return ("input", "parameter")
+    return ("input",) if signal in GIVEN else ("output", "local")
+
+
+def _unit(signal: str) -> str:
+    return UNITS.get(signal, "m")  # readings without a side and the start are positions
+
+
+def _factor(archive: Archive, variable: Any, given: str, declared: str) -> float:
+    """From the unit that was given, else from that of the FMU."""
+    if given:
+        return factor(given, declared)
+    stated = variable.unit or (variable.declaredType.unit if variable.declaredType is not None else None)
+    if not stated or stated == declared:
+        return 1.0
+    base = next((each.baseUnit for each in archive.description.unitDefinitions if each.name == stated), None)
+    if base is None:
+        return factor(stated, declared)
+    powers = {name: int(getattr(base, name) or 0) for name in (*_BASE, "K", "mol", "cd")}
+    size, dimension = measure(declared)
+    wanted: dict[str, int] = dict(zip(_BASE, dimension, strict=True))
+    if any(power != wanted.get(name, 0) for name, power in powers.items()) or float(base.offset or 0.0) != 0.0:
+        raise ParameterError(f"its unit '{stated}' does not measure the same thing as '{declared}'")
+    return float(base.factor if base.factor is not None else 1.0) / size
+
+
+def needed(found: Mapping[str, Port], signals: Iterable[str], archive: Archive, who: str) -> None:
+    """Raise FmuError unless all of these signals, which `who` needs, have a port."""
+    missing = next((signal for signal in signals if signal not in found), None)
+    if missing is None:
+        return
+    kind = "input" if missing in GIVEN else "output"
+    have = ", ".join(each.name for each in archive.description.modelVariables if each.causality == kind)
+    example = f'"x" or "x:{"N" if kind == "input" else "mm"}"'
+    raise FmuError(
+        f"{archive.name}: {who} needs {missing}, but no variable is named for it: name one, as {example}; "
+        f"the FMU's {kind}s are: {have or 'none'}"
+    )
+
+
+_SETTERS = {"Real": "setReal", "Float64": "setFloat64", "Integer": "setInteger", "Int32": "setInt32",
+            "Int64": "setInt64", "Boolean": "setBoolean"}  # fmt: skip
+_STATUS = {2: "refused the step (Discard)", 3: "failed (Error)", 4: "is beyond repair (Fatal)"}
+
+
+class Instance:
+    """An instance of an FMU for co-simulation; use it in a `with` block.
+
+    From here on code of the FMU runs in this process, with the rights of this process.  What it says is kept and
+    repeated in errors.
+    """
+
+    def __init__(self, archive: Archive) -> None:
+        """Load its library and instantiate it. Raises FmuError if either fails."""
+        self.archive = archive
+        self.said: list[str] = []
+        import fmpy.fmi2
+        import fmpy.fmi3
+
+        kind = fmpy.fmi3.FMU3Slave if archive.three else fmpy.fmi2.FMU2Slave
+        try:
+            with contextlib.chdir(archive.folder):  # FMPy goes elsewhere and does not come back if it fails
+                self.fmu: Any = kind(
+                    guid=archive.description.guid, modelIdentifier=archive.model, unzipDirectory=str(archive.folder),
+                    instanceName="plant", libraryPath=str(archive.library),
+                )  # fmt: skip
+            if archive.three:
+                self.fmu.instantiate(loggingOn=True, logMessage=self._heard3)
+            else:
+                self._callbacks = self._logging()
+                self.fmu.instantiate(loggingOn=True, callbacks=self._callbacks)
+        except Exception as error:  # FMPy raises bare exceptions
+            needs = archive.description.coSimulation.needsExecutionTool
+            hint = "; it wants the program it was made with to be installed" if needs else ""
+            raise FmuError(f"{archive.name}: cannot be started: {error}{self._words()}{hint}") from None
+
+    def _logging(self) -> Any:
+        """The callbacks of FMI 2, with a logger that takes a variable number of arguments."""
+        from fmpy import fmi2
+        from fmpy.logging import addLoggerProxy
+
+        callbacks = fmi2.fmi2CallbackFunctions()
+        callbacks.logger = fmi2.fmi2CallbackLoggerTYPE(self._heard2)
+        callbacks.allocateMemory = fmi2.defaultCallbacks.allocateMemory
+        callbacks.freeMemory = fmi2.defaultCallbacks.freeMemory
+        addLoggerProxy(ctypes.byref(callbacks))
+        return callbacks
+
+    def _heard2(self, _: Any, __: bytes, status: int, category: bytes, message: bytes) -> None:
+        self._heard3(None, status, category, message)
+
+    def _heard3(self, _: Any, status: int, category: bytes, message: bytes) -> None:
+        if status > 0:
+            self.said = [*self.said[-4:], message.decode("utf-8", "replace").strip()]
+
+    def _words(self) -> str:
+        return f"; it says: {self.said[-1]}" if self.said else ""
+
+    def __enter__(self) -> Instance:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        # what an FMU says at its end, or whether it is there at all, changes nothing any more
+        if error is None:
+            with contextlib.suppress(Exception):
+                self.fmu.terminate()
+        with contextlib.suppress(Exception):
+            self.fmu.freeInstance()
+
+    def _call(self, what: str, function: Any, *arguments: Any, **named: Any) -> Any:
+        """A call to the FMU. Raises FmuError that repeats what it said."""
+        self.said = []
+        try:
+            return function(*arguments, **named)
+        except Exception as error:  # FMPy's own, and what ctypes makes of a crash
+            status = getattr(error, "status", None)
+            how = _STATUS.get(status, f"failed: {error}") if isinstance(status, int) else f"failed: {error}"
+            raise FmuError(f"{self.archive.name}: {what}: the FMU {how}{self._words()}") from None
+
+    def begin(self, values: Sequence[tuple[Port, float]], parameters: Mapping[str, float]) -> None:
+        """Set what is known at the start, SI by port and as they are by name, and initialise at t = 0.
+
+        Raises FmuError for a name that the FMU has not and for a value that it refuses.
+        """
+        known = {each.name: each for each in self.archive.description.modelVariables}
+        if not self.archive.three:
+            self._call("setup", self.fmu.setupExperiment, startTime=0.0)
+        for name, value in parameters.items():
+            if name not in known:
+                raise FmuError(f"{self.archive.name}: has no variable '{name}'{nearest(name, list(known))}")
+            setter = _SETTERS.get(known[name].type)
+            if setter is None:
+                raise FmuError(f"{self.archive.name}: '{name}' is of type {known[name].type}, which is no number")
+            number = float(value) if "Real" in setter or "Float" in setter else int(value)
+            self._call(f"{name} = {value:g}", getattr(self.fmu, setter), [known[name].valueReference], [number])
+        self.give(values)
+        self._call("initialization", self.fmu.enterInitializationMode)
+        self._call("initialization", self.fmu.exitInitializationMode)
+
+    def give(self, values: Sequence[tuple[Port, float]]) -> None:
+        """Set inputs, in SI."""
+        if values:
+            setter = self.fmu.setFloat64 if self.archive.three else self.fmu.setReal
+            self._call(
+                "inputs",
+                setter,
+                [port.reference for port, _ in values],
+                [value / port.factor for port, value in values],
+            )
+
+    def take(self, ports: Sequence[Port]) -> list[float]:
+        """Outputs, in SI."""
+        getter = self.fmu.getFloat64 if self.archive.three else self.fmu.getReal
+        values = self._call("outputs", getter, [port.reference for port in ports])
+        return [port.factor * value for port, value in zip(ports, values, strict=True)]
+
+    def step(self, time: float, length: float) -> None:
+        """One communication step, in s. Raises FmuError if it is refused or if the FMU wants to end."""
+        what = f"step of {length:.6g} s at {time:.6g} s"
+        answer = self._call(what, self.fmu.doStep, currentCommunicationPoint=time, communicationStepSize=length)
+        if answer is not None and (answer[1] or answer[2]):  # terminateSimulation, earlyReturn
+            raise FmuError(f"{self.archive.name}: {what}: the FMU wants to end{self._words()}")
