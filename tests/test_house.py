@@ -1,4 +1,4 @@
-"""docs/house.md: every file, folder, function and class that it names exists, and its rooms are those of the package."""
+"""docs/house.md: every file, folder, function and class that it names exists; its rooms are the folders."""
 
 from __future__ import annotations
 
