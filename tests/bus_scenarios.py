@@ -32,6 +32,7 @@ from feeddrive.bus.virtual import coe
 from feeddrive.bus.virtual.driven_axis import DrivenAxis
 from feeddrive.bus.virtual.pdo_map import PdoMap
 from feeddrive.language.errors import FeeddriveError
+from feeddrive.language.progress import Progress
 from feeddrive.loop.simulate import simulate
 
 N = 800
@@ -147,11 +148,14 @@ def limits(bus: str) -> dict[str, Any]:
         found["aborted"], found["state"], found["rows"] = played.aborted, bench.state, len(played.log)
     with powered(bus) as bench, client(drive(bus), bench.interface) as master:
 
-        def press(rows: int, count: int) -> None:
-            if rows >= 300:
-                os.kill(os.getpid(), signal.SIGINT)
+        class Press(Progress):
+            """Ctrl-C after 300 rows."""
 
-        played = play(master, profile(), progress=press)
+            def show_step(self, what: str, done: int | None, of: int | None, part: str) -> None:
+                if done is not None and done >= 300:
+                    os.kill(os.getpid(), signal.SIGINT)
+
+        played = play(master, profile(), progress=Press())
         found["pressed"], found["pressed_state"] = played.aborted, bench.state
         before = bench.place
         for _ in range(50):
