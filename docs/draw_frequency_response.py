@@ -15,7 +15,7 @@ import matplotlib as mpl
 from feeddrive import plot
 from feeddrive.files.machine import read_machine
 from feeddrive.identification.excitation.design import design_excitation
-from feeddrive.workflow.excitation_page import rehearsed
+from feeddrive.workflow.excite import rehearsed
 
 IMAGES = Path(__file__).parent / "images"
 

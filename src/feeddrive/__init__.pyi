@@ -48,6 +48,6 @@ from feeddrive.loop.simulate import simulate_batch as simulate_batch
 from feeddrive.loop.simulate import stream as stream
 from feeddrive.tuning.tune import tune as tune
 from feeddrive.version import __version__ as __version__
-from feeddrive.workflow.certificate_file import read_certificate as read_certificate
-from feeddrive.workflow.certificate_file import write_certificate as write_certificate
+from feeddrive.workflow.certify import read_certificate as read_certificate
+from feeddrive.workflow.certify import write_certificate as write_certificate
 from feeddrive.workflow.jobs import run as run

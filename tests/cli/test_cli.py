@@ -259,17 +259,17 @@ def test_ctrl_c_within_a_command_says_that_it_stopped(run, monkeypatch, place, w
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="NOT RUN: there is no /dev/full to stand for a full disk")
 def test_a_full_disk_is_named(run, monkeypatch) -> None:
-    from feeddrive.workflow import job_results
+    from feeddrive.workflow import run_job
 
     given()
-    whole = job_results.write_run_csv
+    whole = run_job.write_run_csv
 
     def full(path, *rest) -> None:
         with open("/dev/full", "w") as disk:
             disk.write("x" * 100_000)
         whole(path, *rest)
 
-    monkeypatch.setattr(job_results, "write_run_csv", full)
+    monkeypatch.setattr(run_job, "write_run_csv", full)
     assert "no space left" in refused(run, "run", "j.toml", "--out", "d")
 
 

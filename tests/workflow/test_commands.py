@@ -13,8 +13,7 @@ from feeddrive.cli.commands import app
 from feeddrive.files import formats
 from feeddrive.language.errors import CancelledError, ParameterError
 from feeddrive.language.progress import Progress
-from feeddrive.workflow.command import Command
-from feeddrive.workflow.commands import COMMANDS, load
+from feeddrive.workflow.command import COMMANDS, Command, load
 from feeddrive.workflow.request import Request, argument, fields_of, option
 
 

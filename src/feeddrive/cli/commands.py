@@ -17,8 +17,7 @@ from typer.core import TyperCommand, TyperGroup
 from typer.main import get_command
 
 from feeddrive.cli.terminal import UNBROKEN, TerminalProgress, open_console, show
-from feeddrive.workflow.command import Command
-from feeddrive.workflow.commands import COMMANDS, load
+from feeddrive.workflow.command import COMMANDS, Command, load
 from feeddrive.workflow.request import Field, fields_of
 
 

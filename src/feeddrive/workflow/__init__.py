@@ -1,4 +1,4 @@
-"""What each command does, as a function with a declared request; `commands.py` lists them, one module each."""
+"""What each command does, as a function with a declared request; `command.py` lists them, one module each."""
 
 from feeddrive.language.lazy_package import make_lazy
 

@@ -1,16 +1,38 @@
-"""`feeddrive excite`: what to send to an axis to measure its frequency response."""
+"""`feeddrive excite`: what to send to an axis to measure its frequency response.
+
+The files say what to send, what the simulation answered, and which limits were checked.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from html import escape
 from pathlib import Path
 
+import numpy as np
+
+from feeddrive.files.atomic_io import new_directory
 from feeddrive.files.machine import MachineFile, read_machine
+from feeddrive.files.run_files import write_run_csv, write_run_parquet
 from feeddrive.identification.excitation.design import design_excitation
-from feeddrive.identification.excitation.excitation import Excitation
+from feeddrive.identification.excitation.estimate_frf import estimate_frf
+from feeddrive.identification.excitation.excitation import Excitation, said
+from feeddrive.identification.excitation.frequency_estimate import FrequencyEstimate
 from feeddrive.language.progress import Progress
+from feeddrive.loop.frequency_response import FRF
+from feeddrive.loop.linearize import linearize
+from feeddrive.loop.loop import Loop
+from feeddrive.plot.responses import frequency_estimate
+from feeddrive.report.content import Shown
+from feeddrive.report.page import definitions, header, page, picture, table
 from feeddrive.workflow.command import Outcome, command
-from feeddrive.workflow.excitation_page import WARNING, write_excitation
 from feeddrive.workflow.request import OUT, Request, argument, frequencies, option
+
+_USELESS = 30.0  # %, deviation of a line from which it carries no tuning
+WARNING = (
+    "The axis moves by itself while this is sent. Keep the travel clear, keep a hand on the stop, and begin with a "
+    "tenth of the amplitude."
+)
 
 
 class ExciteRequest(Request):
@@ -65,3 +87,89 @@ def excite(request: ExciteRequest, progress: Progress) -> Outcome[Excitation]:
         report = write_excitation(found, loop, request.out, facts)
         files["Report"] = f"{report}, to be sent: {report.parent / 'excitation_1.csv'}"
     return Outcome(found, [found.table()], [*found.remarks, WARNING], files=files)
+
+
+def write_excitation(found: Excitation, loop: Loop, out: str | Path, facts: Mapping[str, str]) -> Path:
+    """Write `excitation_1.csv` ... to be sent, `simulated_1.parquet` ... and `report.html`; the path of the report.
+
+    A file to be sent has time, excitation and the set position of the motion underneath.  A simulated log has all that
+    `feeddrive frf` needs.  Raises FileError.
+    """
+    with new_directory(out) as folder:
+        for i, drawn in enumerate(found.drawings, start=1):
+            sent = {"excitation": drawn.excitation, "set_position": drawn.set_position}
+            units = {"excitation": found.unit, "set_position": "m"}
+            stamps = np.round(drawn.time, 12)  # 0.00015 and not 0.00015000000000000001, for whoever reads the file
+            write_run_csv(folder / f"excitation_{i}.csv", stamps, sent, units)
+            columns = {"excitation": drawn.excitation, **drawn.signals}
+            known = {"force": "N", "velocity_load": "m/s", "velocity_motor": "m/s", "excitation": found.unit}
+            units = {name: known.get(name, "m") for name in columns}
+            write_run_parquet(folder / f"simulated_{i}.parquet", drawn.time, columns, units, found.sample_time)
+        (folder / "report.html").write_text(build(found, loop, facts), encoding="utf-8")
+    return Path(out) / "report.html"
+
+
+def rehearsed(found: Excitation, loop: Loop, output: str = "reading_load") -> tuple[FrequencyEstimate, FRF]:
+    """What `estimate_frf` makes of the simulated measurement, and the response of the model that was simulated."""
+    estimate = estimate_frf(found.records(output), method="periodic", period=found.period)
+    velocity = found.offset_velocity or 0.05
+    model = linearize(loop, ["cut"], [output], velocity=velocity)
+    return estimate, model.response(np.geomspace(estimate.frequency[0], estimate.frequency[-1], 1000))
+
+
+def _lost(frequency: np.ndarray, share: np.ndarray) -> str:
+    """How many lines hold too much noise, from where on, and what to do; empty if none do."""
+    good = np.flatnonzero(share < _USELESS)
+    lost = share.size - good.size
+    if lost == 0:
+        return ""
+    ends = good.size and good[-1] < share.size - 1
+    above = f", all above {frequency[good[-1]]:.4g} Hz among them" if ends else ""
+    remedy = f"take more amplitude or more periods{', or end the band there' if ends else ''}"
+    return f" {lost} of {share.size} lines are not known to {_USELESS:g} %{above}: {remedy}."
+
+
+def build(found: Excitation, loop: Loop, facts: Mapping[str, str]) -> str:
+    """The page."""
+    estimate, model = rehearsed(found, loop)
+    assert estimate.frf.variance is not None
+    share = 100.0 * np.sqrt(estimate.frf.variance) / estimate.frf.magnitude
+    shown = found.table()
+    lead = [
+        f"{found.lines.size} lines from {found.frequency[0]:.4g} to {found.frequency[-1]:.4g} Hz on the {found.where}, "
+        f"peak {said(found.amplitude, found.unit)}, crest factor {found.crest:.3f}; all limits that were stated hold "
+        f"in the simulation.",
+        f"Expect a deviation of {np.median(share):.2g} % in the middle and {np.max(share):.3g} % at worst, at "
+        f"{estimate.frequency[int(np.argmax(share))]:.4g} Hz, if noise and friction of the machine are those of its "
+        f"file.{_lost(estimate.frequency, share)}",
+        WARNING,
+    ]
+    pictures = [
+        Shown(
+            "excitation", "What is sent, and what the axis does",
+            "First realisation. The speed keeps one sign between the dashed lines if friction is not to stick.",
+            "Excitation, speed and force over time.", found.plot,
+        ),
+        Shown(
+            "expected", "What the measurement will show",
+            "The response that is estimated from the simulated log, over the one of the model.",
+            "Estimated and modelled response over frequency.", lambda: frequency_estimate(estimate, model),
+        ),
+    ]  # fmt: skip
+    remarks = "".join(f"<li>{escape(remark)}</li>" for remark in (*found.remarks, *estimate.remarks))
+    noted = f'<div class="remarks"><h3>Remarks</h3><ul>{remarks}</ul></div>' if remarks else ""
+    stated = {
+        **facts,
+        "Grid": f"{found.grid}, lines at multiples of {1.0 / (found.period * found.sample_time):.4g} Hz",
+        "Periods": f"{found.periods} of {found.period} samples, each realisation swells and fades over {found.fade}",
+        "Motion underneath": f"{said(found.offset_velocity, 'm/s')}, back in every second realisation",
+        "Least speed while excited": said(found.least_velocity, "m/s"),
+    }
+    parts = [
+        header("feeddrive excite", "Excitation for a frequency response", lead,
+               [("limits", "Limits"), ("facts", "What was designed")]),
+        f'<section id="limits">\n<h2>Limits</h2>\n{table(shown.title, shown.heads, shown.rows)}{noted}\n</section>\n',
+        f'<section id="pictures">\n<h2>Pictures</h2>\n{"".join(map(picture, pictures))}\n</section>\n',
+        f'<section id="facts">\n<h2>What was designed</h2>\n{definitions(stated.items())}\n</section>\n',
+    ]  # fmt: skip
+    return page("Excitation for a frequency response", parts)

@@ -1,20 +1,35 @@
-"""`feeddrive friction`: a friction curve from logs of constant speeds."""
+"""`feeddrive friction`: a friction curve from logs of constant speeds, its report, and the machine file with it."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import fields, replace
+from html import escape
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from feeddrive.blocks.families import Friction
+from feeddrive.blocks.force.gravity import Gravity
+from feeddrive.files.atomic_io import new_directory
+from feeddrive.files.blocks_to_toml import to_toml
 from feeddrive.files.log import Log
+from feeddrive.files.machine import MachineFile
 from feeddrive.files.messages import sentence
+from feeddrive.files.toml_edit import TomlEdit
 from feeddrive.identification.estimate import SHAFT
-from feeddrive.identification.steady_runs.friction_curve import FrictionCurve, fit_friction
+from feeddrive.identification.motion.identify import own_viscous
+from feeddrive.identification.steady_runs.friction_curve import Compared, FrictionCurve, fit_friction
 from feeddrive.identification.steady_runs.steady_runs import LEAST_ROWS, SteadyRuns, steady_runs
+from feeddrive.language.block import declarations
 from feeddrive.language.errors import NotIdentifiableError, ParameterError
 from feeddrive.language.progress import Progress
+from feeddrive.language.table import Table
+from feeddrive.loop.axis import Axis
+from feeddrive.loop.loop import Loop
+from feeddrive.report.content import Shown
+from feeddrive.report.page import definitions, header, page, picture, table
 from feeddrive.workflow.command import Outcome, command
 from feeddrive.workflow.drive_logs import (
     Drive,
@@ -28,20 +43,15 @@ from feeddrive.workflow.drive_logs import (
     stem,
     written,
 )
-from feeddrive.workflow.friction_page import (
-    kept_away,
-    machine_text,
-    recommendation,
-    remarks,
-    tables,
-    write_friction,
-)
 from feeddrive.workflow.request import argument, option
 
 # along the table and round the shaft, the first that is there is taken; a position is differenced
 _TABLE = ("velocity_load", "velocity_motor", "position_load", "position_motor")
 _SHAFT = ("speed_motor", "angle_motor")
 _FORCES = ("force", "torque", "command", "current")
+_POOR = 0.15  # share of the force's RMS that a curve may leave before it is advised against
+_SLOW = 2  # runs in each direction that must be slower than the Stribeck velocity for its level to be seen
+_OPEN = 0.5  # standard error over value from which a parameter counts as not known
 
 
 class FrictionRequest(DriveLogsRequest):
@@ -150,3 +160,241 @@ def _pair(path: Path, log: Log, named: Mapping[str, str | None], drive: Drive) -
             f"is along the table and the other round a shaft; give the screw's lead in m with --lead"
         )
     return (r * velocity, force, False) if turning else (velocity, force / r, False)
+
+
+def write_friction(
+    curve: FrictionCurve, said: Sequence[str], machine: str | None, out: str | Path, facts: Mapping[str, str]
+) -> Path:
+    """Write `report.html` and, if there is one, `machine.toml` into a directory; the path of the report."""
+    with new_directory(out) as folder:
+        if machine is not None:
+            (folder / "machine.toml").write_text(machine, encoding="utf-8")
+        (folder / "report.html").write_text(build(curve, said, facts), encoding="utf-8")
+    return Path(out) / "report.html"
+
+
+def build(curve: FrictionCurve, said: Sequence[str], facts: Mapping[str, str]) -> str:
+    """The page. Pure: the same curve gives the same text."""
+    title = f"A friction curve from {curve.runs.velocity.size} constant-speed runs"
+    drawn = list(_pictures(curve))
+    made = "".join(table(sentence(each.title), each.heads, each.rows) for each in tables(curve))
+    items = "".join(f"<li>{escape(sentence(remark))}</li>" for remark in said)
+    listed = f'<div class="remarks"><h3>Remarks</h3><ul>{items}</ul></div>' if items else ""
+    runs = curve.runs.table()
+    points = f"<details><summary>All runs</summary>{table(f'{runs.title}.', runs.heads, runs.rows)}</details>"
+    links = [("result", "Result"), *((f"figure-{each.key}", each.title) for each in drawn), ("facts", "The logs")]
+    parts = [
+        header("feeddrive friction", title, [recommendation(curve)], links),
+        f'<section id="result">\n<h2>Result</h2>\n{made}{listed}\n</section>\n',
+        f'<section id="pictures">\n<h2>Pictures</h2>\n{"".join(picture(each) for each in drawn)}</section>\n',
+        f'<section id="facts">\n<h2>The logs</h2>\n{definitions(facts.items())}{points}\n</section>\n',
+    ]
+    return page(title, parts)
+
+
+def tables(curve: FrictionCurve) -> list[Table]:
+    """The models by evidence, then the parameters of the one that is taken."""
+    found = curve.comparison()
+    rows = [[f"{row[0]} (taken)" if row[0] == curve.model.name else row[0], *row[1:]] for row in found.rows]
+    return [Table(found.title, found.heads, rows), curve.table()]
+
+
+def remarks(curve: FrictionCurve, loop: Loop | None) -> list[str]:
+    """What a reader must know of the curve, and of what it does to a machine."""
+    said = list(curve.remarks)
+    for name, value in curve.values.items():
+        if name.startswith("viscous") and value < 0.0:
+            said.append(f"{name} is negative and counts as 0 in a block: friction falls up to the fastest run")
+    axis = None if loop is None or curve.frame is SHAFT else loop.axis
+    if axis is None:
+        return said
+    own = own_viscous(axis)
+    found = min(value for name, value in curve.values.items() if name.startswith("viscous"))
+    if found < own:
+        said.append(
+            f"the runs show {found:.4g} N s/m of viscous friction, less than the {own:.4g} N s/m that the plant has of "
+            f"its own: the block has none, and the plant's must be lowered by hand"
+        )
+    elif own > 0.0:
+        said.append(f"the plant has {own:.4g} N s/m of its own, which is taken off the viscous friction")
+    weight = next((each for each in axis.forces if isinstance(each, Gravity)), None)
+    if weight is not None and not curve.model.offset:
+        said.append(
+            f"the machine has a constant force of {float(weight.force):.4g} N, and the runs show none: it stays"
+        )
+    return said
+
+
+def kept_away(curve: FrictionCurve, loop: Loop | None) -> str:
+    """Why the curve must not become part of a machine file; empty if it may."""
+    if curve.frame is SHAFT:
+        return "the curve is that of a shaft; give --lead and --gear to put it at the table"
+    if _share(curve) > _POOR:
+        return f"the curve leaves {100.0 * _share(curve):.3g} % of the force"
+    missing, _ = _missing(curve)
+    if missing:
+        return missing
+    if loop is not None and loop.axis.friction_motor is not None and loop.axis.friction_load is not None:
+        return "friction acts on both bodies of the axis, and constant speeds tell their sum only: both stay"
+    return ""
+
+
+def recommendation(curve: FrictionCurve) -> str:
+    """One sentence with its reason: what to take, or what to measure next."""
+    share = 100.0 * _share(curve)
+    if share > 100.0 * _POOR:
+        return (
+            f"Do not use this curve: the best model, {curve.model.name}, leaves {share:.3g} % of the force, so it is "
+            f"no function of the velocity; warm the axis up, let each speed settle, and measure again."
+        )
+    missing, parameter = _missing(curve)
+    if missing:
+        return (
+            f"Measure more before you take this curve ({curve.model.name}): {missing}; record next runs at "
+            f"{_next(curve, parameter)} in both directions."
+        )
+    kind = "this curve"
+    if curve.frame is not SHAFT:
+        kind = f"the block '{curve.block().kind}'"
+    return f"Take {kind} ({curve.model.name}): it leaves {share:.2g} % of the force, and {_against(curve)}."
+
+
+def machine_text(curve: FrictionCurve, machine: MachineFile | None, axis: str) -> str:
+    """A machine file with the friction and the constant force, comments kept; without one, the sections alone."""
+    gravity = curve.gravity()
+    if machine is None:
+        place = "friction_load"
+        parts = [to_toml(curve.block(), f"axis.{axis}.{place}")]
+        if gravity is not None:
+            parts.append(_force(gravity, axis))
+        head = "# friction of an axis, from runs of constant speed; add plant, control, limits and encoders\n\n"
+        edit = TomlEdit(head + "\n".join(parts), "friction.toml")
+        own = 0.0
+    else:
+        edit = TomlEdit(machine.file.text, machine.file.name)
+        before = machine.loop(axis).axis
+        place, own = _place(before), own_viscous(before)
+        _friction(edit, ("axis", axis, place), getattr(before, place), _without(curve.block(), own))
+        if gravity is not None:
+            _gravity(edit, axis, before, gravity)
+    block = _without(curve.block(), own)
+    for each in curve.estimates:
+        if each.name == "offset":
+            continue
+        key = edit.set(("axis", axis, place, each.name), float(getattr(block, each.name)), each.unit)
+        edit.comment(key, f"standard error {each.error:.2g} {each.unit}")
+    if gravity is not None:
+        index = 0 if machine is None else _index(machine.loop(axis).axis)
+        key = edit.set(("axis", axis, "forces", index, "force"), float(gravity.force), "N")
+        edit.comment(key, f"standard error {curve['offset'].error:.2g} N")
+    return edit.text
+
+
+def _place(axis: Axis) -> str:
+    """Where the axis has its friction."""
+    return "friction_motor" if axis.friction_load is None and axis.friction_motor is not None else "friction_load"
+
+
+def _friction(edit: TomlEdit, key: tuple[str | int, ...], before: Friction | None, after: Friction) -> None:
+    """Another kind takes the section's place; of the same kind values change where they stand."""
+    same = type(before) is type(after) and getattr(before, "exponent", 0) == getattr(after, "exponent", 0)
+    if not same:
+        edit.replace(key, to_toml(after, ".".join(map(str, key))))
+        return
+    for name, declared in declarations(type(after)).items():
+        value: Any = getattr(after, name)
+        if declared.role == "parameter" and value is not None and value != getattr(before, name):
+            edit.set((*key, name), float(value), declared.unit)
+
+
+def _gravity(edit: TomlEdit, axis: str, before: Axis, gravity: Gravity) -> None:
+    index = _index(before)
+    if index < len(before.forces):
+        edit.set(("axis", axis, "forces", index, "force"), float(gravity.force), "N")
+    else:
+        edit.add(_force(gravity, axis))
+
+
+def _index(axis: Axis) -> int:
+    """Of the constant force among the forces, or of the one that is to come."""
+    return next((i for i, each in enumerate(axis.forces) if isinstance(each, Gravity)), len(axis.forces))
+
+
+def _force(gravity: Gravity, axis: str) -> str:
+    key = f"axis.{axis}.forces"
+    return to_toml(gravity, key).replace(f"[{key}]", f"[[{key}]]", 1)
+
+
+def _without(friction: Friction, viscous: float) -> Friction:
+    """The friction without what the plant's own dampers take."""
+    changes = {
+        each.name: max(0.0, float(getattr(friction, each.name)) - viscous)
+        for each in fields(friction)
+        if each.name.startswith("viscous")
+    }
+    return replace(friction, **changes)
+
+
+def _share(curve: FrictionCurve) -> float:
+    """RMS of the residual over that of the force."""
+    return float(np.sqrt(np.mean(curve.residual**2) / max(float(np.mean(curve.runs.force**2)), 1e-300)))
+
+
+def _against(curve: FrictionCurve) -> str:
+    """Why this model and no other."""
+    own = next(each for each in curve.compared if each.name == curve.model.name)
+    others: list[Compared] = [each for each in curve.compared if each is not own and not each.name.startswith("two ")]
+    if not others:
+        return "no other model could be fitted"
+    best = others[0]
+    if best.criterion < own.criterion:
+        return f"it is the simplest of those that the runs cannot tell apart ({best.name} is no better than by 2)"
+    gap = best.criterion - own.criterion
+    strength = "clearly " if gap > 6.0 else ""
+    return f"the runs speak {strength}against the next one, {best.name} (criterion worse by {gap:.1f})"
+
+
+def _missing(curve: FrictionCurve) -> tuple[str, str]:
+    """What the runs leave open of the curve, and the parameter that it is about; empty if nothing."""
+    unknown = [e for e in curve.estimates if not e.name.startswith(("viscous", "offset")) and e.error > _OPEN * e.value]
+    if unknown:
+        worst = max(unknown, key=lambda each: each.error / max(each.value, 1e-300))
+        return f"{worst.name} is known to {100.0 * worst.error / max(worst.value, 1e-300):.2g} % only", worst.name
+    vs = curve.values.get("stribeck_velocity")
+    if vs is None:
+        return "", ""
+    v = curve.runs.velocity
+    slow = min(int(np.sum((sign * v > 0.0) & (sign * v < vs))) for sign in (1.0, -1.0))
+    if slow >= _SLOW:
+        return "", ""
+    return (
+        f"fewer than {_SLOW} runs in a direction are slower than the Stribeck velocity, {vs:.2g} "
+        f"{curve.frame.velocity}, so shape and breakaway level are a guess"
+    ), "stribeck_velocity"
+
+
+def _next(curve: FrictionCurve, name: str) -> str:
+    """Speeds at which a parameter shows."""
+    unit = curve.frame.velocity
+    top = float(np.max(np.abs(curve.runs.velocity)))
+    slow = float(np.min(np.abs(curve.runs.velocity)))
+    vs = curve.values.get("stribeck_velocity", slow)
+    if name.startswith("coulomb"):
+        speeds = [0.5 * top, 0.75 * top, top]
+    elif name.startswith("breakaway"):
+        speeds = [0.1 * min(vs, slow), 0.3 * min(vs, slow), min(vs, slow)]
+    else:
+        speeds = [0.1 * vs, 0.25 * vs, 0.5 * vs, vs]
+    return f"{', '.join(f'{speed:.2g}' for speed in speeds)} {unit}"
+
+
+def _pictures(curve: FrictionCurve) -> Iterator[Shown]:
+    yield Shown(
+        "curve",
+        "Friction over velocity",
+        "Points: the mean force of each run with twice its standard error. Line: the model that is taken, in the band "
+        "that holds it with 95 % if the model is right. Below: what it leaves of each run; waves over several speeds "
+        "say that the shape is not quite right, and the errors count that.",
+        f"Measured and fitted friction over velocity; the residual is {100.0 * _share(curve):.2g} % of the force.",
+        curve.plot,
+    )

@@ -1,24 +1,39 @@
-"""`feeddrive identify`: mass, friction and delay of a drive from a log of one motion."""
+"""`feeddrive identify`: mass, friction and delay of a drive from a log of one motion.
+
+What was identified goes into a given machine file, whose comments stay, or into a new one; a report stands beside it.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
+from html import escape
 from pathlib import Path
 from typing import Any
 
+from feeddrive import plot
+from feeddrive.blocks.plant.rigid import Rigid
+from feeddrive.files.atomic_io import new_directory
+from feeddrive.files.blocks_to_toml import to_toml
 from feeddrive.files.formats import OpenedFile
 from feeddrive.files.log import Log
-from feeddrive.files.machine import read_machine
+from feeddrive.files.machine import MachineFile, read_machine
 from feeddrive.files.messages import sentence
+from feeddrive.files.toml_edit import TomlEdit
+from feeddrive.identification.estimate import Estimate
+from feeddrive.identification.motion.identify import Identified
 from feeddrive.identification.motion.identify import identify as identify_motion
 from feeddrive.identification.motion.motion_log import MotionLog
+from feeddrive.language import tree
+from feeddrive.language.block import Block, declarations
 from feeddrive.language.errors import LogError, ParameterError
 from feeddrive.language.progress import Progress
+from feeddrive.language.table import Table
 from feeddrive.loop.loop import Loop
+from feeddrive.report.content import Shown
+from feeddrive.report.page import definitions, header, page, picture, table
 from feeddrive.workflow.channels import mapped
 from feeddrive.workflow.command import Outcome, command
 from feeddrive.workflow.drive_logs import axis_name, columns_said, narrow, written
-from feeddrive.workflow.identified_machine import machine_text
-from feeddrive.workflow.identify_page import tables, write_identified
 from feeddrive.workflow.identify_request import IdentifyRequest
 from feeddrive.workflow.identify_responses import identify_responses, responses_in
 
@@ -106,3 +121,190 @@ def _motion(path: Path, log: Log, loop: Loop | None, force_constant: float | Non
 def _there(log: Log) -> str:
     names = [*log.channels]
     return f"; with a role there are: {', '.join(names)}" if names else ""
+
+
+def machine_text(found: Identified, machine: MachineFile | None, axis: str) -> str | None:
+    """The text of the machine file; None if the loop is not known whole (no law, or a shaft without a lead)."""
+    if found.loop is None:
+        return None
+    return _new(found, axis) if machine is None else _edited(found, machine, axis)
+
+
+def estimates_of(found: Identified) -> tuple[Estimate, ...]:
+    """The estimates that go into the file: those of the closed loop if there are such, else of the inverse dynamics."""
+    return found.rigid.estimates if found.refinement is None else found.refinement.estimates
+
+
+def _edited(found: Identified, machine: MachineFile, axis: str) -> str:
+    assert found.loop is not None
+    edit = TomlEdit(machine.file.text, machine.file.name)
+    before, after = machine.loop(axis).axis, found.loop.axis
+    place = ("axis", axis)
+    if isinstance(before.plant, Rigid):
+        _values(edit, (*place, "plant"), before.plant, after.plant)
+    if type(before.friction_load) is type(after.friction_load) and before.friction_load is not None:
+        assert after.friction_load is not None
+        _values(edit, (*place, "friction_load"), before.friction_load, after.friction_load)
+    elif after.friction_load is not None:
+        edit.replace((*place, "friction_load"), to_toml(after.friction_load, f"axis.{axis}.friction_load"))
+    if before.forces != after.forces:
+        _forces(edit, axis, before.forces, after.forces)
+    if before.actuator.dead_time != after.actuator.dead_time:
+        key = (*place, "actuator")
+        if edit.has(key):
+            edit.set((*key, "dead_time"), float(after.actuator.dead_time), "s")
+        else:
+            edit.add(f"[axis.{axis}.actuator]\ndead_time = {float(after.actuator.dead_time)!r}")
+    _say_errors(edit, found, axis, found.loop)
+    return edit.text
+
+
+def _forces(edit: TomlEdit, axis: str, before: tuple[Block, ...], after: tuple[Block, ...]) -> None:
+    """The constant force changed, or came, or went; the others are as they were."""
+    if len(before) == len(after) and all(type(a) is type(b) for a, b in zip(before, after, strict=True)):
+        for k, (old, new) in enumerate(zip(before, after, strict=True)):
+            _values(edit, ("axis", axis, "forces", k), old, new)
+        return
+    key = f"axis.{axis}.forces"
+    sections = [to_toml(each, key).replace(f"[{key}]", f"[[{key}]]", 1) for each in after]
+    edit.remove(("axis", axis, "forces"))
+    for section in sections:
+        edit.add(section)
+
+
+def _values(edit: TomlEdit, key: tuple[str | int, ...], before: Block, after: Block) -> None:
+    """Every parameter that changed."""
+    for name, declared in declarations(type(after)).items():
+        old, new = getattr(before, name), getattr(after, name)
+        if declared.role == "parameter" and new is not None and new != old:
+            edit.set((*key, name), float(new), declared.unit)
+
+
+def _new(found: Identified, axis: str) -> str:
+    """A whole file; each number that was estimated has its standard error beside it."""
+    loop = found.loop
+    assert loop is not None
+    lines = [
+        f'name = "axis identified from {_plain(found.log.name)}"',
+        f'source = "feeddrive identify {_plain(found.log.name)}"',
+        'remark = "Mass, friction and gains were found in one log; limits and encoders are not in it: add them."',
+        f"sample_time = {float(loop.sample_time)!r}",
+        "",
+        to_toml(loop.axis, f"axis.{axis}"),
+        to_toml(loop.control, f"axis.{axis}.control"),
+    ]
+    edit = TomlEdit("\n".join(lines), "identified.toml")
+    _say_errors(edit, found, axis, loop)
+    return edit.text
+
+
+def _say_errors(edit: TomlEdit, found: Identified, axis: str, loop: Loop) -> None:
+    """The estimates with their errors in the comments."""
+    for each in estimates_of(found):
+        name = each.name if each.name in tree.parameters(loop) else _place(loop, each.name)
+        if name is None:
+            continue
+        parts = [int(part) if part.isdigit() else part for part in name.split(".")]
+        key = edit.set(("axis", axis, *parts[2:]), float(tree.get(loop, name)), each.unit)
+        edit.comment(key, f"standard error {each.error:.2g} {each.unit}")
+
+
+def _place(loop: Loop, parameter: str) -> str | None:
+    """Where a parameter of the inverse dynamics stands in a loop."""
+    own = loop.place_of("axis")
+    if parameter == "offset":
+        return next((path for path in tree.parameters(loop) if path.startswith(f"{own}.forces.")), None)
+    for part in ("plant", "friction_load"):
+        if part == "plant" and not isinstance(loop.axis.plant, Rigid):
+            continue
+        path = f"{own}.{part}.{parameter}"
+        if path in tree.parameters(loop):
+            return path
+    return None
+
+
+def _plain(name: str) -> str:
+    return "".join(c for c in Path(name).name if c.isprintable() and c not in '"\\')
+
+
+def write_identified(found: Identified, machine: str | None, out: str | Path, facts: Mapping[str, str]) -> Path:
+    """Write `report.html` and, if there is one, `machine.toml` into a directory; the path of the report."""
+    with new_directory(out) as folder:
+        if machine is not None:
+            (folder / "machine.toml").write_text(machine, encoding="utf-8")
+        (folder / "report.html").write_text(build(found, facts), encoding="utf-8")
+    return Path(out) / "report.html"
+
+
+def build(found: Identified, facts: Mapping[str, str]) -> str:
+    """The page. Pure: the same identification gives the same text."""
+    drawn = list(_pictures(found))
+    made = "".join(table(f"{each.title[:1].upper()}{each.title[1:]}.", each.heads, each.rows) for each in tables(found))
+    said = "".join(f"<li>{escape(f'{remark[:1].upper()}{remark[1:]}.')}</li>" for remark in found.remarks)
+    remarks = f'<div class="remarks"><h3>Remarks</h3><ul>{said}</ul></div>' if said else ""
+    links = [("result", "Result"), *((f"figure-{each.key}", each.title) for each in drawn), ("facts", "The log")]
+    parts = [
+        header("feeddrive identify", f"A rigid drive in {found.log.name}", [found.recommendation], links),
+        f'<section id="result">\n<h2>Result</h2>\n{made}{remarks}\n</section>\n',
+        f'<section id="pictures">\n<h2>Pictures</h2>\n{"".join(picture(each) for each in drawn)}</section>\n',
+        f'<section id="facts">\n<h2>The log</h2>\n{definitions(facts.items())}\n</section>\n',
+    ]
+    return page(f"Identified: {found.log.name}", parts)
+
+
+def tables(found: Identified) -> list[Table]:
+    """Everything that was estimated, each with its errors."""
+    made = [found.rigid.table()]
+    if found.refinement is not None:
+        made.append(found.refinement.table())
+        rows = [[str(d), f"{1e6 * rms:.4g}"] for d, rms in found.refinement.by_delay.items()]
+        made.append(Table("position residual in closed loop by dead time", ["samples more", "um RMS"], rows))
+    if found.control is not None:
+        made.append(found.control.table())
+    return [*made, found.delay.table(), found.rigid.residuals.table(), found.rigid.validation.table()]
+
+
+def _pictures(found: Identified) -> Iterator[Shown]:
+    rigid = found.rigid
+    left = f"{100.0 * rigid.residuals.relative:.3g} %"
+    yield Shown(
+        "fit",
+        "Fitted and measured force",
+        "Inverse dynamics: mass times acceleration plus friction, over the force that was commanded. Reversals are "
+        "left out: there friction is no single number.",
+        f"Measured and fitted force over time; the residual is {left} of the force.",
+        rigid.plot,
+    )
+    if found.refinement is not None:
+        replay = found.refinement.replay
+        yield Shown(
+            "closed",
+            "The loop, simulated along the same reference",
+            "Gray: the log. Blue: the fitted loop, given only the reference and how the log starts.",
+            f"Measured and predicted signals; residual of the position {1e6 * replay.rms('position_load'):.3g} µm RMS.",
+            replay.plot,
+        )
+    if found.loop is not None and found.friction is not None:
+        loop, seen = found.loop, found.friction
+        yield Shown(
+            "friction",
+            "Friction",
+            "Points: what is left of the force when the inertia is taken out, by velocity. Line: the fitted friction; "
+            "a constant force is in the points and not in the line.",
+            "Friction force over velocity in both directions, measured and fitted.",
+            lambda: plot.friction(loop, measured=seen),
+        )
+    yield Shown(
+        "residual",
+        "Residual and its memory",
+        "A white residual would stay between the dashed lines; beyond them errors that assume one are too small.",
+        "Residual by row and its autocorrelation.",
+        rigid.residuals.plot,
+    )
+    yield Shown(
+        "delay",
+        "Dead time",
+        "What the inverse dynamics leave if the force is taken to act so many samples later than its hold says.",
+        f"Residual over dead time; least at {found.delay.dead_time:.2f} samples.",
+        found.delay.plot,
+    )

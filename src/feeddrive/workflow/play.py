@@ -20,7 +20,7 @@ from feeddrive.language.errors import AbortedError, BusError, FeeddriveError
 from feeddrive.language.progress import Progress
 from feeddrive.language.table import Table
 from feeddrive.workflow.command import Outcome, command
-from feeddrive.workflow.excitation_page import WARNING
+from feeddrive.workflow.excite import WARNING
 from feeddrive.workflow.request import OUT, Request, argument, option
 
 T = TypeVar("T")

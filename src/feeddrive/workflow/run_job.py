@@ -1,15 +1,30 @@
-"""`feeddrive run` and `feeddrive demo`: the laws of a job over the same work."""
+"""`feeddrive run` and `feeddrive demo`: the laws of a job over the same work, and the directory that is left behind.
+
+report.html          for people
+summary.json         every figure in SI, by law; versions, seed, digest of the log
+runs/LAW.parquet     all signals over time, with units; the same as runs/LAW.csv
+measured.parquet     the measured channels, for a job with a log
+job.toml             the job as it was given, with the machine beside it:  feeddrive run job.toml
+"""
 
 from __future__ import annotations
 
+import json
+import re
 from pathlib import Path
+from typing import Any
 
+from feeddrive.files.atomic_io import new_directory
 from feeddrive.files.job import Job, read_job
+from feeddrive.files.log import write_log
+from feeddrive.files.provenance import file_names
+from feeddrive.files.run_files import write_run_csv, write_run_parquet
+from feeddrive.language import tree
 from feeddrive.language.progress import Progress
+from feeddrive.report import Entry, build
 from feeddrive.workflow import jobs
 from feeddrive.workflow.command import Outcome, command
-from feeddrive.workflow.job_results import write_results
-from feeddrive.workflow.jobs import JobResult
+from feeddrive.workflow.jobs import JobResult, numbers
 from feeddrive.workflow.request import OUT, Request, argument, option
 
 
@@ -56,3 +71,60 @@ def run(request: RunRequest, progress: Progress) -> Outcome[JobResult]:
 def demo(request: DemoRequest, progress: Progress) -> Outcome[JobResult]:
     """Run the bundled example: a real ball-screw axis under today's control and under three better ones."""
     return run.run(RunRequest("emps", out=request.out), progress)
+
+
+def write_results(result: JobResult, out: str | Path) -> Path:
+    """Write the directory whole or not at all, and return the path of the report.
+
+    Raises FileError if `out` cannot be written, or is a directory that feeddrive did not write.
+    """
+    page = build(result.study())
+    with new_directory(out) as folder:
+        (folder / "report.html").write_text(page, encoding="utf-8")
+        (folder / "summary.json").write_text(json.dumps(summary(result), indent=2) + "\n", encoding="utf-8")
+        (folder / "job.toml").write_text(repeatable(result), encoding="utf-8")
+        (folder / "machine.toml").write_text(result.job.machine.file.text, encoding="utf-8")
+        runs = folder / "runs"
+        runs.mkdir()
+        for name, row in zip(file_names(result.rows), result.rows, strict=True):
+            metadata = {"law": row.name, "seed": result.job.seed, **result.versions}
+            run = row.run
+            write_run_parquet(runs / f"{name}.parquet", run.time, run.signals, run.units, run.sample_time, metadata)
+            write_run_csv(runs / f"{name}.csv", run.time, run.signals, run.units)
+        if result.log is not None:
+            write_log(folder / "measured.parquet", result.log)
+    return Path(out) / "report.html"
+
+
+def repeatable(result: JobResult) -> str:
+    """The job as it was given, but for its machine, which is the copy beside it, and its log, by its whole path."""
+    job = result.job
+    text = re.sub(r"(?m)^machine\s*=.*$", lambda _: 'machine = "machine.toml"', job.file.text, count=1)
+    if job.log is None:
+        return text
+    path = json.dumps(str(job.log.path.resolve()))
+    return re.sub(r"(?m)^file\s*=.*$", lambda _: f"file = {path}", text, count=1)
+
+
+def summary(result: JobResult) -> dict[str, Any]:
+    """All figures as plain numbers; what does not occur is null."""
+    job = result.job
+    found: dict[str, Any] = {
+        "title": job.title,
+        "rule": job.rule,
+        "machine": job.machine.name,
+        "source": job.machine.source,
+        "seed": job.seed,
+        "velocity_of_the_linear_model_m_per_s": result.velocity,
+        "versions": dict(result.versions),
+        "remarks": list(result.remarks),
+        "laws": {row.name: {**numbers(row), "control": _control(row)} for row in result.rows},
+    }
+    if result.log is not None:
+        found["log"] = {key: result.log.provenance[key] for key in ("sha256", "format")}
+        found["log"]["rows"] = len(result.log)
+    return found
+
+
+def _control(row: Entry) -> dict[str, float]:
+    return {name: float(value) for name, value in tree.leaves(row.loop.control)}

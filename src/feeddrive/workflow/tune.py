@@ -25,9 +25,8 @@ from feeddrive.workflow.certify import certified
 from feeddrive.workflow.command import Outcome, command
 from feeddrive.workflow.drive_logs import axis_name
 from feeddrive.workflow.request import OUT, Request, argument, frequencies, option
-from feeddrive.workflow.tune_page import Story, tables, write_tuned
+from feeddrive.workflow.tune_files import Story, machine_text, tables, write_tuned
 from feeddrive.workflow.tune_sources import Measurement, machine_of, point_of, several
-from feeddrive.workflow.tuned_machine import machine_text
 
 
 class TuneRequest(Request):

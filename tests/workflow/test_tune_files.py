@@ -7,7 +7,7 @@ from pathlib import Path
 
 import feeddrive as fd
 from feeddrive.files.machine import BUNDLED
-from feeddrive.workflow.tuned_machine import machine_text
+from feeddrive.workflow.tune_files import machine_text
 
 
 def test_the_old_value_in_a_comment_has_the_unit_of_its_key(tmp_path: Path) -> None:
