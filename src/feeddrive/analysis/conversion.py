@@ -1,4 +1,4 @@
-"""From what other tools hold to an FRF: numpy arrays and objects of python-control. Back: `FRF.to_control`."""
+"""Conversion to an FRF from numpy arrays and python-control objects. The inverse is `FRF.to_control`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a loop costs: operations of a sample, and the substeps that its axis needs."""
+"""Computational cost of a loop: operations per sample, and the number of substeps that its axis needs."""
 
 from __future__ import annotations
 

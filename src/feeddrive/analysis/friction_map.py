@@ -1,4 +1,4 @@
-"""Friction against velocity from a recorded motion: what is left of the drive force when the inertia is taken out."""
+"""Friction over velocity from a recorded motion: the drive force minus mass times acceleration."""
 
 from __future__ import annotations
 

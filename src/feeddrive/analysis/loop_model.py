@@ -1,4 +1,4 @@
-"""A loop opened at the actuator, and closed again: one linearisation serves margins, poles and every response."""
+"""The loop opened at the actuator and closed again: one linearization gives margins, poles and all responses."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Margins of a measured loop as intervals: what the noise of the measurement leaves open."""
+"""Confidence intervals of the margins of a measured loop, from the noise of the measurement."""
 
 from __future__ import annotations
 

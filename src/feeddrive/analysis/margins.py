@@ -1,4 +1,4 @@
-"""Stability margins and sensitivity of a loop, from complex numbers over frequency: measured and modelled alike."""
+"""Stability margins and sensitivity from a complex loop gain over frequency, measured or modelled."""
 
 from __future__ import annotations
 

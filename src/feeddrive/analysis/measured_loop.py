@@ -1,4 +1,4 @@
-"""A loop of a measured axis and a control: what a tuning looks like before anybody has a model."""
+"""The loop of a measured axis response and a control: margins and responses without a plant model."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""An observer over a run or a measured log: what it would have believed of the axis."""
+"""An observer evaluated over a run or a measured log: its estimates of states and disturbance."""
 
 from __future__ import annotations
 

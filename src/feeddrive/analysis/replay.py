@@ -1,4 +1,4 @@
-"""Replay: the reference of a measured log, run through the model of the loop, beside what was measured."""
+"""Replay: the setpoints of a measured log simulated in the model of the loop, compared with the measurement."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where a motion reverses, and which reversal is followed worst."""
+"""Reversals of a motion, and the reversal with the largest error."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How robust a loop is and how it recovers: poles, sensitivity peak, delay margin, rope-snap error."""
+"""Robustness and recovery of a loop: poles, sensitivity peak, delay margin, rope-snap error."""
 
 from __future__ import annotations
 

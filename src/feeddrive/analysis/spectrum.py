@@ -1,4 +1,4 @@
-"""Amplitude spectrum of a signal, with the RMS that gathers over frequency."""
+"""Amplitude spectrum of a signal, and its cumulative RMS over frequency."""
 
 from __future__ import annotations
 

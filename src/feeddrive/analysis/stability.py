@@ -1,4 +1,4 @@
-"""Stability of a loop: by the poles of its model, and by encirclement of -1 from its loop gain."""
+"""Stability of a loop: by the poles of its model, or by the Nyquist criterion from its loop gain."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How a force on the table moves it in closed loop: dynamic stiffness, recovery from a step, noise in the force."""
+"""Response of the closed loop to a force on the table: dynamic stiffness, ISE of a force step, force noise."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Floor 1, the blocks: one law a file, named as its paper names it. `families.py` says what each kind must answer."""
+"""The blocks: plants, friction, actuators, control laws, filters, encoders, references; one law per file."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a law is told of the axis that it is put on, the same for all: masses, delay, encoders, friction."""
+"""The axis model given to every law for its start values: masses, delay, encoders, friction."""
 
 from __future__ import annotations
 

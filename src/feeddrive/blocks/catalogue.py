@@ -1,4 +1,4 @@
-"""Every concrete block, found by walking the packages under `feeddrive.blocks`; nobody keeps a list.
+"""The catalogue of all concrete blocks, found by walking the packages under `feeddrive.blocks`.
 
 A block belongs to the family that `families.py` declares for it.  A concrete block without a family, such as the
 actuator, is its own family.

@@ -1,4 +1,4 @@
-"""The families of blocks, and the few questions that each member answers.
+"""The families of blocks: their abstract interfaces, which every block of a family implements.
 
 A member is final: it fills in what is abstract here and overrides nothing that has a body, except the empty hooks
 `prepare`, `start` of forces and feedforward, `modes`, `start` and `step` of couplings, `retune`, `period`, `check`,

@@ -1,4 +1,4 @@
-"""What references and loads share: both are sampled, not traced, and each is one motion or force, not many variants."""
+"""The common part of references and loads: they are sampled before the run, not traced, and have no variants."""
 
 from __future__ import annotations
 

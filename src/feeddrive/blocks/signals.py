@@ -1,4 +1,4 @@
-"""What travels between the parts of a loop in one sample."""
+"""The signals that the parts of a loop exchange in one sample."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Drives on a field bus by CiA 402: what to send, what comes back, and a virtual drive to try it on."""
+"""CiA 402 drives on a field bus: setpoints, logs, commissioning checks, and a virtual drive for tests."""
 
 from feeddrive.language.lazy_package import make_lazy
 

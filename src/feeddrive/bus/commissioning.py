@@ -1,4 +1,4 @@
-"""Before a drive is switched on: who it is, whether its units are those that were declared, and its limits written."""
+"""Checks before a drive is switched on: its identity, its units against the declared ones, and its limits."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""EtherCAT by pysoem: one drive on a segment, the others left switched off; raw sockets and who may use them."""
+"""EtherCAT by pysoem: one drive on a segment, the others switched off; access rights to raw sockets."""
 
 from __future__ import annotations
 

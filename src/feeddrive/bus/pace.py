@@ -1,4 +1,4 @@
-"""The clock of the exchange: wait for the next cycle, and count how late the cycles were."""
+"""The cycle clock of the bus: waits for the next cycle and records how late each cycle was."""
 
 from __future__ import annotations
 

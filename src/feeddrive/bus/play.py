@@ -1,4 +1,4 @@
-"""Play a profile on a drive within limits, and log what it did; on any trouble quick stop and switch off."""
+"""Plays a profile on a drive within limits and logs the response; on any fault quick stop and switch off."""
 
 from __future__ import annotations
 

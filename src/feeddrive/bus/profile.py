@@ -1,4 +1,4 @@
-"""What is played on a drive: an excitation over a motion, as `feeddrive excite` writes it, or the motion of a run."""
+"""A profile to play on a drive: an excitation over a motion from `feeddrive excite`, or the motion of a run."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a bus must do for a drive: objects one by one, and process data in a cycle."""
+"""The interface of a bus to a drive: access to single objects, and cyclic process data."""
 
 from __future__ import annotations
 

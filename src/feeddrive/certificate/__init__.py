@@ -1,4 +1,4 @@
-"""Certificates: a loop proven stable and robust for a list of plants, in a file that anybody can check."""
+"""Certificates: a proof that a loop is stable and robust for a list of plants, in a file that anyone can check."""
 
 from feeddrive.language.lazy_package import make_lazy
 

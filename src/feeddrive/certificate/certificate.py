@@ -1,4 +1,4 @@
-"""A certificate: the document, and its figures and pictures computed from nothing else."""
+"""A certificate: the document, and the figures and plots that are computed from it alone."""
 
 from __future__ import annotations
 

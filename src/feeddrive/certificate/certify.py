@@ -1,4 +1,4 @@
-"""What a certificate says in words, and what is said where there is none."""
+"""A certificate in words, or the reason why none can be given."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The linear control as it will run: every stored number rounded to the arithmetic of the controller."""
+"""The linear control as deployed: every stored number rounded to the arithmetic of the controller."""
 
 from __future__ import annotations
 

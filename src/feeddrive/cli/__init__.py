@@ -1,8 +1,7 @@
-"""The command line: `feeddrive`.
+"""The command line program `feeddrive`.
 
-Every error a user can cause ends in one line on the error stream and an exit code that is not 0:
-2 for what was given (a file, a key, a value), 1 for what came out (a loop that diverges, a motion that was aborted),
-130 for Ctrl-C.
+Every error that a user can cause ends in one line on the error stream and a nonzero exit code: 2 for wrong input (a
+file, a key, a value), 1 for a failed computation or motion (a loop that diverges, an aborted motion), 130 for Ctrl-C.
 """
 
 from __future__ import annotations

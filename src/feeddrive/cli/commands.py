@@ -1,6 +1,6 @@
-"""The command line from the requests: every command, its arguments and options, and what it shows.
+"""The command line generated from the requests: every command, its arguments and options, and its output.
 
-A command is imported when it is called, or asked for its options; `feeddrive --help` needs only their names.
+A command is imported when it is called or its `--help` is shown; `feeddrive --help` needs only the names.
 """
 
 from __future__ import annotations

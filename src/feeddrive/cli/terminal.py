@@ -1,4 +1,4 @@
-"""What the terminal gets: progress, tables and sentences; unbroken lines where the output is a pipe or a file."""
+"""Terminal output: progress, tables and sentences; unbroken lines if the output is a pipe or a file."""
 
 from __future__ import annotations
 

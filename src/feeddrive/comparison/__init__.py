@@ -1,4 +1,4 @@
-"""All laws on one axis, over the same work, at equal robustness."""
+"""Comparison of all laws on one axis, with the same motions and loads, at equal robustness."""
 
 from feeddrive.language.lazy_package import make_lazy
 

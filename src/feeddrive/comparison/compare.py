@@ -1,4 +1,4 @@
-"""All laws on one axis: the present gains first, then each law tuned under the same rule, over the same duty."""
+"""The comparison: the present gains first, then each law tuned under the same rule, for the same motions and loads."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What every law of a comparison is given to do: one move, one rope snap, one force step, from the machine's limits."""
+"""The duty of a comparison: one move, one rope snap and one force step, derived from the limits of the machine."""
 
 from __future__ import annotations
 

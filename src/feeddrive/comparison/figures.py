@@ -1,4 +1,4 @@
-"""The figures of one law of a comparison, from its linear model and its three runs, and by which it is ranked."""
+"""The figures of one law of a comparison, from its linear model and its three runs, and the ranking."""
 
 from __future__ import annotations
 

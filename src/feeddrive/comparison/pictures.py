@@ -1,4 +1,4 @@
-"""Pictures of a comparison: every figure of every law against that of the tuned P-PI, and how the laws recover."""
+"""Plots of a comparison: every figure of every law relative to the tuned P-PI, and the recovery of the laws."""
 
 from __future__ import annotations
 

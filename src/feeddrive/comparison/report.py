@@ -1,4 +1,4 @@
-"""The report of a comparison, and the directory that it is written to."""
+"""The report of a comparison, and its result directory."""
 
 from __future__ import annotations
 

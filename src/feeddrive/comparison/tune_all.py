@@ -1,4 +1,4 @@
-"""The tunings of a comparison: one after the other, or side by side in processes of their own."""
+"""The tunings of a comparison, sequential or in parallel processes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""An FMU of somebody else as the plant of a loop."""
+"""Co-simulation: an FMU from another tool as the plant of a loop."""
 
 from feeddrive.language.lazy_package import make_lazy
 

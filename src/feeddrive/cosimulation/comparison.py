@@ -1,4 +1,4 @@
-"""A job's laws against an FMU in place of the machine's own plant: over time only, an FMU states no linear model."""
+"""The laws of a job compared on an FMU as the plant: time responses only, since an FMU has no linear model."""
 
 from __future__ import annotations
 

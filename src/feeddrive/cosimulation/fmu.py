@@ -1,4 +1,4 @@
-"""An FMU: unpacked and checked before it runs, its variables as signals of the loop, then started, stepped and closed.
+"""An imported FMU: unpacking, checks, mapping of its variables to signals of the loop, stepping, closing.
 
 An FMU is a program: see `opened`.  Units of its variables become SI.
 """

@@ -1,4 +1,4 @@
-"""A loop in which somebody else's model is the plant: the control is feeddrive's, the axis an FMU."""
+"""Simulation of a loop whose plant is an FMU and whose control is a feeddrive control."""
 
 from __future__ import annotations
 

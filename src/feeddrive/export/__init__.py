@@ -1,4 +1,4 @@
-"""What was designed, in the form that a target runs: C, LinuxCNC, FMU, microcontroller, PLC, parameter files."""
+"""Export of a control or an axis: C, LinuxCNC, FMU, microcontroller, PLC, parameter files of makers."""
 
 from feeddrive.language.lazy_package import make_lazy
 

@@ -1,4 +1,4 @@
-"""What an export answers to a trial, in the program that runs the target: a compiler, LinuxCNC, FMPy, an emulator."""
+"""Outputs of an exported controller for given inputs, from a compiler, LinuxCNC, FMPy or an emulator."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is exported: the control, or the axis, of a machine file, under a name."""
+"""A design to export: the control, or the axis, of a machine file, under a name."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What no target can hold: tables that are too long, numbers beyond single precision, operations without a word."""
+"""Checks whether a target can hold a routine: table length, range of single precision, supported operations."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Names and texts that every target takes: identifiers, words that languages keep for themselves, ASCII."""
+"""Names and texts valid on every target: identifiers, reserved words of the languages, ASCII."""
 
 from __future__ import annotations
 

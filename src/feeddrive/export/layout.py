@@ -1,8 +1,8 @@
-"""Where every number of a routine lives on a target: what `configure` computes once, and what a step computes anew.
+"""Memory layout of a routine on a target: what `configure` computes and stores, and what each step computes.
 
-A number that depends on parameters only is computed by `configure` and kept in the design, if a step or a reset reads
-it; all else moves.  In single precision `configure` still computes in double precision, and its results are rounded
-once, so that a controller with few digits has the best numbers that it can store.
+A number that depends on parameters only is computed by `configure` and stored in the design, if a step or a reset
+reads it; all others are computed in every step.  With a single-precision step, `configure` still computes in double
+precision, and its results are rounded once, so that the stored numbers are the best that single precision allows.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""A layout run in Python, operation by operation, in its own precision: what single precision must give, bit for bit.
+"""A layout executed in Python in the precision of the target: the reference, bit for bit, for single precision.
 
-`configure` and `retune` run in double precision, `reset` and `step` in that of the layout.  Numbers below the normal
-ones count as zero, as the targets are told to.
+`configure` and `retune` run in double precision, `reset` and `step` in that of the layout.  Subnormal numbers count as
+zero, as they are configured to on the targets.
 """
 
 from __future__ import annotations

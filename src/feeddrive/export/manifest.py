@@ -1,4 +1,4 @@
-"""`export.json`: what an export says of itself, so that `feeddrive verify` can make it again and compare."""
+"""The manifest `export.json`: everything that `feeddrive verify` needs to repeat an export and compare it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The targets by name, and the one function that writes any of them."""
+"""The export targets by name, and the function that writes any of them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The C compiler of this machine."""
+"""The C compiler of this computer."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a controller is tried with: random samples that reach every branch, with live changes of parameters."""
+"""Test inputs for a controller: random samples that reach every branch, with parameter changes during the run."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The proof of an export, run again: what runs on this machine against the simulator, bit for bit."""
+"""Verification of an export: what runs on this computer is compared with the simulator bit for bit."""
 
 from __future__ import annotations
 

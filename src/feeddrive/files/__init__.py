@@ -1,4 +1,4 @@
-"""Files people touch: TOML in and out, measured logs, runs, result directories."""
+"""User files: machine and job files in TOML, measured logs, recorded runs, result directories."""
 
 from feeddrive.language.lazy_package import make_lazy
 

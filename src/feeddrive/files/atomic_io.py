@@ -1,9 +1,9 @@
-"""Files are written whole or not at all, and read whole or not at all.
+"""Atomic file access: a file is read or written completely or not at all.
 
 A file is written under a temporary name beside its place, flushed to the disk and renamed; a directory of results is
-built under a temporary name and renamed at its end.  Whatever goes wrong on the way, Ctrl-C included, leaves nothing
-behind and the old one untouched.  (A killed process or a power cut may leave the hidden temporary one behind, but
-never half a result under the name of a whole one.)
+built under a temporary name and renamed at its end.  Any failure before that, Ctrl-C included, leaves no new file and
+the old one unchanged.  (A killed process or a power cut may leave the hidden temporary file, but never a partial
+result under the final name.)
 """
 
 from __future__ import annotations

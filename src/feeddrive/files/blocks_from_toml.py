@@ -1,4 +1,4 @@
-"""A block from a TOML table, by nothing but the declarations and type annotations of its fields.
+"""A block from a TOML table, read by the declarations and type annotations of its fields.
 
     [axis.x.plant]
     kind = "two_mass"            # selects the block of the family; not needed where only one block fits
@@ -7,7 +7,7 @@
     [[axis.x.forces]]            # a part is a section, a tuple of parts a list of sections
     kind = "cogging"
 
-Every error is one sentence: file and line, key, value, bound, unit, what to do.  `blocks_to_toml.py` is the way back.
+Every error is one sentence: file and line, key, value, bound, unit, what to do.  `blocks_to_toml.py` is the inverse.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""A block as TOML text, which `blocks_from_toml.py` reads back to the same bits; every key has unit and meaning."""
+"""A block as TOML text that `blocks_from_toml.py` reads back bit for bit; every key with unit and meaning."""
 
 from __future__ import annotations
 

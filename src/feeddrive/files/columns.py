@@ -1,4 +1,4 @@
-"""Columns of a measured file: what a reader returns, how units are spelled, and what role a column can have."""
+"""Columns of a measured file: the result of a reader, the spelling of units, and the roles of columns."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which reader a log needs, by what the file holds; its ending is only used to say what was expected."""
+"""Selection of the reader of a log by the content of the file; its extension only appears in error messages."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Measured frequency responses: from a file to FRFs, or an error that says why not."""
+"""Reading of measured frequency responses from files, with an error that gives the reason if it fails."""
 
 from __future__ import annotations
 

@@ -7,7 +7,7 @@
 
 A name says quantity, set or measured, motor or load, and axis.  It is cut into words at punctuation, digits and
 capitals: `joint.0.motor-pos-cmd` is joint, 0, motor, pos, cmd.  A known unit decides the quantity; without one the
-words decide.  Nothing in the library uses a guess that the user has not asked for.
+words decide.  A guess is used only on the user's request.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""A job file: a machine, the work it is given, and the laws to compare on it.
+"""A job file: a machine, the motion and loads it is simulated with, and the laws to compare.
 
 title = "softer or stiffer"
 machine = "my_mill.toml"           # beside the job, or the name of a bundled one

@@ -1,4 +1,4 @@
-"""A measured log: channels over time on one clock, and what is odd about them.
+"""A measured log: channels over time on one clock, with remarks on irregular channels.
 
 `read_log.py` makes one from a file.  A channel that is constant, clipped or slower than the clock is not refused; a
 remark says so.

@@ -1,4 +1,4 @@
-"""A machine file: axes with their physics and the control that runs on them today.
+"""A machine file: axes with their physics, and the control that runs on them.
 
 name = "my mill"
 sample_time_ms = 0.25

@@ -1,4 +1,4 @@
-"""Pieces of messages: values and names of a user's file, short and on one line."""
+"""Parts of error messages: values and names from a user's file, shortened to one line."""
 
 from __future__ import annotations
 

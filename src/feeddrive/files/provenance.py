@@ -1,4 +1,4 @@
-"""What is needed to repeat a run, and names of the files that hold it."""
+"""Provenance of a run: the versions needed to repeat it, and the names of the files that hold it."""
 
 from __future__ import annotations
 

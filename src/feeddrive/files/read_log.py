@@ -1,4 +1,4 @@
-"""Measured logs: from a file of any known format to channels in SI on one clock.
+"""Reading of measured logs: from a file of any known format to channels in SI on one clock.
 
 The clock must have one sample time, no gap and no step back.  Every error says where it is and what to do.
 """

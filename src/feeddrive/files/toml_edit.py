@@ -1,12 +1,12 @@
-"""Changes of single values in a TOML file that leave everything else as it is: comments, order, spaces.
+"""Changes of single values in a TOML file; comments, order and spaces of the rest are kept.
 
     edit = TomlEdit(text, "machine.toml")
     edit.set(("axis", "x", "plant", "mass"), 95.2, "kg")     # finds mass, mass_kg or mass_g and keeps its unit
     edit.replace(("axis", "x", "friction_load"), section)    # another kind of block; comments in it stay
     edit.text
 
-It stands on the scanner that finds the lines for error messages, so that no second parser of TOML is needed: a library
-such as tomlkit would bring 8000 lines for these three operations, and its own idea of what is valid.
+It uses the scanner that finds the lines for error messages, so no second TOML parser is needed: a library such as
+tomlkit would add 8000 lines for these three operations, and may accept other texts than tomllib.
 """
 
 from __future__ import annotations

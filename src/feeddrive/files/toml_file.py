@@ -1,4 +1,4 @@
-"""TOML files in which every key knows its line, so that an error says `machine.toml:12: axis.x.plant.mass ...`.
+"""TOML files with the line of every key, so that an error says `machine.toml:12: axis.x.plant.mass ...`.
 
 The standard library reads the values.  A small scanner then finds the lines: it follows keys and brackets and skips the
 values; since tomllib has accepted the text before, the scanner only has to keep in step.  Text is UTF-8, at most 4 MB.

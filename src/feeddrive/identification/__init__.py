@@ -1,4 +1,4 @@
-"""From measurements to models: motion logs, constant-speed runs and frequency responses, each with honest errors."""
+"""Identification: models with standard errors from motion logs, constant-speed runs and frequency responses."""
 
 from feeddrive.language.lazy_package import make_lazy
 

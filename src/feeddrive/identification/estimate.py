@@ -1,4 +1,4 @@
-"""What was estimated: a parameter with its standard errors, in the units of a table or of a shaft."""
+"""An estimated parameter with its standard errors, in units of a table or of a shaft."""
 
 from __future__ import annotations
 

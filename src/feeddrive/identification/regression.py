@@ -1,4 +1,4 @@
-"""Least squares: standard errors, evidence for a model, what a fit leaves over, and what it predicts of unused rows."""
+"""Least squares with standard errors, model evidence, residuals and prediction of rows that were not used."""
 
 from __future__ import annotations
 

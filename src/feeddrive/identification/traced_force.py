@@ -1,4 +1,4 @@
-"""Forces of blocks over what was measured, with their slopes to the blocks' own parameters: what a fit regresses on."""
+"""Forces of blocks over measured motion, with derivatives to their parameters: the regressors of the fits."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""Floor 0, the language: numbers, blocks, trees of named states, units, errors."""
+"""The language in which laws are written: numbers, blocks, trees of named states, units, errors."""

@@ -1,7 +1,7 @@
-"""A block: a frozen value with declared parameters and a pure step.
+"""A block: an immutable set of declared parameters with a pure `step` function.
 
-Whoever writes a block declares each parameter once, in its field; the constructor check, the file reader, the docs, the
-report and the exported code read name, unit, meaning, bounds and default from there.
+Each parameter is declared once, in its field; the constructor check, the file reader, the docs, the report and the
+exported code take name, unit, meaning, bounds and default from this declaration.
 
     class Viscous(Friction):
         \"\"\"Viscous friction.  force = -viscous · velocity\"\"\"
@@ -9,11 +9,11 @@ report and the exported code read name, unit, meaning, bounds and default from t
 
 A field is one of
     parameter()  a leaf: a number that may vary from run to run, be tuned and be differentiated
-    choice()     shapes the graph: a count, a name, a flag; changing it means tracing anew
-    table()      a row of numbers read by `ops.gather`; its length shapes the graph
+    choice()     a count, a name or a flag that changes the graph; a new value needs a new trace
+    table()      a row of numbers read by `ops.gather`; its length changes the graph
     part()       a nested block, a tuple of blocks, or None
-    label()      a text that names the block; it shapes nothing
-A block is abstract or final: nobody overrides a method that has a body.
+    label()      a text that names the block; it has no effect on the graph
+A block class is abstract or final: a method with a body is never overridden.
 """
 
 from __future__ import annotations

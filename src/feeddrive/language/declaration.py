@@ -1,6 +1,6 @@
-"""What a field says about itself: unit, meaning, bounds, options; and the check of a value against it.
+"""The declaration of a field: unit, meaning, bounds, options; and the check of a value against it.
 
-Blocks declare their parameters so (`language/block.py`), requests their fields (`workflow/request.py`).
+Blocks (`language/block.py`) and requests (`workflow/request.py`) declare their fields in this way.
 """
 
 from __future__ import annotations

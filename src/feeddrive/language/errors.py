@@ -1,4 +1,4 @@
-"""Every error a user can cause, as one sentence that says what, where, how much, and what to do."""
+"""The errors that a user can cause; each message is one sentence with file, key, value, bound, unit, and what to do."""
 
 from __future__ import annotations
 

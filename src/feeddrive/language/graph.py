@@ -1,14 +1,14 @@
-"""The graph of a step: what its plain arithmetic does, as a list of operations in the order of evaluation.
+"""The graph of a step: its arithmetic as a list of operations in the order of evaluation.
 
-A `Symbol` is the third kind of number that a law runs on, beside float and array.  It refuses everything that would
-make a law mean something else on symbols than on floats: `if`, `and`, `float()`, `math.*` and numpy functions raise.
+A `Symbol` is the third type of number that a law runs on, besides float and array.  Operations that would give another
+result on symbols than on floats raise an error: `if`, `and`, `float()`, `math.*` and numpy functions.
 
 Nothing is ever rearranged or simplified, so the graph computes the same bits as the Python source.  Two things are
 done, and neither changes a bit: an operation on the same arguments is stored once, and an operation on constants is
 computed at once.
 
 Why not CasADi: its rewriting of arithmetic, its silent NaN from `math.sin(SX)`, the missing table read and the encoding
-of `where` all have to be worked around, and it weighs 277 MB; what is needed here is this page.
+of `where` all have to be worked around, and its size is 277 MB; this module is all that is needed here.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Packages whose public names are loaded on first use, from the places that their stub `__init__.pyi` gives.
+"""Packages whose public names are imported on first use, from the modules listed in their stub `__init__.pyi`.
 
 The stub is what editors and type checkers read.  A module often has the name of its function (`margins.margins`); the
 public name is the function, also after the module was imported.

@@ -1,4 +1,4 @@
-"""Elementary functions in plain arithmetic: the same bits in Python, native code, lanes and C on every machine.
+"""Elementary functions in plain arithmetic: the same bits in Python, native code, SIMD lanes and C on every machine.
 
 numpy's, libm's and the compilers' own functions differ in the last bit, so none of them can be the definition.  Each
 function here is a range reduction and a power series, cut where the next term is below 2⁻⁵⁵ of the result, summed in

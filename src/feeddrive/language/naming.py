@@ -1,7 +1,7 @@
-"""The names that a law's text gives to its numbers, read while it runs on symbols.
+"""Names of intermediate values, read from the source of a law while it runs on symbols.
 
-A law says `velocity = (position - state.position) / T`.  The graph of its step keeps the operation; `Names` keeps the
-word, so that code printed from the graph can be read beside the law.
+For `velocity = (position - state.position) / T` the graph stores the operation and `Names` stores `velocity`, so that
+code printed from the graph uses the same names as the law.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""The operations that a law may use beside + - * / and comparisons, for float, array and symbol alike.
+"""The operations that a law may use besides + - * / and comparisons, for float, array and symbol alike.
 
 Both branches of `where` are always computed: guard arguments (`sqrt(maximum(v, tiny))`).
-NaN in a signal passes through `minimum`, `maximum` and `clip`; it is the loop's guard that stops it.
+NaN in a signal passes through `minimum`, `maximum` and `clip`; only the loop's guard stops it.
 """
 
 from __future__ import annotations

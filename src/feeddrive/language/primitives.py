@@ -1,6 +1,6 @@
-"""Operations that a machine does in one or a few instructions, for float, array and symbol alike.
+"""Operations that a processor executes in one or a few instructions, for float, array and symbol alike.
 
-`mathematics.py` builds the elementary functions from them; `ops.py` is the whole of what a law may use.
+`mathematics.py` builds the elementary functions from them; `ops.py` contains all that a law may use.
 """
 
 from __future__ import annotations

@@ -1,12 +1,12 @@
-"""How long work tells what it does, says what must be known, and is stopped: one protocol for all of it.
+"""Progress: one protocol by which long computations report steps and remarks and can be canceled.
 
     def long_work(..., progress: Progress) -> ...:
         for k, each in enumerate(pieces):
-            progress.step(each.name, k, len(pieces))  # ends the work with CancelledError if somebody has cancelled
+            progress.step(each.name, k, len(pieces))  # raises CancelledError after a cancel
 
-A `Progress` as it stands is silent.  Whoever watches overrides `show_step`, `show_remark` and `confirm`: the command
-line with a bar, a page with a message to the browser.  Nothing is written by work that is cancelled: all files of a
-result are written at its end, whole or not at all.
+The base class `Progress` shows nothing.  Subclasses override `show_step`, `show_remark` and `confirm`: the command line
+shows a bar, a page sends a message to the browser.  Canceled work writes no files: all files of a result are written
+at its end, completely or not at all.
 """
 
 from __future__ import annotations

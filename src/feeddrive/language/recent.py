@@ -1,4 +1,4 @@
-"""A bounded memory of what was computed: the entries used last are kept, the others are dropped."""
+"""A bounded cache: the least recently used entries are dropped."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""A ring: a row of numbers that a state carries, written and read by index; and the history of a signal made of one.
+"""A ring buffer: a row of numbers in a state, written and read by index; and the history of a signal in one.
 
-A ring is what delays, regeneration and repetitive laws remember with.  It has a fixed length, which shapes the graph.
-Indices are whole numbers and count around: index and index + length are the same cell.
+Delays, regeneration and repetitive laws store past samples in rings.  The length is fixed and is part of the graph.
+Indices are integers modulo the length: index and index + length are the same cell.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""What every result shows: a short table in a terminal and in a notebook, a picture, a DataFrame.
+"""The base class of results: a short table in a terminal and in a notebook, a plot, a DataFrame.
 
-A result knows neither matplotlib nor pandas.  Pictures and frames are registered by the type of the result, in `plot/`
-for all rooms to its left, and for the others in the module of the result.
+Results import neither matplotlib nor pandas.  Plots and frames are registered by the type of the result, in `plot/`
+for all packages below it, and for the others in the module of the result.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
-"""Trees of named leaves: blocks with parts, named tuples of states, plain tuples.
+"""Trees of named numbers: blocks with parts, named tuples of states, plain tuples.
 
 `leaves`, `rebuild`, `tables` and `structure` walk a tree by its own fields: `law.Kv` of a control, `control.law.Kv` of
 a loop.  `parameters`, `get`, `vary` and `declaration` use paths, the names of machine files: a loop places its axis
-under `axis.x`, so that its gain is `axis.x.control.law.Kv` in Python as in TOML, logs, sweeps and gradients.  A block
-that stands alone has no axis around it, and there a path is the name by fields.
+under `axis.x`, so that its gain is `axis.x.control.law.Kv` in Python as in TOML, logs, sweeps and gradients.  The path
+of a parameter of a single block, outside a loop, is its name by fields.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Units at the border: SI inside, any other unit only together with its name.
+"""Unit conversion at the interfaces: values are SI inside, and any other unit is always written with its name.
 
 A parameter declares its unit as text ("N s/m", "kg m2", "Hz").  A file may give the same parameter in another unit of
 the same dimension by a suffix on the key: `stiffness_N_per_um`, `Kv_m_per_min_per_mm`, `dead_time_us`.

@@ -1,4 +1,4 @@
-"""Floor 2, the loop: one sample of one axis, and the engine that runs, linearises and differentiates it."""
+"""The loop: one sample of an axis or machine under its control, and the engine that simulates and linearizes it."""
 
 from feeddrive.language.lazy_package import make_lazy
 

@@ -1,4 +1,4 @@
-"""All that is physics of one axis: linear core, friction, other forces, dead time, encoders."""
+"""The physics of one axis: linear mechanics, friction, other forces, actuator with dead time, and encoders."""
 
 from __future__ import annotations
 

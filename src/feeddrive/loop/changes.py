@@ -1,4 +1,4 @@
-"""Live changes of parameters in a run: from which sample on which control runs."""
+"""Parameter changes during a run: the control that is active from each sample on."""
 
 from __future__ import annotations
 

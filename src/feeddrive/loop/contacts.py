@@ -1,4 +1,4 @@
-"""Dry friction in a substep: the forces that fit the velocities to which they lead, and exact standstill."""
+"""Dry friction within a substep: friction forces consistent with the resulting velocities, with exact standstill."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""All that runs on the real controller: prefilter, compensation, law, filter pack, feedforward, limit and guard."""
+"""The controller of one axis: prefilter, compensation, feedback law, filters, feedforward, force limit and guard."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The substep: linear mechanics of one axis, or of axes that share structure modes, with forces and friction."""
+"""One substep of the linear mechanics of an axis, or of axes coupled by structure modes, with forces and friction."""
 
 from __future__ import annotations
 

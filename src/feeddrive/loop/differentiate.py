@@ -1,4 +1,4 @@
-"""Derivatives of a graph, forward: one rule for each operation, for numbers and symbols alike."""
+"""Forward-mode derivatives of a graph: one rule per operation, for numbers and symbolic nodes alike."""
 
 from __future__ import annotations
 

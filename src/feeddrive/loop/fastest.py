@@ -1,4 +1,4 @@
-"""Whether the exact hold can still be computed: an axis that is far too fast for its substeps is refused."""
+"""Refuses an axis whose fastest mode is too fast for its substep: the matrix exponential would lose its accuracy."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A frequency response: complex numbers over frequency, the same for a measured and a modelled system."""
+"""Frequency response functions (FRF): complex values over frequency, measured or from a model."""
 
 from __future__ import annotations
 

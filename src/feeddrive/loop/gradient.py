@@ -1,4 +1,4 @@
-"""Gradient: how the cost of a run changes with any parameters, exact, for about the price of three runs."""
+"""Exact gradient of a scalar cost of a run with respect to any parameters, at about the cost of three runs."""
 
 from __future__ import annotations
 

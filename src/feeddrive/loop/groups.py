@@ -1,4 +1,4 @@
-"""Many variants of one loop: groups of lanes that advance side by side on all threads."""
+"""Batches: many variants of one loop, in groups of SIMD lanes on all threads."""
 
 from __future__ import annotations
 

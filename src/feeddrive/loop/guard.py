@@ -1,4 +1,4 @@
-"""The safety of a loop: enable and disable, trips, and numbers that are none. Simulated and exported like the law."""
+"""The guard of a loop: enable, disable, trips, and handling of NaN. It is simulated and exported like the law."""
 
 from __future__ import annotations
 

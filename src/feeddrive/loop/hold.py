@@ -1,4 +1,4 @@
-"""The exact linear hold: how the linear core of one or more axes moves over a substep under constant forces."""
+"""Exact discretization: state transition of the linear mechanics over a substep with forces held constant."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Linearisation: the exact linear model of a loop at an operating point, from the same lines that simulate it."""
+"""Linearization: the exact linear state-space model of a loop at an operating point, from the simulated code."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""One sample of one axis under its control: the only wiring there is."""
+"""A loop: one axis with its control, and the order in which one sample is computed."""
 
 from __future__ import annotations
 

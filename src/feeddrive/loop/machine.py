@@ -1,4 +1,4 @@
-"""A machine: axes by name under one sample time, and what couples them."""
+"""A machine: named axes with a common sample time, and the couplings between them."""
 
 from __future__ import annotations
 

@@ -1,12 +1,12 @@
-"""What runs on a target: the control, or the axis, of a loop as four functions of named numbers.
+"""The routine of a control or an axis: the four functions, with named inputs and outputs, that run on a target.
 
     configure   parameters -> numbers that depend on parameters only, or the first condition that they break
     reset       inputs -> the state where the axis is, disabled
     step        state, inputs -> state, outputs: one sample
     retune      state, parameters before and after -> state
 
-All four are traced from the text that is simulated: `prepare`, `start`, `step` and `retune` of the blocks.  What prints
-code for a target reads them here, and so does nobody derive a law a second time.
+All four are traced from the code that is simulated: `prepare`, `start`, `step` and `retune` of the blocks.  Every
+printer of code for a target starts from these graphs, so no law is written a second time.
 """
 
 from __future__ import annotations

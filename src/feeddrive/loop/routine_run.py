@@ -1,7 +1,7 @@
-"""The simulator's own answers to the inputs of a routine: what every target must give, bit for bit.
+"""Reference outputs of a routine, computed by the simulator: every target must reproduce them bit for bit.
 
-The step is traced anew, with prepared numbers as given and not as computed, and run by the engine that runs a
-simulation; `prepare`, `start` and `retune` run on plain numbers.  Nothing of what is printed for a target is used.
+The step is traced again, with the prepared numbers as inputs, and run by the engine of the simulation; `prepare`,
+`start` and `retune` run on plain numbers.  No code that was printed for a target is used.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The routine of a control or of an axis, traced from the text that is simulated."""
+"""Tracing of a control or an axis to the routine that is exported, from the code that is simulated."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A program with its numbers, ready to run: one variant, or many in lanes."""
+"""A runner: a compiled program with its parameter values and states, for one variant or many in lanes."""
 
 from __future__ import annotations
 

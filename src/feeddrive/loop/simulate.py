@@ -1,4 +1,4 @@
-"""Simulation: a single run, a batch of variants, or a stream in constant memory, with the same numbers in all three."""
+"""Simulation: a single run, a batch of variants, or a stream in constant memory; all three give the same numbers."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Numbers that are gathered while a program runs, so that long runs and large batches need no record."""
+"""Statistics accumulated while a program runs, so that long runs and large batches need not be recorded."""
 
 from __future__ import annotations
 

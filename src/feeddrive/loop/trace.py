@@ -1,4 +1,4 @@
-"""From a loop to a program: the graph of one sample, with names for everything that goes in and comes out."""
+"""Tracing: from a loop to a program, the graph of one sample with named inputs, states and outputs."""
 
 from __future__ import annotations
 

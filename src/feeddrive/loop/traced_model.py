@@ -1,4 +1,4 @@
-"""A traced linear model: its response on lines, and the slopes of that response to the leaves of its graph."""
+"""A traced linear model: its frequency response, and the derivatives of that response with respect to parameters."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a paper claims, by which rule, what came out, and the page that shows it: claims first, then figures."""
+"""Claims of a paper with the rule that decides them and the result, and the page that shows them."""
 
 from __future__ import annotations
 

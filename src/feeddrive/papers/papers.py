@@ -1,4 +1,4 @@
-"""The papers by name, their experiments run side by side, and what `reproduce` leaves behind.
+"""The papers by name, the parallel run of their experiments, and the files that `reproduce` writes.
 
 A page for each paper, an index of all claims, and the figures as JSON.
 """

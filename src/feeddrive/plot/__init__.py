@@ -1,4 +1,4 @@
-"""Pictures and DataFrames of results, each registered for its type: `Result.plot()` and `.to_pandas()` look here.
+"""Figures and DataFrames of results, registered by result type: `Result.plot()` and `.to_pandas()` use them.
 
 A picture is drawn with matplotlib's object API: a figure that shows itself in a notebook and writes itself with
 `savefig`.  Importing this package does not import matplotlib or pandas.

@@ -1,4 +1,4 @@
-"""Pictures of plain curves, for experiments: rows over one abscissa, poles that move, a turn of a tool, magnitudes."""
+"""Plots of plain curves, for experiments: rows over one abscissa, moving poles, one turn of a tool, magnitudes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A matplotlib figure that shows itself in notebooks without pyplot. Import it only where a picture is drawn."""
+"""A matplotlib figure that displays itself in notebooks without pyplot. Import it only where a figure is drawn."""
 
 from __future__ import annotations
 

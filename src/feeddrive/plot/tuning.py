@@ -1,4 +1,4 @@
-"""Pictures of what was tuned and learned: dead time against gain, trials, a prefilter, the estimate of an observer."""
+"""Plots of tuning and learning: dead time against gain, trials, a prefilter, the estimate of an observer."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a report is made from."""
+"""The contents of a report: the results and texts that its page shows."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The pictures of a report, each with what a reader needs to read it."""
+"""The figures of a report, each with a caption that explains it."""
 
 from __future__ import annotations
 

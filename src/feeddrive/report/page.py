@@ -1,6 +1,6 @@
-"""Pages that are read offline: the Jinja2 templates of `templates/`, filled; `page.css` there has the looks.
+"""HTML pages for offline use: the Jinja2 templates of `templates/`, with the style sheet `page.css`.
 
-Every text is escaped, and a template that names what it was not given is an error.  No page loads or runs anything.
+Every text is escaped, and an undefined name in a template is an error.  No page loads or runs anything.
 """
 
 from __future__ import annotations

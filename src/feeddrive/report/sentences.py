@@ -1,4 +1,4 @@
-"""What a report says: numbers as a reader wants them, blocks and results in sentences, remarks on the figures."""
+"""Texts of a report: formatted numbers, blocks and results in sentences, remarks on the figures."""
 
 from __future__ import annotations
 

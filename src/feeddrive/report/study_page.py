@@ -1,4 +1,4 @@
-"""The report of a study as one page: its tables, and what goes where in the template `study.html`."""
+"""The report of a study as one page: its tables, and the values of the template `study.html`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Gains: tuned, by rules, learned; and the laws that can be tuned."""
+"""Tuning of controls: optimization within robustness limits, tuning rules, and iterative learning."""
 
 from feeddrive.language.lazy_package import make_lazy
 

@@ -1,7 +1,7 @@
-"""The laws that can go on an axis, each where its tuning begins; and those that cannot, with the reason.
+"""Start values for every law that can control an axis, and for each of the others the reason why it cannot.
 
-Nobody keeps a list: every law of the catalogue says where it begins (`Law.begin`), and what goes beside a law says
-beside which (`goes_beside`).
+The laws are those of the catalogue: each computes its own start values (`Law.begin`), and each compensation declares
+with which laws it can be combined (`goes_beside`).
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The closed loop of a control at an operating point, line by line, with slopes and what noise leaves open."""
+"""Closed-loop responses of a control at an operating point, with their derivatives and their measurement noise."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The frequency response of a control with its slopes to any of its parameters, from the lines that run."""
+"""Frequency response of a control and its derivatives with respect to parameters, from the simulated code."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What an operating point says of a control: the goal with its slope, every bound, and how sure they are."""
+"""Goal and limits of a tuning at one operating point: values, derivatives and uncertainties."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How fast a law may be made, over the dead time of the loop."""
+"""The gain that a law can reach as a function of the dead time of the loop."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a missing force does to the following error: the filter through which iterative feedforward sees its columns."""
+"""The transfer from a force error to the following error; iterative feedforward filters its regressors with it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The figures of a closed loop that people read: margins, stiffness, recovery, noise; with their uncertainty."""
+"""Figures of a closed loop as they are reported: margins, stiffness, rope snap, force noise; with uncertainties."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Iterative feedforward: the parameters of a compensator, learned from trial to trial."""
+"""Iterative feedforward: the parameters of a feedforward compensator, corrected after each repetition of a motion."""
 
 from __future__ import annotations
 

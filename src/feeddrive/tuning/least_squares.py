@@ -1,4 +1,4 @@
-"""Least squares with bounds, and standard errors where the residual is no white noise."""
+"""Bounded least squares, with standard errors that remain valid for autocorrelated residuals."""
 
 from __future__ import annotations
 

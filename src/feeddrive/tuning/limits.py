@@ -1,6 +1,6 @@
-"""What a tuned loop must keep at every operating point: limits, and each as a bound with slack and slope.
+"""Limits of a tuning that hold at every operating point; each becomes a constraint with slack and gradient.
 
-Slacks are logarithms or shares, so that 0.01 is about a per cent: a bound keeps while its slack is >= 0.
+Slacks are logarithms or relative differences: 0.01 is about one percent.  A limit is kept while its slack is >= 0.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""One axis at one position and load, as responses on lines: measured, or from a model."""
+"""An operating point: one axis at one position and load, as frequency responses, measured or from a model."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What pole placement makes of an axis: gains, poles as placed and as they come out, and how far they may go."""
+"""Pole placement applied to an axis: gains, desired and achieved poles, and the fastest poles that are permitted."""
 
 from __future__ import annotations
 

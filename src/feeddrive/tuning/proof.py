@@ -1,4 +1,4 @@
-"""What a shaped loop is checked by, in other ways than the search went; a loop with a model is run as it is."""
+"""Verification of a tuned control by methods that the search does not use, including a simulated run."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Rules of the trade for the P-PI cascade, on a measured or modelled axis and with the control that runs."""
+"""Classical tuning rules for the P-PI cascade, on a measured or modelled axis and with the filters of the control."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The search: sequential quadratic programming with a trust region, in logarithms of the tunables."""
+"""The optimizer: sequential quadratic programming with a trust region, in the logarithms of the tunables."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A measured response smoothed as far as its noise allows, with the variance that is left."""
+"""Smoothing of a measured frequency response with a bandwidth set by its noise, and the variance that remains."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The prefilter that cancels what a loop leaves of its tracking error, by least squares from one run or log."""
+"""A prefilter of the setpoint that cancels the tracking error of a loop, by least squares from one run or log."""
 
 from __future__ import annotations
 

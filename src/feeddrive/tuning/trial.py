@@ -1,4 +1,4 @@
-"""A trial: commands, error and force of one run, simulated or measured, as learning needs them."""
+"""A trial: setpoint, tracking error and force of one repetition, simulated or measured."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Learning from trial to trial: how fast it converges, parameters learned, and a signal learned in their place."""
+"""Iterative learning over trials: convergence, learned feedforward parameters, or a learned force signal."""
 
 from __future__ import annotations
 

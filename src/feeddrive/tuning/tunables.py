@@ -1,4 +1,4 @@
-"""Which numbers of a control are turned, how far, and where a search may begin."""
+"""The tunables: which parameters of a control are optimized, their ranges, and the start points of the search."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Tune a control on measured or modelled axes: gains and filters together, within limits at every one of them."""
+"""Optimization of a control on measured or modelled axes: gains and filters together, within limits at every point."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a tuning gives: the control, old against new, what holds it back, its proof, and all that in sentences."""
+"""The result of a tuning: the control, old and new figures, active limits, verification, and a summary in words."""
 
 from __future__ import annotations
 

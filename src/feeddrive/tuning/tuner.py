@@ -1,4 +1,4 @@
-"""The work of a tuning: searches from several starts, on all lines, with the room that noise asks for."""
+"""The steps of a tuning: searches from several starts, then all frequency lines, with a reserve for the noise."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""`feeddrive channels`, and for all commands: which column of a log is what.
+"""`feeddrive channels`, and for all commands the mapping of the columns of a log to roles.
 
-As the options say, as a short TOML says, else guessed and shown.
+The mapping comes from the options, from a TOML file, or else is guessed and shown.
 """
 
 from __future__ import annotations

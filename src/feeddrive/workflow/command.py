@@ -1,4 +1,4 @@
-"""A command: a function with a declared request, one protocol for its progress, and an outcome that shows itself.
+"""A command: a function with a declared request, a protocol for progress and cancel, and a printable outcome.
 
 The same object serves Python (`fd.tune("ball_screw", goal="stiffness")`), the command line and, later, a page.
 

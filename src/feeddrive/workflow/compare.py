@@ -1,4 +1,4 @@
-"""`feeddrive compare`: all laws on one axis of a machine, at equal robustness."""
+"""`feeddrive compare`: all laws tuned on one axis of a machine to equal robustness."""
 
 from __future__ import annotations
 

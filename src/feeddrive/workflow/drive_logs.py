@@ -1,4 +1,4 @@
-"""Several logs of one drive with the same columns, and what is known of the drive, for commands on friction."""
+"""Several logs of one drive with the same columns, and its known data, for the friction commands."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`feeddrive export`: from a machine file to what a target runs."""
+"""`feeddrive export`: from a machine file to code or parameters for a target."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What `feeddrive identify` is asked, of a log and of frequency responses."""
+"""The requests of `feeddrive identify`, for a motion log and for frequency responses."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A job, run: every law over the same work, with its margins and its stiffness."""
+"""Execution of a job: every law simulated with the same motion and loads, with its margins and stiffness."""
 
 from __future__ import annotations
 

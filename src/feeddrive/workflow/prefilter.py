@@ -1,4 +1,4 @@
-"""`feeddrive prefilter`: from a log of reference and position to the section of a machine file."""
+"""`feeddrive prefilter`: from a log of reference and position to a prefilter section of a machine file."""
 
 from __future__ import annotations
 

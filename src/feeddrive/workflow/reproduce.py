@@ -1,4 +1,4 @@
-"""`feeddrive reproduce`: the experiments of a paper, with a table of what holds."""
+"""`feeddrive reproduce`: the experiments of a paper, with a table of its claims and results."""
 
 from __future__ import annotations
 

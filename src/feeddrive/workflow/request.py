@@ -1,13 +1,13 @@
-"""What a command is asked: a frozen dataclass of declared fields, from which command line and forms are made.
+"""A request: a frozen dataclass of declared fields, from which command-line options and forms are made.
 
     class ExciteRequest(Request):
         machine: str = argument("A machine file (TOML), or the name of a bundled machine")
         amplitude: float = option("peak of the excitation", unit="N", above=0)
         max_compliance: float | None = option("largest compliance", unit="m/N", entered="um/N", above=0)
 
-A field says what it means, its unit in SI, its bounds, its options and its default, once.  It is checked when the
-request is made, in the sentence that a wrong parameter of a block gets.  `entered` is the unit in which people give
-it on the command line and in forms; in the request itself it is SI.
+A field declares its meaning, its unit in SI, its bounds, its options and its default, once.  It is checked when the
+request is made, with the same error message as a parameter of a block.  `entered` is the unit used on the command line
+and in forms; in the request itself the value is in SI.
 """
 
 from __future__ import annotations

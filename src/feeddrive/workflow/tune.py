@@ -1,4 +1,4 @@
-"""`feeddrive tune`: a machine or a measured frequency response to a tuned control."""
+"""`feeddrive tune`: from a machine file or a measured frequency response to a tuned control."""
 
 from __future__ import annotations
 

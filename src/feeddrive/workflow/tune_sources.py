@@ -1,4 +1,4 @@
-"""Where a tuning stands: machines, and measured responses by role, in m/N and checked against common mistakes."""
+"""The inputs of a tuning: machine files, and measured responses by role, in m/N, checked for common mistakes."""
 
 from __future__ import annotations
 

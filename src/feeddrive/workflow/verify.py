@@ -1,4 +1,4 @@
-"""`feeddrive verify`: the equality proof of an export, on the user's machine."""
+"""`feeddrive verify`: the bit-for-bit comparison of an export with the simulator, on the user's computer."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`feeddrive virtual-drive`: a simulated CiA 402 drive on a bus, to try a master on before a real axis moves."""
+"""`feeddrive virtual-drive`: a simulated CiA 402 drive on a bus, to test a master before a real axis moves."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The drive between the commanded and the acting force."""
+"""The actuator: current loop and dead time between the commanded and the acting force."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A drive described by one constant: a linear motor, or a whole drive train measured as one."""
+"""An actuator with a single force constant: a linear motor, or a complete drive train measured as one."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A rotary motor on a screw, from its data sheet."""
+"""An actuator with a rotary motor on a screw, given by its data sheet."""
 
 from __future__ import annotations
 

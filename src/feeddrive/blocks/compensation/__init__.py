@@ -1,1 +1,1 @@
-"""What goes beside any law: disturbance rejection, structural modes."""
+"""Compensations that can be combined with any law: disturbance rejection, structural modes."""

@@ -1,4 +1,4 @@
-"""A recovered disturbance, subtracted from the force under any law."""
+"""Disturbance rejection: an estimated disturbance is subtracted from the force of any law."""
 
 from __future__ import annotations
 

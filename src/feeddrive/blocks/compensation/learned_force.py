@@ -1,4 +1,4 @@
-"""A force that was learned for one motion and is played back with it: what signal-based learning control deploys."""
+"""A learned feedforward force over time for one motion, as signal-based iterative learning control gives it."""
 
 from __future__ import annotations
 

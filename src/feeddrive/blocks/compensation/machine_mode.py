@@ -1,4 +1,4 @@
-"""One low mode of a machine, as it shows at the tool."""
+"""One low-frequency mode of a machine, as it appears at the tool."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Low modes of the machine, compensated by the axis."""
+"""Compensation of low-frequency machine modes by the motion of the axis."""
 
 from __future__ import annotations
 

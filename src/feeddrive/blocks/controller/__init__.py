@@ -1,1 +1,1 @@
-"""Feedback laws, one a file."""
+"""Feedback laws, one per file."""

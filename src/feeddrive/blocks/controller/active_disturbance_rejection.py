@@ -1,4 +1,4 @@
-"""Active disturbance rejection: a PD law on the axis's acceleration, less what an observer believes to push."""
+"""Active disturbance rejection: a PD law on the acceleration, minus the disturbance that an observer estimates."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The P-PI cascade: what nearly every machine tool runs today."""
+"""The P-PI cascade, the standard control of machine-tool axes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The stock `pid` route of LinuxCNC: one pid on the position, or two in cascade."""
+"""Control by LinuxCNC's stock `pid` components: one on the position, or two in cascade."""
 
 from __future__ import annotations
 

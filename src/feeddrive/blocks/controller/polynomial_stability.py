@@ -1,4 +1,4 @@
-"""Whether a polynomial is stable, for rules: on numbers and in a trace."""
+"""Stability of a polynomial, for rules, on numbers and in a trace."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The `biquad` component of LinuxCNC, as it is."""
+"""The `biquad` component of LinuxCNC, computed as in its source."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The `pid` component of LinuxCNC, as it is."""
+"""The `pid` component of LinuxCNC, computed as in its source."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""What acts between the axes of a machine."""
+"""Couplings: forces and motions that act between the axes of a machine."""

@@ -1,4 +1,4 @@
-"""A force as a dynamometer measured it, added at the tables of several axes."""
+"""A force recorded with a dynamometer, added at the tables of several axes."""
 
 from __future__ import annotations
 

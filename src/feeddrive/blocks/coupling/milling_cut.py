@@ -1,4 +1,4 @@
-"""The force of a milling tool whose chip is what tool and table really did."""
+"""The force of a milling tool, with the chip from the actual relative motion of tool and table."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How much of a structure mode an axis feels."""
+"""The mode shape of a structure mode at one axis."""
 
 from __future__ import annotations
 

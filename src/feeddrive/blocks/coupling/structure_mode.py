@@ -1,4 +1,4 @@
-"""A mode of the machine's structure that several axes share."""
+"""A structure mode of the machine that several axes share."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Feedforward of motion and friction, linear in its parameters: what iterative tuning learns from trial to trial."""
+"""Feedforward of motion and friction, linear in its parameters, as iterative tuning learns it."""
 
 from __future__ import annotations
 

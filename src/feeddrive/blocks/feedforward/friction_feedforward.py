@@ -1,4 +1,4 @@
-"""Friction fed forward along the set motion."""
+"""Friction feedforward from the set velocity."""
 
 from __future__ import annotations
 

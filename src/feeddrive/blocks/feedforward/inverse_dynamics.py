@@ -1,4 +1,4 @@
-"""The force that screw and table need for the set motion, with the spring between them."""
+"""Inverse dynamics of screw and table: the force needed for the set motion, with the spring between them."""
 
 from __future__ import annotations
 

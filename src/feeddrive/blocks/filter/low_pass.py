@@ -1,4 +1,4 @@
-"""A first-order low-pass."""
+"""A first-order low-pass filter."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A second-order low-pass."""
+"""A second-order low-pass filter."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A notch against one resonance."""
+"""A notch filter for one resonance."""
 
 from __future__ import annotations
 

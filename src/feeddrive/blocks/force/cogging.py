@@ -1,4 +1,4 @@
-"""Cogging of a motor."""
+"""Cogging force of a motor."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""One harmonic of a force that repeats along the travel."""
+"""One harmonic of a force that is periodic along the travel."""
 
 from __future__ import annotations
 

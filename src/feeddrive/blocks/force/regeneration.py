@@ -1,4 +1,4 @@
-"""A cutting force that depends on the surface which was cut before."""
+"""A regenerative cutting force: it depends on the surface of the previous cut."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Ripple of a motor's force."""
+"""Force ripple of a motor."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which plants have a spring between the motor's and the load's body that a force block can change."""
+"""Plants with a spring between motor and load body that a force block can modify."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Coulomb friction with true standstill."""
+"""Coulomb friction with exact standstill."""
 
 from __future__ import annotations
 

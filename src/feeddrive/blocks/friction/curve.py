@@ -1,4 +1,4 @@
-"""The Stribeck curve, shared by all laws that have one."""
+"""The Stribeck curve, common to all friction laws that have one."""
 
 from __future__ import annotations
 

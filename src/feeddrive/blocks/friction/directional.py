@@ -1,4 +1,4 @@
-"""Friction that differs between the two directions."""
+"""Viscous and Coulomb friction with different values for the two directions."""
 
 from __future__ import annotations
 

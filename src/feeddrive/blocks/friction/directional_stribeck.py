@@ -1,4 +1,4 @@
-"""Stribeck friction that differs between the two directions."""
+"""Stribeck friction with different values for the two directions."""
 
 from __future__ import annotations
 

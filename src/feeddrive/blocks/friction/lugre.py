@@ -1,4 +1,4 @@
-"""The LuGre model: friction as the bending of bristles, with presliding and memory."""
+"""The LuGre model: friction from the deflection of bristles, with presliding and hysteresis."""
 
 from __future__ import annotations
 

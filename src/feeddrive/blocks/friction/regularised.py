@@ -1,4 +1,4 @@
-"""Friction with a smooth sign, for gradients and for comparison with work that used it."""
+"""Friction with a smooth sign function, for gradients and for comparison with work that used it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Several forces at once."""
+"""The sum of several forces."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A force that was recorded."""
+"""A recorded force over time."""
 
 from __future__ import annotations
 

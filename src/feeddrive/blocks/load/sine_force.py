@@ -1,4 +1,4 @@
-"""A force that swings."""
+"""A sinusoidal force."""
 
 from __future__ import annotations
 

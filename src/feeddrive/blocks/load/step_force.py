@@ -1,4 +1,4 @@
-"""A force that is switched on."""
+"""A force step."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""Estimators of what is not measured."""
+"""Observers: estimates of quantities that are not measured."""

@@ -1,4 +1,4 @@
-"""The disturbance from the inverse of a rigid axis."""
+"""Disturbance estimate from the inverse model of a rigid axis."""
 
 from __future__ import annotations
 

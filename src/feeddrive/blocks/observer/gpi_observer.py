@@ -1,4 +1,4 @@
-"""The observer of generalized proportional integral (GPI) control: disturbance as a piece of a Taylor polynomial."""
+"""The observer of generalized proportional integral (GPI) control: the disturbance is a Taylor polynomial in time."""
 
 from __future__ import annotations
 

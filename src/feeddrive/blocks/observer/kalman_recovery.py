@@ -1,4 +1,4 @@
-"""The disturbance from a Kalman filter of a rigid axis."""
+"""Disturbance estimate from a Kalman filter of a rigid axis."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""Linear mechanics."""
+"""Plants: the linear mechanics of an axis."""

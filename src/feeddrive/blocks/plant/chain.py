@@ -1,4 +1,4 @@
-"""Masses in a row with springs between neighbours: the matrices of every plant of that kind."""
+"""Mass and stiffness matrices of masses in a row with springs between neighbors."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The error of a screw along its travel."""
+"""The lead error of a screw along its travel."""
 
 from __future__ import annotations
 

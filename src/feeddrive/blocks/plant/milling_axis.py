@@ -1,4 +1,4 @@
-"""An axis of a small milling machine as papers on its control write it: carriage on a screw, torque at the input."""
+"""An axis of a small milling machine in the parameters of control papers: carriage on a screw, torque as input."""
 
 from __future__ import annotations
 

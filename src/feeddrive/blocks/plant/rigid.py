@@ -1,4 +1,4 @@
-"""A rigid axis: everything that moves is one mass."""
+"""A rigid axis: one moving mass."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A rigid axis with a screw, declared as its makers do: inertias in kg m², lead, gear."""
+"""A rigid axis with a screw, in data-sheet parameters: inertias in kg m², lead, gear."""
 
 from __future__ import annotations
 

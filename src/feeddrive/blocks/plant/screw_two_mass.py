@@ -1,4 +1,4 @@
-"""A ball screw with one axial mode, declared as its makers do: inertias in kg m², lead, gear."""
+"""A ball screw with one axial mode, in data-sheet parameters: inertias in kg m², lead, gear."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""From the motor's shaft to the table: what a screw and a gear make of angle, torque and inertia."""
+"""Conversion from the motor's shaft to the table: angle, torque and inertia through gear and screw."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a model of screw and table says of itself: its mode, how the screw must lead the table, which poles it can get.
+"""Properties of a screw-and-table model: its mode, the lead of the screw over the table, and its attainable poles.
 
 All equations are those of Gordon & Erkorkmaz 2013, eq. (2):
 

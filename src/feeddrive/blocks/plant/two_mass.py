@@ -1,4 +1,4 @@
-"""A ball screw with one axial mode: the driven mass, the table, and the screw between them as a spring."""
+"""A ball screw with one axial mode: driven mass and table mass, with the screw between them as a spring."""
 
 from __future__ import annotations
 

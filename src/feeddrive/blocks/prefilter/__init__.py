@@ -1,1 +1,1 @@
-"""What changes the setpoint before the law sees it."""
+"""Prefilters of the setpoint."""

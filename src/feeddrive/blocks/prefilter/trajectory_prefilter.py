@@ -1,4 +1,4 @@
-"""A prefilter of the set motion that cancels what a loop leaves of its tracking error."""
+"""A setpoint prefilter that cancels the remaining tracking error of a loop."""
 
 from __future__ import annotations
 

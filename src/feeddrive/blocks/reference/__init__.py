@@ -1,1 +1,1 @@
-"""Motions: closed forms and logs."""
+"""References: motions in closed form or from logs."""

@@ -1,4 +1,4 @@
-"""A move by the Bezier polynomial of the tenth degree."""
+"""A move along a Bezier polynomial of degree ten."""
 
 from __future__ import annotations
 

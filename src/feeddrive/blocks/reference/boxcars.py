@@ -1,4 +1,4 @@
-"""How long the boxcars of a limited move are, and which limits give way if the distance is too short for them."""
+"""Durations of the boxcars of a limited move, and the limits that are not reached if the distance is short."""
 
 from __future__ import annotations
 

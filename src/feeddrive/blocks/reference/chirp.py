@@ -1,4 +1,4 @@
-"""A sine that sweeps through a band of frequencies."""
+"""A sine sweep through a frequency band."""
 
 from __future__ import annotations
 

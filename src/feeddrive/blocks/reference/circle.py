@@ -1,4 +1,4 @@
-"""One axis's part of a circle."""
+"""The motion of one axis along a circle."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Functions of time together with their first four derivatives, and how such functions combine."""
+"""Functions of time with their first four derivatives, and rules for combining them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the moves within limits have in common: a leg made of boxcars."""
+"""The common part of all limited moves: a leg composed of boxcars."""
 
 from __future__ import annotations
 

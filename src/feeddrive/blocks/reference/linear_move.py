@@ -1,4 +1,4 @@
-"""A move at constant velocity, as a plain linear interpolator commands it."""
+"""A move at constant velocity, as a linear interpolator commands it."""
 
 from __future__ import annotations
 

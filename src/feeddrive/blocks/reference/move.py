@@ -1,4 +1,4 @@
-"""What all moves have in common: from rest to rest, there and perhaps back, with dwells."""
+"""The common part of all moves: rest to rest, one way or there and back, with dwells."""
 
 from __future__ import annotations
 

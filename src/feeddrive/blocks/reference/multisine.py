@@ -1,4 +1,4 @@
-"""A sum of sines that repeats: the excitation of frequency responses."""
+"""A periodic sum of sines: the excitation for frequency responses."""
 
 from __future__ import annotations
 

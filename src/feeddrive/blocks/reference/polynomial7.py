@@ -1,4 +1,4 @@
-"""A move by one polynomial of the seventh degree."""
+"""A move along a polynomial of degree seven."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A rest-to-rest motion in pieces of constant snap, jerk or acceleration: boxcars convolved, in closed form."""
+"""A rest-to-rest motion with piecewise constant snap, jerk or acceleration: convolved boxcars in closed form."""
 
 from __future__ import annotations
 

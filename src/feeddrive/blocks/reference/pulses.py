@@ -1,4 +1,4 @@
-"""The pulses of input shapers: what a command is convolved with, so that it does not excite one mode."""
+"""The impulse sequences of input shapers, convolved with a command so that it does not excite a mode."""
 
 from __future__ import annotations
 

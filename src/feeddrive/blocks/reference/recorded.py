@@ -1,4 +1,4 @@
-"""A reference that was recorded: the set positions of a log, replayed sample by sample."""
+"""A recorded reference: the set positions of a log, replayed sample by sample."""
 
 from __future__ import annotations
 

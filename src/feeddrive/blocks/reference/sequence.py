@@ -1,4 +1,4 @@
-"""References one after another."""
+"""A sequence of references, one after another."""
 
 from __future__ import annotations
 

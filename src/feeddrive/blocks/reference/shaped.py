@@ -1,4 +1,4 @@
-"""A reference seen through an input shaper."""
+"""A reference filtered by an input shaper."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Polynomials that rise from 0 to 1 and rest at both ends; windows and run-ups made of them."""
+"""Polynomials that rise from 0 to 1 with zero slope at both ends; windows and run-ups composed of them."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""Encoders and their faults."""
+"""Encoders and their errors."""

@@ -1,4 +1,4 @@
-"""A graduated disc that is not centred on its shaft."""
+"""Eccentricity of a graduated disc on its shaft."""
 
 from __future__ import annotations
 

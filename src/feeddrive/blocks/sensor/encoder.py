@@ -1,4 +1,4 @@
-"""A linear or rotary encoder with its faults."""
+"""A linear or rotary encoder with its errors."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the interpolation of an encoder's sine signals adds to the reading."""
+"""Interpolation error of an encoder's sine signals."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""A drive that does not exist: the firmware of CiA 402 around a simulated axis, on EtherCAT or CANopen."""
+"""A virtual drive: CiA 402 firmware around a simulated axis, on EtherCAT or CANopen."""

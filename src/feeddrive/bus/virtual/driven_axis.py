@@ -1,6 +1,7 @@
-"""The loop of a machine file as a virtual drive runs it, a few samples a call, and the drive file that fits it.
+"""The loop of a machine file as simulated by a virtual drive, some samples per call, and its drive file.
 
-It runs under its own control, its velocity loop alone, or a bare force; the machine states increments and rated torque.
+It runs with its complete control, with the velocity loop only, or with a commanded force.  Increments and rated torque
+are taken from the machine file.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""Which objects travel in the process data of a virtual drive: the mapping and assignment objects.
+"""The process data of a virtual drive: mapping and assignment objects.
 
-0x1600.. and 0x1A00.. say what a process data object holds, 0x1C12 and 0x1C13 which of them an EtherCAT master wants,
-0x1400.. and 0x1800.. by which message CAN carries them.
+0x1600.. and 0x1A00.. define the contents of a process data object, 0x1C12 and 0x1C13 the objects that an EtherCAT
+master uses, 0x1400.. and 0x1800.. the CAN messages that carry them.
 """
 
 from __future__ import annotations

@@ -1,1 +1,1 @@
-"""A routine as C99."""
+"""Export of a routine as C99."""

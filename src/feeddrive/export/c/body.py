@@ -1,4 +1,4 @@
-"""The statements of one C function, and the elementary functions that they call."""
+"""The statements of one C function, and the elementary functions that it calls."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How C writes what a graph holds: numbers, operations, and the functions that C has no operator for."""
+"""C expressions for the nodes of a graph: numbers, operations, and functions that C has no operator for."""
 
 from __future__ import annotations
 

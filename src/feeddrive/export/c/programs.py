@@ -1,4 +1,4 @@
-"""Programs that run exported C: one with stored samples that tries itself, one that reads any number of samples."""
+"""C programs around an export: a self-test with stored samples, and one that reads samples from its input."""
 
 from __future__ import annotations
 

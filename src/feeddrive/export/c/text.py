@@ -1,4 +1,4 @@
-"""A routine as C99 text: a header, the step, and what is done once.
+"""A routine as C99 text: header, step and reset, and the functions that run outside the interrupt.
 
 P.h            structs with units and meanings, and the functions
 P.c            reset and step: what runs in the interrupt

@@ -1,4 +1,4 @@
-"""The cores that a bundle is made for, and how it is built for them: Makefile, CMake, toolchain file."""
+"""The Cortex-M cores that a bundle supports, and their build files: Makefile, CMake, toolchain file."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A bundle built and run on an emulated core: its self-test, its memory and instructions, its answers to samples."""
+"""Build and run of a bundle on an emulated core: self-test, memory, instruction count, outputs for given samples."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The C beside the step: constants in place of configure, programs for the emulator, and what starts them."""
+"""The C around the step on a microcontroller: constants instead of configure, test programs, startup code."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A shared library for this machine, out of the sources of an FMU, by the compiler that is there."""
+"""A shared library for this computer from the sources of an FMU, built with the installed compiler."""
 
 from __future__ import annotations
 

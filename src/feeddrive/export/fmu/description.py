@@ -1,4 +1,4 @@
-"""modelDescription.xml, and for FMI 3 sources/buildDescription.xml: what a tool must know before it loads a model."""
+"""The XML descriptions of an FMU: modelDescription.xml, and for FMI 3 sources/buildDescription.xml."""
 
 from __future__ import annotations
 

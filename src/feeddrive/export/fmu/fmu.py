@@ -1,4 +1,4 @@
-"""The targets `fmu2` and `fmu3`: the archive with description, C and binary, and the page that goes with it."""
+"""The targets `fmu2` and `fmu3`: the archive with description, C sources and binary, and a README."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""An exported FMU in a real importer, FMPy: what it answers to given inputs, to compare with the simulator."""
+"""An exported FMU run in FMPy: its outputs for given inputs, to compare with the simulator."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The variables of an FMU, and the header that tells its C of them."""
+"""The variables of an FMU, and the C header that declares them."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""A component, its wiring and its desk trial for LinuxCNC."""
+"""Export to LinuxCNC: a component, its wiring, and a simulated axis to try it without a machine."""

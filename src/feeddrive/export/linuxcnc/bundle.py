@@ -1,4 +1,4 @@
-"""A directory for LinuxCNC: component, wiring, the axis on the desk, and what to do with them."""
+"""The target `linuxcnc`: a directory with components, wiring, a simulated axis, and a README."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Names in LinuxCNC's HAL, and what every .comp file has: declarations, one a line, and the C text behind them."""
+"""HAL names, and the parts common to all .comp files: declarations, one a line, and the C text behind them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the .ini file asks of the axis: velocity, acceleration and following error, tried out in a simulation first."""
+"""Limits of the axis in the .ini file: velocity, acceleration and following error, checked in a simulation."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The .comp file of an axis: its physics in place of drive, motor and encoders, to try everything on the desk."""
+"""The .comp file of a simulated axis, which replaces drive, motor and encoders for tests without a machine."""
 
 from __future__ import annotations
 

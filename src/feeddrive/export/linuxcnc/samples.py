@@ -1,4 +1,4 @@
-"""An exported controller in a real HAL: what it answers to given inputs, to compare with the simulator."""
+"""An exported controller run in a real HAL: its outputs for given inputs, to compare with the simulator."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
-"""Programs of LinuxCNC, alone on the machine: with components just built, and nothing of it left behind.
+"""LinuxCNC programs in an isolated session, with newly built components; the system is left unchanged.
 
-HAL's shared memory is one for the whole machine, `halcompile --install` writes where all components are, and a killed
-real-time process stays: so a session has its own IPC, mounts, processes and network.  A LinuxCNC that runs beside it,
-and what is installed, are not touched.  As an ordinary user it needs a kernel that allows user namespaces.
+HAL's shared memory exists once per computer, `halcompile --install` writes to the common component directory, and a
+killed real-time process remains.  A session therefore has separate IPC, mount, process and network namespaces.  A
+running LinuxCNC and its installation are not touched.  An ordinary user needs a kernel that allows user namespaces.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The .hal and .ini files: an axis under its controller, and the desk on which it runs without a machine."""
+"""The .hal and .ini files: an axis under its controller, and a configuration with a simulated axis."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""The target `linuxcnc-pid`: a P-PI design by the pids that a LinuxCNC has already."""
+"""The target `linuxcnc-pid`: a P-PI design realized with the stock pid components of LinuxCNC."""

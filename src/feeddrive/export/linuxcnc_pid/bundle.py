@@ -1,4 +1,4 @@
-"""The target `linuxcnc-pid`: .hal and .ini fragments, and a README that says how the axis will differ."""
+"""Files of the target `linuxcnc-pid`: .hal and .ini fragments, and a README with the expected differences."""
 
 from __future__ import annotations
 

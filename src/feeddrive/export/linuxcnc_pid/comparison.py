@@ -1,4 +1,4 @@
-"""How LinuxCNC's pids differ on an axis from the control that was designed for it: simulated, and as margins."""
+"""Differences on an axis between LinuxCNC's pids and the designed control: in simulation and in margins."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which gains of LinuxCNC's `pid` make a P-PI design, by one pid or by two, and what they cannot make.
+"""Gains of LinuxCNC's `pid` that realize a P-PI design, by one pid or by two, and what they cannot realize.
 
 With c = units · force_per_output (machine units in a meter, N per unit of the output), α = velocity_feedforward, b the
 law's own `viscous`, and m, d the mass and viscous friction that are fed forward:

@@ -1,1 +1,1 @@
-"""The target `parameters`: a P-PI design in the names and units of the makers of controls, as text for a person."""
+"""The target `parameters`: a P-PI design in the names and units of control makers, to be entered by hand."""

@@ -1,4 +1,4 @@
-"""The target `parameters`: a text file for each maker, a CSV, and a README with what could not be represented."""
+"""Files of the target `parameters`: a text file per maker, a CSV, and a README with what is not represented."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A CSV for a maker that has no file here: every number in SI, at the table and at the shaft, and in common units."""
+"""A CSV for other makers: every value in SI, at the table and at the shaft, and in common units."""
 
 from __future__ import annotations
 

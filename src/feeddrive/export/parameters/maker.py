@@ -1,4 +1,4 @@
-"""What every maker's file is made from: rows that say which quantity goes to which name, in which unit."""
+"""The rows of a maker's file: which quantity is entered under which name, in which unit."""
 
 from __future__ import annotations
 

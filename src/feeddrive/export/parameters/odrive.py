@@ -1,4 +1,4 @@
-"""ODrive, whose units are turns."""
+"""Parameters of ODrive, in turns."""
 
 from __future__ import annotations
 

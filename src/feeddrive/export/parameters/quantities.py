@@ -1,4 +1,4 @@
-"""The quantities of a P-PI design in SI, seen at the table, and how they look from the motor's shaft."""
+"""The quantities of a P-PI design in SI, referred to the table, and converted to the motor's shaft."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""SINUMERIK with SINAMICS drives: axis machine data and drive parameters."""
+"""Parameters of SINUMERIK with SINAMICS drives: axis machine data and drive parameters."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""TwinCAT NC axes with AX5000 or AX8000 drives.
+"""Parameters of TwinCAT NC axes with AX5000 or AX8000 drives.
 
-Two units of Kv live side by side here: (mm/s)/mm in the NC, where the NC closes the position loop, and 1000/min in the
+Kv has two units here: (mm/s)/mm in the NC, where the NC closes the position loop, and 1000/min in the
 AX5000, where the drive does.
 """
 

@@ -1,4 +1,4 @@
-"""All that a control has, as items that a target either holds or does not, with what the loss means."""
+"""The elements of a control that a target supports or not, and the consequence of each that it does not."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A function block that tries the controller on the PLC itself: stored samples, and the simulator's answers."""
+"""A function block that tests the controller on the PLC against stored samples of the simulator."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
-"""What is fixed by the export, since a PLC should not compute it: design numbers that take too many operations.
+"""Design values that are fixed at export because computing them takes too many operations for a PLC.
 
 A filter takes some 30 operations, the gains of a pole placement 100, a matrix exponential 700 to 10 000.  What is above
-the bound stands in the text as first values, and the parameters that it depends on are no parameters any more: to
-change them is to export anew.
+the bound is written as initial values, and the parameters that it depends on cannot be changed on the PLC: a change
+needs a new export.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""How Structured Text writes what a graph holds: numbers and operations.
+"""Structured Text expressions for the nodes of a graph: numbers and operations.
 
 Every operation stands in its own parentheses, so that no compiler's precedence or order matters, and every number keeps
 all of its bits.

@@ -1,4 +1,4 @@
-"""The functions that Structured Text lacks or leaves to the maker: exact ones, printed with the block that calls them.
+"""Functions that IEC 61131-3 lacks or does not define to the last bit, printed with the block that calls them.
 
 The elementary functions are those of the simulator, traced from the same lines; a PLC's own EXP has other last bits.
 """

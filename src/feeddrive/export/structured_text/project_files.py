@@ -1,4 +1,4 @@
-"""Structures and units as files that PLC tools import: PLCopen XML for CODESYS and others, TwinCAT's own."""
+"""Import files for PLC tools: PLCopen XML for CODESYS and others, and TwinCAT's format."""
 
 from __future__ import annotations
 

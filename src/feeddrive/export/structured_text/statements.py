@@ -1,6 +1,6 @@
-"""From a graph to statements: every choice becomes an IF, every number that has a name keeps it.
+"""From a graph to statements: every choice becomes an IF, every named number a variable.
 
-An operation that is used once and that the law does not name stands inside the expression that uses it.  A choice is
+An unnamed operation that is used once is written inside the expression that uses it.  A choice is
 an IF and not SEL, which computes both sides: what is not chosen must not divide by zero on a PLC that traps it.
 """
 

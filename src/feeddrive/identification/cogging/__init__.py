@@ -1,1 +1,1 @@
-"""Force over position in turns goes in; the harmonics of the cogging come out."""
+"""Identification of cogging: from force over position to the harmonics of the cogging force."""

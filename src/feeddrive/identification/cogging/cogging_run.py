@@ -1,4 +1,4 @@
-"""Runs that show cogging, position in turns and the force there; a log that goes to and fro is cut into such runs."""
+"""Runs for the identification of cogging: position in turns and force; a log of both directions is cut into runs."""
 
 from __future__ import annotations
 

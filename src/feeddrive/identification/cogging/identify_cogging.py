@@ -1,4 +1,4 @@
-"""Cogging as harmonics of the position; what changes its sign with the direction of motion stands apart."""
+"""Fit of cogging harmonics over position; parts that change sign with the direction of motion are separated."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""A loop goes in and a multisine comes out; the log of its run goes in and a frequency response comes out."""
+"""Excitation: design of a multisine for a loop, and estimation of a frequency response from the recorded run."""

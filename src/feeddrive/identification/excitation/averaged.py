@@ -1,4 +1,4 @@
-"""Frequency responses from averaged spectra (Welch): H1, H2, Hv, and those that are right in a closed loop."""
+"""Frequency responses from averaged spectra (Welch): H1, H2, Hv, and estimators that are unbiased in closed loop."""
 
 from __future__ import annotations
 

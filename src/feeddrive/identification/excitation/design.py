@@ -1,4 +1,4 @@
-"""Design of a multisine for an axis: its lines, its phases, the motion underneath, and a simulation of all of it."""
+"""Design of a multisine for an axis: lines, phases and the motion underneath, checked in a simulation."""
 
 from __future__ import annotations
 

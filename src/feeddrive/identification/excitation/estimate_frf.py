@@ -1,4 +1,4 @@
-"""Frequency responses from records: the estimator that fits the excitation is taken."""
+"""Frequency responses from records; the estimator is selected by the kind of excitation."""
 
 from __future__ import annotations
 

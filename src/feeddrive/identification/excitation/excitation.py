@@ -1,4 +1,4 @@
-"""What to send to a drive to measure its frequency response, and what a simulation says that it does to the axis."""
+"""A designed excitation: the signal to send to the drive, and the simulated response of the axis to it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A frequency response that was estimated from measured signals, with what is known about its errors."""
+"""An estimated frequency response with its variance, coherence and distortion levels."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Frequency responses from any excitation by local polynomials, which take the leakage out."""
+"""Frequency responses for arbitrary excitation by the local polynomial method, which suppresses leakage."""
 
 from __future__ import annotations
 

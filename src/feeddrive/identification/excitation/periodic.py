@@ -1,4 +1,4 @@
-"""Frequency response from periods of a multisine; distortion shows on empty lines and from draw to draw."""
+"""Frequency responses from periods of a multisine; distortion is estimated from unexcited lines and realizations."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Records of an excited axis: input, output and reference on one clock, cut into periods where they repeat."""
+"""Records of an excited axis: input, output and reference on one clock, cut into periods if periodic."""
 
 from __future__ import annotations
 

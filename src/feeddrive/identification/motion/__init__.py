@@ -1,1 +1,1 @@
-"""Position and force over time go in; mass, friction, dead time and the gains of a cascade come out."""
+"""Identification from one motion log: mass, friction, dead time and cascade gains from position and force over time."""

@@ -1,4 +1,4 @@
-"""The gains of a P-PI cascade from a log of what it read and what it commanded."""
+"""The gains of a P-PI cascade, identified from its logged inputs and its logged command."""
 
 from __future__ import annotations
 

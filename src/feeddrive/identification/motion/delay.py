@@ -1,4 +1,4 @@
-"""How long a logged force takes until the axis feels it, from the inverse dynamics."""
+"""The dead time between the logged force and the acceleration of the axis, from the inverse dynamics."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A whole identification of one log: inverse dynamics, delay, the law that ran, output error, what to make of it."""
+"""Complete identification of one log: inverse dynamics, dead time, control law, output error, recommendation."""
 
 from __future__ import annotations
 

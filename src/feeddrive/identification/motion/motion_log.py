@@ -1,4 +1,4 @@
-"""What identification of a drive starts from: position and force over time, and nothing wrong with either."""
+"""The input of an identification: position and force over time, checked for errors."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Output-error refinement: the closed loop of a log is simulated, and its physics fitted to what was measured."""
+"""Output-error fit: the closed loop of a log is simulated, and its parameters are fitted to the measurement."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""From a motion log to the rows of least squares: which filters, and which force belongs to which acceleration."""
+"""From a motion log to the regression: filters, differentiation, and the alignment of force and acceleration."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A rigid drive with friction from a motion log, by the inverse dynamics."""
+"""A rigid drive with friction, fitted to a motion log by inverse dynamics."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""Frequency responses go in; modes, masses, springs and dampers come out."""
+"""Identification from frequency responses: modes, masses, stiffnesses and dampings."""

@@ -1,4 +1,4 @@
-"""How well a model agrees with frequency responses, which parameters they cannot tell, and what to measure next."""
+"""Agreement of a model with frequency responses, unidentifiable parameters, and what to measure next."""
 
 from __future__ import annotations
 

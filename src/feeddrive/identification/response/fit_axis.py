@@ -1,4 +1,4 @@
-"""Which structure an axis has, by evidence: rigid, two masses, modes, or that of a machine file."""
+"""Selection of the structure of an axis by evidence: rigid, two masses, modes, or that of a machine file."""
 
 from __future__ import annotations
 

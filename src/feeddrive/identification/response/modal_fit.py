@@ -1,4 +1,4 @@
-"""Modes of one or several frequency responses: frequencies, damping ratios, residues, without any start value."""
+"""Modal fit of one or several frequency responses without start values: frequencies, damping ratios, residues."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Responses of a rigid motion and modes in parallel, with their slopes, and poles from which a fit begins."""
+"""Responses of a rigid body and modes in parallel with their derivatives, and the start poles of a fit."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Models brought onto measured frequency responses: the cost, its descent, and what is known of each parameter."""
+"""Refinement of models on measured frequency responses: cost, minimization, and covariance of the parameters."""
 
 from __future__ import annotations
 

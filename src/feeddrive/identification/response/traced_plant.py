@@ -1,4 +1,4 @@
-"""Frequency responses of a plant behind its drive, with exact slopes: from the linear core that the loop holds."""
+"""Frequency responses of a plant with its actuator and their exact derivatives, from the linear core of the loop."""
 
 from __future__ import annotations
 

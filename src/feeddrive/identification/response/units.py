@@ -1,4 +1,4 @@
-"""What a frequency response leads from and to: its order, its scale, and the units of what is found in it."""
+"""Input and output quantity of a frequency response: its differentiation order, scale, and resulting units."""
 
 from __future__ import annotations
 

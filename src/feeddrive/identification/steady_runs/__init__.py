@@ -1,1 +1,1 @@
-"""Runs at constant speeds go in; a friction curve comes out."""
+"""Identification from constant-speed runs: a friction curve."""

@@ -1,4 +1,4 @@
-"""A friction curve from constant-speed runs: which model the runs support, and its parameters."""
+"""A friction curve from constant-speed runs: selection of the friction model, and its parameters."""
 
 from __future__ import annotations
 

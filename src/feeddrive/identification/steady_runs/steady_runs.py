@@ -1,4 +1,4 @@
-"""Constant-speed runs: stretches of a log in which the speed holds, and the mean force of each."""
+"""Constant-speed runs: stretches of a log with constant speed, and the mean force of each."""
 
 from __future__ import annotations
 

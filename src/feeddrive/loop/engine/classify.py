@@ -1,4 +1,4 @@
-"""What is constant over a run, what differs between lanes, and what is a truth value."""
+"""Classification of graph nodes: constant over a run, different between lanes, or a truth value."""
 
 from __future__ import annotations
 

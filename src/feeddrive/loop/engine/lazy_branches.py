@@ -1,8 +1,8 @@
-"""Operations that only one branch of a `select` needs: a single run computes them only when that branch is taken.
+"""Operations needed by one branch of a `select` only: a single run computes them only when that branch is taken.
 
 Both branches of `where` are pure, so a value that is not selected need not be computed; this changes no bit.  It pays
-where much work hangs on a condition that rarely changes, such as the exponential of Stribeck friction, which has died
-out at speed.  Cheap branches are always computed: a mispredicted branch costs about twenty operations.
+where an expensive branch is rarely taken, such as the exponential of Stribeck friction, which is negligible at high
+speed.  Cheap branches are always computed: a mispredicted branch costs about twenty operations.
 """
 
 from __future__ import annotations

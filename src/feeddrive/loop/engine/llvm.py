@@ -1,7 +1,7 @@
-"""Operations as LLVM text, scalar or with one variant per lane of a vector; `time_loop.py` puts them together.
+"""Operations as LLVM text, scalar or as vectors with one variant per lane; `time_loop.py` assembles them.
 
-What is the same in all lanes stays scalar and is spread when a vector needs it.  No pass reorders anything: LLVM only
-selects instructions and registers.
+A value that is the same in all lanes stays scalar and is broadcast where a vector needs it.  No pass reorders
+anything: LLVM only selects instructions and registers.
 """
 
 from __future__ import annotations

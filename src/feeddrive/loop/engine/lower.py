@@ -1,4 +1,4 @@
-"""Lowering: every composed operation becomes plain arithmetic, by the same lines that Python runs."""
+"""Lowering: every composed operation is replaced by plain arithmetic, traced from the code that Python runs."""
 
 from __future__ import annotations
 

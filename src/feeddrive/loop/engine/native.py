@@ -1,4 +1,4 @@
-"""Machine code for a plan, kept in memory and on disk."""
+"""Compilation of a plan to machine code, with a cache in memory and on disk."""
 
 from __future__ import annotations
 

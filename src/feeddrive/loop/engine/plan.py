@@ -1,4 +1,4 @@
-"""What a printer needs to know: the lowered graph, the order of everything in memory, and the kinds of the nodes."""
+"""The plan that a code printer works from: lowered graph, memory order, and the kind of each node."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A plan as an LLVM module: the whole time loop in one function.
+"""A plan as an LLVM module: the whole time loop as one function.
 
     void name(i64 count, i64 first, double *constants, double *inputs, double *states, double *outputs, double **tables)
 

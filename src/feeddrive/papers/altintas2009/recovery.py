@@ -1,4 +1,4 @@
-"""Rows 1.e and 1.f: what the recovered disturbance is worth, alone and for the modes of the machine.
+"""Rows 1.e and 1.f: the effect of the recovered disturbance, alone and for the modes of the machine.
 
 Row 1.e: under a step and under interrupted milling.  Row 1.f: a mode of the machine, compensated by the axis.
 """

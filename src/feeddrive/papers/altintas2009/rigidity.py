@@ -1,4 +1,4 @@
-"""Rows 1.d and 1.i: dynamic stiffness under four comparison rules, and what dead time allows."""
+"""Rows 1.d and 1.i: dynamic stiffness under four comparison rules, and its limit by dead time."""
 
 from __future__ import annotations
 

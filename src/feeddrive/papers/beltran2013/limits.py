@@ -1,4 +1,4 @@
-"""What the observer does over frequency, with noise, with a wrong mass and at long sample times."""
+"""The observer over frequency, with noise, with a wrong mass and at long sample times."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Friction, machining, and what a real machine adds: a wrong table, a clock that jitters."""
+"""Friction, machining, and imperfections of a real machine: a wrong table mass, a clock with jitter."""
 
 from __future__ import annotations
 

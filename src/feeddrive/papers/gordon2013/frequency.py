@@ -1,4 +1,4 @@
-"""The linear loop: margins, stiffness and rope snap, with another table or screw, and what each contribution is worth.
+"""The linear loop: margins, stiffness and rope snap, with another table or screw, and the effect of each contribution.
 
 The frequency view of a contribution is how far the table follows its setpoint with it and without.
 """

@@ -1,4 +1,4 @@
-"""Rope snap, high-speed tracking with and without prefilter, and what each contribution is worth."""
+"""Rope snap, high-speed tracking with and without prefilter, and the effect of each contribution."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The paper's kinds of pictures: errors and parameters over the trials, contour, convergence."""
+"""Plots as in the paper: errors and parameters over the trials, contour, convergence."""
 
 from __future__ import annotations
 

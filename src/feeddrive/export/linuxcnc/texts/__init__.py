@@ -1,4 +1,4 @@
-"""Texts of what is written for LinuxCNC, with `${name}` where something is put in."""
+"""Text templates for LinuxCNC files; `${name}` marks a place that is filled in."""
 
 from __future__ import annotations
 
