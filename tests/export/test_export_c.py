@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from jinja2 import UndefinedError
 
 import feeddrive as fd
 from exported import LAWS, LOOPS, ONE, PPI, T
@@ -17,7 +18,9 @@ from exported import loop as a_loop
 from feeddrive.export.c.header_only import header_only
 from feeddrive.export.c.programs import self_test, stepped, streamed
 from feeddrive.export.c.text import texts
+from feeddrive.export.design import read_design
 from feeddrive.export.layout import Layout, layout
+from feeddrive.export.readme import readme
 from feeddrive.export.trial import BROKEN, Trial, trial
 from feeddrive.loop.guard import TRIP_COMMAND, TRIP_READING
 from feeddrive.loop.routine_run import run
@@ -325,3 +328,10 @@ def test_a_control_that_was_simulated_without_a_guard_is_refused(target: str, tm
     assert "safe_force_N = 392.4" in lines[3]
     file.write_text(bare + "\n" + "\n".join(lines) + "\n", encoding="utf-8")
     assert fd.read_machine(file).loop("z").control.guard is not None
+
+
+def test_a_readme_without_what_its_template_names_is_an_error() -> None:
+    design = read_design("ball_screw")
+    assert "17 stored samples" in readme("c.md.j2", design, samples=17, flags="-O2")
+    with pytest.raises(UndefinedError, match="samples"):
+        readme("c.md.j2", design, flags="-O2")

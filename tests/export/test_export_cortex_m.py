@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import shutil
@@ -194,5 +195,14 @@ def test_the_readme_calls_what_is_declared(tmp_path: Path):
     readme = (bundle / "README.md").read_text()
     headers = (bundle / "axis_x.h").read_text() + (bundle / "axis_x_prepared.h").read_text()
     called = set(re.findall(r"axis_x_\w+(?=\()", readme))
-    assert {"axis_x_step", "axis_x_prepared"} < called
+    assert {"axis_x_step", "axis_x_prepared", "axis_x_broken_rule"} < called
     assert all(f"{name}(" in headers for name in called)
+
+
+def test_the_readme_explains_every_code_of_a_refusal(tmp_path: Path):
+    write_cortex_m(read_design("ball_screw", precision="float"), tmp_path / "bundle")
+    readme = (tmp_path / "bundle" / "README.md").read_text()
+    rules = json.loads((tmp_path / "bundle" / "export.json").read_text())["rules"]
+    assert rules
+    for code, sentence in rules.items():
+        assert f"| {code} | {sentence} |\n" in readme

@@ -12,7 +12,6 @@ from typing import Any
 from feeddrive.export.design import MACHINE_FILE, Design
 from feeddrive.files.atomic_io import read_whole
 from feeddrive.language.errors import FileError
-from feeddrive.loop.routine import Routine
 from feeddrive.version import __version__
 
 FILE = "export.json"
@@ -48,12 +47,6 @@ def manifest_text(design: Design, target: str, files: Mapping[str, bytes | str],
         "files": {name: _digest(content) for name, content in sorted(files.items())},
     }  # fmt: skip
     return json.dumps(content, indent=2, ensure_ascii=False) + "\n"
-
-
-def rules_table(routine: Routine) -> str:
-    """The codes of refused parameters with their sentences, in Markdown."""
-    rows = [f"| {code} | {text.replace('|', chr(92) + '|')} |" for code, text in routine.sentences.items()]
-    return "\n".join(["| code | broken rule |", "|---|---|", *rows])
 
 
 def read_manifest(directory: Path) -> Manifest:

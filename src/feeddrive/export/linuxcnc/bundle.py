@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
 
 from feeddrive.export.c.text import texts
@@ -10,13 +9,13 @@ from feeddrive.export.design import CONTROL, MACHINE_FILE, Design
 from feeddrive.export.identifiers import check_name
 from feeddrive.export.layout import layout
 from feeddrive.export.linuxcnc import component, controller
-from feeddrive.export.linuxcnc.component import Item, core, hal
+from feeddrive.export.linuxcnc.component import core, hal
 from feeddrive.export.linuxcnc.controller import controller_comp
 from feeddrive.export.linuxcnc.limits import Limits, limits
 from feeddrive.export.linuxcnc.plant import plant_comp
-from feeddrive.export.linuxcnc.texts import filled
 from feeddrive.export.linuxcnc.wiring import LETTERS, axis_hal, axis_ini, desk_hal, desk_ini
 from feeddrive.export.manifest import FILE, manifest_text
+from feeddrive.export.readme import readme
 from feeddrive.files.atomic_io import check_directory, new_directory
 from feeddrive.language.errors import ParameterError
 from feeddrive.loop.routine import Routine
@@ -59,7 +58,7 @@ def write_linuxcnc(design: Design, out: str | Path, *, joint: int | None = None)
         f"{design.name}_plant.h": core(plant.routine.name, texts(plant, physics, made_by)),
         "desk.hal": desk_hal(routine, plant.routine, number),
         "desk.ini": desk_ini(routine, number, letter),
-        "README.md": readme(routine, plant.routine, number, limit, title, made_by),
+        "README.md": _readme(design, plant.routine, number, limit),
     }
     files[MACHINE_FILE] = design.machine.file.text
     files[FILE] = manifest_text(design, "linuxcnc", files, joint=number)
@@ -69,26 +68,15 @@ def write_linuxcnc(design: Design, out: str | Path, *, joint: int | None = None)
     return out / "README.md"
 
 
-def readme(routine: Routine, plant: Routine, joint: int, limit: Limits, title: str, made_by: str) -> str:
-    """The text, as Markdown."""
+def _readme(design: Design, plant: Routine, joint: int, limit: Limits) -> str:
+    routine = design.routine
+    period = component.period(routine)
     tuned = {component.parameter(v): v.value for v in routine.parameters}
-    return filled(
-        "README.md",
-        title=title, made_by=made_by, P=routine.name, plant=plant.name, hal=hal(routine.name), joint=joint,
-        period=component.period(routine), tolerance=controller.tolerance(routine),
-        late=controller.LATE * component.period(routine), velocity=f"{1e3 * limit.velocity:.9g}",
-        acceleration=f"{1e3 * limit.acceleration:.9g}", ferror=f"{1e3 * limit.following_error:.9g}",
-        pins=_table(dict.fromkeys(controller.pins(routine))),
-        own=_table(controller.settings(routine)), tuned=_table(tuned),
-        rules="\n".join(f"| {code} | {component.plain(text)} |" for code, text in routine.sentences.items()),
-        codes="\n".join(f"| {code} | {word} |" for code, word in controller.FAULTS.items()),
+    return readme(
+        "linuxcnc.md.j2", design, plant=plant.name, hal=hal(routine.name), joint=joint,
+        period=period, tolerance=controller.tolerance(routine), late=controller.LATE * period,
+        velocity=f"{1e3 * limit.velocity:.9g}", acceleration=f"{1e3 * limit.acceleration:.9g}",
+        ferror=f"{1e3 * limit.following_error:.9g}", pins=dict.fromkeys(controller.pins(routine)),
+        parameters=controller.settings(routine) | tuned, faults=controller.FAULTS,
+        rules={code: component.plain(text) for code, text in routine.sentences.items()},
     )  # fmt: skip
-
-
-def _table(items: Mapping[Item, float | None]) -> str:
-    """Rows of pins or of parameters."""
-    rows: list[str] = []
-    for item, value in items.items():
-        kind = f"{item.type} {item.direction}" if value is None else f"{value!r}"
-        rows.append(f"| `{item.name}` | {kind} | {item.meaning.replace('|', chr(92) + '|')} |")
-    return "\n".join(rows)

@@ -8,7 +8,6 @@ from pathlib import Path
 from feeddrive.blocks.controller.linuxcnc_pid import LinuxcncPid
 from feeddrive.blocks.controller.stock_biquad import StockBiquad
 from feeddrive.blocks.controller.stock_pid import StockPid
-from feeddrive.blocks.reference.jerk_limited_move import JerkLimitedMove
 from feeddrive.export.design import MACHINE_FILE, Design
 from feeddrive.export.identifiers import HAL_LENGTH
 from feeddrive.export.linuxcnc import component
@@ -16,7 +15,8 @@ from feeddrive.export.linuxcnc_pid.comparison import Difference, difference, req
 from feeddrive.export.linuxcnc_pid.mapping import left_out, stock_law, stock_loop
 from feeddrive.export.manifest import FILE, manifest_text
 from feeddrive.export.parameters.quantities import SAFETY, Cascade, kv_lines, read_cascade
-from feeddrive.export.parameters.unsupported import numbers, table
+from feeddrive.export.parameters.unsupported import Lost, numbers
+from feeddrive.export.readme import readme
 from feeddrive.files.atomic_io import new_directory
 from feeddrive.language.block import declarations
 from feeddrive.language.errors import ParameterError
@@ -55,8 +55,9 @@ def write_linuxcnc_pid(design: Design, out: Path, *, route: str = "two", units: 
         f"{name}.ini": ini_fragment(cascade, law, joint, head),
         MACHINE_FILE: design.machine.file.text,
     }
-    lost = table(left_out(cascade, route))
-    files["README.md"] = _readme(design, name, law, cascade.law.Kv, difference(cascade, stock), lost)
+    files["README.md"] = _readme(
+        design, name, law, cascade.law.Kv, difference(cascade, stock), left_out(cascade, route)
+    )
     files[FILE] = manifest_text(design, "linuxcnc-pid", files, route=route, units=units, joint=joint)
     with new_directory(out) as folder:
         for each, content in files.items():
@@ -75,55 +76,13 @@ def _checked(name: str) -> str:
     return name
 
 
-def _readme(design: Design, name: str, law: LinuxcncPid, gain: float, differs: Difference, lost: str) -> str:
-    move, beyond = differs.move, differs.saturating
-    and_beyond = "" if beyond is None else f"; the one beyond the force limit is {_sentence(beyond)}, without a trip"
+def _readme(design: Design, name: str, law: LinuxcncPid, gain: float, differs: Difference, lost: Sequence[Lost]) -> str:
     pids = "one `pid`" if law.velocity is None else "two `pid`s in cascade, `ddt` for the motor's velocity"
     pids += f", a `biquad` for each of the {len(law.filters)} filter(s)" if law.filters else ""
-    return f"""\
-# {design.title}
-
-{design.made_by}
-
-By components that every LinuxCNC has: {pids}, and `sum2` for what is fed forward.
-`{name}.hal` loads, orders, wires and sets them; `{name}.ini` holds the numbers.  Take both into the files of your
-machine; what is yours to connect is said in `{name}.hal`.  Nothing is compiled.
-
-{chr(10).join(SAFETY)}
-
-## How it differs from the design
-
-The pids are simulated as they are, bit for bit, on the axis of the machine file, beside the control that was designed.
-The move is {_sentence(move)}{and_beyond}.
-Margins are those of the loop opened at the actuator, sliding at 50 mm/s.
-
-{differs.markdown()}
-## What is not held
-
-{lost}
-## Traps of this component
-
-- `error-previous-target` is on in a fresh HAL: the error is then taken against the command of one period before.  The
-  fragment switches it off.
-- At a limit the integral stands still while the error points into it, judged by the output of one period before; what
-  it holds is not taken back.  See the row after the move beyond the limit.
-- A limit of 0 is no limit.
-- `maxerror` acts before `deadband`, and the D term sees neither: it is the command's rate less the feedback's.
-- A NaN in the feedback stays in the integral until `enable` falls.
-- `ddt` differences its input from 0 in its first period: enable comes later than that in a running machine.
-- An index pulse moves the encoder's position in one period: `ddt` shows that as a speed, and a pid whose
-  `index-enable` is not wired does too.  Home at low torque.
-- A disabled pid gives 0, while filters and what is fed forward go on: let the enable of the joint switch the drive off.
-
-## Kv
-
-{chr(10).join(f"- {line}" for line in kv_lines(gain))}
-"""
-
-
-def _sentence(move: JerkLimitedMove) -> str:
-    limits = f"{move.velocity:.3g} m/s, {move.acceleration:.3g} m/s², {move.jerk:.0f} m/s³"
-    return f"{1e3 * move.distance:g} mm{' and back' if move.back else ''} at {limits}"
+    return readme(
+        "linuxcnc_pid.md.j2", design, name=name, pids=pids, safety=SAFETY, differs=differs, lost=lost,
+        kv=kv_lines(gain),
+    )  # fmt: skip
 
 
 COEFFICIENTS = tuple(declarations(StockBiquad))

@@ -38,12 +38,6 @@ class Difference:
     move: JerkLimitedMove
     saturating: JerkLimitedMove | None
 
-    def markdown(self) -> str:
-        """The figures as a table."""
-        head = ["| figure | unit | as designed | LinuxCNC's pid |", "|---|---|---|---|"]
-        rows = (f"| {f.what} | {f.unit} | {_shown(f.design)} | {_shown(f.stock)} |" for f in self.figures)
-        return "\n".join([*head, *rows]) + "\n"
-
 
 def require_stable_pids(cascade: Cascade, stock: Loop, route: str, units: float) -> None:
     """Raise UnstableError, with gains that would do, if the pids do not hold the axis."""
@@ -174,7 +168,3 @@ def _margins(*loops: Loop) -> list[Figure]:
         found.append((made.crossover, made.phase_margin_deg, made.gain_increase_dB, made.sensitivity_peak))
     names = (("crossover", "Hz"), ("phase margin", "degrees"), ("gain may rise by", "dB"), ("Ms", "1"))
     return [Figure(name, unit, *pair) for (name, unit), pair in zip(names, zip(*found, strict=True), strict=True)]
-
-
-def _shown(value: float | None) -> str:
-    return "-" if value is None else f"{value:.4g}"

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
 from feeddrive.analysis.stability import stability
 from feeddrive.export.design import MACHINE_FILE, Design
@@ -17,7 +17,8 @@ from feeddrive.export.parameters.odrive import ODRIVE
 from feeddrive.export.parameters.quantities import SAFETY, Cascade, DriveTrain, drive_train, kv_lines, read_cascade
 from feeddrive.export.parameters.sinumerik import SINUMERIK
 from feeddrive.export.parameters.twincat import TWINCAT
-from feeddrive.export.parameters.unsupported import Lost, lost, table
+from feeddrive.export.parameters.unsupported import Lost, lost
+from feeddrive.export.readme import readme
 from feeddrive.files.atomic_io import new_directory
 from feeddrive.language import tree
 from feeddrive.language.errors import ParameterError
@@ -27,6 +28,23 @@ MAKERS = {maker.key: maker for maker in (SINUMERIK, TWINCAT, ODRIVE)}
 OTHERS = ("linuxcnc", "csv")
 
 Row = TypeVar("Row", Line, Lost)
+
+
+class Part(NamedTuple):
+    """What the README says of a maker: its file, what is in it and what is not, or why it is absent."""
+
+    title: str
+    file: str = ""
+    warning: Sequence[str] = ()
+    lines: Sequence[Line] = ()
+    missing: Sequence[Lost] = ()
+    absent: str = ""
+
+    @property
+    def unread(self) -> list[str]:
+        """Names that no manual was at hand for, or whose unit is only the one in common use."""
+        said = ("NOT CHECKED", "in common use")
+        return [line.name for line in self.lines if line.name and any(each in line.source for each in said)]
 
 
 def write_parameters(
@@ -55,7 +73,7 @@ def write_parameters(
     at_motor = [each for each in wanted if each in MAKERS]
     train = drive_train(design.loop, lead, gear) if at_motor or lead is not None or gear is not None else None
     files: dict[str, str] = {}
-    sections: list[str] = []
+    parts: list[Part] = []
     for each in wanted:
         if each in MAKERS:
             assert train is not None
@@ -68,7 +86,7 @@ def write_parameters(
                 reason = tree.in_paths(cascade.loop, reason)
                 if makers:
                     raise ParameterError(reason)
-                sections.append(f"## {maker.title}\n\nNo file: {reason}.\n")
+                parts.append(Part(maker.title, absent=reason))
                 continue
             lines, missing = lines_of(maker, cascade, train)
             lines, missing = _in_paths(cascade.loop, lines), _in_paths(cascade.loop, [*missing, *_lost(maker, cascade)])
@@ -77,7 +95,7 @@ def write_parameters(
             warning = _warning(bare, cascade.loop)
             head = [maker.title, *warning, *_head(design, cascade, train), *maker.notes]
             files[f"{each}.txt"] = _text(head, lines, maker.comment, maker.key)
-            sections.append(_section(f"{each}.txt", maker.title, warning, lines, missing))
+            parts.append(Part(maker.title, f"{each}.txt", warning, lines, missing))
         elif each == "linuxcnc":
             lines, missing = linuxcnc.lines(cascade)
             lines, missing = _in_paths(cascade.loop, lines), _in_paths(cascade.loop, missing)
@@ -85,11 +103,14 @@ def write_parameters(
             warning = _warning(stock_loop(cascade, stock_law(cascade, units=linuxcnc.UNITS)), cascade.loop)
             head = [title, *warning, *_head(design, cascade, None)]
             files["linuxcnc.txt"] = _text(head, lines, "#", each)
-            sections.append(_section("linuxcnc.txt", title, warning, lines, missing))
+            parts.append(Part(title, "linuxcnc.txt", warning, lines, missing))
         else:
             files["parameters.csv"] = generic.csv_text(cascade, train, _head(design, cascade, train))
     files[MACHINE_FILE] = design.machine.file.text
-    files["README.md"] = _readme(design, cascade, train, sections)
+    files["README.md"] = readme(
+        "parameters.md.j2", design, head=_head(design, cascade, train), parts=parts,
+        not_checked=NOT_CHECKED.split(":")[0],
+    )  # fmt: skip
     files[FILE] = manifest_text(design, "parameters", files, makers=wanted, lead=lead, gear=gear)
     with new_directory(out) as folder:
         for each, content in files.items():
@@ -156,35 +177,3 @@ def _warning(bare: Loop, whole: Loop) -> list[str]:
     return [
         f"UNSTABLE WITH THESE NUMBERS ALONE: {found.sentence()}.  Filters of the design are missing: see README.md."
     ]
-
-
-def _unread(source: str) -> bool:
-    """Whether a name or its unit is only what is in common use."""
-    return "NOT CHECKED" in source or "in common use" in source
-
-
-def _section(file: str, title: str, warning: Sequence[str], lines: Sequence[Line], missing: Sequence[Lost]) -> str:
-    """The part of the README on a maker."""
-    unread = [line.name for line in lines if line.name and _unread(line.source)]
-    said = (
-        f"Names or units that no manual was at hand for: {', '.join(f'`{name}`' for name in unread)}.\n\n"
-        if unread
-        else ""
-    )
-    numbers = f"`{file}`: {sum(1 for line in lines if line.name)} numbers."
-    return "\n\n".join([f"## {title}", *(f"**{line}**" for line in warning), numbers, f"{said}{table(missing)}"])
-
-
-def _readme(design: Design, cascade: Cascade, train: DriveTrain | None, sections: Sequence[str]) -> str:
-    body = "\n".join(sections)
-    return f"""\
-# {design.title}: parameters for controls
-
-{chr(10).join(f"- {line}" for line in _head(design, cascade, train) if line)}
-
-A line that a manual was read for names manual and page; one that none was at hand for says {NOT_CHECKED.split(":")[0]}.
-Filters are given as continuous ones, by frequency and damping; each drive samples them in its own way.
-
-What follows is, for each file, what the design does and the maker's parameters do not say.
-
-{body}"""

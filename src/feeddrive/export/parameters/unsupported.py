@@ -149,11 +149,3 @@ def numbers(block: Block) -> str:
     """A block in a line: its kind and its numbers."""
     shown = (f"{name} {value:g} {tree.declaration(block, name).unit}".rstrip() for name, value in tree.leaves(block))
     return ", ".join([block.kind, *shown])
-
-
-def table(rows: Sequence[Lost]) -> str:
-    """The rows as a table in Markdown."""
-    if not rows:
-        return "Nothing: all of the design is held.\n"
-    head = ["| what | value | why it is not held | consequence |", "|---|---|---|---|"]
-    return "\n".join([*head, *(f"| `{r.path}` | {r.value} | {r.why} | {r.consequence} |" for r in rows)]) + "\n"
