@@ -20,7 +20,7 @@ def readme(template: str, design: Design, **content: Any) -> str:
     """The README of a design in Markdown. Pure: the same content gives the same text.
 
     template  a file of `templates/`; beside `content` it has `design`, `routine`, `P` (the prefix of all names),
-              `title`, `made_by` and `control` (true for a control, false for an axis)
+              `title`, `made_by`, `control` (true for a control, false for an axis) and `trips`
     """
     return (
         _environment()
@@ -32,6 +32,7 @@ def readme(template: str, design: Design, **content: Any) -> str:
             title=design.title,
             made_by=design.made_by,
             control=design.what == CONTROL,
+            trips=TRIPS,
             **content,
         )
     )
@@ -50,7 +51,6 @@ def _environment() -> Environment:
         keep_trailing_newline=True,
     )
     made.filters["cell"] = _cell
-    made.globals["TRIPS"] = TRIPS
     return made
 
 
