@@ -125,8 +125,8 @@ class Everything(Force):
         if self.share > 10:
             raise StructureError("everything.share is too large for the rest")
 
-    def forces(self, plant: Any, motion: Any, drive: Any, time: Any) -> tuple[Any, Any]:
-        return 0.0, 0.0
+    def step(self, *given: Any) -> tuple[Any, Any, Any]:
+        return (), 0.0, 0.0
 
 
 EVERYTHING = """

@@ -61,7 +61,8 @@ def test_every_block_is_in_a_schema() -> None:
     found = {**machine_schema()["$defs"], **job_schema()["$defs"]}
     names = {name.split(".")[1] for name in found if not name.startswith("any.")}
     for family, members in catalogue().items():
-        if family.__name__ in ("Observer",):  # a part of laws that take one
+        # an observer is a part of laws that take one; couplings are given in Python, machine files have none yet
+        if family.__name__ in ("Observer", "Coupling"):
             continue
         for kind, block in members.items():
             assert kind in names or family is block, f"{family.kind}.{kind}"

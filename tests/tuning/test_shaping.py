@@ -127,7 +127,7 @@ def test_encirclement_counts_what_integrates_on_a_measured_axis(screw: fd.Loop) 
     point = measured_point(found["cut", "reading_load"], found["cut", "reading_motor"], sample_time=5e-5)
     random, counts = np.random.default_rng(1), [0, 0]
     for _ in range(40):
-        names = [f"control.{name}" for name in law_tunables(loop.control)]
+        names = [f"axis.x.control.{name}" for name in law_tunables(loop.control)]
         changes = {n: float(tree.get(loop, n)) * float(np.exp(random.uniform(-3.0, 0.7))) for n in names}
         other = tree.vary(loop, changes)
         largest = float(np.abs(loop_model(other).closed.poles()[0]))
