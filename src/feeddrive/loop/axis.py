@@ -15,7 +15,7 @@ from feeddrive.language.matrix import Matrix, Row
 from feeddrive.loop.fastest import slow_enough
 from feeddrive.loop.hold import Hold, Port, Rows, Timing, hold, samples_of
 
-# noise channels of the encoders; each has room for several kinds of noise
+# noise channels of the encoders; each can carry several kinds of noise
 CHANNEL_MOTOR, CHANNEL_LOAD = 0.0, 16.0
 
 
@@ -156,7 +156,7 @@ class Axis(Block):
         return state._replace(encoder_motor=state_motor, encoder_load=state_load), *self._readings(motor, load)
 
     def still(self, position: Number) -> tuple[Number, Number]:
-        """The readings of the motor's and the load's encoder when all stands at `position`, without noise."""
+        """The readings of the motor's and the load's encoder at standstill at `position`, without noise."""
         motor = position if self.encoder_motor is None else self.encoder_motor.still(position)
         load = position if self.encoder_load is None else self.encoder_load.still(position)
         return self._readings(motor, load)

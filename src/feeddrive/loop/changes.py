@@ -27,7 +27,7 @@ def changed_loops(loop: System, changes: Changes | None, count: int) -> list[tup
     """(sample, loop from it on) of every change in a run of `count` samples, in order of time.
 
     A change acts between two samples: sample k is the first one that runs with the new values.  A time is taken up to
-    the first sample at or after it.  Values by name change the control as it is then.
+    the first sample at or after it.  Values by name change the control that is active then.
 
     Raises ParameterError for a sample or time outside the run or named twice, a name outside the control, a value out
     of its bounds, and StructureError for a change that is more than one of numbers.

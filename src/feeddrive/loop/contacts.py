@@ -38,7 +38,7 @@ def settle(
 ) -> tuple[list[Any], list[Answer]]:
     """The end of a substep h, from the coordinates at its start and the end `free` that it would have without friction.
 
-    Each contact is asked in turn, with what the others answered last (Gauss-Seidel), `sweeps` times.
+    Each contact is solved in turn with the latest forces of the others (Gauss-Seidel), `sweeps` times.
     """
     n = len(position)
     answers: list[Answer | None] = [None] * len(contacts)
@@ -62,7 +62,7 @@ def settle(
 
 
 def plus(x: Any, column: Any, force: Any) -> Any:
-    """x + column · force, leaving out what is not there."""
+    """x + column · force, without absent terms."""
     if force is None or matrix.is_zero(column) or matrix.is_zero(force):
         return x
     return column * force if matrix.is_zero(x) else x + column * force
@@ -77,12 +77,12 @@ def share_mass(mechanics: Mechanics) -> bool:
 
 
 def _stop(row: Row, stuck: Any, end: list[Any], position: Row, velocity: Row, h: Number) -> None:
-    """A body that is stuck at the end of a substep stands exactly still there.
+    """Set the velocity of a body that sticks at the end of a substep to exactly zero.
 
     Its last coordinate with the share 1 cancels all others; it must be the last for the sum row · q' to be exactly 0.
     The body ends where a constant deceleration to rest takes it, x + v h/2, and thus stays where it is if it stood
     before; the friction force, a mean over the substep, would let it creep while a spring on it is wound up.  Where two
-    bodies share a coordinate, as in a modal model, the second is exact and the first stands still to rounding.
+    bodies share a coordinate, as in a modal model, the second is exact and the first is at rest up to rounding.
     """
     own = max((i for i, share in enumerate(row) if matrix.is_one(share)), default=None)
     if own is None:

@@ -51,7 +51,7 @@ class Core:
 
         mass η'' + damping η' + stiffness η = Σ shape · f
 
-    A single axis without modes computes what it would without this class.
+    A single axis without modes gives the same results as without this class.
     """
 
     def __init__(self, axes: Mapping[str, Axis], modes: Sequence[SharedMode] = ()) -> None:
@@ -240,7 +240,7 @@ def advance(
 
 
 def _sum(a: Any, b: Any) -> Any:
-    """a + b, leaving out what is not there."""
+    """a + b, without absent terms."""
     if a is None or matrix.is_zero(a):
         return b
     return a if b is None or matrix.is_zero(b) else a + b

@@ -15,14 +15,14 @@ from feeddrive.language.table import Result, Table
 class FRF(Result):
     """response(f) from `input` to `output` at `frequency` in Hz, both of shape (n,); `unit` is output over input in SI.
 
-    `coherence` and `variance`, shape (n,), come with a measured one; variance is E|dG|² of the complex response that
-    stands here, an average or not.  Arithmetic with numbers and other FRFs on the same frequencies works as on arrays.
-    The variance goes along to first order where only one side has one:
+    `coherence` and `variance`, shape (n,), belong to a measured one; variance is E|dG|² of the complex `response`,
+    averaged or not.  Arithmetic with numbers and other FRFs on the same frequencies works as on arrays.
+    The variance is propagated to first order if only one operand has one:
 
         var(c G) = |c|² var(G),   var(c + G) = var(G),   var(1/G) = var(G)/|G|⁴
 
-    Two FRFs with variances are mostly from one experiment, so that their errors hang together in a way not known here:
-    what is made of both has none.  A measured FRF without variance counts as exact beside one that has it.
+    Two FRFs with variances usually come from one experiment, so that their errors are correlated in an unknown way:
+    their combination has no variance.  An FRF without variance counts as exact when combined with one that has it.
     Raises ParameterError for frequencies that do not rise or are not positive, for NaN, for a coherence outside 0..1
     and for a variance below 0.
     """
@@ -66,7 +66,7 @@ class FRF(Result):
             )
 
     def _check(self, name: str, most: float) -> None:
-        """That one number a line stands there, finite and between 0 and `most`."""
+        """Check that there is one number per line, finite and between 0 and `most`."""
         if getattr(self, name) is None:
             return
         values = np.asarray(getattr(self, name), float)
@@ -101,7 +101,7 @@ class FRF(Result):
         return replace(self, response=response, coherence=None, variance=variance)
 
     def _known(self, other: Any) -> tuple[np.ndarray | None, np.ndarray | None]:
-        """The variances of both; none at all if both have one."""
+        """The variance of a combination of both; None if both have one."""
         theirs = other.variance if isinstance(other, FRF) else None
         return (self.variance, theirs) if self.variance is None or theirs is None else (None, None)
 
@@ -142,7 +142,7 @@ class FRF(Result):
         )  # fmt: skip
 
     def delayed(self, time: float) -> FRF:
-        """The same with exact dead time in s behind it, G e^(-j2πfτ): a turn, whatever the sample time."""
+        """The response with an exact dead time τ in s added, G e^(-j2πfτ); any τ, independent of the sample time."""
         return self * np.exp(-2j * np.pi * self.frequency * time)
 
     def to_control(self) -> Any:

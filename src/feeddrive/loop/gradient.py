@@ -74,10 +74,10 @@ def gradient(
 ) -> Gradient:
     """The mean of `objective(signals)` over a run and its derivatives to parameters by path (axis.x.control.law.Kv).
 
-    Forward: eight tangents share a vector beside the run itself.  `objective` is plain arithmetic on one sample's
-    `Signals`; of a machine on a mapping of them by axis.  Quantisers count as straight lines; friction is
-    differentiated in the state in which it is, stuck or sliding, so that the instants of sticking are held: tune with
-    `Regularised` friction, and verify on the real one.
+    Forward mode: eight tangents are computed in one vector with the run.  `objective` is plain arithmetic on the
+    `Signals` of one sample; for a machine on a mapping of them by axis.  Quantizers count as straight lines; friction
+    is differentiated in its present state, stuck or sliding, with the instants of sticking held fixed: tune with
+    `Regularised` friction, and verify with the real one.
     The slope to a dead time of whole substeps is that to its right.
     Raises ParameterError for a name that is not known, and for `sample_time`, which is a constant of the design.
     """
@@ -169,7 +169,7 @@ def _augmented(
 
 
 def _tangent(graph: Graph, state: Carried) -> Any:
-    """The tangent of a state as it is read."""
+    """The tangent of a state at its read."""
     size = lengths(graph, state.before)
     name = f"state.d.{state.name}"
     return graph.input(name) if size is None else Ring(size, graph.ring(name, size))

@@ -48,7 +48,7 @@ class Groups:
         return {state.name: row for state, row in zip(self.made.plan.states, flat, strict=False)}
 
     def trial(self, inputs: np.ndarray) -> float:
-        """Seconds for one variant over a short stretch, the least of three; the states are left as they are."""
+        """Seconds for one variant over a short stretch, the least of three; the states are not changed."""
         spans: list[float] = []
         for _ in range(3):
             states = self.states[0].copy()

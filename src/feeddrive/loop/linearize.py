@@ -235,7 +235,7 @@ def _after(tangent: Any, state: Mapping[str, Any], name: str, size: int | None, 
 
 
 def _unlimited(loop: Loop) -> Loop:
-    """Without guard and force limit, and with what blends in after the start as it is then."""
+    """The loop without guard and force limit, with parts that blend in after the start fully active."""
     held = loop.control
     law, compensation = held.law.settled(), tuple(part.settled() for part in held.compensation)
     there = any(new is not old for new, old in zip((law, *compensation), (held.law, *held.compensation), strict=True))

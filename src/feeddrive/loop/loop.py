@@ -43,7 +43,7 @@ class Signals(NamedTuple):
 
 
 class Probe(NamedTuple):
-    """Where a loop can be opened or excited for analysis; what is absent costs nothing."""
+    """Points at which a loop can be opened or excited for analysis; absent ones cost no operations."""
 
     cut: Annotated[Number | None, Unit("N")] = None  # what the axis obeys in place of the command: the loop is open
     added_force: Annotated[Number | None, Unit("N")] = None  # added to the command between control and axis
@@ -110,11 +110,11 @@ class Loop(Block):
             self.timing()
 
     def rules(self) -> Iterator[Rule]:
-        """What every part asks for at this sample time."""
+        """The rules of all parts at this sample time."""
         return tree.sampled_rules(self, self.sample_time)
 
     def timing(self, partial: Collection[str] = ()) -> Timing:
-        """The structure that the dead time leaves; with room for a part of a sample if the axis is in `partial`."""
+        """The delay structure of the dead time; with a fraction of a sample if the axis is in `partial`."""
         if not isinstance(self.sample_time, float):
             raise StructureError("loop.sample_time is a constant of the design: it cannot vary within a batch")
         found = self.axis.timing(self.sample_time)
@@ -164,7 +164,7 @@ class Loop(Block):
         return self.State(control, axis), reported(setpoint, motion, motor, reading, command, done, load)
 
     def ports(self) -> tuple[str, ...]:
-        """What stands before the names of inputs and signals of each axis: nothing, since there is one."""
+        """The prefix of the names of inputs and signals of each axis: empty, since there is one axis."""
         return ("",)
 
     def loops(self) -> dict[str, Loop]:
@@ -181,7 +181,7 @@ class Loop(Block):
 
 
 def inputs_of(inputs: Mapping[str, Number], port: str) -> tuple[Setpoint, Number | None, Number, Probe]:
-    """Setpoint, load force, enable and probe of the axis whose names begin with `port`; what is not there is absent."""
+    """Setpoint, load force, enable and probe of the axis whose names begin with `port`; missing ones are None."""
     setpoint = Setpoint(*(inputs[f"{port}{name}"] for name in SETPOINT))
     probe = Probe(**{name: inputs.get(f"{port}{name}") for name in Probe._fields})
     return setpoint, inputs.get(f"{port}load_force"), inputs.get(f"{port}enable", 1.0), probe

@@ -132,11 +132,11 @@ class Machine(Block):
         return [Core({name: axes[name].axis for name in axes if name in names}, modes) for names, modes in groups]
 
     def ports(self) -> tuple[str, ...]:
-        """What stands before the names of inputs and signals of each axis."""
+        """The prefix of the names of inputs and signals of each axis."""
         return tuple(f"{name}." for name in self.axes())
 
     def timing(self, partial: Collection[str] = ()) -> Any:
-        """The structure that the dead time of each axis leaves, with room for a part of a sample for those named."""
+        """The delay structure of the dead time of each axis, with a fraction of a sample for those named."""
         if not isinstance(self.sample_time, float):
             raise StructureError("machine.sample_time is a constant of the design: it cannot vary within a batch")
         return named({name: each.timing(partial) for name, each in self.loops().items()})

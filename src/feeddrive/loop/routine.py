@@ -46,7 +46,7 @@ MEANINGS = {
 
 
 class Variable(NamedTuple):
-    """A number at the border of a routine: its name on the target, its dotted name, what it is, and its node."""
+    """An input, output, state or parameter of a routine: name on the target, dotted name, meaning, and node."""
 
     name: str
     path: str
@@ -75,7 +75,7 @@ class Function(NamedTuple):
 
 
 class Retune(NamedTuple):
-    """The state after a live change, in a graph of its own, whose leaves are parameters and prepared numbers, old and
+    """The state after a live change, as a separate graph, whose leaves are parameters and prepared numbers, old and
     new, and the state: node -> ("old" | "new" | "old_prepared" | "new_prepared" | "state", index).
     """
 

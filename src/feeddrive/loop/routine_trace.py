@@ -71,7 +71,7 @@ def controller_routine(loop: Loop, name: str) -> Routine:
 
 
 def _check_rings(state: Any, name: str) -> None:
-    """A target asks every cell of a ring at each access: rings are short there."""
+    """Check that rings are short: on a target each access evaluates every cell."""
     for path, value in tree.leaves(state):
         if isinstance(value, Ring) and value.length > LONGEST_RING:
             raise StructureError(
@@ -231,7 +231,7 @@ class _Traced:
         )
 
     def _declared(self, name: str) -> tuple[str, Declaration]:
-        """Where a leaf stands in the loop, and its declaration."""
+        """The path of a leaf in the loop, and its declaration."""
         is_axis = isinstance(self.block, Axis)
         path = f"{self.loop.place_of('axis')}.{name}" if is_axis else tree.path_of(self.block, name)
         return path, tree.declaration(self.block, name if is_axis else path)
@@ -244,7 +244,7 @@ class _Traced:
     def _conditions(self, used: set[str], more: Sequence[tuple[Any, str]]) -> Iterator[Condition]:
         """Bounds of the parameters in use, then what blocks demand of them; what no parameter changes is no condition.
 
-        A parameter that nothing on the target reads stands in a rule with the value that it has.
+        A parameter that is not read on the target enters a rule as a constant with its present value.
         """
         values = dict(tree.leaves(self.block))
         for path, symbol in self.parameters:
@@ -292,7 +292,7 @@ def _retune(control: Control, made: Any, begun: Any) -> Retune:
     leaves: dict[int, tuple[str, int]] = {}
 
     def symbols(values: Any, kind: str) -> Iterator[Any]:
-        """A leaf for each number; a number that stands in the text stays there."""
+        """A leaf for each number; constants of the code stay constants."""
         for i, (_, value) in enumerate(values if kind == "state" else tree.leaves(values)):
             if type(value) is float and kind.endswith("prepared"):
                 yield value

@@ -51,7 +51,7 @@ class Prepared:
     ) -> None:
         """`start` is (position, velocity).
 
-        `partial` names axes that keep room for a part of a sample of dead time, for a slope to it, also where none is
+        `partial` names axes that keep a fraction of a sample of dead time, for a derivative to it, also where none is
         left.
         """
         self.system = system
@@ -98,7 +98,7 @@ class Prepared:
         return _programs.get(key, traced)
 
     def settled(self) -> dict[str, Any]:
-        """First states by name, rings among them, where all that is remembered has been as it is for ever."""
+        """First states by name, with rings, as after an infinitely long time at constant inputs."""
         return dict(tree.leaves(settled(self._begun)))
 
     def varying(self) -> frozenset[str]:
@@ -159,7 +159,7 @@ class Prepared:
                     states[rows[name], 0] = value
 
     def _controls(self) -> list[_Running]:
-        """Each control with what it prepared and its first state."""
+        """Each control with its prepared numbers and its first state."""
         plain = self._plain
         if isinstance(plain, Loop):
             return [_Running("control", plain.control, self._made.control, self._begun.control)]
@@ -191,7 +191,7 @@ def by_lane(names: Sequence[str], values: Mapping[str, Any], lanes: int, chosen:
 
 
 class _Running(NamedTuple):
-    """A control, where its state stands, what it prepared and its first state."""
+    """A control, the path of its state, its prepared numbers and its first state."""
 
     path: str
     control: Control
@@ -227,7 +227,7 @@ def each_axis(function: Callable[[Any], Any], given: Any) -> Any:
 
 
 class Work:
-    """What a loop is given to do, sampled: setpoints, load force, enable, added force. Any stretch can be asked for.
+    """The sampled inputs of a run: setpoints, load force, enable, added force, for any range of samples.
 
     Of a machine each is a mapping from axes to what they are given; an axis that is not there has no such force.
     """

@@ -127,7 +127,7 @@ def known(system: System, record: Sequence[str], arithmetic: str) -> list[str]:
 
 
 def everywhere(system: System, names: Sequence[str]) -> list[str]:
-    """Names of signals as they are; of a machine those of every axis."""
+    """The names of signals; of a machine with the prefix of every axis."""
     return [f"{port}{name}" for port in system.ports() for name in names]
 
 
@@ -140,7 +140,7 @@ def sample_count(work: Work, duration: float | None) -> int:
 
 
 def _bound(work: Work, bound: float | None, count: int) -> float:
-    """The bound that was asked for; else the larger of 1 m and 100 times the travel, seen at up to 257 samples."""
+    """The given bound; else the larger of 1 m and 100 times the travel, seen at up to 257 samples."""
     if bound is not None:
         return bound
     return max(1.0, 100.0 * work.travel(count, 257))
@@ -261,7 +261,7 @@ def stream(
     chunk: int | None = CHUNK,
     name: str = "stream",
 ) -> Iterator[Run]:
-    """The run of `simulate`, handed out in chunks of samples: constant memory for any length.
+    """The run of `simulate`, yielded in chunks of samples: constant memory for any length.
 
     Arguments and errors as `simulate`; a chunk of None is the whole run.  The arrays of a chunk belong to whoever takes
     it.

@@ -30,7 +30,7 @@ class Program:
     """One sample as a graph, between named numbers; what the engine runs, linearises and differentiates.
 
     constants  name -> node: parameters (`control.law.Kv`), prepared numbers (`prepared.axis.change.0.1`), `seed`
-    inputs     name -> node: given anew at each sample: `set_position` ... `set_snap`, `load_force`, `enable`, probes;
+    inputs     name -> node: given at each sample: `set_position` ... `set_snap`, `load_force`, `enable`, probes;
                of a machine with the axis before it: `x.set_position`
     states     what is carried from sample to sample
     outputs    name -> node: the signals
@@ -49,7 +49,7 @@ class Program:
     key: Hashable = None
 
     def keeping(self, outputs: Sequence[str]) -> Program:
-        """The program with these outputs only, and without what nobody needs then."""
+        """The program with these outputs only, without operations that they do not need."""
         kept = {name: self.outputs[name] for name in outputs}
         needed = set(reachable(self.graph, [*kept.values(), *(state.after for state in self.states)]))
         return replace(
@@ -68,7 +68,7 @@ def concrete(loop: Whole) -> Whole:
 
 
 def numbers(values: Any, prefix: str) -> Iterator[tuple[str, Any]]:
-    """Names and values of what was prepared; numbers that stand in the text stay part of the program."""
+    """Names and values of the prepared numbers; constants of the code stay part of the program."""
     for name, value in tree.leaves(values, prefix):
         if type(value) is not float:
             yield name, value
@@ -78,7 +78,7 @@ def trace(system: Any, made: Any, begun: Any, names: Sequence[str]) -> Program:
     """The program of a loop or a machine.
 
     `made` and `begun` are what it prepares and its first state, for their structure: the numbers do not matter.
-    `names` are the inputs that there are, such as `set_position` or `x.load_force`; what is not there costs nothing.
+    `names` are the inputs that there are, such as `set_position` or `x.load_force`; absent ones cost no operations.
     Raises StructureError if a law leaves the language of `ops`.
     """
     graph = Graph()
@@ -124,7 +124,7 @@ def trace(system: Any, made: Any, begun: Any, names: Sequence[str]) -> Program:
 
 
 def leaf(graph: Graph, name: str, value: Any) -> Any:
-    """What stands for a leaf of a state in a trace: a number, or a ring of the same length."""
+    """The symbol for a leaf of a state in a trace: a number, or a ring of the same length."""
     return Ring(value.length, graph.ring(name, value.length)) if isinstance(value, Ring) else graph.input(name)
 
 

@@ -63,7 +63,7 @@ class TracedModel:
 
 
 class LinearModel(NamedTuple):
-    """[A B; C D] in numbers, where its entries stand (row, column), and their slopes of shape (entries, leaves)."""
+    """[A B; C D] in numbers, the (row, column) of its traced entries, and their slopes of shape (entries, leaves)."""
 
     states: int
     matrix: np.ndarray

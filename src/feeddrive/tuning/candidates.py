@@ -29,7 +29,7 @@ class Candidate:
 
     like       the candidate whose tuning it takes over, if it differs in the setpoint's path only
     prefilter  whether its prefilter is to be fitted once it is tuned
-    remark     what must be known of it: what it was told of the axis, what of today's control was changed
+    remark     the model of the axis that it was given, and the changes to today's control
     """
 
     name: str
@@ -41,14 +41,14 @@ class Candidate:
 
 @dataclass(frozen=True)
 class Refusal:
-    """A law that does not go on this axis, and why."""
+    """A law that cannot control this axis, and why."""
 
     name: str
     reason: str
 
 
 def axis_model(loop: Loop) -> AxisModel:
-    """What every law is told of the axis of a loop."""
+    """The model of the axis of a loop that every law is given."""
     axis = loop.axis
     mechanics = axis.mechanics()
     along = mechanics.rigid_motion()
@@ -73,7 +73,7 @@ def candidates(loop: Loop) -> tuple[tuple[Candidate, ...], tuple[Refusal, ...]]:
 
     Filters, limit, guard, friction feedforward and the encoder of the velocity are those of the present control.  Each
     law has feedforward of acceleration and velocity: its own, that of the present control, or else that of the axis's
-    mass and viscous friction, which is also what every law is told.
+    mass and viscous friction, which every law also gets as its model.
     """
     axis = axis_model(loop)
     found: list[Candidate] = []
@@ -115,13 +115,13 @@ def control_with(loop: Loop, kind: str) -> Control:
 
 
 def _companions(law: type[Law]) -> tuple[type[Feedforward] | type[Compensation] | type[Prefilter], ...]:
-    """Blocks that are tried beside a law, in the order of the report."""
+    """Compensations that are combined with a law, in the order of the report."""
     blocks = (*members(Feedforward).values(), *members(Compensation).values(), *members(Prefilter).values())
     return tuple(block for block in blocks if block.goes_beside(law))
 
 
 def _with_law(loop: Loop, axis: AxisModel, start: Start) -> Loop:
-    """A loop with a law: filters and friction feedforward stay, what the law feeds itself goes."""
+    """A loop with another law; filters and friction feedforward are kept, terms that the law feeds itself removed."""
     law, own = start.law, start.feedforward
     taken = {*law.feeds} if own is None else {*law.feeds, *_MOTION}
     blocks = [kept for block in loop.control.feedforward if (kept := _without(block, taken)) is not None]
@@ -155,7 +155,7 @@ def _beside(
 
 
 def _without(block: Feedforward, taken: set[str]) -> Feedforward | None:
-    """A feedforward block without what is fed already; None if nothing of it is left."""
+    """A feedforward block without the terms that are fed forward already; None if no term is left."""
     fed = set(block.fed())
     if not fed & taken:
         return block

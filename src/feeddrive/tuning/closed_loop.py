@@ -58,7 +58,7 @@ _LOWEST, _FEWEST = 2.5, 5  # lines up to so many times the first one, and at lea
 class Answer:
     """The closed loop of a point on its lines, with slopes (lines, tunables) and variances (lines,).
 
-    below   the compliance below the first line, with the axis as a free mass; None if nobody asks
+    below   the compliance below the first line, with the axis as a free mass; None if not needed
     """
 
     point: OperatingPoint
@@ -117,7 +117,7 @@ def _of_compliance(point: OperatingPoint, C: np.ndarray, back: np.ndarray, S: np
         return found
     table = np.array([[0.0], [1.0]])
     yu = point.moved[0]
-    if point.at_drive:  # y = y_u S: one measurement stands in all of it
+    if point.at_drive:  # y = y_u S: all of it comes from one measurement
         return _through(point, 0, table * S + C * (yu * S * S))
     found = found + _through(point, 0, C * (yu * back * S * S) + table * (back * S))
     if point.load_variance is not None:

@@ -16,7 +16,7 @@ from feeddrive.tuning.operating_point import OperatingPoint
 
 GOALS = ("rope-snap", "stiffness", "least-stiffness", "bandwidth")
 _REJECTED = float(np.sqrt(0.5))  # |S| up to here counts as bandwidth
-_BESIDE = 0.02  # of the logarithm of the rope-snap error, beside that of another goal
+_BESIDE = 0.02  # weight of the logarithm of the rope-snap error, added to another goal
 
 
 class Evaluation(NamedTuple):
@@ -30,7 +30,7 @@ class Evaluation(NamedTuple):
 
 
 class Criteria:
-    """Judges a control at all points, for one goal within limits."""
+    """Evaluates goal and limits of a control at all operating points."""
 
     def __init__(
         self,
@@ -169,7 +169,7 @@ _POOR = 0.5  # of the distance to -1 that the noise may take
 _BEYOND = 3.0  # times the crossover: up to there the measurement must be good
 _LOW = 0.3  # |L| at the last line that may be left
 _BEFORE = 2.0  # times the first line: the lowest crossover must lie above
-_GAP = 1.6  # ratio of two lines beside each other around a crossover
+_GAP = 1.6  # ratio of two neighboring lines around a crossover
 
 
 def distances(bounds: Sequence[Bound]) -> np.ndarray:
@@ -208,7 +208,7 @@ def needed(bounds: Sequence[Bound], sure: float, confidence: float) -> float:
 
 
 def require_covered(answers: Sequence[Answer]) -> None:
-    """Raise NotIdentifiableError, with the band, where lines are missing that a tuning stands on.
+    """Raise NotIdentifiableError, with the band, where lines are missing that a tuning needs.
 
     Below: the lowest crossover must lie above twice the first line.  Around it, from half to twice, two lines
     may not be further apart than a factor 1.6.  Above: the loop gain must have fallen to 0.3 at the last line, unless

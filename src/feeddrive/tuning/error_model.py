@@ -19,7 +19,7 @@ from feeddrive.loop.linearize import StateSpace, linearize
 from feeddrive.loop.loop import Loop
 
 FORMS = ("model_free", "model_based", "axis_model")
-_TINY = 1e-6  # of the axis's mass: what stands for a mass of 0, which no plant may have
+_TINY = 1e-6  # of the axis's mass: replaces a mass of 0, which no plant may have
 _ENDS = ("motor", "load")
 _EDGE = 1.0 - 1e-9  # of |z|: what eigenvalues of a small matrix are uncertain by
 _DECADES, _STRIDE = 7.0, 0.1  # within which an admissible mass is looked for, and how finely
@@ -37,7 +37,7 @@ def error_model(
     model_based  Ĝ_d = P̂/(1 + P̂ C) with the drive's dead time and current loop.  P̂ is `plant`; else a rigid axis with
                  the mass (at least `least_mass`, kg) and the viscous friction that are fed forward now; else, if no
                  mass is fed forward or the law needs two encoders, the axis itself.
-    axis_model   the same with the axis of the loop as it stands: for a machine file whose axis was identified.
+    axis_model   the same with the axis of the loop: for a machine file whose axis was identified.
 
     C comes from the linear model of the control itself, so from the lines that are simulated, for any law.
     Raises UnstableError, with the nearest mass that is admissible, for a model loop that is not stable; UnstableError
@@ -64,7 +64,7 @@ def error_model(
 
 
 def true_error_model(loop: Loop) -> StateSpace:
-    """G_d of a simulated loop: its own axis without friction and quantisers, to judge a Ĝ_d by."""
+    """G_d of a simulated loop without friction and quantizers, as the reference for a Ĝ_d."""
     return _required(loop, None)
 
 
@@ -172,7 +172,7 @@ def _inverse(loop: Loop) -> StateSpace:
     return StateSpace(inverse, B / D, C / D, through, whole.sample_time, names, ("added_force",), ("position_load",))
 
 
-LEAST_REVERSAL = 0.02  # of the moving samples: what must go in each direction for friction to be told from gravity
+LEAST_REVERSAL = 0.02  # share of the moving samples in each direction that separates friction from gravity
 LEAST_OWN = 0.02  # of a column's size: what no other columns may explain, 1/50: its error grows by 50 there
 FRICTION = ("coulomb_positive", "coulomb_negative", "stribeck")
 # which of two columns that look alike is frozen: the later one

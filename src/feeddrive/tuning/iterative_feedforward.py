@@ -155,7 +155,7 @@ def iterate(
         Ψ = Ĝ_d φ,   θ_next = θ + gamma (ΨᵀΨ + mu S²)⁻¹ Ψᵀ e,   S scales the columns of Ψ to the same size
 
     `loop` is the loop that ran the trial, with its present parameters in a DisturbanceCompensator; its control must be
-    the real one, its axis is used only where `form` or a frozen model asks for it.  The next reference may be another.
+    the real one, its axis is used only where `form` or a frozen model needs it.  The next reference may be another.
 
     form        "model_free", "model_based" or "axis_model", see `error_model`
     gamma       share of the step that is taken, 0 < gamma <= 1; at most 0.5 if the controller's gains are known only
@@ -170,7 +170,7 @@ def iterate(
 
     The standard errors take the residual as noise with its own autocorrelation; they say nothing of the bias by a
     wrong Ĝ_d, which further trials remove.
-    Raises LogError for a trial that teaches nothing (saturated, too short, no column excited) or whose clock is not the
+    Raises LogError for a trial without information (saturated, too short, no column excited) or whose clock is not the
     controller's, ParameterError for values out of bounds, UnstableError for a model loop that is not stable.
     Source: Wu, Han, Xiong & Ding 2017, section 3.
     """

@@ -21,7 +21,7 @@ from feeddrive.tuning.closed_loop import Answer
 
 @dataclass(frozen=True)
 class Limits:
-    """Bounds of a shaped loop; what is None does not bind.
+    """Limits of a tuned loop; None means no limit.
 
     sensitivity_peak       Ms = max |1/(1 + L)|
     gain_margin_dB         the gain may rise by at least so much

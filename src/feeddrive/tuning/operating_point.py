@@ -290,7 +290,7 @@ def with_table_force(
     }
     by_load = found["load_force"]
     # y = S y_d (1 - C_m y_u (r_u - r_d)), r = motor/load: by how much the ratios differ decides about stiffness, so the
-    # plant gives the difference and not a second ratio, whose error would be as large as what is looked for
+    # plant gives the difference and not a second ratio, whose error would be as large as the quantity itself
     apart = found["cut"][0] / found["cut"][1] - by_load[0] / by_load[1]
     if _one_encoder(point):
         apart = 0.0 * apart

@@ -56,7 +56,7 @@ def of_measurement(found: Sequence[Figures], limits: Limits) -> tuple[Checked, .
 def of_known(point: OperatingPoint, control: Control, limits: Limits, velocity: float) -> tuple[Checked, ...]:
     """A measured axis run as the loop that agrees with it: stable by its poles, and with friction, counts and limit.
 
-    The limits are those of the measurement, which that loop meets to some per cent only, and are not asked of it again.
+    The limits hold for the measurement.  The model agrees with it to some percent only, so they are not checked here.
     """
     if point.known_as is None:
         said = "no loop is known that agrees with the response: give the machine, as identify writes it, as --baseline"

@@ -44,7 +44,7 @@ class Recipe(Result):
     lag: float
 
     def table(self) -> Table:
-        """The gains and what they stand on."""
+        """The gains and the data that they are computed from."""
         law = self.law
         rows = [
             ["Kv", f"{law.Kv:.5g}", "1/s"],
@@ -271,7 +271,7 @@ def judged_recipes(
     step: Callable[[str], None] | None = None,
     velocity: float = 0.05,
 ) -> tuple[JudgedRecipe, ...]:
-    """Every rule, read off at the first point with the filters of a control, and judged at all of them."""
+    """Every rule, applied at the first point with the filters of a control, and evaluated at all points."""
     made = tuple(
         modelled_point(each, f"axis {i + 1}" if len(points) > 1 else "model", velocity=velocity)
         if isinstance(each, Loop)

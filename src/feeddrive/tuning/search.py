@@ -89,7 +89,7 @@ class Search:
         """The end of the way down from a point that is stable, with all bounds kept if that can be reached."""
         end = self._descend(x, size)
         while end.broken > _ROOM and self.penalty < _DEAREST:
-            # a goal that falls faster than the penalty rises buys what it must not have
+            # if the goal falls faster than the penalty rises, the search would leave the limits
             self.penalty *= _DEARER
             end = self._descend(end.x, _FIRST)
         return end

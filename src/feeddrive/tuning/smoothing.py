@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 from scipy.stats import chi2
 
-_HALF_WIDTHS = (4, 7, 12, 20, 34)  # lines beside each line that help it
+_HALF_WIDTHS = (4, 7, 12, 20, 34)  # neighboring lines used for each line
 _REACH = 0.3  # of ln f: how far a window may go, since what is fitted is local whatever the residuals say
 _UNKNOWNS = 4  # of the local fit
 _SURE = 0.99  # a window whose residuals are larger than noise with this probability is too wide
-_SURE_OF_RATIO = 0.999  # the same for the ratio, which is asked often
+_SURE_OF_RATIO = 0.999  # the same for the ratio, which is tested often
 _FIT = 1.2  # by which both ends may move differently where their ratio is fitted: up to the antiresonance
 _STIFF = 0.25  # by which both ends may move differently where their ratio is used
 _VARIANCE = 4  # lines on both sides over which the measured variance is averaged
@@ -26,7 +26,7 @@ def smoothed(
 
     The window grows while the residuals look like noise, by χ² on 99 %; the width before the last good one is taken, so
     that what the function cannot follow stays well below the noise that is left.  A line whose neighbors do not help
-    stands as it was measured.  The variance itself is first averaged over nine lines, as it is an estimate too.
+    keeps its measured value.  The variance itself is first averaged over nine lines, as it is an estimate too.
 
     Source: McKelvey & Guérin 2012 (local rational models); Goldenshluger & Nemirovski 1997 (windows as wide as the data
     allow), with the rule above.

@@ -130,7 +130,7 @@ def fit_prefilter(
     Columns are scaled to their largest value; standard errors are those of remainders that last (Newey & West 1987).
 
     Raises ParameterError for regressors that do not exist, and LogError for a run that met its force limit, moves too
-    shortly, or does not excite what is asked for.
+    shortly, or does not excite the requested regressors.
     When not: with friction that is not fed forward, whose error is none of the derivatives.
     Source: Gordon & Erkorkmaz 2013, section 2 (trajectory prefilter, identified from one run).
     """
@@ -222,7 +222,7 @@ def _check_clock(name: str, found: float, wanted: float) -> None:
 
 
 def _check_follows(name: str, set_position: np.ndarray, position: np.ndarray) -> None:
-    """A prefilter takes out what is small; an error of half the travel is a dead encoder or another unit."""
+    """A prefilter corrects small errors; an error of half the travel means a dead encoder or a wrong unit."""
     travel, off = float(np.ptp(set_position)), float(np.max(np.abs(set_position - position), initial=0.0))
     if travel > 0.0 and not off < 0.5 * travel:
         raise LogError(

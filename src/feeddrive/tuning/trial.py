@@ -26,7 +26,7 @@ _WEIGHTS = {
 
 
 def differenced(name: str, position: np.ndarray, sample_time: float, needed: Sequence[str]) -> Setpoint:
-    """The setpoint of sampled positions in m; what is not needed is 0, and so are two samples at each end.
+    """The setpoint of sampled positions in m; unneeded derivatives are 0, and so are two samples at each end.
 
     All are differences about the same sample, so that they belong together, and nothing is filtered.
     Raises LogError for fewer than six rows, and for positions whose rounding would be a large part of a derivative.

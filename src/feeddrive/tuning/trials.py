@@ -26,7 +26,7 @@ class Convergence(Result):
     """What a trial does to the error of the parameters: θ_next - θ0 = (I - gamma Ψ̂⁺ Ψ)(θ - θ0) + noise.
 
     matrix     I - gamma Ψ̂⁺ Ψ, in parameters that are scaled so that all columns have the same size
-    condition  number of the believed columns
+    condition  condition number of the assumed columns
     """
 
     names: tuple[str, ...]
@@ -62,7 +62,7 @@ def convergence(
     plant: Plant | None = None,
     least_mass: float = 0.0,
 ) -> Convergence:
-    """The rate at which `iterate` converges on a loop whose axis is known, with a tuner that believes in another.
+    """The rate at which `iterate` converges on a loop whose axis is known, with a tuner that assumes another one.
 
         Ψ = G_d φ of the loop,   Ψ̂ = Ĝ_d φ of the believed one,   ρ = largest |eigenvalue| of I - gamma Ψ̂⁺ Ψ
 
@@ -238,7 +238,7 @@ def learn_signal(
     load: Callable[[int], Load] | Load | None = None,
     seed: int = 0,
 ) -> SignalTrials:
-    """Simulate trials in which a force over time is learned, beside the feedforward that the loop has.
+    """Simulate trials in which a force over time is learned, in addition to the feedforward of the loop.
 
         f_next = Q (f + gain L e),   L = Ĝ_d* / (|Ĝ_d|² + ε²),   Q = 1 / (1 + (frequency/bandwidth)⁴)
 

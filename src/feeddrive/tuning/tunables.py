@@ -19,12 +19,12 @@ _RANGE = math.log(1e3)  # how far a gain may move from where the search begins
 _FILTER = math.log(4.0)  # and the frequency of a filter
 _RATIOS = {"damping_zero": (0.02, 1.0), "damping_pole": (0.05, 1.5), "damping": (0.3, 1.5)}
 _RATIO = (0.02, 20.0)  # of a law
-_TOLD = ("mass", "viscous")  # what a law is told of the axis is not tuned
+_TOLD = ("mass", "viscous")  # a law's model of the axis is not tuned
 _HIGHEST = 0.45  # of the sample rate: no filter is put beyond
 
 
 def law_tunables(control: Control) -> tuple[str, ...]:
-    """Dotted names of what the law and the observers in it and beside it name as tunable, as far as it is there.
+    """Dotted names of the tunables declared by the law, its observers and its compensations, if present.
 
     Of a law that names none, its own parameters > 0 without a default.
     Raises ParameterError for a law that has none of these either.
@@ -59,7 +59,7 @@ def filter_tunables(control: Control) -> tuple[str, ...]:
 
 
 def logarithms(control: Control, names: Sequence[str]) -> np.ndarray:
-    """Where the tunables stand. Raises ParameterError for one that is not a number above zero."""
+    """Logarithms of the tunables. Raises ParameterError for one that is not a number above zero."""
     found: list[float] = []
     for name in names:
         value = tree.get(control, name)

@@ -44,24 +44,24 @@ def tune(
 ) -> Tuned:
     """The control with the tunables that are best for the goal while all limits hold at every point.
 
-        minimise  max over points of the goal   over ln(tunables)   subject to   slack_i >= k σ_i  for all limits i
+        minimize  max over points of the goal   over ln(tunables)   subject to   slack_i >= k σ_i  for all limits i
 
     goal        rope-snap: ISE^½ = [∫ |y|²/ω² dω/π]^½;  stiffness: the mean of |y|² over ln f in the band;
                 least-stiffness: max |y| in the band;  bandwidth: 1/(frequency at which |1/(1 + L)| rises to -3 dB);
                 y is the compliance of the closed loop
-    control     where the search begins; a loop stands for its control, on its own axis if no point is given
+    control     the start of the search; of a loop its control is taken, and its axis if no point is given
     points       axes at several positions and loads: `measured_point`, or loops, whose axis is taken
     tunables    dotted names below the control, such as law.Kp; default: those of the law
-    filters     kept: as they are;  free: their frequencies and dampings are tuned too;  placed: and notches are added
-                where they pay
+    filters     kept: not changed;  free: their frequencies and dampings are tuned too;  placed: and notches are added
+                where they improve the goal
     confidence  that all limits hold at once on the true axis, if the points know their variance: k follows from it
     today       the control to compare with; default: `control` itself
-    step        is told what is done next
+    step        is called with the name of each next stage
 
-    The response of the control is that of the control itself, linearised (`ControlResponse`), its slopes are exact.
-    The stable side of -1 is kept by encirclement at every step.  A tuning for loops is run on them with friction,
-    counts and limits, and one that fails there says so (`Tuned.holds`).  Where the searches do not agree, more are made
-    (`Tuned.settled`).
+    The response of the control is computed by linearizing its code (`ControlResponse`), with exact derivatives.
+    Stability is checked by encirclement of -1 at every step.  A tuning for loops is verified by simulation with
+    friction, encoder counts and limits (`Tuned.holds`).  If the searches from different starts do not agree, more are
+    made (`Tuned.settled`).
     Raises UnstableError if nothing is found within the limits, NotIdentifiableError if the measurement is too poor to
     tune on, with the band in which to measure again, ParameterError for what does not fit.
     """
@@ -97,10 +97,10 @@ def assess(
     today: Control | None = None,
     step: Callable[[str], None] | None = None,
 ) -> Tuned:
-    """A control as it is, such as a recipe gives it, with the figures and the proof of `shape` and without a search.
+    """Evaluate a given control, for example from a recipe: the figures and the proof of `tune` without a search.
 
-    rule  what it was made by, in words; the rest as in `shape`.  Raises as `shape` does, and UnstableError if the loop
-    is unstable at a point.
+    rule  the name of the rule that gave it; the other arguments as in `tune`.  Raises the errors of `tune`, and
+    UnstableError if the loop is unstable at a point.
     """
     tuner = _tuner(control, points, goal, limits, band, confidence, 1, 0, velocity, step)
     names = law_tunables(control)
@@ -112,7 +112,7 @@ def _tuner(
     band: tuple[float, float], confidence: float, starts: int, seed: int, velocity: float,
     step: Callable[[str], None] | None,
 ) -> Tuner:  # fmt: skip
-    """What is asked for, checked."""
+    """The tuner for checked arguments."""
     if goal not in GOALS:
         raise ParameterError(f"goal = {goal!r} must be one of {', '.join(GOALS)}")
     if not 0.5 <= confidence < 1.0:
@@ -152,7 +152,7 @@ def _check_band(points: Sequence[OperatingPoint], band: tuple[float, float]) -> 
 
 
 def _silent(text: str) -> None:
-    """Nobody is told."""
+    """No progress output."""
 
 
 _MUCH = 0.02  # of the goal, by a tenth of a sample
@@ -267,7 +267,7 @@ def _advice(tuner: Tuner, best: Best) -> tuple[str, ...]:
 
 
 def _edges(tuner: Tuner, best: Best) -> list[str]:
-    """What stands at the edge of what was searched, in plain words."""
+    """The tunables that ended at the edge of their range, in words."""
     found: list[str] = []
     nyquist = 0.5 / tuner.points[0].sample_time
     for name, value, low, high in zip(best.names, best.end.x, *best.box, strict=True):

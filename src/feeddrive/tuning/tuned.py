@@ -68,7 +68,7 @@ def cascade_loops(control: Control, point: OperatingPoint) -> CascadeLoops | Non
 
 
 class Verdict(Enum):
-    """What to do with a tuning: take the new control, leave today's as it is, or use none of it (the proof fails)."""
+    """The recommendation: take the new control, keep today's, or reject the result because its proof fails."""
 
     TAKE = "take"
     LEAVE = "leave"
@@ -77,7 +77,7 @@ class Verdict(Enum):
 
 @dataclass(frozen=True)
 class HeldBack:
-    """A bound that holds the search back: where, and what the goal gains in per cent if it is eased by a tenth."""
+    """An active limit: the point and frequency, and the gain of the goal in percent if it is relaxed by a tenth."""
 
     what: str
     point: str
@@ -85,7 +85,7 @@ class HeldBack:
     gain: float
 
     def sentence(self) -> str:
-        """In plain"""
+        """The bound in one sentence."""
         where = f" at {self.frequency:.4g} Hz" if self.frequency > 0.0 else ""
         return f"{self.what}{where} ({self.point}): a tenth more room would gain {self.gain:.2g} %"
 
@@ -94,11 +94,11 @@ class HeldBack:
 class Tuned(Result):
     """A control shaped for a goal within limits at all points.
 
-    tunables, started    values by dotted name of the control, new and where the user stands today (nan: new filter)
+    tunables, started    values by dotted name of the control, new and today's (NaN: new filter)
     before, after     figures at each point; before is empty if today's control has none
     held              the bounds that hold the goal back, the strongest first
     advice            what else would help, in plain words
-    notches           what was tried and what it brought
+    notches           the notches that were tried, and their effect on the goal
     sure, confidence  standard deviations kept to every bound, and with which probability all of them hold at once
     spread, settled   by which share the worst end of the searches is above the best; whether two ended near the best
     cost              by which share the goal is worse because of the noise of the measurement
@@ -140,7 +140,7 @@ class Tuned(Result):
 
     @property
     def rule(self) -> str:
-        """What it was tuned for."""
+        """The goal of the tuning."""
         if self.recipe:
             return f"{self.recipe}; judged by {self.limits.sentence()}"
         noise = "" if not self.sure else f", kept with {self.sure:.3g} standard deviations of the measurement"
@@ -168,7 +168,7 @@ class Tuned(Result):
         return Verdict.LEAVE if _change(self, gained) < _NOT_WORTH else Verdict.TAKE
 
     def recommendation(self) -> str:
-        """What to do and why, with what is worse than today."""
+        """The recommendation with its reason, and the figures that are worse than today."""
         return recommendation(self)
 
     def table(self) -> Table:
@@ -235,7 +235,7 @@ def aim(found: Tuned) -> str:
 
 
 def recommendation(found: Tuned) -> str:
-    """What to do and why, what holds it back, and what is worse than today."""
+    """The recommendation with its reason, the limiting bounds, and the figures that are worse than today."""
     if found.verdict is Verdict.REFUSE:
         failed = [line for line in found.proof if line.holds is False]
         return f"Do not use this tuning: {failed[0].what} does not hold ({failed[0].said})."
@@ -308,7 +308,7 @@ def _worse(found: Tuned) -> str:
 
 
 def goal_of(found: Tuned, row: Sequence[Figures]) -> float:
-    """What is to be small, at the worst point."""
+    """The value of the goal, which is minimized, at the worst point."""
     return max(_goal(each, found.goal, found.band) for each in row)
 
 

@@ -66,7 +66,7 @@ class Tuner:
         return Criteria(points, response, self.goal, self.limits, self.band)
 
     def tuned(self, control: Control, names: tuple[str, ...], starts: int | None = None) -> Best:
-        """The best end of some searches, on all lines, with the room that the noise asks for."""
+        """The best result of some searches, on all lines, with the reserve for the noise."""
         x = logarithms(control, names)
         low, high = box(control, names, x, self.points[0].sample_time)
         criteria = self.criteria(control, names)
@@ -208,7 +208,7 @@ class Tuner:
         )
 
     def _reachable(self, search: Search, end: End, kind: str) -> str:
-        """The limit of a kind that can be kept with all others as they are; empty if easing it does not help."""
+        """The value of a limit that can be met with all others unchanged; empty if relaxing it does not help."""
 
         def eased(factor: float) -> bool:
             self.step(f"what {kind} can be reached")
@@ -233,7 +233,7 @@ class Tuner:
         return self.limits.eased(kind, high).only(kind)
 
     def _too_costly(self, search: Search, end: End, cost: float) -> None:
-        """Say where the noise that costs most stands."""
+        """Report the frequency at which the noise costs most."""
         forced = [b for b in end.judged.bounds if end.force.get(b.key, 0.0) > 0.0 and b.deviation > 0.0]
         worst = max(forced or end.judged.bounds, key=lambda b: end.force.get(b.key, 0.0) * b.deviation)
         raise NotIdentifiableError(

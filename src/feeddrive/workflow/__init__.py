@@ -1,4 +1,4 @@
-"""What each command does, as a function with a declared request; `command.py` lists them, one module each."""
+"""The commands as functions with declared requests, one module each; `command.py` lists them."""
 
 from feeddrive.language.lazy_package import make_lazy
 

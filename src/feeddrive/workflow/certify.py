@@ -1,7 +1,7 @@
-"""`feeddrive certify`: from a machine, and what was measured on it, to a certificate.
+"""`feeddrive certify`: a stability certificate for a machine and its measured responses.
 
-A certificate is written after the checker has passed it, and read only if the checker passes it; a report stands
-beside it.
+A certificate is written only after the checker has accepted it, and read only if the checker accepts it.  A report is
+written next to it.
 """
 
 from __future__ import annotations

@@ -2,8 +2,8 @@
 
 The same object serves Python (`fd.tune("ball_screw", goal="stiffness")`), the command line and, later, a page.
 
-`COMMANDS` names all of them, in which module of this room each stands, and what it does.  The sentences stand here so
-that `--help` need not import what the commands need.  `from feeddrive.workflow.MODULE import NAME` gives the command
+`COMMANDS` lists the module and the one-line description of every command.  The descriptions are kept here so that
+`--help` need not import the modules of the commands.  `from feeddrive.workflow.MODULE import NAME` gives the command
 (with _ for -).
 """
 

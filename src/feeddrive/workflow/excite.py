@@ -1,6 +1,6 @@
-"""`feeddrive excite`: what to send to an axis to measure its frequency response.
+"""`feeddrive excite`: an excitation signal for measuring the frequency response of an axis.
 
-The files say what to send, what the simulation answered, and which limits were checked.
+The files hold the signal to send, the simulated response, and the limits that were checked.
 """
 
 from __future__ import annotations

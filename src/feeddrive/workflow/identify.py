@@ -1,6 +1,6 @@
 """`feeddrive identify`: mass, friction and delay of a drive from a log of one motion.
 
-What was identified goes into a given machine file, whose comments stay, or into a new one; a report stands beside it.
+Identified values are written into an existing machine file, whose comments are kept, or into a new one, with a report.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""`feeddrive run` and `feeddrive demo`: the laws of a job over the same work, and the directory that is left behind.
+"""`feeddrive run` and `feeddrive demo`: simulation of the laws of a job, and the result directory.
 
 report.html          for people
 summary.json         every figure in SI, by law; versions, seed, digest of the log

@@ -1,4 +1,4 @@
-"""What `feeddrive tune` leaves behind: the report, and the machine file with the tuned control in it."""
+"""The output files of `feeddrive tune`: the report, and the machine file with the tuned control."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The engine: from the graph of one sample to native code for the whole time loop.
+"""The engine: compiles the graph of one sample to native code for the whole time loop.
 
 lower.py      elementary functions and other composed operations become plain arithmetic
 classify.py   what is constant over a run, and what differs between lanes

@@ -21,7 +21,7 @@ def classify(
 ) -> Kinds:
     """Kinds of all nodes.
 
-    moving   nodes that are given anew at each sample (inputs, the sample index)
+    moving   nodes that are given at each sample (inputs, the sample index)
     varying  leaves that differ between lanes (constants, states that start differently)
     carried  (before, after) of the states; a state varies as soon as its next value does
     """

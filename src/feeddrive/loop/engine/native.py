@@ -30,7 +30,7 @@ _lock = Lock()
 
 
 class Native:
-    """A compiled plan. Keeps the machine code alive as long as it lives."""
+    """A compiled plan. It owns the machine code."""
 
     def __init__(self, plan: Plan, source: str) -> None:
         self.plan = plan

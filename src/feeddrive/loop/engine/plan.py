@@ -82,7 +82,7 @@ def _ordered(graph: Graph, needed: list[int], ends: list[int], *, single: bool) 
     single run waits for such a chain from sample to sample: a processor that meets it early fills the waiting with the
     rest.  With lanes there is enough to fill it, and the order of the trace keeps fewer numbers alive.
 
-    A ring is written in place, after all reads of what it was before.
+    A ring is written in place, after all reads of its previous contents.
     """
     before = reads_first(graph, needed)
     if not single and not before:
