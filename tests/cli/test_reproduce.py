@@ -15,6 +15,7 @@ from pathlib import Path
 import pytest
 
 from feeddrive import cli
+from feeddrive.language.progress import Progress
 from feeddrive.papers import papers
 from feeddrive.papers.claims import Claim, Experiment
 
@@ -34,11 +35,11 @@ def run(tmp_path, monkeypatch, capsys):
     return call
 
 
-def stated(got: float) -> Callable[[str, Callable[[str], None]], Experiment]:
+def stated(got: float) -> Callable[[str, Progress], Experiment]:
     """An experiment of one claim, which holds up to 1."""
 
-    def made(paper: str, step: Callable[[str], None]) -> Experiment:
-        step("the only run")
+    def made(paper: str, progress: Progress) -> Experiment:
+        progress.step("the only run")
         claim = Claim("1", "it is small", "alone", got, most=1.0, unit="um")
         return Experiment(paper, "A paper", "Somebody 2009", [claim])
 

@@ -10,6 +10,7 @@ import pytest
 from feeddrive.files.frf import read_frfs
 from feeddrive.identification.response.modal_fit import fit_modes
 from feeddrive.loop.frequency_response import FRF
+from heard import Heard
 
 STAGE = Path(__file__).parents[3] / "shared" / "data" / "tokyo_stage_frf" / "frf.csv"
 needs_stage = pytest.mark.skipif(not STAGE.exists(), reason="NOT RUN: tokyo_stage_frf is not in ../shared")
@@ -36,8 +37,9 @@ def stage(unit: str) -> list[FRF]:
 @pytest.mark.parametrize("unit", ["(m/s)/N", ""], ids=["unit stated", "velocity without a unit"])
 def test_all_modes_are_counted(unit: str) -> None:
     """Taken for a position, the responses lie an order off: one mode more helps little until all are there."""
-    told: list[str] = []
-    fit = fit_modes(stage(unit), step=told.append)
+    heard = Heard()
+    fit = fit_modes(stage(unit), progress=heard)
+    told = [what for what, *_ in heard.steps]
     # 1 %: twenty times the standard errors of these lines
     assert [mode.frequency.value for mode in fit.modes] == pytest.approx(MODES, rel=0.01)
     assert told[0] == "0 modes"

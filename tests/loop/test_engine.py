@@ -25,6 +25,7 @@ from feeddrive.loop.loop import Loop, Signals
 from feeddrive.loop.runner import Prepared, Work
 from feeddrive.loop.simulate import simulate, simulate_batch, stream
 from feeddrive.loop.trace import Carried, Program, concrete, evaluate
+from heard import Heard
 
 REFERENCE = loops.Sway()
 LOOPS = {
@@ -279,8 +280,9 @@ def test_widths_are_tried_and_stretches_joined(monkeypatch):
     monkeypatch.setattr(groups, "WIDE", 1)
     monkeypatch.setattr(groups, "TRIED", 1)
     monkeypatch.setattr(sys.modules["feeddrive.loop.simulate"], "CHUNK", 300)
-    seen: list[tuple[int, int]] = []
-    tried = simulate_batch(variants, REFERENCE, duration=0.05, progress=lambda *done: seen.append(done))
+    heard = Heard()
+    tried = simulate_batch(variants, REFERENCE, duration=0.05, progress=heard)
+    seen = [(done, of) for _, done, of, _ in heard.steps]
     for found in ("rms", "peak", "least", "most"):
         for signal, values in getattr(plain, found).items():
             assert np.array_equal(values, getattr(tried, found)[signal]), (found, signal)

@@ -10,6 +10,7 @@ import pytest
 from feeddrive.blocks.compensation.machine_mode import MachineMode
 from feeddrive.blocks.controller.dadsc import DADSC
 from feeddrive.blocks.feedforward.inertia import Inertia
+from feeddrive.language.progress import Progress
 from feeddrive.papers.altintas2009 import altintas2009
 from feeddrive.papers.altintas2009.equations import cascade_recovered, lyapunov_weight, recovered
 from feeddrive.papers.altintas2009.recovery import swing
@@ -31,7 +32,7 @@ from feeddrive.papers.claims import Experiment, build
 
 @pytest.fixture(scope="module")
 def experiment() -> Experiment:
-    return altintas2009(lambda _: None)
+    return altintas2009(Progress())
 
 
 def test_every_claim_holds(experiment: Experiment) -> None:

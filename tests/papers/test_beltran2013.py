@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import pytest
 
+from feeddrive.language.progress import Progress
 from feeddrive.papers.beltran2013 import beltran2013, limits
 from feeddrive.papers.claims import Experiment
 
 
 @pytest.fixture(scope="module")
 def found() -> Experiment:
-    return beltran2013(lambda _: None)
+    return beltran2013(Progress())
 
 
 def test_every_claim_holds(found: Experiment) -> None:

@@ -12,15 +12,16 @@ from feeddrive.papers.claims import Experiment
 from feeddrive.papers.gordon2013 import gordon2013
 from feeddrive.papers.gordon2013.frequency import EXPECTED, NAMED, Linear
 from feeddrive.papers.gordon2013.testbed import CASCADE, PLACED, cascade, placed
+from heard import Heard
 
 LETTERS = {"a": 12, "b": 4, "c": 12, "d": 7, "e": 5, "f": 5, "g": 8}  # claims of each group
 
 
 @cache
 def experiment() -> Experiment:
-    said: list[str] = []
-    found = gordon2013(said.append)
-    assert len(said) == 10
+    heard = Heard()
+    found = gordon2013(heard)
+    assert len(heard.steps) == 10
     return found
 
 

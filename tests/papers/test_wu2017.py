@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from feeddrive.language.progress import Progress
 from feeddrive.papers.claims import Experiment, build
 from feeddrive.papers.wu2017 import wu2017
 from feeddrive.papers.wu2017.learning import EXPECTED
@@ -14,7 +15,7 @@ learning = pytest.mark.slow(reason="some hundred trials of learning; test_iterat
 
 @pytest.fixture(scope="module")
 def experiment() -> Experiment:
-    return wu2017(lambda _: None)
+    return wu2017(Progress())
 
 
 @learning

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -28,6 +28,7 @@ from feeddrive.files.job import Job
 from feeddrive.files.machine import MachineFile
 from feeddrive.files.provenance import versions
 from feeddrive.language.errors import FeeddriveError, ParameterError, UnstableError
+from feeddrive.language.progress import Progress
 from feeddrive.language.table import Result, Table, frame_of, picture_of
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import Run, simulate
@@ -165,7 +166,7 @@ def compare(
     seed: int = 0,
     starts: int = 2,
     workers: int = 1,
-    step: Callable[[str], None] | None = None,
+    progress: Progress | None = None,
 ) -> Comparison:
     """Put all laws on an axis of a machine.
 
@@ -175,7 +176,7 @@ def compare(
     seed               of the encoders' noise, the same for all laws
     starts             of each search
     workers            processes that tune side by side; more than 1 only from a program that may be imported anew
-    step(text)         is called before each piece of work; `pieces(...)` says how often
+    progress           is told what begins; `pieces(...)` says how many steps there are
 
     The present control comes first and is left as it is, unstable or not.  A law that does not fit the axis is refused
     with the reason.  Raises ParameterError for an axis or a law that is not there.
@@ -183,19 +184,19 @@ def compare(
     if not isinstance(machine, MachineFile):  # pyright: ignore[reportUnnecessaryIsInstance]
         remedy = "a job is run by fd.run(job)" if isinstance(machine, Job) else "give fd.read_machine(...)"
         raise ParameterError(f"compare puts all laws on an axis of a machine, not of {machine!r:.60}: {remedy}")
-    said = step or (lambda _: None)
+    progress = progress or Progress()
     loop = machine.loop(axis)
     name = axis if axis is not None else next(iter(machine.loops))
     duty = duty_of(loop, reference, force)
     velocity = _velocity(duty, loop)
     possible, refused = _wanted(loop, laws)
     rule = Rule(sensitivity_peak, delay_margin_samples, velocity, starts)
-    said(TODAY)
+    progress.step(TODAY)
     competitors = [_judged(TODAY, loop, None, "as in the machine file", duty, velocity, seed)]
-    tuned = tuned_all([candidate for candidate in possible if not candidate.like], rule, workers, said)
+    tuned = tuned_all([candidate for candidate in possible if not candidate.like], rule, workers, progress)
     for candidate in possible:
         if candidate.like:
-            said(candidate.name)
+            progress.step(candidate.name)
             tuned[candidate.name] = _like(candidate, tuned, duty, seed)
     refusals = [*refused, *(found for found in tuned.values() if isinstance(found, Refusal))]
     for candidate in possible:
@@ -211,7 +212,7 @@ def compare(
 
 
 def pieces(machine: MachineFile, axis: str | None, laws: Sequence[str] | None = None) -> int:
-    """How often `compare` calls `step`."""
+    """How many steps `compare` tells."""
     return 1 + len(_wanted(machine.loop(axis), laws)[0])
 
 

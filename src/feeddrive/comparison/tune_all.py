@@ -6,11 +6,12 @@ import contextlib
 import multiprocessing
 import os
 import signal
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Generator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
 
 from feeddrive.language.errors import FeeddriveError
+from feeddrive.language.progress import Progress
 from feeddrive.tuning.candidates import Candidate, Refusal
 from feeddrive.tuning.limits import Limits
 from feeddrive.tuning.tunables import law_tunables
@@ -37,14 +38,14 @@ class Rule:
 
 
 def tuned_all(
-    candidates: Sequence[Candidate], rule: Rule, workers: int, said: Callable[[str], None]
+    candidates: Sequence[Candidate], rule: Rule, workers: int, progress: Progress
 ) -> dict[str, Tuned | Refusal]:
-    """Every candidate by name: tuned, or refused with the reason. `said(name)` is called when one is done or begun."""
+    """Every candidate by name: tuned, or refused with the reason. `progress` is told each name."""
     workers = min(workers, len(candidates))
     if workers <= 1:
         found: dict[str, Tuned | Refusal] = {}
         for candidate in candidates:
-            said(candidate.name)
+            progress.step(candidate.name)
             found[candidate.name] = _tuned(candidate, rule)
         return found
     # those with the most tunables take longest: they go first
@@ -56,7 +57,7 @@ def tuned_all(
         try:
             done: dict[str, Tuned | Refusal] = {}
             for future in as_completed(futures):
-                said(futures[future])
+                progress.step(futures[future])
                 done[futures[future]] = future.result()
             return {candidate.name: done[candidate.name] for candidate in candidates}
         except BaseException:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -17,6 +17,7 @@ from feeddrive.files.job import Job
 from feeddrive.files.provenance import file_names, versions
 from feeddrive.files.run_files import write_run_csv, write_run_parquet
 from feeddrive.language.errors import FeeddriveError, ParameterError
+from feeddrive.language.progress import Progress
 from feeddrive.language.table import Result, Table
 from feeddrive.loop.simulate import Run
 
@@ -67,11 +68,11 @@ def cosimulate(
     names: Mapping[str, str] | None = None,
     parameters: Mapping[str, float] | None = None,
     dead_time: float = 0.0,
-    step: Callable[[str], None] | None = None,
+    progress: Progress | None = None,
 ) -> Cosimulation:
     """Run all laws of a job against an FMU, which is a program and runs in this process.
 
-    names, parameters, dead_time as `simulate_with_fmu`; `step(text)` is called before each law.
+    names, parameters, dead_time as `simulate_with_fmu`; `progress` is told the name of each law before it.
 
     Raises ParameterError for a job that replays a log, and as `simulate_with_fmu`.
     """
@@ -82,8 +83,8 @@ def cosimulate(
     digest = hashlib.sha256(read_whole(fmu, MOST)).hexdigest()
     rows = []
     for name, loop in job.loops.items():
-        if step is not None:
-            step(name)
+        if progress is not None:
+            progress.step(name)
         try:
             run = simulate_with_fmu(
                 loop, fmu, job.reference, names=names, parameters=parameters, load=job.load, duration=job.duration,

@@ -12,7 +12,6 @@ at its end, completely or not at all.
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
 
 from feeddrive.language.errors import CancelledError
 from feeddrive.language.table import Table
@@ -50,16 +49,13 @@ class Progress:
         """Say something that must be known before the work is over, such as a guess that it rests on."""
         self.show_remark(said)
 
-    def counted(self, of: int) -> Callable[[str], None]:
-        """A function for work that tells only what begins: it counts the steps, of which there are `of`."""
-        done = 0
+    def counted(self, of: int) -> Progress:
+        """The progress for work that tells only what begins: it counts the steps, of which there are `of`."""
+        return _Forwarded(self, of=of)
 
-        def step(what: str) -> None:
-            nonlocal done
-            self.step(what, done, of)
-            done += 1
-
-        return step
+    def named(self, part: str) -> Progress:
+        """The progress for one of several works that run side by side: its steps carry the name."""
+        return _Forwarded(self, part=part)
 
     def show_step(self, what: str, done: int | None, of: int | None, part: str) -> None:
         """What a step looks like; silent unless overridden. It never raises."""
@@ -70,3 +66,30 @@ class Progress:
     def confirm(self, question: str) -> bool:
         """Ask a person; False where there is none."""
         return False
+
+
+class _Forwarded(Progress):
+    """The progress of a piece of work: it tells the progress of the whole, and is cancelled with it."""
+
+    def __init__(self, whole: Progress, part: str = "", of: int | None = None) -> None:
+        super().__init__()
+        self._whole, self._part, self._of, self._begun = whole, part, of, 0
+
+    @property
+    def cancelled(self) -> bool:
+        return self._whole.cancelled
+
+    def cancel(self) -> None:
+        self._whole.cancel()
+
+    def show_step(self, what: str, done: int | None, of: int | None, part: str) -> None:
+        if self._of is not None:
+            done, of = self._begun, self._of
+            self._begun += 1
+        self._whole.show_step(what, done, of, part or self._part)
+
+    def show_remark(self, said: str | Table) -> None:
+        self._whole.show_remark(said)
+
+    def confirm(self, question: str) -> bool:
+        return self._whole.confirm(question)

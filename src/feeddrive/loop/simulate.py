@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any
@@ -11,6 +11,7 @@ import numpy as np
 
 from feeddrive.blocks.families import Load, Reference
 from feeddrive.language.errors import DivergedError, ParameterError
+from feeddrive.language.progress import Progress
 from feeddrive.language.table import Result, Table, shown
 from feeddrive.loop.changes import Changes, Course, changed_loops
 from feeddrive.loop.engine.lower import ARITHMETIC
@@ -195,14 +196,14 @@ def simulate_batch(
     bound: float | None = None,
     lanes: int | None = None,
     threads: int | None = None,
-    progress: Callable[[int, int], None] | None = None,
+    progress: Progress | None = None,
 ) -> Batch:
     """All variants of a loop whose parameters are arrays (`tree.vary`), along the same reference.
 
     Arguments as `simulate`; seed and start may be arrays over the variants too, and nothing changes live.  `lanes`
     variants share a vector (default: what is fastest here), `threads` run at once (default: all cores); neither changes
     a bit of the result.
-    `progress(done, all)` is called after each group of variants.
+    `progress` is told after each group how many variants are done, and may cancel.
     """
     gather = known(loop, everywhere(loop, GATHERED) if gather is None else gather, arithmetic)
     work = Work(loop, reference, load, enable)
@@ -231,7 +232,7 @@ def simulate_batch(
             for size in groups.advance(pool, first, inputs):
                 done += size
                 if progress is not None:
-                    progress(done // len(stretches), groups.variants)
+                    progress.step("variants", done // len(stretches), groups.variants)
     named = groups.ends()
     return Batch(
         rms={s: np.sqrt(named[gathered(s, "squares")] / count) for s in gather},

@@ -10,7 +10,7 @@ import math
 import multiprocessing
 import os
 import queue
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
 from difflib import get_close_matches
 from importlib import import_module
@@ -50,17 +50,17 @@ def chosen(paper: str) -> tuple[str, ...]:
     raise ParameterError(f"paper '{paper}' is not known{hint} There are: {', '.join(PAPERS)}, all")
 
 
-def run(paper: str, step: Callable[[str], None]) -> Experiment:
-    """The experiments of a paper. `step(text)` is called before each piece of work."""
+def run(paper: str, progress: Progress) -> Experiment:
+    """The experiments of a paper. `progress` is told what comes next."""
     module = import_module(f"feeddrive.papers.{paper}")
-    return getattr(module, paper)(step)
+    return getattr(module, paper)(progress)
 
 
 def reproduce(papers: Sequence[str], progress: Progress) -> list[Reproduced]:
     """Run papers, in as many processes as there are processors. Raises CancelledError if `progress` is cancelled."""
     workers = min(len(papers), os.cpu_count() or 1)
     if workers == 1:
-        return [Reproduced(run(paper, lambda text, paper=paper: progress.step(text, part=paper))) for paper in papers]
+        return [Reproduced(run(paper, progress.named(paper))) for paper in papers]
     # a fresh interpreter each: a fork would copy the threads' locks of whoever calls
     context = multiprocessing.get_context("spawn")
     told: Any = context.Queue()
@@ -84,8 +84,19 @@ def _listen(told: Any) -> None:
     _told = told
 
 
+class _Sent(Progress):
+    """The progress in a process of its own: its steps go to the process that began it."""
+
+    def __init__(self, paper: str) -> None:
+        super().__init__()
+        self._paper = paper
+
+    def show_step(self, what: str, done: int | None, of: int | None, part: str) -> None:
+        _told.put((self._paper, what))
+
+
 def _reproduced(paper: str) -> Reproduced:
-    return Reproduced(run(paper, lambda text: _told.put((paper, text))))
+    return Reproduced(run(paper, _Sent(paper)))
 
 
 def _heard(told: Any, futures: Sequence[Future[Reproduced]], progress: Progress) -> Iterator[tuple[str, str]]:

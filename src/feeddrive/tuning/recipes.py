@@ -11,6 +11,7 @@ import numpy as np
 from feeddrive.analysis.margins import margins
 from feeddrive.blocks.controller.cascade_ppi import CascadePPI
 from feeddrive.language.errors import FeeddriveError, NotIdentifiableError, ParameterError
+from feeddrive.language.progress import Progress
 from feeddrive.language.table import Result, Table
 from feeddrive.loop.control import Control
 from feeddrive.loop.frequency_response import FRF
@@ -268,7 +269,7 @@ def judged_recipes(
     points: Sequence[OperatingPoint | Loop],
     control: Control,
     limits: Limits,
-    step: Callable[[str], None] | None = None,
+    progress: Progress | None = None,
     velocity: float = 0.05,
 ) -> tuple[JudgedRecipe, ...]:
     """Every rule, applied at the first point with the filters of a control, and evaluated at all points."""
@@ -280,8 +281,8 @@ def judged_recipes(
     )
     found: list[JudgedRecipe] = []
     for name, rule in RECIPES.items():
-        if step is not None:
-            step(f"rule {name}")
+        if progress is not None:
+            progress.step(f"rule {name}")
         try:
             recipe = rule(made[0], control)
         except FeeddriveError as error:

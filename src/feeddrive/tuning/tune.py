@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from feeddrive.language import tree
 from feeddrive.language.errors import ParameterError
+from feeddrive.language.progress import Progress
 from feeddrive.loop.control import Control
 from feeddrive.loop.loop import Loop
 from feeddrive.tuning.control_response import ControlResponse
@@ -40,7 +41,7 @@ def tune(
     seed: int = 0,
     velocity: float = 0.05,
     today: Control | None = None,
-    step: Callable[[str], None] | None = None,
+    progress: Progress | None = None,
 ) -> Tuned:
     """The control with the tunables that are best for the goal while all limits hold at every point.
 
@@ -56,7 +57,7 @@ def tune(
                 where they improve the goal
     confidence  that all limits hold at once on the true axis, if the points know their variance: k follows from it
     today       the control to compare with; default: `control` itself
-    step        is called with the name of each next stage
+    progress    receives the name of each next stage, and may cancel
 
     The response of the control is computed by linearizing its code (`ControlResponse`), with exact derivatives.
     Stability is checked by encirclement of -1 at every step.  A tuning for loops is verified by simulation with
@@ -72,7 +73,7 @@ def tune(
     control = control.control if isinstance(control, Loop) else control
     if filters not in FILTERS:
         raise ParameterError(f"filters = {filters!r} must be one of {', '.join(FILTERS)}")
-    tuner = _tuner(control, points, goal, limits, band, confidence, starts, seed, velocity, step)
+    tuner = _tuner(control, points, goal, limits, band, confidence, starts, seed, velocity, progress)
     chosen = law_tunables(control) if tunables is None else tuple(tunables)
     best = tuner.tuned(
         control, chosen if filters == "kept" else tuple(dict.fromkeys([*chosen, *filter_tunables(control)]))
@@ -80,7 +81,7 @@ def tune(
     tried: list[str] = []
     if filters == "placed":
         best = tuner.with_notches(best, tried)
-    tuner.step("proof")
+    tuner.progress.step("proof")
     return result(tuner, best, today or control, tuple(tried))
 
 
@@ -95,14 +96,14 @@ def assess(
     confidence: float = 0.95,
     velocity: float = 0.05,
     today: Control | None = None,
-    step: Callable[[str], None] | None = None,
+    progress: Progress | None = None,
 ) -> Tuned:
     """Evaluate a given control, for example from a recipe: the figures and the proof of `tune` without a search.
 
     rule  the name of the rule that gave it; the other arguments as in `tune`.  Raises the errors of `tune`, and
     UnstableError if the loop is unstable at a point.
     """
-    tuner = _tuner(control, points, goal, limits, band, confidence, 1, 0, velocity, step)
+    tuner = _tuner(control, points, goal, limits, band, confidence, 1, 0, velocity, progress)
     names = law_tunables(control)
     return result(tuner, tuner.as_it_is(control, names), today or control, (), rule)
 
@@ -110,7 +111,7 @@ def assess(
 def _tuner(
     control: Control, points: OperatingPoint | Loop | Sequence[OperatingPoint | Loop], goal: str, limits: Limits | None,
     band: tuple[float, float], confidence: float, starts: int, seed: int, velocity: float,
-    step: Callable[[str], None] | None,
+    progress: Progress | None,
 ) -> Tuner:  # fmt: skip
     """The tuner for checked arguments."""
     if goal not in GOALS:
@@ -132,7 +133,7 @@ def _tuner(
         said = ", ".join(f"'{each.name}' {1e3 * each.sample_time:g} ms" for each in made)
         raise ParameterError(f"one control has one sample time, but the points have {said}")
     _check_band(made, band)
-    tuner = Tuner(made, goal, limits or Limits(), band, confidence, starts, seed, velocity, step or _silent)
+    tuner = Tuner(made, goal, limits or Limits(), band, confidence, starts, seed, velocity, progress or Progress())
     if goal == "rope-snap" and not ControlResponse(control, made[0].sample_time, (), velocity).integrates(()):
         raise ParameterError(
             f"goal = 'rope-snap' needs a control with integral action: without it ('{control.law.kind}' as it is) the "
@@ -149,10 +150,6 @@ def _check_band(points: Sequence[OperatingPoint], band: tuple[float, float]) -> 
                 f"the band from {band[0]:g} to {band[1]:g} Hz holds {inside} lines of '{each.name}', which has "
                 f"{each.frequency[0]:.4g} to {each.frequency[-1]:.4g} Hz: at least 3"
             )
-
-
-def _silent(text: str) -> None:
-    """No progress output."""
 
 
 _MUCH = 0.02  # of the goal, by a tenth of a sample

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -11,6 +11,7 @@ import numpy as np
 from feeddrive.blocks.filter.notch import Notch
 from feeddrive.language import tree
 from feeddrive.language.errors import NotIdentifiableError, UnstableError
+from feeddrive.language.progress import Progress
 from feeddrive.loop.control import Control
 from feeddrive.tuning.control_response import ControlResponse
 from feeddrive.tuning.criteria import Criteria, needed, require_covered, require_good
@@ -50,14 +51,14 @@ class Tuner:
 
     def __init__(
         self, points: tuple[OperatingPoint, ...], goal: str, limits: Limits, band: tuple[float, float],
-        confidence: float, starts: int, seed: int, velocity: float, step: Callable[[str], None],
+        confidence: float, starts: int, seed: int, velocity: float, progress: Progress,
     ) -> None:  # fmt: skip
         self.points, self.goal, self.limits, self.band = points, goal, limits, band
         self.confidence, self.starts, self.velocity = confidence, starts, velocity
         self.random = np.random.default_rng(seed)
         self.kept = [point.sparse() for point in points]
         self.noisy = any(point.variance is not None for point in points)
-        self.evaluations, self.step = 0, step
+        self.evaluations, self.progress = 0, progress
 
     def criteria(self, control: Control, names: tuple[str, ...], whole: bool = False) -> Criteria:
         """Of a set of tunables, on the lines of the search or on all."""
@@ -71,15 +72,15 @@ class Tuner:
         low, high = box(control, names, x, self.points[0].sample_time)
         criteria = self.criteria(control, names)
         search = Search(criteria, low, high)
-        self.step("where to begin")
+        self.progress.step("where to begin")
         first = self._begin(search, x, speeds(control, names))
-        self.step(f"{len(names)} tunables, first search")
+        self.progress.step(f"{len(names)} tunables, first search")
         ends = [search.descend(first)]
         wanted = self.starts if starts is None else starts
         for i in range(wanted - 1 + _MORE):
             if i >= wanted - 1 and (wanted == 1 or _agreeing(search, ends) > 1):
                 break
-            self.step(f"{len(names)} tunables, from another start")
+            self.progress.step(f"{len(names)} tunables, from another start")
             other = self._beside(search, ends[0].x, 1.0 + 0.5 * max(i - wanted + 2, 0))
             if other is not None:
                 ends.append(search.descend(other))
@@ -92,7 +93,7 @@ class Tuner:
         if self.noisy:
             require_good(search.criteria.answers(end.x), 1.0)
             sure = _one_sided(self.confidence)
-            self.step("room for the noise")
+            self.progress.step("room for the noise")
             for _ in range(_TURNS):
                 search.sure = sure
                 end = self._from_below(search, search.descend(end.x), x, speeds(control, names))
@@ -211,7 +212,7 @@ class Tuner:
         """The value of a limit that can be met with all others unchanged; empty if relaxing it does not help."""
 
         def eased(factor: float) -> bool:
-            self.step(f"what {kind} can be reached")
+            self.progress.step(f"what {kind} can be reached")
             criteria = search.criteria
             limits = self.limits.eased(kind, factor)
             other = Search(
@@ -246,7 +247,7 @@ class Tuner:
     def with_notches(self, best: Best, tried: list[str]) -> Best:
         """Notches at resonances that are still loud, one after the other, as long as each pays."""
         for frequency in self._loud(best)[:_NOTCHES]:
-            self.step(f"a notch at {frequency:.4g} Hz")
+            self.progress.step(f"a notch at {frequency:.4g} Hz")
             # nearly without effect, so that the search begins where the last one ended
             notch = Notch(frequency=frequency, damping_zero=0.35, damping_pole=0.4)
             control = replace(best.control, filters=(*best.control.filters, notch))

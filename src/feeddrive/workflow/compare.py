@@ -38,11 +38,11 @@ def compare(request: CompareRequest, progress: Progress) -> Outcome[Comparison]:
     """
     machine = request.machine if isinstance(request.machine, MachineFile) else read_machine(request.machine)
     laws = request.law or None
-    step = progress.counted(pieces(machine, request.axis, laws) + 1)
-    found = compare_laws(machine, request.axis, laws=laws, starts=request.starts, workers=cores(), step=step)
+    progress = progress.counted(pieces(machine, request.axis, laws) + 1)
+    found = compare_laws(machine, request.axis, laws=laws, starts=request.starts, workers=cores(), progress=progress)
     files: dict[str, Path] = {}
     if request.out is not None:
-        step("report")
+        progress.step("report")
         files["Report"] = write_comparison(found, request.out)
     refused = [f"'{each.name}' is not on this axis: {each.reason}" for each in found.refusals]
     return Outcome(found, [found.table()], [f"rule: {found.rule}", *found.remarks, *refused], files=files)

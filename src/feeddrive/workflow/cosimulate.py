@@ -40,7 +40,7 @@ def cosimulate(request: CosimulateRequest, progress: Progress) -> Outcome[Cosimu
     values = {name: _number(name, text) for name, text in _pairs("--set", request.set).items()}
     found = run_against(
         job, request.fmu, names=_pairs("--variable", request.variable), parameters=values,
-        dead_time=request.dead_time, step=progress.counted(len(job.loops)),
+        dead_time=request.dead_time, progress=progress.counted(len(job.loops)),
     )  # fmt: skip
     files: dict[str, Path] = {}
     if request.out is not None:

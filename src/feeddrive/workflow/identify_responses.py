@@ -146,7 +146,7 @@ def _fit(
 ) -> AxisFits | ModalFit:
     band = None if request.band is None else frequencies(request.band)
     if model == "modes":
-        return fit_modes(chosen, request.modes, band=band, step=progress.step)
+        return fit_modes(chosen, request.modes, band=band, progress=progress)
     if model == "machine" and axis is None:
         raise ParameterError("--model machine needs a machine file with --machine")
     return fit_axis(
@@ -161,7 +161,7 @@ def _fit(
         band=band,
         force_per_unit=request.force_constant,
         travel_per_unit=None if request.lead is None else lever(request.lead, request.gear),
-        step=progress.step,
+        progress=progress,
     )
 
 

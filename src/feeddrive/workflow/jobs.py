@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,6 +17,7 @@ from feeddrive.files.log import Log
 from feeddrive.files.machine import MachineFile
 from feeddrive.files.provenance import versions
 from feeddrive.language.errors import FeeddriveError, LogError, ParameterError
+from feeddrive.language.progress import Progress
 from feeddrive.language.table import Result, Table, frame_of, picture_of
 from feeddrive.loop.linearize import compliance, loop_gain, tracking
 from feeddrive.loop.loop import Loop
@@ -132,8 +133,8 @@ def _scaled(value: float | None, factor: float, form: str) -> str:
     return "-" if value is None else format(factor * value, form)
 
 
-def run(job: Job, step: Callable[[str], None] | None = None) -> JobResult:
-    """Run all laws of a job. `step(text)` is called before each piece of work.
+def run(job: Job, progress: Progress | None = None) -> JobResult:
+    """Run all laws of a job. `progress` is told the name of each law before it.
 
     Raises UnstableError for a law whose loop is not stable, DivergedError for one whose run leaves its bounds, and
     LogError for a log that does not fit the job.
@@ -146,8 +147,8 @@ def run(job: Job, step: Callable[[str], None] | None = None) -> JobResult:
     velocity = _velocity(job.reference, measured, next(iter(job.loops.values())).sample_time)
     rows = []
     for name, loop in job.loops.items():
-        if step is not None:
-            step(name)
+        if progress is not None:
+            progress.step(name)
         rows.append(_row(job, name, loop, measured, velocity))
     return JobResult(job, tuple(rows), log, velocity, tuple(_remarks(rows)), versions())
 

@@ -58,11 +58,11 @@ def run(request: RunRequest, progress: Progress) -> Outcome[JobResult]:
     LogError for a log that does not fit the job.
     """
     job = request.job if isinstance(request.job, Job) else read_job(request.job, request.log)
-    step = progress.counted(len(job.loops) + 1)
-    found = jobs.run(job, step)
+    progress = progress.counted(len(job.loops) + 1)
+    found = jobs.run(job, progress)
     files: dict[str, Path] = {}
     if request.out is not None:
-        step("report")
+        progress.step("report")
         files["Report"] = write_results(found, request.out)
     return Outcome(found, [found.table()], [each for each in (job.rule, *found.remarks) if each], files=files)
 

@@ -134,7 +134,7 @@ def _tuned(request: TuneRequest, progress: Progress) -> tuple[Tuned, Story, str 
             f"--sample-time {request.sample_time:g} s is not that of the machine file, {float(loop.sample_time):g} s: "
             f"leave it out, or change sample_time there"
         )
-    limits, step = request.limits(), progress.step
+    limits = request.limits()
     name = axis_name(loop, request.axis)
     points, said = _points(request, machine, loop, progress)
     control, begun = _control(request, loop, points)
@@ -144,16 +144,16 @@ def _tuned(request: TuneRequest, progress: Progress) -> tuple[Tuned, Story, str 
         made = RECIPES[request.recipe](points[0], control)
         found = assess(
             replace(control, law=made.law, compensation=()), points, rule=f"{made.name}: {made.reason} ({made.source})",
-            goal=request.goal, limits=limits, band=band, confidence=request.confidence, today=today, step=step,
+            goal=request.goal, limits=limits, band=band, confidence=request.confidence, today=today, progress=progress,
         )  # fmt: skip
     else:
         found = tune_control(
             control, points, goal=request.goal, limits=limits, filters=request.filters, confidence=request.confidence,
-            starts=request.starts, seed=request.seed, today=today, band=band, step=step,
+            starts=request.starts, seed=request.seed, today=today, band=band, progress=progress,
         )  # fmt: skip
     rules: tuple[JudgedRecipe, ...] = ()
     if found.control.law.kind == "cascade_ppi":
-        rules = judged_recipes(points, control, limits, step)
+        rules = judged_recipes(points, control, limits, progress)
     what = f"{base.name}, axis {name}" if base is not None else Path(request.source).name
     facts = {
         "Source": ", ".join([request.source, *request.at]),
@@ -168,7 +168,7 @@ def _tuned(request: TuneRequest, progress: Progress) -> tuple[Tuned, Story, str 
         "In Python": request.python("tune"),
     }
     text = None if base is None or not found.holds else machine_text(base, name, found.control)
-    step("certificate")
+    progress.step("certificate")
     certificate, facts["Certificate"] = certified(found.control, points, text, name) if found.holds else (None, "")
     story = Story(what, {k: v for k, v in facts.items() if v}, rules, tuple(said), begun or "today")
     return found, story, text, name, certificate

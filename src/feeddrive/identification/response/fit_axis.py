@@ -16,6 +16,7 @@ from feeddrive.identification.response.two_mass_fit import fit_modal_axis, fit_p
 from feeddrive.identification.response.units import taken
 from feeddrive.language import tree
 from feeddrive.language.errors import FeeddriveError, ParameterError, WrongSignError
+from feeddrive.language.progress import Progress
 from feeddrive.language.table import Result, Table
 from feeddrive.loop.frequency_response import FRF
 
@@ -68,7 +69,7 @@ def fit_axis(
     band: tuple[float, float] | None = None,
     force_per_unit: float | None = None,
     travel_per_unit: float | None = None,
-    step: Callable[[str], None] = lambda _: None,
+    progress: Progress | None = None,
 ) -> AxisFits:
     """Fit the structures that an axis may have, from the simple to the rich, and take the one that predicts best.
 
@@ -77,7 +78,7 @@ def fit_axis(
     modes      how many, for modes in parallel; None: as many as unused lines tell
     fixed      parameters that are known; structures that lack one of them are not tried
     structure  "rigid", "machine", "two-mass" or "modal": that one alone
-    step       is told the name of each structure when it begins
+    progress   is told the name of each structure when it begins
 
     The rest is as in `fit_plant`.  Each structure predicts lines that its fit lacked; of those within a tenth of the
     least error the one with the fewest parameters is taken.  Modes in parallel are tried only where the residuals of
@@ -97,7 +98,8 @@ def fit_axis(
         if white and name == "modal":
             refused[name] = f"not tried: nothing regular is left by {white[-1]}"
             continue
-        step(name)
+        if progress is not None:
+            progress.step(name)
         try:
             found[name] = way()
         except FeeddriveError as error:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -14,6 +14,7 @@ from feeddrive.identification.response.modal_response import ModalResponse, Pole
 from feeddrive.identification.response.refine import Refined, Unknown, refine
 from feeddrive.identification.response.units import ResponseUnits, taken
 from feeddrive.language.errors import ParameterError
+from feeddrive.language.progress import Progress
 from feeddrive.language.table import Result, Table
 from feeddrive.loop.frequency_response import FRF
 
@@ -87,7 +88,7 @@ def fit_modes(
     proportional: bool = False,
     rest: bool = False,
     dead_time: float | None = None,
-    step: Callable[[str], None] = lambda _: None,
+    progress: Progress | None = None,
 ) -> ModalFit:
     """Modes that several responses to one input have in common.
 
@@ -100,6 +101,7 @@ def fit_modes(
     proportional  residues are real, skew = 0: all of a mode swings in step, as an undamped structure does.  Friction
                   and damping in single places break that
     rest          a constant for all modes above the band
+    progress      is told how many modes are tried
     dead_time     s; None: it is found
 
     The start comes from vector fitting; the cost is that of `refine`.  Each parameter has a standard error that is
@@ -110,6 +112,7 @@ def fit_modes(
     """
     if modes is not None and not 0 <= modes <= _MOST_ASKED:
         raise ParameterError(f"modes = {modes} must be >= 0 and <= {_MOST_ASKED}")
+    progress = progress or Progress()
     named = _named(responses)
     chosen, units = taken(named, band, None, None)
     outputs = tuple(chosen)
@@ -122,7 +125,7 @@ def fit_modes(
         )
         if sum(frf.frequency.size for frf in frfs) < 2 * (model.common + len(frfs) * model.own):
             break
-        step(f"{count} modes")
+        progress.step(f"{count} modes")
         poles = Poles(model, [frf.response for frf in frfs], dead_time) if poles is None else poles
         begin = _begun(model, frfs, outputs, units, dead_time, poles)
         if begin is not None:
@@ -136,7 +139,7 @@ def fit_modes(
             f"the responses do not hold {modes} resonances: ask for fewer, or give a band in which they stand out"
         )
     _, model, sought, begun_at = best
-    step(f"{model.modes} modes, to the end")
+    progress.step(f"{model.modes} modes, to the end")
     refined = refine(model, sought, frfs, start=begun_at.values)
     return _result(model, sought, refined, frfs, outputs, units)
 

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
+from feeddrive.language.progress import Progress
 from feeddrive.papers.altintas2009.equations import equations
 from feeddrive.papers.altintas2009.motion import motion
 from feeddrive.papers.altintas2009.recovery import estimation, machine_modes
@@ -12,19 +11,19 @@ from feeddrive.papers.altintas2009.testbed import PLANT
 from feeddrive.papers.claims import Experiment
 
 
-def altintas2009(step: Callable[[str], None]) -> Experiment:
-    """All rows; `step` is told what comes next."""
-    step("equations in the ideal loop")
+def altintas2009(progress: Progress) -> Experiment:
+    """All rows; `progress` is told what comes next."""
+    progress.step("equations in the ideal loop")
     algebra, poles = equations()
-    step("stiffness under four rules")
+    progress.step("stiffness under four rules")
     stiff, stiff_pictures = rigidity()
-    step("disturbance recovery")
+    progress.step("disturbance recovery")
     seen, seen_tables, seen_pictures = estimation()
-    step("modes of the machine")
+    progress.step("modes of the machine")
     modes, mode_tables, mode_pictures = machine_modes()
-    step("tracking and saturation")
+    progress.step("tracking and saturation")
     moved, moved_pictures = motion()
-    step("dead time")
+    progress.step("dead time")
     late, late_tables, late_pictures = delays()
     return Experiment(
         name="altintas2009",

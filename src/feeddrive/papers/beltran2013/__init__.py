@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from functools import partial
 from typing import Any
 
 import numpy as np
 
 from feeddrive.blocks.cutting.helical_cutter import HelicalCutter
+from feeddrive.language.progress import Progress
 from feeddrive.language.table import Table
 from feeddrive.loop.linearize import compliance
 from feeddrive.loop.simulate import Run
@@ -45,28 +46,28 @@ EXPECTED = {
 Errors = Mapping[str, Mapping[str, tuple[float, float]]]  # µm by case and axis
 
 
-def beltran2013(step: Callable[[str], None]) -> Experiment:
-    """Runs everything; `step(text)` is called before each piece of work."""
-    step("cutting force")
+def beltran2013(progress: Progress) -> Experiment:
+    """Runs everything; `progress` is told what comes next."""
+    progress.step("cutting force")
     cutter = HelicalCutter.beltran2013()
     turned = mill.turn(cutter, mill.CHIP)
-    step("runs of the table")
+    progress.step("runs of the table")
     runs = {case.name: mill.run(case) for case in CASES}
     found = {name: {axis: mill.errors(run) for axis, run in each.items()} for name, each in runs.items()}
     opposite = {
         name: mill.errors(mill.run(dataclasses.replace(case, opposite=True))["y"])
         for name, case in ((case.name, case) for case in CASES if case.chip == "constant")
     }
-    step("set-valued friction")
+    progress.step("set-valued friction")
     stuck = {
         case.name: {axis: mill.errors(run) for axis, run in mill.run(dataclasses.replace(case, friction="set")).items()}
         for case in CASES
     }
-    step("long legs")
+    progress.step("long legs")
     long = mill.errors(mill.run(dataclasses.replace(LINEAR, leg=0.080))["y"])
-    step("sine tests")
+    progress.step("sine tests")
     sines = {n: np.array([limits.sine_test(f, n) for f in SINES]) for n in STATES}
-    step("limits")
+    progress.step("limits")
     claims = (
         *_cut_claims(cutter, turned),
         *_table_claims(found, opposite, runs, long),

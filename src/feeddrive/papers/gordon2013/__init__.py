@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 from feeddrive.blocks.plant.two_bodies import Gains
+from feeddrive.language.progress import Progress
 from feeddrive.papers.claims import Claim, Experiment
 from feeddrive.papers.gordon2013 import disturbance, frequency, motion
 from feeddrive.papers.gordon2013.testbed import DESIGN, TRUTH, Part
@@ -36,11 +37,11 @@ def _numbered(claims: Sequence[Claim]) -> list[Claim]:
     return found
 
 
-def gordon2013(step: Callable[[str], None]) -> Experiment:
-    """All experiments of the paper; `step(text)` is called before each."""
+def gordon2013(progress: Progress) -> Experiment:
+    """All experiments of the paper; `progress` is told what comes next."""
     parts: list[Part] = []
     for words, run in _PARTS:
-        step(words)
+        progress.step(words)
         parts.append(run())
     gains = ", ".join(f"{name} {value:.5g}" for name, value in zip(Gains._fields, DESIGN.gains(), strict=True))
     return Experiment(

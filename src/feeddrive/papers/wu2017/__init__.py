@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
+from feeddrive.language.progress import Progress
 from feeddrive.papers.claims import Experiment
 from feeddrive.papers.wu2017.contouring import contouring
 from feeddrive.papers.wu2017.learning import learning, signals
@@ -11,15 +10,15 @@ from feeddrive.papers.wu2017.rates import rates
 from feeddrive.papers.wu2017.testbed import PLANT
 
 
-def wu2017(step: Callable[[str], None]) -> Experiment:
-    """All rows; `step` is told what comes next."""
-    step("trials along one and along changing references")
+def wu2017(progress: Progress) -> Experiment:
+    """All rows; `progress` is told what comes next."""
+    progress.step("trials along one and along changing references")
     learned, learned_tables, learned_pictures, _ = learning()
-    step("rates of convergence, noise")
+    progress.step("rates of convergence, noise")
     rated, rated_tables, rated_pictures = rates()
-    step("circle of two axes")
+    progress.step("circle of two axes")
     drawn, drawn_tables, drawn_pictures = contouring()
-    step("signal-based learning beside it")
+    progress.step("signal-based learning beside it")
     signal, signal_tables, signal_pictures = signals()
     return Experiment(
         name="wu2017",
