@@ -215,6 +215,45 @@ def complementary_sensitivity(loop_gain: FRF | Any, frequency: np.ndarray | None
     return replace((1.0 + L).inverse(), response=response, input="disturbance", output="answer", unit="")
 
 
+_REJECTED = float(np.sqrt(0.5))  # |S| up to here counts as bandwidth
+
+
+def bandwidth_crossing(loop_gain: np.ndarray) -> tuple[int, float] | None:
+    """Interval of the lines, and part of it, where |S| = 1/|1 + L| first rises to √½; None where it does not.
+
+    Between two lines ln |S| is straight over ln f.
+    """
+    level = -np.log(np.abs(1.0 + loop_gain)) - np.log(_REJECTED)
+    rises = np.flatnonzero((level[:-1] < 0.0) & (level[1:] >= 0.0))
+    if not rises.size:
+        return None
+    i = int(rises[0])
+    return i, float(level[i] / (level[i] - level[i + 1]))
+
+
+def bandwidth(frequency: np.ndarray, loop_gain: np.ndarray) -> float | None:
+    """The frequency in Hz at which |S| = |1/(1 + L)| first rises to -3 dB, √½: up to there disturbances are rejected.
+
+    frequency, loop_gain  Hz and L, both of shape (n,); None where |S| does not cross it between two lines.
+    Source: Skogestad & Postlethwaite, Multivariable Feedback Control, section 2.4.5.
+    """
+    found = bandwidth_crossing(loop_gain)
+    if found is None:
+        return None
+    i, part = found
+    return float(frequency[i] * (frequency[i + 1] / frequency[i]) ** part)
+
+
+def peak_deviation(loop_gain: np.ndarray, variance: np.ndarray) -> float:
+    """Standard deviation of Ms = max 1/|1 + L| from the variance E|dL|² of the lines, to first order.
+
+    Ms² [var(L)/2]^½ at the line nearest to -1: half of the variance lies along the direction to -1.
+    """
+    away = np.abs(1.0 + loop_gain)
+    k = int(np.argmin(away))
+    return float(np.sqrt(0.5 * variance[k]) / away[k] ** 2)
+
+
 def _check(L: FRF) -> None:
     on_edge = np.flatnonzero(L.response == -1.0)
     if on_edge.size:

@@ -99,6 +99,9 @@ def stiffness(compliance: FRF | Any, static: float | None = None, *, frequency: 
     return Stiffness(compliance.frequency, 1.0 / magnitude, static)
 
 
+_ROUNDING = 1e-9  # of what the terms of a static compliance amount to
+
+
 def static_stiffness(model: StateSpace) -> float:
     """The stiffness at 0 Hz in N/m of a model from `load_force` to a position: infinite with integral action.
 
@@ -115,10 +118,7 @@ def static_stiffness(model: StateSpace) -> float:
     compliance = float(model.C[0] @ moved + model.D[0, 0])
     scale = float(np.sum(np.abs(model.C[0] * moved)) + abs(model.D[0, 0]))
     cancelled = np.linalg.norm(model.B[:, 0]) * np.linalg.norm(model.C[0])
-    return float("inf") if abs(compliance) <= 1e-9 * max(scale, cancelled) else 1.0 / abs(compliance)
-
-
-_ROUNDING = 1e-9  # of what the terms of a static compliance amount to
+    return float("inf") if abs(compliance) <= _ROUNDING * max(scale, cancelled) else 1.0 / abs(compliance)
 
 
 def rope_snap(model: StateSpace) -> float:
@@ -141,17 +141,40 @@ def rope_snap(model: StateSpace) -> float:
     return float(np.sqrt(max(rest @ P @ rest, 0.0) * model.sample_time))
 
 
-def rope_snap_of_lines(frequency: np.ndarray, compliance: np.ndarray, T: float) -> float:
-    """The same from a compliance over frequency (Hz, from near 0 to Nyquist; m/N), by the trapezoidal rule.
+def trapezoid_weights(x: np.ndarray) -> np.ndarray:
+    """w of ∫ y dx = Σ w y by the trapezoidal rule; x of shape (n,), n >= 1, rising."""
+    width = np.zeros(x.size)
+    step = 0.5 * np.diff(x)
+    width[:-1] += step
+    width[1:] += step
+    return width
+
+
+def rope_snap_weights(frequency: np.ndarray, T: float) -> np.ndarray:
+    """w in s² Hz of ISE = Σ w |C|², with the compliance C in m/N on lines in Hz, from near 0 to Nyquist at most.
 
         ISE = ∫ |C|² T² / (2 - 2 cos ωT) dω/π
 
-    which is |C|²/ω² of a continuous loop with the step held over the samples, so that both forms agree.
+    which is |C|²/ω² of a continuous loop with the step held over the samples, so that `rope_snap` of the model agrees.
+    By the trapezoidal rule.  Below the first line the integrand is that line's: with integral action C falls as ω.
     """
-    angle = 2.0 * np.pi * frequency * T
-    values = np.abs(compliance) ** 2 * (T / (2.0 * np.sin(0.5 * angle))) ** 2
-    # below the first line the integrand is that line's: with integral action C falls as ω
-    return float(np.sqrt(2.0 * frequency[0] * values[0] + np.trapezoid(values, 2.0 * frequency)))
+    kernel = (T / (2.0 * np.sin(np.pi * frequency * T))) ** 2
+    width = trapezoid_weights(frequency)
+    width[0] += frequency[0]
+    return 2.0 * kernel * width
+
+
+def rope_snap_of_lines(frequency: np.ndarray, compliance: np.ndarray, T: float) -> float:
+    """The rope snap in m s^½/N from a closed-loop compliance in m/N over frequency in Hz: `rope_snap_weights`."""
+    return float(np.sqrt(np.sum(rope_snap_weights(frequency, T) * np.abs(compliance) ** 2)))
+
+
+def rope_snap_of_run(displacement: np.ndarray, force: float, T: float) -> float:
+    """The rope snap in m s^½/N from samples of the displacement (m) that a step of `force` (N) causes: [T Σ y²]^½/F.
+
+    The run must last until the axis is back.
+    """
+    return float(np.sqrt(T * np.sum(displacement**2))) / force
 
 
 def force_noise(model: StateSpace, motor: float, load: float, *, shared: bool = False) -> float:
@@ -170,3 +193,23 @@ def force_noise(model: StateSpace, motor: float, load: float, *, shared: bool = 
     into, through = B @ scales, D @ scales
     P = summed(model.A, np.outer(model.C[row], model.C[row]))
     return float(np.sqrt(max(np.trace(into.T @ P @ into), 0.0) + np.sum(through * through)))
+
+
+def force_noise_weights(frequency: np.ndarray, T: float) -> np.ndarray:
+    """w of σ_u² = Σ w |C S|² σ², the variance of the command by one reading with a white error of σ.
+
+        σ_u² = σ² 2 T ∫ |C S|² df   from 0 to 1/(2T)
+
+    By the trapezoidal rule over lines in Hz; below the first and above the last line the integrand is that line's.
+    C: the control's response from that reading, N/m, with dead time or without; S = 1/(1 + L).
+    """
+    width = trapezoid_weights(frequency)
+    width[0] += frequency[0]
+    width[-1] += max(0.5 / T - frequency[-1], 0.0)
+    return 2.0 * T * width
+
+
+def force_noise_of_lines(frequency: np.ndarray, T: float, readings: Sequence[tuple[np.ndarray, float]]) -> float:
+    """RMS of the commanded force in N from responses C S (N/m) of readings and their white errors in m, independent."""
+    weight = force_noise_weights(frequency, T)
+    return float(np.sqrt(sum(float(np.sum(weight * sigma**2 * np.abs(C) ** 2)) for C, sigma in readings)))

@@ -153,7 +153,6 @@ def _sampled(
     return replace(made, C=C)
 
 
-_AVERAGES = 8  # behind a coherence that comes without a variance
 _SIZES = 1e-40, 1e20  # m/N
 _ZERO = 1e-9  # of the numbers that it is the difference of
 
@@ -265,10 +264,7 @@ def measured_plant(
 
 def _lines(frf: FRF, sample_time: float) -> Lines:
     """Below half the sample rate, the variance from the coherence if there is no other."""
-    variance = frf.variance
-    if variance is None and frf.coherence is not None:
-        share = np.maximum(frf.coherence, 1e-3)
-        variance = np.abs(frf.response) ** 2 * (1.0 - share) / (share * _AVERAGES)
+    variance = frf.known_variance()
     variance = np.zeros(frf.frequency.size) if variance is None else variance
     keep = frf.frequency < 0.5 / sample_time
     return Lines(frf.frequency[keep], frf.response[keep], variance[keep])

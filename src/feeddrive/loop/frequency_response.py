@@ -10,6 +10,24 @@ import numpy as np
 from feeddrive.language.errors import MissingExtraError, ParameterError
 from feeddrive.language.table import Result, Table
 
+AVERAGES = 8  # behind a coherence that comes without a variance
+_LEAST_COHERENCE = 1e-3  # a smaller one counts as this
+
+
+def coherence_of(response: np.ndarray, variance: np.ndarray, freedom: np.ndarray | float) -> np.ndarray:
+    """γ² = 1/(1 + ν var(G)/|G|²): the ordinary coherence of ν + 1 averages that would have given this variance."""
+    power = np.abs(response) ** 2
+    return power / (power + freedom * variance)
+
+
+def variance_of(response: np.ndarray, coherence: np.ndarray, averages: float = AVERAGES) -> np.ndarray:
+    """var(G) = |G|² (1 - γ²)/(γ² averages) of each line, from the ordinary coherence γ²; in the unit of |G|².
+
+    A coherence below 0.001 counts as 0.001.  Source: Bendat & Piersol, Random Data, section 9.2.
+    """
+    share = np.maximum(coherence, _LEAST_COHERENCE)
+    return np.abs(response) ** 2 * (1.0 - share) / (share * averages)
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class FRF(Result):
@@ -96,6 +114,12 @@ class FRF(Result):
     def deviation(self) -> np.ndarray | None:
         """Standard deviation of the complex response, √variance, if it is known."""
         return None if self.variance is None else np.sqrt(self.variance)
+
+    def known_variance(self, averages: float = AVERAGES) -> np.ndarray | None:
+        """The variance; without one that from the coherence of so many averages (`variance_of`), without both None."""
+        if self.variance is None and self.coherence is not None:
+            return variance_of(self.response, self.coherence, averages)
+        return self.variance
 
     def _with(self, response: Any, variance: Any) -> FRF:
         return replace(self, response=response, coherence=None, variance=variance)

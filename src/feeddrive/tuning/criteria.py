@@ -8,6 +8,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy.stats import norm
 
+from feeddrive.analysis.margins import bandwidth_crossing
+from feeddrive.analysis.stiffness import rope_snap_weights, trapezoid_weights
 from feeddrive.language.errors import NotIdentifiableError
 from feeddrive.tuning.closed_loop import Answer, Below, answer, encircles
 from feeddrive.tuning.control_response import ControlResponse, Response
@@ -15,7 +17,6 @@ from feeddrive.tuning.limits import Bound, Limits, bounds_of, notches_stay_notch
 from feeddrive.tuning.operating_point import OperatingPoint
 
 GOALS = ("rope-snap", "stiffness", "least-stiffness", "bandwidth")
-_REJECTED = float(np.sqrt(0.5))  # |S| up to here counts as bandwidth
 _BESIDE = 0.02  # weight of the logarithm of the rope-snap error, added to another goal
 
 
@@ -97,7 +98,7 @@ class Criteria:
         f = each.point.frequency
         inside = (f >= self.band[0]) & (f <= self.band[1])
         lines, y, dy = each.recovery()
-        snap = _mean_square(y, dy, snap_weights(lines, each.point.sample_time))
+        snap = _mean_square(y, dy, rope_snap_weights(lines, each.point.sample_time))
         match self.goal:
             case "rope-snap":
                 return snap
@@ -113,28 +114,9 @@ class Criteria:
         return own[0] + _BESIDE * snap[0], own[1] + _BESIDE * snap[1], own[2] + _BESIDE * snap[2]
 
 
-def snap_weights(frequency: np.ndarray, T: float) -> np.ndarray:
-    """w of ISE = Σ w |y|²: the trapezoidal rule of ∫ |y|² T²/(2 - 2 cos ωT) dω/π, with the part below the first line.
-
-    Below it the integrand is that of the line, since with integral action y falls as ω.
-    """
-    kernel = (T / (2.0 * np.sin(np.pi * frequency * T))) ** 2
-    width = np.zeros(frequency.size)
-    step = 0.5 * np.diff(frequency)
-    width[:-1] += step
-    width[1:] += step
-    width[0] += frequency[0]
-    return 2.0 * kernel * width
-
-
 def _log_weights(frequency: np.ndarray, inside: np.ndarray) -> np.ndarray:
     """Weights of the mean of |y|² over ln f inside of the band."""
-    x = np.log(frequency)
-    width = np.zeros(x.size)
-    step = 0.5 * np.diff(x)
-    width[:-1] += step
-    width[1:] += step
-    width = np.where(inside, width, 0.0)
+    width = np.where(inside, trapezoid_weights(np.log(frequency)), 0.0)
     return width / np.sum(width)
 
 
@@ -149,15 +131,14 @@ def _mean_square(y: np.ndarray, dy: np.ndarray, weight: np.ndarray) -> tuple[flo
 
 def _bandwidth(each: Answer) -> tuple[float, np.ndarray, np.ndarray]:
     """-ln of the frequency at which |S| first rises to -3 dB."""
-    level = -np.log(np.abs(1.0 + each.gain)) - np.log(_REJECTED)
-    rises = np.flatnonzero((level[:-1] < 0.0) & (level[1:] >= 0.0))
     x = np.log(each.point.frequency)
     tunables = each.gain_slope.shape[1]
-    if not rises.size:
+    found = bandwidth_crossing(each.gain)
+    if found is None:
         return float(-x[0]), np.zeros(tunables), np.zeros((tunables, tunables))
-    i = int(rises[0])
-    part = level[i] / (level[i] - level[i + 1])
-    tilt = (level[i + 1] - level[i]) / (x[i + 1] - x[i])
+    i, part = found
+    level = -np.log(np.abs(1.0 + each.gain[i : i + 2]))
+    tilt = (level[1] - level[0]) / (x[i + 1] - x[i])
     pushed = -(each.gain_slope / (1.0 + each.gain)[:, None]).real
     moved = (1.0 - part) * pushed[i] + part * pushed[i + 1]
     slope = moved / tilt

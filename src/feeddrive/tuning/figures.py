@@ -7,11 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from feeddrive.analysis.margins import Margins, margins
-from feeddrive.analysis.stiffness import Stiffness, stiffness
+from feeddrive.analysis.margins import Margins, bandwidth, margins, peak_deviation
+from feeddrive.analysis.stiffness import Stiffness, rope_snap_of_lines, stiffness
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.tuning.closed_loop import Answer, encircles
-from feeddrive.tuning.criteria import snap_weights
 from feeddrive.tuning.limits import force_noise
 
 
@@ -55,25 +54,16 @@ def figures(answer: Answer, reading_noise: tuple[float, float]) -> Figures:
     L = FRF(f, answer.gain, "cut", "force", "N/N", T, variance=None if point.variance is None else answer.gain_variance)
     C = FRF(f, answer.compliance, "load_force", "position_load", "m/N", T)
     stable = not encircles(answer)
-    lines, y, _ = answer.recovery()
-    away = np.abs(1.0 + answer.gain)
-    k = int(np.argmin(away))
-    level = -20.0 * np.log10(away)
-    rises = np.flatnonzero((level[:-1] < -3.0103) & (level[1:] >= -3.0103))
-    width = None
-    if rises.size:
-        i = int(rises[0])
-        part = (-3.0103 - level[i]) / (level[i + 1] - level[i])
-        width = float(f[i] * (f[i + 1] / f[i]) ** part)
+    recovery = answer.recovery()
     return Figures(
         point=point.name,
         stable=stable,
         loop_gain=L,
         compliance=C,
-        rope_snap=float(np.sqrt(np.sum(snap_weights(lines, T) * np.abs(y) ** 2))) if stable else np.inf,
-        bandwidth=width if stable else None,
-        force_noise=force_noise(answer, reading_noise)[0] if any(reading_noise) else None,
-        deviation=float(np.sqrt(0.5 * answer.gain_variance[k]) / away[k] ** 2),
+        rope_snap=rope_snap_of_lines(recovery.frequency, recovery.compliance, T) if stable else np.inf,
+        bandwidth=bandwidth(f, answer.gain) if stable else None,
+        force_noise=force_noise(answer, reading_noise) if any(reading_noise) else None,
+        deviation=peak_deviation(answer.gain, answer.gain_variance),
         at_drive=point.at_drive,
     )
 

@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from feeddrive.analysis.margins import least
+from feeddrive.analysis.stiffness import force_noise_of_lines, force_noise_weights
 from feeddrive.blocks.filter.notch import Notch
 from feeddrive.language.errors import ParameterError
 from feeddrive.loop.control import Control
@@ -243,33 +244,31 @@ def _tilts(x: np.ndarray, level: np.ndarray, turn: np.ndarray, k: int) -> tuple[
     return float(apart @ level[low:high] / scale), float(apart @ phase / scale)
 
 
-def force_noise(each: Answer, reading_noise: tuple[float, float]) -> tuple[float, np.ndarray]:
-    """RMS of the command in N from white errors of the readings in m, and its slope; beyond the last line S = 1."""
+def _noisy_readings(each: Answer, reading_noise: tuple[float, float]) -> list[tuple[np.ndarray, np.ndarray, float]]:
+    """The control's responses C to the readings (N/m), their slopes, and the white error of each in m RMS."""
     C, dC = each.response.value, each.response.slope
-    S = 1.0 / (1.0 + each.gain)
-    dS = -(S * S)[:, None] * each.gain_slope
-    f, T = each.point.frequency, each.point.sample_time
-    width = np.zeros(f.size)
-    step = 0.5 * np.diff(f)
-    width[:-1] += step
-    width[1:] += step
-    width[0] += f[0]
-    width[-1] += max(0.5 / T - f[-1], 0.0)
     if each.point.ratio is not None and np.all(each.point.ratio[0] == 1.0):  # one encoder gives both readings
-        parts = [(C[0] + C[1], dC[0] + dC[1], max(reading_noise))]
-    else:
-        parts = [(C[k], dC[k], reading_noise[k]) for k in range(2)]
-    total, slope = 0.0, np.zeros(dC.shape[2])
-    for value, moved, sigma in parts:
-        through, change = value * S, moved * S[:, None] + value[:, None] * dS
-        weight = 2.0 * T * width * sigma**2
-        total += float(np.sum(weight * np.abs(through) ** 2))
-        slope = slope + 2.0 * np.einsum("l,lp->p", weight * np.conj(through), change).real
-    return float(np.sqrt(total)), slope / (2.0 * np.sqrt(total))
+        return [(C[0] + C[1], dC[0] + dC[1], max(reading_noise))]
+    return [(C[k], dC[k], reading_noise[k]) for k in range(2)]
+
+
+def force_noise(each: Answer, reading_noise: tuple[float, float]) -> float:
+    """RMS of the command in N from white errors of the readings in m."""
+    S = 1.0 / (1.0 + each.gain)
+    parts = [(C * S, sigma) for C, _, sigma in _noisy_readings(each, reading_noise)]
+    return force_noise_of_lines(each.point.frequency, each.point.sample_time, parts)
 
 
 def _noise(i: int, each: Answer, limits: Limits) -> Bound:
-    value, slope = force_noise(each, limits.reading_noise)
+    """The force noise with its slope: d σ_u = Σ w σ² Re[(C S)* d(C S)] / σ_u."""
     assert limits.force_noise is not None
+    value = force_noise(each, limits.reading_noise)
+    S = 1.0 / (1.0 + each.gain)
+    dS = -(S * S)[:, None] * each.gain_slope
+    weight = force_noise_weights(each.point.frequency, each.point.sample_time)
+    slope = np.zeros(each.gain_slope.shape[1])
+    for C, dC, sigma in _noisy_readings(each, limits.reading_noise):
+        through, change = C * S, dC * S[:, None] + C[:, None] * dS
+        slope = slope + np.einsum("l,lp->p", weight * sigma**2 * np.conj(through), change).real / value
     slack = float(np.log(limits.force_noise / value))
     return Bound("force noise", i, 0.0, slack, -slope / value, 0.0, ("noise", i, 0))

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from feeddrive.language.errors import ParameterError
-from feeddrive.loop.frequency_response import FRF
+from feeddrive.loop.frequency_response import AVERAGES, FRF
 from feeddrive.loop.linearize import linearize
 from feeddrive.loop.loop import Loop
 from feeddrive.tuning.control_response import ControlResponse
@@ -23,7 +23,6 @@ _FINEST = 0.003  # of ln f: lines of a measurement with variance keep this dista
 _CLOSEST = 3e-4  # the same of lines without variance, which only a measurement of very many lines has
 _LEAST, _MOST = 1e-30, 1e6  # m/N, of a response that an axis can have
 _WIDTH = 5  # lines over which a noisy curve is averaged before its bends are counted
-_AVERAGES = 8  # behind a coherence that comes without a variance
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,7 +120,7 @@ def measured_point(
     sample_time: float,
     delay: float = 0.0,
     name: str = "measured",
-    averages: int = _AVERAGES,
+    averages: int = AVERAGES,
 ) -> OperatingPoint:
     """The axis behind measured responses, in m/N on the same lines.
 
@@ -228,10 +227,7 @@ def _without(lines: _Lines) -> _Lines:
 
 def _on(frf: FRF, inside: np.ndarray, averages: int) -> _Lines:
     """A response on the lines that count, its variance from the coherence if there is no other."""
-    variance = frf.variance
-    if variance is None and frf.coherence is not None:
-        share = np.maximum(frf.coherence, 1e-3)
-        variance = np.abs(frf.response) ** 2 * (1.0 - share) / (share * averages)
+    variance = frf.known_variance(averages)
     return _Lines(frf.response[inside], None if variance is None else variance[inside])
 
 

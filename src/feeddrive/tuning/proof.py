@@ -12,7 +12,7 @@ import numpy as np
 from feeddrive.analysis.loop_model import LoopModel, loop_model
 from feeddrive.analysis.margins import margins
 from feeddrive.analysis.stability import stability
-from feeddrive.analysis.stiffness import rope_snap
+from feeddrive.analysis.stiffness import rope_snap, rope_snap_of_run
 from feeddrive.blocks.families import Sensor
 from feeddrive.blocks.load.step_force import StepForce
 from feeddrive.blocks.reference.recorded import Recorded
@@ -157,7 +157,7 @@ def _run(name: str, loop: Loop, both: LoopModel, limits: Limits, velocity: float
     if limit is not None and largest > limit:
         return Checked(what, False, f"{force:g} N on the table ask for {largest:.4g} N, the limit is {limit:g} N")
     moved = runs[1]["position_load"] - runs[2]["position_load"]
-    got = float(np.sqrt(T * np.sum(moved**2))) / force
+    got = rope_snap_of_run(moved, force, T)
     off = got / expected - 1.0
     noise = float(np.std(runs[0]["requested"][settle // 2 : settle]))
     said = (

@@ -121,9 +121,3 @@ def fisher(confidence: float, freedom: np.ndarray | float) -> np.ndarray:
     """Quantile of F(2, 2ν), in closed form."""
     nu = np.asarray(freedom, float)
     return nu * ((1.0 - confidence) ** (-1.0 / nu) - 1.0)
-
-
-def coherence_of(response: np.ndarray, variance: np.ndarray, freedom: np.ndarray | float) -> np.ndarray:
-    """γ² = 1/(1 + ν var(G)/|G|²): the ordinary coherence of ν + 1 averages that would have given this variance."""
-    power = np.abs(response) ** 2
-    return power / (power + freedom * variance)

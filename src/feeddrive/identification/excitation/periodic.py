@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from feeddrive.identification.excitation.frequency_estimate import FrequencyEstimate, Level, coherence_of
+from feeddrive.identification.excitation.frequency_estimate import FrequencyEstimate, Level
 from feeddrive.identification.excitation.record import Record, cut, transient_periods
 from feeddrive.language.errors import LogError
-from feeddrive.loop.frequency_response import FRF
+from feeddrive.loop.frequency_response import FRF, coherence_of
 
 _GAP = 5.0  # factor between excited and empty lines below which there are no empty ones
 _ROUNDING = 1e-9  # share of the largest line under which all is rounding
