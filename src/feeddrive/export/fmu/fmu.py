@@ -21,12 +21,12 @@ from feeddrive.version import __version__
 
 VERSIONS = (2, 3)
 _HERE = Path(__file__).parent
-_SHARED = "fmu_instance.h"
+_SHARED = ("fmu_instance.h", "fmu_functions.h")
 # files beside which the model's own stand, and headers of the C library that they would hide
 _TAKEN = (
-    "fmu_model", "fmu_instance", "fmi2", "fmi3", "fmi2functions", "fmi2functiontypes", "fmi2typesplatform",
-    "fmi3functions", "fmi3functiontypes", "fmi3platformtypes", "math", "stdarg", "stdbool", "stddef", "stdint",
-    "stdio", "stdlib", "string", "xmmintrin",
+    "fmu_model", "fmu_instance", "fmu_functions", "fmi2", "fmi3", "fmi2functions", "fmi2functiontypes",
+    "fmi2typesplatform", "fmi3functions", "fmi3functiontypes", "fmi3platformtypes", "math", "stdarg", "stdbool",
+    "stddef", "stdint", "stdio", "stdlib", "string", "xmmintrin",
 )  # fmt: skip
 
 
@@ -64,7 +64,7 @@ def fmu(layout: Layout, version: int, *, title: str, made_by: str, binary: bool 
     own = texts(layout, title, made_by)
     P = routine.name
     files = {f"{P}.h": own.header, f"{P}.c": _EXACT + own.source, f"{P}_configure.c": _EXACT + own.configure}
-    files |= {name: _read("sources", name) for name in (f"fmi{version}.c", _SHARED)}
+    files |= {name: _read("sources", name) for name in (f"fmi{version}.c", *_SHARED)}
     files |= {each.name: _read("headers", each.name) for each in sorted((_HERE / "headers").glob(f"fmi{version}*.h"))}
     compiles = [f"{P}.c", f"{P}_configure.c", f"fmi{version}.c"]
     scalars = variables(routine)

@@ -2,37 +2,30 @@
 #include "fmi2Functions.h"
 /* A step that is refused is an error here: importers ask for ever again what FMI 2 discards. */
 #define REFUSED ERROR
-#include "fmu_instance.h"
+#define FMI(name) fmi2##name
+#define HANDLE fmi2Component
+#define STATE fmi2FMUstate
+#define GET_STATE fmi2GetFMUstate
+#define SET_STATE fmi2SetFMUstate
+#define FREE_STATE fmi2FreeFMUstate
+#define STATE_SIZE fmi2SerializedFMUstateSize
+#define SERIALIZE fmi2SerializeFMUstate
+#define DESERIALIZE fmi2DeSerializeFMUstate
+#include "fmu_functions.h"
 
-static int tell(const instance *one, int status, const char *category, const char *form, ...)
+static void deliver(const instance *one, int status, const char *category, const char *text)
 {
     const fmi2CallbackFunctions *callbacks = one->callback;
-    if (one->logging && callbacks != NULL && callbacks->logger != NULL) {
-        char text[400];
-        va_list values;
-        va_start(values, form);
-        vsnprintf(text, sizeof text, form, values);
-        va_end(values);
+    if (callbacks->logger != NULL) {
         callbacks->logger(callbacks->componentEnvironment, one->name, (fmi2Status)status, category, "%s", text);
     }
-    return status;
 }
 
-#define REQUIRE(modes)                                  \
-    do {                                                \
-        if (!allowed(c, modes, __func__)) {             \
-            return fmi2Error;                           \
-        }                                               \
-    } while (0)
 #define READABLE (INITIALIZING | STEPPING | TERMINATED)
-#define WRITABLE (INSTANTIATED | INITIALIZING | STEPPING)
-#define ALIVE (INSTANTIATED | INITIALIZING | STEPPING | TERMINATED)
 
 /* ---- the model's life ---- */
 
 const char *fmi2GetTypesPlatform(void) { return fmi2TypesPlatform; }
-
-const char *fmi2GetVersion(void) { return fmi2Version; }
 
 fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid, fmi2String resources,
                               const fmi2CallbackFunctions *callbacks, fmi2Boolean visible, fmi2Boolean logging)
@@ -61,18 +54,6 @@ fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid, f
     return one;
 }
 
-void fmi2FreeInstance(fmi2Component c) { unmake(c); }
-
-fmi2Status fmi2SetDebugLogging(fmi2Component c, fmi2Boolean logging, size_t count, const fmi2String categories[])
-{
-    instance *one = c;
-    (void)count;
-    (void)categories;
-    REQUIRE(ALIVE);
-    one->logging = logging;
-    return fmi2OK;
-}
-
 fmi2Status fmi2SetupExperiment(fmi2Component c, fmi2Boolean toleranceDefined, fmi2Real tolerance, fmi2Real start,
                                fmi2Boolean stopDefined, fmi2Real stop)
 {
@@ -91,27 +72,6 @@ fmi2Status fmi2EnterInitializationMode(fmi2Component c)
     instance *one = c;
     REQUIRE(INSTANTIATED);
     one->now.mode = INITIALIZING;
-    return fmi2OK;
-}
-
-fmi2Status fmi2ExitInitializationMode(fmi2Component c)
-{
-    REQUIRE(INITIALIZING);
-    return (fmi2Status)initialize(c);
-}
-
-fmi2Status fmi2Terminate(fmi2Component c)
-{
-    instance *one = c;
-    REQUIRE(STEPPING);
-    one->now.mode = TERMINATED;
-    return fmi2OK;
-}
-
-fmi2Status fmi2Reset(fmi2Component c)
-{
-    REQUIRE(ALIVE);
-    begin(c);
     return fmi2OK;
 }
 
@@ -188,59 +148,11 @@ fmi2Status fmi2GetBooleanStatus(fmi2Component c, const fmi2StatusKind kind, fmi2
     return fmi2OK;
 }
 
-/* ---- states ---- */
-
-fmi2Status fmi2GetFMUstate(fmi2Component c, fmi2FMUstate *state)
-{
-    REQUIRE(ALIVE);
-    return (fmi2Status)keep(c, state);
-}
-
-fmi2Status fmi2SetFMUstate(fmi2Component c, fmi2FMUstate state)
-{
-    REQUIRE(ALIVE);
-    return (fmi2Status)restore(c, state);
-}
-
-fmi2Status fmi2FreeFMUstate(fmi2Component c, fmi2FMUstate *state)
-{
-    REQUIRE(ALIVE);
-    drop(state);
-    return fmi2OK;
-}
-
-fmi2Status fmi2SerializedFMUstateSize(fmi2Component c, fmi2FMUstate state, size_t *size)
-{
-    (void)state;
-    REQUIRE(ALIVE);
-    *size = SERIALIZED;
-    return fmi2OK;
-}
-
-fmi2Status fmi2SerializeFMUstate(fmi2Component c, fmi2FMUstate state, fmi2Byte bytes[], size_t size)
-{
-    REQUIRE(ALIVE);
-    return (fmi2Status)serialize(c, state, bytes, size);
-}
-
-fmi2Status fmi2DeSerializeFMUstate(fmi2Component c, const fmi2Byte bytes[], size_t size, fmi2FMUstate *state)
-{
-    REQUIRE(ALIVE);
-    return (fmi2Status)deserialize(c, bytes, size, state);
-}
-
 /* ---- what FMI 2 has and this model has not; modelDescription.xml says so ---- */
 
 #if defined(__GNUC__)
 #pragma GCC diagnostic ignored "-Wunused-parameter"
 #endif
-
-#define ABSENT(name, ...)                                                                                  \
-    fmi2Status name(fmi2Component c, __VA_ARGS__)                                                          \
-    {                                                                                                      \
-        REQUIRE(ALIVE);                                                                                    \
-        return (fmi2Status)tell(c, ERROR, "logStatusError", "%s: this FMU does not provide it", __func__); \
-    }
 
 ABSENT(fmi2GetString, const fmi2ValueReference vr[], size_t count, fmi2String value[])
 ABSENT(fmi2SetString, const fmi2ValueReference vr[], size_t count, const fmi2String value[])

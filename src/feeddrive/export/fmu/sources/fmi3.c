@@ -1,7 +1,16 @@
 /* FMI 3.0 for co-simulation around the exported C. */
 #include "fmi3Functions.h"
 #define REFUSED DISCARD /* a step that is no whole multiple of the sample time */
-#include "fmu_instance.h"
+#define FMI(name) fmi3##name
+#define HANDLE fmi3Instance
+#define STATE fmi3FMUState
+#define GET_STATE fmi3GetFMUState
+#define SET_STATE fmi3SetFMUState
+#define FREE_STATE fmi3FreeFMUState
+#define STATE_SIZE fmi3SerializedFMUStateSize
+#define SERIALIZE fmi3SerializeFMUState
+#define DESERIALIZE fmi3DeserializeFMUState
+#include "fmu_functions.h"
 
 /* A function's address through memcpy: ISO C has no cast from `void *` to a function. */
 static fmi3LogMessageCallback logger(const void *kept)
@@ -11,31 +20,12 @@ static fmi3LogMessageCallback logger(const void *kept)
     return function;
 }
 
-static int tell(const instance *one, int status, const char *category, const char *form, ...)
+static void deliver(const instance *one, int status, const char *category, const char *text)
 {
-    if (one->logging && one->callback != NULL) {
-        char text[400];
-        va_list values;
-        va_start(values, form);
-        vsnprintf(text, sizeof text, form, values);
-        va_end(values);
-        logger(one->callback)(one->environment, (fmi3Status)status, category, text);
-    }
-    return status;
+    logger(one->callback)(one->environment, (fmi3Status)status, category, text);
 }
 
-#define REQUIRE(modes)                      \
-    do {                                    \
-        if (!allowed(c, modes, __func__)) { \
-            return fmi3Error;               \
-        }                                   \
-    } while (0)
-#define WRITABLE (INSTANTIATED | INITIALIZING | STEPPING)
-#define ALIVE (INSTANTIATED | INITIALIZING | STEPPING | TERMINATED)
-
 /* ---- the model's life ---- */
-
-const char *fmi3GetVersion(void) { return fmi3Version; }
 
 fmi3Instance fmi3InstantiateCoSimulation(fmi3String name, fmi3String token, fmi3String resources, fmi3Boolean visible,
                                          fmi3Boolean logging, fmi3Boolean eventModeUsed, fmi3Boolean earlyReturnAllowed,
@@ -70,18 +60,6 @@ fmi3Instance fmi3InstantiateCoSimulation(fmi3String name, fmi3String token, fmi3
     return one;
 }
 
-void fmi3FreeInstance(fmi3Instance c) { unmake(c); }
-
-fmi3Status fmi3SetDebugLogging(fmi3Instance c, fmi3Boolean logging, size_t count, const fmi3String categories[])
-{
-    instance *one = c;
-    (void)count;
-    (void)categories;
-    REQUIRE(ALIVE);
-    one->logging = logging;
-    return fmi3OK;
-}
-
 fmi3Status fmi3EnterInitializationMode(fmi3Instance c, fmi3Boolean toleranceDefined, fmi3Float64 tolerance,
                                        fmi3Float64 start, fmi3Boolean stopDefined, fmi3Float64 stop)
 {
@@ -93,27 +71,6 @@ fmi3Status fmi3EnterInitializationMode(fmi3Instance c, fmi3Boolean toleranceDefi
     REQUIRE(INSTANTIATED);
     one->now.time = start;
     one->now.mode = INITIALIZING;
-    return fmi3OK;
-}
-
-fmi3Status fmi3ExitInitializationMode(fmi3Instance c)
-{
-    REQUIRE(INITIALIZING);
-    return (fmi3Status)initialize(c);
-}
-
-fmi3Status fmi3Terminate(fmi3Instance c)
-{
-    instance *one = c;
-    REQUIRE(STEPPING);
-    one->now.mode = TERMINATED;
-    return fmi3OK;
-}
-
-fmi3Status fmi3Reset(fmi3Instance c)
-{
-    REQUIRE(ALIVE);
-    begin(c);
     return fmi3OK;
 }
 
@@ -176,59 +133,12 @@ fmi3Status fmi3DoStep(fmi3Instance c, fmi3Float64 time, fmi3Float64 step, fmi3Bo
     return (fmi3Status)status;
 }
 
-/* ---- states ---- */
-
-fmi3Status fmi3GetFMUState(fmi3Instance c, fmi3FMUState *state)
-{
-    REQUIRE(ALIVE);
-    return (fmi3Status)keep(c, state);
-}
-
-fmi3Status fmi3SetFMUState(fmi3Instance c, fmi3FMUState state)
-{
-    REQUIRE(ALIVE);
-    return (fmi3Status)restore(c, state);
-}
-
-fmi3Status fmi3FreeFMUState(fmi3Instance c, fmi3FMUState *state)
-{
-    REQUIRE(ALIVE);
-    drop(state);
-    return fmi3OK;
-}
-
-fmi3Status fmi3SerializedFMUStateSize(fmi3Instance c, fmi3FMUState state, size_t *size)
-{
-    (void)state;
-    REQUIRE(ALIVE);
-    *size = SERIALIZED;
-    return fmi3OK;
-}
-
-fmi3Status fmi3SerializeFMUState(fmi3Instance c, fmi3FMUState state, fmi3Byte bytes[], size_t size)
-{
-    REQUIRE(ALIVE);
-    return (fmi3Status)serialize(c, state, bytes, size);
-}
-
-fmi3Status fmi3DeserializeFMUState(fmi3Instance c, const fmi3Byte bytes[], size_t size, fmi3FMUState *state)
-{
-    REQUIRE(ALIVE);
-    return (fmi3Status)deserialize(c, bytes, size, state);
-}
-
 /* ---- what FMI 3 has and this model has not; modelDescription.xml says so ---- */
 
 #if defined(__GNUC__)
 #pragma GCC diagnostic ignored "-Wunused-parameter"
 #endif
 
-#define ABSENT(name, ...)                                                                                  \
-    fmi3Status name(fmi3Instance c, __VA_ARGS__)                                                           \
-    {                                                                                                      \
-        REQUIRE(ALIVE);                                                                                    \
-        return (fmi3Status)tell(c, ERROR, "logStatusError", "%s: this FMU does not provide it", __func__); \
-    }
 #define ABSENT_ALONE(name)                                                                                 \
     fmi3Status name(fmi3Instance c)                                                                        \
     {                                                                                                      \

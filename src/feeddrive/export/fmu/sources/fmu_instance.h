@@ -40,8 +40,22 @@ typedef struct {
     char *name;
 } instance;
 
+/* A message handed to the callback, which is there; `fmi2.c` and `fmi3.c` know how. */
+static void deliver(const instance *one, int status, const char *category, const char *text);
+
 /* A message with a status and a category, to whoever runs the FMU; gives the status back. */
-static int tell(const instance *one, int status, const char *category, const char *form, ...);
+static int tell(const instance *one, int status, const char *category, const char *form, ...)
+{
+    if (one->logging && one->callback != NULL) {
+        char text[400];
+        va_list values;
+        va_start(values, form);
+        vsnprintf(text, sizeof text, form, values);
+        va_end(values);
+        deliver(one, status, category, text);
+    }
+    return status;
+}
 
 /* ---- one instance ---- */
 
