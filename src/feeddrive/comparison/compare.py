@@ -182,8 +182,8 @@ def compare(
     with the reason.  Raises ParameterError for an axis or a law that is not there.
     """
     if not isinstance(machine, MachineFile):  # pyright: ignore[reportUnnecessaryIsInstance]
-        remedy = "a job is run by fd.run(job)" if isinstance(machine, Job) else "give fd.read_machine(...)"
-        raise ParameterError(f"compare puts all laws on an axis of a machine, not of {machine!r:.60}: {remedy}")
+        remedy = "run a job with fd.run(job)" if isinstance(machine, Job) else "give what fd.read_machine(...) returns"
+        raise ParameterError(f"fd.compare takes a machine file, not a {type(machine).__name__}: {remedy}")
     progress = progress or Progress()
     loop = machine.loop(axis)
     name = axis if axis is not None else next(iter(machine.loops))
