@@ -15,10 +15,15 @@ from feeddrive.language.table import views_from
 _RENAMED = {
     "get": "fd.parameters(loop)[path]",
     "leaves": "fd.parameters(loop)",
-    "export": "fd.write_export",
     "arena": "fd.compare",
     "Arena": "fd.comparison.Comparison",
     "shape": "fd.tune",
+    "write_arena": "fd.comparison.write_comparison",
+    "ShapedLoop": "fd.tuning.Tuned",
+    "Site": "fd.tuning.OperatingPoint",
+    "measured_site": "fd.tuning.measured_point",
+    "modelled_site": "fd.tuning.modelled_point",
+    "Shaped": "fd.blocks.InputShaped",
     "Comparison": "fd.workflow.JobResult for a job that was run, fd.comparison.Comparison for laws that were compared",
 }
 

@@ -16,6 +16,7 @@ from feeddrive.blocks.families import Reference
 from feeddrive.blocks.reference.bezier10 import Bezier10
 from feeddrive.blocks.reference.chirp import Chirp
 from feeddrive.blocks.reference.circle import Circle
+from feeddrive.blocks.reference.input_shaped import InputShaped
 from feeddrive.blocks.reference.jerk_limited_move import JerkLimitedMove
 from feeddrive.blocks.reference.linear_move import LinearMove
 from feeddrive.blocks.reference.multisine import Multisine
@@ -23,7 +24,6 @@ from feeddrive.blocks.reference.polynomial7 import Polynomial7
 from feeddrive.blocks.reference.pulses import SHAPERS, pulses
 from feeddrive.blocks.reference.recorded import Recorded
 from feeddrive.blocks.reference.sequence import Sequence
-from feeddrive.blocks.reference.shaped import Shaped
 from feeddrive.blocks.reference.sine import Sine
 from feeddrive.blocks.reference.snap_limited_move import SnapLimitedMove
 from feeddrive.blocks.reference.trapezoidal_move import TrapezoidalMove
@@ -44,7 +44,7 @@ EXAMPLES: dict[str, Reference] = {
     "multisine": Multisine(amplitude=1e-3, lowest=2, highest=40, period=0.5, periods=2, blend_time=0.2),
     "chirp": Chirp(amplitude=1e-3, first_frequency=2, last_frequency=60, sweep_time=2.0),
     "recorded": Recorded(position=ROW, sample_time=1e-3),
-    "shaped": Shaped(reference=MOVE, shaper="ei", frequency=30, damping=0.05),
+    "input_shaped": InputShaped(reference=MOVE, shaper="ei", frequency=30, damping=0.05),
     "sequence": Sequence(references=(MOVE, Circle(radius=0.03, feed=0.1), Polynomial7(distance=-0.1, travel_time=0.2))),
 }
 # times at which a derivative jumps, besides those of the snap itself
@@ -285,7 +285,7 @@ QUICK = Polynomial7(distance=0.01, travel_time=0.06)
 
 @pytest.mark.parametrize(("shaper", "damping"), [("zv", 0.0), ("zv", 0.1), ("zvd", 0.1), ("ei", 0.0)])
 def test_a_shaped_motion_leaves_the_vibration_it_promises(shaper: str, damping: float):
-    shaped = Shaped(reference=QUICK, shaper=shaper, frequency=12.0, damping=damping, tolerance=0.05)
+    shaped = InputShaped(reference=QUICK, shaper=shaper, frequency=12.0, damping=damping, tolerance=0.05)
     alone, left = ringing(QUICK, 12.0, damping), ringing(shaped, 12.0, damping)
     assert alone > 1e-3
     if shaper == "ei":
@@ -298,7 +298,7 @@ def test_a_shaped_motion_leaves_the_vibration_it_promises(shaper: str, damping: 
 def test_off_its_frequency_zvd_leaves_the_square_of_what_zv_leaves(ratio: float):
     alone = ringing(QUICK, 12.0 * ratio, 0.0)
     left = {
-        shaper: ringing(Shaped(reference=QUICK, shaper=shaper, frequency=12.0, tolerance=0.05), 12.0 * ratio, 0.0)
+        shaper: ringing(InputShaped(reference=QUICK, shaper=shaper, frequency=12.0, tolerance=0.05), 12.0 * ratio, 0.0)
         / alone
         for shaper in SHAPERS
     }
@@ -324,7 +324,7 @@ def test_pulses_are_positive_sum_to_one_and_cancel_the_mode(
 
 
 def test_a_shaped_motion_keeps_the_limits_and_the_end_of_its_reference():
-    shaped = Shaped(reference=MOVE, shaper="zvd", frequency=17.0, damping=0.02)
+    shaped = InputShaped(reference=MOVE, shaper="zvd", frequency=17.0, damping=0.02)
     t = np.linspace(0.0, shaped.duration, 5001)
     rows, bare = shaped.at(t), MOVE.at(t)
     for name in NAMES[1:]:
@@ -382,9 +382,9 @@ def test_a_sequence_of_moves_travels_the_sum_of_their_distances(distances: list[
         (lambda: Multisine(amplitude=1, lowest=5, highest=4, period=1), r"highest = 4 Hz must be >="),
         (lambda: Multisine(amplitude=1, lowest=1.1, highest=1.9, period=1), "no line"),
         (lambda: Multisine(amplitude=1, lowest=1, highest=1e6, period=1), "more than 20000"),
-        (lambda: Shaped(reference=QUICK, frequency=1, damping=1), "< 1"),
-        (lambda: Shaped(reference=QUICK, frequency=1e-9), "would take"),
-        (lambda: Shaped(reference=None, frequency=1), "must be a reference"),
+        (lambda: InputShaped(reference=QUICK, frequency=1, damping=1), "< 1"),
+        (lambda: InputShaped(reference=QUICK, frequency=1e-9), "would take"),
+        (lambda: InputShaped(reference=None, frequency=1), "must be a reference"),
         (lambda: Sequence(references=()), "at least one reference"),
         (lambda: Sequence(references=QUICK), "at least one reference"),
         (lambda: Sequence(references=(QUICK, None)), "at least one reference"),
@@ -398,4 +398,4 @@ def test_what_is_refused(make: object, words: str):
 def test_a_log_seen_through_a_shaper_needs_values_between_its_rows():
     log = Recorded(position=ROW, sample_time=1e-3)
     with pytest.raises(StructureError, match="none at t = "):
-        Shaped(reference=log, frequency=33.0).at(np.arange(100) * 1e-3)
+        InputShaped(reference=log, frequency=33.0).at(np.arange(100) * 1e-3)

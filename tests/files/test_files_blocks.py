@@ -14,7 +14,7 @@ from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 
 from feeddrive.blocks.catalogue import catalogue
-from feeddrive.blocks.families import Force, Friction, Law, Plant
+from feeddrive.blocks.families import Force, Friction, Law, Plant, Reference
 from feeddrive.blocks.plant.two_mass import TwoMass
 from feeddrive.files.blocks_from_toml import Hint, defaults, hints, members, read_block
 from feeddrive.files.blocks_to_toml import to_toml
@@ -256,6 +256,14 @@ def test_what_is_wrong_with_a_plant(text: str, message: str) -> None:
     with pytest.raises(ParameterError, match=message) as error:
         read(Plant, text)
     assert "\n" not in str(error.value)
+
+
+def test_a_kind_of_before_is_refused_with_the_new_one() -> None:
+    said = r"m\.toml:1: kind = 'shaped' is now called 'input_shaped'"
+    with pytest.raises(ParameterError, match=said):
+        read(Reference, 'kind = "shaped"\nfrequency = 30')
+    with pytest.raises(ParameterError, match=r"'shaped' is not known; there are: .*two_mass"):  # of another family
+        read(Plant, 'kind = "shaped"')
 
 
 @pytest.mark.parametrize(

@@ -9,6 +9,8 @@ from typing import Any
 
 from feeddrive.language.lazy_package import make_lazy, modules_below, public_names
 
+_RENAMED = {"Shaped": "InputShaped"}  # until 1.0, as the kinds in catalogue.py
+
 
 def _unlisted(name: str) -> Any:
     """A block that the stub does not list, by the module that is named as it is: `SmithLaw` in `smith_law.py`."""
@@ -18,6 +20,8 @@ def _unlisted(name: str) -> Any:
     for module in modules_below(__name__) if name[:1].isupper() else ():
         if module.endswith(file):
             return getattr(import_module(module), name)
+    if name in _RENAMED:
+        raise AttributeError(f"fd.blocks.{name} is now fd.blocks.{_RENAMED[name]}")
     raise AttributeError(f"module '{__name__}' has no name '{name}'")
 
 

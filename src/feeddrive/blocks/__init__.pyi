@@ -68,6 +68,7 @@ from feeddrive.blocks.prefilter.trajectory_prefilter import TrajectoryPrefilter 
 from feeddrive.blocks.reference.bezier10 import Bezier10 as Bezier10
 from feeddrive.blocks.reference.chirp import Chirp as Chirp
 from feeddrive.blocks.reference.circle import Circle as Circle
+from feeddrive.blocks.reference.input_shaped import InputShaped as InputShaped
 from feeddrive.blocks.reference.jerk_limited_move import JerkLimitedMove as JerkLimitedMove
 from feeddrive.blocks.reference.limited_move import LimitedMove as LimitedMove
 from feeddrive.blocks.reference.linear_move import LinearMove as LinearMove
@@ -76,7 +77,6 @@ from feeddrive.blocks.reference.multisine import Multisine as Multisine
 from feeddrive.blocks.reference.polynomial7 import Polynomial7 as Polynomial7
 from feeddrive.blocks.reference.recorded import Recorded as Recorded
 from feeddrive.blocks.reference.sequence import Sequence as Sequence
-from feeddrive.blocks.reference.shaped import Shaped as Shaped
 from feeddrive.blocks.reference.sine import Sine as Sine
 from feeddrive.blocks.reference.snap_limited_move import SnapLimitedMove as SnapLimitedMove
 from feeddrive.blocks.reference.trapezoidal_move import TrapezoidalMove as TrapezoidalMove

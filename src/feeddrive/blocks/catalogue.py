@@ -20,6 +20,9 @@ from feeddrive.language.lazy_package import modules_below
 
 B = TypeVar("B", bound=Block)
 
+# kinds of before and what they are called now; errors name the new one, until 1.0
+RENAMED = MappingProxyType({"shaped": "input_shaped"})
+
 
 @cache
 def catalogue() -> Mapping[type[Block], Mapping[str, type[Block]]]:
@@ -64,6 +67,6 @@ def find(family: type[B], kind: str) -> type[B]:
     known = members(family)
     if kind in known:
         return known[kind]
-    near = get_close_matches(kind, known, 3)
+    near = [RENAMED[kind]] if RENAMED.get(kind) in known else get_close_matches(kind, known, 3)
     hint = f"did you mean {' or '.join(near)}?" if near else f"there are: {', '.join(known) or 'none'}"
     raise ParameterError(f"there is no {family.kind.replace('_', ' ')} of kind '{kind}'; {hint}")

@@ -2,4 +2,4 @@
 
 from feeddrive.language.lazy_package import make_lazy
 
-make_lazy(__name__)
+make_lazy(__name__, no_function="fd.export is now fd.write_export; feeddrive.export is the room that it stands in")

@@ -25,7 +25,7 @@ from typing import Any, TypeAlias, TypeVar
 
 import numpy as np
 
-from feeddrive.blocks.catalogue import catalogue
+from feeddrive.blocks.catalogue import RENAMED, catalogue
 from feeddrive.files.messages import nearest, shown
 from feeddrive.files.toml_file import Section
 from feeddrive.language import units
@@ -234,6 +234,8 @@ def _kind(hint: Hint, section: Section) -> type[Block]:
         raise section.error(f"{_prefix(section)}kind is missing; there are: {', '.join(fitting) or 'none'}")
     if given == "fmu":
         raise section.error(f"{section.dotted('kind')} = 'fmu': {_A_PROGRAM}", "kind")
+    if isinstance(given, str) and RENAMED.get(given) in fitting:
+        raise section.error(f"{section.dotted('kind')} = {shown(given)} is now called '{RENAMED[given]}'", "kind")
     if not isinstance(given, str) or given not in fitting:
         raise section.error(
             f"{section.dotted('kind')} = {shown(given)} is not known{nearest(str(given), fitting)}", "kind"

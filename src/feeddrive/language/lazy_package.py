@@ -54,17 +54,25 @@ class LazyPackage(ModuleType):
         if place == self.__name__ or not isinstance(value, ModuleType):  # an import may not hide the public name
             super().__setattr__(name, value)
 
+    def __call__(self, *args: Any, **options: Any) -> Any:
+        """Raise TypeError: a package is no function, and a room may have the name of one of before."""
+        raise TypeError(self.__dict__["_no_function"])
+
     def __dir__(self) -> list[str]:
         return sorted({*public_names(self.__name__), *self.__dict__["_more"]()})
 
 
 def make_lazy(
-    package: str, other: Callable[[str], Any] | None = None, more: Callable[[], list[str]] | None = None
+    package: str,
+    other: Callable[[str], Any] | None = None,
+    more: Callable[[], list[str]] | None = None,
+    no_function: str = "",
 ) -> None:
     """Let a package load the names of its stub on first use; called at the end of its `__init__.py`.
 
-    other  gives names that the stub does not list, or raises AttributeError
-    more   further names for `dir`
+    other        gives names that the stub does not list, or raises AttributeError
+    more         further names for `dir`
+    no_function  what the error says if the package is called as a function
     """
 
     def missing(name: str) -> Any:
@@ -73,4 +81,5 @@ def make_lazy(
     module = sys.modules[package]
     module.__dict__["_other"] = other or missing
     module.__dict__["_more"] = more or list[str]
+    module.__dict__["_no_function"] = no_function or f"'{package}' is a package, not a function"
     module.__class__ = LazyPackage

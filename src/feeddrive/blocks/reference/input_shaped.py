@@ -12,7 +12,7 @@ from feeddrive.language.block import Number, choice, parameter, part
 from feeddrive.language.errors import StructureError
 
 
-class Shaped(Reference):
+class InputShaped(Reference):
     """x(t) = Σ Aᵢ r(t - tᵢ): the reference r convolved with pulses of sum 1, exact in all derivatives at any time.
 
     A mode of the given frequency and damping that the shaped motion excites does not ring after its end ("zv"), hardly
@@ -33,7 +33,7 @@ class Shaped(Reference):
         """There is a reference, and it ends in a finite time."""
         check_single(self)
         if not are_all((self.reference,), Reference):
-            raise StructureError(f"shaped.reference must be a reference, not {self.reference!r}")
+            raise StructureError(f"input_shaped.reference must be a reference, not {self.reference!r}")
         check_duration(self.kind, self.duration)
 
     def pulses(self) -> tuple[list[float], list[float]]:
