@@ -48,6 +48,62 @@ class PhaseCrossover(NamedTuple):
     gain_margin_dB: float
 
 
+class Logarithms(NamedTuple):
+    """A loop gain L by lines: x = ln f, level = ln |L|, lead = phase above -180° in rad; turn = phase to the next line.
+
+    x, level, lead of shape (n,), turn of shape (n - 1,).
+    """
+
+    x: np.ndarray
+    level: np.ndarray
+    lead: np.ndarray
+    turn: np.ndarray
+
+
+def logarithms(frequency: np.ndarray, loop_gain: np.ndarray) -> Logarithms:
+    """ln L over ln f (Hz), which counts as straight between two lines; what is nearer to 0 than rounding is 0."""
+    level = _snapped(np.log(np.maximum(np.abs(loop_gain), np.finfo(float).tiny)))
+    turn = np.angle(loop_gain[1:] * np.conj(loop_gain[:-1]))
+    return Logarithms(np.log(frequency), level, _snapped(np.angle(-loop_gain)), turn)
+
+
+def gain_crossings(lines: Logarithms) -> list[tuple[int, float, GainCrossover]]:
+    """Where |L| = 1: the interval between two lines, the part of it, and the margins there."""
+    x, level, lead, turn = lines
+    return [
+        (i, part, _gain_crossover(np.exp(x[i] + part * (x[i + 1] - x[i])), lead[i] + part * turn[i]))
+        for i, part in _crossings(level[:-1], level[1:])
+    ]
+
+
+def phase_crossings(lines: Logarithms) -> list[tuple[int, float, PhaseCrossover]]:
+    """Where L is real and negative: the interval between two lines, the part of it, and the gain margin there."""
+    x, level, lead, turn = lines
+    found: list[tuple[int, float, PhaseCrossover]] = []
+    for i, part in _crossings(lead[:-1], _snapped(lead[:-1] + turn)):
+        gain = -20.0 / np.log(10.0) * (level[i] + part * (level[i + 1] - level[i]))
+        found.append((i, part, PhaseCrossover(float(np.exp(x[i] + part * (x[i + 1] - x[i]))), float(gain) + 0.0)))
+    return found
+
+
+def _snapped(values: np.ndarray) -> np.ndarray:
+    return np.where(np.abs(values) < _ROUNDING, 0.0, values)
+
+
+def _crossings(a: np.ndarray, b: np.ndarray) -> list[tuple[int, float]]:
+    """Interval and part of it where a straight line from a[i] to b[i] is zero; one that stays zero counts once."""
+    found = (a * b < 0.0) | ((b == 0.0) & (a != 0.0))
+    found[0] |= bool(a[0] == 0.0 and b[0] != 0.0)
+    return [(int(i), float(a[i] / (a[i] - b[i]))) for i in np.flatnonzero(found)]
+
+
+def _gain_crossover(frequency: float, lead: float) -> GainCrossover:
+    # a delay only takes phase away, so what it uses up is counted upward from -180°
+    turned = 0.0 if abs(lead) < _ROUNDING else lead % (2.0 * np.pi)
+    signed = turned - 2.0 * np.pi if turned > np.pi else turned
+    return GainCrossover(float(frequency), float(np.degrees(signed)), float(turned / (2.0 * np.pi * frequency)))
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Margins(Result):
     """How far a loop gain stays from -1. What does not occur is None or an empty tuple, never NaN.
@@ -146,28 +202,12 @@ def margins(loop_gain: FRF | Any, frequency: np.ndarray | None = None) -> Margin
     if L.frequency.size < 2:
         raise ParameterError(f"margins need at least two lines of the loop gain, not {L.frequency.size}")
     response = _real_at_nyquist(L)
-    x = np.log(L.frequency)
-    level = _snapped(np.log(np.maximum(np.abs(response), np.finfo(float).tiny)))
-    lead = _snapped(np.angle(-response))  # phase above -180°, of each line
-    turn = np.angle(response[1:] * np.conj(response[:-1]))
-    gains = [
-        _gain_crossover(np.exp(x[i] + part * (x[i + 1] - x[i])), lead[i] + part * turn[i])
-        for i, part in _crossings(level[:-1], level[1:])
-    ]
-    phases = [
-        PhaseCrossover(
-            float(np.exp(x[i] + part * (x[i + 1] - x[i]))),
-            float(-20.0 / np.log(10.0) * (level[i] + part * (level[i + 1] - level[i]))) + 0.0,
-        )
-        for i, part in _crossings(lead[:-1], _snapped(lead[:-1] + turn))
-    ]
+    lines = logarithms(L.frequency, response)
+    gains = tuple(each for _, _, each in gain_crossings(lines))
+    phases = tuple(each for _, _, each in phase_crossings(lines))
     # squared, since a straight piece of curve passes -1 at a distance whose square is a parabola
-    place, squared = least(x, np.abs(1.0 + response) ** 2)
-    return Margins(L, tuple(gains), tuple(phases), float(np.sqrt(max(squared, 0.0))), float(np.exp(place)))
-
-
-def _snapped(values: np.ndarray) -> np.ndarray:
-    return np.where(np.abs(values) < _ROUNDING, 0.0, values)
+    place, squared = least(lines.x, np.abs(1.0 + response) ** 2)
+    return Margins(L, gains, phases, float(np.sqrt(max(squared, 0.0))), float(np.exp(place)))
 
 
 def _real_at_nyquist(L: FRF) -> np.ndarray:
@@ -176,20 +216,6 @@ def _real_at_nyquist(L: FRF) -> np.ndarray:
     response = L.response.copy()
     response[-1] = response[-1].real
     return response
-
-
-def _crossings(a: np.ndarray, b: np.ndarray) -> list[tuple[int, float]]:
-    """Interval and part of it where a straight line from a[i] to b[i] is zero; one that stays zero counts once."""
-    found = (a * b < 0.0) | ((b == 0.0) & (a != 0.0))
-    found[0] |= bool(a[0] == 0.0 and b[0] != 0.0)
-    return [(int(i), float(a[i] / (a[i] - b[i]))) for i in np.flatnonzero(found)]
-
-
-def _gain_crossover(frequency: float, lead: float) -> GainCrossover:
-    # a delay only takes phase away, so what it uses up is counted upward from -180°
-    turned = 0.0 if abs(lead) < _ROUNDING else lead % (2.0 * np.pi)
-    signed = turned - 2.0 * np.pi if turned > np.pi else turned
-    return GainCrossover(float(frequency), float(np.degrees(signed)), float(turned / (2.0 * np.pi * frequency)))
 
 
 def sensitivity(loop_gain: FRF | Any, frequency: np.ndarray | None = None) -> FRF:

@@ -12,7 +12,7 @@ import numpy as np
 from feeddrive.analysis.effort import effort
 from feeddrive.analysis.loop_model import LoopModel
 from feeddrive.analysis.margins import margins
-from feeddrive.analysis.stiffness import force_noise, rope_snap
+from feeddrive.analysis.stiffness import force_noise, rope_snap, stiffness
 from feeddrive.comparison.duty import Duty
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import Run
@@ -95,8 +95,7 @@ def linear(loop: Loop, both: LoopModel) -> dict[str, float | None]:
             size = np.abs(both.closed.response(band, "position_load", "load_force").response)
             found[f"stiffness_{low:g}_{high:g}_Hz_N_per_m"] = float(np.exp(-np.mean(np.log(size))))
     inside = lines[lines >= min(BANDS[0][0], 0.01 * nyquist)]
-    whole = np.abs(both.closed.response(inside, "position_load", "load_force").response)
-    found["stiffness_least_N_per_m"] = float(1.0 / np.max(whole))
+    found["stiffness_least_N_per_m"] = stiffness(both.closed.response(inside, "position_load", "load_force")).minimum
     return found
 
 

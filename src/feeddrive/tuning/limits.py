@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from feeddrive.analysis.margins import least
+from feeddrive.analysis.margins import gain_crossings, least, logarithms, phase_crossings
 from feeddrive.analysis.stiffness import force_noise_of_lines, force_noise_weights
 from feeddrive.blocks.filter.notch import Notch
 from feeddrive.language.errors import ParameterError
@@ -99,6 +99,7 @@ class Limits:
 NOTCH = "notch"  # the bound that keeps a notch from raising
 _NEAR = 0.7  # of a logarithm: bounds with more slack on a line are not written down
 _POINTS, _POLE = 41, 0.2  # between two neighbors of a line; and how near to a pole nothing is said
+_AHEAD = 1e-9  # rad: a crossover that is nearer to -1 counts as that near
 _STRETCH = 0.08  # of ln f on both sides of a crossover, over which its slopes are taken
 
 
@@ -186,51 +187,43 @@ def _at_vertex(x: np.ndarray, slack: np.ndarray) -> np.ndarray:
 
 
 def _crossovers(i: int, each: Answer, limits: Limits, spread: np.ndarray) -> list[Bound]:
-    """Gain, phase and delay margins, at straight lines of ln L over ln f between two lines of the grid."""
+    """Gain, phase and delay margins at the crossovers of `margins`, with slopes and deviations."""
     found: list[Bound] = []
-    x, L = np.log(each.point.frequency), each.gain
-    pushed = each.gain_slope / L[:, None]  # of ln L
-    level, turn = np.log(np.abs(L)), np.angle(L[1:] * np.conj(L[:-1]))
-    lead = np.angle(-L)
+    pushed = each.gain_slope / each.gain[:, None]  # of ln L
+    lines = logarithms(each.point.frequency, each.gain)
+    x, level, _, turn = lines
     T = each.point.sample_time
     if limits.phase_margin_deg is not None or limits.delay_margin_samples is not None:
-        for k in np.flatnonzero(level[:-1] * level[1:] < 0.0):
-            part = level[k] / (level[k] - level[k + 1])
-            width = x[k + 1] - x[k]
-            f = float(np.exp(x[k] + part * width))
+        for k, part, margin in gain_crossings(lines):
+            f, width = margin.frequency, x[k + 1] - x[k]
             moved = (1.0 - part) * pushed[k] + part * pushed[k + 1]
             along = -moved.real / ((level[k + 1] - level[k]) / width)  # of ln f of the crossover
             slope = moved.imag + (turn[k] / width) * along
-            angle = float(np.angle(np.exp(1j * (lead[k] + part * turn[k]))))
-            tilt, bend = _tilts(x, level, turn, int(k))
-            deviation = float(spread[k]) * float(
-                np.hypot(1.0, bend / tilt)
-            )  # noise of the phase, and of where it crosses
+            tilt, bend = _tilts(x, level, turn, k)
             if limits.phase_margin_deg is not None:
-                sign = 1.0 if angle >= 0.0 else -1.0
-                slack = abs(angle) - np.radians(limits.phase_margin_deg)
-                found.append(Bound("phase margin", i, f, float(slack), sign * slope, deviation, ("pm", i, int(k))))
+                sign = 1.0 if margin.phase_margin_deg >= 0.0 else -1.0
+                slack = float(np.radians(abs(margin.phase_margin_deg) - limits.phase_margin_deg))
+                # noise of the phase, and of where it crosses
+                deviation = float(spread[k]) * float(np.hypot(1.0, bend / tilt))
+                found.append(Bound("phase margin", i, f, slack, sign * slope, deviation, ("pm", i, k)))
             if limits.delay_margin_samples is not None:
-                ahead = angle % (2.0 * np.pi)
-                slack = np.log(ahead / (2.0 * np.pi * f * T * limits.delay_margin_samples))
-                wide = float(spread[k]) * float(np.hypot(1.0 / ahead, (bend / ahead - 1.0) / tilt))
-                found.append(Bound("delay margin", i, f, float(slack), slope / ahead - along, wide, ("dm", i, int(k))))
+                ahead = max(2.0 * np.pi * f * margin.delay_margin, _AHEAD)
+                slack = float(np.log(ahead / (2.0 * np.pi * f * T * limits.delay_margin_samples)))
+                deviation = float(spread[k]) * float(np.hypot(1.0 / ahead, (bend / ahead - 1.0) / tilt))
+                found.append(Bound("delay margin", i, f, slack, slope / ahead - along, deviation, ("dm", i, k)))
     if limits.gain_margin_dB is not None:
-        least = limits.gain_margin_dB * np.log(10.0) / 20.0
-        after = lead[:-1] + turn
-        for k in np.flatnonzero((lead[:-1] * after < 0.0) & (np.abs(turn) < 0.9 * np.pi)):
-            part = lead[k] / (lead[k] - after[k])
-            size = level[k] + part * (level[k + 1] - level[k])
-            if size > 0.0:
-                continue  # the gain may fall from here: Ms keeps it away
-            width = x[k + 1] - x[k]
+        for k, part, margin in phase_crossings(lines):
+            # where the gain may fall and not rise, Ms keeps it away
+            if margin.gain_margin_dB < 0.0 or np.abs(turn[k]) >= 0.9 * np.pi:
+                continue
+            f, width = margin.frequency, x[k + 1] - x[k]
             moved = (1.0 - part) * pushed[k] + part * pushed[k + 1]
             along = -moved.imag / (turn[k] / width)
             slope = -(moved.real + (level[k + 1] - level[k]) / width * along)
-            f = float(np.exp(x[k] + part * width))
-            tilt, bend = _tilts(x, level, turn, int(k))
-            deviation = float(spread[k] / np.abs(L[k])) * float(np.hypot(1.0, tilt / bend))
-            found.append(Bound("gain margin", i, f, float(-size - least), slope, deviation, ("gm", i, int(k))))
+            tilt, bend = _tilts(x, level, turn, k)
+            slack = float(np.log(10.0) / 20.0 * (margin.gain_margin_dB - limits.gain_margin_dB))
+            deviation = float(spread[k] / np.abs(each.gain[k])) * float(np.hypot(1.0, tilt / bend))
+            found.append(Bound("gain margin", i, f, slack, slope, deviation, ("gm", i, k)))
     return found
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from feeddrive.analysis.loop_model import LoopModel, loop_model
 from feeddrive.analysis.margins import margins
 from feeddrive.analysis.stability import stability
-from feeddrive.analysis.stiffness import rope_snap, rope_snap_of_run
+from feeddrive.analysis.stiffness import rope_snap, rope_snap_of_run, stiffness
 from feeddrive.blocks.families import Sensor
 from feeddrive.blocks.load.step_force import StepForce
 from feeddrive.blocks.reference.recorded import Recorded
@@ -105,7 +105,7 @@ def of_model(name: str, loop: Loop, limits: Limits, velocity: float) -> tuple[Ch
     both = loop_model(loop, velocity=velocity)
     lines = both.lines(_DENSE)
     m = margins(both.loop_gain(lines))
-    peak = float(np.max(both.closed.response(lines, "position_load", "load_force").magnitude))
+    peak = 1.0 / stiffness(both.closed.response(lines, "position_load", "load_force")).minimum
     checks.append(
         _bounds(f"{name}: limits on {lines.size} own lines", limits, m.sensitivity_peak, m.gain_increase_dB,
                 m.phase_margin_deg, m.delay_margin_samples, peak)
