@@ -241,7 +241,7 @@ def complementary_sensitivity(loop_gain: FRF | Any, frequency: np.ndarray | None
     return replace((1.0 + L).inverse(), response=response, input="disturbance", output="answer", unit="")
 
 
-_REJECTED = float(np.sqrt(0.5))  # |S| up to here counts as bandwidth
+_HALF_POWER = float(np.sqrt(0.5))  # -3 dB
 
 
 def bandwidth_crossing(loop_gain: np.ndarray) -> tuple[int, float] | None:
@@ -249,7 +249,11 @@ def bandwidth_crossing(loop_gain: np.ndarray) -> tuple[int, float] | None:
 
     Between two lines ln |S| is straight over ln f.
     """
-    level = -np.log(np.abs(1.0 + loop_gain)) - np.log(_REJECTED)
+    return _first_rise(-np.log(np.abs(1.0 + loop_gain)) - np.log(_HALF_POWER))
+
+
+def _first_rise(level: np.ndarray) -> tuple[int, float] | None:
+    """Interval and part of it in which a line from level[i] < 0 to level[i + 1] >= 0 first is zero."""
     rises = np.flatnonzero((level[:-1] < 0.0) & (level[1:] >= 0.0))
     if not rises.size:
         return None
@@ -268,6 +272,16 @@ def bandwidth(frequency: np.ndarray, loop_gain: np.ndarray) -> float | None:
         return None
     i, part = found
     return float(frequency[i] * (frequency[i + 1] / frequency[i]) ** part)
+
+
+def tracking_bandwidth(response: FRF) -> float | None:
+    """The frequency in Hz at which the response to the setpoint first falls through -3 dB, √½; None if it does not."""
+    found = _first_rise(np.log(_HALF_POWER) - np.log(np.maximum(response.magnitude, np.finfo(float).tiny)))
+    if found is None:
+        return None
+    i, part = found
+    x = np.log(response.frequency[i : i + 2])
+    return float(np.exp(x[0] + part * (x[1] - x[0])))
 
 
 def peak_deviation(loop_gain: np.ndarray, variance: np.ndarray) -> float:

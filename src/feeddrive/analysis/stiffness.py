@@ -102,6 +102,25 @@ def stiffness(compliance: FRF | Any, static: float | None = None, *, frequency: 
 _ROUNDING = 1e-9  # of what the terms of a static compliance amount to
 
 
+def trapezoid_weights(x: np.ndarray) -> np.ndarray:
+    """w of ∫ y dx = Σ w y by the trapezoidal rule; x of shape (n,), n >= 1, rising."""
+    width = np.zeros(x.size)
+    step = 0.5 * np.diff(x)
+    width[:-1] += step
+    width[1:] += step
+    return width
+
+
+def mean_compliance(frequency: np.ndarray, compliance: np.ndarray, band: tuple[float, float]) -> float:
+    """RMS of |C| over ln f in m/N, [∫ |C|² d ln f / ∫ d ln f]^½ by the trapezoidal rule, from the lines in the band.
+
+    frequency, band in Hz; compliance in m/N, of the closed loop.  At least two lines must lie in the band.
+    """
+    inside = (frequency >= band[0]) & (frequency <= band[1])
+    x = np.log(frequency[inside])
+    return float(np.sqrt(np.trapezoid(np.abs(compliance[inside]) ** 2, x) / (x[-1] - x[0])))
+
+
 def static_stiffness(model: StateSpace) -> float:
     """The stiffness at 0 Hz in N/m of a model from `load_force` to a position: infinite with integral action.
 
@@ -139,15 +158,6 @@ def rope_snap(model: StateSpace) -> float:
     if abs(left) > _ROUNDING * scale:
         return float("inf")
     return float(np.sqrt(max(rest @ P @ rest, 0.0) * model.sample_time))
-
-
-def trapezoid_weights(x: np.ndarray) -> np.ndarray:
-    """w of ∫ y dx = Σ w y by the trapezoidal rule; x of shape (n,), n >= 1, rising."""
-    width = np.zeros(x.size)
-    step = 0.5 * np.diff(x)
-    width[:-1] += step
-    width[1:] += step
-    return width
 
 
 def rope_snap_weights(frequency: np.ndarray, T: float) -> np.ndarray:

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from feeddrive.analysis.margins import Margins, complementary_sensitivity
+from feeddrive.analysis.margins import Margins, complementary_sensitivity, tracking_bandwidth
 from feeddrive.analysis.margins import sensitivity as sensitivity_of
 from feeddrive.analysis.spectrum import Spectrum
 from feeddrive.analysis.stiffness import Stiffness
@@ -51,7 +51,7 @@ def closed_loop(responses: FRF | Mapping[str, FRF]) -> Any:
     lows: list[float] = []
     for i, (name, response) in enumerate(chosen.items()):
         level = style.decibel(response.magnitude)
-        width = bandwidth(response)
+        width = tracking_bandwidth(response)
         said = [f"peak {level.max():.2f} dB"] + ([f"-3 dB at {width:.4g} Hz"] if width is not None else [])
         ax.plot(response.frequency, level, label=style.caption(name, ", ".join(said)), **style.curve(i))
         if width is not None:
@@ -68,17 +68,6 @@ def closed_loop(responses: FRF | Mapping[str, FRF]) -> Any:
 
 
 _MINUS_3_DB = float(20.0 * np.log10(np.sqrt(0.5)))
-
-
-def bandwidth(response: FRF) -> float | None:
-    """The first frequency at which the magnitude falls through -3 dB, Hz; None if it does not."""
-    level = style.decibel(response.magnitude) - _MINUS_3_DB
-    falls = np.flatnonzero((level[:-1] > 0.0) & (level[1:] <= 0.0))
-    if not falls.size:
-        return None
-    i = int(falls[0])
-    x = np.log(response.frequency[i : i + 2])
-    return float(np.exp(x[0] + level[i] / (level[i] - level[i + 1]) * (x[1] - x[0])))
 
 
 def sensitivity(loops: Margins | Mapping[str, Margins]) -> Any:

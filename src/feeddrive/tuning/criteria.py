@@ -103,7 +103,7 @@ class Criteria:
             case "rope-snap":
                 return snap
             case "stiffness":
-                own = _mean_square(each.compliance, each.compliance_slope, _log_weights(f, inside))
+                own = _mean_square(each.compliance, each.compliance_slope, _band_weights(f, inside))
             case "least-stiffness":
                 size = np.where(inside, np.abs(each.compliance), 0.0)
                 k = int(np.argmax(size))
@@ -114,8 +114,8 @@ class Criteria:
         return own[0] + _BESIDE * snap[0], own[1] + _BESIDE * snap[1], own[2] + _BESIDE * snap[2]
 
 
-def _log_weights(frequency: np.ndarray, inside: np.ndarray) -> np.ndarray:
-    """Weights of the mean of |y|² over ln f inside of the band."""
+def _band_weights(frequency: np.ndarray, inside: np.ndarray) -> np.ndarray:
+    """Weights of the mean of |y|² over ln f inside of the band: `mean_compliance` with slopes, up to the ends."""
     width = np.where(inside, trapezoid_weights(np.log(frequency)), 0.0)
     return width / np.sum(width)
 

@@ -9,6 +9,7 @@ from enum import Enum
 import numpy as np
 
 from feeddrive.analysis.margins import Margins, margins
+from feeddrive.analysis.stiffness import mean_compliance
 from feeddrive.blocks.controller.cascade_ppi import CascadePPI
 from feeddrive.language import tree
 from feeddrive.language.table import Result, Table
@@ -319,8 +320,7 @@ def _goal(each: Figures, goal: str, band: tuple[float, float]) -> float:
         case "rope-snap":
             return each.rope_snap
         case "stiffness":
-            x = np.log(f[inside])
-            return float(np.sqrt(np.trapezoid(size[inside] ** 2, x) / (x[-1] - x[0])))
+            return mean_compliance(f, each.compliance.response, band)
         case "least-stiffness":
             return float(np.max(size[inside]))
         case _:
