@@ -20,7 +20,7 @@ def as_frf(
     sample_time: float | None = None,
     unit: str = "",
 ) -> FRF:
-    """An FRF from an FRF, a model of this house, numpy arrays, or an object of python-control.
+    """An FRF from an FRF, a feeddrive model, numpy arrays, or an object of python-control.
 
     source     FRF                        as it is
                StateSpace of this house   its first input to its first output at `frequency`

@@ -116,7 +116,7 @@ class Interval:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class MarginIntervals(Result):
-    """By name of the figure in `Margins`, what the measurement tells of it; figures that do not occur are left out.
+    """Confidence intervals by name of the figure in `Margins`; figures that do not occur are left out.
 
     margins  of the smoothed loop gain; the values of the intervals are these less what noise adds to them
     level    with which an interval holds the true figure, each for itself

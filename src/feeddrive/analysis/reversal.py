@@ -13,7 +13,7 @@ STANDING = 1e-3  # of the largest set velocity: slower than this does not count 
 
 
 class Window(NamedTuple):
-    """A stretch of a run worth a closer look, in s, and the reversal in it (None if the motion has none)."""
+    """A stretch of a run to be shown in detail, in s, and the reversal in it (None if the motion has none)."""
 
     begin: float
     end: float

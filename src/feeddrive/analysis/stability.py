@@ -35,7 +35,7 @@ class Stability(Result):
 
     @property
     def stable(self) -> bool:
-        """Whether all motions die out; a motion that neither grows nor dies out is not stable."""
+        """Whether all motions decay; a motion that neither grows nor decays is not stable."""
         return self.growth < 1.0 - _ROUNDING
 
     @property
@@ -70,7 +70,7 @@ class Stability(Result):
 def stability(system: StateSpace | Loop, *, velocity: float = 0.05) -> Stability:
     """Stability of a sampled model, or of a loop that moves with `velocity` (m/s; 0: the axis sticks).
 
-    A loop is judged by all states that setpoint or load force reach and position or force show.
+    The test covers all states that are reachable from setpoint or load force and observable in position or force.
     """
     model = system
     if isinstance(model, Loop):

@@ -91,7 +91,7 @@ class DriveClient:
 
     @property
     def is_virtual(self) -> bool:
-        """Whether this is the drive of `feeddrive virtual-drive`, and no axis can hurt anybody."""
+        """Whether this is the drive of `feeddrive virtual-drive`, so that no real axis moves."""
         return self.identity.get("name") == VIRTUAL
 
     @property
@@ -162,7 +162,7 @@ class DriveClient:
             )
 
     def command(self, *, position: float | None = None, velocity: float = 0.0, force: float = 0.0) -> float:
-        """What the next cycle sends, in SI; the position in whole increments (m), as it is sent.
+        """The setpoints of the next cycle, in SI; the position in whole increments (m).
 
         csp  position, with velocity and force fed forward where the drive has objects for them
         csv  velocity, with a force fed forward

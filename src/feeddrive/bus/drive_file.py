@@ -29,7 +29,7 @@ from feeddrive.language.errors import ParameterError
 
 
 class BusLimits(Block):
-    """Where a motion over the bus is aborted. Every one must be stated, as nobody else knows the machine.
+    """Where a motion over the bus is aborted. Every one must be stated, since none has a safe default.
 
     They are watched here in every cycle, and written into the drive as far as it has objects for them.
     """

@@ -73,7 +73,7 @@ class EtherCAT:
         self._sdo(self._slave.sdo_write, index, subindex, content)
 
     def _sdo(self, ask: Callable[..., Any], index: int, subindex: int, *content: bytes) -> Any:
-        """Asked again where a frame was lost: to read or to write the same twice changes nothing."""
+        """Repeated if a frame was lost: reading or writing the same value twice has no effect."""
         soem, lost = self._soem, "no answer"
         for _ in range(_ATTEMPTS):
             try:

@@ -190,7 +190,7 @@ def _halt(client: DriveClient) -> str:
 
 
 class _Rows:
-    """What was sent and told, cycle by cycle."""
+    """Sent and received values, cycle by cycle."""
 
     def __init__(self, client: DriveClient, start: float) -> None:
         assert client.told is not None

@@ -63,7 +63,7 @@ class TerminalProgress(Progress):
         self._bar.update(self._tasks[part], description=text, completed=done, total=of)
 
     def show_remark(self, said: str | Table) -> None:
-        """Print it now, for whoever reads along."""
+        """Print it immediately."""
         if isinstance(said, Table):
             show(self._console, said)
         else:

@@ -178,7 +178,7 @@ def compare(
     workers            processes that tune side by side; more than 1 only from a program that may be imported anew
     progress           is told what begins; `pieces(...)` says how many steps there are
 
-    The present control comes first and is left as it is, unstable or not.  A law that does not fit the axis is refused
+    The present control comes first and is not changed, stable or not.  A law that does not fit the axis is refused
     with the reason.  Raises ParameterError for an axis or a law that is not there.
     """
     if not isinstance(machine, MachineFile):  # pyright: ignore[reportUnnecessaryIsInstance]
@@ -282,7 +282,7 @@ def _judged(
 
 
 def _robust(rows: tuple[Competitor, ...], peak: float, delay: float) -> list[str]:
-    """What today's gains are worth under the rule."""
+    """Today's gains evaluated under the rule."""
     today = rows[0]
     if today.unfit:
         return [f"'{today.name}': {today.unfit}; the row stays without figures."]
@@ -328,7 +328,7 @@ def _ratio(a: float, b: float) -> str:
 
 
 def _noisy(rows: tuple[Competitor, ...]) -> list[str]:
-    """Whose force is so noisy that nobody would run it, whatever its margins are."""
+    """Competitors whose force noise is too large for practical use, independent of their margins."""
     said: list[str] = []
     for row in rows:
         limit, noise = row.loop.control.force_limit, row.figures.get("force_noise_N")

@@ -94,5 +94,5 @@ def _dry_friction(loop: Loop) -> float:
 
 
 def _rounded(value: float) -> float:
-    """Two digits: nobody sets others."""
+    """Rounded to two digits."""
     return float(f"{value:.2g}")

@@ -236,6 +236,6 @@ def _named_results(graph: Graph, nodes: list[int], names: Mapping[int, Name], mo
 
 
 def word(name: Name) -> str:
-    """`law_velocity`, or `velocity` where it is the whole control that speaks."""
+    """`law_velocity`, or `velocity` if the whole control is the block."""
     owner = target_name(name.owner)
     return f"{owner}_{name.word}" if owner else name.word

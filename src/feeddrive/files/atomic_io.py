@@ -111,7 +111,7 @@ def write_whole(path: str | Path, content: bytes | str) -> None:
 
 
 def _beside(target: Path, suffix: str) -> Path:
-    """A hidden name in the same directory that nobody else uses; short, so that a long name still fits."""
+    """A hidden unused name in the same directory; short, so that a long name still fits."""
     return target.parent / f".{target.name[:60]}.{secrets.token_hex(6)}.{suffix}"
 
 
@@ -128,7 +128,7 @@ def _flush(path: Path, how: int) -> None:
 def new_directory(path: str | Path) -> Generator[Path]:
     """A directory to write results into; it appears under its name `path` at the end of the block, or not at all.
 
-    An older `path` is replaced only if it is empty, or if feeddrive wrote it and nobody else put a file into it.
+    An older `path` is replaced only if it is empty, or if feeddrive wrote it and it contains no other files.
     Raises FileError, before the work starts, if it cannot be replaced or written.
     """
     _check_name(path)

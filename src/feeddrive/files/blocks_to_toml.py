@@ -17,7 +17,7 @@ _ROW = 6  # numbers of a table on one line
 def to_toml(block: Block, key: str = "") -> str:
     """The block as the section `[key]`, or as a whole file if there is no key.
 
-    What is absent stands there as a comment.  Raises StructureError for a block that holds arrays of variants.
+    An absent parameter is written as a comment.  Raises StructureError for a block that holds arrays of variants.
     """
     return "\n".join(_lines(block, key, f"[{key}]" if key else "", named=True)).strip() + "\n"
 

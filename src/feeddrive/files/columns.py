@@ -12,7 +12,7 @@ import numpy as np
 from feeddrive.language import units
 from feeddrive.language.errors import LogError, ParameterError
 
-# what a column may stand for, and the unit in which the log then holds it; along the axis, and round the motor
+# roles of columns, and the unit in which the log then holds them; along the axis, and at the motor's shaft
 ROLES: Mapping[str, str] = {
     "time": "s",
     "setpoint_position": "m",

@@ -36,7 +36,7 @@ def read_frf(
 
     columns        names for the columns of a file without heads, or instead of its heads:
                    ["f_Hz", "re", "im", "coherence"], ["f_Hz", "magnitude_dB", "phase_deg"]
-    input, output  what it leads from and to; default: what the file says
+    input, output  names of its input and output; default: as in the file
     unit           output over input in SI, as m/N, where the file does not say it; one that it says is turned into SI
 
     Raises FileError (no such file, ...) or LogError (of another kind, damaged, NaN, frequencies that are negative or do
@@ -125,7 +125,7 @@ def _responses(where: str, table: Columns, stated: Mapping[str, str]) -> dict[st
 
 
 def _stated_unit(where: str, unit: str) -> tuple[str, float]:
-    """The unit of a line `# unit: um/N` in SI and the factor to it; one that is not known stays as it is."""
+    """The unit of a line `# unit: um/N` in SI and the factor to it; an unknown unit is not changed."""
     try:
         return in_si(where, "unit", unit)
     except LogError:
@@ -312,5 +312,5 @@ def encoders(found: Mapping[str, FRF]) -> dict[str, FRF]:
 
 
 def digest(path: str | Path) -> str:
-    """SHA-256 of a file, for a report that says what it was made from. Raises FileError."""
+    """SHA-256 of a file, by which a report identifies its inputs. Raises FileError."""
     return hashlib.sha256(read_whole(path, MOST_BYTES)).hexdigest()

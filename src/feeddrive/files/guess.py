@@ -81,7 +81,7 @@ class NameReading:
 
     @property
     def role_like(self) -> bool:
-        """True if it may stand for anything at all."""
+        """True if the name may have a role."""
         return bool(self.quantity or self.exact)
 
 

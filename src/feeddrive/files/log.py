@@ -24,8 +24,8 @@ class Log(Result):
     """Channels over time, all finite, on one clock. `log["position_load"]` is an array of shape (n,) in `units`.
 
     `time` holds the stamps as they were recorded, s; `sample_time` their common step, s, and `jitter` the largest
-    deviation from it as a share of it.  `constants` are single numbers that stood beside the columns; `left_out` says
-    of other columns why they are not there; `provenance` says where all of it comes from.
+    deviation from it as a share of it.  `constants` are single numbers in the file besides the columns; `left_out`
+    gives the reason for every column that is missing; `provenance` describes the source.
     """
 
     name: str
@@ -79,7 +79,7 @@ class Log(Result):
 
 
 def _held(name: str, channel: str, values: Any) -> np.ndarray:
-    """A float64 array of one dimension that nobody can change; it is copied only if it could be changed elsewhere."""
+    """A float64 array of one dimension that is read-only; it is copied only if it could be changed elsewhere."""
     array = np.asarray(values, dtype=np.float64)
     if array.ndim != 1:
         raise LogError(f"{name}: '{channel}' must be a row of numbers, not of shape {array.shape}")

@@ -30,7 +30,7 @@ def sentence(text: str) -> str:
 
 
 def shown(value: Any) -> str:
-    """A value as it may stand in a message: short, on one line."""
+    """A value for a message: short, on one line."""
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, int) and abs(value) >= 10**20:

@@ -58,7 +58,7 @@ def read_log(
 def read_arrays(path: str | Path | OpenedFile) -> dict[str, np.ndarray]:
     """The columns of numbers of a file that is no log over time: a cogging map, a friction curve.
 
-    No clock is asked for.  They are as they stand in the file, NaN included; a matrix of numpy gives column_1, ...
+    No time column is needed.  Values are those of the file, NaN included; a matrix of numpy gives column_1, ...
     Raises FileError or LogError as `read_log`.
     """
     try:
@@ -157,7 +157,7 @@ def _column(path: str, role: str, named: Named) -> Column:
 
 
 def _chosen(columns: Columns, asked: Mapping[str, Column], *, everything: bool) -> dict[str, Column]:
-    """The asked columns, time by its usual name if it is not asked for, and every other one under its own name."""
+    """The mapped columns, time by its usual name if it is not mapped, and every other one under its own name."""
     chosen = dict(asked)
     time = next((name for name in columns.values if is_time(name)), None)
     if "time" not in chosen and time is not None:
@@ -229,7 +229,7 @@ def _factor(path: str, role: str, column: Column, unit: str) -> float:
 
 
 def _scaled_by_rate(columns: Columns, column: Column, time: np.ndarray) -> tuple[np.ndarray, str]:
-    """Stamps without a unit in s, if a sampling rate that stands beside them says in what they are; and how it did."""
+    """Stamps without a unit, converted to s by a sampling rate in the same file; and how the unit was found."""
     if column.unit or column.factor is not None or columns.units.get(column.name) or "_" in column.name:
         return time, ""
     rates = {name: value for name, value in columns.constants.items() if name.lower() in _RATES and value > 0.0}

@@ -138,7 +138,7 @@ def write_run_parquet(
 ) -> None:
     """Write signals over time (s) as Parquet, whole or not at all; `read_log` reads them back, bit for bit.
 
-    `metadata` (JSON) is kept beside units and sample time.  Raises FileError if it cannot be written.
+    `metadata` (JSON) is stored with units and sample time.  Raises FileError if it cannot be written.
     """
     write_parquet(path, {"time": time, **columns}, _described(units, sample_time, metadata))
 

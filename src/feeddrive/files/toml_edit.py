@@ -84,7 +84,7 @@ class TomlEdit:
         return key in lines_of_keys(self.text)
 
     def remove(self, key: Key) -> None:
-        """Take the sections [key] and [[key]] out, with all that is under them; comments that stand alone stay."""
+        """Remove the sections [key] and [[key]] and all that is under them; comments on separate lines are kept."""
         for begin, end in reversed(self._sections(key)):
             lines = self.text.splitlines(keepends=True)
             kept = [line for line in lines[begin:end] if line.lstrip().startswith("#")]
@@ -124,7 +124,7 @@ class TomlEdit:
             raise FileError(f"{error} (in the changed text)") from None
 
     def _find(self, spans: dict[Key, tuple[int, int]], key: Key, unit: str) -> tuple[Key | None, float]:
-        """The key as it stands in the file, and the factor from its unit to `unit`."""
+        """The key as written in the file, and the factor from its unit to `unit`."""
         if key in spans:
             return key, 1.0
         for each in spans:

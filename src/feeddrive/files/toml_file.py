@@ -216,7 +216,7 @@ Value: TypeAlias = Any
 
 @dataclass(frozen=True)
 class Section:
-    """A table in a TOML file, which can say where its keys stand."""
+    """A table in a TOML file, with the lines of its keys."""
 
     file: TomlFile
     key: Key

@@ -15,7 +15,7 @@ from feeddrive.language.table import Result, Table
 MOST_ROWS = 5000  # scores whose covariance is summed lag by lag
 _MEMORIES = np.linspace(0.0, 0.98, 99)
 SHOWN_LAGS = (1, 2, 5, 10, 20)
-GAP = 5  # rows beside a stretch that its fit does not use either: their residual is much the same
+GAP = 5  # rows next to a stretch that its fit does not use either: their residuals are correlated
 
 
 def ols_covariance(columns: np.ndarray, residual: np.ndarray) -> np.ndarray:
@@ -29,10 +29,10 @@ def robust_covariance(columns: np.ndarray, residual: np.ndarray, lags: int | Non
 
         S = Γ(0) + Σ w(j) (Γ(j) + Γ(j)ᵀ),   Γ(j) = Σ z(k) z(k-j)ᵀ,   w(j) = 1 - j / (lags + 1)
 
-    columns   shape (n, p), or (signals, n, p) for several signals with errors that hang together at each time
+    columns   shape (n, p), or (signals, n, p) for several signals with errors that are correlated at each time
     residual  shape (n,), or (signals, n)
 
-    It asks nothing of the residual but that its memory ends.  `lags` follows from that memory if it is not given:
+    The residual may have any autocorrelation of finite length.  `lags` follows from that length if it is not given:
     1.1447 (α n)^⅓ of Andrews 1991, taken twice, with α from the first autocorrelation of each score.  S itself is
     uncertain the more lags it has; the factor of `widening` makes 1.96 errors a 95 % interval all the same.
     Sources: Newey & West 1987; Andrews 1991, eqs. (6.2) and (6.4); Kiefer & Vogelsang 2005.
@@ -61,7 +61,7 @@ def _long_run(scores: np.ndarray, lags: int | None = None) -> np.ndarray:
 
 
 def _in_blocks(scores: np.ndarray) -> np.ndarray:
-    """Sums of as many rows in a row as leave at most `MOST_ROWS`: the covariance over long lags stays what it is."""
+    """Sums of consecutive rows so that at most `MOST_ROWS` remain: the covariance over long lags is not changed."""
     size = -(-scores.shape[0] // MOST_ROWS)
     return scores if size == 1 else np.add.reduceat(scores, np.arange(0, scores.shape[0], size), axis=0)
 
@@ -143,7 +143,7 @@ class Residuals(Result):
     """Measured - fitted, shape (n,), over the rows that were fitted.
 
     norm       √(rᵀr);  relative: over that of the measured values
-    condition  number of the columns as they are, in SI
+    condition  condition number of the columns in SI
     """
 
     values: np.ndarray
@@ -210,7 +210,7 @@ class Validation(Result):
 
 
 def cross_validated(columns: np.ndarray, measured: np.ndarray, folds: int, unit: str) -> Validation:
-    """Leave out one stretch of rows after the other, with `GAP` rows beside it, and predict it.
+    """Leave out one stretch of rows after the other, with `GAP` rows on both sides, and predict it.
 
     A stretch that holds a direction or a speed alone makes its fit one that never saw it; that shows as a large error.
     """

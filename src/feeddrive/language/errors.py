@@ -24,7 +24,7 @@ class LogError(FeeddriveError):
 
 
 class NotIdentifiableError(LogError):
-    """A log that is sound but does not hold what was asked for; the message says what to measure next."""
+    """A valid log without enough information for the requested parameters; the message says what to measure next."""
 
 
 class DivergedError(FeeddriveError):
@@ -40,7 +40,7 @@ class NotCertifiedError(FeeddriveError):
 
 
 class BusError(FeeddriveError):
-    """A drive on a field bus that is not there, is not what was declared, or does not do what it was asked to."""
+    """A drive on a field bus that is missing, differs from its declaration, or does not follow a command."""
 
 
 class AbortedError(BusError):
@@ -52,7 +52,7 @@ class WrongSignError(ParameterError):
 
 
 class CancelledError(FeeddriveError):
-    """Work that was stopped by whoever asked for it; nothing was written."""
+    """Work that was canceled on request; nothing was written."""
 
 
 class MissingExtraError(FeeddriveError):
@@ -72,4 +72,4 @@ class MissingProgramError(FeeddriveError):
 
 
 class FmuError(FeeddriveError):
-    """An FMU that cannot be loaded, lacks what is asked of it, or refuses a call; the message repeats what it said."""
+    """An FMU that cannot be loaded, lacks a required variable, or refuses a call; the message quotes the FMU."""

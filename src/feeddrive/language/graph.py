@@ -56,7 +56,7 @@ class Graph:
         return found
 
     def input(self, name: str) -> Symbol:
-        """A leaf that is given anew at each call, such as a state, a parameter or a setpoint."""
+        """A leaf that is given at each call, such as a state, a parameter or a setpoint."""
         return Symbol(self, self._store(("input", name)))
 
     def table(self, name: str, length: int) -> Symbol:
@@ -83,7 +83,7 @@ class Graph:
         return Symbol(self, self._store((name, *(symbol.index for symbol in symbols))))
 
     def symbol(self, value: Any) -> Symbol:
-        """A plain number as a constant; a symbol of this graph as it is."""
+        """A plain number as a constant; a symbol of this graph unchanged."""
         if isinstance(value, Symbol):
             if value.graph is not self:
                 raise StructureError("two traces were mixed: a symbol of another graph entered this one")

@@ -18,14 +18,14 @@ from feeddrive.language.table import Table
 
 
 class Progress:
-    """What long work tells, and whether it shall go on. `cancel` may be called from another thread."""
+    """Reports of long work, and its cancellation. `cancel` may be called from another thread."""
 
     def __init__(self) -> None:
         self._cancelled = threading.Event()
 
     @property
     def cancelled(self) -> bool:
-        """True once somebody has asked the work to stop."""
+        """True after a cancel."""
         return self._cancelled.is_set()
 
     def cancel(self) -> None:

@@ -11,7 +11,7 @@ Value = TypeVar("Value")
 
 
 class Recent(Generic[Value]):
-    """Up to `size` values by hashable key; when it is full, the one that was not asked for the longest time goes.
+    """Up to `size` values by hashable key; when it is full, the least recently used one is dropped.
 
     A key says what the value depends on and holds no id of an object, which another object may have later.
     """

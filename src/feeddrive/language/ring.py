@@ -17,10 +17,10 @@ from feeddrive.language.primitives import clip, equal, floor, minimum, where, ze
 
 
 class Ring:
-    """Cells by index. A value: `put` gives a new ring and leaves this one as it is.
+    """Cells by index. A ring is a value: `put` gives a new ring and does not change this one.
 
     cells  None for a new ring, whose cells are 0; numbers of shape (length,) or (length, lanes); the symbol of a trace;
-           or a symbol for each cell, for a target that has no memory to index: every access then asks every cell.
+           or a symbol for each cell, for a target that has no memory to index: every access then reads every cell.
     Native code writes in place, so a ring may be written once from each of its states: r1 = r.put(...), then
     r2 = r1.put(...), never two from r.  A choice between a ring and a new one takes the ring: a reset does not clear
     cells, and what must be forgotten at a reset is said by a number beside the ring (see `History`).

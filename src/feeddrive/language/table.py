@@ -66,7 +66,7 @@ _load_views: list[Callable[[], object]] = []
 
 
 def views_from(load: Callable[[], object]) -> None:
-    """State what is called before a picture or a frame is looked up; it imports the room that registers them.
+    """Set the function that is called before a plot or a frame is looked up; it imports the module that registers them.
 
     The package `feeddrive` calls this once when it is imported, since it stands above all rooms.
     """

@@ -121,7 +121,7 @@ def write_reproduced(reproduced: Sequence[Reproduced], out: str | Path) -> Path:
 
 
 def fill(folder: Path, reproduced: Sequence[Reproduced]) -> None:
-    """The files of the directory, for whoever opened it before the work began."""
+    """Write the files into a directory that was created before the work began."""
     for each in reproduced:
         name = "report" if len(reproduced) == 1 else each.name
         (folder / f"{name}.html").write_text(each.page, encoding="utf-8")

@@ -19,7 +19,7 @@ _SHADE = "#f6dbc8"
 
 @picture_of.register(Certificate)
 def certificate(found: Certificate) -> Any:
-    """|1 + L|/|L| of each plant over the radius that is certified, the plants with least room first."""
+    """|1 + L|/|L| of each plant over the certified radius, the plants with the smallest reserve first."""
     plants = sorted(found.document["plants"], key=lambda each: each["reserve"] or np.inf)[:_MOST]
     figure, axes = style.picture(len(plants), height=1.0 + 2.2 * len(plants))
     nyquist = 0.5 / found.sample_time
@@ -62,7 +62,7 @@ def _measured(plant: Any) -> list[tuple[float, float]]:
 
 
 def certificate_discs(found: Certificate) -> Any:
-    """L of the plant with least room near -1, with the disc in which it may lie at each frequency."""
+    """L of the plant with the smallest reserve near -1, with the disc in which it may lie at each frequency."""
     from matplotlib.collections import PatchCollection
     from matplotlib.patches import Circle
 

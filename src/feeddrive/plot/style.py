@@ -1,4 +1,4 @@
-"""The house style of all pictures: colors, lines, units, axes, and the points that a long curve needs.
+"""The common style of all plots: colors, lines, units, axes, and the points that a long curve needs.
 
 Nothing here changes a global setting of matplotlib.
 """
@@ -83,7 +83,7 @@ def picture(rows: int = 1, *, height: float = 3.0, ratios: Sequence[float] | Non
 
 
 def dressed(ax: Axes) -> Axes:
-    """Axes in the house style."""
+    """Axes in the common style."""
     ax.set_facecolor(PAPER)
     for side, spine in ax.spines.items():
         spine.set_visible(side in ("left", "bottom"))

@@ -114,14 +114,14 @@ class Entry:
 
 @dataclass(frozen=True, eq=False)
 class Study:
-    """Everything a report says. Texts are shown as they are, escaped.
+    """The content of a report. Texts are shown unchanged, escaped.
 
     entries   one for each law, the first is the one that the others are compared with
     facts     what was run, by headline: machine, reference, load, noise, seed ...
     rule      by what the laws are comparable, as a sentence
     job       the exact text of the job
     versions  of Python, feeddrive and what they stand on, by name
-    notes     honest remarks of whoever ran it
+    notes     remarks of the person who ran it
     extras    tables of its own, first in the result
     pictures  pictures of its own, before all others
     """

@@ -90,7 +90,7 @@ def _judged(entry: Entry) -> str:
 
 
 def remarks(study: Study) -> list[str]:
-    """What a reader must not overlook, then the notes of whoever ran the study."""
+    """Important remarks, then the notes of the person who ran the study."""
     found: list[str] = []
     ringing = [
         f"{_quoted(entry)} ({number(entry.margins.sensitivity_peak)})"

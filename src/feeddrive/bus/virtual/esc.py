@@ -189,7 +189,7 @@ class SlaveController:
         self._memory[_SYNC + 13] |= _FULL
 
     def _control(self, wanted: int) -> None:
-        """A state that was asked for, with bit 4 to acknowledge an error."""
+        """A requested state, with bit 4 to acknowledge an error."""
         status, state = self._memory[_AL_STATUS], wanted & 0x0F
         if status & 0x10 and not wanted & 0x10:
             return

@@ -43,7 +43,7 @@ def check_programs() -> None:
 
 
 def check_session() -> None:
-    """Raise MissingProgramError as `check_programs`, and HalError if this machine lets nobody be alone on it."""
+    """Raise MissingProgramError as `check_programs`, and HalError if this system allows no isolated session."""
     check_programs()
     tried = subprocess.run(
         [*_alone(), "mount", "-t", "tmpfs", "feeddrive", MODULES], capture_output=True, text=True, check=False

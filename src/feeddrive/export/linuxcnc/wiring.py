@@ -81,7 +81,7 @@ def axis_ini(routine: Routine, joint: int, letter: str, limit: Limits, title: st
 
 
 def _unknown(limit: Limits) -> list[str]:
-    """What the machine file does not say and nobody may take for granted."""
+    """Settings that the machine file does not contain and that must not be assumed."""
     if limit.travel_known:
         return []
     return [

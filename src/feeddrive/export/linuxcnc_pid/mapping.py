@@ -149,7 +149,7 @@ def biquad(block: Filter, T: float) -> StockBiquad:
 
 
 def period(loop: Loop) -> float:
-    """The sample time as HAL tells it, s: whole nanoseconds times 1e-9."""
+    """The sample time in HAL, s: whole nanoseconds times 1e-9."""
     return round(loop.sample_time * 1e9) * 1e-9
 
 

@@ -60,7 +60,7 @@ UNKNOWN = "the target has nothing like it"
 
 
 def items(cascade: Cascade) -> Iterator[Item]:
-    """Everything that the control of a P-PI design does beside its gains, in the order of the signal."""
+    """Everything in the control of a P-PI design besides its gains, in the order of the signal."""
     control, law = cascade.loop.control, cascade.law
     if law.velocity_samples > 1:
         yield Item("velocity_samples", "control.law.velocity_samples", str(law.velocity_samples))

@@ -109,7 +109,7 @@ class Printing(Protocol):
 def configure(printer: Printing) -> Unit:
     """Always in long reals: the design has the best numbers that a short one can store.
 
-    Bounds are asked first, then the rules between parameters, then the design is computed, each only if all before
+    Bounds are checked first, then the rules between parameters, then the design is computed, each only if all before
     hold: what is refused divides nothing by zero.
     """
     layout = printer.layout

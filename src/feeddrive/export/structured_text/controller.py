@@ -181,7 +181,7 @@ class Printer:
         )  # fmt: skip
 
     def _prepared(self, struct: str, made: int) -> str:
-        """A prepared number: one of the text, or one of the design; what nobody reads is none."""
+        """A prepared number: a constant, or a variable of the design; none if it is never read."""
         constant = self.layout.graph.nodes[made]
         if constant[0] == "const":
             return literal(float.fromhex(constant[1]))

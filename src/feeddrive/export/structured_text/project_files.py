@@ -109,7 +109,7 @@ def twincat_file(each: Structure | Unit) -> tuple[str, str]:
 
 
 def _wrapped(tag: str, name: str, more: str, body: str) -> str:
-    """The same name has the same identity, so that an export made anew replaces the file in a project."""
+    """The same name has the same identity, so that a repeated export replaces the file in a project."""
     identity = uuid.uuid5(uuid.NAMESPACE_URL, f"feeddrive/{tag}/{name}")
     return f'{_HEAD}  <{tag} Name="{name}" Id="{{{identity}}}"{more}>\n{body}  </{tag}>\n</TcPlcObject>\n'
 

@@ -43,7 +43,7 @@ _KINDS = {
 
 
 class _RefusedError(Exception):
-    """The text holds what is never read."""
+    """The text contains constructs that are refused."""
 
 
 @dataclass
@@ -111,7 +111,7 @@ def _parsed(name: str, content: bytes) -> _Element:
 
 
 def ast_tables(name: str, content: bytes) -> Iterator[tuple[Columns, dict[str, str]]]:
-    """A table of f, re, im, coherence for each response in the file, and what it leads from and to."""
+    """A table of f, re, im, coherence for each response in the file, and its input and output."""
     names: dict[str, int] = {}
     for element in _parsed(name, content).walk():
         parts = {kind: each for each in element.children if (kind := _kind(each.tag)) is not None}

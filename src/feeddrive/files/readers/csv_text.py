@@ -1,6 +1,6 @@
 """Text with columns: CSV of any separator, decimal point or comma, with or without heads, units and a preamble.
 
-The layout is found from the first lines: most of them are rows of numbers, and what stands above is heads and preamble.
+The layout is found from the first lines: most of them are rows of numbers, and the lines above are heads and preamble.
 A text without heads, with one comma in each line and no other separator, is two columns and not a decimal comma.
 
 Comment lines (#, %, //) and empty lines are skipped; columns of text are left out; anything else that is not a row of

@@ -50,7 +50,7 @@ def read_npy(name: str, content: bytes, wanted: frozenset[str] | None) -> Column
 
 
 def _array(name: str, content: bytes) -> np.ndarray:
-    """The array in a file, without a copy. Every length is checked before it is believed."""
+    """The array in a file, without a copy. Every length is checked before it is used."""
     file = io.BytesIO(content[: _LONGEST_HEADER + 32])
     try:
         version = npy_format.read_magic(file)

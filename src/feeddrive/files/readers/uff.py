@@ -81,7 +81,7 @@ def read_uff(name: str, content: bytes, wanted: frozenset[str] | None) -> Column
 
 
 def uff_tables(name: str, content: bytes) -> Iterator[tuple[Columns, dict[str, str]]]:
-    """A table of f, re, im, coherence for each frequency response, and what it leads from and to."""
+    """A table of f, re, im, coherence for each frequency response, and its input and output."""
     sets = sets_of(name, content)
     responses = [each for each in sets if each["func_type"] == _FRF]
     if not responses:

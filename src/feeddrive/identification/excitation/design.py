@@ -216,7 +216,7 @@ def _simulated(
     loop: Loop, where: str, times: _Timeline, lines: np.ndarray, sizes: np.ndarray, phases: np.ndarray, offset: float,
     seed: int,
 ) -> Drawing:  # fmt: skip
-    """One realisation as it is sent, and as the loop answers."""
+    """One realization of the excitation, and the simulated response of the loop."""
     T = float(loop.sample_time)
     t = np.arange(times.samples) * T
     under = _underneath(times, offset, T).at(t)

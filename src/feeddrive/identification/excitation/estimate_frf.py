@@ -15,7 +15,7 @@ from feeddrive.identification.excitation.record import Record, find_period, repe
 from feeddrive.language.errors import LogError, ParameterError
 
 ALL = ("auto", "periodic", "local_polynomial", *METHODS)
-MOST_LINES = 2000  # that a local polynomial is asked for if nobody says how many
+MOST_LINES = 2000  # of a local polynomial by default
 _LEAST_PERIODS = 2
 _ENDS = 0.01  # share of a period that may differ without being cut off
 

@@ -27,7 +27,7 @@ def said(value: float, unit: str) -> str:
 
 @dataclass(frozen=True)
 class Limit:
-    """One limit and what the simulation came to; `most` is None where nobody stated a limit."""
+    """One limit and the peak in the simulation; `most` is None if no limit was stated."""
 
     what: str
     got: float
@@ -36,11 +36,11 @@ class Limit:
 
     @property
     def holds(self) -> bool:
-        """Whether it is kept; a limit that nobody stated is."""
+        """Whether the limit is kept; True if none was stated."""
         return self.most is None or self.got <= self.most
 
     def cells(self) -> list[str]:
-        """What, got, limit and verdict as texts, in the unit that people read."""
+        """Quantity, value, limit and verdict as texts, in the displayed unit."""
         limit = "not stated" if self.most is None else said(self.most, self.unit)
         verdict = "–" if self.most is None else "holds" if self.holds else "BROKEN"
         return [self.what, said(self.got, self.unit), limit, verdict]
@@ -48,7 +48,7 @@ class Limit:
 
 @dataclass(frozen=True, eq=False)
 class Drawing:
-    """One realisation: what is sent, and the signals of its simulation, all of shape (n,).
+    """One realization: the excitation to send, and the signals of its simulation, all of shape (n,).
 
     excitation    N or m, added to the force command or to the set position
     set_position  m, of the motion underneath, without excitation
@@ -100,7 +100,7 @@ class Excitation(Result):
         return "N" if self.where == "force" else "m"
 
     def records(self, output: str = "reading_load") -> list[Record]:
-        """The simulated measurements, cut to whole periods: what `estimate_frf` makes of them is what to expect."""
+        """The simulated measurements, cut to whole periods: `estimate_frf` of them predicts the measured result."""
         if output not in OUTPUTS:
             raise ParameterError(f"output = {output!r} must be one of {', '.join(OUTPUTS)}")
         kept = slice(self.first, self.first + self.periods * self.period)
@@ -119,7 +119,7 @@ class Excitation(Result):
         ]
 
     def table(self) -> Table:
-        """The limits, and what the simulation came to."""
+        """The limits, and the peaks in the simulation."""
         title = (
             f"{self.name}: {self.lines.size} lines {self.frequency[0]:.4g} .. {self.frequency[-1]:.4g} Hz on "
             f"{self.where}, peak {said(self.amplitude, self.unit)}, crest factor {self.crest:.3f}, "
@@ -131,7 +131,7 @@ class Excitation(Result):
 def limits(
     loop: Loop, drawings: list[Drawing], travel: float | None, speed: float | None, force: float | None
 ) -> list[Limit]:
-    """Peaks over all realisations against what was asked for, or what guard, control and motor say."""
+    """Peaks over all realizations against the requested limits, or those of guard, control and motor."""
     guard, motor = loop.control.guard, loop.axis.actuator.motor
     peak, continuous = (None, None) if motor is None else motor.limits()
     if force is None:

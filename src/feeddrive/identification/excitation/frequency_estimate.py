@@ -15,7 +15,7 @@ _DOUBT = 0.1  # relative variance of an input from which its line does not count
 
 @dataclass(frozen=True, eq=False)
 class Level:
-    """What stands in the output on some lines and is not the linear answer, RMS over neighboring lines.
+    """Amplitude of noise or distortion in the output, RMS over neighboring lines.
 
     frequency  Hz, shape (m,)
     output     amplitude at the output, in its unit
@@ -29,16 +29,16 @@ class Level:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class FrequencyEstimate(Result):
-    """An FRF with coherence and variance, the rule by which it was made, and how sure the variance itself is.
+    """An FRF with coherence and variance, the estimator used, and the degrees of freedom of the variance.
 
-    frf      `frf.variance` is E|dG|² of what stands there: noise, and nonlinear distortion as far as `total` says so
+    frf      `frf.variance` is E|dG|² of the response: noise, and nonlinear distortion if `total` is true
     method   the rule, as a sentence
     freedom  complex degrees of freedom of the variance on each line, shape (n,)
     noise    E|dG|² by noise alone, shape (n,)
-    total    whether `frf.variance` holds nonlinear distortion beside noise
+    total    whether `frf.variance` includes nonlinear distortion besides noise
     levels   "odd", "even", "nonlinear", "noise": levels over frequency, as far as the excitation shows them
     counts   averages, periods, realisations, ... by name
-    remarks  what to know before trusting it
+    remarks  remarks on the validity of the estimate
     """
 
     frf: FRF

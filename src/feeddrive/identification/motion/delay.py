@@ -110,7 +110,7 @@ def _check_slope(log: MotionLog, basis: np.ndarray, forces: list[np.ndarray], re
 
 def _check(log: MotionLog, best: int, delays: np.ndarray, residual: np.ndarray) -> None:
     at_zero = float(residual[np.flatnonzero(delays == 0)[0]])
-    clear = float(np.min(residual)) < CLEAR * at_zero  # else nothing speaks against 0
+    clear = float(np.min(residual)) < CLEAR * at_zero  # else there is no evidence against 0
     late = best * log.sample_time > LATEST
     if clear and (best < -1 or late or abs(best) == REACH):
         when = (

@@ -37,12 +37,12 @@ _FAR = 0.05  # share by which the sum of the masses may differ before it is said
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Identified(Result):
-    """What one log tells of a drive.
+    """The model of a drive identified from one log.
 
-    loop        the loop with what was found, ready to simulate; None if the law that ran is not known, or at a shaft
-    control     the law that was found in the log, or None
+    loop        the loop with the identified values, ready to simulate; None if its law is not known, or at a shaft
+    control     the law identified from the log, or None
     refinement  the output-error fit, or None
-    remarks     what could not be found, and why
+    remarks     what could not be identified, and why
     """
 
     log: MotionLog
@@ -97,11 +97,11 @@ def identify(
     lead: float | None = None,
     gear: float = 1.0,
 ) -> Identified:
-    """Everything that a log of position and force, and if possible of the set position, tells of a rigid drive.
+    """Identify a rigid drive from a log of position and force, and of the set position if available.
 
     start      the loop of the log, as far as it is known: its law, limits, encoders and dead time are kept
     friction   "best", "symmetric" or "directional"
-    lead, gear of a log at a shaft, m and 1: with them the result stands at the table
+    lead, gear of a log at a shaft, m and 1: with them the result is referred to the table
 
     Each step that is not possible leaves a remark and not an error; only the rigid drive itself must be identifiable.
     Raises NotIdentifiableError with what to measure next, LogError for a log that cannot be used.
@@ -138,7 +138,7 @@ def identify(
 def _by_friction(
     log: MotionLog, start: Loop, rigid: RigidFit, loop: Loop, plain: Refinement | None, remarks: list[str]
 ) -> tuple[Loop, Refinement | None]:
-    """The loop with the machine's own kind of friction, unless the log is met clearly better without it."""
+    """The loop with the friction model of the machine file, unless plain friction fits the log clearly better."""
     kind, other = start.axis.friction_load, loop.axis.friction_load
     assert kind is not None
     assert other is not None
@@ -177,7 +177,7 @@ def _rigid(log: MotionLog, friction: str, how: Preparation | None, delay: float)
 
 
 def _travel(log: MotionLog) -> list[str]:
-    """A travel that no feed drive has is a unit or a factor that is wrong."""
+    """A remark if the travel is implausible for a feed drive: a unit or a factor is wrong."""
     travel = float(np.ptp(log.position))
     if log.rotary or 1e-5 <= travel <= 100.0:
         return []
@@ -208,7 +208,7 @@ def _attempted(what: Any, remarks: list[str]) -> Any:
 
 
 def _loop(log: MotionLog, rigid: RigidFit, start: Loop | None, control: ControlFit | None) -> Loop | None:
-    """The loop of the log with what was found in place of what it had."""
+    """The loop of the log with its values replaced by the identified ones."""
     if rigid.frame is not TABLE:
         return None
     if start is not None:
@@ -222,10 +222,10 @@ def _loop(log: MotionLog, rigid: RigidFit, start: Loop | None, control: ControlF
 
 
 def with_rigid(axis: Axis, rigid: RigidFit, *, richer: bool = False) -> Axis:
-    """The axis with the mass, the friction and the constant force that were found.
+    """The axis with the identified mass, friction and constant force.
 
     A plant with several bodies keeps its own masses and dampers, which a rigid fit cannot tell apart, and friction on
-    both bodies stays as it is.  With `richer` a friction that knows more than Coulomb's levels keeps its shape.
+    both bodies is not changed.  With `richer` a friction model with more than Coulomb levels keeps its shape.
     """
     if not isinstance(axis.plant, Rigid) and axis.friction_motor is not None:
         return axis
@@ -240,7 +240,7 @@ def with_rigid(axis: Axis, rigid: RigidFit, *, richer: bool = False) -> Axis:
 
 
 def is_richer(axis: Axis) -> bool:
-    """Whether the friction of the axis knows more than levels and slopes: a Stribeck curve, presliding, a table."""
+    """Whether the friction model has more than levels and slopes: a Stribeck curve, presliding, a table."""
     return axis.friction_load is not None and not isinstance(axis.friction_load, _PLAIN)
 
 
@@ -275,7 +275,7 @@ def refined_names(loop: Loop) -> tuple[str, ...] | None:
 
 
 def axis_remarks(axis: Axis, rigid: RigidFit) -> list[str]:
-    """What the log says of a plant with several bodies, whose file keeps its masses."""
+    """Remarks on a plant with several bodies, whose masses are not changed."""
     if isinstance(axis.plant, Rigid):
         return []
     found, own = rigid["mass"], float(axis.plant.rigid_mass())
@@ -310,7 +310,7 @@ def _without(friction: Friction, viscous: float) -> Friction:
 
 
 def _scaled(known: Friction, found: Friction) -> Friction:
-    """A richer friction with the levels at speed that were found; what it has beyond them grows in proportion."""
+    """A richer friction with the identified levels at speed; its excess at low speed is scaled in proportion."""
     leaves = dict(tree.leaves(found))
     level = [float(value) for name, value in leaves.items() if name.startswith("coulomb")]
     slope = [float(value) for name, value in leaves.items() if name.startswith("viscous")]

@@ -18,7 +18,7 @@ MOST_SATURATED = 0.01  # share of the samples that may sit at the largest force
 class MotionLog:
     """Position (m, or rad of a shaft) and commanded force (N, or N m) on one clock, each of shape (n,).
 
-    set_position  what the loop was told, if it was logged
+    set_position  setpoint of the loop, if it was logged
     force_limit   N or N m, if it is known
     rotary        position in rad and force in N m
 

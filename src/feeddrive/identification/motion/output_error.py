@@ -66,7 +66,7 @@ class Refinement(Result):
 
 
 def physics(loop: Loop) -> tuple[str, ...]:
-    """The names of mass, friction and constant force of a loop: what output error fits if nothing else is asked."""
+    """The names of mass, friction and constant force of a loop: what output error fits by default."""
     own = loop.place_of("axis")
     wanted = tuple(f"{own}.{part}" for part in ("plant.mass", "friction_load.", "friction_motor.", "forces."))
     skipped = ("stribeck_velocity", "smoothing", "transition_velocity", "period", "phase", "share")

@@ -51,7 +51,7 @@ class Prepared:
 
     filtered    velocity at each sample of the log, before it was decimated
     constant    of 1, which the filter's ripple makes a little less
-    places      samples of the log at which the rows stand
+    places      sample numbers of the rows in the log
     rows        samples of the log that were filtered
     """
 
@@ -158,7 +158,7 @@ def central_difference(values: np.ndarray, sample_time: float) -> np.ndarray:
 
 
 def decimated(values: np.ndarray, factor: int) -> np.ndarray:
-    """Every `factor`-th sample after a low pass that leaves no room for aliases; the last sample is kept.
+    """Every `factor`-th sample after an anti-aliasing low pass; the last sample is kept.
 
     The low pass is that of MATLAB's decimate: Chebyshev of first kind, order 8, ripple 0.05 dB, edge 0.8 / factor of
     the half sampling rate, forth and back.

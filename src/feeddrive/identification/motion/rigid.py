@@ -119,7 +119,7 @@ def identify_rigid(
     how       filters and times; default: `Preparation()`
     folds     of the cross-validation: each stretch of the log is predicted by a fit of the others
 
-    Standard errors are robust; those of an unbiased white residual are beside them.  When not to use: on an axis
+    Standard errors are robust; those for a white residual are given as well.  When not to use: on an axis
     whose screw bends in the motion (fit its frequency response), or near standstill (fit constant-speed runs).
     Raises NotIdentifiableError with what to measure next, LogError for a log that is too short.
     Source: Janot, Gautier & Brunot 2019, with the force half a sample later, where its hold acts.

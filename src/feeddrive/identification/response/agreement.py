@@ -136,7 +136,7 @@ def _known(frf: FRF) -> np.ndarray:
 
 
 def advice(name: str, band: tuple[float, float], mass: float, error: float, units: ResponseUnits) -> str:
-    """Why a parameter cannot be told from these lines, and what to measure next; band in Hz, mass as fitted."""
+    """Why a parameter cannot be identified from these lines, and what to measure next; band in Hz, mass as fitted."""
     low, high = band
     last = name.rsplit(".", 1)[-1]
     known = f"its standard error is {error:.2g}"

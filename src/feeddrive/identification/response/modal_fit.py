@@ -19,7 +19,7 @@ from feeddrive.language.table import Result, Table
 from feeddrive.loop.frequency_response import FRF
 
 _MOST_ASKED = 40
-MOST = 8  # modes that are tried if nobody says how many
+MOST = 8  # modes that are tried by default
 _GAIN = 0.9  # what a mode more must bring the error down to
 _FURTHER = 3  # modes that are tried beyond a number that is good enough so far
 _GOOD = 0.1  # mean |ln(fitted/measured)|: above it the count goes on, however little the next modes bring
@@ -194,7 +194,7 @@ def _begun(
 
 
 def _settled(each: Unknown, model: ModalResponse, dead_time: float | None, low: float, high: float) -> Unknown:
-    """An unknown as fixed as the question asks."""
+    """An unknown, fixed as requested."""
     kind = each.name.split("_")[0]
     absent = (kind == "rest" and not model.rest) or (kind == "skew" and not model.skewed)
     absent = absent or (kind in ("free", "corner") and not model.rigid)

@@ -15,7 +15,7 @@ _TURNS = 12
 def common_poles(
     s: Sequence[np.ndarray], responses: Sequence[np.ndarray], pairs: int, reals: int, *, power: float = 1.0
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Poles of `pairs` resonances, those with positive imaginary part, and how high each stands over the response.
+    """Poles of `pairs` resonances, those with positive imaginary part, and the height of each peak above the response.
 
     Each response is brought onto Σ c/(s - p) + d with the same poles, in least squares weighted by |G|^-power: 1 for
     equal shares of peaks and valleys, 0.5 where valleys are all noise.  Poles move to the zeros of
@@ -116,7 +116,7 @@ class ModalResponse:
         return 2 * self.modes + 2
 
     def shapes(self, s: np.ndarray, parameters: np.ndarray) -> np.ndarray:
-        """What stands beside free, residues and rest in the sum, without delay; shape (lines, 2 modes + 2)."""
+        """The regressors of free motion, residues and remainder, without delay; shape (lines, 2 modes + 2)."""
         k = self.modes
         omega, ratio, corner = 2.0 * np.pi * parameters[:k], parameters[k : 2 * k], parameters[2 * k]
         factor = s**self.order

@@ -30,7 +30,7 @@ class PlantFit(Result):
 
     estimates         every parameter that was sought, with its standard errors; `covariance` in their order
     derived           what follows from them: antiresonance, resonance, inertia ratio, total mass
-    not_identifiable  by parameter: why, and what to measure next; it stands at the value that `plant` has
+    not_identifiable  by parameter: why, and what to measure next; it has the value in `plant`
     agreement         how well the responses are met, on lines that were used and on lines that were not
     remarks           what else the residuals and the errors say
     """
@@ -78,7 +78,7 @@ class PlantFit(Result):
 
 @dataclass(frozen=True)
 class Task:
-    """What is to be fitted: the start and what is known. The responses are those of `taken`, by sensor."""
+    """The fit problem: start values and known parameters. The responses are those of `taken`, by sensor."""
 
     plant: Plant
     actuator: Actuator

@@ -58,10 +58,10 @@ class Measured:
 class Refined:
     """The parameters of least cost, in the order of the unknowns.
 
-    covariance   robust to residuals that hang together from line to line; `ols` as if they did not
+    covariance   valid for residuals correlated from line to line; `ols` for uncorrelated ones
     slopes       of the residuals, one row a real residual, one column an internal parameter
     residuals    complex and weighted, of each response
-    spread       standard deviation of a real residual by their median; 1 is what the variances promise
+    spread       standard deviation of a real residual by their median; 1 if the variances are right
     model_error  share of the response by which the model is wrong beyond the noise
     bound        which parameters ended at a bound
     """
@@ -113,8 +113,8 @@ def refine(
     """Gauss-Newton steps with Levenberg's damping from `start` (default: that of the unknowns) on the lines in `use`.
 
     The cost is Σ ρ(r), ρ = 2 s² c² (√(1 + (r/sc)²) - 1), c = 2, s the median size of the residuals: a square for all
-    but lines that lie far off, which pull with bounded force.  Where the variances are known and the model is not as
-    good as they are, a `model_error` is added to them until both agree.
+    but outlying lines, whose influence is bounded.  If the variances are known and the model fits worse than they
+    predict, a `model_error` is added to them until both agree.
     Sources: Levenberg 1944; Marquardt 1963; Pintelon & Schoukens, System Identification, section 9 (the cost).
     """
     chosen = [replace(frf, variance=None) if logarithmic else frf for frf in responses]
@@ -143,7 +143,7 @@ def _near_its_start(
     begin: np.ndarray,
     steps: int,
 ) -> Refined:
-    """Where noise leaves logarithms open: the point of the valley next to the start, if it is as low.
+    """Where noise leaves logarithms undetermined: the equally good point closest to the start.
 
     A free descent ends anywhere in such a valley, by its rounding, and the errors there are as arbitrary.
     """
@@ -298,7 +298,7 @@ def covariances_at(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Covariances, robust and plain, of all these parameters at given values, also of those that were not moved there.
 
-    What is known of a parameter is less if others that were fixed for want of knowledge count as unknown.
+    The errors of a parameter are larger if others that were fixed because they are not identifiable count as unknown.
     """
     chosen = [replace(frf, variance=None) if logarithmic else frf for frf in responses]
     everywhere = [np.ones(frf.frequency.size, bool) for frf in chosen]

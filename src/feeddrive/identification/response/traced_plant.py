@@ -15,7 +15,7 @@ from feeddrive.language.graph import Graph
 from feeddrive.loop.hold import Port, Rows, Timing, rate
 from feeddrive.loop.traced_model import LinearModel, TracedModel
 
-DRIVE = ("dead_time", "current_loop")  # parameters of the actuator, beside those of the plant
+DRIVE = ("dead_time", "current_loop")  # parameters of the actuator, in addition to those of the plant
 _ALIASES = 4  # on either side, at most
 _ALIAS = 3e-5  # of the response: aliases that are smaller are left out
 _SENSORS = ("motor", "load")  # the outputs of the traced model, in their order

@@ -30,7 +30,7 @@ class ResponseUnits:
         return (self.output, self.input) == ("m", "N")
 
     def of(self, unit: str) -> str:
-        """What stands for a unit of a linear axis in SI, as kg, N/m, N s/m, m/N."""
+        """The unit that replaces a unit of a linear axis in SI, such as kg, N/m, N s/m, m/N."""
         known = _SI.get((self.output, self.input))
         if known is not None:
             return known.get(unit, unit)

@@ -162,7 +162,7 @@ def tracking_error() -> Part:
 
 
 def ablation() -> Part:
-    """What each contribution is worth without the others."""
+    """The effect of each contribution alone."""
 
     def loop(commands: str, feedforward: tuple[Any, ...]) -> Loop:
         return placed(replace(SOFTER, commands=commands), feedforward)
