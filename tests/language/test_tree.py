@@ -16,9 +16,10 @@ from feeddrive.blocks.filter.notch import Notch
 from feeddrive.blocks.friction.coulomb import Coulomb
 from feeddrive.blocks.plant.two_mass import TwoMass
 from feeddrive.language import tree
-from feeddrive.language.errors import ParameterError
+from feeddrive.language.errors import ParameterError, StructureError
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.control import Control
+from feeddrive.loop.guard import Guard
 from feeddrive.loop.loop import Loop
 
 
@@ -135,6 +136,26 @@ def test_errors_name_parameter_value_bound_and_unit(changes: dict[str, object], 
 def test_vary_runs_the_check_of_the_block():
     with pytest.raises(ParameterError, match="not positive definite"):
         tree.vary(loop(coupling_mass=1.0), {"axis.x.plant.coupling_mass": 90.0})
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        (
+            {"axis.y.control.guard.safe_force": 3000.0},
+            r"^axis\.y\.control\.guard\.safe_force = 3000 N is beyond axis\.y\.control\.force_limit = 2000 N",
+        ),
+        ({"axis.y.actuator.dead_time": 10.0}, r"^axis\.y\.actuator\.dead_time is 100000 samples"),
+        ({"axis.y.plant.stiffness": 1e22}, r"^axis\.y\.plant: its fastest mode, "),
+    ],
+)
+def test_what_does_not_fit_together_is_named_by_its_path(changes: dict[str, float], words: str):
+    """Control and axis do not know the name of their axis: the loop puts it in."""
+    plain = loop()
+    guarded = dataclasses.replace(plain.control, guard=Guard(following_error_limit=1e-3))
+    other = dataclasses.replace(plain, control=guarded, name="y")
+    with pytest.raises((ParameterError, StructureError), match=words):
+        tree.vary(other, changes)
 
 
 def test_structure_knows_choices_types_and_what_is_absent_but_no_values():

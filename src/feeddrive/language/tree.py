@@ -132,7 +132,7 @@ def in_paths(block: Block, text: str) -> str:
     fields = [field for field in declarations(type(block)) if block.place_of(field) != field]
     if not fields:
         return text
-    return re.sub(rf"(?<![\w.])({'|'.join(fields)})(?=\.)", lambda found: block.place_of(found[1]), text)
+    return re.sub(rf"(?<![\w.])({'|'.join(fields)})(?=\.\w)", lambda found: block.place_of(found[1]), text)
 
 
 def name_of(block: Any, path: str) -> str:
@@ -215,10 +215,20 @@ def vary(block: Tree, changes: Mapping[str, Any]) -> Tree:
         shown = ", ".join(f"{name}: {length}" for name, length in lengths.items())
         raise ParameterError(f"arrays of variants must have one length, not {shown}")
     varied = rebuild(block, (given.get(path, value) for path, _, value in _placed(block, "", "")))
-    for part in blocks(varied):
-        if not lengths:
-            part.require()
+    if not lengths:
+        _require(varied)
     return varied
+
+
+def _require(block: Any) -> None:
+    """Every check of a block and of its parts; those of the parts name parts by fields, which become paths."""
+    for part in blocks(block):
+        try:
+            part.require()
+        except (ParameterError, StructureError) as error:
+            if part is block or not isinstance(block, Block):
+                raise
+            raise type(error)(in_paths(block, str(error))) from None
 
 
 def sampled_rules(tree: Any, T: Number) -> Iterator[Rule]:

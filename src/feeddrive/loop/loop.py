@@ -8,7 +8,7 @@ from typing import Annotated, Any, NamedTuple
 from feeddrive.blocks.signals import Motion, Noise, Setpoint
 from feeddrive.language import tree
 from feeddrive.language.block import Block, Number, Rule, label, parameter, part
-from feeddrive.language.errors import StructureError
+from feeddrive.language.errors import ParameterError, StructureError
 from feeddrive.language.units import Unit, units_of
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.control import Control
@@ -98,6 +98,13 @@ class Loop(Block):
         """As in a machine file: the physics of axis x under `axis.x`, its control under `axis.x.control`."""
         own = f"axis.{self.name}"
         return {"axis": own, "control": f"{own}.control"}.get(field, field)
+
+    def require(self) -> None:
+        """As every block; control and axis do not know the axis' name, so their errors get it here."""
+        try:
+            super().require()
+        except (ParameterError, StructureError) as error:
+            raise type(error)(tree.in_paths(self, str(error))) from None
 
     def check(self) -> None:
         """The law finds the encoders that it needs; the dead time can be simulated."""
