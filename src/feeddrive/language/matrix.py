@@ -29,7 +29,7 @@ def zeros(rows: int, columns: int) -> list[list[Any]]:
 def multiply(a: Sequence[Sequence[Any]], b: Sequence[Sequence[Any]]) -> Matrix:
     """A·B, shapes (n, m) and (m, p)."""
     columns = list(zip(*b, strict=True))
-    return tuple(tuple(dot(row, column) for column in columns) for row in a)
+    return tuple(tuple([dot(row, column) for column in columns]) for row in a)
 
 
 def dot(a: Sequence[Any], b: Sequence[Any]) -> Any:
@@ -64,14 +64,19 @@ def is_one(x: Any) -> bool:
 def add(a: Sequence[Sequence[Any]], b: Sequence[Sequence[Any]]) -> Matrix:
     """A + B."""
     return tuple(
-        tuple(y if is_zero(x) else x if is_zero(y) else x + y for x, y in zip(r, s, strict=True))
+        tuple(
+            [  # a list and `is_zero` in place, as in `dot`
+                y if type(x) is float and x == 0.0 else x if type(y) is float and y == 0.0 else x + y
+                for x, y in zip(r, s, strict=True)
+            ]
+        )
         for r, s in zip(a, b, strict=True)
     )
 
 
 def scale(factor: Any, a: Sequence[Sequence[Any]]) -> Matrix:
     """factor · A."""
-    return tuple(tuple(0.0 if is_zero(x) else factor * x for x in row) for row in a)
+    return tuple(tuple([0.0 if type(x) is float and x == 0.0 else factor * x for x in row]) for row in a)
 
 
 def solve(a: Sequence[Sequence[Any]], b: Sequence[Sequence[Any]]) -> Matrix:

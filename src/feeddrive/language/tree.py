@@ -8,7 +8,6 @@ of a parameter of a single block, outside a loop, is its name by fields.
 
 from __future__ import annotations
 
-import dataclasses
 import re
 from collections.abc import Iterator, Mapping
 from difflib import get_close_matches
@@ -30,6 +29,12 @@ def _walked(block: type[Block]) -> tuple[tuple[str, bool], ...]:
     """The fields of a block that a walk goes into, and whether they are inline."""
     held = {name: each for name, each in declarations(block).items() if each.role in ("parameter", "part")}
     return tuple((name, each.inline) for name, each in held.items())
+
+
+@cache
+def _fields(block: type[Block]) -> tuple[tuple[str, str], ...]:
+    """All fields of a block and their roles."""
+    return tuple((name, each.role) for name, each in declarations(block).items())
 
 
 def _children(tree: Any) -> Iterator[tuple[str, Any]]:
@@ -62,7 +67,11 @@ def _collect(tree: Any, prefix: str, found: list[tuple[str, Any]]) -> None:
         for name, inline in _walked(type(tree)):
             child = getattr(tree, name)
             if child is not None:
-                _collect(child, prefix if inline else f"{prefix}.{name}" if prefix else name, found)
+                path = prefix if inline else f"{prefix}.{name}" if prefix else name
+                if isinstance(child, (Block, tuple)):
+                    _collect(child, path, found)
+                else:
+                    found.append((path, child))
     elif isinstance(tree, tuple):
         names = getattr(tree, "_fields", None) or range(len(tree))
         for name, child in zip(names, tree, strict=True):
@@ -75,18 +84,23 @@ def _collect(tree: Any, prefix: str, found: list[tuple[str, Any]]) -> None:
 def rebuild(tree: Tree, values: Iterator[Any]) -> Tree:
     """The same tree with other leaves, taken in the order of `leaves`; constructors and checks are not run."""
     if isinstance(tree, Block):
-        changed = {name: rebuild(child, values) for name, child in _children(tree)}
+        changed: dict[str, Any] = {}
+        for name, _ in _walked(type(tree)):
+            child = getattr(tree, name)
+            if child is not None:
+                changed[name] = rebuild(child, values) if isinstance(child, (Block, tuple)) else next(values)
         return _replaced(tree, changed)
     if isinstance(tree, tuple):
-        children = [rebuild(child, values) for _, child in _children(tree)]
+        children = [rebuild(child, values) for child in tree]  # type: ignore[reportUnknownVariableType]
         return type(tree)(*children) if hasattr(tree, "_fields") else tuple(children)  # type: ignore[return-value]
     return next(values) if tree is not None else cast(Tree, None)
 
 
 def _replaced(block: Any, changed: Mapping[str, Any]) -> Any:
     copy = object.__new__(type(block))
-    for spec in dataclasses.fields(block):
-        object.__setattr__(copy, spec.name, changed.get(spec.name, getattr(block, spec.name)))
+    held = vars(copy)
+    for name, _ in _fields(type(block)):
+        held[name] = changed[name] if name in changed else getattr(block, name)
     return copy
 
 
@@ -253,13 +267,25 @@ def blocks(tree: Any) -> Iterator[Block]:
 
 def tables(tree: Any, prefix: str = "") -> Iterator[tuple[str, np.ndarray]]:
     """Dotted name and values of every table of a tree."""
+    found: list[tuple[str, np.ndarray]] = []
+    _collect_tables(tree, prefix, found)
+    return iter(found)
+
+
+def _collect_tables(tree: Any, prefix: str, found: list[tuple[str, np.ndarray]]) -> None:
+    """The tables of a tree at the end of a list."""
     if isinstance(tree, Block):
-        for name, declared in declarations(type(tree)).items():
-            if declared.role == "table" and getattr(tree, name) is not None:
-                yield _path(tree, prefix, name), getattr(tree, name)
-    if isinstance(tree, (Block, tuple)):
+        fields = _fields(type(tree))
+        for name, role in fields:
+            if role == "table" and getattr(tree, name) is not None:
+                found.append((_path(tree, prefix, name), getattr(tree, name)))
+        for name, role in fields:
+            if role == "part" and getattr(tree, name) is not None:
+                _collect_tables(getattr(tree, name), _path(tree, prefix, name), found)
+    elif isinstance(tree, tuple):
         for name, child in _children(tree):
-            yield from tables(child, _path(tree, prefix, name))
+            if isinstance(child, (Block, tuple)):
+                _collect_tables(child, _path(tree, prefix, name), found)
 
 
 def with_tables(tree: Tree, replacements: Mapping[str, Any], prefix: str = "") -> Tree:
@@ -281,24 +307,38 @@ def with_tables(tree: Tree, replacements: Mapping[str, Any], prefix: str = "") -
 
 def structure(tree: Any) -> Any:
     """What shapes the graph of a tree, as a hashable key: types, choices, which leaves are there, table lengths."""
+    return _shape(tree, [])
+
+
+def structure_and_values(tree: Any) -> tuple[Any, list[Any]]:
+    """The structure of a tree, and all leaves and tables in the order of its fields, found in one walk."""
+    found: list[Any] = []
+    return _shape(tree, found), found
+
+
+def _shape(tree: Any, found: list[Any]) -> Any:
+    """The structure of a tree; its leaves and tables go to the end of a list."""
     if isinstance(tree, Block):
         shape: list[Any] = [type(tree)]
-        for name, declared in declarations(type(tree)).items():
+        for name, role in _fields(type(tree)):
             value = getattr(tree, name)
-            match declared.role:
-                case "parameter":
-                    shape.append(value is None)
-                case "choice":
-                    shape.append(value)
-                case "table":
-                    shape.append(None if value is None else len(value))
-                case "label":
-                    pass
-                case _:
-                    shape.append(structure(value))
+            if role == "choice":
+                shape.append(value)
+            elif role == "part":
+                shape.append(_shape(value, found))
+            elif role == "parameter":
+                shape.append(value is None)
+                if value is not None:
+                    found.append(value)
+            elif role == "table":
+                shape.append(None if value is None else len(value))
+                if value is not None:
+                    found.append(value)
         return tuple(shape)
     if isinstance(tree, tuple):
-        return (type(tree), *(structure(child) for _, child in _children(tree)))
+        return (type(tree), *[_shape(child, found) for child in tree])  # type: ignore[reportUnknownVariableType]
+    if tree is not None:
+        found.append(tree)
     return tree is None
 
 

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Hashable, Mapping, Sequence
 from dataclasses import replace
-from functools import lru_cache
+from functools import cache, lru_cache
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
@@ -26,11 +26,27 @@ from feeddrive.loop.trace import Program, concrete, numbers, trace
 
 System: TypeAlias = Loop | Machine  # what is traced to a program
 
+
+class _Begun(NamedTuple):
+    """What a run begins with: structure, what was prepared, first state, and the numbers of each by name."""
+
+    timing: Any
+    plain: Any
+    made: Any
+    begun: Any
+    numbers: dict[str, Any]
+    first: dict[str, Any]
+    tables: dict[str, Any]
+    structure: Hashable
+
+
 _programs: Recent[Program] = Recent(256)
 _natives: Recent[Native] = Recent(256)
 _holds: Recent[Hold] = Recent(256)
+_beginnings: Recent[_Begun] = Recent(256)
 _KEPT = 200_000  # samples of a reference that are kept at most, for the next run along it
 _references: Recent[Any] = Recent(8)
+_inputs: Recent[np.ndarray] = Recent(8)
 
 
 class Prepared:
@@ -55,23 +71,19 @@ class Prepared:
         left.
         """
         self.system = system
-        self.timing = system.timing(partial)
-        plain: Any = concrete(system)
-        self._plain: System = plain
-        if start is None:
-            start = each_axis(lambda at: (at.position, at.velocity), setpoint)
-        position, velocity = (each_axis(lambda at, i=i: _typed(at[i]), start) for i in (0, 1))
-        with np.errstate(all="ignore"):
-            made = _prepared(plain, self.timing)
-            begun = plain.start(made, self.timing, setpoint, position, velocity)
-        self._made: Any = made
-        self._begun: Any = begun
-        self.numbers: dict[str, Any] = dict(tree.leaves(plain))
-        self.numbers.update(numbers(made, "prepared"))
-        self.numbers["seed"] = _typed(seed)
-        self.numbers["bound"] = np.float64(bound)
-        self.first: dict[str, Any] = {name: v for name, v in tree.leaves(begun) if not isinstance(v, Ring)}
-        self.tables = dict(tree.tables(system))
+        key = _key((system, setpoint)) if isinstance(system, Loop) and start is None else None
+        if key is None:
+            found = _begin(system, setpoint, start, partial)
+        else:  # whether a number is a float or a numpy number matters to a trace
+            whole = key, tuple(map(type, setpoint)), frozenset(partial)
+            found = _beginnings.get(whole, lambda: _begin(system, setpoint, start, partial))
+        self.timing: Any = found.timing
+        self._plain: System = found.plain
+        self._made, self._begun = found.made, found.begun
+        self.numbers: dict[str, Any] = {**found.numbers, "seed": _typed(seed), "bound": np.float64(bound)}
+        self.first: dict[str, Any] = dict(found.first)
+        self.tables = found.tables
+        self._structure = found.structure
 
     def program(
         self,
@@ -90,7 +102,7 @@ class Prepared:
             names += [f"{port}{kind}" for axis, port in zip(self.system.loops(), self.system.ports(), strict=True)
                       if axis in there]  # fmt: skip
         names += probes
-        key = (tree.structure(self.system), self.timing, tuple(names))
+        key = (self._structure, self.timing, tuple(names))
 
         def traced() -> Program:
             return replace(trace(self.system, self._made, self._begun, names), key=key)
@@ -172,12 +184,32 @@ class Prepared:
         return [self.tables[name] for name, _ in made.plan.tables]
 
 
+def _begin(system: Any, setpoint: Any, start: Any, partial: Collection[str]) -> _Begun:
+    """What a loop or machine prepares, and its first state."""
+    timing = system.timing(partial)
+    plain = concrete(system)
+    if start is None:
+        start = each_axis(lambda at: (at.position, at.velocity), setpoint)
+    position, velocity = (each_axis(lambda at, i=i: _typed(at[i]), start) for i in (0, 1))
+    with np.errstate(all="ignore"):
+        made = _prepared(plain, timing)
+        begun = plain.start(made, timing, setpoint, position, velocity)
+    named = dict(tree.leaves(plain))
+    named.update(numbers(made, "prepared"))
+    first = {name: v for name, v in tree.leaves(begun) if not isinstance(v, Ring)}
+    return _Begun(timing, plain, made, begun, named, first, dict(tree.tables(system)), tree.structure(system))
+
+
 def _typed(value: Any) -> Any:
     return np.asarray(value, dtype=np.float64) if isinstance(value, (list, np.ndarray)) else np.float64(value)
 
 
 def by_lane(names: Sequence[str], values: Mapping[str, Any], lanes: int, chosen: slice | None) -> np.ndarray:
     """Numbers by name as rows; the lanes that a group has too many repeat its last variant."""
+    if lanes == 1 and chosen is None:
+        found = [values[name] for name in names]
+        if not any(isinstance(value, np.ndarray) for value in found):
+            return np.array(found, dtype=np.float64).reshape(-1, 1)
     out = np.empty((len(names), lanes))
     for row, name in zip(out, names, strict=True):
         value = values[name]
@@ -205,20 +237,19 @@ def _prepared(plain: Any, timing: Any) -> Any:
         return plain.prepare(timing)
     axis, T = plain.axis, plain.sample_time
     core = (axis.plant, axis.actuator, axis.friction_motor, axis.friction_load)
-    values = tuple(value for _, value in tree.leaves(core))
-    if any(isinstance(value, np.ndarray) for value in values) or next(tree.tables(core), None) is not None:
+    key = _key(core)
+    if key is None:
         return plain.prepare(timing)
-    key = (tree.structure(core), axis.substeps, T, timing, values)
-    held = _holds.get(key, lambda: axis.prepare(T, timing))
-    return plain.Prepared(plain.control.prepare(T), held)
+    hold = _holds.get((key, axis.substeps, T, timing), lambda: axis.prepare(T, timing))
+    return plain.Prepared(plain.control.prepare(T), hold)
 
 
-def _setpoints(reference: Reference, t: np.ndarray, first: int, T: float) -> Any:
-    """The setpoints of a reference; those of a whole run are kept, since the next one often follows the same path."""
-    if first or not 1 < t.size <= _KEPT or next(tree.tables(reference), None) is not None:
-        return reference.at(t)
-    key = (tree.structure(reference), tuple(value for _, value in tree.leaves(reference)), t.size, T)
-    return _references.get(key, lambda: reference.at(t))
+def _key(held: Any) -> Hashable:
+    """Structure of blocks and all bits of their numbers; None with tables or lanes, of which nothing is kept."""
+    structure, values = tree.structure_and_values(held)
+    if any(isinstance(value, np.ndarray) for value in values):
+        return None
+    return structure, np.array(values, dtype=np.float64).tobytes()
 
 
 def each_axis(function: Callable[[Any], Any], given: Any) -> Any:
@@ -251,6 +282,7 @@ class Work:
             raise ParameterError(f"reference: axis {', '.join(missing)} has none; one that stands is a move by 0 m")
         self._first, self._count = 0, 0
         self._rows: dict[str, Any] = {}
+        self._key: Hashable = None  # of a stretch that is a function of it
 
     def _by_axis(self, given: Any, what: str) -> dict[str, Any]:
         if self._single:
@@ -280,7 +312,7 @@ class Work:
 
     def travel(self, count: int, most: int) -> float:
         """The longest travel of an axis in m, seen at up to `most` samples, spread over the first `count`."""
-        chosen = np.unique(np.linspace(0, count - 1, most).astype(np.int64))
+        chosen = _spread(count, most)
         if self._first == 0 and self._count >= count:
             seen = [self._rows[f"{port}set_position"][chosen] for port in self._ports.values()]
         else:
@@ -291,25 +323,53 @@ class Work:
         """Setpoints, load and added forces (0 N without one) of some samples by name; the last stretch is kept."""
         start = first - self._first
         if start < 0 or start + count > self._count:
-            t = (first + np.arange(count)) * self.T
+            t = cache(lambda: (first + np.arange(count)) * self.T)
             self._rows = {}
             for axis, port in self._ports.items():
-                rows = dict(zip(SETPOINT, _setpoints(self.reference[axis], t, first, self.T), strict=True))
+                rows = dict(zip(SETPOINT, self._setpoints(self.reference[axis], t, first, count), strict=True))
                 for name, forces in (("load_force", self.load), ("added_force", self.added_force)):
-                    rows[name] = forces[axis].at(t) if axis in forces else 0.0
-                self._rows |= {f"{port}{name}": np.broadcast_to(row, count) for name, row in rows.items()}
+                    rows[name] = forces[axis].at(t()) if axis in forces else 0.0
+                for name, row in rows.items():
+                    self._rows[f"{port}{name}"] = row if np.shape(row) == (count,) else np.broadcast_to(row, count)
             self._first, self._count, start = first, count, 0
+        if start == 0 and count == self._count:
+            return dict(self._rows)
         return {name: row[start : start + count] for name, row in self._rows.items()}
 
+    def _setpoints(self, reference: Reference, t: Callable[[], np.ndarray], first: int, count: int) -> Any:
+        """The setpoints of a reference; those of a whole run are kept: the next one often follows the same path."""
+        self._key = None
+        kept = first == 0 and 1 < count <= _KEPT
+        key = _key(reference) if kept else None
+        if key is None:
+            return reference.at(t())
+        if self._single and not (self.load or self.enable or self.added_force):
+            self._key = (key, count, self.T)
+        return _references.get((key, count, self.T), lambda: reference.at(t()))
+
     def inputs(self, made: Native, first: int, count: int) -> np.ndarray:
-        """Samples first .. first + count - 1 in the order of the machine code, shape (count, n)."""
+        """Samples first .. first + count - 1 in the order of the machine code, shape (count, n); not to be written."""
+        if self._key is not None and self._first == 0 and first + count <= self._count:
+            names = tuple(name for name, _ in made.plan.inputs)
+            whole = _inputs.get((self._key, names), lambda: self._input_rows(made, 0, self._count))
+            return whole[first : first + count]
+        return self._input_rows(made, first, count)
+
+    def _input_rows(self, made: Native, first: int, count: int) -> np.ndarray:
         rows = self.sampled(first, count)
         for axis, enable in self.enable.items():  # the last value holds on
             rows[f"{self._ports[axis]}enable"] = enable[np.minimum(first + np.arange(count), len(enable) - 1)]
         out = np.empty((count, len(made.plan.inputs)))
         for column, (name, _) in enumerate(made.plan.inputs):
             out[:, column] = rows.get(name, 0.0)
+        out.flags.writeable = False
         return out
+
+
+@lru_cache(maxsize=64)
+def _spread(count: int, most: int) -> np.ndarray:
+    """Up to `most` of the first `count` samples, the first and the last among them."""
+    return np.unique(np.linspace(0, count - 1, most).astype(np.int64))
 
 
 PIECE = 4096  # samples whose inputs and outputs stay in a processor's cache

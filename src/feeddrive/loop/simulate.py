@@ -290,4 +290,6 @@ def stream(
         size = min(chunk, count - first)
         rows = course.advance(made, work, states, first, size)
         _check_inside(states[left, 0], limit, work.T)
-        yield Run(name, (first + np.arange(size)) * work.T, dict(zip(record, rows, strict=True)), work.T, first)
+        time = np.arange(first, first + size, dtype=np.float64)
+        time *= work.T
+        yield Run(name, time, dict(zip(record, rows, strict=True)), work.T, first)
