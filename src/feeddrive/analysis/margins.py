@@ -1,4 +1,4 @@
-"""Stability margins and sensitivity from a complex loop gain over frequency, measured or modelled."""
+"""Stability margins and sensitivity from a complex loop gain over frequency, measured or modeled."""
 
 from __future__ import annotations
 

@@ -87,7 +87,7 @@ def measured_loop(
 
         u = C1 x1 + C2 x2,   L = -(C1 X1/u + C2 X2/u),   x2/d = X2/d + X2/u (C1 X1/d + C2 X2/d) / (1 + L)
 
-    control       a Control: C1 and C2 are its linearisation, filters and compensation included, at `velocity` in m/s;
+    control       a Control: C1 and C2 are its linearization, filters and compensation included, at `velocity` in m/s;
                   or one response C from the position error to the force, N/m, and C2 = -C: whatever `as_frf` takes
     sample_time   s; None for a response C that is not sampled
     load, motor   X2/u and X1/u, from the commanded force to the readings; with one encoder leave `motor` out

@@ -85,7 +85,7 @@ class Stiffness(Result):
 
 
 def stiffness(compliance: FRF | Any, static: float | None = None, *, frequency: np.ndarray | None = None) -> Stiffness:
-    """The inverse of a closed-loop compliance in m/N, modelled or measured; `static` in N/m if it is known.
+    """The inverse of a closed-loop compliance in m/N, modeled or measured; `static` in N/m if it is known.
 
     Raises ParameterError if there are no lines or the compliance is zero on one, where the stiffness is not a number.
     """

@@ -13,7 +13,7 @@ _RENAMED = {"Shaped": "InputShaped"}  # until 1.0, as the kinds in catalogue.py
 
 
 def _unlisted(name: str) -> Any:
-    """A block that the stub does not list, by the module that is named as it is: `SmithLaw` in `smith_law.py`."""
+    """A block that the stub does not list, found by the name of its module: `SmithLaw` in `smith_law.py`."""
     from feeddrive.language.block import snake_case
 
     file = f".{snake_case(name)}"

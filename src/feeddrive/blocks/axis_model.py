@@ -22,7 +22,7 @@ _SLOW = 0.1  # of 1/(time until a reading has become a force): a loop that is sl
 
 
 class SteadyForce(Protocol):
-    """What is asked of a friction."""
+    """The steady force of a friction law over velocity."""
 
     def steady(self, velocity: Number) -> Number:
         """N against a motion of constant velocity (m/s)."""
@@ -35,7 +35,7 @@ class SteadyForce(Protocol):
 
 @dataclass(frozen=True)
 class AxisModel:
-    """An axis as every law, observer and compensation is told of it: one rigid mass behind a delay, and what it has.
+    """The axis as given to every law, observer and compensation: one rigid mass with a delay, encoders and friction.
 
     mass, viscous      kg and N s/m of the motion as one body
     delay              s from a command to its force: dead time and the lag of the current loop
@@ -69,7 +69,7 @@ class AxisModel:
         return sum(float(each.steady(velocity)) - float(each.linear()) * velocity for each in self.frictions)
 
     def sentence(self) -> str:
-        """What a law is told, in words."""
+        """The model in words."""
         late = f", a command to act after {self.delay_samples} samples" if self.delay_samples else ""
         return f"told that the axis has {self.mass:.6g} kg and {self.viscous:.6g} N s/m{late}"
 

@@ -1,16 +1,16 @@
 """The families of blocks: their abstract interfaces, which every block of a family implements.
 
-A member is final: it fills in what is abstract here and overrides nothing that has a body, except the empty hooks
+A block is final: it implements the abstract methods and overrides no method that has a body, except the empty hooks
 `prepare`, `start` of forces and feedforward, `modes`, `start` and `step` of couplings, `retune`, `period`, `check`,
 `rules`, `sampled_rules`, `substep_rules`, `fed`, `lag`, `settled`, `suits`, `fits`, `begin` and `goes_beside`.  Its
-`step` is pure: state goes in and comes out.
+`step` is a pure function from the old state to the new one.
 
-    prepare(T)   work that depends on parameters only, done once per run; returns a named tuple of numbers
-    start(...)   the state of a block that has been at rest for ever
+    prepare(T)   numbers that depend on parameters only, computed once per run; returns a named tuple
+    start(...)   the state of a block that has been at rest for an infinite time
     step(...)    one sample
-    retune(...)  the state after a live change of parameters: forces and estimates go on, so that the command has no
-                 bump but the one that the new gains themselves demand; with the same parameters not a bit changes
-    begin(axis)  where a search for its parameters begins on an axis that is to be tuned
+    retune(...)  the state after a parameter change during a run: forces and estimates stay continuous, so that the
+                 command changes only by the effect of the new gains; with the same parameters no bit changes
+    begin(axis)  start values of its parameters for the tuning on an axis
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from feeddrive.language.matrix import Matrix, Row
 
 
 class Nothing(NamedTuple):
-    """The state of a block without memory, and what a block without preparation prepares."""
+    """The state of a block without memory, and the prepared numbers of a block without preparation."""
 
 
 class Mechanics(NamedTuple):
@@ -54,7 +54,7 @@ class Plant(Block, ABC):
 
     @abstractmethod
     def mechanics(self) -> Mechanics:
-        """The matrices in plain arithmetic; a zero or one that stands in the text (0.0, 1.0) costs nothing later."""
+        """The matrices in plain arithmetic; literal zeros and ones in the code (0.0, 1.0) cost no operations later."""
 
     def rigid_mass(self) -> Number:
         """All that moves when the axis moves as one, kg."""
@@ -109,7 +109,7 @@ class Force(Block, ABC):
         """
 
     def fits(self, plant: Plant, beside: tuple[Force, ...]) -> None:
-        """Raise StructureError if the force has no meaning on this plant or beside the other forces (empty hook)."""
+        """Raise StructureError if the force has no meaning on this plant or with the other forces (empty hook)."""
 
     def substep_rules(self, h: Number) -> Iterator[Rule]:
         """What must hold for the force to run at substeps of h seconds (empty hook)."""
@@ -197,7 +197,7 @@ class Law(Block, ABC):
         return 1
 
     def settled(self) -> Law:
-        """As it is while no limit of its own acts; linear models take this (empty hook)."""
+        """The block without its internal limits, for linear models (empty hook)."""
         return self
 
 
@@ -281,7 +281,7 @@ class Prefilter(Block, ABC):
 
     @classmethod
     def goes_beside(cls, law: type[Law]) -> bool:
-        """Whether a comparison tries it beside a law, under its `title`, fitted to the move (empty hook)."""
+        """Whether a comparison combines it with a law, under its `title`, fitted to the move (empty hook)."""
         return False
 
     @abstractmethod
@@ -332,7 +332,7 @@ class Observer(Block, ABC):
 
 
 class Compensation(Block, ABC):
-    """What goes beside any law: it moves the setpoint, or adds a force, by what it learns from the reading.
+    """A compensation, combined with any law: from the reading it computes a setpoint change or an added force.
 
     Disturbance rejection adds a force; compensation of structural modes moves the setpoint.
     """
@@ -368,7 +368,7 @@ class Compensation(Block, ABC):
         return state
 
     def settled(self) -> Compensation:
-        """As it is after a long time, when what blends in has done so; linear models take this (empty hook)."""
+        """The block after a long time, with blended parts fully active, for linear models (empty hook)."""
         return self
 
     def suits(self, law: Law) -> None:

@@ -58,10 +58,10 @@ class Reading(NamedTuple):
 
 
 class Estimate(NamedTuple):
-    """What an observer believes of the axis at t = kT.
+    """An observer's estimate of the axis at t = kT.
 
-    `disturbance` is the force that acts on the axis beside the drive's: friction, cutting, gravity, model errors; it
-    pushes towards larger positions where it is positive, so a controller takes it out by subtracting it.
+    `disturbance` is the force on the axis in addition to the drive's: friction, cutting, gravity, model errors.  A
+    positive one acts towards larger positions, so a controller compensates it by subtracting it.
     """
 
     position: Number  # m

@@ -57,9 +57,9 @@ def rounded(value: float, arithmetic: str) -> float:
 
 
 def deployed(control: Control, sample_time: float, arithmetic: str = "float64", velocity: float = 0.05) -> Deployed:
-    """A control as linear system whose prepared and other numbers are rounded before it is linearised.
+    """A control as linear system whose prepared and other numbers are rounded before it is linearized.
 
-    It is the traced step that is linearised, so that the matrices are those of what runs: a rounded filter coefficient
+    It is the traced step that is linearized, so that the matrices are those of what runs: a rounded filter coefficient
     moves the pole that the controller has.  Guard and force limit are left out.
     Raises ParameterError for a law that repeats itself only after several samples.
     """

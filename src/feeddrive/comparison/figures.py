@@ -48,7 +48,7 @@ CRITERIA = (
 
 
 def ranks(criterion: Criterion, figures: Sequence[Mapping[str, float | None]]) -> list[int | None]:
-    """The place of each law, 1 for the best; those within half a per cent share one, and what has no figure has none.
+    """The place of each law, 1 for the best; those within half a percent share one, and what has no figure has none.
 
     What is infinite (a law that never settles, a force that is never held) has a figure: the last place.
     """

@@ -301,7 +301,7 @@ class Instance:
             raise FmuError(f"{self.archive.name}: {what}: the FMU {how}{self._words()}") from None
 
     def begin(self, values: Sequence[tuple[Port, float]], parameters: Mapping[str, float]) -> None:
-        """Set what is known at the start, SI by port and as they are by name, and initialise at t = 0.
+        """Set what is known at the start, SI by port and as they are by name, and initialize at t = 0.
 
         Raises FmuError for a name that the FMU has not and for a value that it refuses.
         """

@@ -36,7 +36,7 @@ def version(command: str | None = None) -> str:
 def compiled(folder: Path, sources: Sequence[str], flags: Sequence[str], command: str | None = None) -> Path:
     """The program made of some C files of a folder.
 
-    What runs once, `*_configure.c`, is translated without optimisation, which would take seconds for nothing.
+    What runs once, `*_configure.c`, is translated without optimization, which would take seconds for nothing.
     Raises MissingProgramError without a compiler and FileError with its first message if it refuses.
     """
     words = compiler(command)

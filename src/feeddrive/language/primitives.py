@@ -127,7 +127,7 @@ def exponent(x: Any) -> Any:
 def quantise(x: Any, step: Any) -> Any:
     """x rounded to the nearest multiple of `step`: step · floor(x/step + 1/2).
 
-    Its derivative to x is taken as 1: margins and gradients are those of the loop without the quantiser.
+    Its derivative to x is taken as 1: margins and gradients are those of the loop without the quantizer.
     """
     symbol = on_symbols("quantise", x, step)
     return symbol if symbol is not None else step * np.floor(x / step + 0.5)

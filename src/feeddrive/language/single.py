@@ -5,7 +5,7 @@ result.  Every constant is a float, so that a printed program and the oracle in 
 They run on the symbols of a graph whose operations mean those of float: `exponent` and `power_of_two` are of 32 bits.
 
 Measured against 30-digit arithmetic: see docs/accuracy.md.  Valid everywhere; sin and cos return NaN beyond 1e4 rad,
-where neighbouring floats are a thousandth of a radian apart.  Numbers below the normal ones count as 0.
+where neighboring floats are a thousandth of a radian apart.  Numbers below the normal ones count as 0.
 """
 
 from __future__ import annotations

@@ -136,7 +136,7 @@ def linearize(
 
     A law that repeats itself only after n samples gives the model from period to period: sample time nT, inputs held
     over a period, outputs at its first sample.
-    The quantisers count as straight lines; guard and limits of the force are left out: inside them they do nothing.
+    The quantizers count as straight lines; guard and limits of the force are left out: inside them they do nothing.
     What blends in after the start counts as there.
     Raises ParameterError for a name that is not known, an input that is named twice, and parameters with which the
     model overflows.

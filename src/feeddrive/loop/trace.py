@@ -27,7 +27,7 @@ class Carried(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Program:
-    """One sample as a graph, between named numbers; what the engine runs, linearises and differentiates.
+    """One sample as a graph, between named numbers; what the engine runs, linearizes and differentiates.
 
     constants  name -> node: parameters (`control.law.Kv`), prepared numbers (`prepared.axis.change.0.1`), `seed`
     inputs     name -> node: given at each sample: `set_position` ... `set_snap`, `load_force`, `enable`, probes;

@@ -18,7 +18,7 @@ from feeddrive.tuning.placement import Placement
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-FINER = 4  # points drawn for each line of a modelled curve
+FINER = 4  # points drawn for each line of a modeled curve
 REACH = (-2.6, 1.4, -2.0, 2.0)  # of the Nyquist plot: what decides stability lies near -1
 
 
@@ -65,7 +65,7 @@ def nyquist(loops: Margins | Mapping[str, Margins]) -> Any:
 
 
 def _rounded(response: np.ndarray) -> np.ndarray:
-    """A modelled curve with points between its lines, on cubics through them, so that a resonance is round."""
+    """A modeled curve with points between its lines, on cubics through them, so that a resonance is round."""
     if response.size < 3:
         return response
     slope = np.gradient(response)

@@ -64,7 +64,7 @@ def _beside(phase: np.ndarray, frequency: np.ndarray, frf: FRF) -> np.ndarray:
 
 @picture_of.register(Excitation)
 def excitation(found: Excitation) -> Any:
-    """What is sent in the first realisation, and speed and force that the simulation answers, over time."""
+    """What is sent in the first realization, and speed and force that the simulation answers, over time."""
     drawn = found.drawings[0]
     figure, axes = style.picture(3, height=5.2)
     unit, factor = ("N", 1.0) if found.unit == "N" else ("µm", 1e6)

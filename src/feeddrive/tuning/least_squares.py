@@ -9,7 +9,7 @@ from scipy.optimize import lsq_linear
 def solve(
     seen: np.ndarray, error: np.ndarray, mu: float, least: np.ndarray, most: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The step Δ within bounds that minimises |Ψ Δ - e|² + mu |S Δ|², and which bounds hold it; S scales columns to 1.
+    """The step Δ within bounds that minimizes |Ψ Δ - e|² + mu |S Δ|², and which bounds hold it; S scales columns to 1.
 
     Ψ has shape (samples, columns).  Without an active bound it is (ΨᵀΨ + mu S²)⁻¹ Ψᵀ e.
     """

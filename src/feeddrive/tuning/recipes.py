@@ -1,4 +1,4 @@
-"""Classical tuning rules for the P-PI cascade, on a measured or modelled axis and with the filters of the control."""
+"""Classical tuning rules for the P-PI cascade, on a measured or modeled axis and with the filters of the control."""
 
 from __future__ import annotations
 

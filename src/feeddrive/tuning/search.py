@@ -57,7 +57,7 @@ class End(NamedTuple):
 
 
 class Search:
-    """Minimises the worst goal of all points while every bound keeps its slack above `sure` standard deviations."""
+    """Minimizes the worst goal of all points while every bound keeps its slack above `sure` standard deviations."""
 
     def __init__(self, criteria: Criteria, low: np.ndarray, high: np.ndarray, sure: float = 0.0) -> None:
         self.criteria, self.low, self.high, self.sure = criteria, low, high, sure

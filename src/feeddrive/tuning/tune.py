@@ -1,4 +1,4 @@
-"""Optimization of a control on measured or modelled axes: gains and filters together, within limits at every point."""
+"""Optimization of a control on measured or modeled axes: gains and filters together, within limits at every point."""
 
 from __future__ import annotations
 

@@ -213,7 +213,7 @@ def _figure(each: Figures, read: Callable[[Figures], float | None]) -> str:
     return "-" if value is None else f"{value:.4g}"
 
 
-_NOT_WORTH = 2.0  # per cent: less gain is no reason to change anything
+_NOT_WORTH = 2.0  # percent: less gain is no reason to change anything
 _WORSE = 0.03  # of a figure that counts as worse
 _WHAT = {
     "rope-snap": "rope-snap error",
@@ -277,7 +277,7 @@ def _advised(found: Tuned) -> str:
 
 
 def _change(found: Tuned, gained: float) -> float:
-    """By how many per cent the goal is better than before."""
+    """By how many percent the goal is better than before."""
     return 100.0 * (1.0 - 1.0 / gained if found.goal == "rope-snap" else gained - 1.0)
 
 

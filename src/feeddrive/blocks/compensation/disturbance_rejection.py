@@ -33,7 +33,7 @@ class DisturbanceRejection(Compensation):
 
     @classmethod
     def goes_beside(cls, law: type[Law]) -> bool:
-        """Beside a law of one rigid mass that does not subtract an estimate itself."""
+        """With a law of one rigid mass that does not subtract an estimate itself."""
         return not law.rejects and law.encoders == 1
 
     @classmethod
@@ -83,7 +83,7 @@ class DisturbanceRejection(Compensation):
     def step(
         self, prepared: Prepared, state: State, setpoint: Setpoint, reading: Reading, T: Number
     ) -> tuple[State, Setpoint, Number]:
-        """The equation above; the setpoint is left as it is."""
+        """The equation above; the setpoint is not changed."""
         observer, estimate = self.observer.step(prepared.observer, state.observer, reading, T)
         force = -(self.share * estimate.disturbance)
         if not state.reached:

@@ -34,5 +34,5 @@ class LearnedForce(Compensation):
     def step(
         self, prepared: object, state: State, setpoint: Setpoint, reading: Reading, T: Number
     ) -> tuple[State, Setpoint, Number]:
-        """The equation above; the setpoint is left as it is."""
+        """The equation above; the setpoint is not changed."""
         return self.State(state.sample + 1.0), setpoint, ops.gather(self.force, state.sample)

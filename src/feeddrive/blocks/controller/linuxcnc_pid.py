@@ -129,7 +129,7 @@ class LinuxcncPid(Law):
     def _filtered(
         self, states: tuple[Any, ...], output: Number, forward: Number | None
     ) -> tuple[tuple[Any, ...], Number]:
-        """The feedback part through the filters, what is fed forward beside them, and the limit once more."""
+        """The filtered feedback part, the feedforward that bypasses the filters, and the limit again."""
         if not self.filters:
             return states, output
         last = self.position if self.velocity is None else self.velocity

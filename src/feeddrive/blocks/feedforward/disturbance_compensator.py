@@ -39,7 +39,7 @@ class DisturbanceCompensator(Feedforward):
 
     @classmethod
     def goes_beside(cls, law: type[Law]) -> bool:
-        """Beside a law of one rigid mass that feeds nothing forward itself."""
+        """With a law of one rigid mass without feedforward of its own."""
         return not law.feeds and law.encoders == 1
 
     @classmethod

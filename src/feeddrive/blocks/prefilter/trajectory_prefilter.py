@@ -28,7 +28,7 @@ class TrajectoryPrefilter(Prefilter):
 
     @classmethod
     def goes_beside(cls, law: type[Law]) -> bool:
-        """Beside a law that knows the spring between motor and table, as in the paper."""
+        """With a law that models the spring between motor and table, as in the paper."""
         return law.encoders == 2
 
     theta1: Number = parameter("s", "part of the velocity", default=0)

@@ -27,7 +27,7 @@ _CLEAR = 1.5  # offset speed over the peak of the excited speed
 _SLIDING = 3.0  # Stribeck velocities that the axis stays faster by
 _RAMP = 0.15  # s, for the motion underneath to come to its speed
 _LONGEST_FADE = 0.25  # s
-_MOST_SAMPLES = 4_000_000  # of the periods of one realisation: some 1 GB while it is simulated
+_MOST_SAMPLES = 4_000_000  # of the periods of one realization: some 1 GB while it is simulated
 _RECORD = ("force", "set_position", "reading_load", "reading_motor", "velocity_load", "velocity_motor", "trip")
 GRIDS = ("full", "odd", "random_odd", "odd_odd")
 _GROUP = 4  # odd lines of which one, drawn by chance, stays empty
@@ -87,7 +87,7 @@ def design_excitation(
     grid             which lines are left empty, see `grid_lines`
     flat             for a setpoint: the derivative in which all lines are equal
     offset_velocity  m/s of the axis underneath, so that friction does not stick; default: 1.5 times the peak speed of
-                     the linear model, or three Stribeck velocities more; 0: none.  Every second realisation moves back
+                     the linear model, or three Stribeck velocities more; 0: none.  Every second realization moves back
     travel, speed, force   limits in m, m/s, N; default: those of the guard, the control and the motor
     seed             of grid, phases and the noise of the encoders
 

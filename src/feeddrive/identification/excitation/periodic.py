@@ -171,7 +171,7 @@ def periodic(
     σ² are (co)variances of the means: over the periods for the noise; over realisations with other phases for noise and
     nonlinear distortion together (`total`).  With a reference Y and U are turned by its phase and averaged over the
     realisations before they are divided, so that noise at the input leaves no bias; it holds in a closed loop.
-    One realisation: the distortion on the excited lines is that on odd empty lines between them, if there are any; on a
+    One realization: the distortion on the excited lines is that on odd empty lines between them, if there are any; on a
     full grid it is the scatter around a smooth response, if that is clearly more than the noise.  Else only noise.
 
     period  samples
@@ -261,7 +261,7 @@ def _response(drawn: Sequence[_Realisation], lines: np.ndarray) -> tuple[np.ndar
 
 
 def _levels(first: _Realisation, frequency: np.ndarray, excited: np.ndarray) -> dict[str, Level]:
-    """Levels of the first realisation, on all of its lines."""
+    """Levels of the first realization, on all of its lines."""
     lines = np.flatnonzero(excited)
     response = first.output[lines] / first.input[lines]
     freedom = first.periods - 1

@@ -98,7 +98,7 @@ def refine(
     skip   samples at the start that do not count
 
     The loop must be that of the log: its law, its gains, its clock.  Standard errors are robust to the residual's
-    autocorrelation.  When to use: after `identify_rigid`, where noise or quantisation spoils derivatives, or to fit
+    autocorrelation.  When to use: after `identify_rigid`, where noise or quantization spoils derivatives, or to fit
     friction near standstill, which the inverse dynamics leave out.
     Raises NotIdentifiableError for a log without set position, and for a parameter that moves nothing.
     """

@@ -221,7 +221,7 @@ EVEN = ("acceleration", "snap")
 
 
 def frequency_view() -> Part:
-    """Tracking with and without the contributions, and the band in which it is right to a per cent or a degree."""
+    """Tracking with and without the contributions, and the band in which it is right to a percent or a degree."""
     parts = {
         "feedback alone": placed(SOFTER, ()),
         "rigid inverse, compatible": placed(SOFTER, (RIGID,)),

@@ -51,7 +51,7 @@ def rates() -> tuple[list[Claim], list[Table], list[Shown]]:
 
 
 def ideal_axis(theta: dict[str, float]) -> Loop:
-    """The x axis without quantiser and without friction but the viscous one: what the error model is exact for."""
+    """The x axis without quantizer and without friction but the viscous one: what the error model is exact for."""
     loop = table_axis("x", SETS["+ Coulomb"])
     axis = dataclasses.replace(
         loop.axis, plant=Rigid(mass=TRUE["mass"], viscous=TRUE["viscous"]), friction_load=None, encoder_load=None,
