@@ -9,7 +9,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from feeddrive.analysis.margins import complementary_sensitivity, margins, sensitivity
+from feeddrive.analysis.margins import (
+    bandwidth,
+    complementary_sensitivity,
+    margins,
+    peak_deviation,
+    sensitivity,
+    tracking_bandwidth,
+)
 from feeddrive.language.errors import ParameterError
 from feeddrive.loop.frequency_response import FRF
 
@@ -188,3 +195,22 @@ def test_sensitivities_sum_to_one_and_know_the_edge() -> None:
     edge = FRF(np.array([1.0, 2.0]), np.array([-1.0 + 0j, 0.5]))
     with pytest.raises(ParameterError, match="-1 at 1 Hz"):
         sensitivity(edge)
+
+
+def test_bandwidths_of_an_integrator() -> None:
+    """L = a/(jf): |S| = f/(a² + f²)^½ rises through √½ at f = a, and |T| = a/(a² + f²)^½ falls through it there."""
+    lines = np.geomspace(1.0, 1000.0, 400)
+    L = 37.0 / (1j * lines)
+    # ln |S| over ln f has slope 1/2 and curvature -1/2 there: a chord over h is off by h²/16, its zero by h²/8
+    near = np.log(lines[1] / lines[0]) ** 2 / 8.0
+    assert bandwidth(lines, L) == pytest.approx(37.0, rel=near)
+    assert tracking_bandwidth(FRF(lines, L / (1.0 + L))) == pytest.approx(37.0, rel=near)
+    assert bandwidth(lines[lines > 40.0], L[lines > 40.0]) is None
+
+
+def test_deviation_of_the_peak_is_that_of_noisy_lines() -> None:
+    """At one line, Ms of 4000 loop gains with a circular error of 1 %: 5 % are four deviations of a deviation."""
+    L, deviation, random = np.array([-0.4 + 0.2j]), 0.01, np.random.default_rng(3)
+    noise = deviation * np.sqrt(0.5) * (random.standard_normal(4000) + 1j * random.standard_normal(4000))
+    peaks = 1.0 / np.abs(1.0 + L + noise)
+    assert peak_deviation(L, np.array([deviation**2])) == pytest.approx(np.std(peaks), rel=0.05)

@@ -9,7 +9,7 @@ import pytest
 
 from feeddrive.analysis.effort import effort
 from feeddrive.analysis.loop_model import loop_model
-from feeddrive.analysis.stiffness import force_noise, rope_snap, rope_snap_of_lines, summed
+from feeddrive.analysis.stiffness import force_noise, mean_compliance, rope_snap, rope_snap_of_lines, summed
 from feeddrive.blocks.controller.cascade_ppi import CascadePPI
 from feeddrive.blocks.controller.dadsc import DADSC
 from feeddrive.blocks.plant.rigid import Rigid
@@ -125,3 +125,12 @@ def test_effort_does_not_depend_on_numbers() -> None:
     loop = read_machine("ball_screw").loop("x")
     other = replace(loop, control=replace(loop.control, force_limit=1.0))
     assert effort(loop).operations == effort(other).operations
+
+
+def test_mean_compliance_in_a_band() -> None:
+    """|C| = c f over a decade: RMS over ln f is c [(f2² - f1²)/(2 ln f2/f1)]^½; the lines outside do not count."""
+    lines = np.geomspace(1.0, 1000.0, 3001)
+    expected = 2e-9 * np.sqrt((100.0**2 - 10.0**2) / (2.0 * np.log(10.0)))
+    # trapezoidal rule: off by h²/3 of the integral, h = 0.0023; the band ends on lines
+    found = mean_compliance(lines, 2e-9j * lines, (9.9999, 100.001))
+    assert found == pytest.approx(expected, rel=1e-5)

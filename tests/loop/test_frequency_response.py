@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ import pytest
 import feeddrive as fd
 from feeddrive.analysis.margins import complementary_sensitivity, sensitivity
 from feeddrive.language.errors import ParameterError
-from feeddrive.loop.frequency_response import FRF
+from feeddrive.loop.frequency_response import FRF, coherence_of, variance_of
 
 F = np.array([1.0, 2.0, 5.0])
 TRUTH = np.array([2.0 + 1.0j, 0.5 - 0.7j, -0.3 + 0.1j])
@@ -88,3 +89,15 @@ def test_an_added_force_acts_and_is_not_in_the_command() -> None:
     run = fd.simulate(loop, still, added_force=push)
     assert run["position_load"] == pytest.approx(0.5 * F / mass * run.time**2, rel=1e-6)
     assert np.max(np.abs(run["force"])) < 1e-6
+
+
+def test_variance_and_coherence_say_the_same() -> None:
+    """γ² = 1/(1 + n var(G)/|G|²) and back; a stated variance goes before a coherence; at coherence 0 it is finite."""
+    G, coherence = np.array([1.0 + 2.0j, -3.0j, 0.5]), np.array([0.99, 0.7, 0.2])
+    variance = variance_of(G, coherence, 5)
+    np.testing.assert_allclose(coherence_of(G, variance, 5), coherence, rtol=1e-12)
+    stated = FRF(np.array([1.0, 2.0, 3.0]), G, coherence=coherence)
+    np.testing.assert_array_equal(stated.known_variance(5), variance)
+    np.testing.assert_array_equal(replace(stated, variance=2.0 * variance).known_variance(5), 2.0 * variance)
+    assert replace(stated, coherence=None).known_variance() is None
+    assert np.all(np.isfinite(variance_of(G, np.zeros(3))))

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import feeddrive as fd
+from feeddrive.tuning.closed_loop import figures
 from feeddrive.tuning.control_response import ControlResponse
 from feeddrive.tuning.criteria import Criteria
-from feeddrive.tuning.figures import figures
 
 
 def snap(point: fd.tuning.OperatingPoint, control: fd.Control) -> float:

@@ -1,12 +1,15 @@
-"""The loop opened at the actuator and closed again: one linearization gives margins, poles and all responses."""
+"""The loop opened at the actuator and closed again: one linearization gives poles, all responses and robustness."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import matrix_balance, schur
 
+from feeddrive.analysis.margins import margins
+from feeddrive.analysis.stiffness import rope_snap
 from feeddrive.language.errors import ParameterError
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.linearize import StateSpace, linearize
@@ -95,3 +98,34 @@ def close(model: StateSpace) -> StateSpace:
         model.A + b @ c, model.B[:, kept] + b @ d, model.C + through @ c, model.D[:, kept] + through @ d,
         model.sample_time, model.states, tuple(model.inputs[i] for i in kept), model.outputs,
     )  # fmt: skip
+
+
+_EDGE = 1e-9  # of |z|: what eigenvalues of a small matrix are uncertain by
+
+
+class Robustness(NamedTuple):
+    """Figures of one loop; those behind `growth` are infinite, or 0 for the delay margin, if it is not stable."""
+
+    growth: float  # |z| of the largest pole; infinite where the parameters do not fit each other
+    sensitivity_peak: float = np.inf  # Ms
+    delay_margin_samples: float = 0.0  # infinite without a gain crossover
+    rope_snap: float = np.inf  # m s^½/N
+
+    @property
+    def stable(self) -> bool:
+        """All poles inside the unit circle."""
+        return self.growth < 1.0 - _EDGE
+
+
+def robustness(loop: Loop, *, velocity: float = 0.05, per_decade: int = 40) -> Robustness:
+    """The figures of a loop that moves with `velocity` (m/s), opened at the actuator."""
+    both = loop_model(loop, velocity=velocity)
+    poles = both.closed.poles()
+    growth = float(abs(poles[0])) if poles.size else 0.0
+    if not Robustness(growth).stable:
+        return Robustness(growth)
+    found = margins(both.loop_gain(both.lines(per_decade)))
+    if not np.isfinite(found.sensitivity_peak):
+        return Robustness(np.inf)  # so far out that nothing is left of its digits
+    delay = found.delay_margin_samples
+    return Robustness(growth, found.sensitivity_peak, np.inf if delay is None else delay, rope_snap(both.closed))

@@ -13,11 +13,11 @@ from typing import NamedTuple
 import numpy as np
 
 from feeddrive.analysis.margins import gain_crossings, least, logarithms, phase_crossings
-from feeddrive.analysis.stiffness import force_noise_of_lines, force_noise_weights
+from feeddrive.analysis.stiffness import force_noise_weights
 from feeddrive.blocks.filter.notch import Notch
 from feeddrive.language.errors import ParameterError
 from feeddrive.loop.control import Control
-from feeddrive.tuning.closed_loop import Answer
+from feeddrive.tuning.closed_loop import Answer, force_noise, noisy_readings
 
 
 @dataclass(frozen=True)
@@ -237,21 +237,6 @@ def _tilts(x: np.ndarray, level: np.ndarray, turn: np.ndarray, k: int) -> tuple[
     return float(apart @ level[low:high] / scale), float(apart @ phase / scale)
 
 
-def _noisy_readings(each: Answer, reading_noise: tuple[float, float]) -> list[tuple[np.ndarray, np.ndarray, float]]:
-    """The control's responses C to the readings (N/m), their slopes, and the white error of each in m RMS."""
-    C, dC = each.response.value, each.response.slope
-    if each.point.ratio is not None and np.all(each.point.ratio[0] == 1.0):  # one encoder gives both readings
-        return [(C[0] + C[1], dC[0] + dC[1], max(reading_noise))]
-    return [(C[k], dC[k], reading_noise[k]) for k in range(2)]
-
-
-def force_noise(each: Answer, reading_noise: tuple[float, float]) -> float:
-    """RMS of the command in N from white errors of the readings in m."""
-    S = 1.0 / (1.0 + each.gain)
-    parts = [(C * S, sigma) for C, _, sigma in _noisy_readings(each, reading_noise)]
-    return force_noise_of_lines(each.point.frequency, each.point.sample_time, parts)
-
-
 def _noise(i: int, each: Answer, limits: Limits) -> Bound:
     """The force noise with its slope: d σ_u = Σ w σ² Re[(C S)* d(C S)] / σ_u."""
     assert limits.force_noise is not None
@@ -260,7 +245,7 @@ def _noise(i: int, each: Answer, limits: Limits) -> Bound:
     dS = -(S * S)[:, None] * each.gain_slope
     weight = force_noise_weights(each.point.frequency, each.point.sample_time)
     slope = np.zeros(each.gain_slope.shape[1])
-    for C, dC, sigma in _noisy_readings(each, limits.reading_noise):
+    for C, dC, sigma in noisy_readings(each, limits.reading_noise):
         through, change = C * S, dC * S[:, None] + C[:, None] * dS
         slope = slope + np.einsum("l,lp->p", weight * sigma**2 * np.conj(through), change).real / value
     slack = float(np.log(limits.force_noise / value))

@@ -21,7 +21,7 @@ from feeddrive.language.errors import FeeddriveError
 from feeddrive.loop.control import Control
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import simulate
-from feeddrive.tuning.figures import Figures
+from feeddrive.tuning.closed_loop import Figures
 from feeddrive.tuning.limits import Limits
 from feeddrive.tuning.operating_point import OperatingPoint
 

@@ -16,9 +16,9 @@ from feeddrive.language.table import Result, Table
 from feeddrive.loop.control import Control
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.loop import Loop
+from feeddrive.tuning.closed_loop import Figures, figures
 from feeddrive.tuning.control_response import ControlResponse
 from feeddrive.tuning.criteria import Criteria
-from feeddrive.tuning.figures import Figures, figures
 from feeddrive.tuning.limits import Limits
 from feeddrive.tuning.operating_point import OperatingPoint, modelled_point
 

@@ -13,9 +13,9 @@ from feeddrive.language.errors import ParameterError
 from feeddrive.language.progress import Progress
 from feeddrive.loop.control import Control
 from feeddrive.loop.loop import Loop
+from feeddrive.tuning.closed_loop import Figures, figures
 from feeddrive.tuning.control_response import ControlResponse
 from feeddrive.tuning.criteria import GOALS, Criteria, Evaluation, chance
-from feeddrive.tuning.figures import Figures, figures
 from feeddrive.tuning.limits import NOTCH, Limits
 from feeddrive.tuning.operating_point import OperatingPoint, modelled_point
 from feeddrive.tuning.proof import of_known, of_measurement, of_model

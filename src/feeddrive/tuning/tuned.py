@@ -16,8 +16,8 @@ from feeddrive.language.table import Result, Table
 from feeddrive.loop.control import Control
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.loop import Loop
+from feeddrive.tuning.closed_loop import FIGURES, LARGER, Figures
 from feeddrive.tuning.control_response import ControlResponse
-from feeddrive.tuning.figures import FIGURES, LARGER, Figures
 from feeddrive.tuning.limits import Limits
 from feeddrive.tuning.operating_point import OperatingPoint
 from feeddrive.tuning.proof import Checked

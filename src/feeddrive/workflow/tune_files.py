@@ -25,7 +25,7 @@ from feeddrive.language.table import Table
 from feeddrive.loop.control import Control
 from feeddrive.report.content import Shown
 from feeddrive.report.page import definitions, header, page, picture, table
-from feeddrive.tuning.figures import FIGURES, Figures
+from feeddrive.tuning.closed_loop import FIGURES, Figures
 from feeddrive.tuning.limits import Limits
 from feeddrive.tuning.recipes import JudgedRecipe
 from feeddrive.tuning.tunables import readable
