@@ -18,7 +18,7 @@ from feeddrive.loop.linearize import INPUT_UNITS
 from feeddrive.loop.loop import UNITS
 
 PAGE = Path(__file__).parent.parent / "GLOSSARY.md"
-SECTION_OF_SIGNALS, SECTION_OF_PARTS = "Signals", "Parts"
+SECTION_OF_SIGNALS, SECTION_OF_PARTS, SECTION_OF_OBJECTS = "Signals", "Parts", "Objects"
 
 
 def rows(section: str) -> Iterator[tuple[list[str], list[str]]]:
@@ -46,7 +46,7 @@ def named(section: str) -> dict[str, set[str]]:
     return found
 
 
-OTHER = ("Suffixes", "Signs", SECTION_OF_SIGNALS, SECTION_OF_PARTS)
+OTHER = ("Suffixes", "Signs", SECTION_OF_SIGNALS, SECTION_OF_PARTS, SECTION_OF_OBJECTS)
 
 
 def parameters() -> dict[str, set[str]]:
@@ -104,6 +104,16 @@ def test_every_name_of_the_glossary_is_in_the_code():
     names = {name for _, name, _ in FIELDS}
     assert not set(parameters()) - names
     assert not set(named(SECTION_OF_PARTS)) - names
+
+
+def test_every_object_of_the_glossary_is_a_class():
+    source = Path(feeddrive.blocks.__path__[0]).parent
+    classes = {
+        name for path in source.rglob("*.py") for name in re.findall(r"(?m)^class (\w+)", path.read_text("utf-8"))
+    }
+    objects = {names[0] for names, _ in rows(SECTION_OF_OBJECTS)}
+    assert len(objects) > 10
+    assert objects <= classes
 
 
 @pytest.mark.parametrize("name", [*UNITS, *INPUT_UNITS, "enable"])
