@@ -1,3 +1,3 @@
-"""The version of feeddrive, which every room may import; the package itself imports the rooms."""
+"""The version of feeddrive. Every package may import this module; `feeddrive` itself imports all packages."""
 
 __version__ = "0.1.0"

@@ -23,7 +23,7 @@ def as_frf(
     """An FRF from an FRF, a feeddrive model, numpy arrays, or an object of python-control.
 
     source     FRF                        as it is
-               StateSpace of this house   its first input to its first output at `frequency`
+               feeddrive StateSpace       its first input to its first output at `frequency`
                complex array (n,)         at `frequency`
                array (n, 3)               columns: Hz, real, imaginary part
                (frequency, response)      two arrays
@@ -96,6 +96,6 @@ def _from_control(source: Any, lines: np.ndarray | None, unit: str) -> FRF:
 
 
 def _named(frf: FRF, source: Any) -> FRF:
-    """With the names that somebody gave; those that python-control makes up say nothing."""
+    """With the names that were given; default names of python-control are ignored."""
     names = [str(label[0]) for label in (source.input_labels, source.output_labels)]
     return frf if names == ["u[0]", "y[0]"] else replace(frf, input=names[0], output=names[1])

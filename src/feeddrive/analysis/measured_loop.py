@@ -95,7 +95,7 @@ def measured_loop(
     delay         s, of computation, if the responses were measured from the force that acts and not from its command
     frequency     Hz of the responses that are arrays, or models of python-control
 
-    The variance of L is |C2|² var(X2/u) with one encoder.  With two, whose errors may hang together in any way, it is
+    The variance of L is |C2|² var(X2/u) with one encoder.  With two, whose errors may be correlated in any way, it is
     the most that it can be, (|C1| dev(X1/u) + |C2| dev(X2/u))²: intervals of margins are then rather too wide.
 
     Raises ParameterError for frequencies that differ or lie beyond Nyquist, for two encoders that a law needs and one
@@ -117,7 +117,7 @@ def measured_loop(
     coherence = _coherence(load, motor)
     variance = gain.variance
     if motor is not None and load.deviation is not None and motor.deviation is not None:
-        # how far the errors of both hang together is not known; no more than this, whatever it is
+        # the correlation of the errors of both is not known; this is an upper bound for any
         variance = (np.abs(by_load) * load.deviation + np.abs(by_motor) * motor.deviation) ** 2
     L = FRF(lines, gain.response, "cut", "force", "N/N", sample_time, coherence, variance)
     if disturbance is None:

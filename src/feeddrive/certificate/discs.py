@@ -128,7 +128,7 @@ def deviations(lines: int, confidence: float) -> float:
     """How many √variance the disc of a line reaches so that all lines together lie inside with the confidence.
 
     For a complex normal error P(|dG|² > q var) = e^-q, and q = ln(lines/(1 - confidence)) for all of them (Bonferroni),
-    however their errors hang together.
+    for any correlation of their errors.
     """
     return math.sqrt(math.log(max(lines, 1) / (1.0 - confidence)))
 

@@ -176,7 +176,7 @@ def compare(
     seed               of the encoders' noise, the same for all laws
     starts             of each search
     workers            processes that tune side by side; more than 1 only from a program that may be imported anew
-    progress           is told what begins; `pieces(...)` says how many steps there are
+    progress           reports each step; `pieces(...)` says how many steps there are
 
     The present control comes first and is not changed, stable or not.  A law that does not fit the axis is refused
     with the reason.  Raises ParameterError for an axis or a law that is not there.

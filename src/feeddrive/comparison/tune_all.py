@@ -40,7 +40,7 @@ class Rule:
 def tuned_all(
     candidates: Sequence[Candidate], rule: Rule, workers: int, progress: Progress
 ) -> dict[str, Tuned | Refusal]:
-    """Every candidate by name: tuned, or refused with the reason. `progress` is told each name."""
+    """Every candidate by name: tuned, or refused with the reason. `progress` reports each name."""
     workers = min(workers, len(candidates))
     if workers <= 1:
         found: dict[str, Tuned | Refusal] = {}
@@ -50,7 +50,7 @@ def tuned_all(
         return found
     # those with the most tunables take longest: they go first
     order = sorted(candidates, key=lambda candidate: -len(law_tunables(candidate.loop.control)))
-    # a fresh interpreter each: a fork would copy the threads' locks of whoever calls
+    # a fresh interpreter each: a fork would copy the locks of the caller's threads
     context = multiprocessing.get_context("spawn")
     with _one_thread(), ProcessPoolExecutor(workers, context, _leave_interrupts) as pool:
         futures = {pool.submit(_tuned, candidate, rule): candidate.name for candidate in order}

@@ -72,7 +72,7 @@ def cosimulate(
 ) -> Cosimulation:
     """Run all laws of a job against an FMU, which is a program and runs in this process.
 
-    names, parameters, dead_time as `simulate_with_fmu`; `progress` is told the name of each law before it.
+    names, parameters, dead_time as `simulate_with_fmu`; `progress` reports the name of each law before it.
 
     Raises ParameterError for a job that replays a log, and as `simulate_with_fmu`.
     """

@@ -174,7 +174,7 @@ def read_block(
 ) -> B:
     """The block of a family that a section describes.
 
-    Keys named in `besides` belong to somebody else; fields in `given` are there already and not read.
+    Keys named in `besides` are read elsewhere; fields in `given` are known already and not read.
 
     Raises ParameterError (a key is unknown, missing, given twice, of another type, not finite or out of bounds) or
     StructureError (parts that do not fit each other), both with file and line.

@@ -69,7 +69,7 @@ def read_parquet(name: str, content: bytes, wanted: frozenset[str] | None) -> Co
 
 
 def _metadata(stored: Mapping[bytes, bytes]) -> dict[str, Any]:
-    """What feeddrive wrote into the file; empty for a file of somebody else."""
+    """The metadata written by feeddrive; empty for a file from another program."""
     found = json.loads(stored[_KEY]) if _KEY in stored else {}
     if not isinstance(found, dict):
         raise ValueError

@@ -77,7 +77,7 @@ class _Definitions:
     def fields(
         self, block: type[Block], others: Mapping[str, Schema] | None = None, without: Sequence[str] = ()
     ) -> Schema:
-        """The schema of a table with the fields of a block, and other keys that belong to somebody else."""
+        """The schema of a table with the fields of a block, and other keys that are read elsewhere."""
         properties: dict[str, Schema] = {"kind": {"const": block.kind}, **(others or {})}
         patterns: dict[str, Schema] = {}
         needed: list[Schema] = []

@@ -55,7 +55,7 @@ class LazyPackage(ModuleType):
             super().__setattr__(name, value)
 
     def __call__(self, *args: Any, **options: Any) -> Any:
-        """Raise TypeError: a package is no function, and a room may have the name of one of before."""
+        """Raise TypeError: a package is no function, although a function of this name existed earlier."""
         raise TypeError(self.__dict__["_no_function"])
 
     def __dir__(self) -> list[str]:

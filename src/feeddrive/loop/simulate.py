@@ -203,7 +203,7 @@ def simulate_batch(
     Arguments as `simulate`; seed and start may be arrays over the variants too, and nothing changes live.  `lanes`
     variants share a vector (default: what is fastest here), `threads` run at once (default: all cores); neither changes
     a bit of the result.
-    `progress` is told after each group how many variants are done, and may cancel.
+    `progress` reports after each group how many variants are done, and may cancel.
     """
     gather = known(loop, everywhere(loop, GATHERED) if gather is None else gather, arithmetic)
     work = Work(loop, reference, load, enable)
@@ -264,8 +264,8 @@ def stream(
 ) -> Iterator[Run]:
     """The run of `simulate`, yielded in chunks of samples: constant memory for any length.
 
-    Arguments and errors as `simulate`; a chunk of None is the whole run.  The arrays of a chunk belong to whoever takes
-    it.
+    Arguments and errors as `simulate`; a chunk of None is the whole run.  The arrays of a chunk are
+    not reused.
     """
     record = known(loop, everywhere(loop, Signals._fields) if record is None else record, arithmetic)
     work = Work(loop, reference, load, enable, added_force)

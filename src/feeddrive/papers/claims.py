@@ -67,7 +67,7 @@ CELLS = ("row", "claim", "rule", "expected", "got", "holds?")
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Experiment(Result):
-    """The experiments of one paper: claims, further tables, pictures, what was run, and honest remarks.
+    """The experiments of one paper: claims, further tables, pictures, what was run, and remarks.
 
     name      as on the command line, "altintas2009"
     citation  authors, title, journal, year

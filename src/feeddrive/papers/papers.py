@@ -51,7 +51,7 @@ def chosen(paper: str) -> tuple[str, ...]:
 
 
 def run(paper: str, progress: Progress) -> Experiment:
-    """The experiments of a paper. `progress` is told what comes next."""
+    """The experiments of a paper. `progress` reports each step."""
     module = import_module(f"feeddrive.papers.{paper}")
     return getattr(module, paper)(progress)
 
@@ -61,7 +61,7 @@ def reproduce(papers: Sequence[str], progress: Progress) -> list[Reproduced]:
     workers = min(len(papers), os.cpu_count() or 1)
     if workers == 1:
         return [Reproduced(run(paper, progress.named(paper))) for paper in papers]
-    # a fresh interpreter each: a fork would copy the threads' locks of whoever calls
+    # a fresh interpreter each: a fork would copy the locks of the caller's threads
     context = multiprocessing.get_context("spawn")
     told: Any = context.Queue()
     with ProcessPoolExecutor(workers, context, _listen, (told,)) as pool:

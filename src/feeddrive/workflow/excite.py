@@ -99,7 +99,7 @@ def write_excitation(found: Excitation, loop: Loop, out: str | Path, facts: Mapp
         for i, drawn in enumerate(found.drawings, start=1):
             sent = {"excitation": drawn.excitation, "set_position": drawn.set_position}
             units = {"excitation": found.unit, "set_position": "m"}
-            stamps = np.round(drawn.time, 12)  # 0.00015 and not 0.00015000000000000001, for whoever reads the file
+            stamps = np.round(drawn.time, 12)  # 0.00015 and not 0.00015000000000000001, for readability of the file
             write_run_csv(folder / f"excitation_{i}.csv", stamps, sent, units)
             columns = {"excitation": drawn.excitation, **drawn.signals}
             known = {"force": "N", "velocity_load": "m/s", "velocity_motor": "m/s", "excitation": found.unit}

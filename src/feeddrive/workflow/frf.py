@@ -160,7 +160,7 @@ def _outputs(log: Log) -> list[str]:
 
 
 def _references(log: Log, told: Sequence[str]) -> list[str]:
-    """What was added to the loop, by name; one that is named so if nothing is told."""
+    """The signals added to the loop, by name; by default a channel with a known name."""
     named = [*told] or [name for name in _REFERENCE if name in log.channels][:1]
     return [name for name in named if name != "none"]
 

@@ -134,7 +134,7 @@ def _scaled(value: float | None, factor: float, form: str) -> str:
 
 
 def run(job: Job, progress: Progress | None = None) -> JobResult:
-    """Run all laws of a job. `progress` is told the name of each law before it.
+    """Run all laws of a job. `progress` reports the name of each law before it.
 
     Raises UnstableError for a law whose loop is not stable, DivergedError for one whose run leaves its bounds, and
     LogError for a log that does not fit the job.
@@ -154,7 +154,7 @@ def run(job: Job, progress: Progress | None = None) -> JobResult:
 
 
 def _row(job: Job, name: str, loop: Loop, measured: Mapping[str, np.ndarray] | None, velocity: float) -> Entry:
-    """One law, judged and run; errors name the job and the law."""
+    """One law, analyzed and simulated; errors name the job and the law."""
     where = f"{job.file.name}: law '{name}'"
     require_stable(loop, velocity=velocity, where=where)
     try:

@@ -156,7 +156,7 @@ class Request:
         return f"from feeddrive.workflow.{name} import {name}; {name}({', '.join(words)})"
 
     def usual_out(self) -> Path | None:
-        """Where a command writes if it is not told where; None for one that writes only what is named."""
+        """The default output path of a command; None for a command without one."""
         return None
 
 

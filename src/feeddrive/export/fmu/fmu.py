@@ -30,7 +30,7 @@ _TAKEN = (
 )  # fmt: skip
 
 
-# whoever compiles the sources, and for whatever processor
+# for any compiler and any processor
 _EXACT = """\
 /* A product and a sum that are rounded once would give other bits than the simulation. */
 #if defined(__clang__)

@@ -54,7 +54,7 @@ def answers(
     wiring = [
         f"loadrt {routine.name}", f"addf {name} servo-thread",
         f"setp {name}.units-per-m {units_per_m!r}",
-        f"setp {name}.late-limit 0", *setup,  # nobody waits for the clock here
+        f"setp {name}.late-limit 0", *setup,  # not in real time here
         *(f"net in-{i} streamer.0.pin.{i} => {name}.{pin}" for i, pin in enumerate(pins)),
         *(f"net out-{i} {name}.{pin} => sampler.0.pin.{i}" for i, (pin, _) in enumerate(taken)),
     ]  # fmt: skip

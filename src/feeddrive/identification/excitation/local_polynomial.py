@@ -31,7 +31,7 @@ def local_polynomial(
     lines    at most so many, spread logarithmically over the band; default: all
     freedom  ν: more is smoother and more certain, and blunter at resonances
 
-    Responses of neighboring lines share data, so that their errors hang together over 2n lines.
+    Responses of neighboring lines share data, so that their errors are correlated over 2n lines.
     When to use: chirps, steps, PRBS, noise, any motion.  When not: periods of a multisine in steady state.
     Source: Pintelon, Schoukens, Vandersteen & Barbé 2010, Mech. Syst. Signal Process. 24, 573; order 2.
     """

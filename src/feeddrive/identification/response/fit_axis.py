@@ -45,7 +45,7 @@ class AxisFits(Result):
         return self.fits[self.chosen]
 
     def table(self) -> Table:
-        """One row a structure: parameters, error on unused lines in dB RMS, how residuals hang together."""
+        """One row a structure: parameters, error on unused lines in dB RMS, correlation of residuals."""
         rows = [
             [name, f"{len(each.estimates)}", f"{_DECIBEL * each.agreement.unused:.3f}",
              f"{each.agreement.autocorrelation():.2f}", "taken" if name == self.chosen else ""]
@@ -78,11 +78,11 @@ def fit_axis(
     modes      how many, for modes in parallel; None: as many as unused lines tell
     fixed      parameters that are known; structures that lack one of them are not tried
     structure  "rigid", "machine", "two-mass" or "modal": that one alone
-    progress   is told the name of each structure when it begins
+    progress   reports the name of each structure when it begins
 
     The rest is as in `fit_plant`.  Each structure predicts lines that its fit lacked; of those within a tenth of the
     least error the one with the fewest parameters is taken.  Modes in parallel are tried only where the residuals of
-    the others still hang together from line to line.
+    the others are still correlated from line to line.
     Raises ParameterError if no structure can be fitted, with why for each.
     """
     ways = _ways(motor, load, plant, actuator, modes, dict(fixed or {}), held, band, force_per_unit, travel_per_unit)

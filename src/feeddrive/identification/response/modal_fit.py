@@ -101,11 +101,11 @@ def fit_modes(
     proportional  residues are real, skew = 0: all of a mode swings in step, as an undamped structure does.  Friction
                   and damping in single places break that
     rest          a constant for all modes above the band
-    progress      is told how many modes are tried
+    progress      reports the number of modes that are tried
     dead_time     s; None: it is found
 
     The start comes from vector fitting; the cost is that of `refine`.  Each parameter has a standard error that is
-    robust to residuals which hang together.  Mode parameters of a model that lacks a mode are wrong by more than their
+    valid for correlated residuals.  Mode parameters of a model that lacks a mode are wrong by more than their
     errors: see `remarks`.
     Raises ParameterError for units that differ and for too few lines.
     When not: for masses and stiffnesses; see `fit_two_mass` and `fit_modal_axis`.

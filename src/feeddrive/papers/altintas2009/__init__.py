@@ -12,7 +12,7 @@ from feeddrive.papers.claims import Experiment
 
 
 def altintas2009(progress: Progress) -> Experiment:
-    """All rows; `progress` is told what comes next."""
+    """All rows; `progress` reports each step."""
     progress.step("equations in the ideal loop")
     algebra, poles = equations()
     progress.step("stiffness under four rules")

@@ -47,7 +47,7 @@ Errors = Mapping[str, Mapping[str, tuple[float, float]]]  # µm by case and axis
 
 
 def beltran2013(progress: Progress) -> Experiment:
-    """Runs everything; `progress` is told what comes next."""
+    """Runs everything; `progress` reports each step."""
     progress.step("cutting force")
     cutter = HelicalCutter.beltran2013()
     turned = mill.turn(cutter, mill.CHIP)

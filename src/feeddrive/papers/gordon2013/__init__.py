@@ -38,7 +38,7 @@ def _numbered(claims: Sequence[Claim]) -> list[Claim]:
 
 
 def gordon2013(progress: Progress) -> Experiment:
-    """All experiments of the paper; `progress` is told what comes next."""
+    """All experiments of the paper; `progress` reports each step."""
     parts: list[Part] = []
     for words, run in _PARTS:
         progress.step(words)
