@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from feeddrive.analysis.stiffness import static_stiffness, stiffness
+from feeddrive.analysis.stiffness import Stiffness, static_stiffness, stiffness
 from feeddrive.blocks.controller.cascade_ppi import CascadePPI
 from feeddrive.blocks.plant.rigid import Rigid
 from feeddrive.language.errors import ParameterError
@@ -76,3 +76,9 @@ def test_errors_say_what_is_wrong() -> None:
         stiffness(FRF(np.array([1.0, 2.0]), np.array([1.0, 0.0])))
     with pytest.raises(ParameterError, match="outside of the stiffness's lines"):
         stiffness(FRF(np.array([1.0, 2.0]), np.array([1.0, 1.0]))).at(3.0)
+
+
+def test_mean_of_a_power_of_frequency_is_that_of_its_middle() -> None:
+    """k = c f² over lines even in ln f: straight on log-log paper, so that the mean is the value at √(f1 f2)."""
+    lines = np.geomspace(10.0, 1000.0, 61)
+    assert Stiffness(lines, 3.0 * lines**2).mean == pytest.approx(3.0 * 100.0**2, rel=1e-12)

@@ -61,6 +61,11 @@ class Stiffness(Result):
         """Where it is least, Hz."""
         return float(np.exp(self._least()[0]))
 
+    @property
+    def mean(self) -> float:
+        """Geometric mean over the lines, N/m: over lines even in ln f the mean of a band on log-log paper."""
+        return float(np.exp(np.mean(np.log(self.magnitude))))
+
     def _least(self) -> tuple[float, float]:
         return least(np.log(self.frequency), np.log(self.magnitude))
 

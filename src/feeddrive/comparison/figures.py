@@ -12,7 +12,7 @@ import numpy as np
 from feeddrive.analysis.effort import effort
 from feeddrive.analysis.loop_model import LoopModel
 from feeddrive.analysis.margins import margins
-from feeddrive.analysis.stiffness import force_noise, rope_snap, stiffness
+from feeddrive.analysis.stiffness import Stiffness, force_noise, rope_snap, stiffness
 from feeddrive.comparison.duty import Duty
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import Run
@@ -92,11 +92,14 @@ def linear(loop: Loop, both: LoopModel) -> dict[str, float | None]:
     for low, high in BANDS:
         if high <= nyquist:
             band = np.geomspace(low, high, _LINES)
-            size = np.abs(both.closed.response(band, "position_load", "load_force").response)
-            found[f"stiffness_{low:g}_{high:g}_Hz_N_per_m"] = float(np.exp(-np.mean(np.log(size))))
+            found[f"stiffness_{low:g}_{high:g}_Hz_N_per_m"] = _stiffness(both, band).mean
     inside = lines[lines >= min(BANDS[0][0], 0.01 * nyquist)]
-    found["stiffness_least_N_per_m"] = stiffness(both.closed.response(inside, "position_load", "load_force")).minimum
+    found["stiffness_least_N_per_m"] = _stiffness(both, inside).minimum
     return found
+
+
+def _stiffness(both: LoopModel, frequency: np.ndarray) -> Stiffness:
+    return stiffness(both.closed.response(frequency, "position_load", "load_force"))
 
 
 def effort_of(loop: Loop) -> dict[str, float]:
