@@ -117,7 +117,7 @@ def _inlined(text: str, key: str, alt: str, width: float) -> str:
     box = re.search(r'viewBox="([^"]*)"', text)
     head = f'<svg viewBox="{box[1] if box else ""}" width="{100 * width:.0f}%" role="img" aria-label="{escape(alt)}">'
     body = text[text.index(">") + 1 :].replace("xlink:href", "href")
-    # a hundredth of a point: matplotlib writes six decimals
+    # matplotlib writes six decimals: a tenth of a point for a path, a hundredth for what is placed
     body = re.sub(r'(?<= )(d|x|y|width|height|transform)="([^"]*)"', _rounded, body)
     body = _own_identifiers(body, key)
     body = re.sub(r"#[0-9a-f]{6}", lambda found: THEME.get(found[0], found[0]), body)
@@ -126,7 +126,8 @@ def _inlined(text: str, key: str, alt: str, width: float) -> str:
 
 
 def _rounded(found: re.Match[str]) -> str:
-    return f'{found[1]}="{_DECIMALS.sub(lambda number: f"{float(number[0]):.2f}", found[2])}"'
+    digits = 1 if found[1] == "d" else 2
+    return f'{found[1]}="{_DECIMALS.sub(lambda number: f"{float(number[0]):.{digits}f}", found[2])}"'
 
 
 def _own_identifiers(body: str, key: str) -> str:

@@ -130,8 +130,9 @@ class DADSC(Law):
             f"{name} = {rate:g} 1/s (must be below {share * rate:.4g})"
             for name, rate in zip(self.tunables, rates, strict=True)
         )
+        excess = f"{100.0 * (1.0 / share - 1.0):.3g} %" if share > 0.0 else "far"  # 1e300 1/s leaves no share at all
         return (
-            f"dadsc: {bounds}: {100.0 * (1.0 / share - 1.0):.3g} % too fast for the sample time {T:g} s, since the "
+            f"dadsc: {bounds}: {excess} too fast for the sample time {T:g} s, since the "
             f"loop is then unstable without any dead time. Stay below these bounds, in the same ratios, or sample "
             f"faster; with d samples of dead time 0.19/((d + 1) T) = {0.19 / T:.4g}/(d + 1) 1/s for each keeps Ms <= 2"
         )
