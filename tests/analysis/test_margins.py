@@ -118,7 +118,7 @@ def test_the_sensitivity_peak_agrees_with_a_dense_search() -> None:
 
 @pytest.mark.parametrize("gain", [0.01, 0.02, 0.035, 0.05])
 def test_python_control_finds_the_same(gain: float) -> None:
-    control = pytest.importorskip("control")
+    control = pytest.importorskip("control", reason="NOT TESTED: pip install 'feeddrive[control]'")
     s = control.tf("s")
     model = gain * 4e3 * (s + 40) / (s * (s + 300) * (1 + s / 900)) / (1 + 0.2 * s / 500 + (s / 500) ** 2)
     with warnings.catch_warnings():

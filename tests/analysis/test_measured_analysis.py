@@ -155,7 +155,7 @@ def test_numpy_arrays_go_in() -> None:
 
 
 def test_objects_of_python_control_go_in_and_out() -> None:
-    control = pytest.importorskip("control")
+    control = pytest.importorskip("control", reason="NOT TESTED: pip install 'feeddrive[control]'")
     s = control.tf("s")
     model = 4e3 * (s + 40) / (s * (s + 300) * (1 + s / 900))
     L = as_frf(model, F)

@@ -46,7 +46,7 @@ def test_a_control_given_as_an_array_closes_the_measured_loop() -> None:
 
 def test_control_and_axis_from_python_control() -> None:
     """The same loop three times: arrays, python-control's transfer functions, and the FRDs of both handed back."""
-    control = pytest.importorskip("control")
+    control = pytest.importorskip("control", reason="NOT TESTED: pip install 'feeddrive[control]'")
     s = control.tf("s")
     C = (STIFFNESS + 3e7 / s + 3e4 * s) / (1.0 + s / 6000.0)
     G = 1.0 / (MASS * s * s + VISCOUS * s)
@@ -67,7 +67,7 @@ def test_control_and_axis_from_python_control() -> None:
 
 def test_a_sampled_control_acts_at_z() -> None:
     """A discrete PI of python-control: at z = e^(j2πfT), refused with another sample time and beyond Nyquist."""
-    control = pytest.importorskip("control")
+    control = pytest.importorskip("control", reason="NOT TESTED: pip install 'feeddrive[control]'")
     T = 1e-3
     C = control.tf([3e4, -2.95e4], [1.0, -1.0], T)
     f = np.geomspace(1.0, 500.0, 400)
@@ -147,7 +147,7 @@ def test_all_crossings_are_those_of_python_control(
     crossover: float, zero: float, pole: float, resonance: float, damping: float, integrators: int
 ) -> None:
     """Random rational loops: as many gain and phase crossovers, at the same places, with the same margins."""
-    control = pytest.importorskip("control")
+    control = pytest.importorskip("control", reason="NOT TESTED: pip install 'feeddrive[control]'")
     s = control.tf("s")
     w = 2 * np.pi * resonance
     model = (s / (2 * np.pi * zero) + 1.0) / (s / (2 * np.pi * pole) + 1.0) ** 2 / s**integrators

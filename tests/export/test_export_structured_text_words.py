@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 from structured_text_machine import program
 from structured_text_values import IllegalTextError
 
-from feeddrive.export.structured_text.expressions import bare, decimal, literal
+from feeddrive.export.identifiers import bare
+from feeddrive.export.structured_text.expressions import decimal, literal
 from feeddrive.export.structured_text.functions import functions
 from feeddrive.language import mathematics, ops
 from feeddrive.language.graph import ELEMENTARY, Graph

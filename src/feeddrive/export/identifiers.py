@@ -149,3 +149,13 @@ def _spelled(character: str) -> str:
     if unicodedata.combining(character):
         return ""
     return unicodedata.normalize("NFKD", character).encode("ascii", "ignore").decode() or "?"
+
+
+def bare(text: str) -> str:
+    """The text without the parentheses around it, if the first one closes with the last one."""
+    depth = 0
+    for place, character in enumerate(text):
+        depth += (character == "(") - (character == ")")
+        if depth == 0:
+            return text[1:-1] if place == len(text) - 1 and place > 0 else text
+    return text

@@ -88,7 +88,7 @@ class LinearModel(NamedTuple):
         """
         n = self.states
         A, B, C, D = self.matrix[:n, :n], self.matrix[:n, n:], self.matrix[n:, :n], self.matrix[n:, n:]
-        x, w = _resolved(A, B, C, at)
+        x, w = resolved(A, B, C, at)
         value = C @ x + D
         if not self.slopes.shape[1]:
             return value, np.zeros((*value.shape, 0))
@@ -103,7 +103,7 @@ class LinearModel(NamedTuple):
         return value, np.real(pairs) @ slopes + 1j * (np.imag(pairs) @ slopes)
 
 
-def _resolved(A: np.ndarray, B: np.ndarray, C: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def resolved(A: np.ndarray, B: np.ndarray, C: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(z - A)⁻¹ B of shape (points, n, inputs) and C (z - A)⁻¹ of shape (points, outputs, n).
 
     By the Schur form of the balanced A, row by row over all points at once: as safe as solving for each point.

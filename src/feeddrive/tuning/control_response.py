@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from typing import Any, NamedTuple, cast
 
 import numpy as np
-from scipy.linalg import matrix_balance, schur
 
 from feeddrive.blocks.signals import Setpoint
 from feeddrive.language import tree
@@ -17,6 +16,7 @@ from feeddrive.language.graph import Graph, Symbol
 from feeddrive.loop.control import Control
 from feeddrive.loop.differentiate import push
 from feeddrive.loop.trace import node_values
+from feeddrive.loop.traced_model import resolved
 
 _SPEED = 0.05  # m/s of the operating point
 _AT_ONE = 1e-5  # of |z|: a pole as near counts as at 1, since a double one is only known to the root of rounding
@@ -153,7 +153,7 @@ class ControlResponse:
         n = matrix.shape[0] - 1
         A, B, c, d = matrix[:n, :n], matrix[:n, n:], matrix[n, :n], matrix[n, n:]
         z = np.exp(2j * np.pi * frequency * self.T)
-        x, w = _resolved(A, B, c, z)
+        x, w = resolved(A, B, c[None], z)
         value = np.einsum("i,lik->kl", c, x) + d[:, None]
         # line by line: products so small that they stay in one thread, which many in a row could not pay
         count, tunables = frequency.size, len(self.tunables)
@@ -161,35 +161,10 @@ class ControlResponse:
         moved = (by_row @ x).reshape(count, n, 2 * tunables) + slopes[:n, n:].transpose(0, 2, 1).reshape(
             n, 2 * tunables
         )
-        through = (w[:, None, :] @ moved).reshape(count, tunables, 2) + slopes[n, :n].T @ x
+        through = (w @ moved).reshape(count, tunables, 2) + slopes[n, :n].T @ x
         slope = through.transpose(2, 0, 1) + slopes[n, n:][:, None, :]
         poles = np.linalg.eigvals(A) if n else np.zeros(0)
         return Response(value, slope, np.abs(np.log(poles[np.abs(poles) > 1.0 + 1e-7])) / self.T)
-
-
-def _resolved(A: np.ndarray, B: np.ndarray, c: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(z - A)⁻¹ B of shape (lines, n, 2) and c (z - A)⁻¹ of shape (lines, n).
-
-    By the Schur form of the balanced A, row by row over all lines at once: as safe as solving for each line.
-    """
-    if not A.size:
-        return np.zeros((z.size, 0, B.shape[1]), complex), np.zeros((z.size, 0), complex)
-    balanced, (scale, _) = matrix_balance(A, permute=False, separate=True)
-    form = schur(balanced, output="complex")
-    S, Z = form[0], form[1]
-    n = scale.size
-    right = Z.conj().T @ (B / scale[:, None])
-    left = (c * scale) @ Z
-    x = np.repeat(right[:, :, None], z.size, axis=2)
-    w = np.repeat(left[:, None], z.size, axis=1)
-    for i in range(n - 1, -1, -1):
-        x[i] /= z - S[i, i]
-        x[:i] += S[:i, i, None, None] * x[i]
-    for i in range(n):
-        w[i] /= z - S[i, i]
-        w[i + 1 :] += S[i, i + 1 :, None] * w[i]
-    forth, back = Z * scale[:, None], Z.conj().T / scale
-    return forth @ x.transpose(2, 0, 1), (w.T[:, None, :] @ back)[:, 0]
 
 
 def _needed(traced: Traced) -> list[int]:

@@ -10,8 +10,8 @@ from functools import cache
 from importlib import import_module
 from types import ModuleType
 
-from feeddrive.export.c.expressions import CALLS, FUNCTIONS, WIDTH, bare, expression, number
-from feeddrive.export.identifiers import C_WORDS, identifier
+from feeddrive.export.c.expressions import CALLS, FUNCTIONS, WIDTH, expression, number
+from feeddrive.export.identifiers import C_WORDS, bare, identifier
 from feeddrive.export.layout import truths, word
 from feeddrive.language import mathematics
 from feeddrive.language.graph import ELEMENTARY, Graph, arguments, reachable

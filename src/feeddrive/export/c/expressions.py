@@ -6,6 +6,7 @@ import re
 
 import numpy as np
 
+from feeddrive.export.identifiers import bare
 from feeddrive.language.graph import ELEMENTARY
 from feeddrive.language.matrix import SQUARINGS, TOO_LARGE
 from feeddrive.language.primitives import MIX, STRIDES
@@ -154,16 +155,6 @@ def number(value: float, real: str = "double") -> str:
     elif abs(value) >= 1e6 or (16.0 * value) % 1.0 != 0.0:
         text = re.sub(r"\.?0*p", "p", value.hex())
     return f"({text}{suffix})" if text.startswith("-") else f"{text}{suffix}"
-
-
-def bare(text: str) -> str:
-    """The text without the parentheses around it, if the first one closes with the last one."""
-    depth = 0
-    for place, character in enumerate(text):
-        depth += (character == "(") - (character == ")")
-        if depth == 0:
-            return text[1:-1] if place == len(text) - 1 and place > 0 else text
-    return text
 
 
 def expression(name: str, values: list[str], real: str = "double") -> str:

@@ -16,9 +16,9 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from feeddrive.export.c.body import Body, helpers, wrapped
-from feeddrive.export.c.expressions import FUNCTIONS, bare, expression, number
+from feeddrive.export.c.expressions import FUNCTIONS, expression, number
 from feeddrive.export.c.header import comment, header
-from feeddrive.export.identifiers import ascii_text
+from feeddrive.export.identifiers import ascii_text, bare
 from feeddrive.export.layout import Layout
 from feeddrive.language.block import Block
 from feeddrive.language.declaration import LARGEST

@@ -7,9 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from feeddrive.export.c.programs import stepped
+from feeddrive.export.identifiers import bare
 from feeddrive.export.layout import Layout
 from feeddrive.export.structured_text.controller import Program
-from feeddrive.export.structured_text.expressions import bare, decimal, literal
+from feeddrive.export.structured_text.expressions import decimal, literal
 from feeddrive.export.structured_text.units import CONSTANTS, INDENT, OUTPUTS, VARIABLES, Declared, Unit
 from feeddrive.export.trial import Trial, trial
 from feeddrive.loop.routine_run import run

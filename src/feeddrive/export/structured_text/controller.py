@@ -12,10 +12,10 @@ import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
-from feeddrive.export.identifiers import ST_WORDS, identifier
+from feeddrive.export.identifiers import ST_WORDS, bare, identifier
 from feeddrive.export.layout import Field, Layout
 from feeddrive.export.structured_text.configure import Fixed, configure, fixed
-from feeddrive.export.structured_text.expressions import bare, decimal, literal
+from feeddrive.export.structured_text.expressions import decimal, literal
 from feeddrive.export.structured_text.functions import functions
 from feeddrive.export.structured_text.statements import Assignment, Section
 from feeddrive.export.structured_text.units import (

@@ -10,6 +10,7 @@ import math
 
 import numpy as np
 
+from feeddrive.export.identifiers import bare
 from feeddrive.language.graph import ELEMENTARY
 
 REALS = ("LREAL", "REAL")  # IEEE 754 numbers of 64 and of 32 bits
@@ -65,13 +66,3 @@ def expression(name: str, values: list[str], prefix: str, real: str = "LREAL") -
 def own(prefix: str, name: str, real: str) -> str:
     """The name of a function that is printed with the block: `axis_x_exp`, or `axis_x_exp_real` for short reals."""
     return f"{prefix}_{name}{'' if real == 'LREAL' else '_real'}"
-
-
-def bare(text: str) -> str:
-    """The text without the parentheses around it, if the first one closes with the last one."""
-    depth = 0
-    for place, character in enumerate(text):
-        depth += (character == "(") - (character == ")")
-        if depth == 0:
-            return text[1:-1] if place == len(text) - 1 and place > 0 else text
-    return text

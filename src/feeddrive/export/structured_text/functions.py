@@ -9,8 +9,8 @@ import math
 from collections.abc import Iterable
 from importlib import import_module
 
-from feeddrive.export.identifiers import ST_WORDS, identifier
-from feeddrive.export.structured_text.expressions import HUGE, OWN, bare, literal, own
+from feeddrive.export.identifiers import ST_WORDS, bare, identifier
+from feeddrive.export.structured_text.expressions import HUGE, OWN, literal, own
 from feeddrive.export.structured_text.statements import Statements
 from feeddrive.export.structured_text.units import INPUTS, VARIABLES, Declared, Unit, huge
 from feeddrive.language.graph import ELEMENTARY, Graph, reachable

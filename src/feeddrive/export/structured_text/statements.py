@@ -11,9 +11,9 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import cast
 
-from feeddrive.export.identifiers import ST_WORDS, identifier
+from feeddrive.export.identifiers import ST_WORDS, bare, identifier
 from feeddrive.export.layout import word
-from feeddrive.export.structured_text.expressions import HUGE, bare, decimal, expression, literal, own
+from feeddrive.export.structured_text.expressions import HUGE, decimal, expression, literal, own
 from feeddrive.export.structured_text.units import INDENT, Declared, huge
 from feeddrive.language.block import Block
 from feeddrive.language.errors import StructureError
