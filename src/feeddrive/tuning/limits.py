@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from feeddrive.analysis.margins import gain_crossings, least, logarithms, phase_crossings
+from feeddrive.analysis.margins import Margins, gain_crossings, least, logarithms, phase_crossings
 from feeddrive.analysis.stiffness import force_noise_weights
 from feeddrive.blocks.filter.notch import Notch
 from feeddrive.language.errors import ParameterError
@@ -26,7 +26,7 @@ class Limits:
 
     sensitivity_peak       Ms = max |1/(1 + L)|
     gain_margin_dB         the gain may rise by at least so much
-    phase_margin_deg       at every gain crossover
+    phase_margin_deg       at every gain crossover, by its size
     delay_margin_samples   extra dead time that reaches -1
     compliance_peak        m/N: largest compliance of the closed loop over all frequencies
     force_noise            N RMS in the command, from errors of the readings: reading_noise, white, m RMS
@@ -94,6 +94,52 @@ class Limits:
             "force noise": (self.force_noise, "force noise <= {:.4g} N RMS"),
         }  # fmt: skip
         return {kind: "" if value is None else text.format(value) for kind, (value, text) in said.items()}
+
+
+class Judged(NamedTuple):
+    """One figure against its limit: its kind (as in `Limits.only`), value and unit, and whether it is kept.
+
+    value  None if it does not occur, as a margin without a crossover, which then keeps every limit
+    """
+
+    kind: str
+    value: float | None
+    unit: str
+    keeps: bool
+
+    def __str__(self) -> str:
+        if self.value is None:
+            return f"no {self.kind}, there is no crossover"
+        return f"{self.kind} {self.value:.4g} {self.unit}".rstrip()
+
+
+def judged(
+    limits: Limits, margins: Margins, compliance_peak: float, force_noise: float | None, room: float
+) -> tuple[Judged, ...]:
+    """The figures of a stable loop against each limit that is given, `room` a share of the limit that may be missing.
+
+    compliance_peak in m/N, force_noise in N RMS (None: not known, and then not judged).  A phase margin counts by its
+    size: in a stable loop a negative one says that L passes -1 on its other side, as near as a positive one.
+    """
+    m = margins
+    found = (  # the last says whether it must be at least the limit
+        ("Ms", m.sensitivity_peak, limits.sensitivity_peak, "", False),
+        ("gain margin", m.gain_increase_dB, limits.gain_margin_dB, "dB", True),
+        ("phase margin", m.phase_margin_deg, limits.phase_margin_deg, "deg", True),
+        ("delay margin", m.delay_margin_samples, limits.delay_margin_samples, "samples", True),
+        ("peak compliance", compliance_peak, limits.compliance_peak, "m/N", False),
+        ("force noise", force_noise, limits.force_noise, "N RMS", False),
+    )
+    out: list[Judged] = []
+    for kind, value, bound, unit, higher in found:
+        if bound is None or (kind == "force noise" and value is None):
+            continue
+        size = None if value is None else abs(value)
+        keeps = size is None or (size >= (1.0 - room) * bound if higher else size <= (1.0 + room) * bound)
+        if unit == "m/N" and value is not None:
+            value, unit = 1e6 * value, "um/N"
+        out.append(Judged(kind, value, unit, keeps))
+    return tuple(out)
 
 
 NOTCH = "notch"  # the bound that keeps a notch from raising

@@ -10,9 +10,9 @@ from typing import NamedTuple
 import numpy as np
 
 from feeddrive.analysis.loop_model import LoopModel, loop_model
-from feeddrive.analysis.margins import margins
+from feeddrive.analysis.margins import Margins, margins
 from feeddrive.analysis.stability import stability
-from feeddrive.analysis.stiffness import rope_snap, rope_snap_of_run, stiffness
+from feeddrive.analysis.stiffness import force_noise, rope_snap, rope_snap_of_run, stiffness
 from feeddrive.blocks.families import Sensor
 from feeddrive.blocks.load.step_force import StepForce
 from feeddrive.blocks.reference.recorded import Recorded
@@ -22,11 +22,11 @@ from feeddrive.loop.control import Control
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import simulate
 from feeddrive.tuning.closed_loop import Figures
-from feeddrive.tuning.limits import Limits
+from feeddrive.tuning.limits import Limits, judged
 from feeddrive.tuning.operating_point import OperatingPoint
 
 _DENSE = 400  # lines a decade
-_ROOM = 2e-3  # of a bound: what lines may differ by
+ROOM = 2e-3  # of a bound: what lines may differ by
 _LONGEST = 400_000  # samples of a run
 _DECAYS = 10.0  # time constants of the slowest motion that the run covers
 _APART = 0.1  # by which share run and linear model may differ: friction, counts and the guard are in the run only
@@ -49,7 +49,8 @@ def of_measurement(found: Sequence[Figures], limits: Limits) -> tuple[Checked, .
         said = "-1 is not encircled" if each.stable else "-1 is encircled"
         checks.append(Checked(f"{each.point}: Nyquist", each.stable, f"{said}, {each.loop_gain.frequency.size} lines"))
         if each.stable:
-            checks.append(_kept(each.point, limits, each))
+            what = f"{each.point}: limits on all lines"
+            checks.append(_within(what, limits, each.margins, each.peak_compliance, each.force_noise))
     return tuple(checks)
 
 
@@ -69,31 +70,11 @@ def of_known(point: OperatingPoint, control: Control, limits: Limits, velocity: 
     return tuple(checks)
 
 
-def _kept(point: str, limits: Limits, each: Figures) -> Checked:
-    m = each.margins
-    peak = each.peak_compliance
-    return _bounds(f"{point}: limits on all lines", limits, m.sensitivity_peak, m.gain_increase_dB, m.phase_margin_deg,
-                   m.delay_margin_samples, peak)  # fmt: skip
-
-
-def _bounds(
-    what: str, limits: Limits, Ms: float, gain: float | None, phase: float | None, delay: float | None, peak: float
-) -> Checked:
-    holds, said = True, [f"Ms {Ms:.4g}"]
-    for bound, value, least, text in (
-        (limits.sensitivity_peak, Ms, False, ""),
-        (limits.gain_margin_dB, math.inf if gain is None else gain, True, f"gain margin {gain or math.inf:.4g} dB"),
-        (limits.phase_margin_deg, math.inf if phase is None else phase, True, f"phase margin {phase or 0.0:.4g} deg"),
-        (limits.delay_margin_samples, math.inf if delay is None else delay, True,
-         f"delay margin {delay or math.inf:.4g} samples"),
-        (limits.compliance_peak, peak, False, f"peak compliance {1e6 * peak:.4g} um/N"),
-    ):  # fmt: skip
-        if bound is None:
-            continue
-        holds &= value >= bound * (1.0 - _ROOM) if least else value <= bound * (1.0 + _ROOM)
-        if text:
-            said.append(text)
-    return Checked(what, holds, ", ".join(said))
+def _within(what: str, limits: Limits, m: Margins, peak: float, noise: float | None) -> Checked:
+    """The line of a proof that all limits are kept; Ms is said in any case."""
+    found = judged(limits, m, peak, noise, ROOM)
+    said = [str(each) for each in found if each.kind != "Ms"]
+    return Checked(what, all(each.keeps for each in found), ", ".join([f"Ms {m.sensitivity_peak:.4g}", *said]))
 
 
 def of_model(name: str, loop: Loop, limits: Limits, velocity: float) -> tuple[Checked, ...]:
@@ -106,12 +87,19 @@ def of_model(name: str, loop: Loop, limits: Limits, velocity: float) -> tuple[Ch
     lines = both.lines(_DENSE)
     m = margins(both.loop_gain(lines))
     peak = 1.0 / stiffness(both.closed.response(lines, "position_load", "load_force")).minimum
-    checks.append(
-        _bounds(f"{name}: limits on {lines.size} own lines", limits, m.sensitivity_peak, m.gain_increase_dB,
-                m.phase_margin_deg, m.delay_margin_samples, peak)
-    )  # fmt: skip
+    checks.append(_within(f"{name}: limits on {lines.size} own lines", limits, m, peak, _noise(loop, both, limits)))
     checks.append(_run(name, loop, both, limits, velocity, poles.time_constant))
     return tuple(checks)
+
+
+def _noise(loop: Loop, both: LoopModel, limits: Limits) -> float | None:
+    """The force noise of the whole loop in N RMS, if a limit asks for it; an encoder alone gives both readings."""
+    if limits.force_noise is None:
+        return None
+    motor, load = limits.reading_noise
+    if (loop.axis.encoder_motor is None) != (loop.axis.encoder_load is None):
+        return force_noise(both.closed, 0.0, max(motor, load), shared=True)
+    return force_noise(both.closed, motor, load)
 
 
 def _run(name: str, loop: Loop, both: LoopModel, limits: Limits, velocity: float, slowest: float | None) -> Checked:

@@ -18,7 +18,7 @@ from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.loop import Loop
 from feeddrive.tuning.closed_loop import FIGURES, LARGER, Figures
 from feeddrive.tuning.control_response import ControlResponse
-from feeddrive.tuning.limits import Limits
+from feeddrive.tuning.limits import Limits, judged
 from feeddrive.tuning.operating_point import OperatingPoint
 from feeddrive.tuning.proof import Checked
 from feeddrive.tuning.tunables import readable
@@ -330,24 +330,7 @@ def _goal(each: Figures, goal: str, band: tuple[float, float]) -> float:
 def broken_limits(before: Sequence[Figures], limits: Limits, room: float = 0.02) -> str:
     """Which limit a control does not keep, as a clause; empty if it keeps all."""
     for each in before:
-        m = each.margins
-        if limits.sensitivity_peak is not None and m.sensitivity_peak > (1.0 + room) * limits.sensitivity_peak:
-            return f"have Ms = {m.sensitivity_peak:.3g}, more than {limits.sensitivity_peak:g}"
-        phase, gain, delay = m.phase_margin_deg, m.gain_increase_dB, m.delay_margin_samples
-        if (
-            limits.phase_margin_deg is not None
-            and phase is not None
-            and abs(phase) < (1.0 - room) * limits.phase_margin_deg
-        ):
-            return f"have {phase:.3g} deg of phase margin, less than {limits.phase_margin_deg:g}"
-        if limits.gain_margin_dB is not None and gain is not None and gain < (1.0 - room) * limits.gain_margin_dB:
-            return f"have {gain:.3g} dB of gain margin, less than {limits.gain_margin_dB:g}"
-        if (
-            limits.delay_margin_samples is not None
-            and delay is not None
-            and delay < (1.0 - room) * limits.delay_margin_samples
-        ):
-            return f"have {delay:.3g} samples of delay margin, less than {limits.delay_margin_samples:g}"
-        if limits.compliance_peak is not None and each.peak_compliance > (1.0 + room) * limits.compliance_peak:
-            return f"have a peak compliance of {1e6 * each.peak_compliance:.3g} um/N"
+        for found in judged(limits, each.margins, each.peak_compliance, each.force_noise, room):
+            if not found.keeps:
+                return f"have {found}, not {limits.only(found.kind)}"
     return ""

@@ -27,6 +27,7 @@ from feeddrive.report.content import Shown
 from feeddrive.report.page import definitions, header, page, picture, table
 from feeddrive.tuning.closed_loop import FIGURES, Figures
 from feeddrive.tuning.limits import Limits
+from feeddrive.tuning.proof import ROOM
 from feeddrive.tuning.recipes import JudgedRecipe
 from feeddrive.tuning.tunables import readable
 from feeddrive.tuning.tuned import Tuned, broken_limits
@@ -183,7 +184,7 @@ def _cells(row: Sequence[Figures], limits: Limits) -> list[str]:
         f"{min(phases):.3g}" if phases else "-",
         f"{1e-6 * min(each.stiffness.minimum for each in row):.4g}",
         f"{1e9 * max(each.rope_snap for each in row):.4g}",
-        "broken" if broken_limits(row, limits, 2e-3) else "kept",
+        "broken" if broken_limits(row, limits, ROOM) else "kept",
     ]
 
 
