@@ -200,7 +200,7 @@ def test_a_straight_edge_in_a_quarter_of_the_turn_cuts_with_gaps() -> None:
     ("changed", "said"),
     [
         ({"chip_load": None}, "either chip_load"),
-        ({"references": (LinearMove(distance=1, travel_time=1),) * 2}, "not both"),
+        ({"references": (LinearMove(distance=1, travel_time=1),) * 2}, "exactly one"),
         ({"chip_load": None, "references": (LinearMove(distance=1, travel_time=1),)}, "must be two"),
     ],
 )

@@ -182,7 +182,7 @@ def test_no_gap_is_no_backlash() -> None:
 
 @pytest.mark.parametrize("force", [Backlash(gap=1e-5), ScrewError(lead_error=ERROR)], ids=lambda force: force.kind)
 def test_a_plant_without_a_spring_is_refused(force: Force) -> None:
-    with pytest.raises(StructureError, match=rf"'{force.kind}' acts on the spring .* the plant 'rigid' has none"):
+    with pytest.raises(StructureError, match=rf"'{force.kind}' acts on the spring .* the plant 'rigid' has no spring"):
         Axis(plant=RIGID, forces=(force,))
     Axis(
         plant=ThreeMassChain(mass_motor=85, mass_screw=45, mass_load=33, coupling_stiffness=2e8, stiffness=1.8e7),
@@ -192,7 +192,7 @@ def test_a_plant_without_a_spring_is_refused(force: Force) -> None:
 
 def test_one_deflection_is_not_counted_twice() -> None:
     for other in (ScrewError(lead_error=ERROR), Backlash(gap=1e-5)):
-        with pytest.raises(StructureError, match="count one deflection twice"):
+        with pytest.raises(StructureError, match="count a deflection twice"):
             Axis(plant=TWO_MASS, forces=(Backlash(gap=1e-5), Gravity(force=1.0), other))
 
 

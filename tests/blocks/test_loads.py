@@ -97,8 +97,8 @@ def test_a_sum_is_the_sum():
         (lambda: StepForce(force=np.array([1.0, 2.0])), "holds variants"),
         (lambda: RecordedForce(force=[1.0, float("inf")], sample_time=1), "not finite"),
         (lambda: RecordedForce(force=[1.0, 2.0], sample_time=-1), "> 0 s"),
-        (lambda: ForceSum(loads=()), "at least one load"),
-        (lambda: ForceSum(loads=StepForce(force=1)), "at least one load"),
+        (lambda: ForceSum(loads=()), "at least one"),
+        (lambda: ForceSum(loads=StepForce(force=1)), "at least one"),
     ],
 )
 def test_what_is_refused(make: object, words: str):

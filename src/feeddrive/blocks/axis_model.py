@@ -18,14 +18,14 @@ POWERS: Mapping[str, tuple[int, int]] = {
     "kg": (1, 0), "N s/m": (1, 1), "N/m": (1, 2), "N/(m s)": (1, 3),
     "1/s": (0, 1), "rad/s": (0, 1), "Hz": (0, 1), "1/s2": (0, 2), "s": (0, -1),
 }  # fmt: skip
-_SLOW = 0.1  # of 1/(time until a reading has become a force): a loop that is slow enough to begin with
+_SLOW = 0.1  # share of 1/(time from a reading to its force): a loop with this rate is slow enough as a start value
 
 
 class SteadyForce(Protocol):
     """The steady force of a friction law over velocity."""
 
     def steady(self, velocity: Number) -> Number:
-        """N against a motion of constant velocity (m/s)."""
+        """Friction force in N at a constant velocity (m/s)."""
         ...
 
     def linear(self) -> Number:
@@ -42,7 +42,7 @@ class AxisModel:
     sample_time        s
     encoders           how many positions the controller reads, 1 or 2
     velocity_encoder   the encoder of the velocity, as in the present control
-    plant, frictions   its blocks, for a law that takes more of the axis than one mass
+    plant, frictions   its blocks, for a law whose model of the axis is more than one mass
     """
 
     mass: float
@@ -56,7 +56,7 @@ class AxisModel:
 
     @property
     def rate(self) -> float:
-        """1/s, slow enough for any law to begin with: a tenth of 1/(delay + sample time)."""
+        """Start value of all rates in 1/s, slow enough for any law: a tenth of 1/(delay + sample time)."""
         return _SLOW / (self.delay + self.sample_time)
 
     @property
@@ -65,21 +65,21 @@ class AxisModel:
         return round(self.delay / self.sample_time)
 
     def dry_friction(self, velocity: float) -> float:
-        """N against a steady motion (m/s), without what is viscous."""
+        """Friction force in N at a constant velocity (m/s), without the viscous part."""
         return sum(float(each.steady(velocity)) - float(each.linear()) * velocity for each in self.frictions)
 
     def sentence(self) -> str:
         """The model in words."""
         late = f", a command to act after {self.delay_samples} samples" if self.delay_samples else ""
-        return f"told that the axis has {self.mass:.6g} kg and {self.viscous:.6g} N s/m{late}"
+        return f"designed for an axis of {self.mass:.6g} kg and {self.viscous:.6g} N s/m{late}"
 
 
 def begun(block: type[B], axis: AxisModel, **given: Any) -> B:
-    """A block with start values for an axis: those given, those that the axis has, and else by unit.
+    """A block with start values for an axis: the given ones, those of the axis, and otherwise values by unit.
 
-    `mass`, `viscous`, `delay_samples` and `velocity_encoder` are the axis's; a field with a default keeps it; a gain
-    without one is mass^a rate^b by its unit (`POWERS`), in Hz over 2π.
-    Raises StructureError for a field that has none of these: the block must say where it begins.
+    `mass`, `viscous`, `delay_samples` and `velocity_encoder` come from the axis; a field with a default keeps it; a
+    gain without one is mass^a rate^b by its unit (`POWERS`), in Hz over 2π.
+    Raises StructureError for any other field: the block must give its start value in a method `begin`.
     """
     known = {
         "mass": axis.mass, "viscous": axis.viscous, "delay_samples": axis.delay_samples,
@@ -100,7 +100,7 @@ def begun(block: type[B], axis: AxisModel, **given: Any) -> B:
 def _by_unit(block: type[Block], name: str, unit: str, axis: AxisModel) -> Number:
     if unit not in POWERS:
         raise StructureError(
-            f"{block.kind}.{name} has no value to begin with on an axis: give it a default, or {block.__name__} a "
+            f"{block.kind}.{name} has no start value on an axis: give it a default, or {block.__name__} a "
             f"method `begin`"
         )
     of_mass, of_rate = POWERS[unit]

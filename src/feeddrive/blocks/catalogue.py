@@ -20,7 +20,7 @@ from feeddrive.language.lazy_package import modules_below
 
 B = TypeVar("B", bound=Block)
 
-# kinds of before and what they are called now; errors name the new one, until 1.0
+# old names of kinds and their new names; until 1.0 errors name the new one
 RENAMED = MappingProxyType({"shaped": "input_shaped"})
 
 
@@ -45,7 +45,7 @@ def modules() -> Iterator[str]:
 
 
 def blocks_of(module: str) -> list[type[Block]]:
-    """The concrete blocks that stand in a module; what it only imports does not count."""
+    """The concrete blocks defined in a module; imported ones do not count."""
     found = vars(importlib.import_module(module)).values()
     return [
         member
@@ -58,12 +58,12 @@ def blocks_of(module: str) -> list[type[Block]]:
 
 
 def family_of(block: type[Block]) -> type[Block]:
-    """The abstract class directly under Block that the block answers for, or the block itself."""
+    """The abstract class directly under Block from which the block derives, or the block itself."""
     return next(base for base in reversed(block.__mro__) if issubclass(base, Block) and base is not Block)
 
 
 def find(family: type[B], kind: str) -> type[B]:
-    """The block of a family with a name such as `two_mass`. Raises ParameterError, with names that are near."""
+    """The block of a family with a name such as `two_mass`. Raises ParameterError, with similar names."""
     known = members(family)
     if kind in known:
         return known[kind]

@@ -6,7 +6,7 @@ A block is final: it implements the abstract methods and overrides no method tha
 `step` is a pure function from the old state to the new one.
 
     prepare(T)   numbers that depend on parameters only, computed once per run; returns a named tuple
-    start(...)   the state of a block that has been at rest for an infinite time
+    start(...)   the steady state of a block at rest
     step(...)    one sample
     retune(...)  the state after a parameter change during a run: forces and estimates stay continuous, so that the
                  command changes only by the effect of the new gains; with the same parameters no bit changes
@@ -33,7 +33,7 @@ class Nothing(NamedTuple):
 
 
 class Mechanics(NamedTuple):
-    """M q'' + C q' + K q = Sᵀ f with the positions of the bodies x = S q, and what sits on which body."""
+    """M q'' + C q' + K q = Sᵀ f, positions of the bodies x = S q, and which body carries drive and encoders."""
 
     mass: Matrix  # M (n, n), kg, positive definite
     damping: Matrix  # C (n, n), N s/m
@@ -42,7 +42,7 @@ class Mechanics(NamedTuple):
     drive: int = 0  # row of S on which the drive acts
     motor: int = 0  # row of S with the motor encoder, and with the friction of bearings and nut
     load: int = 0  # row of S whose position is the axis's, with the load encoder and the friction of the guideway
-    rigid: Row = ()  # q when the whole axis has moved by 1 m, springs relaxed; empty if each q is a body's position
+    rigid: Row = ()  # q after a rigid motion of the axis by 1 m, springs relaxed; empty if each q is a body's position
 
     def rigid_motion(self) -> Row:
         """The coordinates of a rigid motion by 1 m: S q = 1 and K q = 0."""
@@ -54,10 +54,10 @@ class Plant(Block, ABC):
 
     @abstractmethod
     def mechanics(self) -> Mechanics:
-        """The matrices in plain arithmetic; literal zeros and ones in the code (0.0, 1.0) cost no operations later."""
+        """The matrices in plain arithmetic; literal 0.0 and 1.0 in the code cost no operations in the step."""
 
     def rigid_mass(self) -> Number:
-        """All that moves when the axis moves as one, kg."""
+        """The mass of the rigid motion, kg."""
         mechanics = self.mechanics()
         along = mechanics.rigid_motion()
         return matrix.dot([matrix.dot(row, along) for row in mechanics.mass], along)
@@ -78,7 +78,7 @@ class Friction(Block, ABC):
     def contact(
         self, step: Number, state: Any, velocity: Number, free_velocity: Number, mobility: Number
     ) -> tuple[Any, Number, Any]:
-        """The one question of the implicit step: which force F, held over the substep, is consistent?
+        """The force F, held over the substep, that is consistent with the velocity at its end (implicit step).
 
         step           s, length of the substep
         velocity       m/s at its start
@@ -89,14 +89,14 @@ class Friction(Block, ABC):
 
     @abstractmethod
     def steady(self, velocity: Number) -> Number:
-        """The force in N against a motion of constant velocity, with the linear part; for plots and feedforward."""
+        """The friction force in N at a constant velocity, with the linear part; for plots and feedforward."""
 
 
 class Force(Block, ABC):
     """A force that depends on motion, drive force, time or its own past: cogging, backlash, gravity, regeneration."""
 
     def start(self, plant: Plant, motion: Motion) -> Any:
-        """The state when the axis has been moving like this (empty hook)."""
+        """The state after a long motion at this velocity (empty hook)."""
         return Nothing()
 
     @abstractmethod
@@ -109,7 +109,7 @@ class Force(Block, ABC):
         """
 
     def fits(self, plant: Plant, beside: tuple[Force, ...]) -> None:
-        """Raise StructureError if the force has no meaning on this plant or with the other forces (empty hook)."""
+        """Raise StructureError for a plant or other forces with which the force cannot be combined (empty hook)."""
 
     def substep_rules(self, h: Number) -> Iterator[Rule]:
         """What must hold for the force to run at substeps of h seconds (empty hook)."""
@@ -117,7 +117,7 @@ class Force(Block, ABC):
 
 
 class Motor(Block, ABC):
-    """What makes the force: turns N at the table into the drive's own unit (A, V, N m)."""
+    """What makes the force: converts N at the table into the drive's unit (A, V, N m)."""
 
     unit: ClassVar[str] = ""
 
@@ -135,7 +135,7 @@ class Motor(Block, ABC):
 
 
 class Sensor(Block, ABC):
-    """An encoder with its faults: what the controller reads when the body is at `position`."""
+    """An encoder with its errors: it returns what the controller reads when the body is at `position`."""
 
     @abstractmethod
     def start(self, position: Number) -> Any:
@@ -153,11 +153,11 @@ class Sensor(Block, ABC):
 class Law(Block, ABC):
     """A feedback law: one paper's controller, one file. A command is a force in N at the load.
 
-    feeds    what the law itself feeds forward of the set motion (`FEEDS`), so that no block beside it does so again
+    feeds    which parts of the set motion the law itself feeds forward (`FEEDS`): no other block may feed them too
     rejects  whether the law itself subtracts the estimate of an observer
     encoders 2 if the law needs the motor's and the load's position as two measurements
-    tunables its parameters that tune it, positive, in the order in which a person turns them; those of an observer
-             inside are the observer's.  Empty: all parameters > 0 that have no default
+    tunables its parameters to be tuned, positive, in the order of tuning by hand; an observer inside lists its own
+             ones.  Empty: all parameters > 0 that have no default
     title    its name in a comparison; empty: its kind
     """
 
@@ -169,10 +169,10 @@ class Law(Block, ABC):
 
     @classmethod
     def begin(cls, axis: AxisModel, present: Law) -> tuple[Start, ...]:
-        """Where a search begins on an axis whose control has the law `present`: one law, or several forms of it.
+        """Start values of a search on an axis whose control has the law `present`, for one form of the law or several.
 
-        By default each parameter by its unit (`begun`).  Empty for a law that a comparison leaves out.
-        Raises StructureError, with the reason, if the law does not go on the axis (empty hook).
+        By default each parameter follows from its unit (`begun`).  Empty for a law that a comparison leaves out.
+        Raises StructureError, with the reason, if the law cannot control the axis (empty hook).
         """
         return (Start(cls.title or cls.kind.replace("_", " "), begun(cls, axis), axis.sentence()),)
 
@@ -182,7 +182,7 @@ class Law(Block, ABC):
 
     @abstractmethod
     def start(self, prepared: Any, setpoint: Setpoint, reading: Reading) -> Any:
-        """The state that continues without a bump from the reading; pure and traced, since enable uses it."""
+        """The state from which the law starts without a bump at the reading; pure and traced, since enable uses it."""
 
     @abstractmethod
     def step(self, prepared: Any, state: Any, setpoint: Setpoint, reading: Reading, T: Number) -> tuple[Any, Number]:
@@ -193,7 +193,7 @@ class Law(Block, ABC):
         return state
 
     def period(self) -> int:
-        """After how many samples the law repeats itself; more than 1 for a law with a slow part (empty hook)."""
+        """Period in samples of a law that varies with time; more than 1 for a law with a slow part (empty hook)."""
         return 1
 
     def settled(self) -> Law:
@@ -202,11 +202,11 @@ class Law(Block, ABC):
 
 
 class Start(NamedTuple):
-    """Where the search for a law's parameters begins on an axis.
+    """Start values of the search for a law's parameters on an axis.
 
     name         of the law in a comparison
-    remark       what must be known of it
-    feedforward  its own feedforward of the motion, in place of what the present control has
+    remark       a note for the report
+    feedforward  feedforward to be used with the law in place of that of the present control
     """
 
     name: str
@@ -235,13 +235,13 @@ class Filter(Block, ABC):
         return state
 
 
-FEEDS = ("acceleration", "velocity", "friction")  # what of the set motion can be fed forward
+FEEDS = ("acceleration", "velocity", "friction")  # parts of the set motion that can be fed forward
 
 
 class Feedforward(Block, ABC):
     """A force computed from the setpoint and its past; it bypasses the filters.
 
-    `feeds` names what of the set motion the block feeds forward (`FEEDS`), so that nothing is fed twice.
+    `feeds` names the parts of the set motion that the block feeds forward (`FEEDS`), so that none is fed twice.
     """
 
     feeds: ClassVar[tuple[str, ...]] = ()
@@ -254,11 +254,13 @@ class Feedforward(Block, ABC):
 
     @classmethod
     def begin(cls, axis: AxisModel) -> Self:
-        """With the values of an axis. Raises StructureError, with the reason, if it has none (empty hook)."""
+        """The block with the values of an axis.  Raises StructureError, with the reason, if there are none (empty
+        hook).
+        """
         return begun(cls, axis)
 
     def fed(self) -> tuple[str, ...]:
-        """What this one feeds, if parameters that are absent make it less than `feeds` (empty hook)."""
+        """The parts that this block feeds: fewer than `feeds` if parameters are absent (empty hook)."""
         return self.feeds
 
     def start(self, setpoint: Setpoint) -> Any:
@@ -300,14 +302,14 @@ class Prefilter(Block, ABC):
 class Observer(Block, ABC):
     """Estimates what is not measured, from the reading and `applied`; part of a law or of a compensation.
 
-    `tunables` are its parameters that tune it, positive.
+    `tunables` are its parameters to be tuned, positive.
     """
 
     tunables: ClassVar[tuple[str, ...]] = ()
 
     @classmethod
     def begin(cls, axis: AxisModel) -> Self:
-        """Where a search begins on an axis. Raises StructureError if it does not know (empty hook)."""
+        """Start values of a search on an axis. Raises StructureError if there are none (empty hook)."""
         return begun(cls, axis)
 
     def prepare(self, T: Number) -> Any:
@@ -346,7 +348,7 @@ class Compensation(Block, ABC):
 
     @classmethod
     def begin(cls, axis: AxisModel) -> Self:
-        """Where a search begins on an axis. Raises StructureError if it does not know (empty hook)."""
+        """Start values of a search on an axis. Raises StructureError if there are none (empty hook)."""
         return begun(cls, axis)
 
     def prepare(self, T: Number) -> Any:

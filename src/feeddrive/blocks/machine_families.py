@@ -23,7 +23,7 @@ class SharedMode(NamedTuple):
 class Coupling(Block, ABC):
     """What acts between the axes of a machine: structure modes that they share, or forces at common substeps.
 
-    A coupling fills in `modes`, or `step` with `start` and `prepare`, or both.
+    A coupling implements `modes`, or `step` with `start` and `prepare`, or both.
     """
 
     @abstractmethod
@@ -39,7 +39,7 @@ class Coupling(Block, ABC):
         return Nothing()
 
     def start(self, prepared: Any, motions: Mapping[str, Motion]) -> Any:
-        """The state when the axes have been moving like this (empty hook)."""
+        """The state after a long motion of the axes at these velocities (empty hook)."""
         return Nothing()
 
     def step(
@@ -57,7 +57,7 @@ class Coupling(Block, ABC):
 
 
 class Cutter(Block, ABC):
-    """A milling tool: the force of the workpiece on it. Traced, so that a load or a simulation may use it."""
+    """A milling tool: the force of the workpiece on it.  Traced, so that both loads and couplings can use it."""
 
     teeth: int = choice("cutting edges, equally spaced", least=1, most=100)
 
@@ -71,4 +71,4 @@ class Cutter(Block, ABC):
 
     @abstractmethod
     def torque(self, angle: Number, chip_load: Number) -> Number:
-        """What the spindle must give at the same angle and chip load, N m."""
+        """The torque of the spindle at the same angle and chip load, N m."""

@@ -13,19 +13,21 @@ from feeddrive.language import ops
 from feeddrive.language.block import Number, parameter, part
 from feeddrive.language.errors import StructureError
 
-_LEAST = 1e-30  # of a share: no division by 0
+_LEAST = 1e-30  # least share, so that there is no division by 0
 
 
 class DisturbanceRejection(Compensation):
-    """Subtracts what an observer believes the disturbance to be, behind the filters of the law.
+    """Subtracts the disturbance estimated by an observer from the force, after the filters of the law.
 
         force = -share · F̂d(k),    share rises from 0 over blend_time after the start, along a straight line
 
-    The law then sees an axis of the observer's mass and what the observer is too slow for.  With a share of 1 there is
-    integral action in it, so that the stability of law and observer is one question: `require_stable` answers it.
+    The law then sees an axis with the observer's mass, and only disturbances that are too fast for the observer.  With
+    a share of 1 the rejection has integral action.  Law and observer are then stable only together: check the whole
+    loop with `require_stable`.
 
-    When to use: under a P or P-PI law whose gains are bounded by something else than the force path.  When not: under a
-    law that subtracts an observer's estimate itself, and with a mode of the axis inside the observer's band.
+    When to use: under a P or P-PI law whose gains are limited by something other than the delay of the force.  When
+    not: under a law that subtracts an observer's estimate itself, and with a mode of the axis inside the observer's
+    band.
     Source: Altintas & Okwudire 2009, section 3 (recovery); Ohnishi 1987 (the disturbance observer as an inner loop).
     """
 
@@ -48,13 +50,13 @@ class DisturbanceRejection(Compensation):
     )
 
     class Prepared(NamedTuple):
-        """What the observer prepared, and by how much the share rises in a sample."""
+        """The prepared numbers of the observer, and the rise of the share per sample."""
 
         observer: Any
         rise: tuple[Number, ...]
 
     class State(NamedTuple):
-        """The observer's state, and the part of the share that has been reached."""
+        """The observer's state, and the share reached so far."""
 
         observer: Any
         reached: tuple[Number, ...]
@@ -92,7 +94,8 @@ class DisturbanceRejection(Compensation):
         return self.State(observer, (reached,)), setpoint, state.reached[0] * force
 
     def retune(self, state: State, old: DisturbanceRejection, old_prepared: Prepared, prepared: Prepared) -> State:
-        """A share that grows does so in `blend_time` from the part that has been reached; one that falls does at once.
+        """A larger share is reached within `blend_time`, starting from the share reached so far; a smaller one acts at
+        once.
 
         Without a `blend_time` the new share acts at once.
         """

@@ -13,17 +13,18 @@ from feeddrive.language.block import Number, table
 class LearnedForce(Compensation):
     """A table of forces, one a sample, counted from the sample in which the loop was enabled.
 
-        force(k) = row k of the table,   its last row from then on: let it end with 0
+        force(k) = row k of the table, afterwards its last row, which should be 0
 
-    When to use: for one motion that repeats to the sample, as the result of `learn_signal`.  When not: for any other
-    motion; the force fits the one it was learned for only, and DisturbanceCompensator is the tool then.
+    When to use: for one motion that repeats exactly, sample by sample; `learn_signal` returns this block.  When not:
+    for any other motion, since the force fits only the motion for which it was learned; take DisturbanceCompensator
+    then.
     Source: Arimoto, Kawamura & Miyazaki 1984 (learning control).
     """
 
     force: Any = table("N", "learned force, sample by sample")
 
     class State(NamedTuple):
-        """The row that acts next."""
+        """The index of the row that acts next."""
 
         sample: Number
 

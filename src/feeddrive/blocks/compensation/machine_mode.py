@@ -17,22 +17,24 @@ class MachineMode(Block):
         base      reaction of the drive -F_m         axis + x: the scale moves with the machine base
         fixture   F_cut - mass x_set''               axis + x: the workpiece swings on the table
 
-    Of stiffness and modal mass one is given: a compliance test at the tool yields the stiffness.
-    Source: Altintas & Okwudire 2009, end of section 3, says that modes are compensated and not where they sit; the
-    three places are this library's readings, of which the experiment uses `tool`.
+    Either the stiffness or the modal mass is given: a compliance test at the tool yields the stiffness.
+    Source: Altintas & Okwudire 2009, end of section 3, says that modes are compensated, but not where in the machine
+    they are.  The three places are interpretations by this library; the experiment uses `tool`.
     """
 
     frequency: Number = parameter("Hz", "undamped natural frequency", above=0)
     damping_ratio: Number = parameter("", "damping ratio", least=0, default=0.02)
     stiffness: Number | None = parameter("N/m", "modal stiffness; absent if the mass is given", above=0, default=None)
     mass: Number | None = parameter("kg", "modal mass; absent if the stiffness is given", above=0, default=None)
-    place: str = choice("where the mode sits", options=("tool", "base", "fixture"), default="tool")
+    place: str = choice("part of the machine that moves", options=("tool", "base", "fixture"), default="tool")
 
     def check(self) -> None:
         """Either stiffness or mass."""
         if (self.stiffness is None) == (self.mass is None):
             given = "both are" if self.mass is not None else "neither is"
-            raise ParameterError(f"machine_mode: {given} given of stiffness and mass; give one, the other follows")
+            raise ParameterError(
+                f"machine_mode: {given} given of stiffness and mass; give exactly one, the other follows"
+            )
 
     def omega(self) -> Number:
         """2π frequency in rad/s."""

@@ -16,29 +16,30 @@ from feeddrive.language.matrix import Matrix, Row
 
 
 class ModeCompensation(Compensation):
-    """Active compensation of structural modes: the axis moves with the tool that a cutting force bends away.
+    """Active compensation of structural modes: the axis follows the tool as the cutting force deflects it.
 
         F_c(k)  = -(F̂d(k) - F_friction)                the force on the tool side, from the observer
         ξ(k+1)  = Φ(T) (ξ(k), F_c(k)),   ξ = (x_s, v_s): exact hold of `MachineMode`, one for each mode
-        p       = Φ(τ) (ξ(k), F_c(k))                   where the mode is now: the observer's estimate is τ late
+        p       = Φ(τ) (ξ(k), F_c(k))                   the mode now: the observer's estimate is τ late
         x_r += p₁,   v_r += p₂,   a_r += F_c/m_s - 2ζω p₂ - ω² p₁
 
-    so that nothing is differentiated.  Friction is no load of the tool side: a friction model takes its share out of
-    what the observer sees as `applied`, at the velocity of the moved setpoint, which is free of noise.  A mode of the
-    base is driven by the applied force itself, without observer and delay, and its motion is subtracted; that of a
-    workpiece fixture too, driven by F_cut/m_w - x_r''.
+    so that nothing is differentiated.  Friction does not act on the tool side: a friction model subtracts it from the
+    `applied` force that the observer sees, at the velocity of the moved setpoint, which is free of noise.  A mode of
+    the base is driven by the applied force itself, without observer and delay, and its motion is subtracted from the
+    setpoint.  So is the motion of a workpiece fixture, which is driven by F_cut/m_w - x_r''.
 
-    When to use: modes well inside the bandwidth of the position loop, whose frequency is known to about 1 %: at
-    resonance 5 % take the gain away, for steps and broad bands it falls slowly.  When not: for modes of the axis
-    itself.  A fixture closes a loop through the workpiece, since the observer sees its inertia too: it is unstable
-    unless the observer's band ends below about a quarter of the mode's frequency, and only slow forces are compensated.
+    When to use: modes well inside the bandwidth of the position loop, whose frequency is known to about 1 %.  At
+    resonance an error of 5 % cancels the benefit; for steps and broadband forces the benefit falls slowly with this
+    error.  When not: for modes of the axis itself.  A fixture closes a loop through the workpiece, since the observer
+    sees its inertia too.  This loop is unstable unless the observer's band ends below about a quarter of the mode's
+    frequency; only slow forces are then compensated.
     Source: Altintas & Okwudire 2009, end of section 3; the form is this library's.
     """
 
     modes: tuple[MachineMode, ...] = part("modes of the machine")
     observer: Observer = part("what recovers the disturbance")
     friction: Friction | None = part(
-        "friction of the axis without what the observer's viscous holds; absent: none is taken out", default=None
+        "friction of the axis beyond the observer's viscous part; absent: none is subtracted", default=None
     )
     lead_time: Number | None = parameter(
         "s", "time by which the modes are predicted; absent: the observer's own lag", least=0, default=None
@@ -53,7 +54,9 @@ class ModeCompensation(Compensation):
         mode: tuple[Row, ...]
 
     class State(NamedTuple):
-        """Of the observer; x_s (m) and v_s (m/s) of each mode; velocity of the moved setpoint (m/s) with friction."""
+        """State of the observer; x_s (m) and v_s (m/s) of each mode; velocity of the moved setpoint (m/s) if there is
+        friction.
+        """
 
         observer: Any
         modes: tuple[tuple[Number, Number], ...]
@@ -62,7 +65,7 @@ class ModeCompensation(Compensation):
     def check(self) -> None:
         """There is a mode."""
         if not self.modes:
-            raise ParameterError("mode_compensation.modes is empty: give at least one mode, or leave it out")
+            raise ParameterError("mode_compensation.modes is empty: give at least one mode, or no compensation")
 
     def sampled_rules(self, T: Number) -> Iterator[Rule]:
         """All modes lie below half the sample rate."""

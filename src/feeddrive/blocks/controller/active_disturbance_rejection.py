@@ -12,11 +12,11 @@ from feeddrive.blocks.signals import Reading, Setpoint
 from feeddrive.language import matrix, ops, tree
 from feeddrive.language.block import Number, Rule, parameter, part
 
-_SURE = 1.0 - 1e-9  # of a remedy: so slow that rounding decides is no remedy
+_SURE = 1.0 - 1e-9  # smallest share worth proposing: below it rounding decides about stability
 
 
 class ActiveDisturbanceRejection(Law):
-    """The axis is taken for a mass with a disturbance, q'' = u + ξ; u cancels the one and places two poles.
+    """The axis is modeled as a mass with a disturbance, q'' = u + ξ; u cancels ξ and places two poles.
 
         u     = a_set - α1 (v̂ - v_set) - α0 (x - x_set) - share · disturbance / mass
         force = mass · u,        α1 = 2 zeta_c omega_c,  α0 = omega_c²
@@ -26,11 +26,11 @@ class ActiveDisturbanceRejection(Law):
     m/s², leaves the error ξ / omega_c²: 23 mm for a hanging axis at 12 rad/s.
     The set acceleration acts over the whole sample and is taken at its middle.
 
-    When to use: a stiff axis with friction and cutting forces that nobody wants to model.  When not: with a structural
-    mode below some three times the observer's frequency; where disturbances lie near that frequency, which the
-    observer amplifies (see `GpiObserver`).
-    At the paper's gains the loop is stable for a true mass of 0.50 to 1.34 times `mass`: take it rather too large.
-    That `omega_c` alone places the poles needs an observer some ten times faster.
+    When to use: a stiff axis with friction and cutting forces for which there is no model.  When not: with a structural
+    mode below about three times the observer's frequency; with disturbances near that frequency, which the observer
+    amplifies (see `GpiObserver`).
+    At the paper's gains the loop is stable for a true mass of 0.50 to 1.34 times `mass`: when in doubt, set `mass` too
+    large.  The poles lie where `omega_c` places them only if the observer is about ten times faster.
     Source: Beltrán-Carbajal et al. 2013, eqs. (9)-(11), torque over a = lead / 2π as a force.
     Raises ParameterError for gains with which the loop on a rigid axis of this mass is not stable.
     """
@@ -40,17 +40,18 @@ class ActiveDisturbanceRejection(Law):
     tunables = ("omega_c", "zeta_c")
     title = "GPI"
 
-    mass: Number = parameter("kg", "all that moves, as the law believes; rather too large than too small", above=0)
+    mass: Number = parameter("kg", "moving mass in the model of the law; when in doubt too large", above=0)
     omega_c: Number = parameter("rad/s", "own frequency of the tracking error", above=0)
     zeta_c: Number = parameter("", "its damping ratio", above=0, default=0.7071)
     share: Number = parameter("", "share of the estimated disturbance that is subtracted", least=0, default=1.0)
-    observer: Observer = part("gives velocity and disturbance")
+    observer: Observer = part("estimates velocity and disturbance")
 
     @classmethod
     def begin(cls, axis: AxisModel, present: Law) -> tuple[Start, ...]:
-        """With the observer that takes the disturbance for five, three and one Taylor states.
+        """Three forms: with five, three and one Taylor states for the disturbance.
 
-        Its poles are wide apart and well damped: a fast observer amplifies what it sees near its own frequency.
+        The observer's poles start well damped and thus wide apart: a fast observer amplifies disturbances near its own
+        frequency.
         """
         starts = []
         for states, slower, damping in ((5, 1.0, 3.0), (3, 1.0, 3.0), (1, 0.5, 1.5)):
@@ -99,7 +100,7 @@ class ActiveDisturbanceRejection(Law):
         )
 
     def _refusal(self, T: float) -> str:
-        """What is broken, by how much, and the nearest admissible sample time and tunables."""
+        """The error: the violated limit, by how much, and the nearest admissible sample time and tunables."""
         growth, remedies = self._growth(T), list[str]()
         slowest = _nearest(lambda value: self._growth(value) < _SURE, T)
         if slowest is not None:
@@ -122,7 +123,9 @@ class ActiveDisturbanceRejection(Law):
         return matrix.growth(self._sample(T))
 
     def _sample(self, T: Number) -> list[list[Any]]:
-        """The matrix of one sample of law, observer, dead time and a free mass, transposed, which decays alike."""
+        """The matrix of one sample of law, observer, dead time and a free mass, transposed, which has the same
+        eigenvalues.
+        """
         prepared = self.prepare(T)
         rest = Setpoint(0.0)
         start = self.start(prepared, rest, Reading(0.0, 0.0))
@@ -149,7 +152,7 @@ class ActiveDisturbanceRejection(Law):
 
 
 def _nearest(admissible: Callable[[float], bool], refused: float) -> float | None:
-    """The largest admissible value below a refused one, looked for in small steps and then in large; None if none."""
+    """The largest admissible value below a refused one, searched in small and then in large steps; None if none."""
     high = refused
     for step in (*(0.7,) * 20, *(0.01,) * 20):
         low = step * high

@@ -19,16 +19,17 @@ class CascadePPI(Law):
         force = Kp (e + (1/Tn) Σ T e) (+ viscous · v)
         v     = (x(k) - x(k-n)) / nT  of the velocity encoder,  v_set = (x_set(k) - x_set(k-1)) / T
 
-    The integral follows back-calculation: what the limit cut off in the last sample is taken out of it, one step
-    later, through `applied` and `requested`, which equals the in-step form.
-    With two encoders position is closed on the load and velocity on the motor.
+    Anti-windup is by back-calculation: the force cut off by the limit in the last sample is subtracted from the
+    integral one step later, as `requested` - `applied`.  This equals back-calculation within the step.
+    With two encoders the position loop uses the load's encoder and the velocity loop the motor's.
     With `position_every` = n the position loop runs every n-th sample, and the velocity command goes in n equal steps
-    from the last one to the new one, which it reaches in the sample before the next:
+    from the last value to the new one, which it reaches one sample before the position loop runs again:
 
         command(k + i) = last + (i + 1)/n · (new - last),   i = 0 .. n-1,   new = Kv (x_set - x_load) + feedforward at k
 
-    With `viscous` the law gives back what the guideway takes, by the measured velocity; the paper's closed form (7)
-    is exact only then.  An `Inertia` beside it feeds the acceleration forward and leaves its own `viscous` at 0.
+    With `viscous` the law compensates the viscous friction of the guideway by the measured velocity; the paper's closed
+    form (7) is exact only then.  An `Inertia` in the same control then feeds the acceleration forward and keeps its own
+    `viscous` at 0.
 
     When to use: always first; it is the baseline of every comparison.  When not: if the first mode of the axis lies
     within three times the wanted crossover, a law that damps it does better.
@@ -53,7 +54,9 @@ class CascadePPI(Law):
 
     @classmethod
     def begin(cls, axis: AxisModel, present: Law) -> tuple[Start, ...]:
-        """From the present gains, or from the rate; with an integral, and with each loop in every sample."""
+        """Start values from the present gains, or from the rate; with an integral, and with both loops in every
+        sample.
+        """
         rate = axis.rate
         law = cls(Kv=0.7 * rate, Kp=2.5 * axis.mass * rate, Tn=1.4 / rate, velocity_encoder=axis.velocity_encoder)
         if not isinstance(present, CascadePPI):
@@ -61,7 +64,7 @@ class CascadePPI(Law):
         changed = [
             text
             for text, differs in (
-                ("with an integral, which it has not today", present.Tn is None),
+                ("with an integral, which the present control does not have", present.Tn is None),
                 ("the position loop in every sample", present.position_every != 1),
                 ("the whole set velocity fed forward", present.velocity_feedforward != 1.0),
             )
@@ -77,7 +80,7 @@ class CascadePPI(Law):
         T: Number
 
     class Interpolator(NamedTuple):
-        """Samples since the position loop ran, and the velocity commands before and after that (m/s)."""
+        """Samples since the last run of the position loop, and the velocity commands before and after it (m/s)."""
 
         passed: Number
         last: Number
@@ -99,7 +102,9 @@ class CascadePPI(Law):
         return self.Prepared(T)
 
     def start(self, prepared: Prepared, setpoint: Setpoint, reading: Reading) -> State:
-        """Moving on as before, with the integral holding the force that acts; the position loop runs at once."""
+        """At the velocity of the reading, with the integral equal to the acting force; the position loop runs at
+        once.
+        """
         position = self._position(reading)
         zero = ops.zero(position)
         interpolator = () if self.position_every == 1 else (self.Interpolator(zero, zero, zero),)

@@ -28,15 +28,16 @@ class DADSC(Law):
 
     and with a ratio of 1 the estimate no longer depends on s: F_d - F̂d falls by 1/(1 + ω_d T) from sample to sample.
     The poles of the ideal loop, the denominator of the corrected (8), are then 1/(1 + λT), 1/(1 + KT), 1/(1 + ω_d T):
-    real for all positive frequencies.  It is a PID in other words: k_d = m (λ + K + ω_d), k_i = m λ K ω_d.
+    real for all positive frequencies.  The law is thus a PID with k_d = m (λ + K + ω_d), k_i = m λ K ω_d.
 
-    What a real loop adds: x' is the backward difference, and x_r' is differenced likewise; x_r'' is taken in the middle
-    of the sample over which the force acts; what the limit cut off in the last sample goes into F̂d (back-calculation
-    through `applied` and `requested`).  With two encoders x is the load's and x' the motor's.
+    What the implementation adds to the paper: x' is the backward difference, and x_r' is differenced likewise; x_r'' is
+    taken in the middle of the sample over which the force acts; the force cut off by the limit in the last sample goes
+    into F̂d (back-calculation through `applied` and `requested`).  With two encoders x is read at the load and x' at
+    the motor.
 
     When to use: linear motors and stiff drives under cutting forces, tuned by three frequencies; with all of them equal
-    to p, p <= 0.19/((d + 1) T) keeps Ms <= 2 at d samples of dead time.  When not: with a mode of the axis inside three
-    times the crossover, and not in hope of more stiffness than a P-PI of equal margins has: both are PIDs.
+    to p, p <= 0.19/((d + 1) T) keeps Ms <= 2 at d samples of dead time.  When not: with a mode of the axis below three
+    times the crossover.  It is not stiffer than a P-PI of equal margins: both are PIDs.
     Source: Altintas & Okwudire 2009, eq. (1)-(8); in (2) the mass in front of x_r'' is missing, in (8) z² - 1 reads
     z² - z.
     """
@@ -72,7 +73,7 @@ class DADSC(Law):
         return self.Prepared(g2 * (1.0 + self.reaching_rate * T), self.adaptation_ratio * g2)
 
     def start(self, prepared: Prepared, setpoint: Setpoint, reading: Reading) -> State:
-        """At rest at the reading on s = 0, with the disturbance that balances the force that acts."""
+        """At rest at the reading on s = 0, with the disturbance that balances the acting force."""
         position = self._position(reading)
         return self.State(position, ops.zero(position), -reading.applied)
 
@@ -96,7 +97,7 @@ class DADSC(Law):
         return self.State(position, s, estimate), force
 
     def retune(self, state: State, old: DADSC, old_prepared: Prepared, prepared: Prepared) -> State:
-        """What (5) has summed up beyond -g2 s(k) is an integral, a force: it goes on; -g2 s(k) takes the new g2."""
+        """The integral in (5), F̂d + g2 s(k), is a force and stays as it is; the term -g2 s(k) takes the new g2."""
         return state._replace(estimate=state.estimate + (old_prepared.g2 - prepared.g2) * state.sliding)
 
     def sampled_rules(self, T: Number) -> Iterator[Rule]:
@@ -109,16 +110,16 @@ class DADSC(Law):
         )
 
     def _refusal(self, rates: tuple[Number, Number, Number], T: Number) -> str:
-        """Which bounds are broken, and the nearest admissible numbers."""
+        """The error: the violated bounds, and the nearest admissible numbers."""
         ratio = self.adaptation_ratio
         if ratio != 1.0 and _stable(rates, 1.0, T):
             nearest = 1.0 + (ratio - 1.0) * largest_share(lambda part: _stable(rates, 1.0 + part * (ratio - 1.0), T))
             side, why = (
-                ("most", "above that g2 takes out of the estimate what g1 brings in, and it drifts away")
+                ("most", "above it g2 cancels the correction by g1, and the estimate drifts away")
                 if ratio > 1.0
                 else (
                     "least",
-                    "below that g1 drives the estimate faster than the reaching of the sliding line damps it",
+                    "below it g1 drives the estimate faster than the approach to the sliding line damps it",
                 )
             )
             return (
@@ -130,7 +131,7 @@ class DADSC(Law):
             f"{name} = {rate:g} 1/s (must be below {share * rate:.4g})"
             for name, rate in zip(self.tunables, rates, strict=True)
         )
-        excess = f"{100.0 * (1.0 / share - 1.0):.3g} %" if share > 0.0 else "far"  # 1e300 1/s leaves no share at all
+        excess = f"{100.0 * (1.0 / share - 1.0):.3g} %" if share > 0.0 else "far"  # share 0: a rate of 1e300 1/s
         return (
             f"dadsc: {bounds}: {excess} too fast for the sample time {T:g} s, since the "
             f"loop is then unstable without any dead time. Stay below these bounds, in the same ratios, or sample "
@@ -142,8 +143,8 @@ def _stable(rates: tuple[Number, Number, Number], ratio: Number, T: Number) -> A
     """Whether the loop around m x'' = F, held over the sample, is stable with these rates λ, K, ω_d.
 
     In q = z⁻¹ and D = 1 - q it closes as D³ + q (1 + q)/2 · [(k D + (1 + k) w - ratio w q)(l + D) + l D²] = 0 with
-    l = λT, k = KT, w = ω_d T; friction is left out: what the guideway takes the law gives back.  With
-    q = (1 - y)/(1 + y) the circle is the half plane Re y < 0; with y in units of the fastest rate slow loops keep their
+    l = λT, k = KT, w = ω_d T; friction is left out, since the law compensates it.  With q = (1 - y)/(1 + y) the inside
+    of the unit circle becomes the half plane Re y < 0; y is in units of the fastest rate, so that slow loops keep their
     digits.
     """
     fastest = ops.maximum(ops.maximum(rates[0], rates[1]), rates[2]) * T

@@ -15,7 +15,8 @@ from feeddrive.language.block import Number, choice, parameter, part
 
 
 class LinuxcncPid(Law):
-    """What LinuxCNC computes with components that it has, `pid`, `ddt`, `sum2`, `biquad`, wired as the export does it.
+    """A control made of LinuxCNC's own components `pid`, `ddt`, `sum2` and `biquad`, connected as the export connects
+    them.
 
         command  = units x_set,   feedback = units x_load
         motor    = (units x_motor - units x_motor,₋₁)/T                                      ddt
@@ -25,16 +26,16 @@ class LinuxcncPid(Law):
         output   = filters(output - forward) + forward, held to ±maxoutput      where there are filters
         force    = force_per_output · output
 
-    So the limit and the integral of the last pid know what is fed forward, and the filters do not delay it.
+    The limit and the integral of the last pid thus include the feedforward, and the filters do not delay it.
 
     The two pids are a P-PI cascade if the first has Pgain = Kv and FF1 = velocity_feedforward, the second
     Pgain = Kp/c and Igain = Kp/(c Tn), c = units · force_per_output, and `error_previous_target` is off in both.
     One pid is the same for one encoder and Kp, Kv, Tn by Pgain = Kp (Kv + 1/Tn)/c, Igain = Kp Kv/(c Tn), Dgain = Kp/c.
-    What differs from `CascadePPI` either way is how the integral behaves at the limit.
-    The limit is the pid's `maxoutput`; a control around this law needs none.
+    Both forms differ from `CascadePPI` only in the behavior of the integral at the limit.
+    The limit is the pid's `maxoutput`; a control with this law needs no other limit.
 
-    When to use: to see what a stock LinuxCNC will make of a design before it is there.  When not: the component that
-    the export target `linuxcnc` writes computes the design itself.
+    When to use: to see how a design behaves on an unmodified LinuxCNC before it is installed there.  When not: the
+    component that the export target `linuxcnc` writes computes the design itself.
     Source: LinuxCNC manual pages pid(9), ddt(9), sum2(9), biquad(9), limit1(9), motion(9).
     """
 
@@ -42,7 +43,7 @@ class LinuxcncPid(Law):
 
     @classmethod
     def begin(cls, axis: AxisModel, present: Law) -> tuple[Start, ...]:
-        """None: it is the cascade in the numbers of another program, and would be that again."""
+        """None, so a comparison leaves the law out: it is the cascade in the numbers of another program."""
         return ()
 
     position: StockPid = part("pid on the position of the load")
@@ -57,12 +58,12 @@ class LinuxcncPid(Law):
         "", "output per set velocity in machine units; absent for none", default=None
     )
     command_derivative: str = choice(
-        "what the first pid takes for the derivative of its command: its own difference, or the joint's set velocity",
+        "derivative of the first pid's command: its own difference, or the joint's set velocity",
         options=("difference", "joint"),
         default="difference",
     )
     feedback_derivative: str = choice(
-        "what the first pid takes for the derivative of its feedback: its own difference, or the motor's velocity",
+        "derivative of the first pid's feedback: its own difference, or the motor's velocity",
         options=("difference", "motor"),
         default="difference",
     )
@@ -90,7 +91,7 @@ class LinuxcncPid(Law):
         return replace(self, position=self.position.unlimited(), velocity=velocity)
 
     def start(self, prepared: Prepared, setpoint: Setpoint, reading: Reading) -> State:
-        """As pids that were disabled until now: differences went on, integrals are empty."""
+        """As pids that were disabled until now: differences were updated, integrals are empty."""
         before, units = setpoint.shifted(-prepared.T), self.units
         motor, moved = units * reading.position_motor, units * reading.velocity
         position = self.position.start(
@@ -142,7 +143,7 @@ class LinuxcncPid(Law):
         return tuple(after), limited(output + beside, last.maxoutput)
 
     def _forward(self, setpoint: Setpoint) -> Number | None:
-        """What sum2 gives to the pin `bias` of the last pid; None if nothing is wired there."""
+        """The output of sum2 at the pin `bias` of the last pid; None if the pin is not connected."""
         if self.acceleration_gain is None and self.velocity_gain is None:
             return None
         last = self.position if self.velocity is None else self.velocity

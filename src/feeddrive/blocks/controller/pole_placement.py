@@ -25,7 +25,7 @@ from feeddrive.language import matrix, ops
 from feeddrive.language.block import Number, Rule, choice, parameter, part
 from feeddrive.language.errors import StructureError
 
-AXIAL_SHARE = 0.975  # of the axial mode's own frequency: to move a mode wastes force, to damp it does not
+AXIAL_SHARE = 0.975  # share of the axial mode's natural frequency: moving a mode wastes force, damping it does not
 
 
 class PolePlacement(Law):
@@ -36,15 +36,16 @@ class PolePlacement(Law):
         poles:  -ωc,   s² + 2 rigid_damping ωr s + ωr²,   s² + 2 axial_damping ωa s + ωa²
 
     The gains follow from `model` by one linear solve, for a diagonal and for a full mass matrix; a pair with a damping
-    of 1 or more is two real poles, and poles may coincide.  What is absent follows the rule: ωr = ωc, and ωa at 0.975
-    of the model's axial mode.  Choose ωc first, as high as the sensitivity peak allows, then damp the axial mode by
-    about five times its own damping; more does not help, since torsional modes and delay then answer.
+    of 1 or more is two real poles, and poles may coincide.  Frequencies that are absent follow a rule: ωr = ωc, and ωa
+    = 0.975 times the model's axial mode.  Choose ωc first, as high as the sensitivity peak allows, then raise the
+    damping of the axial mode to about five times the mechanical one.  More does not help, since torsional modes and
+    delay then limit the loop.
 
-    `commands` is how the screw's set position follows from that of the table (`lead` in blocks/plant/two_bodies.py):
-    the series; the exact discrete lag of c/k, by first-order hold; or, rigid, none, which needs no model of the spring
-    and gives away most of the accuracy.
+    `commands` says how the set position of the screw follows from that of the table (`lead` in
+    blocks/plant/two_bodies.py).  "series" is the series in c/k, "exact" the discrete lag of c/k by first-order hold.
+    "rigid" sets both alike; it needs no model of the spring and loses most of the accuracy.
 
-    A force that was cut off by the limit freezes the integral in that sample, one sample later.
+    If the limit cut the force off, the term of that sample is taken out of the integral one sample later.
     When to use: ball screws and belts whose first mode lies within three times the wanted crossover, with an encoder on
     the motor and one on the table.  When not: with one encoder, or if the axial mode moves by more than a fifth along
     the travel.  Source: Gordon & Erkorkmaz 2013, eq. (1) to (2) and section 2; the integral by backward Euler.
@@ -72,7 +73,7 @@ class PolePlacement(Law):
 
     @classmethod
     def begin(cls, axis: AxisModel, present: Law) -> tuple[Start, ...]:
-        """On screw and table of the axis's plant, with the inverse dynamics of the same model."""
+        """Start values from screw and table of the axis's plant, with the inverse dynamics of the same model."""
         if axis.encoders < 2:
             raise StructureError(
                 "pole placement needs the position of the motor and that of the load; the controller reads one encoder"
@@ -88,7 +89,7 @@ class PolePlacement(Law):
         return (Start(cls.title, law, remark, InverseDynamics(model=model)),)
 
     class Prepared(NamedTuple):
-        """The gains, and the exact lag's share of its last value, of the last input and of the new one."""
+        """The gains, and the coefficients of the exact lag: of its last value, of the last input and of the new one."""
 
         gains: Gains
         kept: Number = 0.0
@@ -96,13 +97,13 @@ class PolePlacement(Law):
         new: Number = 0.0
 
     class Lead(NamedTuple):
-        """Of the exact lag: the relaxed leads of the last sample, and the leads (m, m/s)."""
+        """State of the exact lag: the relaxed leads of the last sample, and the leads (m, m/s)."""
 
         relaxed: tuple[Number, Number]
         lead: tuple[Number, Number]
 
     class Series(NamedTuple):
-        """Of the series: the lead of the last sample (m), for a live change."""
+        """State of the series: the lead of the last sample (m), for a live change."""
 
         position: Number
 
@@ -132,7 +133,7 @@ class PolePlacement(Law):
             )
 
     def _unstable_lag(self, bodies: TwoBodies) -> str:
-        """How the exact filter of the screw's set position misbehaves."""
+        """The error: why the exact filter of the screw's set position cannot be used."""
         m12, c, k = bodies.m12, -bodies.c12, bodies.k
         if m12 > 0.0:
             pole = (c + ops.sqrt(c * c + 4.0 * m12 * k)) / (2.0 * m12)
@@ -225,9 +226,9 @@ class PolePlacement(Law):
         return after, force
 
     def retune(self, state: State, old: PolePlacement, old_prepared: Prepared, prepared: Prepared) -> State:
-        """Ki Σ T e goes on as a force, which also takes over what K1 holds of the wound spring.
+        """Ki Σ T e stays continuous as a force, including the force of K1 on the deflected spring.
 
-        At standstill under load the error of the screw is not 0 but what the spring gives, and K1 acts on it.
+        At standstill under load the error of the screw is not 0 but the deflection of the spring, and K1 acts on it.
         """
         before, now = old_prepared.gains, prepared.gains
         stretch = state.position_load - (state.position_motor - state.offset)

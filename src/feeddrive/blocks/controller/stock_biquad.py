@@ -8,12 +8,12 @@ from feeddrive.language.block import Block, Number, parameter
 
 
 class StockBiquad(Block):
-    """One `biquad` of LinuxCNC's HAL with coefficients of one's own (its type 0), bit for bit.
+    """One `biquad` of LinuxCNC's HAL with freely given coefficients (its type 0), bit for bit.
 
         out = n0 in + s1,   s1 = n1 in - d1 out + s2,   s2 = n2 in - d2 out
         H(z) = (n0 + n1 z⁻¹ + n2 z⁻²) / (1 + d1 z⁻¹ + d2 z⁻²)
 
-    Its own types 1 and 2 are a low-pass and a notch without bottom; any filter of second order goes into type 0.
+    Its types 1 and 2 are a low-pass and a notch of infinite depth; type 0 holds any second-order filter.
     Source: LinuxCNC manual page biquad(9); the order of the operations from the answers of the component itself.
     """
 

@@ -13,20 +13,20 @@ class StockPid(Block):
     """One `pid` of LinuxCNC's HAL, bit for bit, traps included.  Its gains have the units of output per command.
 
         e  = command - feedback, or (previous command) - feedback with `error_previous_target`
-        e  held to ±maxerror, then drawn towards 0 by `deadband`
-        I  = I + e T, unless the last output was at a limit and e has the sign of that limit; held to ±maxerrorI
+        e  limited to ±maxerror, then moved towards 0 by `deadband`
+        I  = I + e T, unless the last output was at a limit and e has the sign of that limit; limited to ±maxerrorI
         v  = (command - previous command)/T,  w = (feedback - previous feedback)/T, or the pins for them
-        D  = v - w held to ±maxerrorD
-        v, (v - v₋₁)/T, ... held to ±maxcmdD, ±maxcmdDD, ±maxcmdDDD give d1, d2, d3
-        output = (bias + Pgain e + Igain I + Dgain D) + (FF0 command + FF1 d1 + FF2 d2 + FF3 d3), held to ±maxoutput
+        D  = v - w limited to ±maxerrorD
+        v, (v - v₋₁)/T, ... limited to ±maxcmdD, ±maxcmdDD, ±maxcmdDDD give d1, d2, d3
+        output = (bias + Pgain e + Igain I + Dgain D) + (FF0 command + FF1 d1 + FF2 d2 + FF3 d3), limited to ±maxoutput
 
     A limit of 0 is no limit.  What surprises: `error_previous_target` is on unless it is switched off; the limit on e
-    comes before the dead band; D sees neither of the two and is no derivative of e; while a limit acts the integral
-    stands still and what it holds is not taken back; a NaN in `feedback` stays in the integral until `enable` falls.
-    Without `enable` the output is 0 and the integral is cleared; the differences go on.  In the sample in which
-    `index_enable` falls v and w keep their last values, and the error is taken against the new command.
+    comes before the dead band; D is computed without these two and is not the derivative of e; while a limit acts the
+    integral stops but is not reduced; a NaN in `feedback` stays in the integral until `enable` falls. Without `enable`
+    the output is 0 and the integral is cleared; the differences are still updated.  In the sample in which
+    `index_enable` falls, v and w keep their last values, and the error uses the new command.
 
-    Source: LinuxCNC manual page pid(9), and the answers of the component itself where the page is silent or differs.
+    Source: LinuxCNC manual page pid(9), and tests of the component itself where the page says nothing or is wrong.
     """
 
     Pgain: Number = parameter("", "output per error", default=1)
@@ -46,7 +46,7 @@ class StockPid(Block):
     maxcmdDDD: Number = parameter("", "limit of the third derivative of the command; 0 for none", least=0, default=0)
     maxoutput: Number = parameter("", "limit of the output; 0 for none", least=0, default=0)
     error_previous_target: bool = choice(
-        "whether the error is taken against the command of one sample before", options=(False, True), default=True
+        "whether the error uses the command of the previous sample", options=(False, True), default=True
     )
 
     class State(NamedTuple):
@@ -63,7 +63,7 @@ class StockPid(Block):
         index_enable: Number
 
     def start(self, command: Number, feedback: Number, commandD: Number = 0.0, feedbackD: Number = 0.0) -> State:
-        """At a command and a feedback that have moved at constant rates, disabled; all zeros are what HAL loads."""
+        """Disabled, with command and feedback moving at constant rates; HAL loads the component with all zeros."""
         zero = ops.zero(command)
         rate, back = zero + commandD, zero + feedbackD
         return self.State(command, feedback, rate, back, limited(rate, self.maxcmdD), zero, zero, zero, zero)
@@ -95,7 +95,7 @@ class StockPid(Block):
         if self.error_previous_target:
             error = _unless(falls, error, state.command - feedback)
         error = limited(error, self.maxerror)
-        # without a dead band the error itself, so that a linear model at error 0 has its slope
+        # without a dead band this is the error itself, so that its slope at error 0 is right in a linear model
         inside = ops.clip(error, -self.deadband, self.deadband)
         error = ops.where(self.deadband > 0.0, error - inside, error)
 

@@ -19,7 +19,7 @@ class DynamometerForce(Coupling):
         F_axis(t) = gain · row((t - offset) / interval)      linear between samples, 0 N before and after them
 
     Unlike a `Load`, which is sampled with the controller and held, it changes from substep to substep, and one record
-    moves all axes in step.
+    acts on all axes at the same instants.
     When not to use it: where the force depends on the motion, such as in chatter; take `MillingCut`.
     """
 
@@ -33,12 +33,12 @@ class DynamometerForce(Coupling):
         names = self.axes()
         if len(set(names)) < len(names) or not names:
             raise StructureError(
-                f"dynamometer_force.components must name each axis once and at least one, not "
+                f"dynamometer_force.components must name one or more axes, each axis once, not "
                 f"{', '.join(names) or 'none'}"
             )
 
     def axes(self) -> tuple[str, ...]:
-        """Those with a component."""
+        """The axes with a component."""
         return tuple(each.axis for each in self.components)
 
     def step(

@@ -22,13 +22,13 @@ class MillingCut(Coupling):
         angle     = start_angle + 2π (spindle_speed / 60) t
         F_x, F_y  = F_feed t + F_normal n,   F_z = -F_axial
 
-    F_feed, F_normal and F_axial come from the cutter.  Each tooth cuts what the one before has left, so that vibration
-    is in the chip and feeds on it (regeneration).  At the start the chip is 0 and grows over the first tooth period, as
-    a tool enters that stood still.  A table moves the workpiece: where `moves` says "table", r is -x (or -y) of the
-    axis, and the force on the axis is the opposite one.
-    It acts for start <= t < end; the spindle turns all the time.
-    When not to use it: with substeps longer than a tenth of τ; where a tooth leaves the chip by its own vibration: the
-    force is linear in Δ, and surfaces that were cut more than one tooth ago do not count.
+    F_feed, F_normal and F_axial come from the cutter.  Each tooth cuts the surface left by the tooth before, so that
+    vibration changes the chip and the chip excites vibration (regeneration).  At the start the chip is 0 and grows over
+    the first tooth period, as if the tool had stood still before.  A table moves the workpiece: where `moves` says
+    "table", r is -x (or -y) of the axis, and the force on the axis is the opposite one.
+    It acts for cut_from <= t < cut_to; the spindle always turns.
+    When not to use it: with substeps longer than a tenth of τ; where vibration lifts a tooth out of the cut: the force
+    is linear in Δ, and only the surface of the last tooth counts.
     Source: forces Beltrán-Carbajal et al. 2013, eqs. (4)-(8); regeneration Altintas & Budak 1995, eq. (2).
     """
 
@@ -41,10 +41,10 @@ class MillingCut(Coupling):
     start_angle: Number = parameter("rad", "angle of the spindle at t = 0", default=0)
     cut_from: Number = parameter("s", "when the cut begins", default=0)
     cut_to: Number | None = parameter("s", "when it ends; absent: never", default=None)
-    remembered: int = choice("substeps that are remembered, at least those of τ", default=4096, least=2)
+    remembered: int = choice("substeps of motion that are stored; they must cover τ", default=4096, least=2)
 
     class State(NamedTuple):
-        """Where the tool has been against the workpiece along x and y, m."""
+        """The past positions of the tool relative to the workpiece along x and y, m."""
 
         x: History
         y: History
@@ -53,7 +53,7 @@ class MillingCut(Coupling):
         """Each direction has its own axis."""
         if len(set(self.axes())) < len(self.axes()):
             raise StructureError(
-                f"milling_cut: x, y and z are moved by axes of their own, not {', '.join(self.axes())}"
+                f"milling_cut: x, y and z must be moved by different axes, not {', '.join(self.axes())}"
             )
 
     def rules(self) -> Iterator[Rule]:
@@ -75,11 +75,11 @@ class MillingCut(Coupling):
         return 60.0 / (self.cutter.teeth * self.spindle_speed)
 
     def substep_rules(self, h: Number) -> Iterator[Rule]:
-        """The tooth period is remembered."""
+        """The stored substeps cover the tooth period."""
         period = self.period()
         yield Rule(
             period / h <= float(self.remembered - 1),
-            "the substeps that the cut remembers are not shorter than the tooth period",
+            "the substeps that the cut stores are not shorter than the tooth period",
             lambda: (
                 f"milling_cut.remembered = {self.remembered} substeps of {h:g} s are shorter than the tooth period of "
                 f"{period:g} s: at least {-int(-(period / h) // 1) + 1}"
@@ -87,7 +87,7 @@ class MillingCut(Coupling):
         )
 
     def start(self, prepared: Any, motions: Mapping[str, Motion]) -> State:
-        """The tool has always stood where it is."""
+        """The tool has been at rest at its present position."""
         x, y = self._relative(motions)
         return self.State(History.start(self.remembered, x), History.start(self.remembered, y))
 

@@ -10,7 +10,8 @@ from feeddrive.language.errors import StructureError
 
 
 class StructureMode(Coupling):
-    """One mode η of bed, column or gantry, scaled by its modal mass; all axes named in `shapes` excite and show it.
+    """One mode η of bed, column or gantry, scaled by its modal mass;
+    all axes named in `shapes` excite it and move with it.
 
         mass (η'' + 2 damping_ratio ω η' + ω² η) = Σ over axes (motor f_motor + load f_load),      ω = 2π frequency
         it adds motor · η and load · η to the positions of the two bodies of each of these axes
@@ -32,11 +33,11 @@ class StructureMode(Coupling):
         names = self.axes()
         if len(set(names)) < len(names) or not names:
             raise StructureError(
-                f"structure_mode.shapes must name each axis once and at least one, not {', '.join(names) or 'none'}"
+                f"structure_mode.shapes must name one or more axes, each axis once, not {', '.join(names) or 'none'}"
             )
 
     def axes(self) -> tuple[str, ...]:
-        """Those with a shape."""
+        """The axes with a shape."""
         return tuple(shape.axis for shape in self.shapes)
 
     def modes(self) -> tuple[SharedMode, ...]:

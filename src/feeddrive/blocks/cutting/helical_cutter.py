@@ -10,15 +10,16 @@ from feeddrive.language import ops
 from feeddrive.language.block import Number, choice, parameter
 from feeddrive.language.errors import ParameterError
 
-_SMALL = 1e-9  # rad; sin d / d is 1 to the last bit far above it
+_SMALL = 1e-9  # rad; sin d / d is 1 to the last bit even far above it
 
 
 class HelicalCutter(Cutter):
     """Forces on an end mill with helical edges, linear in the chip (the model of Kline), in closed form.
 
     The edge of tooth j at height z stands at v = φ - lag z / axial_depth, φ = angle + 2πj/teeth.  Its chip is
-    h = chip_load · sin v between entry and exit, and a piece dz of it feels specific_energy · h dz against its motion,
-    radial_ratio of that towards the axis and axial_ratio of it along the axis.  Over the engaged part (v0, vm):
+    h = chip_load · sin v between entry and exit, and the force on a piece dz of it is specific_energy · h dz against
+    its motion, with radial_ratio times this force towards the axis and axial_ratio times it along the axis.  Over the
+    engaged part (v0, vm):
 
         lag    = 2 axial_depth tan(helix_angle) / diameter                       turn from the edge's tip to its top
         A      = specific_energy · chip_load · axial_depth / lag
@@ -28,10 +29,10 @@ class HelicalCutter(Cutter):
         axial  =  A axial_ratio (cos v0 - cos vm)                                 along the spindle axis
 
     summed over the teeth.  Entry and exit are 0 and π in a slot; with a radial_depth below the diameter up milling cuts
-    from 0 to arccos(1 - 2 radial_depth / diameter), down milling over the same angle up to π.  A straight edge
-    (helix_angle = 0) has the chip of its tip over its whole length: the limit of the equations.
+    from 0 to arccos(1 - 2 radial_depth / diameter), down milling over the same angle up to π.  On a straight edge
+    (helix_angle = 0) the chip is that of the tip over the whole length: the limit of the equations.
 
-    The mean over a turn keeps the energy: mean torque · ω = specific_energy · volume removed per second.
+    The mean over a turn conserves energy: mean torque · ω = specific_energy · volume removed per second.
     When not: for chatter, since the chip does not depend on vibration; for run-out and unequal pitch; for a worn or
     rubbing edge, which has a force without a chip.
     Source: Beltrán-Carbajal et al. 2013, eq. (4) and the symbols around it, reconstructed after Kline's model; the
@@ -70,8 +71,8 @@ class HelicalCutter(Cutter):
     def beltran2013_as_printed(cls) -> HelicalCutter:
         """The same with the printed u_s = 0.5 kW/(cm³/min) = 30 GJ/m³, with a warning.
 
-        It is ten times what handbooks give for steel; with the chip load of 1 mm that stands beside it the force
-        reaches 141 kN and the spindle 90 kW.  Here to show that, not to be used.
+        It is ten times what handbooks give for steel; with the chip load of 1 mm printed with it the force reaches 141
+        kN and the spindle power 90 kW. Use it only to show this.
         """
         warnings.warn(
             "the printed specific energy of 30 GJ/m3 (0.5 kW per cm3/min) is ten times that of steel; "
@@ -97,10 +98,10 @@ class HelicalCutter(Cutter):
         return 0.5 * self.diameter * force * self._sums(angle)[2]
 
     def _sums(self, angle: Number) -> tuple[Any, ...]:
-        """Changes of S, W and -cos over what is engaged, over the lag, of all teeth."""
+        """Changes of S, W and -cos over the engaged parts of all teeth, divided by the lag."""
         entry, leave = self._engaged()
         lag = 2.0 * self.axial_depth * ops.tan(self.helix_angle) / self.diameter
-        # an edge that winds around the tool more than once: whole turns cut the whole chip, the rest is looked at
+        # an edge that winds around the tool more than once: whole turns cut the whole chip, the rest follows below
         turns = ops.floor(lag / (2.0 * ops.pi))
         rest = lag - 2.0 * ops.pi * turns
         whole = self.teeth * turns * (leave - entry) / ops.maximum(lag, _SMALL)
@@ -127,8 +128,8 @@ class HelicalCutter(Cutter):
 def _engagement(tip: Any, rest: Any, lag: Any, begin: Any, end: Any) -> tuple[Any, ...]:
     """Changes of S, W and -cos over the part of the edge (tip - rest, tip) inside (begin, end), each over `lag`.
 
-    The length is the whole edge less what stands outside, and not a difference of its ends: at a small lag it would
-    have no digits left.  A straight edge cuts whole or not at all.
+    The length is computed as the whole edge less the parts outside, not as a difference of its ends, which would lose
+    all digits at a small lag.  A straight edge cuts with its whole length or not at all.
     """
     before, after = ops.maximum(0.0, begin - (tip - rest)), ops.maximum(0.0, tip - end)
     length = ops.clip(rest - before - after, 0.0, rest)
@@ -139,7 +140,7 @@ def _engagement(tip: Any, rest: Any, lag: Any, begin: Any, end: Any) -> tuple[An
 
 
 def _pieces(first: Any, length: Any) -> tuple[Any, ...]:
-    """Changes of S, W and -cos from v = first to first + length, each over length: they are even at length = 0.
+    """Changes of S, W and -cos from v = first to first + length, each over length: also defined at length = 0.
 
     With the middle m and sinc = sin(length/2) / (length/2):
         S: sin m cos m · sinc cos(length/2),   W: (1 - (cos²m - sin²m) sinc cos(length/2)) / 2,   -cos: sin m · sinc

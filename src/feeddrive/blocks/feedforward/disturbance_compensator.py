@@ -24,13 +24,14 @@ class DisturbanceCompensator(Feedforward):
         θ = [mass, viscous, coulomb_positive, coulomb_negative, stribeck, jerk_feedforward, snap_feedforward]
         φ = [a, v, 1(v > 0), -1(v < 0), sgn(v) e^-(v / stribeck_velocity)², j, s]
 
-    `coulomb_negative` is positive where friction holds back the motion towards smaller positions.  Within the dead band
-    the axis rests and the three columns of friction are 0.  A parameter that is left out is no column: what the block
-    feeds forward, and what `iterate` may tune, is what is given, 0 included.
+    `coulomb_negative` is positive if friction opposes the motion towards smaller positions.  Within the dead band
+    the axis rests and the three columns of friction are 0.  A parameter that is left out has no column.  The block
+    feeds forward, and `iterate` tunes, only the given parameters, 0 included.
     In the drive's unit the parameters are those over its force constant: a = mass / k in A s²/m, b = viscous / k.
 
-    When to use: with `iterate`, beside any law that does not feed the same things.  When not: with friction that
-    drifts from part to part, or on an axis that creeps and sticks, where the set velocity is not that of the axis.
+    When to use: with `iterate`, with any law that does not feed the same parts of the motion forward.  When not: with
+    friction that drifts from part to part, or on an axis that creeps and sticks, where the set velocity is not that of
+    the axis.
     Source: Wu, Han, Xiong & Ding 2017, eq. (1) to (7) and the regressors of the disturbance compensator.
     """
 
@@ -51,7 +52,7 @@ class DisturbanceCompensator(Feedforward):
         """
         forces = [tuple(sign * axis.dry_friction(sign * speed) for speed in _SPEEDS) for sign in (1.0, -1.0)]
         if max(abs(force) for row in forces for force in row) < _NO_FRICTION:
-            raise StructureError("the axis has no dry friction that could be fed forward: it would be the plain law")
+            raise StructureError("the axis has no dry friction to be fed forward: leave the compensator out")
         levels = [sum(row) / len(row) for row in forces]
         best, fitted = _left(forces, levels, (0.0,) * len(_SPEEDS), 0.0), (levels, None, None)
         enough = 1e-6 * max(level * level for level in levels) * len(_SPEEDS)
@@ -78,21 +79,21 @@ class DisturbanceCompensator(Feedforward):
     coulomb_positive: Number | None = parameter("N", "level at speed for v > 0; absent for none", least=0, default=None)
     coulomb_negative: Number | None = parameter("N", "level at speed for v < 0; absent for none", least=0, default=None)
     stribeck: Number | None = parameter(
-        "N", "how much the level at standstill exceeds that at speed; absent for no Stribeck curve", default=None
+        "N", "excess of the level at standstill over that at speed; absent for no Stribeck curve", default=None
     )
     stribeck_velocity: Number | None = parameter(
         "m/s", "velocity at which the extra level has fallen to 1/e", above=0, default=None
     )
     jerk_feedforward: Number | None = parameter("N s3/m", "force per set jerk; absent for none", default=None)
     snap_feedforward: Number | None = parameter("N s4/m", "force per set snap; absent for none", default=None)
-    dead_band: Number = parameter("m/s", "speed below which the axis is taken to rest", least=0, default=1e-9)
+    dead_band: Number = parameter("m/s", "speed below which the axis counts as at rest", least=0, default=1e-9)
 
     def check(self) -> None:
         """The Stribeck column has its velocity."""
         check_pair(self.kind, "stribeck", self.stribeck, "stribeck_velocity", self.stribeck_velocity)
 
     def fed(self) -> tuple[str, ...]:
-        """What the given parameters feed forward."""
+        """The parts of the set motion fed forward by the given parameters."""
         friction = (self.coulomb_positive, self.coulomb_negative, self.stribeck)
         given = (
             any(each is not None for each in (self.mass, self.jerk_feedforward, self.snap_feedforward)),
@@ -153,7 +154,7 @@ class DisturbanceCompensator(Feedforward):
 def _left(
     forces: Sequence[Sequence[Number]], levels: Sequence[Number], extra: Sequence[Number], share: Number
 ) -> Number:
-    """The sum of squares that levels by direction and a share of the extra curve leave."""
+    """Residual sum of squares of a fit by Coulomb levels for each direction and a share of the Stribeck curve."""
     return sum(
         (force - level - share * e) * (force - level - share * e)
         for row, level in zip(forces, levels, strict=True)

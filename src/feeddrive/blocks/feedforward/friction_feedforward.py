@@ -13,13 +13,13 @@ from feeddrive.language.block import Number, Rule, parameter
 
 
 class FrictionFeedforward(Feedforward):
-    """The dry friction that the set motion will meet, by its direction and speed in the middle of the sample.
+    """The dry friction expected for the set motion, by its direction and speed in the middle of the sample.
 
         force = level(v) · sgn(v),   v = v_set(t + T/2)
         level(v) = coulomb± (+ (breakaway - coulomb±) e^-(v / stribeck_velocity)²)
         sgn(v) = tanh(v / smoothing), or ±1 beyond the dead band and 0 within it
 
-    The reading is not used: friction by the measured velocity would feed its noise and lag into the force.
+    The reading is not used: friction computed from the measured velocity would bring its noise and lag into the force.
     When not to use it: with levels that drift (temperature, load), unless they are a little too small; too much of it
     makes the reversal error worse than none.  Source: Erkorkmaz & Altintas 2001, part III (friction pre-compensation).
     """
@@ -37,7 +37,7 @@ class FrictionFeedforward(Feedforward):
     smoothing: Number | None = parameter(
         "m/s", "velocity scale of a smooth sign; absent for a dead band", above=0, default=None
     )
-    dead_band: Number = parameter("m/s", "speed below which the axis is taken to rest", least=0, default=1e-9)
+    dead_band: Number = parameter("m/s", "speed below which the axis counts as at rest", least=0, default=1e-9)
 
     def check(self) -> None:
         """The Stribeck curve is given whole or not at all."""

@@ -17,7 +17,7 @@ class ReversalPulse(Feedforward):
 
     It helps the drive through presliding, where a constant Coulomb force comes late.  The set velocity is that of the
     middle of the sample; standstill between two moves in one direction is no reversal.
-    When not to use it: beside a friction feedforward that was learned on reversals and has the pulse in it.
+    When not to use it: with a friction feedforward that was learned on reversals and thus contains the pulse.
     Source: the amplitude-adaptive quadrant compensation of CNC controls; Erkorkmaz & Altintas 2001, section 5.
     """
 

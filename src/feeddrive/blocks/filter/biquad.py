@@ -19,7 +19,7 @@ class Section(NamedTuple):
 
 
 class Delayed(NamedTuple):
-    """The two delayed sums of a section, and its last output, which a live change starts from."""
+    """The two delayed sums of a section, and its last output, from which a live change starts."""
 
     first: Number
     second: Number
@@ -82,9 +82,10 @@ def advance(made: Section, state: Delayed, value: Number) -> tuple[Delayed, Numb
 
 
 def retuned(state: Delayed, old: Section, new: Section) -> Delayed:
-    """The state after a live change of the section: what is steady moves from the old `settled` state to the new one.
+    """The state after a live change of the section: its steady part is converted from the old `settled` state to the
+    new one.
 
-    The output goes on: with an input equal to the last output, the next one is that of the old section.
+    The output is continuous: with an input equal to the last output, the next output is that of the old section.
     """
     steady = state.output
     first = state.first + (old.b0 - new.b0) * steady
@@ -93,7 +94,7 @@ def retuned(state: Delayed, old: Section, new: Section) -> Delayed:
 
 
 def below_nyquist(kind: str, name: str, frequency: Number, T: Number) -> Rule:
-    """A frequency in Hz that can be realized at a sample time in s."""
+    """The rule that a frequency in Hz lies below half the sample rate, for a sample time in s."""
     return Rule(
         frequency < 0.5 / T,
         f"{name} is below half the sample rate",

@@ -16,7 +16,7 @@ class LowPass(Filter):
         H(s) = 1 / (s/ω + 1),   ω = 2π frequency,   s/ω -> (1/w)(z - 1)/(z + 1),   w = tan(ωT/2)
         y = b (x + x₋₁) - a y₋₁,   b = w/(1 + w),   a = (w - 1)/(w + 1)
 
-    Its gain at `frequency` is -3 dB also after sampling; it costs f / frequency rad of phase at f far below.
+    Its gain at `frequency` is -3 dB also after sampling; its phase lag at f far below is f / frequency rad.
     """
 
     frequency: Number = parameter("Hz", "corner frequency", above=0)
@@ -28,7 +28,7 @@ class LowPass(Filter):
         a: Number
 
     class State(NamedTuple):
-        """b x₋₁ - a y₋₁, and y₋₁, which a live change starts from."""
+        """b x₋₁ - a y₋₁, and y₋₁, from which a live change starts."""
 
         delayed: Number
         output: Number
@@ -52,6 +52,8 @@ class LowPass(Filter):
         return self.State(prepared.b * value - prepared.a * output, output), output
 
     def retune(self, state: State, old: LowPass, old_prepared: Prepared, prepared: Prepared) -> State:
-        """The output goes on: what is steady moves from the old start state to the new one."""
+        """The output is continuous: the steady part of the state is converted from the old start state to the new
+        one.
+        """
         steady = (prepared.b - prepared.a) - (old_prepared.b - old_prepared.a)
         return state._replace(delayed=state.delayed + steady * state.output)

@@ -26,7 +26,7 @@ class LowPass2(Filter):
 
         H(s) = ω² / (s² + 2 damping ω s + ω²),   ω = 2π frequency
 
-    It costs about 2 damping · f / frequency rad of phase at a frequency f far below its own.
+    Its phase lag at a frequency f far below `frequency` is about 2 damping · f / frequency rad.
     """
 
     frequency: Number = parameter("Hz", "natural frequency", above=0)
@@ -50,5 +50,5 @@ class LowPass2(Filter):
         return advance(prepared, state, value)
 
     def retune(self, state: Any, old: LowPass2, old_prepared: Any, prepared: Any) -> Delayed:
-        """The output goes on."""
+        """The output is continuous."""
         return retuned(state, old_prepared, prepared)

@@ -48,5 +48,5 @@ class Notch(Filter):
         return advance(prepared, state, value)
 
     def retune(self, state: Any, old: Notch, old_prepared: Any, prepared: Any) -> Delayed:
-        """The output goes on."""
+        """The output is continuous."""
         return retuned(state, old_prepared, prepared)

@@ -54,5 +54,5 @@ class SecondOrder(Filter):
         return advance(prepared, state, value)
 
     def retune(self, state: Any, old: SecondOrder, old_prepared: Any, prepared: Any) -> Delayed:
-        """The output goes on."""
+        """The output is continuous."""
         return retuned(state, old_prepared, prepared)

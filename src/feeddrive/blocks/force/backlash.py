@@ -21,8 +21,8 @@ class Backlash(Force):
         spring force = stiffness · (δ - clip(δ, ±gap/2)),   so   F_motor = stiffness · (clip(δ, ±gap/2) - e) = -F_load
 
     The clip is taken at the middle of the substep; within the gap this is exact to second order in the substep.
-    The damper of the plant stays at work in the gap, as a lubricated nut's does.
-    When not to use it: with substeps longer than a third of the period of the mode that the spring makes.
+    The damper of the plant also acts within the gap, as the damping of a lubricated nut does.
+    When not to use it: with substeps longer than a third of the period of the mode of the spring.
     Source: the dead-zone model, Nordin & Gutman 2002, section 2.
     """
 
@@ -30,12 +30,12 @@ class Backlash(Force):
     lead_error: LeadError | None = part("lead error of the screw, if there is one too", default=None)
 
     def fits(self, plant: Plant, beside: tuple[Force, ...]) -> None:
-        """The plant has a spring, and the lead error is known to the gap."""
+        """The plant has a spring, and a lead error stands in `lead_error` only."""
         check_spring(self.kind, plant)
         if any(isinstance(other, (Backlash, ScrewError)) for other in beside):
             raise StructureError(
-                "axis.forces: 'backlash' beside 'screw_error' or a second 'backlash' would count one deflection twice; "
-                "give the error as backlash.lead_error"
+                "axis.forces: 'backlash' beside 'screw_error' or a second 'backlash' would count a deflection twice; "
+                "give the lead error as backlash.lead_error"
             )
 
     def step(

@@ -12,7 +12,7 @@ from feeddrive.language.errors import StructureError
 
 
 class Cogging(Force):
-    """A force that pulls the motor towards its magnets, also without current.
+    """A force between the iron of the motor and its magnets that changes with position, also without current.
 
         F = force · Σ shareᵢ sin(2π orderᵢ x_motor / period + phaseᵢ)
 
@@ -21,14 +21,14 @@ class Cogging(Force):
     Gaal 1997.
     """
 
-    force: Number = parameter("N", "the force of which the harmonics are shares", least=0)
+    force: Number = parameter("N", "the force to which the shares of the harmonics refer", least=0)
     period: Number = parameter("m", "table motion after which the force repeats", above=0)
     harmonics: tuple[Harmonic, ...] = part("harmonics of the period", default=(Harmonic(order=1, share=1.0),))
 
     def check(self) -> None:
         """There is at least one harmonic."""
         if not self.harmonics:
-            raise StructureError("cogging.harmonics is empty: give at least one harmonic, or leave the block out")
+            raise StructureError("cogging.harmonics is empty: give at least one harmonic, or leave cogging out")
 
     def step(
         self, state: Any, plant: Plant, motion: Motion, drive: Number, time: Number, h: Number

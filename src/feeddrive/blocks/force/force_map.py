@@ -15,16 +15,16 @@ class ForceMap(Force):
 
         F = row(x_load) · (mean + swing · sin(2π frequency t + phase))
 
-    `row` is interpolated linearly between entries at begin, begin + spacing, ... and held beyond its ends; to end
-    without force, let the row end with 0.  A cable chain or a cover is a map that is constant in time (no swing); a cut
-    along a part of the travel is one that swings with the tooth passing frequency.
+    `row` is interpolated linearly between entries at begin, begin + spacing, ... and held beyond its ends; for no force
+    beyond its ends, begin and end the row with 0.  The force of a cable chain or a cover is a map that is constant in
+    time (no swing).  The force of a cut along a part of the travel swings with the tooth-passing frequency.
     """
 
     row: Number = table("N", "forces along the travel")
     begin: Number = parameter("m", "position of the first entry")
     spacing: Number = parameter("m", "distance between entries", above=0)
     mean: Number = parameter("", "part that is constant in time", default=1)
-    swing: Number | None = parameter("", "part that swings; absent for none", default=None)
+    swing: Number | None = parameter("", "part that oscillates; absent for none", default=None)
     frequency: Number = parameter("Hz", "frequency of the swing", above=0, default=1)
     phase: Number = parameter("rad", "phase of the swing at t = 0", default=0)
 

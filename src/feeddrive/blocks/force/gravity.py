@@ -12,7 +12,7 @@ from feeddrive.language.block import Number, parameter
 class Gravity(Force):
     """F = force, on the load's body; negative if it pulls towards smaller positions.
 
-    For a vertical axis it is -mass · 9.81 m/s², less what a counterweight takes.
+    For a vertical axis it is -mass · 9.81 m/s², reduced by the force of a counterweight.
     """
 
     force: Number = parameter("N", "constant force, positive towards larger positions")

@@ -7,14 +7,14 @@ from feeddrive.language.block import Block, Number, choice, parameter
 
 
 class Harmonic(Block):
-    """harmonic = share · sin(2π order x / period + phase), times a force that the block around it states."""
+    """harmonic = share · sin(2π order x / period + phase), times a force given by the block that contains it."""
 
-    order: int = choice("how often it repeats in one period", least=1)
+    order: int = choice("number of repetitions in one period", least=1)
     share: Number = parameter("", "amplitude as a share of the force")
     phase: Number = parameter("rad", "phase at x = 0", default=0)
 
     def at(self, angle: Number) -> Number:
-        """Its value where the fundamental has the angle 2π x / period."""
+        """Its value at the angle 2π x / period of the fundamental."""
         turned = angle if self.order == 1 else float(self.order) * angle
         return self.share * ops.sin(turned + self.phase)
 

@@ -12,25 +12,26 @@ from feeddrive.language.ring import History
 
 
 class Regeneration(Force):
-    """The force of a chip between the surface that is cut and the one that was cut a period before, on the load's body.
+    """The force of a chip on the load's body; the chip is what lies between the present cut and the cut one delay
+    before.
 
         F(t) = -stiffness · (x(t) - x(t - delay))
 
     x is the actual position in the middle of a substep, interpolated linearly between substeps; before the start the
-    axis stood where it is.  The linear part of turning and facing, and of a slot with many teeth.
-    When not to use it: where the tool leaves the chip; with substeps longer than a tenth of the delay.
+    axis was at rest.  This is the linear part of the force in turning and facing, and in a slot cut with many teeth.
+    When not to use it: where vibration lifts the tool out of the cut; with substeps longer than a tenth of the delay.
     Source: Tobias & Fishwick 1958; Altintas 2012, section 4.2.
     """
 
     stiffness: Number = parameter("N/m", "force per thickness of the chip", least=0)
     delay: Number = parameter("s", "time from one cut of a place to the next", above=0)
-    remembered: int = choice("substeps that are remembered, at least those of the delay", default=4096, least=2)
+    remembered: int = choice("substeps of motion that are stored; they must cover the delay", default=4096, least=2)
 
     def substep_rules(self, h: Number) -> Iterator[Rule]:
-        """The delay is remembered."""
+        """The stored substeps cover the delay."""
         yield Rule(
             self.delay / h <= float(self.remembered - 1),
-            "the substeps that the regeneration remembers are not shorter than its delay",
+            "the substeps that the regeneration stores are not shorter than its delay",
             lambda: (
                 f"regeneration.remembered = {self.remembered} substeps of {h:g} s are shorter than the delay of "
                 f"{self.delay:g} s: at least {-int(-(self.delay / h) // 1) + 1}"
@@ -38,7 +39,7 @@ class Regeneration(Force):
         )
 
     def start(self, plant: Plant, motion: Motion) -> History:
-        """Everything stood where it is."""
+        """The axis has been at rest."""
         return History.start(self.remembered, motion.position_load)
 
     def step(

@@ -12,11 +12,11 @@ from feeddrive.language.errors import StructureError
 
 
 class Ripple(Force):
-    """The force constant depends on the position: a part of the drive force comes and goes along the travel.
+    """The force constant depends on the position: a part of the drive force varies along the travel.
 
         F = drive · Σ shareᵢ sin(2π orderᵢ x_motor / period + phaseᵢ)
 
-    `drive` is the acting drive force, in the mean over the substep.
+    `drive` is the mean of the drive force over the substep.
     Source: Otten, de Vries, van Amerongen, Rankers & Gaal 1997 (force ripple beside cogging).
     """
 
@@ -26,7 +26,7 @@ class Ripple(Force):
     def check(self) -> None:
         """There is at least one harmonic."""
         if not self.harmonics:
-            raise StructureError("ripple.harmonics is empty: give at least one harmonic, or leave the block out")
+            raise StructureError("ripple.harmonics is empty: give at least one harmonic, or leave ripple out")
 
     def step(
         self, state: Any, plant: Plant, motion: Motion, drive: Number, time: Number, h: Number

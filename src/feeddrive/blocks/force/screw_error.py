@@ -16,8 +16,9 @@ class ScrewError(Force):
 
         spring force = stiffness (x_motor + e(x_motor) - x_load),  so  F_motor = -stiffness e,   F_load = +stiffness e
 
-    Left out: the slope e' in the screw's torque and the damper's share, both smaller by the size of e', about 1e-4.
-    With backlash, state the lead error there and not beside it.  On a rigid axis it belongs to the rotary encoder.
+    Neglected: the slope e' in the screw's torque and the force of the damper, both smaller by a factor of e', about
+    1e-4.  With backlash, give the lead error in the backlash block, not here.  On a rigid axis it belongs to the rotary
+    encoder.
     """
 
     lead_error: LeadError = part("the error along the travel")

@@ -10,6 +10,6 @@ def check_spring(kind: str, plant: Plant) -> None:
     """Raise StructureError if the plant has no `stiffness` between two bodies."""
     if getattr(plant, "stiffness", None) is None:
         raise StructureError(
-            f"axis.forces: '{kind}' acts on the spring between motor and load, and the plant '{plant.kind}' has none; "
-            f"take a plant with a stiffness, such as two_mass or three_mass_chain"
+            f"axis.forces: '{kind}' acts on the spring between motor and load, but the plant '{plant.kind}' has no "
+            f"spring; take a plant with a stiffness, such as two_mass or three_mass_chain"
         )

@@ -14,7 +14,7 @@ class Coulomb(Friction):
 
         F ∈ -coulomb · Sgn(v) - viscous · v,      Sgn(0) = [-1, 1]
 
-    The force over a substep is the one that fits the velocity at its end (Moreau 1988, eq. of the implicit step):
+    The force over a substep is consistent with the velocity at its end (Moreau 1988, eq. of the implicit step):
     F = clip(-v_free / mobility, ±coulomb); the body is stuck where the clip does not act.
     """
 

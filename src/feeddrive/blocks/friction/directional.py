@@ -10,12 +10,12 @@ from feeddrive.language.block import Number, parameter
 
 
 class Directional(Friction):
-    """Coulomb and viscous friction with own values for each direction.
+    """Coulomb and viscous friction with different values for each direction.
 
         F ∈ -[coulomb_positive, coulomb_negative](v) · Sgn(v) - [viscous_positive, viscous_negative](v) · v
 
-    The smaller of the two viscous values is part of the linear core and held exactly; what the other one is larger acts
-    at the velocity in the middle of the substep.
+    The smaller of the two viscous values is part of the linear core and held exactly; the difference to the larger one
+    acts at the velocity in the middle of the substep.
     Source: Janot, Gautier & Brunot 2019, section on direction-dependent friction.
     """
 

@@ -12,7 +12,7 @@ from feeddrive.language.block import Number, Rule, choice, parameter
 
 
 class DirectionalStribeck(Friction):
-    """Set-valued friction with an own Stribeck curve for each direction.
+    """Set-valued friction with a separate Stribeck curve for each direction.
 
         F ∈ -level(v) · Sgn(v) - viscous · v
         level(v) = coulomb± + (breakaway± - coulomb±) e^-|v / stribeck_velocity|^exponent,  + for v > 0, - for v < 0

@@ -21,11 +21,12 @@ class Regularised(Friction):
         F = -level(v) tanh(v / transition_velocity) - viscous · v
         level(v) = coulomb + (breakaway - coulomb) e^-(v / stribeck_velocity)²,    coulomb_negative for v < 0 if given
 
-    The force over a substep fits the velocity at its end, as with set-valued friction, so that a steep tanh is stable:
-    u + c tanh u = |v_free| / transition_velocity with c = mobility level / transition_velocity has one root u = |v| /
-    transition_velocity, found by a fixed number of Halley steps; F is then smooth in all parameters.
+    The force over a substep fits the velocity at its end, as with set-valued friction, so that a steep tanh is stable.
+    The equation u + c tanh u = |v_free| / transition_velocity with c = mobility level / transition_velocity has one
+    root u = |v| / transition_velocity, found by a fixed number of Halley steps; F is then smooth in all parameters.
 
-    When not to use it: as a model of an axis at rest.  It creeps under any force, and a step through zero is far off.
+    When not to use it: as a model of an axis at rest.  It creeps under any force, and a step through zero velocity is
+    inaccurate.
     Source: papers that simulate friction in this way; see `Stribeck` for the curve.
     """
 
@@ -85,7 +86,7 @@ class Regularised(Friction):
         """-level tanh(v / v_t) with v = v_free + mobility F."""
         c = mobility * level / self.transition_velocity
         s = ops.absolute(free_velocity) / self.transition_velocity
-        # three estimates, each close in one range: both terms linear, tanh = 1, and u small against c tanh u
+        # three estimates, each good in one range: both terms linear, tanh = 1, and u small against c tanh u
         ratio = s / (1.0 + c)
         held = ops.minimum(ratio, 1.0 - 1.0 / (2.0 + c))
         u = ops.maximum(ops.maximum(s - c, ratio), 0.5 * ops.log((1.0 + held) / (1.0 - held)))

@@ -22,7 +22,7 @@ class Viscous(Friction):
         return Nothing()
 
     def linear(self) -> Number:
-        """All of it."""
+        """The viscous coefficient, N s/m: all of this friction is in the linear core."""
         return self.viscous
 
     def contact(

@@ -13,15 +13,15 @@ from feeddrive.language.errors import StructureError
 class ForceSum(Load):
     """F(t) = Σ Fᵢ(t) over the loads, in N.
 
-    Raises StructureError for an empty one.
+    Raises StructureError if there is no load.
     """
 
-    loads: tuple[Load, ...] = part("loads that act together")
+    loads: tuple[Load, ...] = part("loads that are added")
 
     def check(self) -> None:
         """There is at least one load."""
         if not are_all(self.loads, Load):
-            raise StructureError("force_sum.loads must be a tuple of at least one load, and of nothing else")
+            raise StructureError("force_sum.loads must be a tuple of loads, at least one")
 
     def at(self, t: np.ndarray) -> np.ndarray:
         """Force in N at times t in s."""

@@ -14,51 +14,53 @@ from feeddrive.language.errors import StructureError
 
 
 class MillingForce(Load):
-    """F(t) = component along one machine axis of the force on a tool that turns at spindle_speed and is fed in a plane.
+    """F(t) = component along one machine axis of the force on a tool with a feed in a plane.
 
         angle     = start_angle + 2π (spindle_speed / 60) t
         F_x, F_y  = F_feed t + F_normal n,   t = (cos direction, sin direction, 0),  n = z x t
-        F_z       = -F_axial:  a right-handed helix is drawn out of its holder, away from the spindle
+        F_z       = -F_axial:  the force pulls a right-handed helix out of its holder, away from the spindle
 
     F_feed, F_normal, F_axial come from the cutter.  Its chip load is `chip_load`, along a constant `direction`; or with
     two `references`, the motions of x and y, it follows the instantaneous feed v along the path:
 
         chip_load = v / (teeth · spindle_speed / 60),   direction = that of the velocity;   no feed, no chip, no force
 
-    It acts for start <= t < end; the spindle turns all the time.  The force of the instant is held over the sample.
-    A tool that is fed the other way round, with the table, feels the same force with the sign turned.
-    When to use: an axis that must hold its path while cutting; each axis of a machine takes its own component.
-    When not: for chatter, which needs the vibration in the chip.
+    It acts for start <= t < end; the spindle always turns.  The force at kT is held over the sample.  If the table
+    moves the workpiece instead of the tool, the force on the axis has the opposite sign.
+    When to use: an axis that must hold its path while cutting; give each axis of a machine its component.
+    When not: for chatter, since the chip does not depend on vibration.
     Source: Beltrán-Carbajal et al. 2013, eqs. (4)-(8); F_c of its axis equations is the negative of this.
     Raises StructureError without exactly one of chip_load and references.
     """
 
     cutter: Cutter = part("the tool")
     spindle_speed: Number = parameter("rpm", "turns of the spindle", above=0)
-    component: str = choice("machine axis on which the force is wanted", options=("x", "y", "z"), default="x")
+    component: str = choice("machine axis along which the component is taken", options=("x", "y", "z"), default="x")
     chip_load: Number | None = parameter(
-        "m", "feed of a tooth; absent: it follows the references", least=0, default=None
+        "m", "feed per tooth; absent: it follows from the references", least=0, default=None
     )
-    direction: Number = parameter("rad", "of the feed, from x towards y; with references theirs", default=0)
+    direction: Number = parameter(
+        "rad", "direction of the feed, from x towards y; with references it follows from them", default=0
+    )
     references: tuple[Reference, ...] = part("motions of x and y, whose feed makes the chip", default=())
     start_angle: Number = parameter("rad", "angle of the spindle at t = 0", default=0)
     start: Number = parameter("s", "when the cut begins", default=0)
-    end: Number | None = parameter("s", "when it ends; absent: never", default=None)
+    end: Number | None = parameter("s", "instant at which it ends; absent: it does not end", default=None)
 
     def check(self) -> None:
-        """One chip load; the end comes after the start."""
+        """Exactly one source of the chip; the end comes after the start."""
         check_single(self)
         check_single(self.cutter)
         check_order(self.kind, self.start, self.end)
         if (self.chip_load is None) == (not self.references):
             raise StructureError(
                 "milling_force takes its chip from either chip_load (m per tooth) or references (the motions of x and "
-                "y): give one of them and not both"
+                "y): give exactly one of them"
             )
         if self.references and len(self.references) != 2:
             raise StructureError(
                 f"milling_force.references must be two, the motions of x and y, not {len(self.references)}; "
-                f"an axis that stands is a move by 0 m"
+                f"for an axis at rest give a move of 0 m"
             )
 
     def at(self, t: np.ndarray) -> np.ndarray:

@@ -12,9 +12,9 @@ from feeddrive.language.block import Number, parameter
 class SineForce(Load):
     """amplitude · sin(2π frequency (t - start) + phase) for start <= t < end, 0 N otherwise.
 
-    The loop holds it over the sample, so what acts is a staircase half a sample late.  Start and end are those of
-    samples as in StepForce.
-    When not: for a force that depends on where the axis is; that is a ForceMap of the axis.
+    The loop holds it over the sample, so the acting force is a staircase that is half a sample late.  Start and end are
+    assigned to samples as in StepForce.
+    When not: for a force that depends on the position of the axis: take a ForceMap.
     """
 
     amplitude: Number = parameter("N", "amplitude of the force on the table", least=0)

@@ -14,7 +14,7 @@ class StepForce(Load):
 
     The loop holds a force over the sample, so it acts from the first sample with t >= start up to the first with
     t >= end.  Rounding of kT does not shift that by a sample: a sample that lies less than 1e-12 s, or 1e-14 of
-    `start`, before `start` counts as at it.
+    `start`, before `start` counts as `start`.
     """
 
     force: Number = parameter("N", "force on the table, positive towards greater positions")
