@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 import sys
 import threading
 import time
+from typing import Any
 
 import engine_loops as loops
 import numpy as np
@@ -14,6 +16,7 @@ import pytest
 from feeddrive.blocks.families import Load
 from feeddrive.blocks.signals import Noise, Setpoint
 from feeddrive.language import tree
+from feeddrive.language.errors import ParameterError
 from feeddrive.language.graph import ELEMENTARY, Graph
 from feeddrive.language.recent import Recent
 from feeddrive.loop import groups, runner
@@ -21,6 +24,7 @@ from feeddrive.loop.engine import lazy_branches
 from feeddrive.loop.engine import native as machine
 from feeddrive.loop.engine.native import native
 from feeddrive.loop.engine.plan import plan
+from feeddrive.loop.guard import Guard
 from feeddrive.loop.loop import Loop, Signals
 from feeddrive.loop.runner import Prepared, Work
 from feeddrive.loop.simulate import simulate, simulate_batch, stream
@@ -234,6 +238,35 @@ def test_a_lane_has_the_bits_of_a_single_run(name: str, lanes: int):
         run = simulate(alone, REFERENCE, load=load, enable=given(loop, count), duration=span, seed=int(seeds[lane]))
         for i, signal in enumerate(Signals._fields):
             assert np.array_equal(run[signal], outputs[:, i, lane]), (lane, signal)
+
+
+RULES = {
+    "between parameters": ("axis.x.control.guard.safe_force", [0.0, -2.0, 1e9], r"variant 2 of 0 \.\. 2, 1 of which"),
+    "of a filter": ("axis.x.control.filters.0.frequency", [900.0, 1e5, 2e5], r"variant 1 of 0 \.\. 2, 2 of which"),
+    "of a mode": ("axis.x.plant.mass_load", [300.0, 300.0, 1e-12], r"variant 2 .*fastest mode"),
+}
+
+
+@pytest.mark.parametrize("case", RULES)
+def test_a_batch_refuses_a_variant_that_breaks_a_rule_as_a_single_run_does(case: str):
+    path, values, words = RULES[case]
+    loop = dataclasses.replace(
+        loops.common(), control=dataclasses.replace(loops.common().control, guard=Guard(), force_limit=5e3)
+    )
+    alone = [_refusal(loop, {path: value}) for value in values]
+    broken = next(i for i, text in enumerate(alone) if text)
+    found = _refusal(loop, {path: np.array(values)})
+    assert found.endswith(alone[broken]), "the reason is that of the single run"
+    assert re.match(words, found)
+    assert not _refusal(loop, {path: np.array(values)[:broken]})
+
+
+def _refusal(loop: Loop, changes: dict[str, Any]) -> str:
+    try:
+        tree.vary(loop, changes)
+    except ParameterError as error:
+        return str(error)
+    return ""
 
 
 @pytest.mark.parametrize("name", LOOPS)

@@ -274,3 +274,10 @@ def test_a_safe_force_beyond_the_limit_is_refused() -> None:
     law = CascadePPI(Kv=10.0, Kp=100.0)
     with pytest.raises(ParameterError, match=r"safe_force = -60 N is beyond .*force_limit = 50 N by 10 N"):
         Control(law=law, force_limit=50.0, guard=Guard(safe_force=-60.0))
+
+
+@pytest.mark.parametrize("most", [-0.2, -0.3])
+def test_a_travel_without_length_is_refused(most: float) -> None:
+    """A loop with such a guard would trip wherever the axis stands."""
+    with pytest.raises(ParameterError, match=rf"travel_least = -0.2 m must be < guard.travel_most = {most:g} m"):
+        Guard(travel_least=-0.2, travel_most=most)

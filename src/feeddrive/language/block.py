@@ -23,6 +23,7 @@ import re
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import MISSING, dataclass, field
 from functools import cache
+from itertools import islice
 from typing import Any, ClassVar, NamedTuple, TypeAlias, dataclass_transform
 
 import numpy as np
@@ -157,31 +158,43 @@ class Block:
 
 
 def enforce(block: Block, rules: Callable[[Any], Iterable[Rule]]) -> None:
-    """Raise ParameterError for the first rule of a block that does not hold.
+    """Raise ParameterError for the first rule of a block that does not hold; of variants it names the first.
 
     The rules are computed as a target computes them, where a division by zero is infinite and no error.  A block with
-    symbols is a trace; variants in lanes are checked as the single blocks that they come from.
+    symbols is a trace, whose rules are conditions of the target.
     """
     plain = _plain(block)
     if plain is None:
         return
     with np.errstate(all="ignore"):
-        for rule in rules(plain):
-            if not rule.holds:
+        for place, rule in enumerate(rules(plain)):
+            if isinstance(rule.holds, np.ndarray):
+                broken = np.flatnonzero(~rule.holds)
+                if broken.size:
+                    variant = int(broken[0])
+                    refusal = next(islice(rules(_plain(block, variant)), place, None)).refusal()
+                    raise ParameterError(
+                        f"variant {variant} of 0 .. {rule.holds.size - 1}, {broken.size} of which break this rule: "
+                        f"{refusal}"
+                    )
+            elif not rule.holds:
                 raise ParameterError(rule.refusal())
 
 
-def _plain(block: Block) -> Block | None:
-    """The same block with numpy's numbers for parameters; None if one of them is an array or a symbol."""
+def _plain(block: Block, variant: int | None = None) -> Block | None:
+    """The same block with numpy's numbers for parameters, of one variant or of all; None if one of them is a symbol."""
     made = object.__new__(type(block))
     for name, declared in declarations(type(block)).items():
         value = getattr(block, name)
         if value is not None and declared.role == "parameter":
-            if not isinstance(value, float):
+            if isinstance(value, np.ndarray):
+                value = value if variant is None else np.float64(value[variant])
+            elif isinstance(value, float):
+                value = np.float64(value)
+            else:
                 return None
-            value = np.float64(value)
         elif value is not None and declared.role == "part":
-            parts = [_plain(each) for each in (value if isinstance(value, tuple) else (value,))]
+            parts = [_plain(each, variant) for each in (value if isinstance(value, tuple) else (value,))]
             if None in parts:
                 return None
             if isinstance(value, tuple):

@@ -181,23 +181,34 @@ def decays(a: Sequence[Sequence[Any]]) -> Any:
     graph = next((x.graph for row in a for x in row if isinstance(x, Symbol)), None)
     if graph is not None:
         return graph.apply("decays", *(x for row in a for x in row))
-    power = np.array(a, dtype=np.float64)
+    power = _numbers(a)
     columns = range(len(power))
+    found, open_ = np.False_, np.True_
     with np.errstate(all="ignore"):
         for _ in range(SQUARINGS):
             sizes = np.abs(power)
             norm = sizes[:, 0]
             for k in columns[1:]:
                 norm = norm + sizes[:, k]
-            if not np.all(norm < TOO_LARGE):
-                return False
-            if np.all(norm < 1.0):
-                return True
+            below = np.all(norm < 1.0, axis=0)
+            found = found | (open_ & below)
+            open_ = open_ & ~below & np.all(norm < TOO_LARGE, axis=0)
+            if not np.any(open_):
+                break
             squared = power[:, :1] * power[:1, :]
             for k in columns[1:]:
                 squared = squared + power[:, k : k + 1] * power[k : k + 1, :]
             power = squared
-    return False
+    return found
+
+
+def _numbers(a: Sequence[Sequence[Any]]) -> np.ndarray:
+    """A square matrix of numbers or of variants in lanes, shape (n, n) or (n, n, lanes)."""
+    entries = [x for row in a for x in row]
+    if any(isinstance(x, np.ndarray) for x in entries):
+        entries = np.broadcast_arrays(*entries)
+        return np.stack(entries).reshape(len(a), len(a), -1)
+    return np.array(a, dtype=np.float64)
 
 
 def growth(a: Sequence[Sequence[float]]) -> float:

@@ -7,7 +7,7 @@ from typing import NamedTuple, TypeVar
 
 from feeddrive.blocks.signals import Setpoint
 from feeddrive.language import ops
-from feeddrive.language.block import Block, Number, parameter
+from feeddrive.language.block import Block, Number, Rule, parameter
 from feeddrive.language.tree import cases
 
 Memory = TypeVar("Memory")
@@ -112,6 +112,19 @@ class Guard(Block):
         requested: Number
         trip: Number
         running: Number
+
+    def rules(self) -> Iterator[Rule]:
+        """The travel has a length."""
+        least, most = self.travel_least, self.travel_most
+        if least is not None and most is not None:
+            yield Rule(
+                least < most,
+                "travel_least is below travel_most",
+                lambda: (
+                    f"guard.travel_least = {least:g} m must be < guard.travel_most = {most:g} m: between them the axis "
+                    f"may move; leave one out for a travel without that end"
+                ),
+            )
 
     def prepare(self, T: Number) -> Prepared:
         """The bound of the velocity as one of the motion in a sample."""
