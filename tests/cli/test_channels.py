@@ -12,7 +12,7 @@ from drive_logs import TRUTH, T, simulated
 from feeddrive.cli.commands import app
 from feeddrive.files.machine import read_machine
 from feeddrive.language import tree
-from feeddrive.language.errors import FileError, LogError
+from feeddrive.language.errors import FileError, LogError, ParameterError
 
 runner = CliRunner()
 
@@ -104,3 +104,46 @@ def test_what_is_missing_is_said_with_what_to_do(tmp_path: Path) -> None:
     done = runner.invoke(app, ["identify", str(path)])
     assert isinstance(done.exception, LogError)
     assert "--position" in str(done.exception)
+
+
+def csv_array(member: str, numbers: str) -> str:
+    return f'<NumericArray name="{member}" format="CSV"><raw name="m_pNumberArray">{numbers}</raw></NumericArray>'
+
+
+AST = f"""<?xml version="1.0"?>
+<DynamicModelAxisController><string name="m_szAxisName">X1</string>
+ <LinkedList name="m_SpeedPlantMeasurementList"><SpeedPlantMeasurement>
+  <FrequencyResponseFunction name="m_pPlant">
+   {csv_array("m_FrequencyVector", "1,2,4")}{csv_array("m_ValueVector", "1,0,0.5,-0.5,0.1,-0.2")}
+  </FrequencyResponseFunction></SpeedPlantMeasurement></LinkedList>
+ <LinkedList name="m_Filters"><PT2Filter><float name="m_dFrequency">1999</float></PT2Filter></LinkedList>
+</DynamicModelAxisController>
+"""
+
+
+def test_responses_and_controllers_of_a_tuning_tool_are_listed(tmp_path: Path) -> None:
+    (tmp_path / "a.xml").write_text(AST, encoding="utf-8")
+    done = runner.invoke(app, ["channels", str(tmp_path / "a.xml")])
+    assert done.exit_code == 0, done.output
+    for words in (
+        f"frequency responses in {tmp_path}",
+        "speed_plant_1_plant",
+        "(rad/s)/(N m)",
+        "PT2Filter[1]",
+        "1999",
+        "X1",
+    ):
+        assert words in done.output
+    out = tmp_path / "roles.toml"
+    refused = runner.invoke(app, ["channels", str(tmp_path / "a.xml"), "--out", str(out)])
+    assert isinstance(refused.exception, ParameterError)
+    assert "holds frequency responses, which need no --out" in str(refused.exception)
+    assert not out.exists()
+
+
+def test_what_is_wrong_with_the_xml_is_said_and_not_that_it_is_no_log(tmp_path: Path) -> None:
+    (tmp_path / "a.xml").write_text(AST.replace("1,2,4", "1,2"), encoding="utf-8")
+    for command in ("channels", "identify"):
+        refused = runner.invoke(app, [command, str(tmp_path / "a.xml")])
+        assert isinstance(refused.exception, LogError)
+        assert "m_pPlant has 6 values at 2 frequencies" in str(refused.exception)

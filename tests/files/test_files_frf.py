@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-import base64
 import builtins
 import gzip
+import struct
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from xml.sax.saxutils import escape
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from feeddrive.files.frf import encoders, read_frf, read_frfs, write_frf
+from feeddrive.files.frf import encoders, read_controllers, read_frf, read_frfs, write_frf
 from feeddrive.files.read_log import read_log
-from feeddrive.files.readers.ast_xml import controller_sets
 from feeddrive.files.readers.frf_columns import named
 from feeddrive.language.errors import FileError, LogError, MissingExtraError, ParameterError
 from feeddrive.loop.frequency_response import FRF
@@ -164,7 +162,7 @@ def test_a_line_at_0_hz_is_left_out(tmp_path: Path) -> None:
         ("f,re,im\n0,1,2\n", r"holds only a line at 0 Hz"),
         ("f,re,im\n1,1,2\n2,1,3\n3,1,4\n2,2\n", r"line 5 has 2 cells, the lines above 3: the file is cut off there"),
         ("", r"a\.csv: is empty"),
-        ("<?xml version='1.0'?><a/>", r"is XML without a frequency response"),
+        ("<?xml version='1.0'?><a/>", r"is XML without a measured response of the tuning tool"),
         ("<html><body>", r"is damaged XML: no element found"),
     ],
 )
@@ -354,49 +352,98 @@ def test_damaged_universal_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
         read_frf(path)
 
 
-# XML with arrays in base85; a file of our own, since no other was at hand
+# the XML of a tuning tool: no file of it can be passed on, so that its form is written here from its description
+
+ALPHABET = "0123456789abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ!#$`()*+-/:;=?@[]^_{|}~"
 
 
-def ast_xml(response: np.ndarray = G, *, order: str = "little", single: bool = False, more: str = "") -> str:
-    letter = "<" if order == "little" else ">"
-    real, complex_ = ("f4", "c8") if single else ("f8", "c16")
+def base85(numbers: np.ndarray) -> str:
+    """Doubles as words of 32 bits, big-endian, each of five digits; a point for a word of zeros. Word by word."""
+    text = ""
+    for (word,) in struct.iter_unpack(">I", numbers.astype(">f8").tobytes()):
+        text += "." if word == 0 else "".join(ALPHABET[word // 85**k % 85] for k in (4, 3, 2, 1, 0))
+    return "\n".join(text[k : k + 76] for k in range(0, len(text), 76))
 
-    def packed(numbers: np.ndarray, kind: str) -> str:
-        text = base64.b85encode(numbers.astype(letter + kind).tobytes()).decode()
-        return escape("\n".join(text[k : k + 60] for k in range(0, len(text), 60)))
 
-    types = ("float32", "complex64") if single else ("float64", "complex128")
+def array(member: str, numbers: np.ndarray, *, form: str = "") -> str:
+    complex_ = np.iscomplexobj(numbers)
+    plain = numbers.astype(np.complex128).view(np.float64) if complex_ else numbers
+    text = ",".join(map(repr, plain.tolist())) if form else base85(plain)
+    kind = "complex" if complex_ else "double"
+    return (
+        f'<NumericArray name="{member}" elementtype="{kind}"{form}>'
+        f'<raw name="m_pNumberArray"><![CDATA[{text}]]></raw></NumericArray>'
+    )
+
+
+def measured(member: str, frequency: np.ndarray, values: np.ndarray, *, form: str = "") -> str:
+    inside = array("m_ValueVector", values, form=form) + array("m_FrequencyVector", frequency, form=form)
+    return f'<FrequencyResponseFunction name="{member}">{inside}</FrequencyResponseFunction>'
+
+
+def ast_xml(response: np.ndarray = G, *, form: str = "", more: str = "", coherent: slice = slice(None)) -> str:
+    plant = measured("m_pPlant", F, response, form=form)
+    coherence = measured("m_pMeasCoherence", F[coherent], GAMMA2[coherent].astype(complex), form=form)
+    empty = measured("m_CurrentControllerResponse", F[:0], G[:0])
+    again = measured("m_pPlant", 2.0 * F, 3.0 * response) + measured("m_CurrentControllerResponse", F, G / 2.0)
+    item = '<SpeedPlantMeasurement><string name="m_szTimeStamp">2014-05-06 07:08:09</string>'
     return f"""<?xml version="1.0" encoding="UTF-8"?>
-<AutoServoTuning>{more}
- <Measurement name="speed plant" input="torque" output="speed" unit="rad_per_s_per_A">
-  <Frequency unit="Hz" type="{types[0]}" byteOrder="{order}">{packed(F, real)}</Frequency>
-  <Response type="{types[1]}" byteOrder="{order}">{packed(response, complex_)}</Response>
-  <Coherence type="{types[0]}" byteOrder="{order}">{packed(GAMMA2, real)}</Coherence>
- </Measurement>
- <ControllerSet name="today">
-  <Parameter name="Kp" unit="N m s/rad">12.5</Parameter>
-  <Parameter name="Tn" unit="ms">8</Parameter>
-  <Parameter name="note">by hand</Parameter>
- </ControllerSet>
-</AutoServoTuning>
+<DynamicModelAxisController satclassid="1" ver="4.96" env="x">{more}
+ <string name="m_szAxisName">X1</string><boolean name="m_bAxisIsRotary">0</boolean>
+ <LinkedList name="m_SpeedPlantMeasurementList" elementtype="SpeedPlantMeasurement">
+  {item}{plant}{coherence}{empty}</SpeedPlantMeasurement>
+  {item}{again}</SpeedPlantMeasurement>
+ </LinkedList>
+ <LinkedList name="m_PositionControllerList" elementtype="x"><PIRegulator name="m_SpeedRegulator">
+  <float name="m_Kp">12.5</float><float name="m_Tn">0.008</float>
+  <LinkedList name="m_Filters" elementtype="x">
+   <PT2Filter><float name="m_dFrequency">1999</float></PT2Filter>
+  </LinkedList>
+ </PIRegulator><float name="m_dUpdateTimeSeconds">0.002</float></LinkedList>
+</DynamicModelAxisController>
 """
 
 
-@pytest.mark.parametrize("single", [True, False])
-@pytest.mark.parametrize("order", ["little", "big"])
-def test_ast_xml(tmp_path: Path, order: str, single: bool) -> None:
-    frf = read_frf(write(tmp_path, ast_xml(order=order, single=single), "a.xml"))
-    tolerance = 1e-7 if single else 0.0  # float32 holds 24 bits
-    np.testing.assert_allclose(frf.frequency, F, rtol=tolerance)
-    np.testing.assert_allclose(frf.response, G, rtol=tolerance)
+@pytest.mark.parametrize("form", ["", ' format="CSV"'])
+def test_ast_xml(tmp_path: Path, form: str) -> None:
+    """All responses that have numbers, bit for bit, named by list, place and member."""
+    frfs = read_frfs(write(tmp_path, ast_xml(form=form), "a.xml"))
+    assert list(frfs) == ["speed_plant_1_plant", "speed_plant_2_plant", "speed_plant_2_current_controller_response"]
+    frf = frfs["speed_plant_1_plant"]
+    np.testing.assert_array_equal(frf.frequency, F)
+    np.testing.assert_array_equal(frf.response, G)
     assert frf.coherence is not None
-    np.testing.assert_allclose(frf.coherence, GAMMA2, rtol=tolerance)
-    assert (frf.input, frf.output, frf.unit) == ("torque", "speed", "rad/s/A")
+    np.testing.assert_array_equal(frf.coherence, GAMMA2)
+    assert (frf.input, frf.output, frf.unit) == ("torque", "speed_motor", "(rad/s)/(N m)")
+    np.testing.assert_array_equal(frfs["speed_plant_2_plant"].response, 3.0 * G)
+    assert frfs["speed_plant_2_plant"].coherence is None
 
 
-def test_controller_sets_of_ast_xml() -> None:
-    sets = controller_sets("a.xml", ast_xml().encode())
-    assert sets == {"today": {"Kp": (12.5, "N m s/rad"), "Tn": (8.0, "ms")}}
+def test_a_word_of_zeros_is_a_point_anywhere(tmp_path: Path) -> None:
+    values = np.array([0.0 + 1.0j, 0.1 - 2.0j, 5e-324 + 0.0j, 3.0 + 0.3j])  # words of zeros first, second, in pairs
+    assert base85(values.view(np.float64)).count(".") > 5
+    frf = read_frfs(write(tmp_path, ast_xml(values), "a.xml"))["speed_plant_1_plant"]
+    np.testing.assert_array_equal(frf.response, values)
+
+
+def test_lines_of_the_plant_without_a_coherence_are_left_out(tmp_path: Path) -> None:
+    frf = read_frfs(write(tmp_path, ast_xml(coherent=slice(1, None)), "a.xml"))["speed_plant_1_plant"]
+    np.testing.assert_array_equal(frf.frequency, F[1:])
+    few = read_frfs(write(tmp_path, ast_xml(coherent=slice(3, None)), "b.xml"))["speed_plant_1_plant"]
+    assert few.coherence is None
+    assert few.frequency.size == F.size
+
+
+def test_controllers_of_ast_xml(tmp_path: Path) -> None:
+    found = read_controllers(write(tmp_path, ast_xml(), "a.xml"))
+    assert found["m_PositionControllerList.m_SpeedRegulator"] == {"m_Kp": 12.5, "m_Tn": 0.008}
+    assert found["m_PositionControllerList.m_SpeedRegulator.m_Filters.PT2Filter[1]"] == {"m_dFrequency": 1999.0}
+    others = found[""]
+    assert others["m_szAxisName"] == "X1"
+    assert others["m_SpeedPlantMeasurementList.SpeedPlantMeasurement[2].m_szTimeStamp"] == "2014-05-06 07:08:09"
+    assert found["m_PositionControllerList"] == {"m_dUpdateTimeSeconds": 0.002}
+    with pytest.raises(LogError, match="is no XML of a tuning tool"):
+        read_controllers(write(tmp_path, "f_Hz,re,im\n1,2,3\n", "a.csv"))
 
 
 BILLION = '<!DOCTYPE a [<!ENTITY b "lol"><!ENTITY c "&b;&b;&b;&b;&b;&b;&b;&b;&b;&b;">]>'
@@ -405,16 +452,20 @@ BILLION = '<!DOCTYPE a [<!ENTITY b "lol"><!ENTITY c "&b;&b;&b;&b;&b;&b;&b;&b;&b;
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        (ast_xml().replace("<AutoServoTuning>", BILLION + "<AutoServoTuning>"), "holds a document type with entities"),
+        (ast_xml().replace("<Dynamic", BILLION + "<Dynamic"), "holds a document type with entities"),
         ('<!DOCTYPE a SYSTEM "file:///etc/passwd"><a/>', "holds a document type|is .*damaged XML|an XML"),
         ('<?xml version="1.0"?><!DOCTYPE a SYSTEM "file:///etc/passwd"><a/>', "holds a document type with entities"),
         ("<a>" * 100, "holds more than 50 levels"),
         ("<a>" + "<b/>" * 300_000 + "</a>", "more than 50 levels or 200,000 elements"),
         (ast_xml()[:300], "is damaged XML"),
-        (ast_xml().replace("complex128", "complex64"), "have different lengths"),
-        (ast_xml().replace("complex128", "string"), "the element Response is not an array of string in base85"),
-        (ast_xml(G * np.nan), "column 're_speed_plant' is nan at row 1"),
-        ("<a><b/></a>", "is XML without a frequency response"),
+        (ast_xml().replace("CDATA[", "CDATA[" + base85(np.array([1.0])), 1), r"m_pPlant has \d+ values at \d+ freq"),
+        (ast_xml().replace("CDATA[", "CDATA[0", 1), "m_ValueVector is not .* base 85: a word has not five characters"),
+        (ast_xml().replace("CDATA[", "CDATA[00.000", 1), "a word has not five characters"),
+        (ast_xml().replace("CDATA[", "CDATA[~~~~~", 1), "a word is beyond 32 bits"),
+        (ast_xml().replace("CDATA[", "CDATA[0000&", 1), "it has characters beyond the 85"),
+        (ast_xml(form=' format="CSV"').replace("CDATA[", "CDATA[1,x,", 1), "is not a list of numbers with commas"),
+        (ast_xml(G * np.nan), "column 're_speed_plant_1_plant' is nan at row 1"),
+        ("<a><b/></a>", "is XML without a measured response of the tuning tool"),
     ],
 )
 def test_what_is_wrong_with_ast_xml(tmp_path: Path, text: str, message: str) -> None:

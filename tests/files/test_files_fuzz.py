@@ -5,7 +5,6 @@ Bits are flipped, pieces cut out, doubled or replaced, ends cut off; seeds are f
 
 from __future__ import annotations
 
-import base64
 import gzip
 import io
 import random
@@ -14,7 +13,6 @@ import resource
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
-from xml.sax.saxutils import escape
 
 import h5py
 import numpy as np
@@ -125,14 +123,20 @@ def frf_decibel() -> bytes:
 
 
 def ast_xml() -> bytes:
-    def packed(numbers: np.ndarray) -> str:
-        return escape(base64.b85encode(numbers.tobytes()).decode())
+    digits = "0123456789abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ!#$`()*+-/:;=?@[]^_{|}~"
 
-    response = COLUMNS["x"] + 1j * COLUMNS["force"]
-    return (
-        f'<?xml version="1.0"?><A><M name="a" unit="m/N"><Frequency unit="Hz">{packed(1 + 1e3 * TIME)}</Frequency>'
-        f"<Response>{packed(response)}</Response><Coherence>{packed(np.full(60, 0.5))}</Coherence></M></A>"
-    ).encode()
+    def array(member: str, numbers: np.ndarray) -> str:
+        words = np.frombuffer(numbers.astype(">f8" if numbers.dtype.kind == "f" else ">c16").tobytes(), ">u4").tolist()
+        text = "".join("".join(digits[word // 85**k % 85] for k in (4, 3, 2, 1, 0)) if word else "." for word in words)
+        return f'<NumericArray name="{member}"><raw name="m_pNumberArray"><![CDATA[{text}]]></raw></NumericArray>'
+
+    def measured(member: str, values: np.ndarray) -> str:
+        inside = array("m_FrequencyVector", 1 + 1e3 * TIME) + array("m_ValueVector", values)
+        return f'<FrequencyResponseFunction name="{member}">{inside}</FrequencyResponseFunction>'
+
+    plant = measured("m_pPlant", COLUMNS["x"] + 1j * COLUMNS["force"])
+    coherence = measured("m_pMeasCoherence", np.full(60, 0.5 + 0.0j))
+    return f'<?xml version="1.0"?><A><L name="m_List"><M>{plant}{coherence}</M></L></A>'.encode()
 
 
 RESPONSES: dict[str, Callable[[], bytes]] = {

@@ -7,6 +7,7 @@ import gzip
 import re
 import tracemalloc
 import warnings
+import zlib
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -259,6 +260,45 @@ def test_the_content_decides_not_the_ending(tmp_path: Path) -> None:
         read_log(tmp_path / "nothing.csv")
     with pytest.raises(FileError, match="is a directory"):
         read_log(tmp_path)
+
+
+def test_gzip_of_many_members_is_read_in_linear_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Bytes handed to zlib and back, over the size of the file: they do not grow with the number of members."""
+    moved = 0
+    real = zlib.decompressobj
+
+    class Counted:
+        def __init__(self, wbits: int) -> None:
+            self.inner = real(wbits=wbits)
+
+        def decompress(self, data: bytes, most: int) -> bytes:
+            nonlocal moved
+            found = self.inner.decompress(data, most)
+            moved += len(data) + len(self.inner.unused_data) + len(self.inner.unconsumed_tail)
+            return found
+
+        def __getattr__(self, name: str) -> object:
+            return getattr(self.inner, name)
+
+    monkeypatch.setattr(formats.zlib, "decompressobj", Counted)
+    member = gzip.compress(b"")
+    ratios = []
+    for count in (1000, 4000):
+        moved = 0
+        with pytest.raises(LogError, match="is empty"):
+            formats.unpacked("a.csv.gz", member * count)
+        ratios.append(moved / (count * len(member)))
+    assert ratios[1] < 1.01 * ratios[0] < 50
+
+
+def test_members_of_gzip_and_zeros_between_them() -> None:
+    """What a member holds does not depend on the pieces in which it is fed."""
+    text = b"".join(b"%d," % (k * k) for k in range(30_000))
+    packed = gzip.compress(text) + b"\0" * 70_000 + gzip.compress(b"") + gzip.compress(text[::-1]) + b"\0"
+    assert formats.unpacked("a.csv.gz", packed) == text + text[::-1]
+    for cut in (len(packed) - 3, 12, 300, 20_000):
+        with pytest.raises(LogError, match="is packed by gzip and cut off"):
+            formats.unpacked("a.csv.gz", packed[:cut])
 
 
 def test_packed_by_gzip(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -2,6 +2,7 @@
 
 from feeddrive.files.blocks_to_toml import to_toml as to_toml
 from feeddrive.files.frf import encoders as encoders
+from feeddrive.files.frf import read_controllers as read_controllers
 from feeddrive.files.frf import read_frf as read_frf
 from feeddrive.files.frf import read_frfs as read_frfs
 from feeddrive.files.frf import write_frf as write_frf

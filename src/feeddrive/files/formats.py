@@ -31,6 +31,8 @@ from feeddrive.files.run_files import read_parquet
 from feeddrive.language.errors import LogError
 
 _PIECE = 10_000_000  # bytes that gzip unpacks at a time: a bomb is noticed one piece beyond what is read
+_LEAST = 256  # bytes that a member of a gzip file is given first
+_PAD = 65536  # bytes of zeros between members that are skipped at a time
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 _READABLE = "MATLAB (.mat), CSV, Parquet, numpy (.npy), UFF 58, MDF4, also packed by gzip"
 
@@ -156,20 +158,30 @@ def unpacked(name: str, content: bytes) -> bytes:
 
 def _unpacked(name: str, content: bytes) -> bytes:
     parts: list[bytes] = []
-    size = 0
+    size, place = 0, 0
     most = most_unpacked(len(content))
+    packed = memoryview(content)
     try:
-        while content:
+        while place < len(packed):
             zip_ = zlib.decompressobj(wbits=31)
+            # a file may have a million members: each is fed in pieces that grow, so the rest is not copied each time
+            piece = _LEAST
             while not zip_.eof:
-                parts.append(zip_.decompress(content, _PIECE))
-                content = zip_.unconsumed_tail
+                given = zip_.unconsumed_tail
+                if not given:
+                    given = packed[place : place + piece]
+                    place += len(given)
+                    piece = min(2 * piece, _PIECE)
+                parts.append(zip_.decompress(given, _PIECE))
+                if not given and not parts[-1] and not zip_.eof:
+                    raise LogError(f"{name}: is packed by gzip and cut off; copy it again")
                 size += len(parts[-1])
                 if size > most:
                     raise LogError(f"{name}: holds more than the {most / 1e6:,.0f} MB that are read, once unpacked")
-                if not parts[-1] and not zip_.eof:
-                    raise LogError(f"{name}: is packed by gzip and cut off; copy it again")
-            content = zip_.unused_data.lstrip(b"\0")
+            place -= len(zip_.unused_data)
+            while place < len(packed) and packed[place] == 0:
+                pad = bytes(packed[place : place + _PAD])
+                place += len(pad) - len(pad.lstrip(b"\0"))
     except zlib.error:
         raise LogError(f"{name}: is packed by gzip and damaged; copy it again") from None
     return b"".join(parts)

@@ -66,11 +66,30 @@ def read_frfs(path: str | Path | OpenedFile, *, columns: Sequence[str] | None = 
         raise LogError(f"{path}: does not fit into the memory") from None
 
 
+def read_controllers(path: str | Path | OpenedFile) -> dict[str, dict[str, float | str]]:
+    """Controllers, filters and models of the mechanics in the XML of a SINUMERIK tuning tool (AST).
+
+    By the path of each in the file, its numbers and texts by member, as m_Kp, m_Tn, m_Kv.  Under the name "" is all
+    else that is a number or text, so that nothing which this version of the tool calls by another name is lost.
+    Raises FileError or LogError (damaged, or of another kind).
+    """
+    file = _opened(path)
+    if not ast_xml.is_xml(file.unpacked):
+        raise LogError(f"{path}: is no XML of a tuning tool; controllers are read from that only")
+    known, others = ast_xml.controllers(str(file), file.unpacked)
+    return {**known, **({"": others} if others else {})}
+
+
 def names_frequency(path: str | Path | OpenedFile) -> bool:
-    """True for a file that has a column of frequency and none of time: it is no log, even if its lines are wrong."""
-    where = str(path)
+    """True for a file of frequency responses even if its lines are wrong: no log.
+
+    It has a column of frequency and none of time, or it is the XML of a tuning tool.
+    """
+    where, file = str(path), _opened(path)
     try:
-        tables = list(_tables(_opened(path), None))
+        if ast_xml.is_ast(file.unpacked):
+            return True
+        tables = list(_tables(file, None))
         for table, _ in tables:
             frequency_of(where, table)
         return bool(tables) and not any(is_time(name) for table, _ in tables for name in table.values)

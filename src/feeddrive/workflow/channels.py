@@ -7,16 +7,22 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 from feeddrive.files.columns import OWN_UNIT, ROLES, Column
 from feeddrive.files.formats import OpenedFile
+from feeddrive.files.frf import names_frequency, read_controllers, read_frfs
 from feeddrive.files.guess import Guess, guess_roles, write_roles
 from feeddrive.files.job import LogRequest, read_request
 from feeddrive.files.log import Log
 from feeddrive.files.read_log import read_log
+from feeddrive.files.readers.ast_xml import is_ast
 from feeddrive.language import units
 from feeddrive.language.errors import FileError, LogError, ParameterError
 from feeddrive.language.progress import Progress
+from feeddrive.language.table import Table
 from feeddrive.workflow.command import Outcome, command
 from feeddrive.workflow.request import Request, argument, option
 
@@ -113,12 +119,48 @@ class ChannelsRequest(Request):
 
 
 @command(ChannelsRequest)
-def channels(request: ChannelsRequest, progress: Progress) -> Outcome[Guess]:
-    """Guess which column of a log is what; the section of the outcome is a TOML to correct and give with --channels."""
+def channels(request: ChannelsRequest, progress: Progress) -> Outcome[Any]:
+    """Guess which column of a log is what; the section of the outcome is a TOML to correct and give with --channels.
+
+    Of a file of frequency responses it lists these, and the controllers that the XML of a tuning tool holds.
+    """
     progress.step(f"reading {request.log}")
-    guess = guess_roles(read_log(request.log, sample_time=request.sample_time), request.axis)
+    file = OpenedFile(request.log)
+    if names_frequency(file):
+        if request.out is not None:
+            raise ParameterError(
+                f"{request.log}: holds frequency responses, which need no --out: name them to identify with --motor "
+                f"NAME and --load NAME"
+            )
+        return _responses(file)
+    guess = guess_roles(read_log(file, sample_time=request.sample_time), request.axis)
     out, path = request.out, request.log
     if out is None:
         return Outcome(guess, [guess.table()], section=guess.toml(path))
     write_roles(out, guess, path.resolve() if out.parent.resolve() != path.parent.resolve() else path.name)
     return Outcome(guess, [guess.table()], files={"Written": f"{out}; correct it and give it with --channels {out}"})
+
+
+def _responses(file: OpenedFile) -> Outcome[Any]:
+    """The frequency responses of a file, and what else a tuning tool wrote there."""
+    found = read_frfs(file)
+    rows = [
+        (
+            name,
+            frf.output,
+            frf.input,
+            frf.unit or "not stated",
+            str(frf.frequency.size),
+            f"{frf.frequency[0]:.4g} to {frf.frequency[-1]:.4g}",
+            "no" if frf.coherence is None else f"{float(np.median(frf.coherence)):.3f}",
+        )
+        for name, frf in found.items()
+    ]
+    heads = ("response", "output", "input", "unit", "lines", "Hz", "coherence, median")
+    tables = [Table(f"frequency responses in {file}: {len(found)}", heads, rows)]
+    if is_ast(file.unpacked):
+        for title, values in read_controllers(file).items():
+            shown = [(key, value if isinstance(value, str) else f"{value:.9g}") for key, value in values.items()]
+            tables.append(Table(title or "all else that the file says", ("member", "value as in the file"), shown))
+    how = "" if len(found) == 1 else " --motor NAME --load NAME, the names of the responses of the encoders"
+    return Outcome(found, tables, verdict=f"Masses and modes: feeddrive identify {file}{how}")

@@ -1,25 +1,25 @@
-"""Measurements of the tuning tool of SINUMERIK drives (AST), as XML with arrays in base85.
+"""Measurements and controllers in the XML of the tuning tool of SINUMERIK drives (AST).
 
-UNPROVEN: no file of a real machine was at hand.  The reader was written against a file of our own, which has what the
-tool is known to keep: complex frequency responses and their coherence as arrays in base85, and sets of controller
-parameters.  It goes by what an element holds, not by one fixed tree:
+An element is named by its class, and has the name of its member as attribute `name`:
 
-    <Measurement name="speed plant" input="torque" output="speed" unit="rad/N m/s">
-      <Frequency unit="Hz" type="float64" byteOrder="little">base85 ...</Frequency>
-      <Response type="complex128">base85 ...</Response>
-      <Coherence type="float64">base85 ...</Coherence>
-    </Measurement>
-    <ControllerSet name="speed loop"><Parameter name="Kp" unit="N m s/rad">12.5</Parameter></ControllerSet>
+    <DynamicModelAxisController>
+      <LinkedList name="m_SpeedPlantMeasurementList"><SpeedPlantMeasurement>
+        <string name="m_szTimeStamp">2014-05-06 07:08</string>
+        <FrequencyResponseFunction name="m_pPlant">
+          <NumericArray name="m_ValueVector" elementtype="complex"><raw name="m_pNumberArray"><![CDATA[...]]></raw> ...
+          <NumericArray name="m_FrequencyVector" elementtype="double"> ...
 
+Numbers are written in base 85: five characters are a word of 32 bits, the most significant first, a point is a word of
+zeros, and two words are a double of IEEE 754, big-endian; complex numbers are real and imaginary part in turn.  An
+array with format="CSV" holds numbers with commas instead.  Responses without numbers are left out.
+
+Names of members differ between versions of the tool: `controllers` keeps everything that is a scalar, with its path.
 Document types and entities are refused before they are read; depth, elements and bytes are bounded.
 """
 
 from __future__ import annotations
 
-import base64
-import binascii
 import re
-import struct
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import NoReturn
@@ -34,12 +34,25 @@ MOST_BYTES = 100_000_000
 _DEEPEST = 50
 _MOST_ELEMENTS = 200_000
 _MOST_RESPONSES = 1000
-_TYPES = {"float32": "f4", "float64": "f8", "double": "f8", "float": "f4", "complex64": "c8", "complex128": "c16",
-          "complex": "c16"}  # fmt: skip
-_KINDS = {
-    "f": ("frequency", "frequencies", "freq", "f"), "response": ("response", "frf", "data", "value", "values"),
-    "coherence": ("coherence", "coh"),
-}  # fmt: skip
+
+_ALPHABET = "0123456789abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ!#$`()*+-/:;=?@[]^_{|}~"
+_ZERO_WORD = "."
+_DIGITS = np.full(128, 255, dtype=np.uint8)
+_DIGITS[np.frombuffer(_ALPHABET.encode(), np.uint8)] = np.arange(85)
+_PLACES = 85 ** np.arange(4, -1, -1, dtype=np.uint64)
+
+_RESPONSE, _ARRAY = "FrequencyResponseFunction", "NumericArray"
+_SCALARS = ("float", "double", "unsigned_int", "integer", "int", "boolean", "string")
+_COHERENCE = "m_pMeasCoherence"
+_ENOUGH = 0.5  # of the plant's lines
+# member -> input, output and unit; of any other member the file does not say what it leads from and to
+_QUANTITIES = {
+    "m_pPlant": ("torque", "speed_motor", "(rad/s)/(N m)"),
+    "m_CurrentControllerResponse": ("torque_setpoint", "torque", "1"),
+}
+# classes and members by which a part of the file counts as a controller, a filter or a model of the mechanics
+_CONTROLLER = re.compile(r"regulator|controller|filter|rigid", re.IGNORECASE)
+_GAINS = frozenset({"m_Kp", "m_Tn", "m_Kv"})
 
 
 class _RefusedError(Exception):
@@ -55,19 +68,48 @@ class _Element:
     parts: list[str] = field(default_factory=list[str])
     children: list[_Element] = field(default_factory=list["_Element"])
 
+    @property
+    def member(self) -> str:
+        """Which member of its parent the element is; an item of a list has only its class."""
+        return self.attributes.get("name", self.tag)
+
     def text(self) -> str:
         return "".join(self.parts)
 
-    def walk(self) -> Iterator[_Element]:
-        """The element itself and all in it; depth is bounded when it is read."""
-        yield self
+    def member_named(self, name: str) -> _Element | None:
+        return next((each for each in self.children if each.member == name), None)
+
+    def scalars(self) -> dict[str, float | str]:
+        """Numbers and texts that stand directly in the element."""
+        found: dict[str, float | str] = {}
+        for each in self.children:
+            text = each.text().strip()
+            if each.tag not in _SCALARS or not text:
+                continue
+            try:
+                found[each.member] = text if each.tag == "string" else float(text)
+            except ValueError:
+                found[each.member] = text
+        return found
+
+    def walk(self, path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], _Element]]:
+        """The element and all in it, each with its path; depth is bounded when it is read."""
+        yield path, self
+        counts: dict[str, int] = {}
         for child in self.children:
-            yield from child.walk()
+            k = counts[child.member] = counts.get(child.member, 0) + 1
+            listed = "name" not in child.attributes
+            yield from child.walk((*path, f"{child.member}[{k}]" if listed and path else child.member))
 
 
 def is_xml(content: bytes) -> bool:
     """True for a text that begins as XML does."""
     return re.match(rb"(\xef\xbb\xbf)?\s*<(\?xml|[A-Za-z_])", content) is not None
+
+
+def is_ast(content: bytes) -> bool:
+    """True for XML that has an element of a response of the tuning tool."""
+    return is_xml(content) and f"<{_RESPONSE}".encode() in content
 
 
 def _parsed(name: str, content: bytes) -> _Element:
@@ -111,65 +153,136 @@ def _parsed(name: str, content: bytes) -> _Element:
 
 
 def ast_tables(name: str, content: bytes) -> Iterator[tuple[Columns, dict[str, str]]]:
-    """A table of f, re, im, coherence for each response in the file, and its input and output."""
+    """A table of f, re, im, coherence for each response that has numbers, and its input and output.
+
+    A response is named by the list that it stands in, its place there, and its member: `speed_plant_1_plant`.  The
+    coherence of a plant is a response with frequencies of its own: lines of the plant that have none are left out, and
+    where these are more than half, the coherence is.
+    """
     names: dict[str, int] = {}
-    for element in _parsed(name, content).walk():
-        parts = {kind: each for each in element.children if (kind := _kind(each.tag)) is not None}
-        if not {"f", "response"} <= set(parts):
-            continue
-        label = re.sub(r"[^\w+-]+", "_", element.attributes.get("name", "")).strip("_") or "frf"
-        label = free_name(label, names)
-        if len(names) > _MOST_RESPONSES:
-            raise LogError(f"{name}: holds more than {_MOST_RESPONSES} responses; export fewer")
-        frequency = np.real(_array(name, parts["f"]))
-        response = _array(name, parts["response"])
-        values = {"f": frequency, f"re_{label}": np.real(response), f"im_{label}": np.imag(response)}
-        if "coherence" in parts:
-            values[f"coherence_{label}"] = np.real(_array(name, parts["coherence"]))
-        sizes = {key: column.size for key, column in values.items()}
-        if len(set(sizes.values())) > 1:
-            raise LogError(f"{name}: the arrays of '{label}' have different lengths, {sizes}; export it again")
-        units = {"f": parts["f"].attributes.get("unit", "Hz")}
-        if element.attributes.get("unit"):
-            units[f"re_{label}"] = element.attributes["unit"]
-        stated = {key: element.attributes[key] for key in ("input", "output") if key in element.attributes}
-        yield Columns("AST XML", values, units), stated
-    if not names:
-        raise LogError(f"{name}: is XML without a frequency response (an element with Frequency and Response)")
-
-
-def controller_sets(name: str, content: bytes) -> dict[str, dict[str, tuple[float, str]]]:
-    """Controller parameters by set and name, each with its unit as the file has it."""
-    found: dict[str, dict[str, tuple[float, str]]] = {}
-    for element in _parsed(name, content).walk():
-        if element.tag.lower() not in ("controllerset", "controller"):
-            continue
-        chosen = found.setdefault(element.attributes.get("name", f"set {len(found) + 1}"), {})
-        for each in element.children:
-            try:
-                number = float(each.text() or each.attributes.get("value", ""))
-            except ValueError:
+    empty = 0
+    for path, parent in _parsed(name, content).walk():
+        responses = {each.member: each for each in parent.children if each.tag == _RESPONSE}
+        coherence = _lines(name, responses.pop(_COHERENCE, None))
+        for member, response in responses.items():
+            lines = _lines(name, response)
+            if lines is None:
+                empty += 1
                 continue
-            if np.isfinite(number):
-                chosen[each.attributes.get("name", each.tag)] = (number, each.attributes.get("unit", ""))
-    return found
+            label = free_name(_label((*path[1:], member)), names)
+            if len(names) > _MOST_RESPONSES:
+                raise LogError(f"{name}: holds more than {_MOST_RESPONSES} responses; export fewer")
+            input_, output, unit = _QUANTITIES.get(member, ("input", label, "1"))
+            frequency, values = lines
+            columns = {"f": frequency, f"re_{label}": np.real(values), f"im_{label}": np.imag(values)}
+            if member == "m_pPlant" and coherence is not None:
+                here, there = _shared(frequency, coherence[0])
+                if here.size >= _ENOUGH * frequency.size:
+                    columns = {key: column[here] for key, column in columns.items()}
+                    columns[f"coherence_{label}"] = np.real(coherence[1])[there]
+            yield Columns("AST XML", columns, {"f": "Hz", f"re_{label}": unit}), {"input": input_, "output": output}
+    if not names:
+        held = f"; {empty} are there without numbers" if empty else ""
+        raise LogError(f"{name}: is XML without a measured response of the tuning tool (<{_RESPONSE}>){held}")
 
 
-def _kind(tag: str) -> str | None:
-    return next((kind for kind, tags in _KINDS.items() if tag.lower() in tags), None)
+def controllers(name: str, content: bytes) -> tuple[dict[str, dict[str, float | str]], dict[str, float | str]]:
+    """Controllers, filters and models of the mechanics by their path, and all other numbers and texts by theirs.
+
+    The numbers are as the file has them, in SI as far as is known: it does not state units.
+    """
+    known: dict[str, dict[str, float | str]] = {}
+    others: dict[str, float | str] = {}
+    for path, element in _parsed(name, content).walk():
+        if element.tag in (_RESPONSE, _ARRAY) or not path:
+            continue
+        scalars = element.scalars()
+        below = path[1:]
+        if scalars and below and (any(map(_CONTROLLER.search, (element.tag, element.member))) or _GAINS & set(scalars)):
+            known[".".join(below)] = scalars
+        else:
+            others |= {".".join((*below, key)): value for key, value in scalars.items()}
+    return known, others
 
 
-def _array(name: str, element: _Element) -> np.ndarray:
-    """The numbers of an element, complex: base85 of floats, or pairs of them."""
-    stated = element.attributes.get("type", "complex128" if _kind(element.tag) == "response" else "float64").lower()
-    order = ">" if element.attributes.get("byteOrder", "little").lower().startswith("b") else "<"
-    text = re.sub(r"\s+", "", element.text()).encode("ascii", "replace")
-    try:
-        packed = base64.b85decode(text) if element.attributes.get("encoding", "base85") != "ascii85" else (
-            base64.a85decode(text, adobe=text.startswith(b"<~")))  # fmt: skip
-        dtype = np.dtype(order + _TYPES[stated])
-        return np.frombuffer(packed, dtype).astype(np.complex128)
-    except (ValueError, KeyError, binascii.Error, struct.error):
+def _label(path: tuple[str, ...]) -> str:
+    """`m_SpeedPlantMeasurementList`, `SpeedPlantMeasurement[2]`, `m_pPlant` -> speed_plant_2_plant."""
+    words: list[str] = []
+    for part in path:
+        bare, bracket, count = part.rstrip("]").partition("[")
+        if bracket:
+            words.append(count)
+            continue
+        bare = re.sub(r"^m_(p|list|sz|d|b)?(?=[A-Z])", "", bare)
+        bare = re.sub(r"(Measurement)?(List)?$", "", bare)
+        words.append(re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", bare).lower())
+    return re.sub(r"[^\w+-]+", "_", "_".join(words)).strip("_") or "response"
+
+
+def _lines(name: str, response: _Element | None) -> tuple[np.ndarray, np.ndarray] | None:
+    """Frequencies in Hz and complex values of a response; None for one that is not there or holds no numbers."""
+    if response is None:
+        return None
+    parts = [response.member_named(key) for key in ("m_FrequencyVector", "m_ValueVector")]
+    if parts[0] is None or parts[1] is None:
+        return None
+    frequency, values = _numbers(name, parts[0]), _numbers(name, parts[1])
+    if not frequency.size and not values.size:
+        return None
+    if values.size == 2 * frequency.size:
+        values = values.view(np.complex128)
+    if values.size != frequency.size:
         raise LogError(
-            f"{name}: the element {element.tag[:40]} is not an array of {stated[:20]} in base85; export it again"
+            f"{name}: {response.member} has {values.size} values at {frequency.size} frequencies; export it again"
+        )
+    return frequency, values.astype(np.complex128)
+
+
+def _shared(plant: np.ndarray, coherence: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Places in the plant's frequencies, and in those of the coherence, at which both have a line."""
+    places = np.minimum(np.searchsorted(coherence, plant * (1.0 - 1e-9)), coherence.size - 1)
+    same = np.isclose(coherence[places], plant, rtol=1e-9, atol=0.0)
+    return np.flatnonzero(same), places[same]
+
+
+def _numbers(name: str, array: _Element) -> np.ndarray:
+    """The doubles of an array; of complex numbers real and imaginary part in turn."""
+    raw = array.member_named("m_pNumberArray")
+    holders = [array] if raw is None else [raw, array]
+    text = re.sub(r"\s+", "", holders[0].text())
+    if any(each.attributes.get("format", "").upper() == "CSV" for each in holders):
+        try:
+            return np.array([float(each) for each in re.split(r"[,;]", text) if each], dtype=np.float64)
+        except ValueError:
+            raise LogError(f"{name}: {array.member} is not a list of numbers with commas; export it again") from None
+    try:
+        words = _words(text)
+        return np.frombuffer(words.astype(">u4").tobytes(), ">f8").astype(np.float64)
+    except ValueError as error:
+        raise LogError(
+            f"{name}: {array.member} is not an array of doubles in base 85: {error}; export it again"
         ) from None
+
+
+def _words(text: str) -> np.ndarray:
+    """The words of 32 bits in a text of base 85. Raises ValueError for one that is none, with the reason."""
+    try:
+        letters = np.frombuffer(text.encode("ascii"), np.uint8)
+    except UnicodeEncodeError:
+        raise ValueError("it has letters that are not ASCII") from None
+    zero = letters == ord(_ZERO_WORD)
+    # in characters of a word that is not zero: where each point stands must be between two words
+    before = np.cumsum(~zero)
+    if np.any(before[zero] % 5) or (before.size and before[-1] % 5):
+        raise ValueError("a word has not five characters")
+    digits = _DIGITS[letters & 127]
+    if np.any(digits[~zero] == 255) or np.any(letters > 127):
+        raise ValueError("it has characters beyond the 85")
+    values = digits[~zero].reshape(-1, 5).astype(np.uint64) @ _PLACES
+    if np.any(values >= 2**32):
+        raise ValueError("a word is beyond 32 bits")
+    # a word stands where its first character is, a zero word where its point is
+    first = np.flatnonzero(~zero)[::5]
+    places = np.concatenate([first, np.flatnonzero(zero)])
+    words = np.concatenate([values, np.zeros(np.count_nonzero(zero), np.uint64)])
+    return words[np.argsort(places, kind="stable")]
