@@ -14,6 +14,7 @@ from feeddrive.language.table import Result, Table
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.linearize import StateSpace, linearize
 from feeddrive.loop.loop import Loop
+from feeddrive.loop.runner import System
 
 _ROUNDING = 1e-9  # of |z|: what eigenvalues of a small matrix are uncertain by
 
@@ -67,24 +68,22 @@ class Stability(Result):
         return Table(self.sentence(), poles.heads, poles.rows)
 
 
-def stability(system: StateSpace | Loop, *, velocity: float = 0.05) -> Stability:
-    """Stability of a sampled model, or of a loop that moves with `velocity` (m/s; 0: the axis sticks).
+def stability(system: StateSpace | System, *, velocity: float = 0.05) -> Stability:
+    """Stability of a sampled model, or of a loop or machine that moves with `velocity` (m/s; 0: the axes stick).
 
     The test covers all states that are reachable from setpoint or load force and observable in position or force.
     """
-    model = system
-    if isinstance(model, Loop):
-        model = linearize(
-            model,
-            ["set_position", "load_force"],
-            ["position_motor", "position_load", "force"],
-            velocity=velocity,
-        )
+    if isinstance(system, StateSpace):
+        model = system
+    else:
+        inputs, outputs = ("set_position", "load_force"), ("position_motor", "position_load", "force")
+        given, seen = ([f"{port}{name}" for port in system.ports() for name in names] for names in (inputs, outputs))
+        model = linearize(system, given, seen, velocity=velocity)
     poles = model.poles()
     return Stability(model, complex(poles[0]) if poles.size else 0j)
 
 
-def require_stable(system: StateSpace | Loop, *, velocity: float = 0.05, where: str = "") -> Stability:
+def require_stable(system: StateSpace | System, *, velocity: float = 0.05, where: str = "") -> Stability:
     """The same, or UnstableError with frequency, growth, what to do, and the nearest stable gains of a loop.
 
     `where` names the loop in the message.

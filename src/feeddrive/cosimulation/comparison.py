@@ -80,6 +80,11 @@ def cosimulate(
         raise ParameterError(
             f"{job.file.name}: replays a log, which tells nothing of another plant: give a [reference]"
         )
+    if job.machines:
+        raise ParameterError(
+            f"{job.file.name}: runs several axes together, which an FMU of one plant cannot be: take a job without "
+            f"[others] on a machine file without [[couplings]]"
+        )
     digest = hashlib.sha256(read_whole(fmu, MOST)).hexdigest()
     rows = []
     for name, loop in job.loops.items():

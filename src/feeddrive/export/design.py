@@ -21,6 +21,7 @@ from feeddrive.loop.linearize import loop_gain
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.routine import Routine
 from feeddrive.loop.routine_trace import controller_routine, plant_routine
+from feeddrive.loop.runner import System
 from feeddrive.version import __version__
 
 LARGEST_MS = 3.0  # above it a change of the axis by a third may end in an oscillation
@@ -56,6 +57,11 @@ class Design:
         """What it is, in a line."""
         kind = self.loop.control.law.kind if self.what == CONTROL else self.loop.axis.plant.kind
         return f"{self.what.capitalize()} of axis {self.axis} of '{self.machine.name}': {kind}"
+
+    @property
+    def system(self) -> System:
+        """What runs: the loop, or all axes of a machine in which it is coupled."""
+        return self.machine.machine() if self.machine.coupled(self.axis) else self.loop
 
     @property
     def digest(self) -> str:
@@ -96,10 +102,11 @@ class Design:
 
     def _robustness(self) -> list[str]:
         """A word where the loop is close to its edge."""
-        if self.loop.control.law.period() > 1:
+        if any(loop.control.law.period() > 1 for loop in self.system.loops().values()):
             return []
         nyquist = 0.5 / self.routine.sample_time
-        found = margins(loop_gain(self.loop, np.geomspace(1e-4 * nyquist, nyquist, 2000)))
+        frequency = np.geomspace(1e-4 * nyquist, nyquist, 2000)
+        found = margins(loop_gain(self.system, frequency, axis=self.axis))
         if found.sensitivity_peak <= LARGEST_MS:
             return []
         return [
@@ -122,7 +129,7 @@ def read_design(
     `check_exportable`.
     """
     machine = read_machine(source)
-    loop = machine.loop(axis)
+    loop = machine.loops[machine.named(axis)] if what == CONTROL else machine.loop(axis)
     if what == CONTROL:
         require_guard(loop)
     prefix = name or f"{'axis' if what == CONTROL else 'plant'}_{loop.name}"

@@ -76,7 +76,7 @@ def write_export(
     what = PLANT if plant else CONTROL
     design = read_design(source, axis, name=name, what=what, precision=precision or chosen.precisions[0])
     if not plant:
-        require_stable(design.loop)
+        require_stable(design.system)
     place = Path(out) if out is not None else Path("results") / f"export_{Path(source).stem}_{design.axis}_{target}"
     write = getattr(import_module(f"{_HERE}.{chosen.module}"), chosen.function)
     return design, write(design, place, **chosen.fixed, **given)

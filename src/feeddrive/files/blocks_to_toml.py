@@ -14,12 +14,13 @@ _COMMENTS = 34  # column at which comments begin
 _ROW = 6  # numbers of a table on one line
 
 
-def to_toml(block: Block, key: str = "") -> str:
-    """The block as the section `[key]`, or as a whole file if there is no key.
+def to_toml(block: Block, key: str = "", *, listed: bool = False) -> str:
+    """The block as the section `[key]`, as an entry `[[key]]` of a list, or as a whole file if there is no key.
 
     An absent parameter is written as a comment.  Raises StructureError for a block that holds arrays of variants.
     """
-    return "\n".join(_lines(block, key, f"[{key}]" if key else "", named=True)).strip() + "\n"
+    header = f"[[{key}]]" if listed else f"[{key}]" if key else ""
+    return "\n".join(_lines(block, key, header, named=True)).strip() + "\n"
 
 
 def _lines(block: Block, key: str, header: str, *, named: bool) -> Iterator[str]:

@@ -11,6 +11,8 @@ kind = "snap_limited_move"
 file = "run.csv"
 [load]                             # a force on the table
 kind = "step_force"
+[others.y.reference]               # of a coupled machine, or to run all axes: what another axis does meanwhile;
+kind = "linear_move"               # one that is not named stands; [others.y.load] is a force on its table
 [[law]]                            # rows of the comparison; today's control is always the first
 name = "twice the gain"
 set = { "axis.x.control.law.Kv" = 80 }   # changes by path, in SI; or a whole [law.control]
@@ -20,7 +22,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -29,14 +31,17 @@ from feeddrive.files.blocks_from_toml import read_block
 from feeddrive.files.columns import ROLES, Column
 from feeddrive.files.log import Log
 from feeddrive.files.machine import MachineFile, found, read_machine
+from feeddrive.files.messages import nearest
 from feeddrive.files.read_log import read_log
 from feeddrive.files.toml_file import Section, TomlFile, read_toml
 from feeddrive.language import tree, units
 from feeddrive.language.errors import FeeddriveError, FileError, ParameterError
 from feeddrive.loop.control import Control
 from feeddrive.loop.loop import Loop
+from feeddrive.loop.machine import Machine
+from feeddrive.loop.runner import System
 
-_KEYS = ("title", "machine", "axis", "seed", "rule", "duration", "reference", "load", "law", "log")
+_KEYS = ("title", "machine", "axis", "seed", "rule", "duration", "reference", "load", "others", "law", "log")
 
 
 @dataclass(frozen=True)
@@ -55,8 +60,20 @@ class LogRequest:
 
 
 @dataclass(frozen=True)
+class Other:
+    """What an axis does that is not the one of the rows; without a reference it stands."""
+
+    reference: Reference | None = None
+    load: Load | None = None
+
+
+@dataclass(frozen=True)
 class Job:
-    """What a job file says."""
+    """What a job file says.
+
+    loops     the axis of the rows, by row
+    machines  by row all axes with their couplings, if the axis is coupled or `others` move; else empty
+    """
 
     title: str
     rule: str
@@ -69,6 +86,8 @@ class Job:
     log: LogRequest | None
     loops: Mapping[str, Loop]
     file: TomlFile
+    others: Mapping[str, Other] = field(default_factory=dict[str, Other])
+    machines: Mapping[str, Machine] = field(default_factory=dict[str, Machine])
 
 
 def read_job(path: str | Path, log: str | Path | None = None) -> Job:
@@ -83,14 +102,21 @@ def read_job(path: str | Path, log: str | Path | None = None) -> Job:
     machine = _machine(root, place)
     axis = _optional_text(root, "axis")
     try:
-        today = machine.loop(axis)
+        name = machine.named(axis)
     except FeeddriveError as error:
         raise root.error(f"axis: {error}", "axis") from None
+    others = _others(root, machine, name)
+    together = machine.machine() if others or machine.coupled(name) else None
+    rows = _laws(root, machine.loops[name], together)
     reference = root.optional("reference")
     request = _log(root, place, log)
     if (reference is None) == (request is None):
         given = ", not both: the log gives the reference" if request else ""
         raise root.error(f"a job needs either a section [reference] or a section [log]{given}")
+    if request is not None and together is not None:
+        raise root.error(
+            "log: a log is replayed on one axis alone, here several run together: give a [reference]", "log"
+        )
     load = root.optional("load")
     return Job(
         title=_optional_text(root, "title") or place.stem,
@@ -102,8 +128,10 @@ def read_job(path: str | Path, log: str | Path | None = None) -> Job:
         reference=None if reference is None else read_block(Reference, reference),  # type: ignore[type-abstract]
         load=None if load is None else read_block(Load, load),  # type: ignore[type-abstract]
         log=request,
-        loops={"today": today, **_laws(root, today)},
+        loops={row: each.loops()[name] for row, each in rows.items()},
         file=file,
+        others=others,
+        machines={row: each for row, each in rows.items() if isinstance(each, Machine)},
     )
 
 
@@ -118,13 +146,35 @@ def _machine(root: Section, place: Path) -> MachineFile:
         raise type(error)(f"{root.where('machine')}: machine: {error}") from None
 
 
-def _laws(root: Section, today: Loop) -> dict[str, Loop]:
-    """The loops of the rows after today's."""
-    found: dict[str, Loop] = {}
+def _others(root: Section, machine: MachineFile, axis: str) -> dict[str, Other]:
+    """What the other axes do."""
+    section = root.optional("others")
+    found: dict[str, Other] = {}
+    for name in () if section is None else section.values:
+        assert section is not None
+        if name not in machine.loops or name == axis:
+            there = [each for each in machine.loops if each != axis]
+            raise section.error(
+                f"{section.dotted(name)}: there is no other axis '{name}' beside '{axis}'{nearest(name, there)}", name
+            )
+        own = section.section(name)
+        own.refuse_unknown(("reference", "load"))
+        reference, load = own.optional("reference"), own.optional("load")
+        found[name] = Other(
+            None if reference is None else read_block(Reference, reference),  # type: ignore[type-abstract]
+            None if load is None else read_block(Load, load),  # type: ignore[type-abstract]
+        )
+    return found
+
+
+def _laws(root: Section, today: Loop, machine: Machine | None) -> dict[str, System]:
+    """The rows: the axis, or with a machine all its axes, under today's control and under the others."""
+    whole: System = today if machine is None else machine
+    found = {"today": whole}
     for section in root.listed("law"):
         section.refuse_unknown(("name", "control", "set"))
         name = _optional_text(section, "name")
-        if not name or name in found or name == "today":
+        if not name or name in found:
             raise section.error(
                 f"{section.dotted('name')} must be a text that no other row has, and not 'today'", "name"
             )
@@ -132,9 +182,10 @@ def _laws(root: Section, today: Loop) -> dict[str, Loop]:
         if (control is None) == (changes is None):
             raise section.error(f"row '{name}' needs either a section [law.control] or set = {{ ... }}")
         if control is not None:
-            found[name] = _replaced(control, today)
+            other = _replaced(control, today)
+            found[name] = other if machine is None else machine.with_loops({today.name: other})
         else:
-            found[name] = _varied(section, changes, today)
+            found[name] = _varied(section, changes, whole)
     return found
 
 
@@ -149,17 +200,18 @@ def _replaced(section: Section, today: Loop) -> Loop:
         raise section.error(f"{section.dotted()}: {error}") from None
 
 
-def _varied(section: Section, changes: Any, today: Loop) -> Loop:
+def _varied(section: Section, changes: Any, whole: System) -> System:
     values = dict(_flat(changes.values))
+    places = [each.place_of("control") for each in whole.loops().values()]
     for name, value in values.items():
         if isinstance(value, bool) or not isinstance(value, (int, float)):
             raise changes.error(f"'{name}' must be a number in SI, not {value!r}: choices need a whole [law.control]")
-        if not name.startswith((f"{today.place_of('control')}.", "control.")):
+        if not name.startswith((*(f"{place}." for place in places), "control.")):
             raise changes.error(
-                f"'{name}' is not part of the control: a row changes what is under {today.place_of('control')}", name
+                f"'{name}' is not part of the control: a row changes what is under {' or '.join(places)}", name
             )
     try:
-        return tree.vary(today, values)
+        return tree.vary(whole, values)
     except FeeddriveError as error:
         raise changes.error(f"{section.dotted('set')}: {error}") from None
 

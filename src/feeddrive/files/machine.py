@@ -1,4 +1,4 @@
-"""A machine file: axes with their physics, and the control that runs on them.
+"""A machine file: axes with their physics, the control that runs on them, and what couples them.
 
 name = "my mill"
 sample_time_ms = 0.25
@@ -8,19 +8,25 @@ kind = "two_mass"
 [axis.x.control]              # today's control: limit, guard, filters, feedforward
 [axis.x.control.law]
 kind = "cascade_ppi"
+[[couplings]]                 # what acts between the axes: structure modes, a cut, a recorded force
+kind = "structure_mode"
+[[couplings.shapes]]
+axis = "x"
 """
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 from feeddrive.blocks.machine_families import Coupling
 from feeddrive.files.blocks_from_toml import read_block
+from feeddrive.files.blocks_to_toml import to_toml
 from feeddrive.files.messages import nearest
 from feeddrive.files.toml_file import Section, TomlFile, read_toml
-from feeddrive.language.errors import FileError, ParameterError
+from feeddrive.language.errors import FileError, ParameterError, StructureError
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.control import Control
 from feeddrive.loop.loop import Loop
@@ -32,27 +38,56 @@ _TEXTS = ("name", "source", "remark")
 
 @dataclass(frozen=True)
 class MachineFile:
-    """What a machine file says: a loop for each axis, and where the numbers come from."""
+    """What a machine file says: a loop for each axis, what couples them, and where the numbers come from.
+
+    `loops` are the axes alone, without couplings.
+    """
 
     name: str
     source: str
     remark: str
     loops: Mapping[str, Loop]
     file: TomlFile
+    couplings: tuple[Coupling, ...] = ()
 
     def loop(self, axis: str | None) -> Loop:
-        """The loop of an axis; the only one if none is named. Raises ParameterError for one that is not there."""
+        """The loop of an axis; the only one if none is named.
+
+        Raises ParameterError for one that is not there, and for one that is coupled: alone it would move otherwise.
+        """
+        name = self.named(axis)
+        if self.coupled(name):
+            raise ParameterError(
+                f"{self.file.name}: {self.coupled(name)}: alone it would move otherwise, and this works on one axis "
+                f"alone. Run all axes by a job, export them, or take machine() in Python; for the axis alone take a "
+                f"copy of the file without its [[couplings]]"
+            )
+        return self.loops[name]
+
+    def named(self, axis: str | None) -> str:
+        """The name of an axis; of the only one if none is given. Raises ParameterError for one that is not there."""
         if axis is None and len(self.loops) == 1:
-            return next(iter(self.loops.values()))
+            return next(iter(self.loops))
         if axis is None:
             raise ParameterError(f"{self.file.name}: there are the axes {', '.join(self.loops)}: name one of them")
         if axis not in self.loops:
             raise ParameterError(f"{self.file.name}: axis '{axis}' is not there{nearest(axis, self.loops)}")
-        return self.loops[axis]
+        return axis
+
+    def coupled(self, axis: str) -> str:
+        """By what an axis is coupled, as a clause; empty if it is not."""
+        for i, each in enumerate(self.couplings):
+            if axis in each.axes():
+                others = ", ".join(name for name in each.axes() if name != axis) or "the structure"
+                return f"axis '{axis}' is coupled with {others} by couplings.{i} ({each.kind})"
+        return ""
 
     def machine(self, *couplings: Coupling) -> Machine:
-        """All axes as one machine, with what couples them. Raises ParameterError and StructureError as `Machine`."""
-        return Machine.of(self.loops, couplings)
+        """All axes as one machine, with the couplings of the file and these.
+
+        Raises ParameterError and StructureError as `Machine`.
+        """
+        return Machine.of(self.loops, (*self.couplings, *couplings))
 
 
 def read_machine(path: str | Path) -> MachineFile:
@@ -64,7 +99,35 @@ def read_machine(path: str | Path) -> MachineFile:
     root = file.root()
     text = {name: _text(root, name) for name in _TEXTS}
     loops = {name: _loop(root, name, section) for name, section in root.named("axis").items()}
-    return MachineFile(text["name"] or Path(file.name).stem, text["source"], text["remark"], loops, file)
+    couplings = _couplings(root, loops)
+    return MachineFile(text["name"] or Path(file.name).stem, text["source"], text["remark"], loops, file, couplings)
+
+
+def machine_toml(machine: Machine, name: str, source: str = "", remark: str = "") -> str:
+    """The text of a machine file, from which `read_machine` makes the same machine.
+
+    Raises StructureError for a machine that holds arrays of variants.
+    """
+    texts = [f"{key} = {json.dumps(text, ensure_ascii=False)}" for key, text in zip(_TEXTS, (name, source, remark),
+             strict=True) if text]  # fmt: skip
+    parts = ["\n".join([*texts, f"sample_time = {float(machine.sample_time)!r}"]) + "\n"]
+    for axis, each in machine.axes().items():
+        parts += [to_toml(each.axis, f"axis.{axis}"), to_toml(each.control, f"axis.{axis}.control")]
+    return "\n".join([*parts, *(to_toml(each, "couplings", listed=True) for each in machine.couplings)])
+
+
+def _couplings(root: Section, loops: Mapping[str, Loop]) -> tuple[Coupling, ...]:
+    """The couplings, each checked with the axes; an error names its line."""
+    found: tuple[Coupling, ...] = ()
+    for section in root.listed("couplings"):
+        found = (*found, read_block(Coupling, section))  # type: ignore[type-abstract]
+        try:
+            Machine.of(loops, found)
+        except (ParameterError, StructureError) as error:
+            text = str(error)
+            place = "" if text.startswith(section.dotted()) else f"{section.dotted()}: "
+            raise type(error)(f"{section.where()}: {place}{text}") from None
+    return found
 
 
 def found(path: str | Path, folder: str) -> Path:
@@ -82,7 +145,9 @@ def found(path: str | Path, folder: str) -> Path:
 def _loop(root: Section, name: str, section: Section) -> Loop:
     axis = read_block(Axis, section, besides={"control"})
     control = read_block(Control, section.section("control"))
-    return read_block(Loop, root, besides={"axis", *_TEXTS}, given={"axis": axis, "control": control, "name": name})
+    return read_block(
+        Loop, root, besides={"axis", "couplings", *_TEXTS}, given={"axis": axis, "control": control, "name": name}
+    )
 
 
 def _text(section: Section, name: str) -> str:

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any, TypeAlias
 
 from feeddrive.blocks.families import Load, Reference
+from feeddrive.blocks.machine_families import Coupling
 from feeddrive.files.atomic_io import write_whole
 from feeddrive.files.blocks_from_toml import Hint, defaults, hints, members, options_of_type
 from feeddrive.files.columns import ROLES
@@ -176,7 +177,12 @@ def machine_schema() -> Schema:
         "additionalProperties": axis,
         "description": "axes by name: [axis.x]",
     }
-    root = blocks.fields(Loop, {**texts, "axis": axes}, without=("axis", "control"))
+    couplings: Schema = {
+        "type": "array",
+        "items": blocks.part(Hint((Coupling,))),
+        "description": "what acts between the axes: structure modes that they share, a cut, a recorded force",
+    }
+    root = blocks.fields(Loop, {**texts, "axis": axes, "couplings": couplings}, without=("axis", "control"))
     root["required"] = ["axis"]
     return _file("machine", "A machine: axes with their physics and the control that runs on them today", root, blocks)
 
@@ -243,6 +249,15 @@ def job_schema() -> Schema:
             "duration": {"type": "number", "exclusiveMinimum": 0, "description": "of the runs, s"},
             "reference": {**blocks.part(Hint((Reference,))), "description": "the motion"},
             "load": {**blocks.part(Hint((Load,))), "description": "a force on the table"},
+            "others": {
+                "type": "object",
+                "description": "what the other axes do meanwhile: [others.y.reference]; one that is not named stands",
+                "additionalProperties": {
+                    "type": "object",
+                    "properties": {"reference": blocks.part(Hint((Reference,))), "load": blocks.part(Hint((Load,)))},
+                    "additionalProperties": False,
+                },
+            },
             "log": log,
             "law": {"type": "array", "items": law, "description": "rows of the comparison after today's control"},
         },

@@ -14,8 +14,10 @@ from feeddrive.language.block import Number, Rule
 MOST_TURN, MOST_DECAY = 1000.0, 100.0
 
 
-def slow_enough(mechanics: Mechanics, current_loop: Number | None, h: Number) -> Iterator[Rule]:
-    """Current loop (Hz), damping and modes are slow enough for substeps of h s."""
+def slow_enough(
+    mechanics: Mechanics, current_loop: Number | None, h: Number, what: str = "axis.plant"
+) -> Iterator[Rule]:
+    """Current loop (Hz), damping and modes are slow enough for substeps of h s; `what` has them."""
     if current_loop is not None:
         yield Rule(
             2.0 * math.pi * current_loop * h <= MOST_DECAY,
@@ -30,7 +32,7 @@ def slow_enough(mechanics: Mechanics, current_loop: Number | None, h: Number) ->
     yield Rule(
         matrix.decays(matrix.scale(turn * turn, squares)),
         "the fastest mode of the axis is slow enough for a substep: masses are not too small, nor springs too stiff",
-        lambda: _too_fast_a_mode(math.sqrt(matrix.growth(squares)), h),
+        lambda: _too_fast_a_mode(math.sqrt(matrix.growth(squares)), h, what),
     )
     decays = matrix.solve(mechanics.mass, mechanics.damping)
     yield Rule(
@@ -38,14 +40,14 @@ def slow_enough(mechanics: Mechanics, current_loop: Number | None, h: Number) ->
         "the fastest motion of the axis dies out slowly enough for a substep: masses are not too small, nor damping "
         "too large",
         lambda: (
-            f"axis.plant: its fastest motion dies out in {1.0 / matrix.growth(decays):.4g} s, more than {MOST_TURN:g} "
+            f"{what}: its fastest motion dies out in {1.0 / matrix.growth(decays):.4g} s, more than {MOST_TURN:g} "
             f"times within a substep of {h:g} s: check masses and damping, or raise substeps"
         ),
     )
 
 
-def _too_fast_a_mode(mode: float, h: float) -> str:
+def _too_fast_a_mode(mode: float, h: float, what: str) -> str:
     return (
-        f"axis.plant: its fastest mode, {mode / (2.0 * math.pi):.4g} Hz, turns {mode * h:.4g} rad in a substep of "
+        f"{what}: its fastest mode, {mode / (2.0 * math.pi):.4g} Hz, turns {mode * h:.4g} rad in a substep of "
         f"{h:g} s, more than {MOST_TURN:g}: check masses and stiffnesses, or raise substeps"
     )

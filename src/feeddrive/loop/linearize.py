@@ -309,29 +309,43 @@ def _trimmed(
     return StateSpace(A[np.ix_(keep, keep)], B[keep], C[:, keep], D, T, tuple(names[i] for i in keep), inputs, outputs)
 
 
-def loop_gain(loop: Loop, frequency: np.ndarray, *, velocity: float = 0.05) -> FRF:
+def loop_gain(loop: System, frequency: np.ndarray, *, velocity: float = 0.05, axis: str | None = None) -> FRF:
     """L = -force/cut: the loop opened at the actuator, with all delays, sampled. 1 + L = 0 is the edge of stability.
 
+    Of a machine it is that of an `axis`, with the loops of all others closed.
     Raises ParameterError for a law that repeats itself only after several samples: it has no loop gain at the actuator.
     """
-    if loop.control.law.period() > 1:
+    port, own = _port(loop, axis)
+    period = math.lcm(*(each.control.law.period() for each in loop.loops().values()))
+    if period > 1:
         raise ParameterError(
-            f"the law '{loop.control.law.kind}' repeats itself only every {loop.control.law.period()} samples, so that "
+            f"the law '{own.control.law.kind}' repeats itself only every {period} samples, so that "
             f"its loop has no gain and no margins at the actuator: judge it by its poles, or run it every sample"
         )
-    return -linearize(loop, ["cut"], ["force"], velocity=velocity).response(frequency)
+    return -linearize(loop, [f"{port}cut"], [f"{port}force"], velocity=velocity).response(frequency)
 
 
-def tracking(loop: Loop, frequency: np.ndarray, *, velocity: float = 0.05) -> FRF:
+def tracking(loop: System, frequency: np.ndarray, *, velocity: float = 0.05, axis: str | None = None) -> FRF:
     """Table position over set position, with the set velocity ... snap as exact derivatives: Σ Hₙ (j2πf)ⁿ."""
-    model = linearize(loop, SETPOINT, ["position_load"], velocity=velocity)
+    port, _ = _port(loop, axis)
+    model = linearize(loop, [f"{port}{name}" for name in SETPOINT], [f"{port}position_load"], velocity=velocity)
     s = 2j * np.pi * np.asarray(frequency, dtype=float)
     total = model.response(frequency)
     for order, name in enumerate(SETPOINT[1:], start=1):
-        total = total + s**order * model.response(frequency, input=name).response
+        total = total + s**order * model.response(frequency, input=f"{port}{name}").response
     return total
 
 
-def compliance(loop: Loop, frequency: np.ndarray, *, velocity: float = 0.05) -> FRF:
+def compliance(loop: System, frequency: np.ndarray, *, velocity: float = 0.05, axis: str | None = None) -> FRF:
     """Table position over force on the table, closed loop, m/N: the inverse of the dynamic stiffness."""
-    return linearize(loop, ["load_force"], ["position_load"], velocity=velocity).response(frequency)
+    port, _ = _port(loop, axis)
+    return linearize(loop, [f"{port}load_force"], [f"{port}position_load"], velocity=velocity).response(frequency)
+
+
+def _port(loop: System, axis: str | None) -> tuple[str, Loop]:
+    """The prefix of the signals of an axis, which a machine needs the name of, and its loop alone."""
+    ports = dict(zip(loop.loops(), loop.ports(), strict=True))
+    name = next(iter(ports)) if axis is None and len(ports) == 1 else axis
+    if name not in ports:
+        raise ParameterError(f"axis = {axis!r} must be one of {', '.join(ports)}")
+    return ports[name], loop.loops()[name]

@@ -14,6 +14,7 @@ from feeddrive.language.errors import ParameterError, StructureError
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.control import Control
 from feeddrive.loop.core import Acting, Core, Push, Shared, acting
+from feeddrive.loop.fastest import slow_enough
 from feeddrive.loop.hold import JointHold, Timing
 from feeddrive.loop.loop import Loop, Signals, inputs_of, reported
 
@@ -110,8 +111,13 @@ class Machine(Block):
                 self.loop(name)
 
     def rules(self) -> Iterator[Rule]:
-        """What the couplings ask for at the substeps; the rules of the axes are those of their loops."""
+        """What couplings and shared modes ask for at the substeps; the rules of the axes are those of their loops."""
         h = self.sample_time / next(iter(self.axes().values())).axis.substeps
+        for core in self.cores():
+            if core.modes:
+                yield from slow_enough(
+                    core.mechanics(), None, h, f"couplings: the structure under {', '.join(core.axes)}"
+                )
         for coupling in self.couplings:
             yield from coupling.substep_rules(h)
 

@@ -61,6 +61,7 @@ class Entry:
     compliance: FRF | None = None
     tracking: FRF | None = None
     replay: Replay | None = None
+    together: Run | None = None  # all axes of a machine in the same run
 
     def counted(self, signal: str) -> np.ndarray:
         """The samples of a signal that count, in SI."""

@@ -16,7 +16,7 @@ from feeddrive.files.atomic_io import new_directory
 from feeddrive.files.blocks_to_toml import to_toml
 from feeddrive.files.formats import OpenedFile
 from feeddrive.files.log import Log
-from feeddrive.files.machine import MachineFile, read_machine
+from feeddrive.files.machine import MachineFile, machine_toml, read_machine
 from feeddrive.files.messages import sentence
 from feeddrive.files.toml_edit import TomlEdit
 from feeddrive.identification.estimate import Estimate
@@ -29,6 +29,7 @@ from feeddrive.language.errors import LogError, ParameterError
 from feeddrive.language.progress import Progress
 from feeddrive.language.table import Table
 from feeddrive.loop.loop import Loop
+from feeddrive.loop.machine import Machine
 from feeddrive.report.content import Shown
 from feeddrive.report.page import definitions, header, page, picture, table
 from feeddrive.workflow.channels import mapped
@@ -184,16 +185,13 @@ def _new(found: Identified, axis: str) -> str:
     """A whole file; each number that was estimated has its standard error beside it."""
     loop = found.loop
     assert loop is not None
-    lines = [
-        f'name = "axis identified from {_plain(found.log.name)}"',
-        f'source = "feeddrive identify {_plain(found.log.name)}"',
-        'remark = "Mass, friction and gains were found in one log; limits and encoders are not in it: add them."',
-        f"sample_time = {float(loop.sample_time)!r}",
-        "",
-        to_toml(loop.axis, f"axis.{axis}"),
-        to_toml(loop.control, f"axis.{axis}.control"),
-    ]
-    edit = TomlEdit("\n".join(lines), "identified.toml")
+    text = machine_toml(
+        Machine.of({axis: loop}),
+        f"axis identified from {_plain(found.log.name)}",
+        f"feeddrive identify {_plain(found.log.name)}",
+        "Mass, friction and gains were found in one log; limits and encoders are not in it: add them.",
+    )
+    edit = TomlEdit(text, "identified.toml")
     _say_errors(edit, found, axis, loop)
     return edit.text
 

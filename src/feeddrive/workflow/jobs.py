@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -12,7 +14,8 @@ from feeddrive.analysis.effort import fastest_mode, substeps_needed
 from feeddrive.analysis.replay import replay
 from feeddrive.analysis.stability import require_stable
 from feeddrive.blocks.families import Reference
-from feeddrive.files.job import Job
+from feeddrive.blocks.reference.linear_move import LinearMove
+from feeddrive.files.job import Job, Other
 from feeddrive.files.log import Log
 from feeddrive.files.machine import MachineFile
 from feeddrive.files.provenance import versions
@@ -20,10 +23,12 @@ from feeddrive.language.errors import FeeddriveError, LogError, ParameterError
 from feeddrive.language.progress import Progress
 from feeddrive.language.table import Result, Table, frame_of, picture_of
 from feeddrive.loop.linearize import compliance, loop_gain, tracking
-from feeddrive.loop.loop import Loop
+from feeddrive.loop.loop import Loop, Signals
+from feeddrive.loop.machine import Machine
+from feeddrive.loop.runner import System
 from feeddrive.loop.simulate import Run, samples, simulate
 from feeddrive.report import Entry, Study
-from feeddrive.report.content import RESPONSE_LINES
+from feeddrive.report.content import RESPONSE_LINES, ShownTable
 from feeddrive.report.sentences import block_sentence, described
 
 
@@ -72,6 +77,7 @@ class JobResult(Result):
             "Sample time": f"{1e3 * loop.sample_time:g} ms, {loop.axis.substeps} substep(s) of exact hold",
             "Work": _work(job, self.log),
             "Load": "none" if job.load is None else block_sentence(job.load),
+            **_couplings(job),
             "Noise": f"seed {job.seed}",
             "Linear model": f"sliding at {1e3 * self.velocity:.4g} mm/s",
         }
@@ -85,7 +91,27 @@ class JobResult(Result):
             job=job.file.text,
             versions=self.versions,
             notes=self.remarks,
+            extras=[] if (others := self.others()) is None else [ShownTable(others)],
         )
+
+    def others(self) -> Table | None:
+        """Errors and force of the other axes, of a job that runs several together; None for any other."""
+        rows: list[list[str]] = []
+        for row in self.rows:
+            for axis in () if row.together is None else self.job.machines[row.name].axes():
+                if axis != row.loop.name:
+                    run = _of_axis(row.together, axis)
+                    error, force = run["following_error"], run["force"]
+                    tripped = run.time[run["trip"] > 0.0]
+                    rows.append(
+                        [
+                            row.name, axis, f"{1e6 * float(np.sqrt(np.mean(error**2))):.4g}",
+                            f"{1e6 * float(np.max(np.abs(error))):.4g}", f"{float(np.max(np.abs(force))):.4g}",
+                            f"{tripped[0]:.4g}" if tripped.size else "-",
+                        ]
+                    )  # fmt: skip
+        title = "The other axes in the same runs: following error and force"
+        return Table(title, ["law", "axis", "RMS um", "peak um", "force N", "trips at s"], rows) if rows else None
 
 
 @picture_of.register
@@ -156,14 +182,20 @@ def run(job: Job, progress: Progress | None = None) -> JobResult:
 def _row(job: Job, name: str, loop: Loop, measured: Mapping[str, np.ndarray] | None, velocity: float) -> Entry:
     """One law, analyzed and simulated; errors name the job and the law."""
     where = f"{job.file.name}: law '{name}'"
-    require_stable(loop, velocity=velocity, where=where)
+    whole: System = job.machines.get(name, loop)
+    require_stable(whole, velocity=velocity, where=where)
     try:
-        again = None
+        again, together = None, None
         if measured is not None:
             again = replay(loop, measured, skip=job.log.skip_samples if job.log else 0, name=name)
-        run = again.run if again is not None else _simulated(job, loop, name)
+            run = again.run
+        elif isinstance(whole, Machine):
+            together = _together(job, whole, loop.name, name)
+            run = _of_axis(together, loop.name)
+        else:
+            run = _simulated(job, loop, name)
         # a law with a slow part is linear from period to period only: it has no loop gain, and responses up to there
-        period = loop.control.law.period()
+        period = math.lcm(*(each.control.law.period() for each in whole.loops().values()))
         nyquist = 0.5 / (loop.sample_time * period)
         frequency = np.geomspace(min(1.0, 0.01 * nyquist), nyquist, RESPONSE_LINES)
         return Entry(
@@ -171,10 +203,11 @@ def _row(job: Job, name: str, loop: Loop, measured: Mapping[str, np.ndarray] | N
             description=described(loop.control),
             run=run,
             loop=loop,
-            loop_gain=loop_gain(loop, frequency, velocity=velocity) if period == 1 else None,
-            compliance=compliance(loop, frequency, velocity=velocity),
-            tracking=tracking(loop, frequency, velocity=velocity) if period == 1 else None,
+            loop_gain=loop_gain(whole, frequency, velocity=velocity, axis=loop.name) if period == 1 else None,
+            compliance=compliance(whole, frequency, velocity=velocity, axis=loop.name),
+            tracking=tracking(whole, frequency, velocity=velocity, axis=loop.name) if period == 1 else None,
             replay=again,
+            together=together,
         )
     except FeeddriveError as error:
         raise type(error)(f"{where}: {error}") from None
@@ -183,6 +216,22 @@ def _row(job: Job, name: str, loop: Loop, measured: Mapping[str, np.ndarray] | N
 def _simulated(job: Job, loop: Loop, name: str) -> Run:
     assert job.reference is not None
     return simulate(loop, job.reference, load=job.load, duration=job.duration, seed=job.seed, name=name)
+
+
+def _together(job: Job, machine: Machine, axis: str, name: str) -> Run:
+    """All axes in one run: the one of the rows along the job's reference, the others along theirs or at rest."""
+    assert job.reference is not None
+    given = {axis: Other(job.reference, job.load), **job.others}
+    still = LinearMove(distance=0.0, travel_time=max(job.reference.duration, machine.sample_time))
+    references = {each: given[each].reference or still if each in given else still for each in machine.axes()}
+    loads = {each: load for each, what in given.items() if (load := what.load) is not None}
+    return simulate(machine, references, load=loads or None, duration=job.duration, seed=job.seed, name=name)
+
+
+def _of_axis(together: Run, axis: str) -> Run:
+    """The signals of one axis, by the names that they have in a run of it alone."""
+    signals = {name: together[f"{axis}.{name}"] for name in Signals._fields}
+    return dataclasses.replace(together, signals=signals)
 
 
 def _log(job: Job) -> Log | None:
@@ -273,6 +322,16 @@ def _above(a: float | None, b: float | None) -> bool:
 
 def _ratio(a: float | None, b: float | None) -> str:
     return f"x {a / b:.2f}" if a is not None and b else ""
+
+
+def _couplings(job: Job) -> dict[str, str]:
+    """What is said of a job that runs several axes together."""
+    if not job.machines:
+        return {}
+    moving = {axis: "stands" for axis in job.machine.loops if axis != job.axis}
+    moving |= {axis: block_sentence(each.reference) for axis, each in job.others.items() if each.reference is not None}
+    couplings = "; ".join(map(block_sentence, job.machine.couplings)) or "none"
+    return {"Couplings": couplings, "Other axes": "; ".join(f"{axis}: {text}" for axis, text in moving.items())}
 
 
 def _work(job: Job, log: Log | None) -> str:

@@ -64,7 +64,8 @@ def run(request: RunRequest, progress: Progress) -> Outcome[JobResult]:
     if request.out is not None:
         progress.step("report")
         files["Report"] = write_results(found, request.out)
-    return Outcome(found, [found.table()], [each for each in (job.rule, *found.remarks) if each], files=files)
+    tables = [found.table(), *([] if (others := found.others()) is None else [others])]
+    return Outcome(found, tables, [each for each in (job.rule, *found.remarks) if each], files=files)
 
 
 @command(DemoRequest)
@@ -88,7 +89,7 @@ def write_results(result: JobResult, out: str | Path) -> Path:
         runs.mkdir()
         for name, row in zip(file_names(result.rows), result.rows, strict=True):
             metadata = {"law": row.name, "seed": result.job.seed, **result.versions}
-            run = row.run
+            run = row.run if row.together is None else row.together
             write_run_parquet(runs / f"{name}.parquet", run.time, run.signals, run.units, run.sample_time, metadata)
             write_run_csv(runs / f"{name}.csv", run.time, run.signals, run.units)
         if result.log is not None:

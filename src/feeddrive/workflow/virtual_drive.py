@@ -60,7 +60,11 @@ def virtual_drive(request: VirtualDriveRequest, progress: Progress) -> Outcome[i
     """
     machine = read_machine(request.machine)
     several = request.bus == "ethercat" and request.axis is None
-    loops = dict(machine.loops) if several else {request.axis or "": machine.loop(request.axis)}
+    loops = (
+        {name: machine.loop(name) for name in machine.loops}
+        if several
+        else {request.axis or "": machine.loop(request.axis)}
+    )
     drives: dict[str, Firmware] = {}
     for name, loop in loops.items():
         cycle_time = float(loop.sample_time) if request.cycle_us is None else request.cycle_us

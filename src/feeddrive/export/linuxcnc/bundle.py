@@ -29,9 +29,9 @@ def write_linuxcnc(design: Design, out: str | Path, *, joint: int | None = None)
 
     The directory holds `<name>.comp` with `<name>.h`, `<name>.hal`, `<name>.ini`, the axis as `<name>_plant.comp`,
     `desk.ini` and `desk.hal`, and a README, which is returned.  It is written whole or not at all.
-    Raises ParameterError for an axis instead of a control, for a name or a sample time that LinuxCNC cannot have, a
-    precision other than double, a joint that is none, or a loop that cannot follow LinuxCNC's motion; FileError for a
-    directory that cannot be written.
+    Raises ParameterError for an axis instead of a control, for one that is coupled with others (the desk holds one
+    alone), for a name or a sample time that LinuxCNC cannot have, a precision other than double, a joint that is none,
+    or a loop that cannot follow LinuxCNC's motion; FileError for a directory that cannot be written.
     """
     out = Path(out)
     check_directory(out)
@@ -39,6 +39,7 @@ def write_linuxcnc(design: Design, out: str | Path, *, joint: int | None = None)
         raise ParameterError("linuxcnc: export the control; the axis comes with it, for the desk")
     if design.layout.precision != "double":
         raise ParameterError("LinuxCNC computes in double precision: export without single precision")
+    design.machine.loop(design.axis)  # the desk holds one axis alone, and no coupling
     place = list(design.machine.loops).index(design.axis)
     number = place if joint is None else joint
     if not 0 <= number < len(LETTERS):

@@ -38,6 +38,7 @@ def write_linuxcnc_pid(design: Design, out: Path, *, route: str = "two", units: 
     """
     if not 0 <= joint < JOINTS:
         raise ParameterError(f"joint = {joint} must be 0 to {JOINTS - 1}: LinuxCNC has {JOINTS} joints")
+    design.machine.loop(design.axis)  # the pids are compared on one axis alone
     cascade, period = read_cascade(design.loop), component.period(design.routine)
     name = _checked(design.name.replace("_", "-"))
     law = stock_law(cascade, route=route, units=units)
