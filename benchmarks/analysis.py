@@ -19,7 +19,7 @@ from scipy import signal
 import feeddrive as fd
 from feeddrive.analysis.loop_model import loop_model
 from feeddrive.report import build
-from feeddrive.workflow import jobs
+from feeddrive.workflow.jobs import run_laws
 
 ROUNDS = 15
 LINES = 2000
@@ -147,7 +147,7 @@ def main() -> None:
     margins_of(loop)
     response_of(loop)
     estimates()
-    study = jobs.run(replace(job)).study()
+    study = run_laws(replace(job)).study()
     report = measure({"report": lambda: build(study)}, 5)
     table(["report of three laws", "CPU s"], [["build", f"{np.median(report['report']):.2f}"]])
 

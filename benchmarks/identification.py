@@ -10,7 +10,7 @@ from feeddrive.blocks.reference.recorded import Recorded
 from feeddrive.blocks.reference.snap_limited_move import SnapLimitedMove
 from feeddrive.files.machine import read_machine
 from feeddrive.identification.motion.delay import find_delay
-from feeddrive.identification.motion.identify import identify
+from feeddrive.identification.motion.identify import identify_motion
 from feeddrive.identification.motion.motion_log import MotionLog
 from feeddrive.identification.motion.output_error import refine
 from feeddrive.identification.motion.rigid import identify_rigid
@@ -29,7 +29,7 @@ def main() -> None:
             "inverse dynamics, two models of friction, cross-validation": lambda: identify_rigid(log),
             "dead time, 41 candidates": lambda: find_delay(log),
             "output error, 5 parameters, 2 dead times": lambda: refine(loop, log),
-            "all": lambda: identify(log, loop),
+            "all": lambda: identify_motion(log, loop),
         },
         ROUNDS,
     )

@@ -24,7 +24,7 @@ from rounds import machine, measure, ratio, table
 from scipy.signal import butter, lfilter, sosfiltfilt
 
 from feeddrive.files.read_log import read_log
-from feeddrive.identification.motion.identify import identify
+from feeddrive.identification.motion.identify import identify_motion
 from feeddrive.identification.motion.motion_log import MotionLog
 from feeddrive.identification.motion.rigid import RigidFit, identify_rigid
 from identification import simulated
@@ -146,7 +146,7 @@ def main() -> None:
     speed, force, direction = columns(second)
     calls: dict[str, Callable[[], object]] = {
         OURS: lambda: identify_rigid(first),
-        "feeddrive, with dead time, gains, closed loop": lambda: identify(first),
+        "feeddrive, with dead time, gains, closed loop": lambda: identify_motion(first),
     }
     fits = dict.fromkeys(calls, fit_percent(free_run(identify_rigid(first), second), speed))
     fits["feeddrive, with dead time, gains, closed loop"] = float("nan")

@@ -33,12 +33,12 @@ def main() -> None:
     limits = fd.tuning.Limits(sensitivity_peak=2.0, compliance_peak=0.2e-6)
 
     def one() -> fd.tuning.Tuned:
-        return fd.tune(
+        return fd.tuning.tune_control(
             loop.control, fd.tuning.measured_point(motor, sample_time=T), limits=fd.tuning.Limits(), filters="kept"
         )
 
     def two() -> fd.tuning.Tuned:
-        return fd.tune(
+        return fd.tuning.tune_control(
             loop.control,
             fd.tuning.measured_point(load, motor, sample_time=T),
             limits=fd.tuning.Limits(),
@@ -47,7 +47,7 @@ def main() -> None:
 
     def four(filters: str) -> fd.tuning.Tuned:
         point = fd.tuning.measured_point(load, motor, disturbance=(struck, back), sample_time=T)
-        return fd.tune(loop.control, point, limits=limits, filters=filters)
+        return fd.tuning.tune_control(loop.control, point, limits=limits, filters=filters)
 
     cases = {
         "one response (one encoder), three gains": one,

@@ -30,7 +30,7 @@ def responses(loop: fd.Loop) -> list[fd.FRF]:
 def main() -> None:
     """Certify and draw."""
     loop = fd.read_machine("ball_screw").loop("x")
-    found = fd.certify(loop, {"measured": responses(loop)}, arithmetic="float32")
+    found = fd.certificate.certify_loop(loop, {"measured": responses(loop)}, arithmetic="float32")
     print(found)
     found.plot().savefig(Path(__file__).parent / "images" / "certificate.svg", metadata={"Date": None})
 

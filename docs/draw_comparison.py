@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from feeddrive.comparison.compare import Comparison, compare
+from feeddrive.comparison.compare import Comparison, compare_laws
 from feeddrive.comparison.figures import CRITERIA
 from feeddrive.comparison.report import figure
 from feeddrive.files.machine import read_machine
@@ -34,7 +34,7 @@ def markdown(found: Comparison) -> str:
 def main() -> None:
     """All axes."""
     for machine, axis in AXES:
-        found = compare(read_machine(machine), axis, workers=cores())
+        found = compare_laws(read_machine(machine), axis, workers=cores())
         found.plot().savefig(IMAGES / f"comparison_{machine}.svg", metadata={"Date": None})
         print(f"\n## {found.title}\n\n{markdown(found)}\n")
         for each in found.competitors:

@@ -33,8 +33,8 @@ def main() -> None:
     loop = fd.read_machine("ball_screw").loop("x")
     point = measured(loop, np.random.default_rng(0))
     limits = fd.tuning.Limits(sensitivity_peak=2.0, compliance_peak=0.2e-6)
-    free = fd.tune(loop.control, point, limits=limits, filters="placed")
-    soft = fd.tune(loop.control, point, goal="bandwidth", limits=limits, filters="kept")
+    free = fd.tuning.tune_control(loop.control, point, limits=limits, filters="placed")
+    soft = fd.tuning.tune_control(loop.control, point, goal="bandwidth", limits=limits, filters="kept")
     curves = {
         "today": free.before[0],
         "for bandwidth, gains alone": soft.after[0],

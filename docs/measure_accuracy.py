@@ -198,12 +198,12 @@ def emps() -> None:
     from feeddrive.analysis.replay import replay
     from feeddrive.files.job import read_job
     from feeddrive.files.machine import read_machine
-    from feeddrive.workflow import jobs
+    from feeddrive.workflow.jobs import run_laws
 
     if not LOG.exists():
         print(f"EMPS: not measured, {LOG.name} is not in ../shared")
         return
-    found = jobs.run(read_job("emps_log", LOG)).rows[0].replay
+    found = run_laws(read_job("emps_log", LOG)).rows[0].replay
     assert found is not None
     log = {name: np.asarray(values) for name, values in found.measured.items()}
     log["set_position"] = log["position_load"] + log.pop("following_error")

@@ -30,7 +30,7 @@ print(f"by rule: Kv {rule.law.Kv:.0f} 1/s, Kp {rule.law.Kp:.0f} N s/m, Tn {1e3 *
 
 limits = fd.tuning.Limits(sensitivity_peak=2.0, compliance_peak=0.2e-6)
 for filters in ("kept", "free", "placed"):
-    found = fd.tune(loop.control, point, limits=limits, filters=filters)
+    found = fd.tuning.tune_control(loop.control, point, limits=limits, filters=filters)
     true = dataclasses.replace(loop, control=found.control)
     margins = fd.margins(fd.loop_gain(true, np.geomspace(1.0, 9999.0, 6000)))
     print(f"filters {filters}: rope snap {1e9 * found.after[0].rope_snap:.2f} nm s^1/2/N as measured")

@@ -25,7 +25,7 @@ from feeddrive.blocks.reference.recorded import Recorded
 from feeddrive.bus.cia402 import FAULT_RESET, OBJECTS
 from feeddrive.bus.client import DriveClient
 from feeddrive.bus.drive_file import DriveScaling
-from feeddrive.bus.play import listened, play
+from feeddrive.bus.play import listened, play_profile
 from feeddrive.bus.profile import Profile
 from feeddrive.bus.transport import write_object
 from feeddrive.bus.virtual import coe
@@ -51,7 +51,7 @@ def exact(bus: str) -> dict[str, float]:
     """csp against `simulate` of the same setpoints, rounded as the bus rounds them: largest differences."""
     sent = profile()
     with powered(bus) as bench, client(drive(bus), bench.interface) as master:
-        played = play(master, sent)
+        played = play_profile(master, sent)
     log, metre, newton = played.log, SCALING.metre, SCALING.newton
     target = np.array([SCALING.increments(x) * metre for x in sent.set_position])
     velocity = np.array([SCALING.increments(v) * metre for v in sent.velocity])
@@ -104,7 +104,7 @@ def losses(bus: str) -> dict[str, Any]:
             with master:
                 master.enable()
                 bench.lose(100, few)
-                played = play(master, profile())
+                played = play_profile(master, profile())
                 found[name] = {
                     "aborted": played.aborted, "lost": played.lost, "rows": len(played.log),
                     "marked": float(np.sum(played.log["lost"])) if "lost" in played.log.channels else 0.0,
@@ -144,7 +144,7 @@ def limits(bus: str) -> dict[str, Any]:
         with client(drive(bus, limits=tight), bench.interface) as master:
             # the drive's own window is taken away, so that the limit of the client is what ends the motion
             write_object(master.transport, "following_error_window", 0xFFFFFFFF)
-            played = play(master, profile(peak=600.0))
+            played = play_profile(master, profile(peak=600.0))
         found["aborted"], found["state"], found["rows"] = played.aborted, bench.state, len(played.log)
     with powered(bus) as bench, client(drive(bus), bench.interface) as master:
 
@@ -155,7 +155,7 @@ def limits(bus: str) -> dict[str, Any]:
                 if done is not None and done >= 300:
                     os.kill(os.getpid(), signal.SIGINT)
 
-        played = play(master, profile(), progress=Press())
+        played = play_profile(master, profile(), progress=Press())
         found["pressed"], found["pressed_state"] = played.aborted, bench.state
         before = bench.place
         for _ in range(50):
@@ -227,7 +227,7 @@ def kinds(bus: str) -> dict[str, Any]:
     for mode, unit, peak in (("csp", "m", 1e-4), ("csv", "m/s", 0.02), ("cst", "N", 100.0)):
         sent = profile(400, 0.0 if mode == "cst" else 0.01, peak, unit)
         with powered(bus) as bench, client(drive(bus, mode=mode), bench.interface) as master:
-            played = play(master, sent)
+            played = play_profile(master, sent)
         axis, metre, truth = DrivenAxis(bench_loop()), SCALING.metre, []
         for x, v, each in zip(sent.set_position, sent.velocity, sent.excitation, strict=True):
             if mode == "cst":
@@ -249,7 +249,7 @@ def second(bus: str) -> dict[str, Any]:
     """The last of three stations on a segment moves; a fourth is not there."""
     with powered(bus, stations=3) as bench:
         with client(drive(bus, station=3), bench.interface) as master:
-            played = play(master, profile(200, 0.002))
+            played = play_profile(master, profile(200, 0.002))
             found = {"aborted": played.aborted, "lost": played.lost, "place": bench.place}
         with client(drive(bus, station=1), bench.interface) as master:
             found["first"] = listened(master, 0.01).log["reading_load"][0]

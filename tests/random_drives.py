@@ -12,7 +12,7 @@ from feeddrive.analysis.loop_model import loop_model
 from feeddrive.language.errors import NotIdentifiableError, UnstableError
 from feeddrive.tuning.limits import Limits
 from feeddrive.tuning.operating_point import measured_point
-from feeddrive.tuning.tune import tune
+from feeddrive.tuning.tune import tune_control
 from feeddrive.tuning.tuned import Tuned
 
 PERIODS = 10
@@ -95,10 +95,10 @@ def outcome(seed: int, confidence: float = 0.95) -> Outcome:
     point = measured_point(load, motor, sample_time=float(loop.sample_time))
     assert load.coherence is not None
     try:
-        shaped = tune(loop.control, point, limits=limits, filters="kept", starts=1, confidence=confidence)
+        shaped = tune_control(loop.control, point, limits=limits, filters="kept", starts=1, confidence=confidence)
     except (NotIdentifiableError, UnstableError) as error:
         # up to where it was good: three times the crossover that a perfect measurement gives
-        true = tune(loop.control, loop, limits=limits, filters="kept", starts=1)
+        true = tune_control(loop.control, loop, limits=limits, filters="kept", starts=1)
         crossover = true.after[0].margins.gain_crossovers[-1].frequency
         return Outcome(str(error), None, False, False, _coherent(load, crossover))
     tuned = replace(loop, control=shaped.control)

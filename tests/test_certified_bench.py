@@ -25,7 +25,7 @@ def test_a_cascade_on_the_bench_is_certified() -> None:
     law = fd.blocks.CascadePPI(
         Kp=inertia * crossover, Tn=4.0 / crossover, Kv=0.25 * crossover, velocity_encoder="motor"
     )
-    found = fd.certify(fd.Control(law=law), {"bench": frf}, sample_time=T, arithmetic="float32")
+    found = fd.certificate.certify_loop(fd.Control(law=law), {"bench": frf}, sample_time=T, arithmetic="float32")
     plant = found.document["plants"][0]
     assert "240 measured lines" in plant["source"]
     assert found.reserve is not None

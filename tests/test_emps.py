@@ -14,7 +14,7 @@ from feeddrive.analysis.replay import Replay, estimate_start, replay
 from feeddrive.files.job import read_job
 from feeddrive.files.machine import read_machine
 from feeddrive.language import tree
-from feeddrive.workflow import jobs
+from feeddrive.workflow.jobs import run_laws
 
 LOG = Path(__file__).parents[2] / "shared" / "data" / "emps" / "DATA_EMPS.mat"
 needs_log = pytest.mark.skipif(not LOG.exists(), reason=f"NOT RUN: the measured log {LOG.name} is not in ../shared")
@@ -22,7 +22,7 @@ needs_log = pytest.mark.skipif(not LOG.exists(), reason=f"NOT RUN: the measured 
 
 def predicted(machine: str) -> Replay:
     job = read_job("emps_log", LOG)
-    row = jobs.run(job).rows[0]
+    row = run_laws(job).rows[0]
     assert row.replay is not None
     return replay(read_machine(machine).loop("x"), measured(row.replay), skip=49)
 

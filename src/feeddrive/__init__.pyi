@@ -17,10 +17,7 @@ from feeddrive.analysis.margins import margins as margins
 from feeddrive.analysis.measured_loop import measured_loop as measured_loop
 from feeddrive.analysis.stability import stability as stability
 from feeddrive.analysis.stiffness import stiffness as stiffness
-from feeddrive.certificate.certify import certify as certify
-from feeddrive.comparison.compare import compare as compare
 from feeddrive.export.targets import write_export as write_export
-from feeddrive.export.verify import verify as verify
 from feeddrive.files.frf import read_frf as read_frf
 from feeddrive.files.frf import write_frf as write_frf
 from feeddrive.files.job import read_job as read_job
@@ -28,7 +25,6 @@ from feeddrive.files.log import Log as Log
 from feeddrive.files.machine import read_machine as read_machine
 from feeddrive.files.read_log import read_log as read_log
 from feeddrive.identification.excitation.estimate_frf import estimate_frf as estimate_frf
-from feeddrive.identification.motion.identify import identify as identify
 from feeddrive.language.errors import FeeddriveError as FeeddriveError
 from feeddrive.language.tree import parameters as parameters
 from feeddrive.language.tree import vary as vary
@@ -46,8 +42,12 @@ from feeddrive.loop.machine import Machine as Machine
 from feeddrive.loop.simulate import simulate as simulate
 from feeddrive.loop.simulate import simulate_batch as simulate_batch
 from feeddrive.loop.simulate import stream as stream
-from feeddrive.tuning.tune import tune as tune
 from feeddrive.version import __version__ as __version__
+from feeddrive.workflow.certify import certify as certify
 from feeddrive.workflow.certify import read_certificate as read_certificate
 from feeddrive.workflow.certify import write_certificate as write_certificate
-from feeddrive.workflow.jobs import run as run
+from feeddrive.workflow.compare import compare as compare
+from feeddrive.workflow.identify import identify as identify
+from feeddrive.workflow.run_job import run as run
+from feeddrive.workflow.tune import tune as tune
+from feeddrive.workflow.verify import verify as verify

@@ -16,7 +16,7 @@ from bus_bench import LIMITS, SCALING, T, client, drive, over_ethercat, powered
 from feeddrive.bus.canopen import opened_network
 from feeddrive.bus.cia402 import OBJECTS
 from feeddrive.bus.client import DriveClient, transport_of
-from feeddrive.bus.play import play
+from feeddrive.bus.play import play_profile
 from feeddrive.bus.virtual.firmware import Firmware
 from feeddrive.language.errors import BusError
 
@@ -147,7 +147,7 @@ def test_with_a_clock_the_motion_is_the_same_and_its_lateness_is_told() -> None:
         master = DriveClient(transport_of(described, bench.interface, None), described)
         master._timeout = 1.0  # so that nothing of a busy computer passes for a lost frame
         with master:
-            played = play(master, bus_scenarios.profile(rows=200, distance=0.002))
+            played = play_profile(master, bus_scenarios.profile(rows=200, distance=0.002))
     assert played.aborted is None
     assert played.lost == 0
     assert played.lateness is not None
@@ -221,9 +221,9 @@ def test_a_force_that_the_drive_cannot_add_is_refused_before_it_is_switched_on(m
     lacking(monkeypatch, "torque_offset")
     with powered("canopen") as bench, client(drive("canopen"), bench.interface) as master:
         with pytest.raises(BusError, match=r"has no object 0x60B2:00 .* use mode = \"cst\", or excite the setpoint"):
-            play(master, bus_scenarios.profile(100))
+            play_profile(master, bus_scenarios.profile(100))
         assert bench.state == "SWITCH_ON_DISABLED"
-        assert play(master, bus_scenarios.profile(100, 1e-3, 1e-5, "m")).aborted is None
+        assert play_profile(master, bus_scenarios.profile(100, 1e-3, 1e-5, "m")).aborted is None
 
 
 def test_the_velocity_is_watched_also_where_the_drive_does_not_tell_it(monkeypatch) -> None:
@@ -231,7 +231,7 @@ def test_the_velocity_is_watched_also_where_the_drive_does_not_tell_it(monkeypat
     lacking(monkeypatch, "velocity")
     slow = replace(LIMITS, velocity=0.04)
     with powered("canopen") as bench, client(drive("canopen", limits=slow), bench.interface) as master:
-        played = play(master, bus_scenarios.profile(peak=0.0))
+        played = play_profile(master, bus_scenarios.profile(peak=0.0))
     assert played.aborted is not None
     assert "exceeded limits.velocity = 0.04 m/s" in played.aborted
     assert 100 < len(played.log) < 500

@@ -138,7 +138,7 @@ def test_what_is_certified_holds_for_plants_in_the_discs_and_no_further(seed: in
     loop = random_loop(seed)
     stable = fd.stability(loop).stable
     try:
-        found = fd.certify(loop, radius=0.05)
+        found = fd.certificate.certify_loop(loop, radius=0.05)
     except NotCertifiedError:
         L = fd.loop_gain(loop, np.geomspace(1e-2, 0.5 / loop.sample_time, 20_000)).response
         assert not stable or np.min(np.abs(1.0 + L) / np.abs(L)) < 0.05 * 1.001
@@ -222,7 +222,7 @@ def test_stability_is_that_of_the_zeros() -> None:
 @pytest.mark.parametrize("machine", ["ball_screw", "emps", "linear_motor", "mill", "xy_table"])
 def test_bundled_machines_are_certified(machine: str) -> None:
     for loop in fd.read_machine(machine).loops.values():
-        found = fd.certify(loop, arithmetic="float32")
+        found = fd.certificate.certify_loop(loop, arithmetic="float32")
         peak = fd.margins(fd.loop_gain(loop, np.geomspace(0.1, 0.499 / loop.sample_time, 4000)))
         assert found.reserve is not None
         assert found.reserve > 1.0
@@ -250,31 +250,31 @@ def test_the_deployed_control_is_the_traced_one() -> None:
 def test_rounding_that_destabilises_is_seen() -> None:
     """The observer of the mill needs more than 24 binary places: its smallest coefficients are lost."""
     loop = fd.read_machine("mill").loop("x")
-    assert fd.certify(loop, arithmetic="float32").reserve
+    assert fd.certificate.certify_loop(loop, arithmetic="float32").reserve
     with pytest.raises(NotCertifiedError, match=r"fixed24 coefficients is not stable.*100 %: use more digits"):
-        fd.certify(loop, arithmetic="fixed24")
+        fd.certificate.certify_loop(loop, arithmetic="fixed24")
     with pytest.raises(ParameterError, match=r"float64, float32, or fixedN"):
-        fd.certify(loop, arithmetic="float16")
+        fd.certificate.certify_loop(loop, arithmetic="float16")
 
 
 def test_what_cannot_be_certified_says_where_by_how_much_and_what_to_do() -> None:
     loop = fd.read_machine("ball_screw").loop("x")
     with pytest.raises(NotCertifiedError, match=r"at 58\.\d+ Hz .* r = 0.6 .* at most 0\.5198.*lower the gains"):
-        fd.certify(loop, radius=0.6)
+        fd.certificate.certify_loop(loop, radius=0.6)
     with pytest.raises(NotCertifiedError, match=r"not stable: an oscillation of .* Hz grows"):
-        fd.certify(fd.vary(loop, {"axis.x.control.law.Kp": 4e5}))
+        fd.certificate.certify_loop(fd.vary(loop, {"axis.x.control.law.Kp": 4e5}))
     with pytest.raises(ParameterError, match="needs its sample_time"):
-        fd.certify(loop.control, {"x": loop})
+        fd.certificate.certify_loop(loop.control, {"x": loop})
     with pytest.raises(ParameterError, match=r"every 1 ms, not 0\.05 ms"):
-        fd.certify(loop, {"x": fd.read_machine("emps").loop("x")})
+        fd.certificate.certify_loop(loop, {"x": fd.read_machine("emps").loop("x")})
     with pytest.raises(ParameterError, match=r"radius = -0\.1"):
-        fd.certify(loop, radius=-0.1)
+        fd.certificate.certify_loop(loop, radius=-0.1)
     with pytest.raises(ParameterError, match=r"confidence = 95 must .* 0\.95 is 95 %"):
-        fd.certify(loop, confidence=95.0)
+        fd.certificate.certify_loop(loop, confidence=95.0)
     with pytest.raises(ParameterError, match=r"confidence = 1 "):
-        fd.certify(loop, confidence=1.0)
+        fd.certificate.certify_loop(loop, confidence=1.0)
     with pytest.raises(ParameterError, match="velocity = nan m/s"):
-        fd.certify(loop, velocity=np.nan)
+        fd.certificate.certify_loop(loop, velocity=np.nan)
 
 
 def test_a_radius_over_frequency_and_several_plants() -> None:
@@ -283,7 +283,7 @@ def test_a_radius_over_frequency_and_several_plants() -> None:
     mass = float(fd.parameters(loop)["axis.x.plant.mass"])
     heavy = fd.vary(loop, {"axis.x.plant.mass": 1.3 * mass})
     points = [(10.0, 0.1), (100.0, 0.3), (1000.0, 1.0)]
-    found = fd.certify(loop, {"light": loop, "heavy": heavy.axis}, radius=points)
+    found = fd.certificate.certify_loop(loop, {"light": loop, "heavy": heavy.axis}, radius=points)
     assert [each["name"] for each in found.document["plants"]] == ["light", "heavy"]
     for to, r in given(points, 5000.0):
         assert r >= np.interp(np.log(to), np.log([p[0] for p in points]), [p[1] for p in points]) - 1e-12
@@ -293,7 +293,7 @@ def test_a_radius_over_frequency_and_several_plants() -> None:
 def test_a_disc_for_each_encoder_is_as_sharp() -> None:
     """|1 + L| > r₁|C₁P₁| + r₂|C₂P₂| is proven up to a thousandth of where it ends, though it is no polynomial."""
     loop = fd.read_machine("ball_screw").loop("x")
-    found = fd.certify(loop, {"both": measured(loop, 0.0)}, radius=0.1, beyond=0.1)
+    found = fd.certificate.certify_loop(loop, {"both": measured(loop, 0.0)}, radius=0.1, beyond=0.1)
     plant = found.document["plants"][0]
     assert plant["discs"] == "each"
     one = found.loops["both"]
@@ -326,7 +326,7 @@ def test_measured_lines_lie_in_their_discs(known: bool) -> None:
     """1 % of noise: around the true plant r is the noise at the confidence, around a fit a little more."""
     loop = fd.read_machine("ball_screw").loop("x")
     every = measured(loop, 0.01)
-    found = fd.certify(loop, {"lines": every if known else every[1:]}, radius=0.0)
+    found = fd.certificate.certify_loop(loop, {"lines": every if known else every[1:]}, radius=0.0)
     r = np.array([band["r"] for band in found.document["plants"][0]["radius"]])
     sure = deviations(2 * every[1].frequency.size, 0.95)  # type: ignore[union-attr]
     assert np.min(r) >= 0.01 * sure * 0.98
@@ -347,7 +347,7 @@ def test_a_line_outside_of_every_model_makes_its_disc_wide() -> None:
     extra = 1.0 + 6.0 * s * s / (s * s + 0.04 * w * s + w * w)
     frf = fd.FRF(f, P.response * extra, "force", "reading_load", "m/N", float(loop.sample_time), None, 0.0 * f)
     with pytest.raises(NotCertifiedError, match=r"fit the plant better around .* with --fit from the lines alone"):
-        fd.certify(loop, {"other": [loop, frf]})
+        fd.certificate.certify_loop(loop, {"other": [loop, frf]})
 
 
 def test_a_response_with_the_wrong_sign_is_named() -> None:
@@ -359,11 +359,11 @@ def test_a_response_with_the_wrong_sign_is_named() -> None:
         f, -P.response, "force", "reading_load", "m/N", float(loop.sample_time), None, 1e-6 * np.abs(P.response) ** 2
     )
     with pytest.raises(NotCertifiedError, match=r"a drift grows .* multiply the response by -1"):
-        fd.certify(loop, {"backward": [frf]})
+        fd.certificate.certify_loop(loop, {"backward": [frf]})
 
 
 def test_the_certificate_shows_itself() -> None:
-    found = fd.certify(fd.read_machine("emps").loop("x"))
+    found = fd.certificate.certify_loop(fd.read_machine("emps").loop("x"))
     assert "stable for 1 plant" in str(found)
     assert found.plot() is not None
     assert list(found.to_pandas().columns) == ["reserve", "frequency", "largest_pole"]

@@ -30,7 +30,7 @@ def text() -> str:
     s = 0.02 * np.abs(P.response)
     noise = s * (rng.standard_normal(f.size) + 1j * rng.standard_normal(f.size)) / np.sqrt(2.0)
     frf = fd.FRF(f, P.response + noise, "force", "reading_load", "m/N", float(loop.sample_time), None, s**2)
-    return fd.certify(loop, {"model": loop, "measured": [loop, frf]}, arithmetic="float32").text()
+    return fd.certificate.certify_loop(loop, {"model": loop, "measured": [loop, frf]}, arithmetic="float32").text()
 
 
 def said(path: Path, *, program: Path | None = None) -> tuple[int, str]:
@@ -271,7 +271,7 @@ def test_what_is_built_otherwise_is_refused_in_one_line(text: str, tmp_path: Pat
 
 
 def test_files_are_written_and_read_only_if_they_are_proven(text: str, tmp_path: Path) -> None:
-    found = fd.certify(fd.read_machine("emps").loop("x"))
+    found = fd.certificate.certify_loop(fd.read_machine("emps").loop("x"))
     path = fd.write_certificate(tmp_path / "emps.json", found)
     again = fd.read_certificate(path)
     assert again.document == found.document

@@ -90,4 +90,4 @@ def test_a_tuning_brings_the_certificate_of_the_file_that_it_writes(tmp_path: Pa
     assert document["machine"]["sha256"] == hashlib.sha256(machine.read_bytes()).hexdigest()
     loop = fd.read_machine(machine).loop("x")
     assert document["control"]["parameters"]["law.Kp"] == fd.parameters(loop)["axis.x.control.law.Kp"]
-    assert document["control"] == fd.certify(loop).document["control"]
+    assert document["control"] == fd.certificate.certify_loop(loop).document["control"]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import json
 import os
 import re
@@ -241,7 +242,7 @@ def test_ctrl_c_ends_with_one_line_and_nothing_written(tmp_path) -> None:
 @pytest.mark.parametrize(
     ("place", "words"),
     [
-        ("jobs.run", ("demo",)),
+        ("run_job.run_laws", ("demo",)),
         ("frf._read", ("frf", "a.csv")),
         ("excite.design_excitation", ("excite", "emps", "--band", "5..50", "--amplitude", "1")),
         ("tune._tuned", ("tune", "ball_screw")),
@@ -252,7 +253,11 @@ def test_ctrl_c_within_a_command_says_that_it_stopped(run, monkeypatch, place, w
     def stopped(*_args: object, **_options: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(f"feeddrive.workflow.{place}", stopped)
+    module, *parts, name = place.split(".")
+    holder: object = importlib.import_module(f"feeddrive.workflow.{module}")
+    for part in parts:
+        holder = getattr(holder, part)
+    monkeypatch.setattr(holder, name, stopped)
     code, _, errors = run(*words)
     assert (code, errors) == (130, "feeddrive: stopped; nothing was written\n")
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import json
 import sys
 from pathlib import Path
@@ -83,7 +84,8 @@ def test_ctrl_c_writes_nothing(run, monkeypatch) -> None:
     def interrupted(*_: object, **__: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("feeddrive.workflow.compare.compare_laws", interrupted)
+    module = importlib.import_module("feeddrive.workflow.compare")
+    monkeypatch.setattr(module, "compare_laws", interrupted)
     code, _, errors = run("compare", "linear_motor", "--out", "d")
     assert code == 130
     assert "nothing was written" in errors

@@ -55,7 +55,7 @@ def test_a_log_gives_the_parameters_of_the_run(call, tmp_path: Path) -> None:
     assert code == 0
     assert "standard error" in out
     assert "predicted" in out
-    expected = fd.tuning.iterate(
+    expected = fd.tuning.next_iteration(
         fd.read_machine("xy_table").loop("x"), fd.tuning.simulated_trial(run, MOVE)
     ).after.parameters()
     for name, value in section(tmp_path / "next.toml").parameters().items():
@@ -145,7 +145,9 @@ def test_columns_are_named_and_have_units(call, tmp_path: Path) -> None:
     assert "--set-position" in errors
     code, _, _ = call("own.csv", *AXIS, "--set-position", "soll:mm", "--position", "ist:mm", "--out", "next.toml")
     assert code == 0
-    expected = fd.tuning.iterate(fd.read_machine("xy_table").loop("x"), fd.tuning.simulated_trial(run, MOVE)).after
+    expected = fd.tuning.next_iteration(
+        fd.read_machine("xy_table").loop("x"), fd.tuning.simulated_trial(run, MOVE)
+    ).after
     assert section(tmp_path / "next.toml").mass == pytest.approx(float(expected.mass or 0.0), rel=0.02)
 
 

@@ -12,7 +12,7 @@ import pytest
 
 from feeddrive.analysis.stability import stability
 from feeddrive.blocks.reference.snap_limited_move import SnapLimitedMove
-from feeddrive.comparison.compare import PLAIN, TODAY, Comparison, compare
+from feeddrive.comparison.compare import PLAIN, TODAY, Comparison, compare_laws
 from feeddrive.comparison.duty import duty_of
 from feeddrive.comparison.figures import CRITERIA, Criterion, ranks
 from feeddrive.comparison.report import write_comparison
@@ -41,7 +41,7 @@ def with_law(machine: MachineFile, **values: float) -> MachineFile:
 @pytest.fixture(scope="module")
 def found() -> Comparison:
     """The linear motor, whose figures at equal robustness are known; one search a law, and the quick ones only."""
-    return compare(read_machine("linear_motor"), reference=SHORT, starts=1, laws=QUICK)
+    return compare_laws(read_machine("linear_motor"), reference=SHORT, starts=1, laws=QUICK)
 
 
 def test_today_comes_first_and_is_left_as_it_is(found: Comparison) -> None:
@@ -110,7 +110,7 @@ def test_the_directory_holds_what_it_promises(found: Comparison, tmp_path: Path)
 def test_unstable_gains_are_a_first_row_that_says_so(tmp_path: Path) -> None:
     machine = with_law(read_machine("linear_motor"), Kp=1e6)
     assert not stability(machine.loop("x")).stable
-    found = compare(machine, reference=SHORT, starts=1, laws=())
+    found = compare_laws(machine, reference=SHORT, starts=1, laws=())
     first = found.competitors[0]
     assert "unstable" in first.unfit
     assert "tracking_error_rms_m" not in first.figures
@@ -121,11 +121,11 @@ def test_unstable_gains_are_a_first_row_that_says_so(tmp_path: Path) -> None:
 
 def test_a_law_that_nobody_knows_is_refused() -> None:
     with pytest.raises(ParameterError, match="law 'PID' is not known here; there are: P-PI"):
-        compare(read_machine("linear_motor"), laws=["PID"])
+        compare_laws(read_machine("linear_motor"), laws=["PID"])
 
 
 def test_processes_side_by_side_give_the_same(found: Comparison) -> None:
-    again = compare(read_machine("linear_motor"), reference=SHORT, starts=1, laws=["DADSC"], workers=2)
+    again = compare_laws(read_machine("linear_motor"), reference=SHORT, starts=1, laws=["DADSC"], workers=2)
     assert again["DADSC"].tuned is not None
     assert found["DADSC"].tuned is not None
     assert again["DADSC"].tuned.tunables == pytest.approx(found["DADSC"].tuned.tunables, rel=1e-9)
@@ -162,7 +162,7 @@ def test_the_pictures_are_drawn(found: Comparison) -> None:
 @pytest.mark.slow(reason="all laws are tuned on whole machines")
 @pytest.mark.parametrize(("name", "axis"), [("ball_screw", "x"), ("mill", "x"), ("emps", "x")])
 def test_every_bundled_machine(name: str, axis: str, tmp_path: Path) -> None:
-    found = compare(read_machine(name), axis, starts=1)
+    found = compare_laws(read_machine(name), axis, starts=1)
     assert write_comparison(found, tmp_path / "out").is_file()
     for each in found.competitors[1:]:
         assert each.figures["sensitivity_peak"] <= 2.001, each.name

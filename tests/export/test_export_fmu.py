@@ -21,7 +21,7 @@ from feeddrive.export.fmu import binary
 from feeddrive.export.fmu.fmu import fmu, write_fmu
 from feeddrive.export.layout import layout
 from feeddrive.export.trial import trial
-from feeddrive.export.verify import verify
+from feeddrive.export.verify import verify_export
 from feeddrive.files.machine import BUNDLED, read_machine
 from feeddrive.language import tree
 from feeddrive.language.errors import FileError, MissingProgramError, ParameterError
@@ -433,7 +433,7 @@ def test_an_export_is_a_directory_that_can_be_verified(tmp_path: Path) -> None:
     readme = write_fmu(read_design("ball_screw", name="x"), tmp_path / "control", version=2)
     assert "a sample of\n  dead time" in readme.read_text()
     assert validate_fmu(str(tmp_path / "control" / "x.fmu")) == []
-    verified = verify(tmp_path / "control", samples=2000)
+    verified = verify_export(tmp_path / "control", samples=2000)
     assert verified.holds
     readme = write_fmu(read_design("ball_screw", name="x", what=PLANT), tmp_path / "plant", version=3)
     assert "start_position" in readme.read_text()

@@ -15,7 +15,7 @@ from feeddrive.blocks.plant.modal import Modal
 from feeddrive.blocks.plant.mode import Mode
 from feeddrive.blocks.plant.two_mass import TwoMass
 from feeddrive.blocks.reference.recorded import Recorded
-from feeddrive.identification.motion.identify import identify, own_viscous
+from feeddrive.identification.motion.identify import identify_motion, own_viscous
 from feeddrive.identification.motion.motion_log import MotionLog
 from feeddrive.language import tree
 from feeddrive.language.errors import ParameterError
@@ -42,7 +42,7 @@ def with_axis(**parts: object) -> Loop:
 
 def test_a_stribeck_curve_that_the_log_needs_stays() -> None:
     start = with_axis(friction_load=replace(STRIBECK, coulomb=30.0, breakaway=67.5, viscous=100.0))
-    found = identify(logged(with_axis(friction_load=STRIBECK)), start)
+    found = identify_motion(logged(with_axis(friction_load=STRIBECK)), start)
     assert found.loop is not None
     friction = found.loop.axis.friction_load
     assert isinstance(friction, Stribeck)
@@ -54,7 +54,7 @@ def test_a_stribeck_curve_that_the_log_needs_stays() -> None:
 
 def test_a_stribeck_curve_against_which_the_log_speaks_goes_and_that_is_said() -> None:
     start = with_axis(friction_load=replace(STRIBECK, coulomb=20.0, breakaway=80.0, stribeck_velocity=0.02))
-    found = identify(simulated(size=0.5), start)
+    found = identify_motion(simulated(size=0.5), start)
     assert found.loop is not None
     assert isinstance(found.loop.axis.friction_load, Coulomb)
     said = next(said for said in found.remarks if "no longer stribeck" in said)
@@ -64,7 +64,7 @@ def test_a_stribeck_curve_against_which_the_log_speaks_goes_and_that_is_said() -
 def test_presliding_stays_where_no_closed_loop_can_speak() -> None:
     lugre = Lugre(coulomb=25.0, breakaway=30.0, stribeck_velocity=0.01, bristle_stiffness=1e6, viscous=150.0)
     log = replace(simulated(size=0.5), set_position=None)
-    found = identify(log, with_axis(friction_load=lugre), friction="symmetric")
+    found = identify_motion(log, with_axis(friction_load=lugre), friction="symmetric")
     assert found.loop is not None
     friction = found.loop.axis.friction_load
     assert isinstance(friction, Lugre)
@@ -83,7 +83,9 @@ def test_presliding_stays_where_no_closed_loop_can_speak() -> None:
 )
 def test_bodies_keep_their_masses_and_the_friction_comes_beside_their_own(plant: TwoMass | Modal) -> None:
     truth = with_axis(plant=plant, friction_load=Coulomb(coulomb=20.0, viscous=150.0))
-    found = identify(logged(truth), with_axis(plant=plant, friction_load=Coulomb(coulomb=10.0)), friction="symmetric")
+    found = identify_motion(
+        logged(truth), with_axis(plant=plant, friction_load=Coulomb(coulomb=10.0)), friction="symmetric"
+    )
     assert own_viscous(truth.axis) == pytest.approx(50.0)
     assert found.loop is not None
     assert repr(found.loop.axis.plant) == repr(plant)
@@ -95,7 +97,7 @@ def test_bodies_keep_their_masses_and_the_friction_comes_beside_their_own(plant:
 
 def test_a_sum_of_masses_that_is_not_that_of_the_file_is_said() -> None:
     plant = TwoMass(mass_motor=60.0, mass_load=80.0, stiffness=5e7, damping=2000.0)
-    found = identify(simulated(size=0.5), with_axis(plant=plant), friction="symmetric")
+    found = identify_motion(simulated(size=0.5), with_axis(plant=plant), friction="symmetric")
     said = next(said for said in found.remarks if "the sum of its masses" in said)
     assert "140 kg, is off by -32" in said
     assert np.isclose(float(found.loop.axis.plant.rigid_mass()), 140.0)  # type: ignore[union-attr]
@@ -104,7 +106,7 @@ def test_a_sum_of_masses_that_is_not_that_of_the_file_is_said() -> None:
 def test_friction_on_both_bodies_stays_as_it_is() -> None:
     plant = TwoMass(mass_motor=60.0, mass_load=35.1, stiffness=5e7, damping=2000.0)
     start = with_axis(plant=plant, friction_motor=Coulomb(coulomb=7.0), friction_load=Coulomb(coulomb=9.0))
-    found = identify(simulated(size=0.5), start, friction="symmetric")
+    found = identify_motion(simulated(size=0.5), start, friction="symmetric")
     assert found.loop is not None
     assert repr(found.loop.axis.friction_motor) == repr(start.axis.friction_motor)
     assert any("friction acts on both bodies" in said for said in found.remarks)
@@ -112,7 +114,7 @@ def test_friction_on_both_bodies_stays_as_it_is() -> None:
 
 def test_a_travel_that_no_axis_has_and_a_log_of_another_kind_are_named() -> None:
     log = simulated(size=0.5)
-    found = identify(replace(log, position=1e5 * log.position, set_position=None), friction="symmetric")
+    found = identify_motion(replace(log, position=1e5 * log.position, set_position=None), friction="symmetric")
     assert any("check unit and factor of the position" in said for said in found.remarks)
     with pytest.raises(ParameterError, match="takes a MotionLog"):
-        identify({"position": log.position})  # type: ignore[arg-type]
+        identify_motion({"position": log.position})  # type: ignore[arg-type]

@@ -10,7 +10,7 @@ import pytest
 from drive_logs import TRUTH, T, changed, loop, set_positions, simulated
 from feeddrive.identification.motion.control_law import identify_control
 from feeddrive.identification.motion.delay import find_delay
-from feeddrive.identification.motion.identify import identify
+from feeddrive.identification.motion.identify import identify_motion
 from feeddrive.identification.motion.motion_log import MotionLog
 from feeddrive.identification.motion.output_error import refine
 from feeddrive.identification.motion.preparation import JANOT, central_difference, decimated, kept, zero_phase
@@ -106,7 +106,7 @@ def test_a_dead_time_is_found_by_its_samples() -> None:
 @pytest.mark.parametrize("samples", [0, 3])
 def test_the_closed_loop_tells_the_delay_where_a_disturbance_hides_it(samples: int) -> None:
     """3 N of unknown force are 6 % of the force: the inverse dynamics are off by a sample in some of such logs."""
-    found = identify(simulated(size=3.0, seed=5, dead_samples=samples))
+    found = identify_motion(simulated(size=3.0, seed=5, dead_samples=samples))
     assert found.refinement is not None
     control = found.control
     assert control is not None
@@ -217,7 +217,7 @@ def test_a_log_of_channels_is_refused_with_how_to_make_a_motion_of_it() -> None:
     class Log:
         sample_time = T
 
-    for take in (identify, identify_rigid, find_delay):
+    for take in (identify_motion, identify_rigid, find_delay):
         with pytest.raises(ParameterError, match=r"takes a MotionLog, not a Log: MotionLog\(name=log\.name, position="):
             take(Log())  # type: ignore[arg-type]
 

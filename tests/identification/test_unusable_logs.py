@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from feeddrive.identification.motion.delay import find_delay
-from feeddrive.identification.motion.identify import identify
+from feeddrive.identification.motion.identify import identify_motion
 from feeddrive.identification.motion.motion_log import MotionLog
 from feeddrive.identification.motion.rigid import identify_rigid
 from feeddrive.language.errors import FeeddriveError, NotIdentifiableError
@@ -45,7 +45,7 @@ NAMES = ("sine 20", "sine 35", "sine 100", "rest", "one count", "noise", "freque
 @pytest.mark.parametrize("T", [1e-3, 5e-5], ids=["1 kHz", "20 kHz"])
 @pytest.mark.parametrize("name", NAMES)
 def test_what_is_no_motion_is_refused_with_a_reason(name: str, T: float) -> None:
-    for work in (identify, identify_rigid, find_delay):
+    for work in (identify_motion, identify_rigid, find_delay):
         position, force = unusable(name, T)
         if work is find_delay and name == "frequencies":
             continue  # a motion in one direction tells a delay, and no mass

@@ -29,7 +29,7 @@ from feeddrive.blocks.plant.mode import Mode
 from feeddrive.blocks.plant.two_bodies import two_mass_model
 from feeddrive.blocks.plant.two_mass import TwoMass
 from feeddrive.blocks.signals import Reading, Setpoint
-from feeddrive.comparison.compare import compare
+from feeddrive.comparison.compare import compare_laws
 from feeddrive.files.machine import read_machine
 from feeddrive.language import tree
 from feeddrive.language.block import parameter
@@ -39,7 +39,7 @@ from feeddrive.loop.loop import Loop
 from feeddrive.tuning.candidates import axis_model, candidates
 from feeddrive.tuning.limits import Limits
 from feeddrive.tuning.tunables import law_tunables
-from feeddrive.tuning.tune import tune
+from feeddrive.tuning.tune import tune_control
 from feeddrive.tuning.tuned import Tuned
 
 
@@ -57,7 +57,7 @@ BARS = Limits(2.0, delay_margin_samples=2.0)
 
 
 def tuned(loop: Loop, limits: Limits = BARS, **asked: Any) -> Tuned:
-    return tune(loop, limits=limits, filters="kept", **asked)
+    return tune_control(loop, limits=limits, filters="kept", **asked)
 
 
 def with_dadsc(loop: Loop) -> Loop:
@@ -145,7 +145,7 @@ def test_what_is_no_knob_is_refused(motor: Loop) -> None:
     with pytest.raises(ParameterError, match="sensitivity_peak = 1 "):
         Limits(1.0)
     with pytest.raises(ParameterError, match="has no axis"):
-        tune(motor.control)
+        tune_control(motor.control)
 
 
 def test_no_robust_setting_is_an_error_that_says_how_near_it_came(motor: Loop) -> None:
@@ -281,7 +281,7 @@ def test_a_new_law_is_compared_without_another_line(motor: Loop, monkeypatch: py
     rate, mass = axis_model(motor).rate, 40.0
     assert dict(tree.leaves(law)) == {"Kv": rate, "Kp": mass * rate, "Ki": pytest.approx(mass * rate**3)}
     assert law_tunables(made["toy law"].loop.control) == ("law.Kv", "law.Kp", "law.Ki")
-    shown = compare(read_machine("linear_motor"), laws=["toy law"])
+    shown = compare_laws(read_machine("linear_motor"), laws=["toy law"])
     toy, plain = (shown[name].figures["rope_snap_ISE_root_m_per_N"] for name in ("toy law", "P-PI"))
     # a PID like the P-PI, but its zeros may be complex, so that it can only be better
     assert 0.5 * plain < toy < plain

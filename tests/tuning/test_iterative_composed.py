@@ -26,7 +26,7 @@ from feeddrive.loop.control import Control
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import simulate
 from feeddrive.tuning.error_model import filtered, true_error_model
-from feeddrive.tuning.iterative_feedforward import begin_compensation, compensator, iterate, regressors
+from feeddrive.tuning.iterative_feedforward import begin_compensation, compensator, next_iteration, regressors
 from feeddrive.tuning.trial import simulated_trial
 from feeddrive.tuning.trials import iterate_trials
 from trials import MOVE, OUT_AND_BACK, START, along, linear_loop
@@ -104,7 +104,7 @@ def test_behind_a_prefilter_the_columns_are_those_that_the_feedforward_sees() ->
 def test_filters_and_limits_that_do_not_act_change_little(control: dict[str, Any]) -> None:
     loop = linear_loop(START, **control)
     for _ in range(2):
-        loop = iterate(loop, simulated_trial(simulate(loop, MOVE), MOVE)).loop
+        loop = next_iteration(loop, simulated_trial(simulate(loop, MOVE), MOVE)).loop
     assert compensator(loop).parameters()["mass"] == pytest.approx(120.0, rel=0.02)
 
 

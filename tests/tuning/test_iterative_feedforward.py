@@ -20,7 +20,13 @@ from feeddrive.language import tree
 from feeddrive.language.errors import LogError, ParameterError, StructureError, UnstableError
 from feeddrive.loop.linearize import StateSpace
 from feeddrive.tuning.error_model import error_model, filtered, true_error_model
-from feeddrive.tuning.iterative_feedforward import begin_compensation, compensated, compensator, iterate, regressors
+from feeddrive.tuning.iterative_feedforward import (
+    begin_compensation,
+    compensated,
+    compensator,
+    next_iteration,
+    regressors,
+)
 from feeddrive.tuning.trials import convergence, iterate_trials
 from trials import (
     MOVE,
@@ -135,13 +141,13 @@ class TestUpdate:
     def test_one_exact_step_finds_what_an_independent_program_found(self) -> None:
         """In units of a drive of 300 N/A; what is missing to the truth is the dead time of one sample."""
         loop = linear_loop(START)
-        found = iterate(loop, trial_with_friction(loop, MOVE), form="axis_model", mu=0.0)
+        found = next_iteration(loop, trial_with_friction(loop, MOVE), form="axis_model", mu=0.0)
         values = np.array(list(found.after.parameters().values())) / 300.0
         assert values == pytest.approx([0.4003, 1.289, 0.323, 0.273], abs=6e-4)  # half a printed digit
 
     def test_without_dead_time_one_exact_step_finds_the_axis(self) -> None:
         loop = linear_loop(START, dead_time=0.0)
-        found = iterate(loop, trial_with_friction(loop, MOVE), form="axis_model", mu=0.0)
+        found = next_iteration(loop, trial_with_friction(loop, MOVE), form="axis_model", mu=0.0)
         values = found.after.parameters()
         # the acceleration is that in the middle of a sample and not its mean: jerk is constant over most samples
         assert values["mass"] == pytest.approx(120.0, rel=1e-4)
@@ -152,7 +158,7 @@ class TestUpdate:
         """A force that comes τ too late must be that of φ(t + τ) = φ(t) + τ φ'(t): the jerk gets mass · τ."""
         start = {**START, "jerk_feedforward": 0.0}
         loop = linear_loop(start)
-        found = iterate(loop, trial_with_friction(loop, MOVE), form="axis_model", mu=0.0)
+        found = next_iteration(loop, trial_with_friction(loop, MOVE), form="axis_model", mu=0.0)
         values = found.after.parameters()
         # friction here acts late too, so that only inertia and viscous friction are ahead of their force
         assert values["jerk_feedforward"] == pytest.approx(120.0 * T, rel=0.02)
@@ -161,7 +167,7 @@ class TestUpdate:
     def test_the_prediction_is_the_error_of_the_next_trial(self) -> None:
         """With the exact model, no noise: sample by sample."""
         loop = linear_loop(START)
-        found = iterate(loop, trial_with_friction(loop, MOVE), form="axis_model")
+        found = next_iteration(loop, trial_with_friction(loop, MOVE), form="axis_model")
         after = trial_with_friction(found.loop, MOVE)
         # 1e-8 of the 19 um of the first trial
         assert np.max(np.abs(after.following_error - found.predicted)) < 1e-8 * found.trial.peak
@@ -185,21 +191,21 @@ class TestUpdate:
             dry = DisturbanceCompensator(coulomb_positive=0.0)
         first = trial_with_friction(loop, MOVE, dry)
         for _ in range(3):
-            loop = iterate(loop, trial_with_friction(loop, MOVE, dry)).loop
+            loop = next_iteration(loop, trial_with_friction(loop, MOVE, dry)).loop
         assert compensator(loop).parameters()["mass"] == pytest.approx(mass, rel=0.03)
         assert trial_with_friction(loop, MOVE, dry).rms < 0.05 * first.rms
 
     def test_gamma_takes_a_share_of_the_step(self) -> None:
         loop = linear_loop(START)
         trial = trial_with_friction(loop, MOVE)
-        whole, half = (iterate(loop, trial, gamma=gamma).after.parameters() for gamma in (1.0, 0.5))
+        whole, half = (next_iteration(loop, trial, gamma=gamma).after.parameters() for gamma in (1.0, 0.5))
         for name, value in START.items():
             assert half[name] - value == pytest.approx(0.5 * (whole[name] - value), rel=1e-12)
 
     def test_mu_draws_the_step_to_nothing(self) -> None:
         loop = linear_loop(START)
         trial = trial_with_friction(loop, MOVE)
-        found = iterate(loop, trial, mu=1e6)
+        found = next_iteration(loop, trial, mu=1e6)
         for name, value in found.after.parameters().items():
             assert value == pytest.approx(START[name], abs=1e-3)
 
@@ -208,14 +214,14 @@ class TestUpdate:
         loop = linear_loop({**START, "mass": 150.0})
         dry = DisturbanceCompensator(coulomb_positive=0.0)
         helped = linear_loop({**TRUE, "coulomb_positive": 0.0, "coulomb_negative": 0.0}, viscous=0.0)
-        found = iterate(helped, trial_with_friction(helped, MOVE, dry))
+        found = next_iteration(helped, trial_with_friction(helped, MOVE, dry))
         assert found.held
         for name in found.held:
             assert found.after.parameters()[name] == 0.0
-        heavy = iterate(loop, trial_with_friction(loop, MOVE), least_mass=140.0)
+        heavy = next_iteration(loop, trial_with_friction(loop, MOVE), least_mass=140.0)
         assert heavy.after.parameters()["mass"] == 140.0
         assert heavy.held == ("mass",)
-        free = iterate(loop, trial_with_friction(loop, MOVE))
+        free = next_iteration(loop, trial_with_friction(loop, MOVE))
         assert heavy.predicted_rms > free.predicted_rms
 
     def test_references_may_change_between_trials(self) -> None:
@@ -223,7 +229,7 @@ class TestUpdate:
         before = trial_with_friction(loop, MOVE).rms
         for distance, velocity in ((0.1, 0.25), (0.06, 0.15), (0.2, 0.4), (0.03, 0.1)):
             move = SnapLimitedMove(distance=distance, **{**OUT_AND_BACK, "velocity": velocity})
-            loop = iterate(loop, trial_with_friction(loop, move)).loop
+            loop = next_iteration(loop, trial_with_friction(loop, move)).loop
         # four updates at a rate of 0.04, judged on a move that was learned from only once
         assert trial_with_friction(loop, MOVE).rms < 0.002 * before
 
@@ -232,7 +238,7 @@ class TestUpdate:
         loop = linear_loop(START)
         trials = iterate_trials(loop, MOVE, 3)
         for j, trial in enumerate(trials.trials[:-1]):
-            step = iterate(trials.loops[j], trial)
+            step = next_iteration(trials.loops[j], trial)
             assert step.after.parameters() == compensator(trials.loops[j + 1]).parameters()
         assert trials.rms[2] < 0.05 * trials.rms[0]
         assert trials.table().heads == ["trial", "1", "2", "3"]
@@ -243,16 +249,16 @@ class TestUpdate:
         wrong: list[dict[str, Any]] = [{"gamma": 0.0}, {"gamma": 1.5}, {"mu": -1.0}, {"saturation": "no"}, {"skip": -1}]
         for given_ in wrong:
             with pytest.raises(ParameterError, match=next(iter(given_))):
-                iterate(loop, trial, **given_)
+                next_iteration(loop, trial, **given_)
         with pytest.raises(ParameterError, match="no parameter 'lead'; it has mass, viscous"):
-            iterate(loop, trial, columns=("lead",))
+            next_iteration(loop, trial, columns=("lead",))
 
 
 class TestFrozen:
     def test_friction_without_a_reversal(self) -> None:
         one_way = SnapLimitedMove(distance=0.1, **{**OUT_AND_BACK, "back": False})
         loop = linear_loop(START)
-        found = iterate(loop, trial_with_friction(loop, one_way))
+        found = next_iteration(loop, trial_with_friction(loop, one_way))
         assert set(found.frozen) == {"coulomb_positive", "coulomb_negative"}
         assert "no reversal: 0 % of its moving samples go towards smaller positions" in found.frozen["coulomb_negative"]
         assert "at least 2 % are needed" in found.frozen["coulomb_negative"]
@@ -264,14 +270,14 @@ class TestFrozen:
         loop = linear_loop(START)
         trial = trial_with_friction(loop, one_way)
         with pytest.raises(LogError, match=r"teaches no parameter.*towards larger positions.*samples more"):
-            iterate(loop, trial, columns=("coulomb_positive", "coulomb_negative"))
+            next_iteration(loop, trial, columns=("coulomb_positive", "coulomb_negative"))
 
     def test_viscous_friction_at_one_speed(self) -> None:
         """Almost without acceleration: b v and the Coulomb levels are one column."""
         hard = {**OUT_AND_BACK, "acceleration": 2e3, "jerk": 2e7, "snap": 2e11}
         loop = linear_loop(START)
         one = SnapLimitedMove(distance=0.3, **hard)
-        found = iterate(
+        found = next_iteration(
             loop, trial_with_friction(loop, one), columns=("viscous", "coulomb_positive", "coulomb_negative")
         )
         assert "not explained by coulomb_positive and coulomb_negative" in found.frozen["viscous"]
@@ -281,11 +287,11 @@ class TestFrozen:
         loop = linear_loop(START)
         rest = SnapLimitedMove(distance=0.0, **OUT_AND_BACK)
         with pytest.raises(LogError, match="does not move"):
-            iterate(loop, trial_with_friction(loop, rest))
+            next_iteration(loop, trial_with_friction(loop, rest))
 
     def test_what_was_not_asked_for_keeps_its_value(self) -> None:
         loop = linear_loop({**START, "coulomb_positive": 7.0})
-        found = iterate(loop, trial_with_friction(loop, MOVE), columns=("mass", "viscous"))
+        found = next_iteration(loop, trial_with_friction(loop, MOVE), columns=("mass", "viscous"))
         assert found.after.parameters()["coulomb_positive"] == 7.0
         assert found.frozen["coulomb_positive"] == "not asked for"
 
@@ -303,14 +309,14 @@ class TestSaturation:
         count = int(np.sum(trial.saturated))
         assert count > 0
         with pytest.raises(LogError, match=f"limited in {count} samples, the first at .* s; 0 are admitted"):
-            iterate(loop, trial)
+            next_iteration(loop, trial)
 
     def test_its_samples_may_be_left_out(self) -> None:
         """The rest of the trial still finds the mass, which the whole one would miss."""
         loop = self.limited()
         trial = trial_with_friction(loop, MOVE)
-        rest = iterate(loop, trial, saturation="left_out").after.parameters()["mass"]
-        blind = iterate(loop, dataclasses.replace(trial, saturated=None)).after.parameters()["mass"]
+        rest = next_iteration(loop, trial, saturation="left_out").after.parameters()["mass"]
+        blind = next_iteration(loop, dataclasses.replace(trial, saturated=None)).after.parameters()["mass"]
         assert abs(rest - 120.0) < abs(blind - 120.0)
         assert rest == pytest.approx(120.0, rel=0.05)
 
@@ -319,7 +325,7 @@ class TestStandardErrors:
     def test_they_are_the_scatter_over_many_runs(self) -> None:
         """100 N white force noise, coloured by the loop: 60 runs know a scatter to ±10 %, a run its own to ±15 %."""
         loop = linear_loop(TRUE)
-        found = [iterate(loop, trial_with_friction(loop, MOVE, noise=100.0, seed=seed)) for seed in range(60)]
+        found = [next_iteration(loop, trial_with_friction(loop, MOVE, noise=100.0, seed=seed)) for seed in range(60)]
         scatter = np.std([list(each.after.parameters().values()) for each in found], axis=0, ddof=1)
         reported = np.mean([[each.errors[name] for name in TRUE] for each in found], axis=0)
         ratio = reported / scatter
@@ -339,8 +345,8 @@ class TestStandardErrors:
     def test_noise_does_not_bias(self) -> None:
         """The columns are free of noise: the mean over runs is the estimate without noise, within 3 standard errors."""
         loop = linear_loop(TRUE)
-        clean = iterate(loop, trial_with_friction(loop, MOVE)).after.parameters()
-        runs = [iterate(loop, trial_with_friction(loop, MOVE, noise=50.0, seed=seed)) for seed in range(25)]
+        clean = next_iteration(loop, trial_with_friction(loop, MOVE)).after.parameters()
+        runs = [next_iteration(loop, trial_with_friction(loop, MOVE, noise=50.0, seed=seed)) for seed in range(25)]
         for name, value in clean.items():
             values = [run.after.parameters()[name] for run in runs]
             assert np.mean(values) == pytest.approx(value, abs=3.0 * np.std(values) / 5.0)
@@ -359,7 +365,7 @@ class TestConvergence:
         moved = {name: value + float(off) for (name, value), off in zip(TRUE.items(), slow, strict=True)}
         away = compensated(loop, DisturbanceCompensator(**moved))
         ends = [
-            list(iterate(each, trial_with_friction(each, MOVE), mu=0.0).after.parameters().values())
+            list(next_iteration(each, trial_with_friction(each, MOVE), mu=0.0).after.parameters().values())
             for each in (loop, away)
         ]
         rate = float(np.real(values[slowest]))
@@ -388,7 +394,7 @@ class TestBegin:
         loop = linear_loop(START)
         bare = dataclasses.replace(loop, control=dataclasses.replace(loop.control, feedforward=()))
         with pytest.raises(StructureError, match="there is none: add one"):
-            iterate(bare, trial_with_friction(loop, MOVE))
+            next_iteration(bare, trial_with_friction(loop, MOVE))
 
     def test_columns_and_their_velocity(self) -> None:
         loop = linear_loop(START)
@@ -402,5 +408,5 @@ class TestBegin:
 def test_the_rigid_plant_may_be_given() -> None:
     loop = linear_loop({**START, "mass": 1.0})
     trial = trial_with_friction(loop, MOVE)
-    found = iterate(loop, trial, form="model_based", plant=Rigid(mass=100.0))
+    found = next_iteration(loop, trial, form="model_based", plant=Rigid(mass=100.0))
     assert found.after.parameters()["mass"] == pytest.approx(120.0, rel=0.03)

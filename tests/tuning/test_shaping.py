@@ -21,7 +21,7 @@ from feeddrive.tuning.operating_point import OperatingPoint, measured_point, mod
 from feeddrive.tuning.search import least_quadratic
 from feeddrive.tuning.smoothing import smoothed
 from feeddrive.tuning.tunables import law_tunables
-from feeddrive.tuning.tune import tune
+from feeddrive.tuning.tune import tune_control
 from random_drives import outcome
 
 LINES = np.geomspace(2.0, 9000.0, 120)
@@ -199,7 +199,7 @@ def test_the_optimum_of_a_model_is_that_of_another_search() -> None:
     """Two searches that share nothing but the loop: SLSQP by differences on poles and sums, and this one on lines."""
     motor = fd.read_machine("linear_motor").loop("x")
     limits = Limits(sensitivity_peak=2.0, delay_margin_samples=2.0)
-    found = tune(motor.control, motor, limits=limits, filters="kept")
+    found = tune_control(motor.control, motor, limits=limits, filters="kept")
     assert found.holds, found.proof
     names = [f"axis.x.control.law.{name}" for name in motor.control.law.tunables]
 
@@ -216,7 +216,7 @@ def test_the_optimum_of_a_model_is_that_of_another_search() -> None:
 
 
 def test_every_start_ends_at_the_same_place(screw: fd.Loop) -> None:
-    ends = [tune(screw.control, screw, limits=BARS, starts=1 + seed, seed=seed) for seed in range(3)]
+    ends = [tune_control(screw.control, screw, limits=BARS, starts=1 + seed, seed=seed) for seed in range(3)]
     snaps = [end.after[0].rope_snap for end in ends]
     assert np.ptp(snaps) < 5e-3 * snaps[0]
     assert all(end.holds for end in ends)
@@ -227,7 +227,7 @@ def test_the_ball_screw_from_a_noisy_response(screw: fd.Loop, placement: fd.Loop
     """9.1e-9 for P-PI, 8.9e-9 with free filters, 7.1e-9 for pole placement, on the true plant and within the limits."""
     point = struck_point(screw, share, seed)
     for loop, filters, bar in ((screw, "kept", 9.1e-9), (screw, "free", 8.9e-9), (placement, "kept", 7.1e-9)):
-        found = tune(loop.control, point, limits=BARS, filters=filters)
+        found = tune_control(loop.control, point, limits=BARS, filters=filters)
         assert found.holds, found.proof
         true = replace(loop, control=found.control)
         figures = robustness(true, per_decade=600)
@@ -239,8 +239,8 @@ def test_the_ball_screw_from_a_noisy_response(screw: fd.Loop, placement: fd.Loop
 
 def test_notches_come_where_they_pay(screw: fd.Loop) -> None:
     bare = replace(screw.control, filters=(fd.blocks.LowPass2(frequency=2500.0),))
-    free = tune(bare, screw, limits=BARS, filters="free", today=screw.control)
-    placed = tune(bare, screw, limits=BARS, filters="placed", today=screw.control)
+    free = tune_control(bare, screw, limits=BARS, filters="free", today=screw.control)
+    placed = tune_control(bare, screw, limits=BARS, filters="placed", today=screw.control)
     assert placed.holds, placed.proof
     assert any("taken" in text and "not taken" not in text for text in placed.notches)
     assert placed.after[0].rope_snap < 0.97 * free.after[0].rope_snap
@@ -253,7 +253,7 @@ def test_notches_come_where_they_pay(screw: fd.Loop) -> None:
 def test_each_goal_is_best_at_what_it_wants(screw: fd.Loop) -> None:
     limits = Limits(sensitivity_peak=2.0)
     band = (2.0, 8.0)
-    ends = {goal: tune(screw.control, screw, goal=goal, limits=limits, filters="kept",
+    ends = {goal: tune_control(screw.control, screw, goal=goal, limits=limits, filters="kept",
                         band=(0.0, np.inf) if goal in ("rope-snap", "least-stiffness") else band)
             for goal in GOALS}  # fmt: skip
     assert all(end.holds for end in ends.values())
@@ -267,7 +267,7 @@ def test_each_goal_is_best_at_what_it_wants(screw: fd.Loop) -> None:
 
 def test_margins_that_are_asked_for_hold(screw: fd.Loop) -> None:
     limits = Limits(sensitivity_peak=None, gain_margin_dB=10.0, phase_margin_deg=45.0, delay_margin_samples=30.0)
-    found = tune(screw.control, screw, limits=limits, filters="free")
+    found = tune_control(screw.control, screw, limits=limits, filters="free")
     m = fd.margins(fd.loop_gain(replace(screw, control=found.control), np.geomspace(1.0, 9999.0, 8000)))
     assert m.gain_increase_dB is not None
     assert m.gain_increase_dB >= 9.99
@@ -282,13 +282,15 @@ def test_noise_in_the_force_can_be_the_bound(screw: fd.Loop) -> None:
     from feeddrive.analysis.stiffness import force_noise
 
     noise = (2e-9, 2e-9)
-    free = tune(screw.control, screw, limits=Limits(reading_noise=noise), filters="kept")
+    free = tune_control(screw.control, screw, limits=Limits(reading_noise=noise), filters="kept")
     before = free.after[0].force_noise
     assert before is not None
     assert before == pytest.approx(
         force_noise(loop_model(replace(screw, control=free.control)).closed, *noise), rel=0.01
     )
-    quiet = tune(screw.control, screw, limits=Limits(force_noise=0.8 * before, reading_noise=noise), filters="kept")
+    quiet = tune_control(
+        screw.control, screw, limits=Limits(force_noise=0.8 * before, reading_noise=noise), filters="kept"
+    )
     assert quiet.after[0].force_noise == pytest.approx(0.8 * before, rel=5e-3)
     assert "force noise" in {held.what for held in quiet.held}
     assert quiet.after[0].rope_snap > free.after[0].rope_snap
@@ -297,8 +299,8 @@ def test_noise_in_the_force_can_be_the_bound(screw: fd.Loop) -> None:
 def test_all_positions_and_loads_hold(screw: fd.Loop) -> None:
     heavy = tree.vary(screw, {"axis.x.plant.mass_load": 60.0})
     soft = tree.vary(screw, {"axis.x.plant.stiffness": 1.3e7})
-    alone = tune(screw.control, screw, limits=Limits(2.0), filters="kept")
-    together = tune(screw.control, [screw, heavy, soft], limits=Limits(2.0), filters="kept")
+    alone = tune_control(screw.control, screw, limits=Limits(2.0), filters="kept")
+    together = tune_control(screw.control, [screw, heavy, soft], limits=Limits(2.0), filters="kept")
     assert together.holds, together.proof
     for axis in (screw, heavy, soft):
         assert robustness(replace(axis, control=together.control), per_decade=400).sensitivity_peak <= 2.003
@@ -307,7 +309,7 @@ def test_all_positions_and_loads_hold(screw: fd.Loop) -> None:
 
 def test_multipliers_say_what_more_room_would_bring(screw: fd.Loop) -> None:
     """The gain that is promised for 2 % more of Ms is the one that it brings, to a tenth."""
-    one, two = (tune(screw.control, screw, limits=Limits(peak), filters="kept") for peak in (2.0, 2.04))
+    one, two = (tune_control(screw.control, screw, limits=Limits(peak), filters="kept") for peak in (2.0, 2.04))
     promised = sum(h.gain for h in one.held if h.what == "Ms") * np.log(1.02) / np.log(1.1)
     brought = 100.0 * np.log(one.after[0].rope_snap / two.after[0].rope_snap)
     assert brought == pytest.approx(promised, rel=0.1)
@@ -315,7 +317,7 @@ def test_multipliers_say_what_more_room_would_bring(screw: fd.Loop) -> None:
 
 def test_the_cascade_loop_by_loop(screw: fd.Loop) -> None:
     """The velocity loop of a rigid mass without filters, against its formula; both loops close to the same whole."""
-    found = tune(screw.control, screw, limits=BARS, filters="kept")
+    found = tune_control(screw.control, screw, limits=BARS, filters="kept")
     today, new = found.cascade
     assert "velocity loop" in str(new)
     # 1 + L = (1 + Lv)(1 + Lp): the whole is the product of its loops
@@ -328,39 +330,39 @@ def test_the_cascade_loop_by_loop(screw: fd.Loop) -> None:
 def test_a_poor_measurement_is_refused_with_the_band(screw: fd.Loop) -> None:
     noisy = struck_point(screw, 0.8)
     with pytest.raises((NotIdentifiableError, UnstableError), match=r"Hz"):
-        tune(screw.control, noisy, limits=Limits(2.0), filters="kept")
+        tune_control(screw.control, noisy, limits=Limits(2.0), filters="kept")
     lines = np.arange(1.0, 101.0)
     short = responses(screw, lines, 0.001, 0)
     point = measured_point(
         short["cut", "reading_load"], short["cut", "reading_motor"], sample_time=float(screw.sample_time)
     )
     with pytest.raises(NotIdentifiableError, match=r"measure again.*ends at 100 Hz"):
-        tune(screw.control, point, limits=Limits(2.0), filters="kept")
+        tune_control(screw.control, point, limits=Limits(2.0), filters="kept")
 
 
 def test_what_cannot_be_reached_says_what_stands_against_it(screw: fd.Loop) -> None:
     with pytest.raises(UnstableError, match="peak compliance at"):
-        tune(screw.control, screw, limits=Limits(sensitivity_peak=1.3, compliance_peak=0.05e-6), filters="kept")
+        tune_control(screw.control, screw, limits=Limits(sensitivity_peak=1.3, compliance_peak=0.05e-6), filters="kept")
 
 
 def test_bad_input_is_named(screw: fd.Loop) -> None:
     with pytest.raises(ParameterError, match=r"goal = 'speed'"):
-        tune(screw.control, screw, goal="speed")
+        tune_control(screw.control, screw, goal="speed")
     with pytest.raises(ParameterError, match=r"sensitivity_peak = 0\.9"):
         Limits(sensitivity_peak=0.9)
     with pytest.raises(ParameterError, match="reading_noise"):
         Limits(force_noise=1.0)
     with pytest.raises(ParameterError, match="holds 0 lines"):
-        tune(screw.control, screw, band=(1e5, 2e5))
+        tune_control(screw.control, screw, band=(1e5, 2e5))
     with pytest.raises(ParameterError, match=r"law\.Kq"):
-        tune(screw.control, screw, tunables=["law.Kq"])
+        tune_control(screw.control, screw, tunables=["law.Kq"])
     static = replace(screw.control, law=fd.blocks.CascadePPI(Kv=100.0, Kp=6.8e4))
     with pytest.raises(ParameterError, match="integral action"):
-        tune(static, screw)
-    assert tune(static, screw, goal="stiffness", band=(1.0, 20.0), filters="kept", starts=1).holds
+        tune_control(static, screw)
+    assert tune_control(static, screw, goal="stiffness", band=(1.0, 20.0), filters="kept", starts=1).holds
     slow = replace(screw.control, law=replace(screw.control.law, position_every=4))
     with pytest.raises(ParameterError, match="position_every = 1"):
-        tune(slow, screw)
+        tune_control(slow, screw)
     frf = fd.FRF(LINES, np.ones(LINES.size) + 0j, unit="m/s/N")
     with pytest.raises(ParameterError, match="m/N"):
         measured_point(frf, sample_time=5e-5)
@@ -368,7 +370,7 @@ def test_bad_input_is_named(screw: fd.Loop) -> None:
 
 def test_unstable_gains_of_today_are_no_obstacle(screw: fd.Loop) -> None:
     wild = tree.vary(screw.control, {"law.Kp": 6e5, "law.Kv": 2000.0})
-    found = tune(wild, screw, limits=BARS, filters="kept")
+    found = tune_control(wild, screw, limits=BARS, filters="kept")
     assert found.after[0].rope_snap < 9.1e-9
     assert not found.before[0].stable
     assert "today's loop is unstable" in found.recommendation()

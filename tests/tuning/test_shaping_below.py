@@ -45,6 +45,6 @@ def test_a_goal_that_does_not_see_the_position_gain_keeps_it() -> None:
     loop = fd.read_machine("ball_screw").loop("x")
     whole = fd.tuning.modelled_point(loop)
     point = whole.chosen(np.flatnonzero(whole.frequency >= 2.0))
-    found = fd.tune(loop.control, point, goal="bandwidth", filters="kept", starts=1)
+    found = fd.tuning.tune_control(loop.control, point, goal="bandwidth", filters="kept", starts=1)
     assert found.tunables["law.Kv"] > 5.0  # 1/s: the position comes back within a second
     assert found.tunables["law.Tn"] < 0.1  # s

@@ -10,7 +10,7 @@ import pytest
 import feeddrive as fd
 from feeddrive.tuning.limits import Limits
 from feeddrive.tuning.operating_point import OperatingPoint, measured_point, with_table_force
-from feeddrive.tuning.tune import tune
+from feeddrive.tuning.tune import tune_control
 from feeddrive.tuning.tuned import Verdict
 
 RUN = "run with friction, counts and limit"
@@ -35,7 +35,7 @@ def test_the_run_keeps_the_force_limit(screw: fd.Loop) -> None:
         strong = replace(screw, control=replace(screw.control, force_limit=most))
         point, said = with_table_force(point_of(screw), strong, "the plant of the baseline")
         assert "agrees" in said
-        found = tune(strong.control, point, limits=limits, filters="kept", starts=1)
+        found = tune_control(strong.control, point, limits=limits, filters="kept", starts=1)
         line = next(each for each in found.proof if RUN in each.what)
         assert line.holds is holds, line
         assert found.holds is holds
@@ -47,7 +47,7 @@ def test_a_plant_that_is_another_one_is_not_run(screw: fd.Loop) -> None:
     point, said = with_table_force(point_of(screw), heavy, "the plant of the baseline")
     assert "% off the response" in said
     assert point.known_as is None
-    found = tune(screw.control, point, limits=Limits(2.0), filters="kept", starts=1)
+    found = tune_control(screw.control, point, limits=Limits(2.0), filters="kept", starts=1)
     line = next(each for each in found.proof if RUN in each.what)
     assert line.holds is None
     assert "--baseline" in line.said

@@ -15,7 +15,7 @@ from feeddrive.files.machine import read_machine
 from feeddrive.files.read_log import read_log
 from feeddrive.language.errors import LogError, ParameterError
 from feeddrive.loop.simulate import simulate
-from feeddrive.tuning.iterative_feedforward import begin_compensation, iterate
+from feeddrive.tuning.iterative_feedforward import begin_compensation, next_iteration
 from feeddrive.tuning.trial import measured_trial, simulated_trial
 from trials import MOVE, RECORD, START, T, along, linear_loop, trial_with_friction
 
@@ -51,7 +51,7 @@ def test_a_log_teaches_what_the_run_teaches() -> None:
     trial = trial_with_friction(loop, MOVE)
     x = np.asarray(trial.setpoint.position)
     log = measured_trial(loop, x, x - trial.following_error, sample_time=T)
-    exact, found = (iterate(loop, each).after.parameters() for each in (trial, log))
+    exact, found = (next_iteration(loop, each).after.parameters() for each in (trial, log))
     for name, value in exact.items():
         assert found[name] == pytest.approx(value, rel=2e-3), name
 
@@ -70,7 +70,7 @@ def test_another_clock_is_refused_with_bound_excess_and_the_nearest() -> None:
 def test_a_trial_with_another_clock_is_refused_by_the_update() -> None:
     trial = trial_with_friction(linear_loop(START), MOVE)
     with pytest.raises(LogError, match=r"clock of 0\.25 ms differs"):
-        iterate(linear_loop(START, sample_time=2e-4, dead_time=2e-4), trial)
+        next_iteration(linear_loop(START, sample_time=2e-4, dead_time=2e-4), trial)
 
 
 def test_a_rounded_reference_is_smoothed_and_said() -> None:
@@ -81,10 +81,10 @@ def test_a_rounded_reference_is_smoothed_and_said() -> None:
     y = np.asarray(trial.setpoint.position) - trial.following_error
     log = measured_trial(loop, x, y, sample_time=T)
     assert "rounded to 1e-05 m" in log.remarks[0]
-    found = iterate(loop, log)
+    found = next_iteration(loop, log)
     assert found.remarks[0] == log.remarks[0]
-    raw = iterate(loop, measured_trial(loop, x, y, sample_time=T, smoothing=0))
-    exact, smoothed, rough = (each.after.parameters()["mass"] for each in (iterate(loop, trial), found, raw))
+    raw = next_iteration(loop, measured_trial(loop, x, y, sample_time=T, smoothing=0))
+    exact, smoothed, rough = (each.after.parameters()["mass"] for each in (next_iteration(loop, trial), found, raw))
     assert smoothed == pytest.approx(exact, rel=0.03)
     assert rough < 0.7 * exact  # noise in a column draws its parameter towards 0
 
@@ -154,7 +154,7 @@ class TestRealAxis:
         trial = measured_trial(
             loop, log["setpoint_position"], log["position_load"], sample_time=log.sample_time, force=force
         )
-        found = iterate(loop, trial, form=form, skip=49)
+        found = next_iteration(loop, trial, form=form, skip=49)
         assert trial.starts_moving
         assert any("velocity loop lacks" in remark for remark in found.remarks)
         values = found.after.parameters()

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import inspect
+import re
+import types
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +12,7 @@ import numpy as np
 import pytest
 from typer.main import get_command
 
+import feeddrive as fd
 from feeddrive.cli.commands import app
 from feeddrive.files import formats
 from feeddrive.language.errors import CancelledError, ParameterError
@@ -46,9 +50,7 @@ def test_a_wrong_field_is_refused_by_name_value_bound_and_unit(given: dict[str, 
 def test_a_request_is_in_si_and_says_its_command_line() -> None:
     asked = Asked("emps", compliance=2e-7, at=("a b.csv", "c.csv"))  # type: ignore[arg-type]
     assert asked.at == (Path("a b.csv"), Path("c.csv"))
-    assert asked.python("tune").startswith(
-        "from feeddrive.workflow.tune import tune; tune('emps', compliance=2e-07, at="
-    )
+    assert asked.python("tune") == "fd.workflow.tune('emps', compliance=2e-07, at=('a b.csv', 'c.csv'))"
     assert asked.command_line("tune") == "feeddrive tune emps --compliance 0.2 --at 'a b.csv' --at c.csv"
 
 
@@ -82,6 +84,60 @@ def test_every_field_of_a_request_is_an_argument_or_an_option(name: str) -> None
         assert field.flag == "" or field.flag in shown[key].opts
 
 
+@pytest.mark.parametrize("name", COMMANDS)
+def test_each_command_has_one_function_of_its_name(name: str) -> None:
+    """`fd.workflow.NAME`; no other public name is called like a command and does something else.
+
+    In `fd.plot` a name says what is drawn.
+    """
+    own = name.replace("-", "_")
+    function = getattr(fd.workflow, own)
+    assert function is load(name)
+    assert list(inspect.signature(function).parameters) == [each.name for each in fields_of(function.request)]
+    rooms = [room for room in dir(fd) if isinstance(getattr(fd, room), types.ModuleType) and room != "plot"]
+    for place in (fd, *(getattr(fd, room) for room in rooms)):
+        if own in dir(place) and not isinstance(getattr(place, own), types.ModuleType):
+            assert getattr(place, own) is function, f"{place.__name__}.{own}"
+
+
+def test_the_table_of_the_docs_has_every_command() -> None:
+    page = (Path(__file__).parents[2] / "docs" / "first-axis.md").read_text(encoding="utf-8")
+    told = dict(re.findall(r"(?m)^\| `feeddrive ([\w-]+)` \| `fd\.([\w.]+)`", page))
+    assert set(told) == set(COMMANDS)
+    for name, dotted in told.items():
+        held: Any = fd
+        for part in dotted.split("."):
+            held = getattr(held, part)
+        assert held is load(name)
+
+
+def test_what_was_read_may_be_given_in_place_of_its_file(tmp_path: Path) -> None:
+    """Machine, job, loop, log and motion log: the result is that of the file, or of what was made from it."""
+    log_of_a_motion(tmp_path / "log.csv")
+    log = fd.read_log(tmp_path / "log.csv")
+    by_path, by_log = (
+        fd.identify(each, position="position_m", force="force_N") for each in (tmp_path / "log.csv", log)
+    )
+    assert by_log.rigid["mass"].value == by_path.rigid["mass"].value
+    motion = fd.identification.MotionLog(
+        name="m", position=log["position_m"], force=log["force_N"], sample_time=log.sample_time
+    )
+    assert fd.identify(motion).rigid["mass"].value == by_path.rigid["mass"].value
+    assert fd.workflow.channels(log).mapping == fd.workflow.channels(tmp_path / "log.csv").mapping
+    machine = fd.read_machine("linear_motor")
+    made = [fd.certify(each).text() for each in (machine, "linear_motor")]
+    assert made[0] == made[1]
+    loop = fd.vary(
+        machine.loop("x"), {"axis.x.plant.mass": 1.1 * fd.parameters(machine.loop("x"))["axis.x.plant.mass"]}
+    )
+    assert fd.certify(loop).document["control"] == fd.certify(machine).document["control"]
+    rule = {"recipe": "margins-robust", "confidence": 0.9}
+    assert fd.tune(machine, **rule).tunables == fd.tune("linear_motor", **rule).tunables
+    assert fd.tune(loop, **rule).control != fd.tune(machine, **rule).control
+    job = fd.read_job("emps")
+    assert fd.workflow.run.request(job).usual_out() == Path("results/emps")
+
+
 class Stopped(Progress):
     """Somebody who cancels at the first step."""
 
@@ -112,7 +168,8 @@ def test_without_a_place_nothing_is_written(tmp_path: Path, monkeypatch: pytest.
     from feeddrive.workflow.excite import excite
 
     monkeypatch.chdir(tmp_path)
-    found = excite("emps", band="20..40", amplitude=1.0, periods=2, realisations=1)
+    asked = excite.request("emps", band="20..40", amplitude=1.0, periods=2, realisations=1)
+    found = excite.run(asked)
     assert found.result.frequency.size > 0
     assert not found.files
     assert not list(tmp_path.iterdir())
@@ -142,5 +199,5 @@ def test_identify_parses_its_log_once(words: dict[str, str], tmp_path: Path, mon
 
     monkeypatch.setattr(formats, "read_csv", counted)
     found = identify(tmp_path / "log.csv", **words)
-    assert found.result.rigid is not None
+    assert found.rigid is not None
     assert len(parsed) == 1

@@ -56,7 +56,7 @@ def interruption() -> Generator[Callable[[], bool]]:
             signal.signal(number, handler)
 
 
-def play(client: DriveClient, profile: Profile, *, name: str = "", progress: Progress | None = None) -> Played:
+def play_profile(client: DriveClient, profile: Profile, *, name: str = "", progress: Progress | None = None) -> Played:
     """Switch the drive on, play, hold, switch it off.
 
     The motion is relative to where the axis stands.  Row k of the log holds what was sent in cycle k and what the drive

@@ -118,7 +118,7 @@ _MOST = 1e6  # a reserve beyond which it is no figure
 _ROUNDS = 4
 
 
-def certify(
+def certify_loop(
     loop: Loop | Control,
     plants: Mapping[str, PlantLike] | None = None,
     *,

@@ -154,7 +154,7 @@ def shown(value: float | None, factor: float = 1.0, digits: int = 3) -> str:
     return "inf" if np.isinf(value) else f"{factor * value:.{digits}g}"
 
 
-def compare(
+def compare_laws(
     machine: MachineFile,
     axis: str | None = None,
     *,

@@ -15,7 +15,7 @@ from feeddrive.language.progress import Progress
 from feeddrive.tuning.candidates import Candidate, Refusal
 from feeddrive.tuning.limits import Limits
 from feeddrive.tuning.tunables import law_tunables
-from feeddrive.tuning.tune import tune
+from feeddrive.tuning.tune import tune_control
 from feeddrive.tuning.tuned import Tuned
 
 
@@ -88,6 +88,6 @@ def _leave_interrupts() -> None:
 def _tuned(candidate: Candidate, rule: Rule) -> Tuned | Refusal:
     limits = Limits(rule.sensitivity_peak, delay_margin_samples=rule.delay_margin_samples)
     try:
-        return tune(candidate.loop, limits=limits, filters="kept", starts=rule.starts, velocity=rule.velocity)
+        return tune_control(candidate.loop, limits=limits, filters="kept", starts=rule.starts, velocity=rule.velocity)
     except FeeddriveError as error:
         return Refusal(candidate.name, str(error))

@@ -2,4 +2,4 @@
 
 from feeddrive.export.targets import write_export as write_export
 from feeddrive.export.verify import Verified as Verified
-from feeddrive.export.verify import verify as verify
+from feeddrive.export.verify import verify_export as verify_export

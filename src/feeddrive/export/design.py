@@ -13,7 +13,7 @@ from feeddrive.blocks.force.gravity import Gravity
 from feeddrive.export.exportable import check_exportable
 from feeddrive.export.identifiers import check_name
 from feeddrive.export.layout import Layout, layout
-from feeddrive.files.machine import MachineFile, read_machine
+from feeddrive.files.machine import MachineFile, MachineLike, read_machine
 from feeddrive.language.block import Number
 from feeddrive.language.errors import StructureError
 from feeddrive.loop.axis import Axis
@@ -116,7 +116,7 @@ class Design:
 
 
 def read_design(
-    source: str | Path, axis: str | None = None, *, name: str | None = None, what: str = CONTROL,
+    source: MachineLike, axis: str | None = None, *, name: str | None = None, what: str = CONTROL,
     precision: str = "double",
 ) -> Design:  # fmt: skip
     """The design of a machine file, or of a bundled machine.

@@ -10,6 +10,7 @@ from typing import Any
 
 from feeddrive.analysis.stability import require_stable
 from feeddrive.export.design import CONTROL, PLANT, Design, read_design
+from feeddrive.files.machine import MachineLike
 from feeddrive.files.messages import nearest
 from feeddrive.language.errors import ParameterError
 
@@ -41,7 +42,7 @@ TARGETS: dict[str, Target] = {
 
 
 def write_export(
-    source: str | Path,
+    source: MachineLike,
     target: str,
     out: str | Path | None = None,
     *,
@@ -77,7 +78,8 @@ def write_export(
     design = read_design(source, axis, name=name, what=what, precision=precision or chosen.precisions[0])
     if not plant:
         require_stable(design.system)
-    place = Path(out) if out is not None else Path("results") / f"export_{Path(source).stem}_{design.axis}_{target}"
+    stem = Path(design.machine.file.name).stem
+    place = Path("results") / f"export_{stem}_{design.axis}_{target}" if out is None else Path(out)
     write = getattr(import_module(f"{_HERE}.{chosen.module}"), chosen.function)
     return design, write(design, place, **chosen.fixed, **given)
 

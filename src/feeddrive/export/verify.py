@@ -85,7 +85,7 @@ class Verified(Result):
         return Table(f"what runs against what was simulated: {self.name}", ["", ""], rows)
 
 
-def verify(
+def verify_export(
     directory: str | Path,
     *,
     samples: int | None = None,

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from feeddrive.files.atomic_io import read_whole
 from feeddrive.files.columns import MOST_BYTES, Columns, Reader, most_unpacked
+from feeddrive.files.log import Log
 from feeddrive.files.readers import mdf
 from feeddrive.files.readers.csv_text import read_csv
 from feeddrive.files.readers.mat import read_mat, read_mat73
@@ -74,13 +75,22 @@ def read_columns(name: str, content: bytes, wanted: frozenset[str] | None) -> Co
 
 
 class OpenedFile:
-    """A measured file that several look at: its content is read once, and parsed once.
+    """A measured file that several look at: its content is read once, and parsed once; or a log that was read.
 
     `read_log`, `read_arrays` and `read_frfs` take it in place of a path.  What is parsed is the whole file.
     """
 
-    def __init__(self, path: str | Path) -> None:
-        self.path = Path(path)
+    def __init__(self, path: str | Path | Log) -> None:
+        if isinstance(path, Log):  # what its file would hold
+            self.path = Path(path.name)
+            # begins with what no file of text has
+            self.content = b"\0" + b"".join(each.tobytes() for each in (path.time, *path.channels.values()))
+            self.columns = Columns(
+                format="a log in memory", values={"time": path.time, **path.channels}, constants=path.constants,
+                units={"time": "s", **path.units}, left_out=path.left_out, metadata={"sample_time": path.sample_time},
+            )  # fmt: skip
+        else:
+            self.path = Path(path)
 
     def __str__(self) -> str:
         return str(self.path)

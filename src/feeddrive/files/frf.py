@@ -7,6 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import reduce
 from pathlib import Path
+from typing import TypeAlias
 
 import numpy as np
 
@@ -23,8 +24,12 @@ _LARGEST = 1e30  # of a response: its powers must not overflow
 _READABLE = "CSV, UFF 58, AST XML, also packed by gzip"
 
 
+FrfLike: TypeAlias = str | Path | FRF
+"""A file of responses, or one that was read."""
+
+
 def read_frf(
-    path: str | Path,
+    path: FrfLike,
     name: str | None = None,
     *,
     columns: Sequence[str] | None = None,
@@ -56,8 +61,10 @@ def read_frf(
     )
 
 
-def read_frfs(path: str | Path | OpenedFile, *, columns: Sequence[str] | None = None) -> dict[str, FRF]:
-    """All frequency responses in a file, by name; see `read_frf`."""
+def read_frfs(path: FrfLike | OpenedFile, *, columns: Sequence[str] | None = None) -> dict[str, FRF]:
+    """All frequency responses in a file, by name, see `read_frf`; one that was read by the name of its output."""
+    if isinstance(path, FRF):
+        return {path.output: path}
     try:
         return _read_frfs(path, columns)
     except (LogError, ParameterError) as error:

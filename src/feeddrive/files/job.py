@@ -20,11 +20,10 @@ set = { "axis.x.control.law.Kv" = 80 }   # changes by path, in SI; or a whole [l
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 from feeddrive.blocks.families import Load, Reference
 from feeddrive.files.blocks_from_toml import read_block
@@ -90,11 +89,21 @@ class Job:
     machines: Mapping[str, Machine] = field(default_factory=dict[str, Machine])
 
 
-def read_job(path: str | Path, log: str | Path | None = None) -> Job:
-    """The job in a file, or the bundled one of that name; `log` takes the place of the log's file.
+JobLike: TypeAlias = str | Path | Job
+"""A job file, the name of a bundled job, or one that was read."""
+
+
+def read_job(path: JobLike, log: str | Path | None = None) -> Job:
+    """The job in a file, the bundled one of that name, or one that was read; `log` takes the place of its log's file.
 
     Raises FileError, ParameterError or StructureError with file, line, key and what to do.
     """
+    if isinstance(path, Job):
+        if log is None:
+            return path
+        if path.log is None:
+            raise ParameterError(f"{path.file.name}: a log was given, but the job has no section [log]")
+        return replace(path, log=replace(path.log, path=Path(log)))
     place = found(path, "jobs")
     file = read_toml(place)
     root = file.root()
@@ -195,7 +204,7 @@ def _replaced(section: Section, today: Loop) -> Loop:
     guard = today.control.guard if control.guard is None else control.guard
     limit = today.control.force_limit if control.force_limit is None else control.force_limit
     try:
-        return dataclasses.replace(today, control=dataclasses.replace(control, guard=guard, force_limit=limit))
+        return replace(today, control=replace(control, guard=guard, force_limit=limit))
     except FeeddriveError as error:
         raise section.error(f"{section.dotted()}: {error}") from None
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -76,6 +76,10 @@ class Log(Result):
         rate = f"{1e3 * self.sample_time:.6g} ms"
         title = f"{self.name}: {self.time.size} rows, {self.duration:.4g} s at {rate}, jitter {100 * self.jitter:.2g} %"
         return Table(title, ["channel", "unit", "least", "most", "RMS"], rows)
+
+
+LogLike: TypeAlias = Path | Log
+"""A log file, or a log that was read."""
 
 
 def _held(name: str, channel: str, values: Any) -> np.ndarray:

@@ -20,6 +20,7 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeAlias
 
 from feeddrive.blocks.machine_families import Coupling
 from feeddrive.files.blocks_from_toml import read_block
@@ -90,11 +91,17 @@ class MachineFile:
         return Machine.of(self.loops, (*self.couplings, *couplings))
 
 
-def read_machine(path: str | Path) -> MachineFile:
-    """The machine in a file, or the bundled one of that name.
+MachineLike: TypeAlias = str | Path | MachineFile
+"""A machine file, the name of a bundled machine, or one that was read."""
+
+
+def read_machine(path: MachineLike) -> MachineFile:
+    """The machine in a file, or the bundled one of that name; one that was read is itself.
 
     Raises FileError (the file) and ParameterError or StructureError (a key in it), all with file and line.
     """
+    if isinstance(path, MachineFile):
+        return path
     file = read_toml(found(path, "machines"))
     root = file.root()
     text = {name: _text(root, name) for name in _TEXTS}

@@ -14,7 +14,7 @@ from feeddrive.identification.motion.control_law import identify_control as iden
 from feeddrive.identification.motion.delay import DelayFit as DelayFit
 from feeddrive.identification.motion.delay import find_delay as find_delay
 from feeddrive.identification.motion.identify import Identified as Identified
-from feeddrive.identification.motion.identify import identify as identify
+from feeddrive.identification.motion.identify import identify_motion as identify_motion
 from feeddrive.identification.motion.motion_log import MotionLog as MotionLog
 from feeddrive.identification.motion.output_error import Refinement as Refinement
 from feeddrive.identification.motion.output_error import refine as refine

@@ -6,7 +6,7 @@ from feeddrive.tuning.error_model import error_model as error_model
 from feeddrive.tuning.iterative_feedforward import Iteration as Iteration
 from feeddrive.tuning.iterative_feedforward import begin_compensation as begin_compensation
 from feeddrive.tuning.iterative_feedforward import compensated as compensated
-from feeddrive.tuning.iterative_feedforward import iterate as iterate
+from feeddrive.tuning.iterative_feedforward import next_iteration as next_iteration
 from feeddrive.tuning.limits import Limits as Limits
 from feeddrive.tuning.operating_point import OperatingPoint as OperatingPoint
 from feeddrive.tuning.operating_point import measured_point as measured_point
@@ -32,5 +32,5 @@ from feeddrive.tuning.trials import convergence as convergence
 from feeddrive.tuning.trials import iterate_trials as iterate_trials
 from feeddrive.tuning.trials import learn_signal as learn_signal
 from feeddrive.tuning.tune import assess as assess
-from feeddrive.tuning.tune import tune as tune
+from feeddrive.tuning.tune import tune_control as tune_control
 from feeddrive.tuning.tuned import Tuned as Tuned

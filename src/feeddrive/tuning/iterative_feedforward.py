@@ -137,7 +137,7 @@ class Iteration(Result):
         return Table(title, ["parameter", "unit", "now", "next", "standard error", ""], rows)
 
 
-def iterate(
+def next_iteration(
     loop: Loop,
     trial: Trial,
     *,

@@ -17,7 +17,7 @@ from feeddrive.loop.linearize import StateSpace
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import samples, simulate
 from feeddrive.tuning.error_model import condition, decay, error_model, filtered, true_error_model
-from feeddrive.tuning.iterative_feedforward import Iteration, compensated, compensator, iterate, regressors
+from feeddrive.tuning.iterative_feedforward import Iteration, compensated, compensator, next_iteration, regressors
 from feeddrive.tuning.trial import Trial, simulated_trial
 
 
@@ -183,7 +183,7 @@ def iterate_trials(
         if j == trials - 1:
             break
         tuner = loop if believed is None else compensated(believed, compensator(loop))
-        found = iterate(
+        found = next_iteration(
             tuner, shown[-1], form=form, gamma=gamma, mu=mu, columns=columns, plant=plant, least_mass=least_mass,
             saturation=saturation,
         )  # fmt: skip

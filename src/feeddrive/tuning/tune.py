@@ -27,7 +27,7 @@ from feeddrive.tuning.tuner import Best, Tuner
 FILTERS = ("kept", "free", "placed")
 
 
-def tune(
+def tune_control(
     control: Control | Loop,
     points: OperatingPoint | Loop | Sequence[OperatingPoint | Loop] | None = None,
     *,

@@ -1,7 +1,28 @@
-"""What each command does, as a function with a declared request; `command.py` lists them, one module each."""
+"""What each command does, as a function with a declared request, by the name of the command; and what they write."""
 
+from feeddrive.workflow.certify import certify as certify
 from feeddrive.workflow.certify import read_certificate as read_certificate
 from feeddrive.workflow.certify import write_certificate as write_certificate
+from feeddrive.workflow.channels import channels as channels
+from feeddrive.workflow.check import check as check
+from feeddrive.workflow.cogging import cogging as cogging
+from feeddrive.workflow.command import Outcome as Outcome
+from feeddrive.workflow.compare import compare as compare
+from feeddrive.workflow.cosimulate import cosimulate as cosimulate
+from feeddrive.workflow.excite import excite as excite
+from feeddrive.workflow.export import export as export
+from feeddrive.workflow.frf import frf as frf
+from feeddrive.workflow.friction import friction as friction
+from feeddrive.workflow.identify import identify as identify
+from feeddrive.workflow.iterate import iterate as iterate
 from feeddrive.workflow.jobs import JobResult as JobResult
-from feeddrive.workflow.jobs import run as run
+from feeddrive.workflow.play import listen as listen
+from feeddrive.workflow.play import play as play
+from feeddrive.workflow.prefilter import prefilter as prefilter
+from feeddrive.workflow.reproduce import reproduce as reproduce
+from feeddrive.workflow.run_job import demo as demo
+from feeddrive.workflow.run_job import run as run
 from feeddrive.workflow.run_job import write_results as write_results
+from feeddrive.workflow.tune import tune as tune
+from feeddrive.workflow.verify import verify as verify
+from feeddrive.workflow.virtual_drive import virtual_drive as virtual_drive

@@ -17,11 +17,10 @@ from typing import Any
 from feeddrive import plot
 from feeddrive.certificate import check
 from feeddrive.certificate.certificate import Certificate
-from feeddrive.certificate.certify import PlantLike, site_plants
-from feeddrive.certificate.certify import certify as certify_loop
+from feeddrive.certificate.certify import PlantLike, certify_loop, site_plants
 from feeddrive.files.atomic_io import new_directory, read_whole, write_whole
-from feeddrive.files.frf import encoders, read_frf, read_frfs
-from feeddrive.files.machine import BUNDLED, MachineFile, read_machine
+from feeddrive.files.frf import FrfLike, encoders, read_frf, read_frfs
+from feeddrive.files.machine import MachineFile, MachineLike, read_machine
 from feeddrive.language.errors import FeeddriveError, FileError, ParameterError
 from feeddrive.language.progress import Progress
 from feeddrive.language.table import Table
@@ -32,7 +31,8 @@ from feeddrive.report.content import Shown
 from feeddrive.report.page import definitions, header, page, picture, table
 from feeddrive.tuning.operating_point import OperatingPoint
 from feeddrive.workflow.command import Outcome, command
-from feeddrive.workflow.request import OUT, Request, argument, option
+from feeddrive.workflow.request import OUT, Request, argument, called, option, stem
+from feeddrive.workflow.tune_sources import loop_or_response
 
 FILE = "certificate.json"
 
@@ -40,11 +40,13 @@ FILE = "certificate.json"
 class CertifyRequest(Request):
     """Which loop, for which plants, with which discs, and in which arithmetic."""
 
-    source: str | Path | MachineFile = argument("A machine file (TOML), or the name of a bundled machine")
+    source: MachineLike | Loop = argument("A machine file (TOML), or the name of a bundled machine")
     axis: str | None = option("its axis, if it has several", default=None)
-    at: tuple[str, ...] = option("another plant: a machine, or a measured response in m/N; repeat", default=())
-    measured: Path | None = option("response of this axis: its lines give the discs", default=None)
-    motor: Path | None = option("the same of the motor's encoder", default=None)
+    at: tuple[MachineLike | Loop | FRF, ...] = option(
+        "another plant: a machine, or a measured response in m/N; repeat", default=()
+    )
+    measured: Path | FRF | None = option("response of this axis: its lines give the discs", default=None)
+    motor: Path | FRF | None = option("the same of the motor's encoder", default=None)
     fit: bool = option("fit the plant to --measured instead of taking the machine's", default=False)
     radius: float | None = option("|dP/P|: of models, 0.2; the least of measured plants, 0.05", default=None)
     beyond: float = option("least |dP/P| above the last measured line", default=1.0)
@@ -57,7 +59,7 @@ class CertifyRequest(Request):
     @property
     def name(self) -> str:
         """The machine as it was given."""
-        return str(self.source.file.name if isinstance(self.source, MachineFile) else self.source)
+        return called(self.source)
 
     def usual_out(self) -> Path:
         """By the name of what it is about."""
@@ -70,21 +72,24 @@ def certify(request: CertifyRequest, progress: Progress) -> Outcome[Certificate]
 
     Raises NotCertifiedError, with frequency and what to do, for a loop that cannot be certified.
     """
-    machine = request.source if isinstance(request.source, MachineFile) else read_machine(request.source)
-    loop = machine.loop(request.axis)
+    if isinstance(request.source, Loop):
+        machine, loop = None, request.source
+    else:
+        machine = read_machine(request.source)
+        loop = machine.loop(request.axis)
     progress.step("plants")
     plants = _plants(request, loop)
     progress.step("certificate")
     found = certify_loop(
         loop, plants, radius=request.radius, beyond=request.beyond,
         arithmetic="float32" if request.float32 else request.arithmetic, confidence=request.confidence,
-        velocity=request.velocity, machine=source(machine),
+        velocity=request.velocity, machine=None if machine is None else source(machine),
     )  # fmt: skip
     files: dict[str, Path] = {}
     if request.out is not None:
         progress.step("report")
         facts = {
-            "Machine": f"{machine.name}, {request.name}",
+            "Machine": request.name if machine is None else f"{machine.name}, {request.name}",
             "Law": loop.control.law.kind,
             "Sample time": f"{1e3 * float(loop.sample_time):g} ms",
             "Velocity of the axis": f"{request.velocity:g} m/s",
@@ -132,25 +137,23 @@ def _plants(request: CertifyRequest, loop: Loop) -> dict[str, PlantLike]:
     else:
         lines = _responses(request.measured, loop)
         lines += [] if request.motor is None else [_sampled(read_frf(request.motor), loop)]
-        plants[request.measured.stem] = lines if request.fit else [loop, *lines]
+        plants[stem(request.measured)] = lines if request.fit else [loop, *lines]
     for each in request.at:
-        name = _unused(Path(each).stem, plants)
-        bundled = not Path(each).suffix and (BUNDLED / "machines" / f"{each}.toml").exists()
-        if bundled or Path(each).suffix.lower() == ".toml":
-            plants[name] = read_machine(each).loop(request.axis)
-        else:
-            plants[name] = _responses(Path(each), loop)
+        other = loop_or_response(each, request.axis)
+        plants[_unused(stem(each), plants)] = other if isinstance(other, Loop) else _responses(other, loop)
     return plants
 
 
-def _responses(file: Path, loop: Loop) -> list[FRF]:
+def _responses(file: FrfLike, loop: Loop) -> list[FRF]:
     """The response of a file, or those of load and motor, in this order."""
     found = read_frfs(file)
     if len(found) == 1:
         return [_sampled(next(iter(found.values())), loop)]
     told = encoders(found)
     if set(told) != {"motor", "load"}:
-        raise ParameterError(f"{file}: holds {', '.join(found)}: name the responses of both encoders motor and load")
+        raise ParameterError(
+            f"{called(file)}: holds {', '.join(found)}: name the responses of both encoders motor and load"
+        )
     return [_sampled(told[role], loop) for role in ("load", "motor")]
 
 

@@ -16,7 +16,7 @@ from feeddrive.files.formats import OpenedFile
 from feeddrive.files.frf import names_frequency, read_controllers, read_frfs
 from feeddrive.files.guess import Guess, guess_roles, write_roles
 from feeddrive.files.job import LogRequest, read_request
-from feeddrive.files.log import Log
+from feeddrive.files.log import Log, LogLike
 from feeddrive.files.read_log import read_log
 from feeddrive.files.readers.ast_xml import is_ast
 from feeddrive.language import units
@@ -112,7 +112,7 @@ def show(guess: Guess, path: Path | OpenedFile, progress: Progress) -> None:
 class ChannelsRequest(Request):
     """Which log is looked at."""
 
-    log: Path = argument("A log of any known format")
+    log: LogLike = argument("A log of any known format")
     axis: str | None = option("of a log with several, as x or 0", default=None)
     sample_time: float | None = option("of a log without a clock", unit="s", default=None)
     out: Path | None = option("File for the mapping (TOML)", short="-o", default=None)
@@ -124,17 +124,17 @@ def channels(request: ChannelsRequest, progress: Progress) -> Outcome[Any]:
 
     Of a file of frequency responses it lists these, and the controllers that the XML of a tuning tool holds.
     """
-    progress.step(f"reading {request.log}")
     file = OpenedFile(request.log)
+    out, path = request.out, file.path
+    progress.step(f"reading {path}")
     if names_frequency(file):
-        if request.out is not None:
+        if out is not None:
             raise ParameterError(
-                f"{request.log}: holds frequency responses, which need no --out: name them to identify with --motor "
+                f"{path}: holds frequency responses, which need no --out: name them to identify with --motor "
                 f"NAME and --load NAME"
             )
         return _responses(file)
     guess = guess_roles(read_log(file, sample_time=request.sample_time), request.axis)
-    out, path = request.out, request.log
     if out is None:
         return Outcome(guess, [guess.table()], section=guess.toml(path))
     write_roles(out, guess, path.resolve() if out.parent.resolve() != path.parent.resolve() else path.name)

@@ -41,11 +41,11 @@ from feeddrive.workflow.drive_logs import (
     columns_said,
     drive_of,
     logs_said,
+    logs_stem,
     read_logs,
-    stem,
     written,
 )
-from feeddrive.workflow.request import argument, option
+from feeddrive.workflow.request import argument, called, option
 
 _POSITIONS = ("position_motor", "position_load", "angle_motor")
 _FORCES = ("force", "torque", "current", "command")
@@ -78,7 +78,7 @@ class CoggingRequest(DriveLogsRequest):
 
     def usual_out(self) -> Path:
         """By the name of what it is about."""
-        return Path("results") / f"cogging_{stem(self.logs)}"
+        return Path("results") / f"cogging_{logs_stem(self.logs)}"
 
     def named(self) -> dict[str, str | None]:
         """The columns that were named, by their roles."""
@@ -103,7 +103,7 @@ def cogging(request: CoggingRequest, progress: Progress) -> Outcome[CoggingFit]:
 
     Raises LogError for a log that cannot be used, NotIdentifiableError for one that does not hold a period.
     """
-    drive, orders, logs = drive_of(request), _orders(request.orders), request.logs
+    drive, orders = drive_of(request), _orders(request.orders)
     seen = _maps(request, drive) if request.map else _passes(request, drive, orders, progress)
     progress.step("fitting")
     fit = identify_cogging(seen.runs, orders, unit=seen.unit)
@@ -114,14 +114,14 @@ def cogging(request: CoggingRequest, progress: Progress) -> Outcome[CoggingFit]:
     if request.out is not None:
         ways = [sum(run.direction == sign for run in seen.runs) for sign in (1, -1)]
         facts = {
-            "Logs": logs_said([*logs, *request.backward]),
+            "Logs": logs_said([*request.logs, *request.backward]),
             "Runs": f"{ways[0]} forward, {ways[1]} backward, {sum(run.turns.size for run in seen.runs)} rows",
             "Period": f"{math.degrees(seen.period):.6g} deg" if seen.turning else f"{1e3 * seen.period:.6g} mm",
             "Columns": seen.columns,
             "Force at the table": "not known"
             if table is None
             else f"{table.force_per_unit:.6g} N per {seen.unit or 'unit'}",
-            "Machine": request.machine or "none given",
+            "Machine": called(request.machine),
         }
         progress.step("report")
         files = written(write_cogging(fit, seen.runs, text, request.out, facts), text)
@@ -134,9 +134,10 @@ def cogging(request: CoggingRequest, progress: Progress) -> Outcome[CoggingFit]:
 
 def _passes(request: CoggingRequest, drive: Drive, orders: Sequence[int] | None, progress: Progress) -> _Seen:
     """Ways in one direction of logs that run over the travel; a clock is not needed."""
-    paths, named = request.logs, request.named()
+    named = request.named()
     wanted = ("time", *_POSITIONS, *_FORCES)
-    files = [OpenedFile(path) for path in paths]
+    files = [OpenedFile(each) for each in request.logs]
+    paths = [each.path for each in files]
     read, mapping = read_logs(files, named, request.channels, wanted, _clock(files[0], request), progress)
     found: list[CoggingRun] = []
     role = moving = ""
@@ -163,13 +164,14 @@ def _clock(path: OpenedFile, request: CoggingRequest) -> float | None:
 
 def _maps(request: CoggingRequest, drive: Drive) -> _Seen:
     """Rows that are places of one turn; of those with a force other than 0."""
-    paths, named = request.logs, request.named()
+    named = request.named()
     role = next((each for each in _FORCES if named.get(each) is not None), "current")
     told = named.get(role)
     found: list[CoggingRun] = []
     name, unit = "", "" if role == "command" else ROLES[role]
-    for path, direction in (*((each, 1) for each in paths), *((each, -1) for each in request.backward)):
-        arrays = read_arrays(path)
+    for source, direction in (*((each, 1) for each in request.logs), *((each, -1) for each in request.backward)):
+        file = OpenedFile(source)
+        path, arrays = file.path, read_arrays(file)
         if told is None and len(arrays) != 1:
             raise ParameterError(f"{path}: name the column of the map with --current or --torque{nearest('', arrays)}")
         asked_column = column(next(iter(arrays)) if told is None else told, role)

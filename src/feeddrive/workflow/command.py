@@ -1,10 +1,11 @@
 """A command: a function with a declared request, a protocol for progress and cancel, and a printable outcome.
 
-The same object serves Python (`fd.tune("ball_screw", goal="stiffness")`), the command line and, later, a page.
+The same object serves Python (`fd.tune("ball_screw", goal="stiffness")`, which gives the result), the command line,
+which shows the outcome, and, later, a page.  What a command reads from a file may also be the object that was read.
 
 `COMMANDS` lists the module and the one-line description of every command.  The descriptions are kept here so that
 `--help` need not import the modules of the commands.  `from feeddrive.workflow.MODULE import NAME` gives the command
-(with _ for -).
+(with _ for -), and so does `fd.workflow.NAME`.
 """
 
 from __future__ import annotations
@@ -81,9 +82,13 @@ class Command(Generic[P, R, T]):
         self.__doc__, self.__name__, self.__module__ = work.__doc__, work.__name__, work.__module__
         self.__signature__ = inspect.signature(request)
 
-    def __call__(self, *args: P.args, **kwargs: P.kwargs) -> Outcome[T]:
-        """Do the work silently."""
-        return self.run(self.request(*args, **kwargs))
+    def __call__(self, *args: P.args, **kwargs: P.kwargs) -> T:
+        """The result. `progress` may be given beside the fields of the request; `run` gives the whole outcome."""
+        progress: Any = kwargs.pop("progress", None)
+        found = self.run(self.request(*args, **kwargs), progress)
+        if found.error is not None:
+            raise found.error
+        return found.result
 
     def run(self, request: R, progress: Progress | None = None) -> Outcome[T]:
         """Do the work that a request asks for. A place that cannot be written is refused before the work."""

@@ -4,20 +4,19 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from feeddrive.comparison.compare import Comparison, pieces
-from feeddrive.comparison.compare import compare as compare_laws
+from feeddrive.comparison.compare import Comparison, compare_laws, pieces
 from feeddrive.comparison.report import write_comparison
-from feeddrive.files.machine import MachineFile, read_machine
+from feeddrive.files.machine import MachineLike, read_machine
 from feeddrive.language.progress import Progress
 from feeddrive.loop.runner import cores
 from feeddrive.workflow.command import Outcome, command
-from feeddrive.workflow.request import OUT, Request, argument, option
+from feeddrive.workflow.request import OUT, Request, argument, option, stem
 
 
 class CompareRequest(Request):
     """Which axis, which laws, and how hard each is searched for."""
 
-    machine: str | Path | MachineFile = argument("A machine file (TOML), or the name of a bundled machine")
+    machine: MachineLike = argument("A machine file (TOML), or the name of a bundled machine")
     axis: str | None = option("The axis, if the machine has several", default=None)
     law: tuple[str, ...] = option("A law that is wanted; may be repeated; default: all", default=())
     starts: int = option("Searches for each law; the best counts", default=2, least=1, most=20)
@@ -25,8 +24,7 @@ class CompareRequest(Request):
 
     def usual_out(self) -> Path:
         """By the name of what it is about."""
-        name = Path(self.machine.file.name if isinstance(self.machine, MachineFile) else self.machine).stem
-        return Path("results") / f"compare_{name}{'' if self.axis is None else f'_{self.axis}'}"
+        return Path("results") / f"compare_{stem(self.machine)}{'' if self.axis is None else f'_{self.axis}'}"
 
 
 @command(CompareRequest)
@@ -36,7 +34,7 @@ def compare(request: CompareRequest, progress: Progress) -> Outcome[Comparison]:
     Laws are tuned side by side in processes of their own.  Raises ParameterError for an axis or a law that is not
     there, UnstableError if no law can be run.
     """
-    machine = request.machine if isinstance(request.machine, MachineFile) else read_machine(request.machine)
+    machine = read_machine(request.machine)
     laws = request.law or None
     progress = progress.counted(pieces(machine, request.axis, laws) + 1)
     found = compare_laws(machine, request.axis, laws=laws, starts=request.starts, workers=cores(), progress=progress)

@@ -7,17 +7,17 @@ from pathlib import Path
 
 from feeddrive.cosimulation.comparison import Cosimulation, write_cosimulation
 from feeddrive.cosimulation.comparison import cosimulate as run_against
-from feeddrive.files.job import Job, read_job
+from feeddrive.files.job import JobLike, read_job
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.progress import Progress
 from feeddrive.workflow.command import Outcome, command
-from feeddrive.workflow.request import OUT, Request, argument, option
+from feeddrive.workflow.request import OUT, Request, argument, option, stem
 
 
 class CosimulateRequest(Request):
     """Which job, which FMU, and what its variables are."""
 
-    job: str | Path | Job = argument("A job file (TOML) with a reference, or the name of a bundled job")
+    job: JobLike = argument("A job file (TOML) with a reference, or the name of a bundled job")
     fmu: Path = argument("The plant: an FMU 2.0 or 3.0. It is a program, and it is run")
     variable: tuple[str, ...] = option(
         "Which variable of the FMU is what, as force=F_drive or reading=x:mm; may be repeated", default=()
@@ -28,15 +28,13 @@ class CosimulateRequest(Request):
 
     def usual_out(self) -> Path:
         """By the name of what it is about."""
-        return (
-            Path("results") / f"cosimulate_{Path(self.job.file.name if isinstance(self.job, Job) else self.job).stem}"
-        )
+        return Path("results") / f"cosimulate_{stem(self.job)}"
 
 
 @command(CosimulateRequest)
 def cosimulate(request: CosimulateRequest, progress: Progress) -> Outcome[Cosimulation]:
     """Run the laws of a job against somebody else's model of the machine: an FMU in place of the plant."""
-    job = request.job if isinstance(request.job, Job) else read_job(request.job)
+    job = read_job(request.job)
     values = {name: _number(name, text) for name, text in _pairs("--set", request.set).items()}
     found = run_against(
         job, request.fmu, names=_pairs("--variable", request.variable), parameters=values,

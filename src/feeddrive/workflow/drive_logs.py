@@ -9,8 +9,8 @@ from pathlib import Path
 from feeddrive.blocks.actuator.screw import Screw
 from feeddrive.files.columns import Column
 from feeddrive.files.formats import OpenedFile
-from feeddrive.files.log import Log
-from feeddrive.files.machine import MachineFile, read_machine
+from feeddrive.files.log import Log, LogLike
+from feeddrive.files.machine import MachineFile, MachineLike, read_machine
 from feeddrive.files.read_log import read_log
 from feeddrive.identification.estimate import lever
 from feeddrive.language.errors import LogError
@@ -18,7 +18,7 @@ from feeddrive.language.progress import Progress
 from feeddrive.language.table import Table
 from feeddrive.loop.loop import Loop
 from feeddrive.workflow.channels import mapped
-from feeddrive.workflow.request import OUT, Request, argument, option
+from feeddrive.workflow.request import OUT, Request, argument, called, option
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ class Drive:
 class DriveLogsRequest(Request):
     """What commands on logs of a drive share: columns of the force, constants of the drive, and where it is written."""
 
-    logs: tuple[Path, ...] = argument("Logs of one drive")
+    logs: tuple[LogLike, ...] = argument("Logs of one drive")
     force: str | None = option("column of the force, name:unit", default=None)
     torque: str | None = option("column of the motor's torque, name:unit", default=None)
     current: str | None = option("column of the current, name:unit", default=None)
@@ -53,7 +53,7 @@ class DriveLogsRequest(Request):
     force_constant: float | None = option("N at the table per unit of command or current", above=0.0, default=None)
     lead: float | None = option("puts what stands at the motor at the table", unit="m", above=0.0, default=None)
     gear: float | None = option("turns of the motor in one turn of the screw; 1", above=0.0, default=None)
-    machine: str | None = option("the machine file to write into; its comments are kept", default=None)
+    machine: MachineLike | None = option("the machine file to write into; its comments are kept", default=None)
     axis: str | None = option("its axis, if it has several", default=None)
     channels: Path | None = option("which column is what (TOML), as `feeddrive channels` writes it", default=None)
     time: str | None = option("column of the time, name:unit", default=None)
@@ -102,7 +102,9 @@ def read_logs(
     return read, mapping
 
 
-def chosen(path: Path, log: Log, named: Mapping[str, str | None], roles: Sequence[str], what: str, options: str) -> str:
+def chosen(
+    path: Path | OpenedFile, log: Log, named: Mapping[str, str | None], roles: Sequence[str], what: str, options: str
+) -> str:
     """The role that is taken: one that was named, else the first of `roles` that is there. Raises LogError."""
     there = [role for role in roles if role in log.channels]
     told = [role for role in there if named.get(role) is not None]
@@ -115,14 +117,15 @@ def chosen(path: Path, log: Log, named: Mapping[str, str | None], roles: Sequenc
     return (told or there)[0]
 
 
-def stem(paths: Sequence[Path]) -> str:
+def logs_stem(logs: Sequence[LogLike]) -> str:
     """Of the results: the name of the first log, and how many more there are."""
-    name = paths[0].name.split(".")[0]
-    return name if len(paths) == 1 else f"{name}_and_{len(paths) - 1}"
+    name = Path(called(logs[0])).name.split(".")[0]
+    return name if len(logs) == 1 else f"{name}_and_{len(logs) - 1}"
 
 
-def logs_said(paths: Sequence[Path]) -> str:
+def logs_said(logs: Sequence[LogLike]) -> str:
     """Names of the logs, and once the folder in which all of them are."""
+    paths = [Path(called(each)) for each in logs]
     names = ", ".join(path.name for path in paths)
     folders = {str(path.parent) for path in paths}
     if folders == {"."}:

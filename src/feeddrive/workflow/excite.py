@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from feeddrive.files.atomic_io import new_directory
-from feeddrive.files.machine import MachineFile, read_machine
+from feeddrive.files.machine import MachineLike, read_machine
 from feeddrive.files.run_files import write_run_csv, write_run_parquet
 from feeddrive.identification.excitation.design import design_excitation
 from feeddrive.identification.excitation.estimate_frf import estimate_frf
@@ -26,7 +26,7 @@ from feeddrive.plot.responses import frequency_estimate
 from feeddrive.report.content import Shown
 from feeddrive.report.page import definitions, header, page, picture, table
 from feeddrive.workflow.command import Outcome, command
-from feeddrive.workflow.request import OUT, Request, argument, frequencies, option
+from feeddrive.workflow.request import OUT, Request, argument, frequencies, option, stem
 
 _USELESS = 30.0  # %, deviation of a line from which it carries no tuning
 WARNING = (
@@ -38,7 +38,7 @@ WARNING = (
 class ExciteRequest(Request):
     """Which axis is excited where, in which band, how strongly, and within which limits."""
 
-    machine: str | Path | MachineFile = argument("A machine file (TOML), or the name of a bundled machine")
+    machine: MachineLike = argument("A machine file (TOML), or the name of a bundled machine")
     band: str = option("Hz, as 5..500")
     amplitude: float = option("peak: N on the force, m on the setpoint")
     axis: str | None = option("the axis, if the machine has several", default=None)
@@ -57,8 +57,7 @@ class ExciteRequest(Request):
     @property
     def name(self) -> str:
         """Of the excitation and its directory: that of the machine file, and the axis if it was named."""
-        stem = Path(self.machine.file.name if isinstance(self.machine, MachineFile) else self.machine).stem
-        return f"{stem}{'' if self.axis is None else f'_{self.axis}'}"
+        return f"{stem(self.machine)}{'' if self.axis is None else f'_{self.axis}'}"
 
     def usual_out(self) -> Path:
         """By the name of what it is about."""
@@ -71,7 +70,7 @@ def excite(request: ExciteRequest, progress: Progress) -> Outcome[Excitation]:
 
     Raises ParameterError for a band, a grid or a limit that cannot be kept.
     """
-    machine = request.machine if isinstance(request.machine, MachineFile) else read_machine(request.machine)
+    machine = read_machine(request.machine)
     loop = machine.loop(request.axis)
     progress.step("designing and simulating")
     found = design_excitation(

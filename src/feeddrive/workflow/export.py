@@ -6,6 +6,7 @@ from pathlib import Path
 
 from feeddrive.export.design import Design
 from feeddrive.export.targets import write_export
+from feeddrive.files.machine import MachineLike
 from feeddrive.language.progress import Progress
 from feeddrive.workflow.command import Outcome, command
 from feeddrive.workflow.request import OUT, Request, argument, option
@@ -14,7 +15,7 @@ from feeddrive.workflow.request import OUT, Request, argument, option
 class ExportRequest(Request):
     """Which axis, for which target."""
 
-    source: str = argument("A machine file (TOML), or the name of a bundled machine")
+    source: MachineLike = argument("A machine file (TOML), or the name of a bundled machine")
     target: str = option("c, linuxcnc, linuxcnc-pid, fmu2, fmu3, cortex-m, st, or parameters", short="-t")
     axis: str | None = option("its axis, if it has several", default=None)
     out: Path | None = option(OUT, short="-o", default=None)

@@ -14,7 +14,7 @@ from feeddrive.files.columns import unit_of
 from feeddrive.files.formats import OpenedFile
 from feeddrive.files.frf import write_frf
 from feeddrive.files.guess import guess_roles, unit_in_name
-from feeddrive.files.log import Log
+from feeddrive.files.log import Log, LogLike
 from feeddrive.files.messages import nearest
 from feeddrive.files.read_log import read_log
 from feeddrive.identification.excitation.estimate_frf import estimate_frf
@@ -28,7 +28,7 @@ from feeddrive.report.content import Shown
 from feeddrive.report.page import definitions, header, page, picture, table
 from feeddrive.workflow.channels import clock, requested, show
 from feeddrive.workflow.command import Outcome, command
-from feeddrive.workflow.request import OUT, Request, argument, frequencies, option
+from feeddrive.workflow.request import OUT, Request, argument, called, frequencies, option
 
 # names that a column may have for each role, the first that is there is taken
 _INPUT = ("force", "torque", "current", "command", "iq")
@@ -44,7 +44,7 @@ TRUSTED = 0.9  # coherence from which a line may carry a tuning
 class FrfRequest(Request):
     """Logs of one measurement, which column is what, and how the response is estimated."""
 
-    logs: tuple[Path, ...] = argument("Logs of the same measurement (MAT, CSV, Parquet), one a realisation")
+    logs: tuple[LogLike, ...] = argument("Logs of the same measurement (MAT, CSV, Parquet), one a realisation")
     input: str | None = option("column of the input, name or name:unit", default=None)
     output: tuple[str, ...] = option("column of an output, name or name:unit; may be repeated", default=())
     reference: tuple[str, ...] = option("column of what was added to the loop; none for no such", default=())
@@ -60,7 +60,7 @@ class FrfRequest(Request):
 
     def usual_out(self) -> Path:
         """By the name of what it is about."""
-        return Path("results") / f"frf_{self.logs[0].name.split('.')[0]}"
+        return Path("results") / f"frf_{Path(called(self.logs[0])).name.split('.')[0]}"
 
 
 @command(FrfRequest)
@@ -69,7 +69,7 @@ def frf(request: FrfRequest, progress: Progress) -> Outcome[Sequence[FrequencyEs
 
     The result has one estimate for each output.  Raises LogError for a log that cannot be used.
     """
-    logs, references = request.logs, request.reference
+    logs, references = [OpenedFile(each) for each in request.logs], request.reference
     unnamed = request.input is None and not request.output
     read = _read(logs, unnamed, request.channels, request.time, request.sample_time, progress)
     inside = None if request.band is None else frequencies(request.band)
@@ -106,7 +106,7 @@ def frf(request: FrfRequest, progress: Progress) -> Outcome[Sequence[FrequencyEs
 
 
 def _read(
-    logs: Sequence[Path],
+    files: Sequence[OpenedFile],
     unnamed: bool,
     channels: Path | None,
     time: str | None,
@@ -115,9 +115,8 @@ def _read(
 ) -> list[Log]:
     """The logs, with the roles of a TOML file, or, where nothing was named and no name is usual, with guessed ones."""
     if channels is not None:
-        requests = [requested(channels, log) for log in logs]
+        requests = [requested(channels, file.path) for file in files]
         return [each.read() for each in requests]
-    files = [OpenedFile(log) for log in logs]
     clocks = [clock(file, time, sample_time) for file in files]
     read = [read_log(file, sample_time=step, name=str(file)) for file, step in zip(files, clocks, strict=True)]
     usual = {*_INPUT} & {*read[0].channels} and {*_ONE_OUTPUT, *(n for kind in _OUTPUTS for n in kind)} & {
@@ -126,7 +125,7 @@ def _read(
     if not unnamed or usual:
         return read
     guess = guess_roles(read[0])
-    show(guess, logs[0], progress)
+    show(guess, files[0], progress)
     if not guess.mapping:  # all need a factor: the columns as they are, so that what is missing is named among them
         return read
     return [

@@ -14,6 +14,7 @@ from feeddrive.blocks.families import Friction
 from feeddrive.blocks.force.gravity import Gravity
 from feeddrive.files.atomic_io import new_directory
 from feeddrive.files.blocks_to_toml import to_toml
+from feeddrive.files.formats import OpenedFile
 from feeddrive.files.log import Log
 from feeddrive.files.machine import MachineFile
 from feeddrive.files.messages import sentence
@@ -30,20 +31,10 @@ from feeddrive.loop.axis import Axis
 from feeddrive.loop.loop import Loop
 from feeddrive.report.content import Shown
 from feeddrive.report.page import definitions, header, page, picture, table
+from feeddrive.workflow import drive_logs
 from feeddrive.workflow.command import Outcome, command
-from feeddrive.workflow.drive_logs import (
-    Drive,
-    DriveLogsRequest,
-    chosen,
-    columns_said,
-    drive_of,
-    logs_said,
-    narrow,
-    read_logs,
-    stem,
-    written,
-)
-from feeddrive.workflow.request import argument, option
+from feeddrive.workflow.drive_logs import Drive, DriveLogsRequest, chosen, columns_said, drive_of, narrow, written
+from feeddrive.workflow.request import argument, called, option
 
 # along the table and round the shaft, the first that is there is taken; a position is differenced
 _TABLE = ("velocity_load", "velocity_motor", "position_load", "position_motor")
@@ -65,7 +56,7 @@ class FrictionRequest(DriveLogsRequest):
 
     def usual_out(self) -> Path:
         """By the name of what it is about."""
-        return Path("results") / f"friction_{stem(self.logs)}"
+        return Path("results") / f"friction_{drive_logs.logs_stem(self.logs)}"
 
     def named(self) -> dict[str, str | None]:
         """The columns that were named, by their roles."""
@@ -81,11 +72,12 @@ def friction(request: FrictionRequest, progress: Progress) -> Outcome[FrictionCu
 
     Raises LogError for a log that cannot be used, NotIdentifiableError for logs without a constant speed.
     """
-    drive, named, logs = drive_of(request), request.named(), request.logs
+    drive, named = drive_of(request), request.named()
+    opened = [OpenedFile(each) for each in request.logs]
     wanted = ("time", *_TABLE, *_SHAFT, *_FORCES)
-    read, mapping = read_logs(logs, named, request.channels, wanted, request.sample_time, progress)
+    read, mapping = drive_logs.read_logs(opened, named, request.channels, wanted, request.sample_time, progress)
     progress.step("fitting")
-    runs, without = _runs(logs, read, named, drive)
+    runs, without = _runs(opened, read, named, drive)
     curve = fit_friction(runs)
     said = [*remarks(curve, drive.loop), *without]
     compared, parameters = tables(curve)
@@ -94,15 +86,14 @@ def friction(request: FrictionRequest, progress: Progress) -> Outcome[FrictionCu
     files: dict[str, Path] = {}
     if request.out is not None:
         facts = {
-            "Logs": logs_said(logs),
+            "Logs": drive_logs.logs_said(request.logs),
             "Runs": f"{runs.velocity.size} of {int(np.min(runs.rows))} to {int(np.max(runs.rows))} rows",
             "Columns": columns_said(mapping),
             "Lead": "none given" if drive.lead is None else f"{1e3 * drive.lead:.6g} mm, gear {drive.gear:g}",
-            "Machine": request.machine or "none given",
+            "Machine": called(request.machine),
         }
         progress.step("report")
-        report = write_friction(curve, said, text, request.out, facts)
-        files = written(report, text)
+        files = written(write_friction(curve, said, text, request.out, facts), text)
     return Outcome(
         curve, [replace(compared, sentences=0), narrow(parameters)], [sentence(each) for each in said],
         recommendation(curve), [f"No machine file was written: {why}."] if why else [], files=files,
@@ -110,7 +101,7 @@ def friction(request: FrictionRequest, progress: Progress) -> Outcome[FrictionCu
 
 
 def _runs(
-    paths: Sequence[Path], logs: Sequence[Log], named: Mapping[str, str | None], drive: Drive
+    paths: Sequence[OpenedFile], logs: Sequence[Log], named: Mapping[str, str | None], drive: Drive
 ) -> tuple[SteadyRuns, list[str]]:
     """The constant speeds of all logs, and remarks on logs that hold none."""
     found: list[SteadyRuns] = []
@@ -120,7 +111,7 @@ def _runs(
         try:
             found.append(steady_runs([(velocity, force)], rotary=rotary))
         except NotIdentifiableError:
-            without.append(f"{path.name} holds no constant speed for {LEAST_ROWS} rows and is left out")
+            without.append(f"{path.path.name} holds no constant speed for {LEAST_ROWS} rows and is left out")
     if not found:
         raise NotIdentifiableError(
             f"{paths[0]}: no constant speed is held for {LEAST_ROWS} rows"
@@ -134,7 +125,9 @@ def _runs(
     return (runs.at_table(drive.lead, drive.gear) if drive.lead is not None else runs), without
 
 
-def _pair(path: Path, log: Log, named: Mapping[str, str | None], drive: Drive) -> tuple[np.ndarray, np.ndarray, bool]:
+def _pair(
+    path: OpenedFile, log: Log, named: Mapping[str, str | None], drive: Drive
+) -> tuple[np.ndarray, np.ndarray, bool]:
     """Velocity and force of a log, and whether they are those of a shaft."""
     acting = chosen(path, log, named, _FORCES, "force", "--force, --torque, --current or --command")
     shaft_first = acting == "torque"

@@ -14,20 +14,22 @@ from feeddrive import plot
 from feeddrive.blocks.plant.rigid import Rigid
 from feeddrive.files.atomic_io import new_directory
 from feeddrive.files.blocks_to_toml import to_toml
+from feeddrive.files.columns import Column
 from feeddrive.files.formats import OpenedFile
+from feeddrive.files.frf import read_frfs
 from feeddrive.files.log import Log
 from feeddrive.files.machine import MachineFile, machine_toml, read_machine
 from feeddrive.files.messages import sentence
 from feeddrive.files.toml_edit import TomlEdit
 from feeddrive.identification.estimate import Estimate
-from feeddrive.identification.motion.identify import Identified
-from feeddrive.identification.motion.identify import identify as identify_motion
+from feeddrive.identification.motion.identify import Identified, identify_motion
 from feeddrive.identification.motion.motion_log import MotionLog
 from feeddrive.language import tree
 from feeddrive.language.block import Block, declarations
 from feeddrive.language.errors import LogError, ParameterError
 from feeddrive.language.progress import Progress
 from feeddrive.language.table import Table
+from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.machine import Machine
 from feeddrive.report.content import Shown
@@ -37,6 +39,7 @@ from feeddrive.workflow.command import Outcome, command
 from feeddrive.workflow.drive_logs import axis_name, columns_said, narrow, written
 from feeddrive.workflow.identify_request import IdentifyRequest
 from feeddrive.workflow.identify_responses import identify_responses, responses_in
+from feeddrive.workflow.request import called
 
 _POSITIONS = ("position_load", "position_motor")  # the first that is there is taken
 _WANTED = ("time", "setpoint_position", *_POSITIONS, "force", "command", "setpoint_angle", "angle_motor", "torque")
@@ -50,7 +53,11 @@ def identify(request: IdentifyRequest, progress: Progress) -> Outcome[Any]:
 
     Raises LogError for a log that cannot be used, NotIdentifiableError for one that does not hold what is asked.
     """
-    progress.step(f"reading {request.log}")
+    progress.step(f"reading {called(request.log)}")
+    if isinstance(request.log, FRF):
+        return identify_responses(request, read_frfs(request.log), progress)
+    if isinstance(request.log, MotionLog):
+        return _identify_motion(request, request.log, progress)
     file = OpenedFile(request.log)
     responses = responses_in(file)
     if responses is not None:
@@ -58,23 +65,26 @@ def identify(request: IdentifyRequest, progress: Progress) -> Outcome[Any]:
     return _identify_motion(request, file, progress)
 
 
-def _identify_motion(request: IdentifyRequest, file: OpenedFile, progress: Progress) -> Outcome[Any]:
+def _identify_motion(request: IdentifyRequest, source: OpenedFile | MotionLog, progress: Progress) -> Outcome[Any]:
     """A rigid drive from a log of one motion."""
     given = None if request.machine is None else read_machine(request.machine)
     loop = None if given is None else given.loop(request.axis)
-    log = request.log
-    measured, mapping = mapped(file, request.named(), request.channels, _WANTED, request.sample_time, progress)
-    motion = _motion(log, measured, loop, request.force_constant)
+    mapping: dict[str, Column] = {}
+    if isinstance(source, MotionLog):
+        motion = source
+    else:
+        measured, mapping = mapped(source, request.named(), request.channels, _WANTED, request.sample_time, progress)
+        motion = _motion(source.path, measured, loop, request.force_constant)
     progress.step("fitting")
     found = identify_motion(motion, loop, friction=request.friction, lead=request.lead, gear=request.gear)
     text = machine_text(found, given, axis_name(loop, request.axis))
     files: dict[str, Path] = {}
     if request.out is not None:
         facts = {
-            "Log": str(log),
-            "Rows": f"{len(measured)}, {1e3 * measured.sample_time:.6g} ms apart",
-            "Columns": columns_said(mapping),
-            "Machine": request.machine or "none given",
+            "Log": called(request.log),
+            "Rows": f"{motion.position.size}, {1e3 * motion.sample_time:.6g} ms apart",
+            "Columns": columns_said(mapping) or "those of the object",
+            "Machine": called(request.machine),
         }
         progress.step("report")
         files = written(write_identified(found, text, request.out, facts), text)

@@ -4,7 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from feeddrive.workflow.request import OUT, Request, argument, option
+from feeddrive.files.log import LogLike
+from feeddrive.files.machine import MachineLike
+from feeddrive.identification.motion.motion_log import MotionLog
+from feeddrive.loop.frequency_response import FRF
+from feeddrive.workflow.request import OUT, Request, argument, called, option
 
 MODELS = ("auto", "rigid", "machine", "two-mass", "modal", "modes")
 
@@ -12,8 +16,10 @@ MODELS = ("auto", "rigid", "machine", "two-mass", "modal", "modes")
 class IdentifyRequest(Request):
     """A log of one motion or a file of frequency responses, which column is what, and what is known before."""
 
-    log: Path = argument("A log of position and force of one motion, or a file of frequency responses")
-    machine: str | None = option("the machine file to start from; its comments are kept", default=None)
+    log: LogLike | MotionLog | FRF = argument(
+        "A log of position and force of one motion, or a file of frequency responses"
+    )
+    machine: MachineLike | None = option("the machine file to start from; its comments are kept", default=None)
     axis: str | None = option("its axis, if it has several", default=None)
     friction: str = option("best, symmetric or directional", default="best")
     set_position: str | None = option("column of the set position, name:unit", default=None)
@@ -40,7 +46,7 @@ class IdentifyRequest(Request):
 
     def usual_out(self) -> Path:
         """By the name of what it is about."""
-        return Path("results") / f"identify_{self.log.name.split('.')[0]}"
+        return Path("results") / f"identify_{Path(called(self.log)).name.split('.')[0]}"
 
     def named(self) -> dict[str, str | None]:
         """The columns that were named, by their roles."""

@@ -39,7 +39,7 @@ from feeddrive.report.page import definitions, header, page, picture, table
 from feeddrive.workflow.command import Outcome
 from feeddrive.workflow.drive_logs import narrow, written
 from feeddrive.workflow.identify_request import IdentifyRequest
-from feeddrive.workflow.request import frequencies
+from feeddrive.workflow.request import called, frequencies
 
 _POOR = 0.35  # RMS of ln(fitted/measured) on unused lines, 3 dB, from which a model is not worth using
 _DECIBEL = 8.686  # of 1 in ln
@@ -57,7 +57,7 @@ def responses_in(path: Path | OpenedFile) -> dict[str, FRF] | None:
 
 def identify_responses(request: IdentifyRequest, found: Mapping[str, FRF], progress: Progress) -> Outcome[Any]:
     """Masses, springs and modes of the responses in a file; report and machine file on request."""
-    path, out = request.log, request.out
+    path, out = Path(called(request.log)), request.out
     model = request.model or ("modal" if request.modes else "auto")
     chosen = _chosen(path, found, request, model)
     machine = None if request.machine is None else read_machine(request.machine)

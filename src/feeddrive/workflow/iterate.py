@@ -13,20 +13,20 @@ from feeddrive.files.atomic_io import write_whole
 from feeddrive.files.blocks_to_toml import to_toml
 from feeddrive.files.columns import Column
 from feeddrive.files.formats import OpenedFile
-from feeddrive.files.job import read_job
-from feeddrive.files.machine import read_machine
+from feeddrive.files.job import JobLike, read_job
+from feeddrive.files.log import Log
+from feeddrive.files.machine import MachineFile, MachineLike, read_machine
 from feeddrive.files.messages import nearest
 from feeddrive.files.read_log import read_log
 from feeddrive.language.errors import LogError, ParameterError
 from feeddrive.language.progress import Progress
 from feeddrive.language.table import Table
 from feeddrive.loop.loop import Loop
-from feeddrive.tuning.iterative_feedforward import Iteration, begin_compensation
-from feeddrive.tuning.iterative_feedforward import iterate as next_iteration
+from feeddrive.tuning.iterative_feedforward import Iteration, begin_compensation, next_iteration
 from feeddrive.tuning.trial import Trial, measured_trial
 from feeddrive.tuning.trials import iterate_trials
 from feeddrive.workflow.command import Outcome, command
-from feeddrive.workflow.request import Request, argument, option
+from feeddrive.workflow.request import Request, argument, called, option
 
 # names that a column may have for each role, the first that is there is taken
 USUAL: Mapping[str, tuple[str, ...]] = {
@@ -47,8 +47,10 @@ MOVE = SnapLimitedMove(
 class IterateRequest(Request):
     """A log of one trial, or a machine on which trials are simulated, and how far a step goes."""
 
-    source: str = argument("A log of set position and position (MAT, CSV, Parquet), or a machine to simulate trials")
-    controller: str | None = option("the machine file of the loop that ran the log", default=None)
+    source: MachineLike | Log = argument(
+        "A log of set position and position (MAT, CSV, Parquet), or a machine to simulate trials"
+    )
+    controller: MachineLike | None = option("the machine file of the loop that ran the log", default=None)
     axis: str | None = option("its axis, if it has several", default=None)
     form: str = option("model-free, model-based or axis-model", default="model-free")
     columns: str | None = option("parameters to tune, as mass,viscous,coulomb_positive", default=None)
@@ -62,14 +64,17 @@ class IterateRequest(Request):
     force: str | None = option("column of the commanded force", default=None)
     command: str | None = option("column of the command in the drive's unit", default=None)
     trials: int = option("simulated trials", default=6)
-    job: tuple[str, ...] = option("job whose reference the trials run; several take turns", default=())
+    job: tuple[JobLike, ...] = option("job whose reference the trials run; several take turns", default=())
     seed: int = option("of the noise of simulated trials", default=0)
     out: Path | None = option("File for the section (TOML)", short="-o", default=None)
 
     @property
-    def machine(self) -> str:
+    def machine(self) -> MachineLike:
         """The machine file of the loop."""
-        return self.source if self.controller is None else self.controller
+        source = self.source if self.controller is None else self.controller
+        if isinstance(source, Log):
+            raise ParameterError(f"{source.name}: is a log: say with --controller which machine ran it")
+        return source
 
     @property
     def wanted(self) -> tuple[str, ...] | None:
@@ -103,8 +108,8 @@ def _measured(request: IterateRequest, loop: Loop, progress: Progress) -> tuple[
         "setpoint_position": request.set_position, "position_load": request.position, "force": request.force,
         "command": request.command,
     }  # fmt: skip
-    progress.step(f"reading {request.source}")
-    trial = _trial(Path(request.source), loop, named, request.smoothing)
+    progress.step(f"reading {called(request.source)}")
+    trial = _trial(_log(request), loop, named, request.smoothing)
     found = next_iteration(
         loop, trial, form=request.form.replace("-", "_"), gamma=request.gamma, columns=request.wanted,
         least_mass=request.least_mass, skip=request.skip,
@@ -159,17 +164,22 @@ def _loop(request: IterateRequest) -> tuple[Loop, str]:
     return begin_compensation(loop, columns, stribeck_velocity=request.stribeck_velocity), axis
 
 
-def _reference(job: str) -> Reference:
+def _reference(job: JobLike) -> Reference:
     reference = read_job(job).reference
     if reference is None:
-        raise ParameterError(f"{job}: has no [reference], only a log: give the log itself, with --controller")
+        raise ParameterError(f"{called(job)}: has no [reference], only a log: give the log itself, with --controller")
     return reference
 
 
-def _trial(log: Path, loop: Loop, named: Mapping[str, str | None], smoothing: int | None) -> Trial:
-    file = OpenedFile(log)
+def _log(request: IterateRequest) -> OpenedFile:
+    if isinstance(request.source, MachineFile):
+        raise ParameterError(f"{called(request.source)}: is a machine: leave out --controller to simulate its trials")
+    return OpenedFile(request.source)
+
+
+def _trial(file: OpenedFile, loop: Loop, named: Mapping[str, str | None], smoothing: int | None) -> Trial:
     there = read_log(file).channels
-    columns = {role: _column(str(log), role, named.get(role), there) for role in USUAL}
+    columns = {role: _column(str(file), role, named.get(role), there) for role in USUAL}
     measured = read_log(file, {role: column for role, column in columns.items() if column is not None})
     force = measured.channels.get("force")
     motor = loop.axis.actuator.motor
@@ -177,7 +187,7 @@ def _trial(log: Path, loop: Loop, named: Mapping[str, str | None], smoothing: in
         force = float(motor.force_per_unit()) * measured["command"]
     return measured_trial(
         loop, measured["setpoint_position"], measured["position_load"], sample_time=measured.sample_time, force=force,
-        smoothing=smoothing, name=str(log),
+        smoothing=smoothing, name=str(file),
     )  # fmt: skip
 
 

@@ -17,9 +17,8 @@ from feeddrive.blocks.families import Reference
 from feeddrive.blocks.reference.linear_move import LinearMove
 from feeddrive.files.job import Job, Other
 from feeddrive.files.log import Log
-from feeddrive.files.machine import MachineFile
 from feeddrive.files.provenance import versions
-from feeddrive.language.errors import FeeddriveError, LogError, ParameterError
+from feeddrive.language.errors import FeeddriveError, LogError
 from feeddrive.language.progress import Progress
 from feeddrive.language.table import Result, Table, frame_of, picture_of
 from feeddrive.loop.linearize import compliance, loop_gain, tracking
@@ -159,15 +158,12 @@ def _scaled(value: float | None, factor: float, form: str) -> str:
     return "-" if value is None else format(factor * value, form)
 
 
-def run(job: Job, progress: Progress | None = None) -> JobResult:
+def run_laws(job: Job, progress: Progress | None = None) -> JobResult:
     """Run all laws of a job. `progress` reports the name of each law before it.
 
     Raises UnstableError for a law whose loop is not stable, DivergedError for one whose run leaves its bounds, and
     LogError for a log that does not fit the job.
     """
-    if not isinstance(job, Job):  # pyright: ignore[reportUnnecessaryIsInstance]
-        remedy = "fd.compare(machine) puts all laws on it" if isinstance(job, MachineFile) else "give fd.read_job(...)"
-        raise ParameterError(f"run runs a job, not {job!r:.60}: {remedy}")
     log = _log(job)
     measured = None if log is None else _measured(job, log)
     velocity = _velocity(job.reference, measured, next(iter(job.loops.values())).sample_time)

@@ -11,8 +11,7 @@ from typing import TypeVar
 from feeddrive.bus.client import DriveClient, transport_of
 from feeddrive.bus.drive_file import DriveFile, read_drive
 from feeddrive.bus.pace import Lateness
-from feeddrive.bus.play import Played, listened
-from feeddrive.bus.play import play as play_profile
+from feeddrive.bus.play import Played, listened, play_profile
 from feeddrive.bus.profile import Profile, read_profile
 from feeddrive.files.atomic_io import new_directory
 from feeddrive.files.log import write_log

@@ -10,8 +10,9 @@ from feeddrive.blocks.prefilter.trajectory_prefilter import TrajectoryPrefilter
 from feeddrive.files.atomic_io import write_whole
 from feeddrive.files.blocks_to_toml import to_toml
 from feeddrive.files.formats import OpenedFile
-from feeddrive.files.job import read_job
-from feeddrive.files.machine import read_machine
+from feeddrive.files.job import JobLike, read_job
+from feeddrive.files.log import LogLike
+from feeddrive.files.machine import MachineLike, read_machine
 from feeddrive.files.messages import nearest
 from feeddrive.files.read_log import read_log
 from feeddrive.language.errors import LogError, ParameterError
@@ -19,7 +20,7 @@ from feeddrive.language.progress import Progress
 from feeddrive.loop.loop import Loop
 from feeddrive.tuning.trajectory_prefilter import REGRESSORS, PrefilterFit, fit_prefilter_to_log
 from feeddrive.workflow.command import Outcome, command
-from feeddrive.workflow.request import Request, argument, option
+from feeddrive.workflow.request import Request, argument, called, option
 
 # names that a column may have for each role, the first that is there is taken; those of our own runs among them
 USUAL: Mapping[str, tuple[str, ...]] = {
@@ -32,11 +33,13 @@ USUAL: Mapping[str, tuple[str, ...]] = {
 class PrefilterRequest(Request):
     """Which log, which derivatives, and what is known of the loop that ran it."""
 
-    log: Path = argument("A log of set position and position (MAT, CSV, Parquet)")
+    log: LogLike = argument("A log of set position and position (MAT, CSV, Parquet)")
     regressors: str = option("which derivatives of the reference may be used", default="v,a,j,s")
-    controller: str | None = option("the machine file of the loop: its clock, limit and prefilter", default=None)
+    controller: MachineLike | None = option(
+        "the machine file of the loop: its clock, limit and prefilter", default=None
+    )
     axis: str | None = option("its axis, if it has several", default=None)
-    job: str | None = option("the job whose reference was run, for exact derivatives", default=None)
+    job: JobLike | None = option("the job whose reference was run, for exact derivatives", default=None)
     set_position: str | None = option("column of the set position", default=None)
     position: str | None = option("column of the position of the table", default=None)
     force: str | None = option("column of the commanded force", default=None)
@@ -71,11 +74,15 @@ def prefilter(request: PrefilterRequest, progress: Progress) -> Outcome[Prefilte
 
 
 def _fit(
-    log: Path, regressors: list[str], loop: Loop | None, reference: Reference | None, columns: Mapping[str, str | None]
+    log: LogLike,
+    regressors: list[str],
+    loop: Loop | None,
+    reference: Reference | None,
+    columns: Mapping[str, str | None],
 ) -> PrefilterFit:
     file = OpenedFile(log)
     found = read_log(file)
-    names = {role: _column(str(log), role, columns.get(role), found.channels) for role in USUAL}
+    names = {role: _column(str(file), role, columns.get(role), found.channels) for role in USUAL}
     measured = read_log(file, {role: name for role, name in names.items() if name is not None})
     present = None if loop is None else loop.control.prefilter
     if present is not None and not isinstance(present, TrajectoryPrefilter):
@@ -93,7 +100,7 @@ def _fit(
         present=present,
         force=measured.channels.get("force"),
         control=loop,
-        name=str(log),
+        name=str(file),
     )
 
 
@@ -117,7 +124,7 @@ def _column(log: str, role: str, asked: str | None, there: Iterable[str]) -> str
 _UNITS = ("m", "mm", "um", "nm", "N", "kN")
 
 
-def _loop(controller: str | None, axis: str | None) -> tuple[Loop | None, str]:
+def _loop(controller: MachineLike | None, axis: str | None) -> tuple[Loop | None, str]:
     if controller is None:
         return None, axis or "x"
     machine = read_machine(controller)
@@ -125,12 +132,14 @@ def _loop(controller: str | None, axis: str | None) -> tuple[Loop | None, str]:
     return loop, loop.name
 
 
-def _reference(job: str | None) -> Reference | None:
+def _reference(job: JobLike | None) -> Reference | None:
     if job is None:
         return None
     reference = read_job(job).reference
     if reference is None:
-        raise ParameterError(f"{job}: has no [reference], only a log: leave out --job, or name the job that was run")
+        raise ParameterError(
+            f"{called(job)}: has no [reference], only a log: leave out --job, or name the job that was run"
+        )
     return reference
 
 

@@ -141,19 +141,19 @@ class Request:
                 continue
             values: tuple[Any, ...] = value if field.many else (value,)
             for each in values:
-                shown = f"{each / field.factor:.15g}" if field.kind is float else str(each)
+                shown = f"{each / field.factor:.15g}" if field.kind is float else called(each)
                 words += ([field.flag] if field.flag else []) + ([] if field.kind is bool else [shown])
         return shlex.join(words)
 
     def python(self, name: str) -> str:
-        """What asks for the same from Python."""
+        """What asks for the same from Python, `import feeddrive as fd` before it."""
         given = [(field, getattr(self, field.name)) for field in fields_of(type(self))]
         words = [
             f"{'' if not field.flag else f'{field.name}='}{_literal(value)}"
             for field, value in given
             if value != field.default
         ]
-        return f"from feeddrive.workflow.{name} import {name}; {name}({', '.join(words)})"
+        return f"fd.workflow.{name.replace('-', '_')}({', '.join(words)})"
 
     def usual_out(self) -> Path | None:
         """The default output path of a command; None for a command without one."""
@@ -174,9 +174,30 @@ def fields_of(request: type[Request]) -> tuple[Field, ...]:
     return tuple(found)
 
 
+def called(source: Any) -> str:
+    """What a path, a name or an object that was read is called: its file, its name or its type; None: none given."""
+    if source is None:
+        return "none given"
+    if isinstance(source, str | Path):
+        return str(source)
+    file = getattr(source, "file", None)
+    if file is not None:
+        return str(file.name)
+    return str(getattr(source, "name", "") or type(source).__name__)
+
+
+def stem(source: Any) -> str:
+    """The name without folder and ending, of which names of results are made."""
+    return Path(called(source)).stem
+
+
 def _literal(value: Any) -> str:
-    """A value as Python reads it; a path as its text."""
-    return repr(str(value)) if isinstance(value, Path) else repr(value)
+    """A value as Python reads it; a path as its text, an object by what it is called."""
+    if isinstance(value, tuple):
+        inside: tuple[Any, ...] = value
+        return f"({', '.join(map(_literal, inside))}{',' if len(inside) == 1 else ''})"
+    known = value is None or isinstance(value, str | int | float)
+    return repr(value) if known else repr(called(value))
 
 
 def _kind(hint: Any) -> tuple[type, bool]:

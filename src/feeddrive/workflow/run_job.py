@@ -15,29 +15,28 @@ from pathlib import Path
 from typing import Any
 
 from feeddrive.files.atomic_io import new_directory
-from feeddrive.files.job import Job, read_job
+from feeddrive.files.job import JobLike, read_job
 from feeddrive.files.log import write_log
 from feeddrive.files.provenance import file_names
 from feeddrive.files.run_files import write_run_csv, write_run_parquet
 from feeddrive.language import tree
 from feeddrive.language.progress import Progress
 from feeddrive.report import Entry, build
-from feeddrive.workflow import jobs
 from feeddrive.workflow.command import Outcome, command
-from feeddrive.workflow.jobs import JobResult, numbers
-from feeddrive.workflow.request import OUT, Request, argument, option
+from feeddrive.workflow.jobs import JobResult, numbers, run_laws
+from feeddrive.workflow.request import OUT, Request, argument, option, stem
 
 
 class RunRequest(Request):
     """Which job is run, on which log."""
 
-    job: str | Path | Job = argument("A job file (TOML), or the name of a bundled job")
+    job: JobLike = argument("A job file (TOML), or the name of a bundled job")
     log: Path | None = option("A measured log (MAT, CSV, Parquet) in place of the one that the job names", default=None)
     out: Path | None = option(OUT, short="-o", default=None)
 
     def usual_out(self) -> Path:
         """By the name of what it is about."""
-        return Path("results") / Path(self.job.file.name if isinstance(self.job, Job) else self.job).stem
+        return Path("results") / stem(self.job)
 
 
 class DemoRequest(Request):
@@ -57,9 +56,9 @@ def run(request: RunRequest, progress: Progress) -> Outcome[JobResult]:
     Raises UnstableError for a law whose loop is not stable, DivergedError for one whose run leaves its bounds, and
     LogError for a log that does not fit the job.
     """
-    job = request.job if isinstance(request.job, Job) else read_job(request.job, request.log)
+    job = read_job(request.job, request.log)
     progress = progress.counted(len(job.loops) + 1)
-    found = jobs.run(job, progress)
+    found = run_laws(job, progress)
     files: dict[str, Path] = {}
     if request.out is not None:
         progress.step("report")

@@ -8,25 +8,25 @@ from dataclasses import replace
 from pathlib import Path
 
 from feeddrive.certificate.certificate import Certificate
-from feeddrive.files.machine import MachineFile, read_machine
+from feeddrive.files.machine import MachineLike, read_machine
 from feeddrive.language.errors import ParameterError, StructureError
 from feeddrive.language.progress import Progress
 from feeddrive.loop.control import Control
+from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.loop import Loop
 from feeddrive.tuning.candidates import control_with
 from feeddrive.tuning.criteria import GOALS
 from feeddrive.tuning.limits import Limits
 from feeddrive.tuning.operating_point import OperatingPoint
 from feeddrive.tuning.recipes import RECIPES, JudgedRecipe, judged_recipes, margin_goals
-from feeddrive.tuning.tune import assess
-from feeddrive.tuning.tune import tune as tune_control
+from feeddrive.tuning.tune import assess, tune_control
 from feeddrive.tuning.tuned import Tuned, Verdict
 from feeddrive.workflow.certify import certified
 from feeddrive.workflow.command import Outcome, command
 from feeddrive.workflow.drive_logs import axis_name
-from feeddrive.workflow.request import OUT, Request, argument, frequencies, option
+from feeddrive.workflow.request import OUT, Request, argument, called, frequencies, option, stem
 from feeddrive.workflow.tune_files import Story, machine_text, tables, write_tuned
-from feeddrive.workflow.tune_sources import Measurement, machine_of, point_of, several
+from feeddrive.workflow.tune_sources import Measurement, loop_or_response, machine_of, point_of, several
 
 
 class TuneRequest(Request):
@@ -35,7 +35,9 @@ class TuneRequest(Request):
     Limits are in SI here: compliance in m/N, noise of the readings in m; the command line takes um/N and nm.
     """
 
-    source: str = argument("A machine file (TOML), the name of a bundled machine, or a measured response in m/N")
+    source: MachineLike | Loop | FRF | OperatingPoint = argument(
+        "A machine file (TOML), the name of a bundled machine, or a measured response in m/N"
+    )
     goal: str = option("what is made best", default="rope-snap", options=GOALS)
     law: str | None = option("another law, as pole_placement", default=None)
     recipe: str | None = option("no search but a rule", options=tuple(RECIPES), default=None)
@@ -54,16 +56,18 @@ class TuneRequest(Request):
     )
     band: str | None = option("of the stiffness, as 1..30 in Hz", default=None)
     filters: str = option("kept, free, or placed: free, and notches where they pay", default="placed")
-    baseline: str | None = option("today's machine file, to compare with and to write into", default=None)
+    baseline: MachineLike | None = option("today's machine file, to compare with and to write into", default=None)
     axis: str | None = option("its axis, if it has several", default=None)
-    at: tuple[str, ...] = option("the same axis at another position or load; may be repeated", default=())
+    at: tuple[MachineLike | Loop | FRF | OperatingPoint, ...] = option(
+        "the same axis at another position or load; may be repeated", default=()
+    )
     motor: tuple[str, ...] = option(
         "response of the motor's encoder: a file, or its name in the files; once, or once for each place; none if "
         "there is one encoder",
         default=(),
     )
-    disturbance: Path | None = option("response to a force on the table", default=None)
-    disturbance_motor: Path | None = option("the same of the motor's encoder", default=None)
+    disturbance: Path | FRF | None = option("response to a force on the table", default=None)
+    disturbance_motor: Path | FRF | None = option("the same of the motor's encoder", default=None)
     unit: str | None = option("of the responses, as um/N, if the files do not say it", default=None)
     sample_time: float | None = option("of the control", unit="s", above=0.0, default=None)
     delay: float = option(
@@ -94,7 +98,7 @@ class TuneRequest(Request):
 
     def usual_out(self) -> Path:
         """By the name of what it is about."""
-        return Path("results") / f"tune_{Path(self.source).stem}"
+        return Path("results") / f"tune_{stem(self.source)}"
 
 
 @command(TuneRequest)
@@ -128,7 +132,8 @@ def tune(request: TuneRequest, progress: Progress) -> Outcome[Tuned]:
 def _tuned(request: TuneRequest, progress: Progress) -> tuple[Tuned, Story, str | None, str, Certificate | None]:
     machine = machine_of(request.source)
     base = machine if request.baseline is None else read_machine(request.baseline)
-    loop = None if base is None else base.loop(request.axis)
+    given = request.source if isinstance(request.source, Loop) else None
+    loop = given if base is None else base.loop(request.axis)
     if loop is not None and request.sample_time and abs(request.sample_time / float(loop.sample_time) - 1.0) > 1e-6:
         raise ParameterError(
             f"--sample-time {request.sample_time:g} s is not that of the machine file, {float(loop.sample_time):g} s: "
@@ -136,7 +141,7 @@ def _tuned(request: TuneRequest, progress: Progress) -> tuple[Tuned, Story, str 
         )
     limits = request.limits()
     name = axis_name(loop, request.axis)
-    points, said = _points(request, machine, loop, progress)
+    points, remarks = _points(request, loop, progress)
     control, begun = _control(request, loop, points)
     band = (0.0, math.inf) if request.band is None else frequencies(request.band)
     today = None if loop is None else loop.control
@@ -154,9 +159,9 @@ def _tuned(request: TuneRequest, progress: Progress) -> tuple[Tuned, Story, str 
     rules: tuple[JudgedRecipe, ...] = ()
     if found.control.law.kind == "cascade_ppi":
         rules = judged_recipes(points, control, limits, progress)
-    what = f"{base.name}, axis {name}" if base is not None else Path(request.source).name
+    what = f"{base.name}, axis {name}" if base is not None else Path(called(request.source)).name
     facts = {
-        "Source": ", ".join([request.source, *request.at]),
+        "Source": ", ".join(map(called, (request.source, *request.at))),
         "Today": begun or what,
         "Law": control.law.kind,
         "Sample time": f"{1e3 * float(points[0].sample_time):g} ms",
@@ -170,28 +175,37 @@ def _tuned(request: TuneRequest, progress: Progress) -> tuple[Tuned, Story, str 
     text = None if base is None or not found.holds else machine_text(base, name, found.control)
     progress.step("certificate")
     certificate, facts["Certificate"] = certified(found.control, points, text, name) if found.holds else (None, "")
-    story = Story(what, {k: v for k, v in facts.items() if v}, rules, tuple(said), begun or "today")
+    story = Story(what, {k: v for k, v in facts.items() if v}, rules, tuple(remarks), begun or "today")
     return found, story, text, name, certificate
 
 
 def _points(
-    request: TuneRequest, machine: MachineFile | None, loop: Loop | None, progress: Progress
+    request: TuneRequest, loop: Loop | None, progress: Progress
 ) -> tuple[list[OperatingPoint | Loop], list[str]]:
-    """The axis at every position and load that was given: machines and measurements."""
-    machines = {i: made for i, each in enumerate(request.at) if (made := machine_of(each)) is not None}
-    if machine is not None and (request.motor or request.disturbance):
-        raise ParameterError("--motor and --disturbance belong to a measured response: leave them out for a machine")
-    measured = [each for i, each in enumerate(request.at) if i not in machines]
-    first = Measurement(request.source, None, request.disturbance, request.disturbance_motor)
-    places = several(first, measured, request.motor) if machine is None else [Measurement(each) for each in measured]
-    found: list[OperatingPoint | Loop] = [] if machine is None else [machine.loop(request.axis)]
-    said: list[str] = []
+    """The axis at every position and load that was given: machines, loops and points as they are, and measurements."""
+    first, *others = (
+        each if isinstance(each, OperatingPoint) else loop_or_response(each, request.axis)
+        for each in (request.source, *request.at)
+    )
+    measured = [each for each in others if not isinstance(each, OperatingPoint | Loop)]
+    found: list[OperatingPoint | Loop] = []
+    if isinstance(first, OperatingPoint | Loop):
+        if request.motor or request.disturbance:
+            raise ParameterError(
+                "--motor and --disturbance belong to a measured response: leave them out for a machine"
+            )
+        found.append(first)
+        places = [Measurement(each) for each in measured]
+    else:
+        hammer = Measurement(first, None, request.disturbance, request.disturbance_motor)
+        places = several(hammer, measured, request.motor)
+    remarks: list[str] = []
     for each in places:
-        progress.step(f"reading {Path(each.load).name}")
-        point, words = point_of(each, Path(each.load).stem, loop, request.sample_time, request.delay, request.unit)
+        progress.step(f"reading {Path(each.name).name}")
+        point, words = point_of(each, stem(each.load), loop, request.sample_time, request.delay, request.unit)
         found.append(point)
-        said += words
-    return [*found, *(each.loop(request.axis) for each in machines.values())], said
+        remarks += words
+    return [*found, *(each for each in others if isinstance(each, OperatingPoint | Loop))], remarks
 
 
 def _control(request: TuneRequest, loop: Loop | None, points: Sequence[OperatingPoint | Loop]) -> tuple[Control, str]:

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from feeddrive.files.frf import read_frfs
-from feeddrive.files.machine import BUNDLED, MachineFile, read_machine
+from feeddrive.files.frf import FrfLike, read_frfs
+from feeddrive.files.machine import BUNDLED, MachineFile, MachineLike, read_machine
 from feeddrive.files.messages import nearest
 from feeddrive.identification.response.two_mass_fit import fit_modal_axis
 from feeddrive.language import units
@@ -23,6 +23,7 @@ from feeddrive.loop.loop import Loop
 from feeddrive.tuning.control_response import ControlResponse
 from feeddrive.tuning.operating_point import READINGS, OperatingPoint, measured_point, with_table_force
 from feeddrive.tuning.recipes import margin_goals
+from feeddrive.workflow.request import called
 
 LOAD = ("reading_load", "position_load", "load")
 MOTOR = ("reading_motor", "position_motor", "motor")
@@ -36,63 +37,85 @@ _APART = 0.25  # by which motor and load move differently where one encoder is n
 
 @dataclass(frozen=True)
 class Measurement:
-    """Files of one position and load: of the load, of the motor (or its name, or none), and of the hammer."""
+    """Responses of one position and load: of the load, of the motor (a file, its name, or none), and of the hammer."""
 
-    load: str
+    load: FrfLike
     motor: str | None = None
-    struck: Path | None = None
-    struck_motor: Path | None = None
+    struck: Path | FRF | None = None
+    struck_motor: Path | FRF | None = None
+
+    @property
+    def name(self) -> str:
+        """The file of the load, by which errors call it."""
+        return called(self.load)
 
 
-def machine_of(source: str) -> MachineFile | None:
-    """The machine in a TOML file or bundled under a name; None for a measurement."""
+def machine_of(source: object) -> MachineFile | None:
+    """The machine in a TOML file or bundled under a name, or one that was read; None for what is none."""
+    if isinstance(source, MachineFile):
+        return source
+    if not isinstance(source, str | Path):
+        return None
     given = Path(source)
     bundled = not given.suffix and not given.exists()
     if given.suffix.lower() == ".toml" or (bundled and (BUNDLED / "machines" / f"{source}.toml").exists()):
         return read_machine(source)
     if bundled:
         names = [each.stem for each in (BUNDLED / "machines").glob("*.toml")]
-        raise ParameterError(f"{source}: is neither a file nor the name of a bundled machine{nearest(source, names)}")
+        raise ParameterError(
+            f"{source}: is neither a file nor the name of a bundled machine{nearest(str(source), names)}"
+        )
     return None
+
+
+def loop_or_response(source: MachineLike | Loop | FrfLike, axis: str | None) -> Loop | FrfLike:
+    """The loop of a machine's axis; a loop, and a measured response with its file, as they are."""
+    if isinstance(source, Loop | FRF):
+        return source
+    machine = machine_of(source)
+    if machine is not None:
+        return machine.loop(axis)
+    assert not isinstance(source, MachineFile)
+    return source
 
 
 def point_of(
     given: Measurement, name: str, loop: Loop | None, sample_time: float | None, delay: float, unit: str | None
 ) -> tuple[OperatingPoint, list[str]]:
     """The measured point, and what must be said of it. Raises ParameterError for what does not fit, with what to do."""
-    found = {key: _in_metres(given.load, frf, unit) for key, frf in read_frfs(given.load).items()}
+    found = {key: _in_metres(given.name, frf, unit) for key, frf in read_frfs(given.load).items()}
     load, motor = _roles(given, found, unit)
     step = sample_time or load.sample_time or (None if loop is None else float(loop.sample_time))
     if step is None:
         raise ParameterError(
-            f"{given.load}: does not say with which sample time the control runs: give it with --sample-time, or "
+            f"{given.name}: does not say with which sample time the control runs: give it with --sample-time, or "
             f"today's machine with --baseline"
         )
     struck = None
     if given.struck is not None:
-        back = None if given.struck_motor is None else _only(str(given.struck_motor), unit)
+        back = None if given.struck_motor is None else _only(given.struck_motor, unit)
         if motor is not None and back is None:
             raise ParameterError(
                 "--disturbance with two encoders needs --disturbance-motor: the motor's answer to the hammer"
             )
-        struck = (_only(str(given.struck), unit), back)
+        struck = (_only(given.struck, unit), back)
     for each in (load, motor):
         if each is not None:
-            _check_sign(given.load, each)
+            _check_sign(given.name, each)
     point = measured_point(load, motor, disturbance=struck, sample_time=step, delay=delay, name=name)
-    said: list[str] = []
+    remarks: list[str] = []
     if loop is not None:
-        _check_size(given.load, point, loop, stated=bool(load.unit) or unit is not None)
+        _check_size(given.name, point, loop, stated=bool(load.unit) or unit is not None)
         if motor is None and given.motor != _NONE:
-            _check_encoders(given.load, loop)
+            _check_encoders(given.name, loop)
     if point.at_drive:
-        point, said = _on_the_table(point, loop, load, motor, step)
+        point, remarks = _on_the_table(point, loop, load, motor, step)
     elif loop is not None:
         point, words = with_table_force(point, loop, _BASELINE)
-        said += [words] if words else []
+        remarks += [words] if words else []
     if not load.unit and unit is None:
-        said.append(f"{given.load} does not say its unit: it counts as m/N (--unit)")
-    return point, said
+        remarks.append(f"{given.name} does not say its unit: it counts as m/N (--unit)")
+    return point, remarks
 
 
 def _roles(given: Measurement, found: dict[str, FRF], unit: str | None) -> tuple[FRF, FRF | None]:
@@ -104,24 +127,24 @@ def _roles(given: Measurement, found: dict[str, FRF], unit: str | None) -> tuple
         load = next((names[each] for each in LOAD if each in names), None)
         if motor is None or load is None:
             raise ParameterError(
-                f"{given.load}: holds {len(found)} responses: {', '.join(found)}; say which one is the motor's with "
+                f"{given.name}: holds {len(found)} responses: {', '.join(found)}; say which one is the motor's with "
                 f"--motor NAME (the other one is the table's)"
             )
         return found[load], found[motor]
     if given.motor is not None and given.motor in names:
         others = [key for key in found if key != names[given.motor]]
         if len(others) != 1:
-            raise ParameterError(f"{given.load}: beside '{given.motor}' there must be one response, not {len(others)}")
+            raise ParameterError(f"{given.name}: beside '{given.motor}' there must be one response, not {len(others)}")
         return found[others[0]], found[names[given.motor]]
     if len(found) > 1:
-        raise ParameterError(f"{given.load}: holds {len(found)} responses, {', '.join(found)}: a file for one encoder "
+        raise ParameterError(f"{given.name}: holds {len(found)} responses, {', '.join(found)}: a file for one encoder "
                              f"must hold one")  # fmt: skip
     load = next(iter(found.values()))
-    return load, None if given.motor in (None, _NONE) else _only(str(given.motor), unit)
+    return load, None if given.motor in (None, _NONE) else _only(given.motor, unit)
 
 
-def _only(path: str, unit: str | None) -> FRF:
-    found = read_frfs(path)
+def _only(given: FrfLike, unit: str | None) -> FRF:
+    found, path = read_frfs(given), called(given)
     if len(found) != 1:
         raise ParameterError(f"{path}: holds {len(found)} responses, {', '.join(found)}: one is wanted here")
     return _in_metres(path, next(iter(found.values())), unit)
@@ -214,7 +237,7 @@ def _on_the_table(
     return made, [words] if not made.at_drive else [*said, words]
 
 
-def several(first: Measurement, others: Sequence[str], motors: Sequence[str]) -> list[Measurement]:
+def several(first: Measurement, others: Sequence[FrfLike], motors: Sequence[str]) -> list[Measurement]:
     """The first measurement and those at other places; a motor's file stands for one place, a name for all."""
     named = [each for each in motors if each == _NONE or not Path(each).suffix]
     if len(motors) > 1 and (named or len(motors) != 1 + len(others)):

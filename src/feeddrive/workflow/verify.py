@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from feeddrive.export.verify import MOST, Verified
-from feeddrive.export.verify import verify as verify_export
+from feeddrive.export.verify import MOST, Verified, verify_export
 from feeddrive.files.atomic_io import write_whole
 from feeddrive.language.progress import Progress
 from feeddrive.workflow.command import Outcome, command

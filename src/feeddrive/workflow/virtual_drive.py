@@ -10,7 +10,7 @@ from feeddrive.bus.virtual.driven_axis import DrivenAxis, drive_text, scaling_of
 from feeddrive.bus.virtual.ethercat_slave import serve_ethercat
 from feeddrive.bus.virtual.firmware import Firmware
 from feeddrive.files.atomic_io import write_whole
-from feeddrive.files.machine import read_machine
+from feeddrive.files.machine import MachineLike, read_machine
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.progress import Progress
 from feeddrive.workflow.command import Outcome, command
@@ -20,7 +20,7 @@ from feeddrive.workflow.request import Request, argument, option
 class VirtualDriveRequest(Request):
     """Which axes stand on which bus."""
 
-    machine: str = argument("A machine file (TOML), or the name of a bundled machine")
+    machine: MachineLike = argument("A machine file (TOML), or the name of a bundled machine")
     interface: str = option("ethercat: veth1; canopen: socketcan:vcan0, udp_multicast:239.74.163.2")
     axis: str | None = option("the axis; ethercat: all, one a station, if left out", default=None)
     bus: str = option("kind of bus", default="ethercat", options=("ethercat", "canopen"))

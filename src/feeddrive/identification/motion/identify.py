@@ -88,7 +88,7 @@ class Identified(Result):
         return f"; friction is taken as {self.rigid.friction}, as the criterion of {other} is worse by {worse:.3g}"
 
 
-def identify(
+def identify_motion(
     log: MotionLog,
     start: Loop | None = None,
     *,

@@ -32,7 +32,7 @@ from feeddrive.papers.claims import Claim
 from feeddrive.plot.curves import Row, curves
 from feeddrive.report.content import Shown
 from feeddrive.tuning.delay_map import DelayMap, delay_map
-from feeddrive.tuning.tune import tune
+from feeddrive.tuning.tune import tune_control
 
 F = np.geomspace(0.1, 1000.0, 1200)
 RATE = 300.0
@@ -153,7 +153,7 @@ def _fair() -> list[Claim]:
     rule = f"least ISE^½ of a force step subject to Ms <= 2, loop cut at the actuator; 2 samples of dead time; {PLANT}"
     found = {}
     for name, law in (("DADSC", dadsc(RATE)), ("P-PI", cascade(RATE))):
-        tuned = tune(loop(law, dead_time=2.0 * T), filters="kept", starts=1)
+        tuned = tune_control(loop(law, dead_time=2.0 * T), filters="kept", starts=1)
         found[name] = 1e9 * tuned.after[0].rope_snap
         expected = 1.04 if name == "DADSC" else 0.90
         claims.append(

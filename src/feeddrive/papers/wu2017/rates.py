@@ -27,7 +27,7 @@ from feeddrive.papers.wu2017.testbed import (
 )
 from feeddrive.report.content import Shown
 from feeddrive.tuning.error_model import filtered, true_error_model
-from feeddrive.tuning.iterative_feedforward import compensated, compensator, iterate, regressors
+from feeddrive.tuning.iterative_feedforward import compensated, compensator, next_iteration, regressors
 from feeddrive.tuning.trial import simulated_trial
 from feeddrive.tuning.trials import convergence
 
@@ -94,7 +94,7 @@ def _one_step() -> list[Claim]:
     start = {"mass": 30.0, "viscous": 0.0, "coulomb_positive": 0.0, "coulomb_negative": 0.0}
     loop = ideal_axis(start)
     trial = simulated_trial(ideal_run(loop, SAME), SAME)
-    after = iterate(loop, trial, form="model_based", plant=loop.axis.plant, mu=0.0).after.parameters()
+    after = next_iteration(loop, trial, form="model_based", plant=loop.axis.plant, mu=0.0).after.parameters()
     rule = "as before, one step with the exact model, gamma 1; what is left is the dead time of one sample"
     wanted = {"mass": (0.4003, 1e-4), "viscous": (1.289, 1e-3), "coulomb_positive": (0.323, 1e-3),
               "coulomb_negative": (0.273, 1e-3)}  # fmt: skip
@@ -171,7 +171,7 @@ def _scatter() -> tuple[list[Claim], Table]:
     loop = ideal_axis(TRUE)
     found, reported = [], []
     for seed in range(SEEDS):
-        step = iterate(loop, simulated_trial(ideal_run(loop, SAME, STRONG, seed), SAME))
+        step = next_iteration(loop, simulated_trial(ideal_run(loop, SAME, STRONG, seed), SAME))
         found.append(list(step.after.parameters().values()))
         reported.append([step.errors[name] for name in TRUE])
     scatter, sure = np.std(found, axis=0, ddof=1), np.mean(reported, axis=0)
