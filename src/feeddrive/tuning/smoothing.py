@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 from scipy.stats import chi2
 
+from feeddrive.identification.excitation.local_polynomial import UNKNOWNS, local_rational
+
 _HALF_WIDTHS = (4, 7, 12, 20, 34)  # neighboring lines used for each line
 _REACH = 0.3  # of ln f: how far a window may go, since what is fitted is local whatever the residuals say
-_UNKNOWNS = 4  # of the local fit
 _SURE = 0.99  # a window whose residuals are larger than noise with this probability is too wide
 _SURE_OF_RATIO = 0.999  # the same for the ratio, which is tested often
 _FIT = 1.2  # by which both ends may move differently where their ratio is fitted: up to the antiresonance
@@ -51,8 +52,8 @@ def smoothed(
         place = np.flatnonzero(fits)
         if not place.size:
             break
-        value, kept, excess = _fitted(x, y, spread, width, place)
-        good = excess <= chi2.ppf(_SURE, 2 * (width - _UNKNOWNS))
+        value, kept, excess = local_rational(x, y, spread, width, place)
+        good = excess <= chi2.ppf(_SURE, 2 * (width - UNKNOWNS))
         fits[place[~good]] = False
         place, value, kept = place[good], value[good], kept[good]
         # the width before: it becomes the answer only once the next one has also been found good
@@ -67,36 +68,6 @@ def _averaged(variance: np.ndarray) -> np.ndarray:
     place = np.arange(variance.size)
     low, high = np.maximum(place - _VARIANCE, 0), np.minimum(place + _VARIANCE + 1, variance.size)
     return (summed[high] - summed[low]) / (high - low)
-
-
-def _fitted(
-    x: np.ndarray, y: np.ndarray, spread: np.ndarray, width: int, lines: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Value and variance of the local function at some lines, and twice the weighted residuals.
-
-    y (1 + b u) = a0 + a1 u + a2 u² is linear in the unknowns; it is solved twice, the second time with the weights
-    that the first b asks for (Sanathanan & Koerner 1963).
-    """
-    begin = np.clip(lines - width // 2, 0, x.size - width)
-    place = begin[:, None] + np.arange(width)
-    u = x[place] - x[lines][:, None]
-    u = u / np.max(np.abs(u), axis=1, keepdims=True)
-    values = y[place]
-    columns = np.stack([np.ones_like(u) + 0j, u + 0j, u * u + 0j, -u * values], axis=2)
-    weight = 1.0 / spread[place]
-    found = np.zeros((lines.size, _UNKNOWNS), complex)
-    inverse = np.zeros((lines.size, _UNKNOWNS, _UNKNOWNS), complex)
-    for turn in range(2):
-        if turn:
-            weight = weight / np.maximum(np.abs(1.0 + found[:, 3:4] * u) ** 2, 1e-4)
-        weighted = columns.conj() * weight[:, :, None]
-        normal = weighted.transpose(0, 2, 1) @ columns
-        scale = np.sqrt(np.abs(np.einsum("nii->ni", normal)))
-        normal = normal / (scale[:, :, None] * scale[:, None, :]) + 1e-12 * np.eye(_UNKNOWNS)
-        inverse = np.linalg.inv(normal) / (scale[:, :, None] * scale[:, None, :])
-        found = (inverse @ (weighted.transpose(0, 2, 1) @ values[:, :, None]))[:, :, 0]
-    rest = values - (columns @ found[:, :, None])[:, :, 0]
-    return found[:, 0], np.real(inverse[:, 0, 0]), 2.0 * np.sum(weight * np.abs(rest) ** 2, axis=1)
 
 
 def stiff_ratio(

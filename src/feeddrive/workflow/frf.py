@@ -48,7 +48,7 @@ class FrfRequest(Request):
     input: str | None = option("column of the input, name or name:unit", default=None)
     output: tuple[str, ...] = option("column of an output, name or name:unit; may be repeated", default=())
     reference: tuple[str, ...] = option("column of what was added to the loop; none for no such", default=())
-    method: str = option("auto, periodic, local-polynomial, h1, h2, hv, indirect or joint", default="auto")
+    method: str = option("auto, periodic, impact, local-polynomial, h1, h2, hv, indirect or joint", default="auto")
     band: str | None = option("Hz, as 5..500", default=None)
     period: int | None = option("samples of one period; found if left out", default=None)
     skip: int | None = option("periods dropped at the start; by a test", default=None)

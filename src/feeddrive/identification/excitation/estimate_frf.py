@@ -9,12 +9,13 @@ import numpy as np
 
 from feeddrive.identification.excitation.averaged import METHODS, averaged
 from feeddrive.identification.excitation.frequency_estimate import FrequencyEstimate
+from feeddrive.identification.excitation.impacts import find_blows, impacts
 from feeddrive.identification.excitation.local_polynomial import local_polynomial
 from feeddrive.identification.excitation.periodic import periodic
 from feeddrive.identification.excitation.record import Record, find_period, repeating
 from feeddrive.language.errors import LogError, ParameterError
 
-ALL = ("auto", "periodic", "local_polynomial", *METHODS)
+ALL = ("auto", "periodic", "impact", "local_polynomial", *METHODS)
 MOST_LINES = 2000  # of a local polynomial by default
 _LEAST_PERIODS = 2
 _ENDS = 0.01  # share of a period that may differ without being cut off
@@ -33,9 +34,9 @@ def estimate_frf(
 ) -> FrequencyEstimate:
     """Frequency response from one or more records of the same channels, with coherence and variance on each line.
 
-    method   "periodic" (multisines in steady state), "local_polynomial" (chirp, step, PRBS, noise), "h1", "h2", "hv",
-             "indirect", "joint" (averaged spectra); "auto": periodic if what excites repeats itself in the record, else
-             local polynomials
+    method   "periodic" (multisines in steady state), "impact" (blows of a hammer), "local_polynomial" (chirp, step,
+             PRBS, noise), "h1", "h2", "hv", "indirect", "joint" (averaged spectra); "auto": periodic if what excites
+             repeats itself in the record, impact if the input is short pulses from rest, else local polynomials
     band     lowest and highest frequency, Hz
     period   samples; default: found in the reference, or in the input if there is none
     skip     periods dropped at the start; default: by a test
@@ -72,12 +73,19 @@ def estimate_frf(
                 f"{given[0].name}: what excites does not repeat at least {_LEAST_PERIODS} times within the record: "
                 f"give the period in samples, or take method 'local_polynomial'"
             )
+    if method == "impact" or (method == "auto" and _struck(given)):
+        return within(impacts(given), band)
     if method in METHODS:
         return within(averaged(given, method, segment=segment, overlap=overlap), band)
     if method == "local_polynomial" and (found := _period(given)) is not None:
         raise LogError(
             f"{given[0].name}: what excites repeats every {found} samples, so that most lines of the whole record are "
             f"empty and local polynomials find nothing between the others: take method 'periodic'"
+        )
+    if method == "local_polynomial" and _struck(given):
+        raise LogError(
+            f"{given[0].name}: what excites are blows of a hammer: force and transient are alike smooth over "
+            f"frequency, and local polynomials cannot tell them apart: take method 'impact'"
         )
     return local_polynomial(given, band=band, lines=lines or MOST_LINES)
 
@@ -86,6 +94,11 @@ def _period(records: Sequence[Record]) -> int | None:
     first = records[0]
     found = find_period(first.references[0] if first.references else first.input)
     return found if found is not None and min(map(len, records)) // found >= _LEAST_PERIODS else None
+
+
+def _struck(records: Sequence[Record]) -> bool:
+    """True for records whose input is blows of a hammer, in all of them."""
+    return not any(record.references for record in records) and all(find_blows(record.input) for record in records)
 
 
 def _steady(record: Record, period: int) -> Record:

@@ -1,4 +1,4 @@
-"""Frequency responses for arbitrary excitation by the local polynomial method, which suppresses leakage."""
+"""Local models over a few lines: polynomials, which suppress the leakage of any excitation, and one resonance."""
 
 from __future__ import annotations
 
@@ -9,9 +9,10 @@ import numpy as np
 from feeddrive.identification.excitation.frequency_estimate import FrequencyEstimate
 from feeddrive.identification.excitation.record import Record
 from feeddrive.language.errors import LogError, ParameterError
-from feeddrive.loop.frequency_response import FRF
+from feeddrive.loop.frequency_response import FRF, coherence_of
 
 ORDER = 2
+UNKNOWNS = 4  # of a local function with one resonance
 _AT_ONCE = 4096  # lines whose small systems are solved together
 
 
@@ -23,7 +24,8 @@ def local_polynomial(
         Y(k+i) = (g₀ + g₁ i + g₂ i²) U(k+i) + (t₀ + t₁ i + t₂ i²) + V(k+i),   i = -n .. n
 
     The response and the transient of the record, which is what leakage is, are smooth over a few lines; what they do
-    not explain is noise, and its variance with ν degrees of freedom is that of the response.  With one reference both
+    not explain is noise, and its variance with ν degrees of freedom is that of the response.  The coherence is that of
+    averages with this variance: where response and transient cannot be told apart, it is low.  With one reference both
     Y/R and U/R are estimated so, with their covariance, and their quotient holds in a closed loop.
     Several records are averaged with the weights that fit one noise in all of them.
 
@@ -50,14 +52,13 @@ def local_polynomial(
                 f"{record.name}: has {len(record)} samples, {first.name} {len(first)}: cut them to one length"
             )
         found.append(_one(record, chosen, half))
-    responses, gains, noises, explained, doubts = (np.array(each) for each in zip(*found, strict=True))
+    responses, gains, noises, doubts = (np.array(each) for each in zip(*found, strict=True))
     weights = 1.0 / gains
     response = np.sum(weights * responses, axis=0) / np.sum(weights, axis=0)
     variance = np.mean(noises, axis=0) / np.sum(weights, axis=0)
     nu = float((2 * half + 1 - 2 * (ORDER + 1)) * len(records))
-    coherence = np.clip(np.mean(explained, axis=0), 0.0, 1.0)
     frf = FRF(frequency, response, first.input_name, first.output_name, first.unit, first.sample_time,
-              coherence, variance)  # fmt: skip
+              coherence_of(response, variance, nu), variance)  # fmt: skip
     text = (
         f"local polynomials of order {ORDER} over {2 * half + 1} lines of {1 / (len(first) * first.sample_time):.4g} Hz"
         + (", through the reference" if first.references else "")
@@ -89,7 +90,7 @@ def _chosen(record: Record, half: int, band: tuple[float, float] | None, lines: 
 
 
 def _one(record: Record, chosen: np.ndarray, half: int) -> tuple[np.ndarray, ...]:
-    """Response, its variance by unit noise, noise power, explained share, relative variance of U/R, of one record."""
+    """Response, its variance by unit noise, noise power, relative variance of U/R, of one record."""
     spectrum = {
         name: np.fft.rfft(values - values.mean()) for name, values in (("u", record.input), ("y", record.output))
     }
@@ -126,13 +127,68 @@ def _solved(cause: np.ndarray, u: np.ndarray, y: np.ndarray, half: int, closed: 
         ) from None
     first = (np.conj(row).transpose(0, 2, 1) @ projected)[:, 0] / size[:, 0]
     gain = np.sum(np.abs(row[:, :, 0]) ** 2, axis=1) / size[:, 0, 0] ** 2
-    power = np.mean(np.abs(y) ** 2, axis=1)
     if not closed:
         noise = np.sum(np.abs(rest[:, :, 0]) ** 2, axis=1) / nu
-        return first[:, 0], gain, noise, 1.0 - np.mean(np.abs(rest[:, :, 0]) ** 2, axis=1) / power, np.zeros_like(gain)
+        return first[:, 0], gain, noise, np.zeros_like(gain)
     response = first[:, 0] / first[:, 1]
     noise = np.sum(np.abs(rest[:, :, 0] - response[:, None] * rest[:, :, 1]) ** 2, axis=1) / nu
-    seen = 1.0 - np.mean(np.abs(rest) ** 2, axis=1) / np.stack([power, np.mean(np.abs(u) ** 2, axis=1)], axis=1)
     of_input = gain / np.abs(first[:, 1]) ** 2
     doubt = of_input * np.sum(np.abs(rest[:, :, 1]) ** 2, axis=1) / nu
-    return response, of_input, noise, np.min(seen, axis=1), doubt
+    return response, of_input, noise, doubt
+
+
+def local_rational(
+    x: np.ndarray,
+    y: np.ndarray,
+    spread: np.ndarray,
+    width: int,
+    lines: np.ndarray,
+    at: complex = 0.0,
+    correlation: np.ndarray | None = None,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """A function with one resonance around some lines, by index: value and variance at x + `at`, and the residuals.
+
+        y (1 + b u) = a0 + a1 u + a2 u²,   u = x - x(line),   complex a, b
+
+    Least squares over `width` lines, weighted with the variance `spread` of y; solved twice, the second time with the
+    weights that the first b asks for.  The residuals are the weighted sum of their squares, twice: χ² with
+    2 (width - 4) degrees of freedom, if the function fits.  `at` may be complex: an analytic continuation.
+    `correlation`, shape (width,), of the noise of lines 0, 1, ... apart; default: none, lines are independent.
+    Source: McKelvey & Guérin 2012; Sanathanan & Koerner 1963.
+    """
+    begin = np.clip(lines - width // 2, 0, x.size - width)
+    place = begin[:, None] + np.arange(width)
+    u = x[place] - x[lines][:, None]
+    reach = np.max(np.abs(u), axis=1, keepdims=True)
+    u = u / reach
+    values = y[place]
+    columns = np.stack([np.ones_like(u) + 0j, u + 0j, u * u + 0j, -u * values], axis=2)
+    weight = 1.0 / spread[place]
+    found = np.zeros((lines.size, UNKNOWNS), complex)
+    inverse = np.zeros((lines.size, UNKNOWNS, UNKNOWNS), complex)
+    for turn in range(2):
+        if turn:
+            weight = weight / np.maximum(np.abs(1.0 + found[:, 3:4] * u) ** 2, 1e-4)
+        weighted = columns.conj() * weight[:, :, None]
+        normal = weighted.transpose(0, 2, 1) @ columns
+        scale = np.sqrt(np.abs(np.einsum("nii->ni", normal)))
+        normal = normal / (scale[:, :, None] * scale[:, None, :]) + 1e-12 * np.eye(UNKNOWNS)
+        inverse = np.linalg.inv(normal) / (scale[:, :, None] * scale[:, None, :])
+        found = (inverse @ (weighted.transpose(0, 2, 1) @ values[:, :, None]))[:, :, 0]
+    rest = values - (columns @ found[:, :, None])[:, :, 0]
+    residuals = 2.0 * np.sum(weight * np.abs(rest) ** 2, axis=1)
+    if at == 0.0 and correlation is None:
+        return found[:, 0], np.real(inverse[:, 0, 0]), residuals
+    v = at / reach[:, 0]
+    below = 1.0 + found[:, 3] * v
+    value = (found[:, 0] + found[:, 1] * v + found[:, 2] * v * v) / below
+    slopes = np.stack([np.ones_like(v), v, v * v, -v * value], axis=1) / below[:, None]
+    if correlation is None:
+        return value, np.real(np.einsum("ni,nij,nj->n", slopes, inverse, np.conj(slopes))), residuals
+    # how the value follows each line, with the noise of its deviation
+    follows = np.einsum("ni,nij,nkj->nk", slopes, inverse, columns.conj() * weight[:, :, None])
+    follows = follows * (1.0 + found[:, 3:4] * u) * np.sqrt(spread[place])
+    apart = np.arange(width)[:, None] - np.arange(width)
+    alike = np.where(apart >= 0, correlation[np.abs(apart)], np.conj(correlation[np.abs(apart)]))
+    variance = np.real(np.einsum("nk,kl,nl->n", follows, alike, np.conj(follows)))
+    return value, variance, residuals

@@ -74,23 +74,27 @@ class Record:
     @cached_property
     def remarks(self) -> tuple[str, ...]:
         """What may be wrong with the channels: saturation."""
-        found: list[str] = []
-        for name, values in self._channels()[:2]:
-            for what, end in (("largest", np.max(values)), ("smallest", np.min(values))):
-                share = float(np.mean(values == end))
-                # quantised signals rest at their extremes for a while; a saturated one stays there in runs
-                held = np.flatnonzero((values[1:] == end) & (values[:-1] == end)).size / values.size
-                if share > _STUCK and held > 0.5 * share:
-                    found.append(
-                        f"{name} stays at its {what} value {end:.6g} for {100 * share:.1f} % of the record: it seems "
-                        f"saturated, and a saturated drive has no frequency response"
-                    )
-        return tuple(found)
+        return tuple(remark for name, values in self._channels()[:2] for remark in saturation(name, values))
 
     @property
     def nyquist(self) -> float:
         """Hz."""
         return 0.5 / self.sample_time
+
+
+def saturation(name: str, values: np.ndarray) -> list[str]:
+    """A sentence for each end of its range at which a channel stays."""
+    found: list[str] = []
+    for what, end in (("largest", np.max(values)), ("smallest", np.min(values))):
+        share = float(np.mean(values == end))
+        # quantised signals rest at their extremes for a while; a saturated one stays there in runs
+        held = np.flatnonzero((values[1:] == end) & (values[:-1] == end)).size / values.size
+        if share > _STUCK and held > 0.5 * share:
+            found.append(
+                f"{name} stays at its {what} value {end:.6g} for {100 * share:.1f} % of the record: it seems "
+                f"saturated, and a saturated drive has no frequency response"
+            )
+    return found
 
 
 def find_period(values: np.ndarray) -> int | None:

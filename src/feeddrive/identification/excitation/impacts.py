@@ -1,0 +1,343 @@
+"""Frequency responses from hammer blows: force window, exponential window with its correction, average over blows."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from feeddrive.identification.excitation.frequency_estimate import FrequencyEstimate
+from feeddrive.identification.excitation.local_polynomial import local_rational
+from feeddrive.identification.excitation.record import FEWEST, Record, saturation
+from feeddrive.language.errors import LogError
+from feeddrive.loop.frequency_response import FRF, coherence_of
+
+_STRONG = 0.1  # of the largest force: from there on a sample belongs to a blow
+_BUSY = 0.05  # share of strong samples up to which a force counts as blows
+_INSIDE = 0.9  # share of the energy of the force, beyond its noise, that its blows hold
+_ONE_WAY = 0.1  # of the largest force: how far blows may go in the other direction, as a ringing sensor does
+_WEAK = 0.3  # of the median blow: weaker ones are not used
+_BOUNCE = 0.1  # of the usual time from blow to blow: what comes sooner is a bounce of the same blow
+_SHORT = 0.5  # of the median stretch: shorter ones are not used
+_NOISE = 4.0  # standard deviations of the force at rest, up to which it is noise
+_DECAYED = 0.02  # of its start: a response that is smaller at the end of its stretch needs no window
+_STRONG_OCTAVE = 1e-4  # of the power of the strongest octave, from which one counts
+_FALLING = 0.7  # of the power of the quarter before: vibration falls by more
+_LOUD = 0.3  # of the start: noise is less
+_LEFT = 0.01  # of its start: what an exponential window leaves of a response at the end
+_HALF = 4  # lines on each side from which the effect of the window is taken out
+_FALLS = 0.1  # of the largest force spectrum: where the blow ends to excite
+
+
+@dataclass(frozen=True)
+class _Blow:
+    """Where a blow with its bounces begins and ends, in samples, how many times it touched, and its largest force."""
+
+    begin: int
+    end: int
+    touches: int
+    peak: float
+
+
+def find_blows(force: np.ndarray) -> list[_Blow]:
+    """The blows in a force; empty if the force is anything else, as noise, a chirp, steps, or periods.
+
+    A blow is a short pulse from rest and back to it in one direction.
+    """
+    u = force - np.median(force)
+    if np.max(u) < -np.min(u):
+        u = -u
+    peak = float(np.max(u))
+    strong = np.abs(u) > _STRONG * peak
+    if np.mean(strong) > _BUSY or -float(np.min(u)) > _ONE_WAY * peak + _NOISE * _rest(u):
+        return []
+    quiet = np.abs(u) <= max(_NOISE * _rest(u), 1e-3 * peak)
+    touches = _runs(strong)
+    touches = [_wide(_before(quiet, begin), _after(quiet, end), u.size) for begin, end in touches]
+    merged: list[list[int]] = []
+    for begin, end in touches:
+        if merged and begin <= merged[-1][1]:
+            merged[-1][1] = max(end, merged[-1][1])
+        else:
+            merged.append([begin, end])
+    held = sum(float(np.sum(u[begin:end] ** 2)) for begin, end in merged)
+    if (
+        held < _INSIDE * (float(np.sum(u**2)) - u.size * _rest(u) ** 2)
+        or max(end - begin for begin, end in merged) > _BUSY * u.size
+    ):
+        return []
+    return _bounces_joined(u, merged)
+
+
+def _rest(u: np.ndarray) -> float:
+    """Standard deviation of the force at rest, from its median deviation."""
+    return 1.4826 * float(np.median(np.abs(u)))
+
+
+def _runs(inside: np.ndarray) -> list[tuple[int, int]]:
+    edges = np.diff(np.concatenate([[False], inside, [False]]).astype(int))
+    return list(zip(np.flatnonzero(edges == 1).tolist(), np.flatnonzero(edges == -1).tolist(), strict=True))
+
+
+def _before(quiet: np.ndarray, begin: int) -> int:
+    """The last quiet sample before a pulse, or the first sample."""
+    still = np.flatnonzero(quiet[:begin])
+    return int(still[-1]) if still.size else 0
+
+
+def _after(quiet: np.ndarray, end: int) -> int:
+    still = np.flatnonzero(quiet[end:])
+    return end + int(still[0]) + 1 if still.size else quiet.size
+
+
+def _wide(begin: int, end: int, size: int) -> tuple[int, int]:
+    """With half as much on each side: the feet of a pulse are below the noise."""
+    more = (end - begin + 1) // 2
+    return max(0, begin - more), min(size, end + more)
+
+
+def _bounces_joined(u: np.ndarray, pulses: Sequence[Sequence[int]]) -> list[_Blow]:
+    """Pulses as blows; a pulse much sooner after another than blows follow each other is its bounce."""
+    begins = np.array([begin for begin, _ in pulses])
+    gaps = np.diff(begins)
+    usual = float(np.max(gaps)) if gaps.size else np.inf
+    blows: list[_Blow] = []
+    for begin, end in pulses:
+        peak = float(np.max(u[begin:end]))
+        if blows and begin - blows[-1].begin < _BOUNCE * usual:
+            last = blows[-1]
+            blows[-1] = _Blow(last.begin, end, last.touches + 1, max(last.peak, peak))
+        else:
+            blows.append(_Blow(begin, end, 1, peak))
+    return blows
+
+
+def impacts(records: Sequence[Record]) -> FrequencyEstimate:
+    """Frequency response from blows of a hammer, one or several in each record, each from rest.
+
+        G(s) = Σ Y(s) U*(s) / Σ |U(s)|²   over the blows,   s = jω + σ
+
+    From each blow to the next is a stretch of equal length for all.  The force counts where the hammer touches and is 0
+    elsewhere (force window).  A response that has not decayed to 2 % at the end of its stretch is multiplied, and the
+    force with it, by exp(-σt), so that 1 % is left (exponential window): that is the transform at s = jω + σ and makes
+    every mode look more damped by σ.  It is corrected: around each line a function with one resonance in s,
+
+        G(s) (1 + b x) = a₀ + a₁ x + a₂ x²,   x = s - s₀,
+
+    is fitted to 9 lines and evaluated at jω.  The variance is from the scatter of the blows,
+
+        var(G) = |G|² (1 - γ²)/(γ² (n - 1)),
+
+    and holds noise, different places and directions of the blows, and nonlinearity.  A single blow has no scatter and
+    no coherence: its noise is that of the output before the blow, or what the local function leaves, if that is more,
+    and the coherence is the one of averages with this variance.
+
+    Lines on which the force is not told from its noise are left out.
+    Raises LogError where there is no blow, or none with a stretch long enough.
+    Source: Halvorsen & Brown 1977, Sound and Vibration 11(11) (windows); McKelvey & Guérin 2012 (local function).
+    """
+    first = records[0]
+    found = [(record, find_blows(record.input)) for record in records]
+    if not any(blows for _, blows in found):
+        raise LogError(
+            f"{first.name}: '{first.input_name}' holds no blows of a hammer: short pulses in one direction, from rest "
+            f"and back to it"
+        )
+    stretches, length, remarks = _stretches(found)
+    rows = [_row(record, blow, length) for record, blow in stretches]
+    u, y = np.array([each[0] for each in rows]), np.array([each[1] for each in rows])
+    sigma = _needed_damping(y, first.sample_time)
+    if sigma:
+        window = np.exp(-sigma * first.sample_time * np.arange(length))
+        u, y = u * window, y * window
+    lines = slice(1, (length + 1) // 2)
+    force, answer = np.fft.rfft(u, axis=1)[:, lines], np.fft.rfft(y, axis=1)[:, lines]
+    frequency = np.arange(1, (length + 1) // 2) / (length * first.sample_time)
+    power = np.sum(np.abs(force) ** 2, axis=0)
+    response = np.sum(answer * np.conj(force), axis=0) / power
+    count = len(rows)
+    noise = sum(_force_noise(record, blow) for record, blow in stretches)
+    if count > 1:
+        rest = np.sum(np.abs(answer - response * force) ** 2, axis=0) / (count - 1)
+        freedom = float(count - 1)
+    else:
+        rest = _noise_of_one(records, stretches[0], sigma, length) + np.abs(response) ** 2 * noise
+        freedom = float(2 * _HALF + 1 - 4)
+    variance = rest / power
+    omega = 2.0 * np.pi * frequency
+    if sigma or count == 1:
+        # few blows make the variance of single lines wild, and with it the weights
+        floor = np.maximum(_averaged(rest * np.ones_like(power)) / power, 1e-12 * np.abs(response) ** 2)
+        every = np.arange(frequency.size)
+        value, spread, excess = local_rational(
+            omega,
+            response,
+            floor,
+            2 * _HALF + 1,
+            every,
+            at=1j * sigma,
+            correlation=_correlation(sigma * first.sample_time, length),
+        )
+        if count == 1:  # what the local function leaves is noise, too
+            more = np.maximum(excess / (2.0 * freedom), 1.0)
+            variance, spread = floor * more, spread * more
+        if sigma:
+            response, variance = value, spread
+    frf = FRF(frequency, response, first.input_name, first.output_name, first.unit, first.sample_time,
+              coherence_of(response, variance, freedom), variance)  # fmt: skip
+    text = f"{count} blow{'s' if count > 1 else ''} of {length} samples, force window" + (
+        f", exponential window of {sigma:.4g} 1/s, corrected" if sigma else ", no exponential window: responses decay"
+    )
+    remarks += _remarks(stretches, frequency, power, sigma)
+    estimate = FrequencyEstimate(
+        frf, text, np.full(frequency.size, freedom), variance, total=count > 1, counts={"blows": count},
+        remarks=(*_saturation(stretches), *remarks),
+    )  # fmt: skip
+    return estimate.where_told(noise / power)
+
+
+def _correlation(decay: float, length: int) -> np.ndarray:
+    """Of white noise on lines 0, 1, ... apart, under a window exp(-decay · sample)."""
+    window = np.exp(-2.0 * decay * np.arange(length))
+    found = np.fft.fft(window)[: 2 * _HALF + 1]
+    return found / found[0]
+
+
+def _averaged(values: np.ndarray) -> np.ndarray:
+    """Running mean over the lines from which a local function is fitted, shorter at the ends."""
+    ones = np.ones(2 * _HALF + 1)
+    return np.convolve(values, ones, "same") / np.convolve(np.ones(values.size), ones, "same")
+
+
+def _stretches(found: Sequence[tuple[Record, list[_Blow]]]) -> tuple[list[tuple[Record, _Blow]], int, list[str]]:
+    """Blows that are used, with their records, the length of their stretches in samples, and what was left out."""
+    usual = float(np.median([blow.peak for _, blows in found for blow in blows]))
+    usable: list[tuple[Record, _Blow, int]] = []
+    weak = 0
+    for record, blows in found:
+        ends = [_start(after) for after in blows[1:]] + [len(record)]
+        for blow, end in zip(blows, ends, strict=True):
+            if blow.peak < _WEAK * usual:
+                weak += 1
+            else:
+                usable.append((record, blow, end - _start(blow)))
+    typical = float(np.median([length for *_, length in usable]))
+    kept = [(record, blow, length) for record, blow, length in usable if length >= _SHORT * typical]
+    length = min(length for *_, length in kept)
+    if length < 4 * FEWEST:
+        raise LogError(
+            f"{kept[0][0].name}: {length} samples after a blow are too few; record longer after each, at least "
+            f"{4 * FEWEST} samples and until the response has decayed"
+        )
+    said: list[str] = []
+    if weak:
+        said.append(f"{weak} blow(s) below {100 * _WEAK:g} % of the usual force are not used")
+    if len(usable) > len(kept):
+        said.append(
+            f"{len(usable) - len(kept)} blow(s) with less than {100 * _SHORT:g} % of the usual time after them are not "
+            f"used"
+        )
+    return [(record, blow) for record, blow, _ in kept], length, said
+
+
+def _start(blow: _Blow) -> int:
+    """First sample of a stretch: before the blow by as much as it lasts, since a filter may round its start."""
+    return max(0, blow.begin - (blow.end - blow.begin) // 2 - 1)
+
+
+def _row(record: Record, blow: _Blow, length: int) -> tuple[np.ndarray, np.ndarray]:
+    """Force and response of a blow from rest, the force 0 where the hammer does not touch."""
+    start = _start(blow)
+    force = np.zeros(length)
+    end = min(blow.end, start + length)
+    force[blow.begin - start : end - start] = record.input[blow.begin : end] - np.median(record.input)
+    before = record.output[max(0, start - FEWEST) : blow.begin + 1]
+    return force, record.output[start : start + length] - np.mean(before)
+
+
+def _needed_damping(answers: np.ndarray, step: float) -> float:
+    """σ in 1/s of the exponential window that leaves 1 % at the end; 0 where the responses decay by themselves.
+
+    The last quarter of the stretches is compared with the first, octave by octave, since a slow mode may hide below a
+    fast one.  What does not fall from the third quarter to the last is noise, not vibration.
+    """
+    quarter = answers.shape[1] // 4
+    window = np.hanning(quarter)
+    power = [
+        np.mean(np.abs(np.fft.rfft(window * (piece - piece.mean(axis=1, keepdims=True)), axis=1)) ** 2, axis=0)
+        for piece in (answers[:, k * quarter : (k + 1) * quarter] for k in range(4))
+    ]
+    edges = 2 ** np.arange(1, int(np.log2(quarter)) + 1)
+    start, third, last = (np.add.reduceat(power[k][: edges[-1]], edges[:-1]) for k in (0, 2, 3))
+    strong = start >= _STRONG_OCTAVE * np.max(start)
+    left = np.sqrt(last / np.maximum(start, np.finfo(float).tiny))
+    noise = (last > _FALLING * third) & (left < _LOUD)
+    needs = strong & ~noise & (left > _DECAYED)
+    if not np.any(needs):
+        return 0.0
+    return float(np.log(np.max(left[needs]) / _LEFT)) / (answers.shape[1] * step)
+
+
+def _noise_of_one(
+    records: Sequence[Record], stretch: tuple[Record, _Blow], sigma: float, length: int
+) -> np.ndarray | float:
+    """Power of the output's noise on a line of a single blow, from what is before it; 0 if that is too short."""
+    record, blow = stretch
+    before = record.output[: _start(blow)]
+    if before.size < FEWEST:
+        return 0.0
+    window = np.exp(-2.0 * sigma * records[0].sample_time * np.arange(length))
+    return np.full((length + 1) // 2 - 1, float(np.var(before) * np.sum(window)))
+
+
+def _force_noise(record: Record, blow: _Blow) -> float:
+    """Power of the force's noise on a line, of the samples that the force window lets through."""
+    return _rest(record.input - np.median(record.input)) ** 2 * (blow.end - blow.begin)
+
+
+def _saturation(stretches: Sequence[tuple[Record, _Blow]]) -> list[str]:
+    """Of the outputs, and of forces that are cut off at the top; at rest a force stays at one value."""
+    said: list[str] = []
+    for record in dict.fromkeys(record for record, _ in stretches):
+        said += saturation(record.output_name, record.output)
+    flat = sum(_clipped(record.input[blow.begin : blow.end]) for record, blow in stretches)
+    if flat:
+        said.append(f"{flat} of {len(stretches)} blows are cut off at the top: the force sensor was saturated")
+    return said
+
+
+def _clipped(pulse: np.ndarray) -> bool:
+    """True for a pulse with three samples or more at exactly its largest value."""
+    away = np.abs(pulse)
+    return int(np.count_nonzero(away == np.max(away))) >= 3
+
+
+def _remarks(
+    stretches: Sequence[tuple[Record, _Blow]], frequency: np.ndarray, power: np.ndarray, sigma: float
+) -> list[str]:
+    said: list[str] = []
+    bounced = sum(blow.touches > 1 for _, blow in stretches)
+    if bounced:
+        said.append(
+            f"{bounced} of {len(stretches)} blows touched more than once: the force has notches over frequency; both "
+            f"touches are in the force, but blows without a bounce are better"
+        )
+    if len(stretches) == 1:
+        said.append(
+            "one blow: neither noise at the input, nor the scatter of blows, nor nonlinearity can be seen; strike five "
+            "times or more"
+        )
+    amplitude = np.sqrt(power / np.max(power))
+    below = np.flatnonzero(amplitude < _FALLS)
+    if below.size:
+        said.append(
+            f"the spectrum of the force falls to {100 * _FALLS:g} % of its largest value at {frequency[below[0]]:.4g} "
+            f"Hz: a harder tip excites higher frequencies"
+        )
+    if sigma:
+        said.append(
+            f"the response had not decayed when its stretch ended: an exponential window of {sigma:.4g} 1/s was "
+            f"applied and its damping taken out again; with more time between blows it would not be needed"
+        )
+    return said
