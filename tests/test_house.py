@@ -78,7 +78,7 @@ def called(run: Callable[[], object], callees: set[Step], patch: pytest.MonkeyPa
             patch.setattr(owner, last, classmethod(watched((file, name), found.__func__)))
             continue
         modules = [module for key, module in sys.modules.items() if key.startswith("feeddrive")]
-        for each in [owner] if inside else modules:  # also under another name: `import identify as identify_motion`
+        for each in [owner] if inside else modules:  # also under another name
             for key in [key for key, value in vars(each).items() if value is found]:
                 patch.setattr(each, key, watched((file, name), found))
     run()
