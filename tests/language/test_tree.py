@@ -21,6 +21,7 @@ from feeddrive.loop.axis import Axis
 from feeddrive.loop.control import Control
 from feeddrive.loop.guard import Guard
 from feeddrive.loop.loop import Loop
+from feeddrive.loop.machine import Machine
 
 
 def loop(**plant: float) -> Loop:
@@ -156,6 +157,20 @@ def test_what_does_not_fit_together_is_named_by_its_path(changes: dict[str, floa
     other = dataclasses.replace(plain, control=guarded, name="y")
     with pytest.raises((ParameterError, StructureError), match=words):
         tree.vary(other, changes)
+
+
+def test_a_control_alone_and_a_machine_name_what_does_not_fit_by_path():
+    plain = loop()
+    guarded = dataclasses.replace(plain.control, guard=Guard(following_error_limit=1e-3))
+    with pytest.raises(ParameterError, match=r"^guard\.safe_force = 3000 N is beyond force_limit = 2000 N"):
+        tree.vary(guarded, {"guard.safe_force": 3000.0})
+    two = Machine.of({"x": plain, "y": dataclasses.replace(plain, control=guarded)})
+    words = r"^axis\.y\.control\.guard\.safe_force = 3000 N is beyond axis\.y\.control\.force_limit = 2000 N"
+    with pytest.raises(ParameterError, match=words):
+        tree.vary(two, {"axis.y.control.guard.safe_force": 3000.0})
+    full = Machine.of({"x": plain, "y": loop(coupling_mass=1.0)})
+    with pytest.raises(ParameterError, match=r"^axis\.y\.plant\.coupling_mass = 1000 kg must be smaller than"):
+        tree.vary(full, {"axis.y.plant.coupling_mass": 1000.0})
 
 
 def test_structure_knows_choices_types_and_what_is_absent_but_no_values():

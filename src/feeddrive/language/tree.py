@@ -235,14 +235,24 @@ def vary(block: Tree, changes: Mapping[str, Any]) -> Tree:
 
 
 def _require(block: Any) -> None:
-    """Every check of a block and of its parts; those of the parts name parts by fields, which become paths."""
-    for part in blocks(block):
+    """Every check of a block and of its parts; an error names a part by its path instead of its kind."""
+    for path, part in _parts(block, ""):
         try:
             part.require()
         except (ParameterError, StructureError) as error:
-            if part is block or not isinstance(block, Block):
-                raise
-            raise type(error)(in_paths(block, str(error))) from None
+            place = f"{path}." if path else ""
+            raise type(error)(re.sub(rf"(?<![\w.]){part.kind}\.(?=\w)", place, str(error))) from None
+
+
+def _parts(tree: Any, path: str) -> Iterator[tuple[str, Block]]:
+    """Path and block of every block of a tree, outermost first."""
+    if isinstance(tree, Block):
+        yield path, tree
+    if isinstance(tree, (Block, tuple)):
+        for field, child in _children(tree):
+            place = tree.place_of(field) if isinstance(tree, Block) else field
+            below = _path(tree, path, field) if place == field else f"{path}.{place}" if path else place
+            yield from _parts(child, below)
 
 
 def sampled_rules(tree: Any, T: Number) -> Iterator[Rule]:
