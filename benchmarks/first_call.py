@@ -27,9 +27,10 @@ def child(what: str) -> None:
 
     from feeddrive.loop.engine import native, time_loop
     from feeddrive.loop.engine.plan import plan
-    from feeddrive.loop.runner import Prepared, Work
+    from feeddrive.loop.runner import Prepared
     from feeddrive.loop.simulate import simulate
     from feeddrive.loop.statistics import gathering
+    from feeddrive.loop.work import Work
 
     marks = {"imports": time.process_time() - begun}
     last = time.process_time()

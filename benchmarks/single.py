@@ -1,5 +1,8 @@
 """One run of 40,000 samples with six signals, against the same loop written by hand in C.
 
+The C gets its numbers, its first state and its setpoints; all of `simulate()` prepares them.  Four rows say how long
+that takes after other runs of the same loop: with nothing changed, and with another gain, mass or path in each run.
+
 python benchmarks/single.py [--rounds 60] [--substeps 1 4]
 """
 
@@ -7,8 +10,10 @@ from __future__ import annotations
 
 import argparse
 import ctypes
+import dataclasses
+import itertools
 import statistics
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import compiler
@@ -16,8 +21,12 @@ import numpy as np
 import rounds
 import workload
 
-from feeddrive.loop.runner import Prepared, Work
+from feeddrive.blocks.reference.snap_limited_move import SnapLimitedMove
+from feeddrive.language import tree
+from feeddrive.loop.loop import Loop
+from feeddrive.loop.runner import Prepared
 from feeddrive.loop.simulate import simulate
+from feeddrive.loop.work import Work
 
 SOURCE = (Path(__file__).parent / "single.c").read_text()
 # the order of `Parameters` and `State` in single.c
@@ -31,6 +40,9 @@ PARAMETERS = [
     *(f"prepared.axis.new.0.{i}" for i in range(4)),
     *(f"prepared.axis.forces.1.{i}" for i in range(4)),
 ]  # fmt: skip
+WARM = 20  # runs with other numbers before the clock starts
+CHANGES = 300  # of them, more than are kept
+_steps = itertools.count(1)  # of 1e-6 each: no change comes twice
 STATES = [
     "control.memory.law.positions.0", "control.memory.law.integral", "control.memory.filters.0.first",
     "control.memory.filters.0.second", "control.applied", "control.requested", "axis.pending.0",
@@ -72,13 +84,32 @@ def engine(prepared: Prepared, setpoints: np.ndarray, record: np.ndarray, arithm
     return call
 
 
+def changing(loop: Loop, path: SnapLimitedMove, arithmetic: str) -> Iterator[tuple[str, Callable[[], object]]]:
+    """What changes from run to run, and a call that makes the next run; the changed blocks are built beforehand."""
+
+    def run(subjects: Iterator[tuple[Loop, SnapLimitedMove]]) -> Callable[[], object]:
+        made = itertools.cycle(list(itertools.islice(subjects, CHANGES)))
+        return lambda: simulate(*next(made), record=workload.RECORD, arithmetic=arithmetic)
+
+    def varied(name: str) -> Iterator[tuple[Loop, SnapLimitedMove]]:
+        value = tree.get(loop, name)
+        for k in _steps:
+            yield tree.vary(loop, {name: value * (1.0 + 1e-6 * k)}), path
+
+    moved = ((loop, dataclasses.replace(path, dwell_before=path.dwell_before - 1e-6 * k)) for k in _steps)
+    yield "a gain changed", run(varied("axis.x.control.law.Kv"))
+    yield "a mass changed", run(varied("axis.x.plant.mass_load"))
+    yield "another reference", run(moved)
+
+
 def compare(substeps: int, count: int) -> None:
     """All candidates on one loop."""
     loop, reference = workload.loop(substeps), workload.reference()
     work = Work(loop, reference)
     prepared = Prepared(loop, work.first())
     program = prepared.program(load=False, enable=False)
-    setpoints = work.inputs(prepared.native(program, record=workload.RECORD), 0, workload.SAMPLES)
+    made = prepared.native(program, record=workload.RECORD)
+    setpoints = np.ascontiguousarray(work.inputs(made, 0, workload.SAMPLES))
     records: dict[str, np.ndarray] = {}
     calls: dict[str, Callable[[], object]] = {}
 
@@ -92,9 +123,13 @@ def compare(substeps: int, count: int) -> None:
         add(f"C by hand, {name}, no contraction", by_hand, command, [*native, "-ffp-contract=off"])
     for arithmetic in ("libm", "exact", "fma"):
         add(f"engine, {arithmetic}", engine, arithmetic)
-        calls[f"simulate(), {arithmetic}"] = lambda a=arithmetic: simulate(
+        calls[f"simulate(), {arithmetic}, nothing changed"] = lambda a=arithmetic: simulate(
             loop, reference, record=workload.RECORD, arithmetic=a
         )
+        calls |= {f"simulate(), {arithmetic}, {what}": run for what, run in changing(loop, reference, arithmetic)}
+    for each in (name for name in calls if "changed" in name or "another" in name):
+        for _ in range(WARM):  # the first runs with other numbers compute in Python
+            calls[each]()
     base = next(iter(calls))
     taken = rounds.measure(calls, count)
     truth = records[f"{base}, no contraction"]

@@ -19,7 +19,7 @@ def run(velocity: np.ndarray, error: np.ndarray, stated: bool = True) -> Run:
         "set_velocity": velocity if stated else np.zeros_like(velocity),
         "following_error": error,
     }
-    return Run("run", TIME, signals, T)
+    return Run("run", signals, T, TIME.size)
 
 
 SINE = 0.1 * np.sin(2 * np.pi * 0.5 * TIME)

@@ -13,7 +13,8 @@ from test_engine import LOOPS, REFERENCE, ROW, arguments, every_operation, given
 from feeddrive.loop.engine.native import native
 from feeddrive.loop.engine.plan import Plan, plan
 from feeddrive.loop.loop import Signals
-from feeddrive.loop.runner import Prepared, Work
+from feeddrive.loop.runner import Prepared
+from feeddrive.loop.work import Work
 from loop import c_loop as c
 
 COUNT = 20_000
@@ -35,7 +36,11 @@ def test_c_has_the_bits_of_the_native_code(name: str, arithmetic: str, tmp_path:
     program = prepared.program(load=load is not None, enable=bool(work.enable))
     made = prepared.native(program, record=Signals._fields, bounded=["tracking_error"], arithmetic=arithmetic)
     library = loops.compiled(c.text(made.plan, "feeddrive_run"), tmp_path)
-    constants, inputs, rows = prepared.constants(made), work.inputs(made, 0, COUNT), prepared.rows(made)
+    constants, inputs, rows = (
+        prepared.constants(made),
+        np.ascontiguousarray(work.inputs(made, 0, COUNT)),
+        prepared.rows(made),
+    )
     ends, records = [], []
     for way in (made.run, None):
         states, outputs = prepared.states(made), np.empty((COUNT, len(Signals._fields)))
@@ -158,7 +163,7 @@ def test_the_loop_by_hand_of_the_speed_benchmark_is_the_same_loop(
     prepared = Prepared(workload.loop(substeps), work.first())
     program = prepared.program(load=False, enable=False)
     made = prepared.native(program, record=workload.RECORD, arithmetic="libm")
-    inputs, expected = work.inputs(made, 0, COUNT), np.empty((COUNT, len(workload.RECORD)))
+    inputs, expected = np.ascontiguousarray(work.inputs(made, 0, COUNT)), np.empty((COUNT, len(workload.RECORD)))
     made.run(COUNT, 0, prepared.constants(made), inputs, prepared.states(made), expected, [])
     parameters = np.array([float(prepared.numbers[name]) for name in single.PARAMETERS])
     state, record = np.array([float(prepared.first[name]) for name in single.STATES]), np.empty_like(expected)

@@ -26,9 +26,10 @@ from feeddrive.loop.engine.native import native
 from feeddrive.loop.engine.plan import plan
 from feeddrive.loop.guard import Guard
 from feeddrive.loop.loop import Loop, Signals
-from feeddrive.loop.runner import Prepared, Work
+from feeddrive.loop.runner import Prepared
 from feeddrive.loop.simulate import simulate, simulate_batch, stream
 from feeddrive.loop.trace import Carried, Program, concrete, evaluate
+from feeddrive.loop.work import Work
 from heard import Heard
 
 REFERENCE = loops.Sway()

@@ -1,6 +1,5 @@
 """What a run keeps for the next one (preparation, first state, setpoints, inputs) changes no bit of any run."""
 
-import importlib
 from functools import partial
 
 import engine_loops as loops
@@ -8,12 +7,14 @@ import numpy as np
 import pytest
 
 from feeddrive.blocks.reference.snap_limited_move import SnapLimitedMove
+from feeddrive.blocks.signals import Setpoint
 from feeddrive.language import tree
 from feeddrive.language.recent import Recent
-from feeddrive.loop.runner import Prepared, Work
+from feeddrive.loop import beginning, work
+from feeddrive.loop.runner import Prepared
 from feeddrive.loop.simulate import simulate
+from feeddrive.loop.work import Work
 
-runner = importlib.import_module("feeddrive.loop.runner")
 MOVE = SnapLimitedMove(distance=0.002, velocity=0.1, acceleration=1.0, jerk=50.0, snap=5e3)
 DURATION = 0.1  # s, inside the move
 CHANGES = {
@@ -26,9 +27,13 @@ CHANGES = {
 }
 
 
+KEPT = ((beginning, "_holds"), (beginning, "_beginnings"), (beginning, "_structures"), (work, "_references"))
+
+
 def _forget(monkeypatch) -> None:
-    for name in ("_holds", "_beginnings", "_references", "_inputs"):
-        monkeypatch.setattr(runner, name, Recent(getattr(runner, name).size))
+    for module, name in KEPT:
+        monkeypatch.setattr(module, name, Recent(getattr(module, name).size))
+    monkeypatch.setattr(work, "_sampled_by_numpy", [0])
 
 
 def _runs():
@@ -53,6 +58,40 @@ def test_no_bit_depends_on_the_runs_before(monkeypatch):
             for signal, values in expected.signals.items():
                 assert found[signal].tobytes() == values.tobytes(), (run, signal)
             assert found.time.tobytes() == expected.time.tobytes()
+
+
+def test_machine_code_begins_as_python_does(monkeypatch):
+    """Every bit of what a run is prepared with and of its first state; with more squarings than at the first call."""
+    loop, setpoint = loops.common(), Setpoint(0.1, 0.2, 0.3)
+    heavier = [tree.vary(loop, {"axis.x.plant.stiffness": 1e8 * 4.0**k}) for k in range(6)]
+    changed = [tree.vary(loop, change) for change in CHANGES.values()]
+    for start in (None, (0.1, -0.2)):
+        for each in (*changed, *heavier, *changed):
+            found = {}
+            for after in (10**9, 0):
+                monkeypatch.setattr(beginning, "PAYS_AFTER", after)
+                monkeypatch.setattr(beginning, "_beginnings", Recent(4))
+                found[after] = beginning.beginning(each, setpoint, start, ())
+            slow, quick = found.values()
+            assert (slow.timing, slow.structure) == (quick.timing, quick.structure)
+            for one, other in ((slow.numbers, quick.numbers), (slow.first, quick.first)):
+                assert list(one) == list(other)
+                assert np.array(list(one.values())).tobytes() == np.array(list(other.values())).tobytes()
+
+
+def test_stretches_by_machine_code_have_the_bits_of_numpy():
+    rng = np.random.default_rng(0)
+    for _ in range(40):
+        T = float(rng.choice([50e-6, 1e-3, 1 / 3e4]))
+        move = SnapLimitedMove(
+            distance=rng.choice([-1.0, 1.0]) * 10.0 ** rng.uniform(-7.0, -1.0), start=rng.choice([0.0, -0.3]),
+            velocity=10.0 ** rng.uniform(-2.0, 0.0), acceleration=10.0 ** rng.uniform(-1.0, 2.0),
+            jerk=10.0 ** rng.uniform(0.0, 4.0), snap=10.0 ** rng.uniform(2.0, 6.0), back=bool(rng.integers(2)),
+            dwell_before=rng.choice([0.0, 7.0 * T, rng.uniform(0.0, 0.1)]), dwell_after=rng.choice([0.0, 0.01]),
+        )  # fmt: skip
+        first, count = int(rng.choice([0, 17, 200])), min(int(move.duration / T) + 50, 30_000)
+        found = work._by_stretches(move.stretches(), T, first, count)
+        assert np.array_equal(found, np.array(move.at((first + np.arange(count)) * T))), move
 
 
 def test_the_arrays_of_a_run_belong_to_whoever_takes_it():
@@ -83,5 +122,5 @@ def test_kept_inputs_cannot_be_written_and_numbers_of_a_run_are_its_own():
 def test_a_zero_and_its_negative_are_kept_apart():
     """1 / 0.0 and 1 / -0.0 differ: the key holds all bits."""
     loop = loops.common()
-    keys = {runner._key((tree.vary(loop, {"axis.x.plant.damping": value}),)) for value in (0.0, -0.0)}
+    keys = {beginning.key((tree.vary(loop, {"axis.x.plant.damping": value}),)) for value in (0.0, -0.0)}
     assert len(keys) == 2

@@ -35,9 +35,10 @@ from feeddrive.loop.gradient import gradient
 from feeddrive.loop.linearize import linearize
 from feeddrive.loop.loop import SETPOINT, Loop, Signals
 from feeddrive.loop.machine import Machine
-from feeddrive.loop.runner import Prepared, Work
+from feeddrive.loop.runner import Prepared
 from feeddrive.loop.simulate import simulate, simulate_batch, stream
 from feeddrive.loop.trace import concrete
+from feeddrive.loop.work import Work
 from loop import c_loop as c
 from loop import engine_loops as loops
 
@@ -227,7 +228,12 @@ def test_c_and_stream_have_the_bits_of_a_run(tmp_path):
     library.machine_run.restype = None
     library.machine_run.argtypes = [ctypes.c_int64, ctypes.c_int64, *[ctypes.c_void_p] * 5]
     outputs = np.empty((COUNT, 2))
-    arrays = (prepared.constants(made), work.inputs(made, 0, COUNT), prepared.states(made), outputs)
+    arrays = (
+        prepared.constants(made),
+        np.ascontiguousarray(work.inputs(made, 0, COUNT)),
+        prepared.states(made),
+        outputs,
+    )
     tables = (ctypes.c_void_p * 1)()
     library.machine_run(COUNT, 0, *(each.ctypes.data for each in arrays), ctypes.addressof(tables))
     assert np.array_equal(outputs[:, 0], found["x.force"])

@@ -31,9 +31,10 @@ from feeddrive.loop.gradient import gradient
 from feeddrive.loop.guard import Guard
 from feeddrive.loop.linearize import linearize
 from feeddrive.loop.loop import Loop, Signals
-from feeddrive.loop.runner import Prepared, Work
+from feeddrive.loop.runner import Prepared
 from feeddrive.loop.simulate import simulate, simulate_batch, stream
 from feeddrive.loop.trace import Carried, Program, concrete
+from feeddrive.loop.work import Work
 from loop import c_loop as c
 from loop.engine_loops import Saw, Sway, compiled
 
@@ -142,7 +143,7 @@ def test_c_has_the_bits_of_native_code(tmp_path):
     library.ring_run.restype = None
     library.ring_run.argtypes = [ctypes.c_int64, ctypes.c_int64, *[ctypes.c_void_p] * 5]
     records = []
-    inputs = work.inputs(made, 0, COUNT)
+    inputs = np.ascontiguousarray(work.inputs(made, 0, COUNT))
     for by_c in (False, True):
         states, outputs = prepared.states(made), np.empty((COUNT, len(Signals._fields)))
         if by_c:

@@ -26,7 +26,7 @@ def synthetic(theta: np.ndarray, remainder: np.ndarray | float = 0.0) -> fd.loop
     """A run whose error is exactly θ on the derivatives of MOVE, and a remainder."""
     setpoint = MOVE.at(TIME)
     error = np.column_stack(setpoint[1:]) @ theta + remainder
-    return fd.loop.Run("run", TIME, {"following_error": error}, T)
+    return fd.loop.Run("run", {"following_error": error}, T, TIME.size)
 
 
 def loop(**control: object) -> fd.Loop:

@@ -2,8 +2,8 @@
 
 A block is final: it implements the abstract methods and overrides no method that has a body, except the empty hooks
 `prepare`, `start` of forces and feedforward, `modes`, `start` and `step` of couplings, `retune`, `period`, `check`,
-`rules`, `sampled_rules`, `substep_rules`, `fed`, `lag`, `settled`, `suits`, `fits`, `begin` and `goes_beside`.  Its
-`step` is a pure function from the old state to the new one.
+`rules`, `sampled_rules`, `substep_rules`, `fed`, `lag`, `settled`, `suits`, `fits`, `begin`, `goes_beside` and
+`stretches`.  Its `step` is a pure function from the old state to the new one.
 
     prepare(T)   numbers that depend on parameters only, computed once per run; returns a named tuple
     start(...)   the steady state of a block at rest
@@ -22,6 +22,7 @@ from typing import Any, ClassVar, NamedTuple, Self
 import numpy as np
 
 from feeddrive.blocks.axis_model import AxisModel, begun
+from feeddrive.blocks.reference.stretch import Stretch
 from feeddrive.blocks.signals import Estimate, Motion, Noise, Reading, Setpoint
 from feeddrive.language import matrix
 from feeddrive.language.block import Block, Number, Rule
@@ -388,6 +389,10 @@ class Reference(Block, ABC):
     @abstractmethod
     def at(self, t: np.ndarray) -> Setpoint:
         """Setpoints at times t (s, shape (n,)), each field of shape (n,); before 0 and after the end at rest."""
+
+    def stretches(self) -> tuple[Stretch, ...]:
+        """The motion from t = 0 on in polynomials of time, for machine code to sample; none: only `at` can (hook)."""
+        return ()
 
 
 class Load(Block, ABC):

@@ -129,7 +129,7 @@ def counted(run: Run, duty: Duty) -> Run:
     """The run without the standstill at its start, in which a hanging axis finds its force."""
     skip = int(np.searchsorted(run.time, duty.skip))
     signals = {name: values[skip:] for name, values in run.signals.items()}
-    return replace(run, time=run.time[skip:], signals=signals, first=run.first + skip)
+    return replace(run, signals=signals, samples=run.samples - skip, first=run.first + skip)
 
 
 def tracked(run: Run) -> dict[str, float | None]:

@@ -16,8 +16,8 @@ from feeddrive.loop.loop import SETPOINT, Loop, Signals
 from feeddrive.loop.routine import Routine
 from feeddrive.loop.routine_run import ControllerRun
 from feeddrive.loop.routine_trace import controller_routine
-from feeddrive.loop.runner import Work
 from feeddrive.loop.simulate import Run, sample_count
+from feeddrive.loop.work import Work
 
 
 def simulate_with_fmu(
@@ -84,7 +84,7 @@ def simulate_with_fmu(
                 for time, length, acting in held.pieces(k, answers[k, wired.command]):
                     plant.give([(wired.drive, acting), *((port, rows[-1, k]) for port in wired.load)])
                     plant.step(time, length)
-    return Run(name, np.arange(count) * T, _signals(routine, wired, rows, taken, answers), T)
+    return Run(name, _signals(routine, wired, rows, taken, answers), T, count)
 
 
 def _signals(

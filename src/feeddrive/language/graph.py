@@ -43,7 +43,9 @@ class Graph:
     Leaves are ("const", float), ("truth", bool), ("input", name), ("table", name, length) and ("ring", name, length).
     """
 
-    def __init__(self) -> None:
+    def __init__(self, counted: Callable[[Symbol], float] | None = None) -> None:
+        """`counted` says how large a number may be that ends a loop of fixed count (`ops.most`); None: not known."""
+        self.counted = counted
         self.nodes: list[Node] = []
         self._index: dict[Node, int] = {}
 

@@ -189,5 +189,10 @@ def uniform(seed: Any, sample: Any, channel: Any) -> Any:
 
 
 def most(x: Any, unknown: float) -> float:
-    """The largest value over lanes as a plain number, or `unknown` for a symbol: a bound for loops of fixed count."""
-    return unknown if isinstance(x, Symbol) else float(np.max(x))
+    """The largest value over lanes as a plain number: a bound for loops of fixed count.
+
+    Of a symbol it is what its graph says (`Graph.counted`), else `unknown`.
+    """
+    if isinstance(x, Symbol):
+        return unknown if x.graph.counted is None else x.graph.counted(x)
+    return float(np.max(x))

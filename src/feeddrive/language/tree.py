@@ -12,6 +12,7 @@ import re
 from collections.abc import Iterator, Mapping
 from difflib import get_close_matches
 from functools import cache
+from operator import attrgetter
 from typing import Any, TypeVar, cast
 
 import numpy as np
@@ -19,6 +20,7 @@ import numpy as np
 from feeddrive.language import ops
 from feeddrive.language.block import Block, Declaration, Number, Rule, checked, declarations, enforce
 from feeddrive.language.errors import ParameterError, StructureError
+from feeddrive.language.recent import Recent
 from feeddrive.language.ring import Ring
 
 Tree = TypeVar("Tree")
@@ -317,30 +319,65 @@ def with_tables(tree: Tree, replacements: Mapping[str, Any], prefix: str = "") -
 
 def structure(tree: Any) -> Any:
     """What shapes the graph of a tree, as a hashable key: types, choices, which leaves are there, table lengths."""
-    return _shape(tree, [])
+    return structure_and_values(tree)[0]
 
 
 def structure_and_values(tree: Any) -> tuple[Any, list[Any]]:
-    """The structure of a tree, and all leaves and tables in the order of its fields, found in one walk."""
-    found: list[Any] = []
-    return _shape(tree, found), found
+    """The structure of a tree, and all leaves and tables in the order of its fields; not to be changed.
+
+    A block, which never changes, keeps them.
+    """
+    kept = vars(tree).get(_KEPT) if isinstance(tree, Block) else None
+    if kept is None:
+        found: list[Any] = []
+        shape = Shape((_shape(tree, found),))
+        kept = _shapes.get(shape, lambda: shape), found
+        if isinstance(tree, Block):
+            vars(tree)[_KEPT] = kept
+    return kept
+
+
+_KEPT = "_structure_and_values"
+
+
+class Shape(tuple[Any, ...]):
+    """A structure as a key, whose many parts are hashed once; equal ones are the same object."""
+
+    _hash: int | None = None
+
+    def __hash__(self) -> int:
+        if self._hash is None:
+            self._hash = super().__hash__()
+        return self._hash
+
+
+_shapes: Recent[Shape] = Recent(256)
+
+
+@cache
+def _shaping(block: type[Block]) -> tuple[Any, tuple[str, ...]]:
+    """What gets the fields of a block that `_shape` looks at, and their roles."""
+    held = [(name, role) for name, role in _fields(block) if role != "label"]
+    names = [name for name, _ in held]
+    return (attrgetter(*names) if len(names) > 1 else lambda tree: [getattr(tree, name) for name in names],
+            tuple(role for _, role in held))  # fmt: skip
 
 
 def _shape(tree: Any, found: list[Any]) -> Any:
     """The structure of a tree; its leaves and tables go to the end of a list."""
     if isinstance(tree, Block):
         shape: list[Any] = [type(tree)]
-        for name, role in _fields(type(tree)):
-            value = getattr(tree, name)
-            if role == "choice":
-                shape.append(value)
-            elif role == "part":
-                shape.append(_shape(value, found))
-            elif role == "parameter":
+        values, roles = _shaping(type(tree))
+        for value, role in zip(values(tree), roles, strict=True):
+            if role == "parameter":
                 shape.append(value is None)
                 if value is not None:
                     found.append(value)
-            elif role == "table":
+            elif role == "part":
+                shape.append(True if value is None else _shape(value, found))
+            elif role == "choice":
+                shape.append(value)
+            else:
                 shape.append(None if value is None else len(value))
                 if value is not None:
                     found.append(value)

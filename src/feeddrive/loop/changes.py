@@ -12,10 +12,12 @@ import numpy as np
 
 from feeddrive.language import tree
 from feeddrive.language.errors import ParameterError, StructureError
+from feeddrive.loop.beginning import System
 from feeddrive.loop.control import Control
 from feeddrive.loop.engine.native import Native
 from feeddrive.loop.loop import Loop
-from feeddrive.loop.runner import Prepared, System, Work, recorded
+from feeddrive.loop.runner import Prepared, recorded
+from feeddrive.loop.work import Work
 
 # by sample (int) or time in s (float): a whole control, or values of some of its parameters by path
 Changes: TypeAlias = Mapping[int | float, Control | Mapping[str, float]]
@@ -103,8 +105,8 @@ class Course:
         self._now, self._later = prepared, list(later)
 
     def advance(self, made: Native, work: Work, states: np.ndarray, first: int, count: int) -> np.ndarray:
-        """Samples first .. first + count - 1 from `states` on, which move on; the recorded signals as rows."""
-        work.sampled(first, count)
+        """Samples first .. first + count - 1 from `states` on, which move on; recorded signals (count, signals)."""
+        work.sample(first, count)
         pieces, at, end = [], first, first + count
         while at < end:
             while self._later and self._later[0][0] == at:
@@ -113,4 +115,4 @@ class Course:
             until = min(end, self._later[0][0]) if self._later else end
             pieces.append(recorded(self._now, made, work, states, at, until - at))
             at = until
-        return pieces[0] if len(pieces) == 1 else np.concatenate(pieces, axis=1)
+        return pieces[0] if len(pieces) == 1 else np.concatenate(pieces)

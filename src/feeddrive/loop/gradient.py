@@ -9,7 +9,6 @@ from typing import Any, cast
 import numpy as np
 
 from feeddrive.blocks.families import Load, Reference
-from feeddrive.blocks.signals import Setpoint
 from feeddrive.language import tree
 from feeddrive.language.block import Number
 from feeddrive.language.errors import ParameterError
@@ -17,13 +16,15 @@ from feeddrive.language.graph import Graph, Symbol, arguments
 from feeddrive.language.recent import Recent
 from feeddrive.language.ring import Ring
 from feeddrive.language.table import Result, Table
+from feeddrive.loop.beginning import STARTS, System, TracedBeginning, each_axis, traced_beginning
 from feeddrive.loop.differentiate import push
 from feeddrive.loop.engine.native import Native, native
 from feeddrive.loop.engine.plan import plan
-from feeddrive.loop.loop import SETPOINT, Loop, Signals
-from feeddrive.loop.runner import Prepared, System, Work, by_lane, each_axis
+from feeddrive.loop.loop import Loop, Signals
+from feeddrive.loop.runner import Prepared, by_lane
 from feeddrive.loop.simulate import known, sample_count
 from feeddrive.loop.trace import Carried, Program, lengths, node, node_values
+from feeddrive.loop.work import Work
 
 LANES = 8  # tangents that share a vector
 COST = "gradient.cost"
@@ -180,7 +181,7 @@ def _value(graph: Graph, index: int) -> Any:
     return Symbol(graph, index) if size is None else Ring(size, Symbol(graph, index))
 
 
-_prepares: Recent[tuple[Graph, dict[str, int], dict[str, int]]] = Recent(64)
+_traced: Recent[TracedBeginning] = Recent(64)
 
 
 def _seeds(
@@ -193,7 +194,7 @@ def _seeds(
     if start is None:
         start = each_axis(lambda at: (at.position, at.velocity), setpoint)
     key = (tree.structure(loop), prepared.timing)
-    graph, constants, states = _prepares.get(key, lambda: _traced_prepare(loop, prepared))
+    graph, constants, states = _traced.get(key, lambda: traced_beginning(loop, prepared.timing))
     leaves = {
         **prepared.numbers,
         **_starts(setpoint, start),
@@ -231,28 +232,4 @@ def _starts(setpoint: Any, start: Any) -> dict[str, Any]:
         rows = {axis: _starts(one, start[axis]) for axis, one in setpoint.items()}
         return {f"{axis}.{name}": value for axis, row in rows.items() for name, value in row.items()}
     values = (*start, *setpoint)
-    return dict(
-        zip((f"start.{name}" for name in ("position", "velocity", *SETPOINT)), map(np.float64, values), strict=True)
-    )
-
-
-def _traced_prepare(loop: System, prepared: Prepared) -> tuple[Graph, dict[str, int], dict[str, int]]:
-    """The graph of `prepare` and `start`: its nodes by the names of prepared numbers and of states."""
-    graph = Graph()
-    timing = prepared.timing
-    rows = {name: graph.table(name, len(row)) for name, row in tree.tables(loop)}
-    symbolic: Any = tree.with_tables(tree.rebuild(loop, (graph.input(name) for name, _ in tree.leaves(loop))), rows)
-    made = symbolic.prepare(timing)
-    names = ("position", "velocity", *SETPOINT)
-    at = {axis: [cast(Number, graph.input(f"{port}start.{name}")) for name in names]
-          for axis, port in zip(loop.loops(), loop.ports(), strict=True)}  # fmt: skip
-    position, velocity, setpoint = (
-        {axis: take(row) for axis, row in at.items()}
-        for take in (lambda row: row[0], lambda row: row[1], lambda row: Setpoint(*row[2:]))
-    )
-    if isinstance(loop, Loop):
-        setpoint, position, velocity = setpoint[loop.name], position[loop.name], velocity[loop.name]
-    begun = symbolic.start(made, timing, setpoint, position, velocity)
-    constants = {name: graph.symbol(v).index for name, v in tree.leaves(made, "prepared") if isinstance(v, Symbol)}
-    states = {name: graph.symbol(v).index for name, v in tree.leaves(begun) if not isinstance(v, Ring)}
-    return graph, constants, states
+    return dict(zip(STARTS, map(np.float64, values), strict=True))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -13,16 +14,44 @@ from feeddrive.blocks.families import Load, Reference
 from feeddrive.language.errors import DivergedError, ParameterError
 from feeddrive.language.progress import Progress
 from feeddrive.language.table import Result, Table, shown
+from feeddrive.loop.beginning import System
 from feeddrive.loop.changes import Changes, Course, changed_loops
 from feeddrive.loop.engine.lower import ARITHMETIC
 from feeddrive.loop.engine.native import Native
 from feeddrive.loop.groups import grouped
 from feeddrive.loop.loop import UNITS, Signals, quantity
-from feeddrive.loop.runner import Prepared, System, Work, cores
+from feeddrive.loop.runner import Prepared, cores
 from feeddrive.loop.statistics import LEFT, gathered
+from feeddrive.loop.work import Work
 
 CHUNK = 20_000  # samples that are in memory at once
 GATHERED = ("following_error", "tracking_error", "force", "velocity_load")
+
+
+class Recorded(Mapping[str, np.ndarray]):
+    """Signals by name, from an array of shape (samples, signals); each becomes an array of its own when it is read."""
+
+    def __init__(self, names: Sequence[str], rows: np.ndarray) -> None:
+        self._places = {name: place for place, name in enumerate(names)}
+        self._rows = rows
+        self._read: dict[str, np.ndarray] = {}
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        if name not in self._read:
+            self._read[name] = np.ascontiguousarray(self._rows[:, self._places[name]])
+        return self._read[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._places)
+
+    def __len__(self) -> int:
+        return len(self._places)
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._places
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return dict, (dict(self),)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -34,10 +63,17 @@ class Run(Result):
     """
 
     name: str
-    time: np.ndarray
     signals: Mapping[str, np.ndarray]
     sample_time: float
+    samples: int
     first: int = 0
+
+    @cached_property
+    def time(self) -> np.ndarray:
+        """t = kT of every row, s."""
+        time = np.arange(self.first, self.first + self.samples, dtype=np.float64)
+        time *= self.sample_time
+        return time
 
     def __getitem__(self, signal: str) -> np.ndarray:
         if signal not in self.signals:
@@ -59,7 +95,7 @@ class Run(Result):
                 rows.append(
                     [name.replace("_", " "), unit, f"{_rms(values):.4g}", f"{np.max(np.abs(values), initial=0.0):.4g}"]
                 )
-        title = f"{self.name}: {self.time.size} samples, {self.time.size * self.sample_time:.4g} s"
+        title = f"{self.name}: {self.samples} samples, {self.samples * self.sample_time:.4g} s"
         return Table(title, ["signal", "unit", "RMS", "peak"], rows)
 
 
@@ -120,9 +156,11 @@ def known(system: System, record: Sequence[str], arithmetic: str) -> list[str]:
     """The names of signals as a list. Raises ParameterError for a signal or an arithmetic that is not known."""
     if arithmetic not in ARITHMETIC:
         raise ParameterError(f"arithmetic = {arithmetic!r} must be one of {', '.join(ARITHMETIC)}")
-    there = everywhere(system, Signals._fields)
+    ports = system.ports()
     for signal in record:
-        if signal not in there:
+        port, dot, name = signal.rpartition(".")
+        if name not in UNITS or f"{port}{dot}" not in ports:
+            there = everywhere(system, Signals._fields)
             raise ParameterError(f"there is no signal '{signal}'; there are {', '.join(there)}")
     return list(record)
 
@@ -272,7 +310,7 @@ def stream(
     count = sample_count(work, duration)
     if chunk is None:
         chunk = count
-        work.sampled(0, count)
+        work.sample(0, count)
     limit = _bound(work, bound, count)
     prepared = Prepared(loop, work.first(), start, seed, limit)
     if prepared.lanes() > 1:
@@ -290,6 +328,4 @@ def stream(
         size = min(chunk, count - first)
         rows = course.advance(made, work, states, first, size)
         _check_inside(states[left, 0], limit, work.T)
-        time = np.arange(first, first + size, dtype=np.float64)
-        time *= work.T
-        yield Run(name, time, dict(zip(record, rows, strict=True)), work.T, first)
+        yield Run(name, Recorded(record, rows), work.T, size, first)

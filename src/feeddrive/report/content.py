@@ -72,7 +72,7 @@ class Entry:
         """The run without the samples that do not count: what the pictures show."""
         skip = 0 if self.replay is None else self.replay.skipped
         signals = {name: values[skip:] for name, values in self.run.signals.items()}
-        return replace(self.run, time=self.run.time[skip:], signals=signals, first=self.run.first + skip)
+        return replace(self.run, signals=signals, samples=self.run.samples - skip, first=self.run.first + skip)
 
     def rms(self, signal: str) -> float:
         """RMS of the samples that count, SI."""

@@ -11,6 +11,7 @@ from feeddrive.blocks.reference.boxcars import limited_profile
 from feeddrive.blocks.reference.derivatives import Derivatives
 from feeddrive.blocks.reference.move import Move
 from feeddrive.blocks.reference.profile import Profile
+from feeddrive.blocks.reference.stretch import Stretch, rest
 
 
 class LimitedMove(Move, ABC):
@@ -39,3 +40,12 @@ class LimitedMove(Move, ABC):
             rest = np.zeros_like(t)
             return rest, rest, rest, rest, rest
         return self.profile.at(t)
+
+    def stretches(self) -> tuple[Stretch, ...]:
+        """The rests and the pieces of every leg."""
+        found = [rest(0.0, self.start)]
+        for way, last in self.ways():
+            if self.profile is not None:
+                found += [Stretch(way, piece) for piece in self.profile.pieces]
+            found.append(rest(way.ends(), last))
+        return tuple(found)

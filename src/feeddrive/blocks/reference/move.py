@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Iterator
 
 import numpy as np
 
 from feeddrive.blocks.families import Reference
 from feeddrive.blocks.reference.derivatives import Derivatives
+from feeddrive.blocks.reference.stretch import Way
 from feeddrive.blocks.sampled import check_duration, check_single
 from feeddrive.blocks.signals import Setpoint
 from feeddrive.language.block import Number, choice, parameter
@@ -55,21 +57,23 @@ class Move(Reference, ABC):
         """Setpoints at times t in s."""
         times = np.asarray(t, dtype=np.float64)
         out = [np.full(times.shape, self.start), *(np.zeros(times.shape) for _ in range(4))]
-        sign = float(np.sign(self.distance))
-        ways = [(self.dwell_before, sign, self.start, self.start + self.distance)]
-        if self.back:
-            ways.append((self._home_at(), -sign, self.start + self.distance, self.start))
-        for begins, sense, first, last in ways:
-            ends = begins + self.leg_time
-            moving = np.flatnonzero((times >= begins) & (times < ends))
+        for way, last in self.ways():
+            moving = np.flatnonzero((times >= way.begins) & (times < way.ends()))
             if moving.size:
                 run = slice(moving[0], moving[-1] + 1)  # times that rise are one stretch, and quicker than an index
                 chosen = run if run.stop - run.start == moving.size else moving
-                travel = self.leg(np.clip(times[chosen] - begins, 0.0, self.leg_time))
-                for row, values, base in zip(out, travel, (first, 0.0, 0.0, 0.0, 0.0), strict=True):
-                    row[chosen] = base + sense * values
-            out[0][times >= ends] = last
+                travel = self.leg(way.inside(times[chosen]))  # type: ignore[arg-type]
+                for row, values in zip(out, way.placed(travel), strict=True):
+                    row[chosen] = values
+            out[0][times >= way.ends()] = last
         return Setpoint(*out)  # type: ignore[arg-type]
+
+    def ways(self) -> Iterator[tuple[Way, float]]:
+        """The legs there and home, and the position (m) at which each ends."""
+        sense, far = float(np.sign(self.distance)), self.start + self.distance
+        yield Way(self.dwell_before, self.leg_time, self.start, sense), far
+        if self.back:
+            yield Way(self._home_at(), self.leg_time, far, -sense), self.start
 
     def _home_at(self) -> float:
         """When the way back starts, s."""

@@ -11,6 +11,7 @@ from itertools import pairwise
 import numpy as np
 
 from feeddrive.blocks.reference.derivatives import Derivatives
+from feeddrive.blocks.reference.stretch import Piece, moved
 from feeddrive.blocks.sampled import check_duration
 from feeddrive.language.errors import StructureError
 
@@ -35,7 +36,7 @@ class Profile:
     distance: float
     lengths: tuple[float, ...]
 
-    @property
+    @cached_property
     def duration(self) -> float:
         """The sum of all lengths, s."""
         return math.fsum(self.lengths)
@@ -84,17 +85,20 @@ class Profile:
         """Position, velocity, acceleration, jerk and snap at the start of each piece, shape (5, pieces)."""
         return self._pieces[2]
 
+    @cached_property
+    def pieces(self) -> tuple[Piece, ...]:
+        """The pieces in their order."""
+        return tuple(Piece(*row) for row in np.vstack(self._pieces).T.tolist())
+
     def at(self, t: np.ndarray) -> Derivatives:
         """Position and derivatives at times t in 0 .. duration, each integrated from the start of its piece."""
-        starts, spans, states = self._pieces
         order = None if t.size < 2 or bool(np.all(t[1:] >= t[:-1])) else np.argsort(t, kind="stable")
         rising = t if order is None else t[order]
-        bounds = [*np.searchsorted(rising, starts).tolist(), t.size]  # piece by piece: no gathered coefficients
+        bounds = [*np.searchsorted(rising, self.starts).tolist(), t.size]  # piece by piece: no gathered coefficients
         out = np.empty((5, t.size))
-        for piece, (low, high) in enumerate(pairwise(bounds)):
+        for piece, (low, high) in zip(self.pieces, pairwise(bounds), strict=True):
             if low < high:
-                span = np.clip(rising[low:high] - starts[piece], 0.0, spans[piece])
-                for row, values in zip(out, _moved(states[:, piece], span), strict=True):
+                for row, values in zip(out, piece.at(rising[low:high]), strict=True):  # type: ignore[arg-type]
                     row[low:high] = values
         if order is not None:
             out[:, order] = out.copy()
@@ -107,7 +111,7 @@ class Profile:
         """
         check_duration(kind, self.duration)
         _, spans, states = self._pieces
-        ends = np.stack(_moved(states, spans))
+        ends = np.stack(moved(states, spans))
         after = np.zeros((5, spans.size))
         after[:, :-1], after[0, -1] = states[:, 1:], self.distance
         order = len(self.lengths)
@@ -127,15 +131,3 @@ def _advance(state: np.ndarray, span: float) -> float:
     for order in range(state.size - 1, -1, -1):
         total = span / (order + 1) * (state[order] + total)
     return total
-
-
-def _moved(state: np.ndarray, span: np.ndarray) -> Derivatives:
-    """Taylor to snap from states (5, n) over spans (n,)."""
-    x, v, a, j, s = state
-    return (
-        x + span * (v + span / 2.0 * (a + span / 3.0 * (j + span / 4.0 * s))),
-        v + span * (a + span / 2.0 * (j + span / 3.0 * s)),
-        a + span * (j + span / 2.0 * s),
-        j + span * s,
-        s,
-    )

@@ -24,7 +24,8 @@ from feeddrive.loop.engine.plan import Plan
 # How LLVM orders instructions for few registers: from both ends of a block, which is 2 to 10 % faster here than from
 # its end.  The option is one of the whole process; no program depends on it.  LLVM 20, 21 and 22 know it.
 _ORDER = "-misched-prera-direction=bidirectional"
-_SIGNATURE = ctypes.CFUNCTYPE(None, ctypes.c_int64, ctypes.c_int64, *[ctypes.c_void_p] * 5)
+_SIGNATURE = ctypes.CFUNCTYPE(None, *[ctypes.c_int64] * 2, *[ctypes.c_void_p] * 5, *[ctypes.c_int64] * 2)
+_NUMBER = 8  # bytes
 _engines: Recent[tuple[Any, int]] = Recent(512)  # a `Native` keeps its own engine alive
 _lock = Lock()
 
@@ -32,9 +33,10 @@ _lock = Lock()
 class Native:
     """A compiled plan. It owns the machine code."""
 
-    def __init__(self, plan: Plan, source: str) -> None:
+    def __init__(self, plan: Plan, source: str, *, quick: bool = False) -> None:
+        """`quick` as in `native`."""
         self.plan = plan
-        self.key, self._engine, address = _machine_code(source)
+        self.key, self._engine, address = _machine_code(source, 0 if quick else 2)
         self._call = _SIGNATURE(address)
 
     def run(
@@ -49,23 +51,26 @@ class Native:
     ) -> None:
         """`count` samples from sample `first` on; `states` goes in and comes out, `outputs` is filled.
 
-        constants (n, lanes), inputs (count, n), states (n, lanes), outputs (count, n, lanes): float64, C order.
+        constants (n, lanes), inputs (count, n), states (n, lanes), outputs (count, n, lanes): float64, C order, but the
+        inputs may have any strides.
         """
         rows = (ctypes.c_void_p * max(1, len(tables)))(*[row.ctypes.data for row in tables])
-        self._call(
-            count,
-            first,
-            constants.ctypes.data,
-            inputs.ctypes.data,
-            states.ctypes.data,
-            0 if outputs is None else outputs.ctypes.data,
-            ctypes.addressof(rows),
-        )
+        written = 0 if outputs is None else outputs.ctypes.data
+        memory = constants.ctypes.data, inputs.ctypes.data, states.ctypes.data, written, ctypes.addressof(rows)
+        self.run_at(count, first, memory, inputs.strides)
+
+    def run_at(self, count: int, first: int, memory: Sequence[int], strides: Sequence[int]) -> None:
+        """The same with the addresses of constants, inputs, states, outputs and tables; strides of inputs in bytes."""
+        self._call(count, first, *memory, *[stride // _NUMBER for stride in strides])
 
 
-def native(plan: Plan) -> Native:
-    """The machine code of a plan."""
-    return Native(plan, time_loop.text(plan, "feeddrive_run", target()[0]))
+def native(plan: Plan, *, flush: bool = True, quick: bool = False) -> Native:
+    """The machine code of a plan.
+
+    flush  whether numbers below the normal ones count as zero; plain Python has them
+    quick  compile in a third of the time, to slower code: for what runs once
+    """
+    return Native(plan, time_loop.text(plan, "feeddrive_run", target()[0], flush=flush), quick=quick)
 
 
 @lru_cache(maxsize=1)
@@ -79,17 +84,18 @@ def target() -> tuple[str, str, str]:
     return binding.get_process_triple(), binding.get_host_cpu_name(), binding.get_host_cpu_features().flatten()
 
 
-def _machine_code(source: str) -> tuple[str, Any, int]:
+def _machine_code(source: str, effort: int) -> tuple[str, Any, int]:
     """The key of the code, the engine that holds it, and the address of the function."""
     import llvmlite
     import llvmlite.binding as binding
 
     triple, processor, features = target()
-    key = hashlib.sha256("\n".join([llvmlite.__version__, processor, features, _ORDER, source]).encode()).hexdigest()
+    parts = [llvmlite.__version__, processor, features, _ORDER, str(effort), source]
+    key = hashlib.sha256("\n".join(parts).encode()).hexdigest()
 
     def compiled() -> tuple[Any, int]:
         machine = binding.Target.from_triple(triple).create_target_machine(
-            cpu=processor, features=features, opt=2, jit=True
+            cpu=processor, features=features, opt=effort, jit=True
         )
         module = binding.parse_assembly(source if _stored(key) is None else _stub(source))
         engine = binding.create_mcjit_compiler(module, machine)
@@ -104,7 +110,7 @@ def _machine_code(source: str) -> tuple[str, Any, int]:
 def _stub(source: str) -> str:
     """The module without its body: enough when the code comes from the disk."""
     triple = source.split("\n", 1)[0]
-    arguments = "i64, i64, ptr, ptr, ptr, ptr, ptr"
+    arguments = "i64, i64, ptr, ptr, ptr, ptr, ptr, i64, i64"
     return f"{triple}\ndefine void @feeddrive_run({arguments}) {{\n  ret void\n}}\n"
 
 

@@ -1,9 +1,12 @@
 """A plan as an LLVM module: the whole time loop as one function.
 
-    void name(i64 count, i64 first, double *constants, double *inputs, double *states, double *outputs, double **tables)
+    void name(i64 count, i64 first, double *constants, double *inputs, double *states, double *outputs, double **tables,
+              i64 row, i64 column)
 
-Memory: constants, and states with the cells of rings behind them, [number][lane], inputs [sample][number] (the same for
-all lanes), outputs [sample][number][lane].  What does not change from sample to sample is computed before the loop.
+Memory: constants, and states with the cells of rings behind them, [number][lane], inputs the same for all lanes,
+outputs [sample][number][lane].  It is `row` numbers from sample to sample of the inputs and `column` from number to
+number, so that each input may be a row of its own; outputs as rows of their own made the loop 8 % slower.  What does
+not change from sample to sample is computed before the loop.
 """
 
 from __future__ import annotations
@@ -14,19 +17,20 @@ from feeddrive.loop.engine.plan import Plan
 
 _ARGUMENTS = (
     "i64 %count, i64 %first, ptr noalias readonly %constants, ptr noalias readonly %inputs, "
-    "ptr noalias %states, ptr noalias %outputs, ptr noalias readonly %tables"
+    "ptr noalias %states, ptr noalias %outputs, ptr noalias readonly %tables, "
+    "i64 %row, i64 %column"
 )
 # Vectors as wide as the processor has them, and a stack on which none of them straddles two cache lines.
 _ATTRIBUTES = 'nounwind alignstack=64 "min-legal-vector-width"="512" "prefer-vector-width"="512"'
 
 
-def text(plan: Plan, name: str, target: str) -> str:
-    """The module of a plan. `target` is a triple; on x86 and aarch64 numbers below the normal ones become 0."""
+def text(plan: Plan, name: str, target: str, *, flush: bool = True) -> str:
+    """The module of a plan for a target triple; `flush`: on x86 and aarch64 numbers below the normal ones become 0."""
     writer = _TimeLoop(plan)
     entry = writer.entry()
     body = writer.body()
     done = writer.done()
-    declare, flush, restore = _flush(target)
+    declare, set_mode, restore = _flush(target) if flush else ([], [], [])
     return "\n".join(
         [
             f'target triple = "{target}"',
@@ -34,7 +38,7 @@ def text(plan: Plan, name: str, target: str) -> str:
             *intrinsics(plan),
             f"define void @{name}({_ARGUMENTS}) #0 {{",
             "begin:",
-            *flush,
+            *set_mode,
             "  br label %entry",
             "entry:",
             *entry,
@@ -72,6 +76,7 @@ class _TimeLoop:
         self.begins: dict[str, str] = {}  # value of each state before the loop
         self.ends: dict[str, str] = {}  # its value at the end of a sample
         self.joins: list[str] = []  # its value at the start of a sample, as phis
+        self.inputs: dict[int, str] = {}  # where each input that is read begins, by node
         self.last = ""  # the block in which a sample ends
 
     def entry(self) -> list[str]:
@@ -85,6 +90,10 @@ class _TimeLoop:
         for _, node, length in plan.rings:
             printer.names[node] = printer.emit(f"getelementptr double, ptr %states, i64 {first * plan.lanes}")
             first += length
+        for i, (_, node) in enumerate(plan.inputs):
+            if node in self.needed:
+                offset = printer.emit(f"mul i64 {i}, %column")
+                self.inputs[node] = printer.emit(f"getelementptr double, ptr %inputs, i64 {offset}")
         for i, (_, node) in enumerate(plan.constants):
             if node in self.needed:
                 printer.names[node] = printer.load("%constants", i, printer.varies(node))
@@ -113,12 +122,10 @@ class _TimeLoop:
         if plan.sample is not None and plan.sample in self.needed:
             count = printer.emit("add i64 %first, %k")
             printer.names[plan.sample] = printer.emit(f"sitofp i64 {count} to double")
-        row = printer.emit(f"mul i64 %k, {len(plan.inputs)}")
-        for i, (_, node) in enumerate(plan.inputs):
-            if node in self.needed:
-                place = printer.emit(f"add i64 {row}, {i}")
-                at = printer.emit(f"getelementptr double, ptr %inputs, i64 {place}")
-                printer.names[node] = printer.emit(f"load double, ptr {at}, align 8")
+        row = printer.emit("mul i64 %k, %row")
+        for node, begin in self.inputs.items():
+            at = printer.emit(f"getelementptr double, ptr {begin}, i64 {row}")
+            printer.names[node] = printer.emit(f"load double, ptr {at}, align 8")
         for index in plan.order:
             if plan.kinds.moving[index] and index not in printer.aside:
                 printer.node(index)

@@ -149,7 +149,7 @@ def run(case: Case, *, cut: bool = True, dry: bool = True) -> dict[str, Run]:
         machine(case, dry=dry), legs(case.reference, case.leg), load=loads, start=dict.fromkeys(AXES, (0.0, 0.0))
     )
     return {
-        axis: Run(f"{axis}, {case.name}", found.time, {name: found[f"{axis}.{name}"] for name in Signals._fields}, T)
+        axis: Run(f"{axis}, {case.name}", {name: found[f"{axis}.{name}"] for name in Signals._fields}, T, found.samples)
         for axis in AXES
     }
 

@@ -1,0 +1,215 @@
+"""The sampled inputs of a run: setpoints, load force, enable and added force."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from functools import cache, lru_cache
+from itertools import pairwise
+from typing import Any, cast
+
+import numpy as np
+
+from feeddrive.blocks.families import Load, Reference
+from feeddrive.blocks.reference.stretch import Piece, Stretch, Way, rest
+from feeddrive.blocks.signals import Setpoint
+from feeddrive.language import tree
+from feeddrive.language.block import Number
+from feeddrive.language.errors import ParameterError
+from feeddrive.language.graph import Graph
+from feeddrive.language.recent import Recent
+from feeddrive.loop.beginning import System, key
+from feeddrive.loop.engine.native import Native, native
+from feeddrive.loop.engine.plan import plan
+from feeddrive.loop.loop import SETPOINT, Loop
+from feeddrive.loop.trace import Program
+
+_KEPT = 200_000  # samples of a reference that are kept at most, for the next run along it
+_references: Recent[Path] = Recent(8)
+_SHORT = 1000  # samples; fewer are left to numpy
+# Samples of stretches that numpy computes before machine code is made: it costs about as much as so many of them.
+_PAYS_AFTER = 100_000
+_sampled_by_numpy = [0]
+
+
+class Path:
+    """Sampled setpoints, shape (5, samples), not to be written."""
+
+    def __init__(self, rows: np.ndarray) -> None:
+        self.rows = rows
+        self._travels: dict[int, float] = {}
+
+    def travel(self, most: int) -> float:
+        """The travel in m, seen at up to `most` samples."""
+        if most not in self._travels:
+            self._travels[most] = travel(self.rows[0, _spread(self.rows.shape[1], most)])
+        return self._travels[most]
+
+
+class Work:
+    """The sampled inputs of a run: setpoints, load force, enable, added force, for any range of samples.
+
+    Of a machine each is a mapping from axes to what they are given; an axis that is not there has no such force.
+    """
+
+    def __init__(
+        self,
+        system: System,
+        reference: Reference | Mapping[str, Reference],
+        load: Load | Mapping[str, Load] | None = None,
+        enable: np.ndarray | Mapping[str, np.ndarray] | None = None,
+        added_force: Load | Mapping[str, Load] | None = None,
+    ) -> None:
+        self.T = float(system.sample_time)
+        self._single = isinstance(system, Loop)
+        self._ports = dict(zip(system.loops(), system.ports(), strict=True))
+        given = [self._by_axis(each, what) for each, what in (
+            (reference, "reference"), (load, "load"), (enable, "enable"), (added_force, "added_force"))]  # fmt: skip
+        self.reference, self.load, self.enable, self.added_force = given
+        missing = [axis for axis in self._ports if axis not in self.reference]
+        if missing:
+            raise ParameterError(f"reference: axis {', '.join(missing)} has none; one that stands is a move by 0 m")
+        self._first, self._count = 0, 0
+        self._paths: dict[str, Path] = {}  # by axis
+        self._forces: dict[str, np.ndarray] = {}  # by the name of the input
+
+    def _by_axis(self, given: Any, what: str) -> dict[str, Any]:
+        if self._single:
+            return {} if given is None else dict.fromkeys(self._ports, given)
+        if given is not None and not isinstance(given, Mapping):
+            raise ParameterError(f"{what}: a machine takes one for each axis, by name: {', '.join(self._ports)}")
+        unknown = [axis for axis in given or {} if axis not in self._ports]
+        if unknown:
+            raise ParameterError(
+                f"{what}: the machine has no axis {', '.join(unknown)}; it has {', '.join(self._ports)}"
+            )
+        return dict(given or {})
+
+    @property
+    def duration(self) -> float:
+        """Of the longest reference, s."""
+        return max(each.duration for each in self.reference.values())
+
+    def first(self) -> Any:
+        """The setpoint at t = 0, as numbers; of a machine by axis."""
+        if self._first != 0 or self._count == 0:
+            self.sample(0, 1)
+        found = {axis: Setpoint(*path.rows[:, 0]) for axis, path in self._paths.items()}
+        return next(iter(found.values())) if self._single else found
+
+    def travel(self, count: int, most: int) -> float:
+        """The longest travel of an axis in m, seen at up to `most` samples, spread over the first `count`."""
+        if self._first == 0 and self._count == count:
+            return max(path.travel(most) for path in self._paths.values())
+        return max(travel(each.at(_spread(count, most) * self.T).position) for each in self.reference.values())
+
+    def sample(self, first: int, count: int) -> slice:
+        """Sample a stretch, unless the last one holds it, and say where it is in that one."""
+        start = first - self._first
+        if start < 0 or start + count > self._count:
+            t = cache(lambda: (first + np.arange(count)) * self.T)
+            self._paths = {axis: self._along(self.reference[axis], t, first, count) for axis in self._ports}
+            self._forces = {f"{port}{name}": np.broadcast_to(forces[axis].at(t()), count)
+                            for axis, port in self._ports.items()
+                            for name, forces in (("load_force", self.load), ("added_force", self.added_force))
+                            if axis in forces}  # fmt: skip
+            self._first, self._count, start = first, count, 0
+        return slice(start, start + count)
+
+    def sampled(self, first: int, count: int) -> dict[str, Any]:
+        """Setpoints, load and added forces (0 N without one) of some samples by name; the last stretch is kept."""
+        held, found = self.sample(first, count), {}
+        for axis, port in self._ports.items():
+            found |= {f"{port}{name}": row[held] for name, row in zip(SETPOINT, self._paths[axis].rows, strict=True)}
+            for name in (f"{port}load_force", f"{port}added_force"):
+                found[name] = self._forces[name][held] if name in self._forces else np.broadcast_to(0.0, count)
+        return found
+
+    def _along(self, reference: Reference, t: Callable[[], np.ndarray], first: int, count: int) -> Path:
+        """The setpoints of a reference; those of a whole run are kept: the next one often follows the same path."""
+        found = key(reference) if first == 0 and 1 < count <= _KEPT else None
+        if found is None:
+            return self._fresh(reference, t, first, count)
+        return _references.get((found, count, self.T), lambda: self._fresh(reference, t, first, count))
+
+    def _fresh(self, reference: Reference, t: Callable[[], np.ndarray], first: int, count: int) -> Path:
+        """The setpoints of a reference, sampled."""
+        stretches = reference.stretches() if count >= _SHORT else ()
+        if stretches and _sampled_by_numpy[0] > _PAYS_AFTER:
+            out = _by_stretches(stretches, self.T, first, count)
+        else:
+            _sampled_by_numpy[0] += count if stretches else 0
+            out = np.empty((len(SETPOINT), count))
+            for row, values in zip(out, reference.at(t()), strict=True):
+                row[:] = values
+        out.flags.writeable = False
+        return Path(out)
+
+    def inputs(self, made: Native, first: int, count: int) -> np.ndarray:
+        """Samples first .. first + count - 1 in the order of the machine code, shape (count, n); not to be written."""
+        names = tuple(name for name, _ in made.plan.inputs)
+        begin = SETPOINT.index(names[0]) if self._single and names and names[0] in SETPOINT else 0
+        if self._single and names == SETPOINT[begin : begin + len(names)]:
+            stretch = self.sample(first, count)
+            (path,) = self._paths.values()
+            return path.rows[begin : begin + len(names), stretch].T
+        rows = self.sampled(first, count)
+        for axis, enable in self.enable.items():  # the last value holds on
+            rows[f"{self._ports[axis]}enable"] = enable[np.minimum(first + np.arange(count), len(enable) - 1)]
+        out = np.empty((len(names), count))
+        for row, name in zip(out, names, strict=True):
+            row[:] = rows.get(name, 0.0)
+        out.flags.writeable = False
+        return out.T
+
+
+def _by_stretches(stretches: Sequence[Stretch], T: float, first: int, count: int) -> np.ndarray:
+    """The setpoints of samples first .. first + count - 1 by machine code, the same bits as by numpy."""
+    made, out = _sampler(), np.empty((count, len(SETPOINT)))
+    rows = np.array([(*way, *piece, T) for way, piece in stretches])
+    way, piece = len(Way._fields), len(Way._fields) + len(Piece._fields)
+    columns = rows.T[:, :, None]
+    # a division that is rounded tells the first sample of a stretch to one sample
+    near = np.ceil((rows[:, 0] + rows[:, way]) / T)
+    held = Stretch(Way(*columns[:way]), Piece(*columns[way:piece])).holds((near[:, None] + (-1.0, 0.0, 1.0)) * T)
+    begins = np.clip(near + 2.0 - np.sum(held, axis=1) - first, 0.0, count).astype(np.int64)
+    begins[0] = 0
+    constants, outputs = rows.ctypes.data, out.ctypes.data
+    for place, (low, high) in enumerate(pairwise([*begins.tolist(), count])):
+        if low < high and stretches[place].way.lasts == 0.0:
+            out[low:high].fill(0.0)
+            out[low:high, 0].fill(stretches[place].way.first)
+        elif low < high:
+            memory = constants + place * rows.strides[0], 0, 0, outputs + low * out.strides[0], 0
+            made.run_at(high - low, first + low, memory, (0, 0))
+    return out.T
+
+
+@lru_cache(maxsize=1)
+def _sampler() -> Native:
+    """The setpoints of one stretch; its numbers and the sample time are constants."""
+    graph = Graph()
+    leaves = [name for name, _ in tree.leaves(rest(0.0, 0.0))]
+    stretch = tree.rebuild(rest(0.0, 0.0), (graph.input(name) for name in leaves))
+    sample, T = graph.input("sample"), graph.input("sample_time")
+    setpoint = stretch.at(cast(Number, sample * T))
+    program = Program(
+        graph=graph,
+        constants={name: graph.input(name).index for name in (*leaves, "sample_time")},
+        inputs={},
+        states=(),
+        outputs={name: graph.symbol(value).index for name, value in zip(SETPOINT, setpoint, strict=True)},
+        sample=sample.index,
+        tables={},
+    )
+    return native(plan(program), flush=False)
+
+
+def travel(positions: Any) -> float:
+    """From the least to the largest position."""
+    return float(np.ptp(positions))
+
+
+@lru_cache(maxsize=64)
+def _spread(count: int, most: int) -> np.ndarray:
+    """Up to `most` of the first `count` samples, the first and the last among them."""
+    return np.unique(np.linspace(0, count - 1, most).astype(np.int64))
