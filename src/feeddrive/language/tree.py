@@ -12,7 +12,6 @@ import re
 from collections.abc import Iterator, Mapping
 from difflib import get_close_matches
 from functools import cache
-from operator import attrgetter
 from typing import Any, TypeVar, cast
 
 import numpy as np
@@ -354,21 +353,12 @@ class Shape(tuple[Any, ...]):
 _shapes: Recent[Shape] = Recent(256)
 
 
-@cache
-def _shaping(block: type[Block]) -> tuple[Any, tuple[str, ...]]:
-    """What gets the fields of a block that `_shape` looks at, and their roles."""
-    held = [(name, role) for name, role in _fields(block) if role != "label"]
-    names = [name for name, _ in held]
-    return (attrgetter(*names) if len(names) > 1 else lambda tree: [getattr(tree, name) for name in names],
-            tuple(role for _, role in held))  # fmt: skip
-
-
 def _shape(tree: Any, found: list[Any]) -> Any:
     """The structure of a tree; its leaves and tables go to the end of a list."""
     if isinstance(tree, Block):
         shape: list[Any] = [type(tree)]
-        values, roles = _shaping(type(tree))
-        for value, role in zip(values(tree), roles, strict=True):
+        for name, role in _fields(type(tree)):
+            value = getattr(tree, name)
             if role == "parameter":
                 shape.append(value is None)
                 if value is not None:
@@ -377,7 +367,7 @@ def _shape(tree: Any, found: list[Any]) -> Any:
                 shape.append(True if value is None else _shape(value, found))
             elif role == "choice":
                 shape.append(value)
-            else:
+            elif role == "table":
                 shape.append(None if value is None else len(value))
                 if value is not None:
                     found.append(value)
