@@ -1,15 +1,13 @@
 """The families of blocks: their abstract interfaces, which every block of a family implements.
 
-A block is final: it implements the abstract methods and overrides no method that has a body, except the empty hooks
-`prepare`, `start` of forces and feedforward, `modes`, `start` and `step` of couplings, `retune`, `period`, `check`,
-`rules`, `sampled_rules`, `substep_rules`, `fed`, `lag`, `settled`, `suits`, `fits`, `begin`, `goes_beside` and
-`stretches`.  Its `step` is a pure function from the old state to the new one.
+A block is final: it implements the abstract methods and overrides no method with a body but the empty hooks `prepare`,
+`start` of forces and feedforward, `modes`, `start` and `step` of couplings, `retune`, `period`, `check`, `rules`,
+`sampled_rules`, `substep_rules`, `fed`, `lag`, `settled`, `suits`, `fits`, `begin`, `goes_beside` and `stretches`.
 
     prepare(T)   numbers that depend on parameters only, computed once per run; returns a named tuple
     start(...)   the steady state of a block at rest
-    step(...)    one sample
-    retune(...)  the state after a parameter change during a run: forces and estimates stay continuous, so that the
-                 command changes only by the effect of the new gains; with the same parameters no bit changes
+    step(...)    one sample: a pure function from the old state to the new one
+    retune(...)  the state after a live change: forces and estimates stay continuous; equal parameters change no bit
     begin(axis)  start values of its parameters for the tuning on an axis
 """
 
@@ -157,8 +155,7 @@ class Law(Block, ABC):
     feeds    which parts of the set motion the law itself feeds forward (`FEEDS`): no other block may feed them too
     rejects  whether the law itself subtracts the estimate of an observer
     encoders 2 if the law needs the motor's and the load's position as two measurements
-    tunables its parameters to be tuned, positive, in the order of tuning by hand; an observer inside lists its own
-             ones.  Empty: all parameters > 0 that have no default
+    tunables parameters to tune, in the order of hand tuning, without an observer's; empty: all > 0 that have no default
     title    its name in a comparison; empty: its kind
     """
 
