@@ -20,7 +20,7 @@ from typing import Any, ClassVar, NamedTuple, Self
 import numpy as np
 
 from feeddrive.blocks.axis_model import AxisModel, begun
-from feeddrive.blocks.reference.stretch import Stretch
+from feeddrive.blocks.reference.stretches import Stretch
 from feeddrive.blocks.signals import Estimate, Motion, Noise, Reading, Setpoint
 from feeddrive.language import matrix
 from feeddrive.language.block import Block, Number, Rule

@@ -10,7 +10,7 @@ from typing import Any, cast
 import numpy as np
 
 from feeddrive.blocks.families import Load, Reference
-from feeddrive.blocks.reference.stretch import Piece, Stretch, Way, rest
+from feeddrive.blocks.reference.stretches import Piece, Stretch, Way, rest
 from feeddrive.blocks.signals import Setpoint
 from feeddrive.language import tree
 from feeddrive.language.block import Number

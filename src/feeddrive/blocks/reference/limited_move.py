@@ -11,7 +11,7 @@ from feeddrive.blocks.reference.boxcars import limited_profile
 from feeddrive.blocks.reference.derivatives import Derivatives
 from feeddrive.blocks.reference.move import Move
 from feeddrive.blocks.reference.profile import Profile
-from feeddrive.blocks.reference.stretch import Stretch, rest
+from feeddrive.blocks.reference.stretches import Stretch, rest
 
 
 class LimitedMove(Move, ABC):

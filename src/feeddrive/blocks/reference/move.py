@@ -9,7 +9,7 @@ import numpy as np
 
 from feeddrive.blocks.families import Reference
 from feeddrive.blocks.reference.derivatives import Derivatives
-from feeddrive.blocks.reference.stretch import Way
+from feeddrive.blocks.reference.stretches import Way
 from feeddrive.blocks.sampled import check_duration, check_single
 from feeddrive.blocks.signals import Setpoint
 from feeddrive.language.block import Number, choice, parameter

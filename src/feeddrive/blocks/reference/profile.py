@@ -11,7 +11,7 @@ from itertools import pairwise
 import numpy as np
 
 from feeddrive.blocks.reference.derivatives import Derivatives
-from feeddrive.blocks.reference.stretch import Piece, moved
+from feeddrive.blocks.reference.stretches import Piece, moved
 from feeddrive.blocks.sampled import check_duration
 from feeddrive.language.errors import StructureError
 
