@@ -37,7 +37,9 @@ class Axis(Block):
     substeps: int = choice("substeps of the exact hold in a sample", default=1, least=1, most=256)
 
     class State(NamedTuple):
-        """Positions (m) and velocities (m/s) of the coordinates, drive force (N) if it lags, and what remembers."""
+        """Positions (m) and velocities (m/s) of the coordinates, drive force (N) if it lags, and states of friction,
+        forces and encoders.
+        """
 
         position: tuple[Number, ...]
         velocity: tuple[Number, ...]
@@ -50,7 +52,7 @@ class Axis(Block):
         forces: tuple[Any, ...]
 
     class Step(NamedTuple):
-        """What one sample of the axis leaves behind, for the record: forces in N over the last substep."""
+        """The forces in N over the last substep of a sample, for the record."""
 
         friction_motor: Number
         friction_load: Number

@@ -32,7 +32,7 @@ def changed_loops(loop: System, changes: Changes | None, count: int) -> list[tup
     the first sample at or after it.  Values by name change the control that is active then.
 
     Raises ParameterError for a sample or time outside the run or named twice, a name outside the control, a value out
-    of its bounds, and StructureError for a change that is more than one of numbers.
+    of its bounds, and StructureError for a change of the structure.
     """
     placed: dict[int, Control | Mapping[str, float]] = {}
     for key, change in (changes or {}).items():
@@ -98,7 +98,7 @@ def _changed(loop: System, change: Any) -> System:
 
 
 class Course:
-    """A run that is simulated on and on, and changes its control where it has to."""
+    """A run that is continued in pieces and changes its control at given samples."""
 
     def __init__(self, prepared: Prepared, later: list[tuple[int, Prepared]]) -> None:
         """`later` holds the sample from which on each of the changed loops runs, in order."""

@@ -69,7 +69,9 @@ def plus(x: Any, column: Any, force: Any) -> Any:
 
 
 def share_mass(mechanics: Mechanics) -> bool:
-    """Whether a force on the motor's body moves the load's at once: by a full mass matrix, or in a modal model."""
+    """Whether a force on the motor's body accelerates the load's body directly: by a full mass matrix, or in a modal
+    model.
+    """
     n = len(mechanics.mass)
     full = any(not matrix.is_zero(mechanics.mass[i][j]) for i in range(n) for j in range(n) if i != j)
     motor, load = mechanics.shape[mechanics.motor], mechanics.shape[mechanics.load]
@@ -81,7 +83,7 @@ def _stop(row: Row, stuck: Any, end: list[Any], position: Row, velocity: Row, h:
 
     Its last coordinate with the share 1 cancels all others; it must be the last for the sum row · q' to be exactly 0.
     The body ends where a constant deceleration to rest takes it, x + v h/2, and thus stays where it is if it stood
-    before; the friction force, a mean over the substep, would let it creep while a spring on it is wound up.  Where two
+    before; the friction force, a mean over the substep, would let it creep while a spring on it is loaded.  Where two
     bodies share a coordinate, as in a modal model, the second is exact and the first is at rest up to rounding.
     """
     own = max((i for i, share in enumerate(row) if matrix.is_one(share)), default=None)

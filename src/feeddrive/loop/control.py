@@ -25,11 +25,13 @@ class Control(Block):
 
     law: Law = part("the feedback law")
     prefilter: Prefilter | None = part("changes the setpoint first", default=None)
-    compensation: tuple[Compensation, ...] = part("what acts on estimates: rejection, structural modes", default=())
+    compensation: tuple[Compensation, ...] = part(
+        "compensation by estimates: disturbance rejection, structural modes", default=()
+    )
     filters: tuple[Filter, ...] = part("filter pack on the feedback force", default=())
     feedforward: tuple[Feedforward, ...] = part("forces added behind the filters", default=())
     force_limit: Number | None = parameter("N", "largest commanded force; absent for no limit", above=0, default=None)
-    guard: Guard | None = part("enable, trips and readings that are none", default=None)
+    guard: Guard | None = part("enable, trips and broken readings", default=None)
 
     class Prepared(NamedTuple):
         """What the parts prepared."""
@@ -40,7 +42,7 @@ class Control(Block):
         guard: Any
 
     class Memory(NamedTuple):
-        """What a reset brings back to where the axis is."""
+        """The part of the state that a reset sets to the present position."""
 
         prefilter: Any
         compensation: tuple[Any, ...]
@@ -95,7 +97,7 @@ class Control(Block):
                 fed[name] = block.kind
 
     def prepare(self, T: Number) -> Prepared:
-        """Of every part."""
+        """The prepared numbers of every part."""
         return self.Prepared(
             self.law.prepare(T),
             tuple(part.prepare(T) for part in self.compensation),
@@ -163,7 +165,7 @@ class Control(Block):
         differs = tree.difference(old, self, place)
         if differs is not None:
             raise StructureError(
-                f"{differs}: a live change takes other numbers only; to change the structure, begin a new run"
+                f"{differs}: a live change may change numbers only; to change the structure, begin a new run"
             )
 
     def retune(self, state: State, old: Control, old_prepared: Prepared, prepared: Prepared) -> State:

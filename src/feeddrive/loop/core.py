@@ -26,7 +26,7 @@ class Shared(NamedTuple):
 
 
 class Acting(NamedTuple):
-    """What acts on an axis over a sample: the command before and after its handover, and a held force on the load."""
+    """The forces on an axis over a sample: the command before and after its handover, and a held force on the load."""
 
     new: Number  # N
     old: Number | None  # N; None without a part of a sample of dead time
@@ -70,7 +70,7 @@ class Core:
         return hold(joint, ports, T, self.substeps())
 
     def substeps(self) -> int:
-        """Of every axis: they are the same."""
+        """Number of substeps, the same for every axis."""
         return next(iter(self.axes.values())).substeps
 
     def mechanics(self) -> Mechanics:

@@ -24,28 +24,28 @@ COMMAND_LIMIT = 1e18  # N, before the limit: a law that asks for more has overfl
 
 
 class Guard(Block):
-    """Cuts the force in the very sample in which a bound is broken, and keeps it cut until the loop was disabled.
+    """Switches to the safe force in the sample in which a bound is violated, and keeps it until the loop has been
+    disabled.
 
     A reading that is NaN or beyond `reading_limit` is broken, and so is a setpoint with a NaN or infinite number in it.
-    For at most `hold_samples` in a row the last command is held, and law and observers see an axis that goes on: the
-    last good reading plus the motion of the sample before, the setpoint likewise.  Then the loop trips.  It trips at
-    once on a following error, a velocity or a position beyond its bound, on a command that is no number, and when it is
+    For at most `hold_samples` in a row the last command is held.  Law and observers then see an extrapolated reading:
+    the last good one plus the motion of the sample before; the setpoint likewise.  After that the loop trips.  It trips
+    at once on a following error, a velocity or a position beyond its bound, on a command that is NaN, and when it is
     enabled on a broken reading.
 
-    A trip is latched; taking `enable` away clears it, giving it again resets the law, its filters and observers to
-    where the axis is.  An `enable` that is NaN counts as taken away.
+    A trip is latched.  Switching `enable` off clears it; switching it on again resets the law, its filters and
+    observers to the present position.  An `enable` that is NaN counts as off.
     A loop that does not run, tripped or disabled, commands the `safe_force`.  It is 0 on a level axis; on a hanging
-    one it is the force that carries the weight, so that the axis hangs still while the brake closes and after it was
-    opened: a law takes over from the force that acts.
+    one it is the force that carries the weight, so that the axis stays at rest while the brake closes and after it has
+    opened: a law starts from the acting force.
     When two encoders are read, the motor's is aligned to the load's at enable, so that their offset cannot act.
-    An axis that moves at enable is taken over as it moves: law and observers start from the readings of one sample
-    before, and observers from the velocity, which is smoothed over some 32 samples while the loop does not run.
+    If the axis moves at enable, law and observers start in motion: from the readings of one sample before, and
+    observers also from the velocity, which is smoothed over about 32 samples while the loop does not run.
 
         velocity T = travel(k) = travel(k-1) + (x(k) - x(k-1) - travel(k-1)) / 32
 
-    All that hangs on a condition asks first whether this sample is as `usual`: good numbers, enabled, running.  A
-    compiler makes one branch of all these questions, so that nearly every sample is short, and the others are a third
-    longer.
+    Every conditional operation first tests `usual`: good numbers, enabled, running.  A compiler makes one branch of all
+    these tests, so that nearly every sample is short; the others take a third longer.
     """
 
     following_error_limit: Number | None = parameter(
@@ -56,7 +56,7 @@ class Guard(Block):
     )
     travel_least: Number | None = parameter("m", "lower end of the travel; absent for none", default=None)
     travel_most: Number | None = parameter("m", "upper end of the travel; absent for none", default=None)
-    reading_limit: Number = parameter("m", "a reading beyond it is taken as broken", above=0, default=1000.0)
+    reading_limit: Number = parameter("m", "a reading beyond it counts as broken", above=0, default=1000.0)
     hold_samples: Number = parameter(
         "", "broken readings or setpoints in a row over which the last command is held", least=0, most=1e6, default=1.0
     )
@@ -71,7 +71,7 @@ class Guard(Block):
         fastest: tuple[Number, ...]
 
     class State(NamedTuple):
-        """What the guard remembers of the sample before.
+        """What the guard stores from the sample before.
 
         mode          1 + broken samples in a row while the loop runs, 0 disabled, -code tripped
         position      last readings of motor and load, m; where one was broken, where the axis went on to
@@ -88,7 +88,7 @@ class Guard(Block):
         set_position: Number
 
     class Verdict(NamedTuple):
-        """What the law may see, and whether its command counts.
+        """The setpoint and reading given to the law, and whether its command is used.
 
         usual         the loop runs on, nothing is broken or beyond its bound: a truth value, as are the next two
         ran, good     the loop ran in the last sample; readings and setpoint are whole
@@ -131,7 +131,7 @@ class Guard(Block):
         return self.Prepared(T, () if self.velocity_limit is None else (self.velocity_limit * T,))
 
     def sound(self, setpoint: Setpoint, motor: Number, load: Number) -> tuple[Setpoint, Number, Number]:
-        """What to start from: a broken reading is 0 there, a broken setpoint is where the axis stands."""
+        """Reading and setpoint for a start: a broken reading counts as 0, a broken setpoint as the present position."""
         one = motor is load
         load = ops.where(ops.absolute(load) <= self.reading_limit, load, 0.0)
         motor = load if one else ops.where(ops.absolute(motor) <= self.reading_limit, motor, 0.0)
@@ -208,13 +208,13 @@ class Guard(Block):
             yield TRIP_TRAVEL, load > self.travel_most
 
     def live(self, verdict: Verdict, memory: Memory, fresh: Memory) -> Memory:
-        """The memory that the law goes on with: a fresh one if the loop did not run."""
+        """The state with which the law continues: a new one if the loop did not run."""
         return cases((verdict.usual, memory), (verdict.ran, memory), otherwise=fresh)
 
     def command(
         self, after: State, verdict: Verdict, last: Number, applied: Number, requested: Number
     ) -> tuple[State, Outcome]:
-        """Behind the law, whose command of the last sample was `last` in N: the force, and the last kind of trip."""
+        """After the law, whose command of the last sample was `last` in N: the force, and the last kind of trip."""
         sound = ops.absolute(requested) <= COMMAND_LIMIT
         usual = ops.both(verdict.usual, sound)
         mode = cases((usual, 1.0), (ops.both(after.mode > 0.5, ops.no(sound)), -TRIP_COMMAND), otherwise=after.mode)

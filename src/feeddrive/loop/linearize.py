@@ -138,7 +138,7 @@ def linearize(
     A law that repeats itself only after n samples gives the model from period to period: sample time nT, inputs held
     over a period, outputs at its first sample.
     The quantizers count as straight lines; guard and limits of the force are left out: inside them they do nothing.
-    What blends in after the start counts as there.
+    A part that blends in after the start counts as fully active.
     Raises ParameterError for a name that is not known, an input that is named twice, and parameters with which the
     model overflows.
     """

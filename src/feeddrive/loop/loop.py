@@ -45,7 +45,7 @@ class Signals(NamedTuple):
 class Probe(NamedTuple):
     """Points at which a loop can be opened or excited for analysis; absent ones cost no operations."""
 
-    cut: Annotated[Number | None, Unit("N")] = None  # what the axis obeys in place of the command: the loop is open
+    cut: Annotated[Number | None, Unit("N")] = None  # replaces the command of the control: the loop is open
     added_force: Annotated[Number | None, Unit("N")] = None  # added to the command between control and axis
     reading_motor: Annotated[Number | None, Unit("m")] = None  # added to the reading of the motor's encoder
     reading_load: Annotated[Number | None, Unit("m")] = None  # added to the reading of the load's encoder
@@ -56,7 +56,7 @@ class Probe(NamedTuple):
         return motor, load if self.reading_load is None else load + self.reading_load
 
     def acting(self, command: Number) -> Number:
-        """What the axis obeys."""
+        """The command that reaches the axis."""
         acting = command if self.cut is None else self.cut
         return acting if self.added_force is None else acting + self.added_force
 
@@ -66,7 +66,7 @@ SETPOINT = tuple(f"set_{name}" for name in Setpoint._fields)
 
 
 def quantity(signal: str) -> str:
-    """What a signal is, without the axis of a machine: `x.force` is a `force`."""
+    """The name of a signal without the axis of a machine: `force` for `x.force`."""
     return signal.rpartition(".")[2]
 
 
@@ -100,7 +100,9 @@ class Loop(Block):
         return {"axis": own, "control": f"{own}.control"}.get(field, field)
 
     def require(self) -> None:
-        """As every block; control and axis do not know the axis' name, so their errors get it here."""
+        """The check of every block; control and axis do not know the name of their axis, so it is put into their errors
+        here.
+        """
         try:
             super().require()
         except (ParameterError, StructureError) as error:
@@ -144,7 +146,7 @@ class Loop(Block):
     def started(
         self, prepared: Control.Prepared, timing: Timing, setpoint: Setpoint, position: Number, velocity: Number
     ) -> State:
-        """The same from what the control prepared."""
+        """The same from the prepared numbers."""
         axis = self.axis.start(position, velocity, timing)
         motor, load = self.axis.still(position - velocity * self.sample_time)
         return self.State(self.control.start(prepared, setpoint, motor, load, velocity), axis)
@@ -175,7 +177,7 @@ class Loop(Block):
         return ("",)
 
     def loops(self) -> dict[str, Loop]:
-        """Itself by the name of its axis."""
+        """The loop itself by the name of its axis."""
         return {self.name: self}
 
     def sample(

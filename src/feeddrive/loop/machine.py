@@ -77,14 +77,14 @@ class Machine(Block):
         return dict(zip(self.axis._fields, self.axis, strict=True))
 
     def loop(self, name: str) -> Loop:
-        """One axis alone, without couplings. Raises ParameterError for a name that is not there."""
+        """One axis alone, without couplings. Raises ParameterError for a name that does not exist."""
         axes = self.axes()
         if name not in axes:
             raise ParameterError(f"the machine has no axis '{name}'; it has {', '.join(axes)}")
         return Loop(control=axes[name].control, axis=axes[name].axis, sample_time=self.sample_time, name=name)
 
     def loops(self) -> dict[str, Loop]:
-        """Each axis alone."""
+        """The loop of each axis alone."""
         return {name: self.loop(name) for name in self.axes()}
 
     def with_loops(self, loops: Mapping[str, Loop]) -> Machine:

@@ -143,7 +143,7 @@ def simulate(
 
     Raises DivergedError with the sample at which |tracking error| left `bound` or became NaN, ParameterError for a
     signal or an arithmetic that is not known and for a change with a bad place, name or value, and StructureError for a
-    change of more than numbers.
+    change of the structure.
     """
     whole = stream(
         loop, reference, load=load, added_force=added_force, enable=enable, changes=changes, duration=duration,
