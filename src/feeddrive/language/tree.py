@@ -137,17 +137,15 @@ def parameters(tree: Any) -> dict[str, Any]:
 def path_of(tree: Any, name: str) -> str:
     """The path of the leaf or part with a name by fields: `control.law.Kv` of a loop -> `axis.x.control.law.Kv`."""
     first, dot, rest = name.partition(".")
-    if not isinstance(tree, Block) or first not in declarations(type(tree)):
-        return name
-    return f"{tree.place_of(first)}{dot}{rest}"
+    known = isinstance(tree, Block) and first in declarations(type(tree))
+    return f"{tree.place_of(first)}{dot}{rest}" if known else name
 
 
 def in_paths(block: Block, text: str) -> str:
     """A sentence that names parts by fields, with their paths: `control.law.Kp / control.law.Tn`."""
     fields = [field for field in declarations(type(block)) if block.place_of(field) != field]
-    if not fields:
-        return text
-    return re.sub(rf"(?<![\w.])({'|'.join(fields)})(?=\.\w)", lambda found: block.place_of(found[1]), text)
+    found = rf"(?<![\w.])({'|'.join(fields)})(?=\.\w)"
+    return re.sub(found, lambda part: block.place_of(part[1]), text) if fields else text
 
 
 def name_of(block: Any, path: str) -> str:
@@ -162,9 +160,7 @@ def _placed(tree: Any, path: str, name: str) -> Iterator[tuple[str, str, Any]]:
     """Path, name by fields, and value of every leaf."""
     if isinstance(tree, (Block, tuple)):
         for field, child in _children(tree):
-            place = tree.place_of(field) if isinstance(tree, Block) else field
-            below = _path(tree, path, field) if place == field else f"{path}.{place}" if path else place
-            yield from _placed(child, below, _path(tree, name, field))
+            yield from _placed(child, _place(tree, path, field), _path(tree, name, field))
     elif tree is not None:
         yield path, name, tree
 
@@ -201,15 +197,13 @@ def _holder(owner: Any, name: str) -> Any:
 
 
 def _step(owner: Any, name: str) -> Any:
-    if isinstance(owner, tuple) and not hasattr(owner, "_fields"):
-        return owner[int(name)]
-    return getattr(_holder(owner, name), name)
+    plain = isinstance(owner, tuple) and not hasattr(owner, "_fields")
+    return owner[int(name)] if plain else getattr(_holder(owner, name), name)
 
 
 def get(block: Block, path: str) -> Any:
     """The value of the leaf with a path. Raises ParameterError for a path that is not there."""
-    owner, last = _owner(block, path)
-    return getattr(owner, last)
+    return getattr(*_owner(block, path))
 
 
 def vary(block: Tree, changes: Mapping[str, Any]) -> Tree:
@@ -249,17 +243,19 @@ def _parts(tree: Any, path: str) -> Iterator[tuple[str, Block]]:
     """Path and block of every block of a tree, outermost first."""
     if isinstance(tree, Block):
         yield path, tree
-    if isinstance(tree, (Block, tuple)):
-        for field, child in _children(tree):
-            place = tree.place_of(field) if isinstance(tree, Block) else field
-            below = _path(tree, path, field) if place == field else f"{path}.{place}" if path else place
-            yield from _parts(child, below)
+    for field, child in _children(tree) if isinstance(tree, (Block, tuple)) else ():
+        yield from _parts(child, _place(tree, path, field))
+
+
+def _place(tree: Any, path: str, field: str) -> str:
+    """The path of a child of a tree with a path."""
+    place = tree.place_of(field) if isinstance(tree, Block) else field
+    return _path(tree, path, field) if place == field else f"{path}.{place}" if path else place
 
 
 def sampled_rules(tree: Any, T: Number) -> Iterator[Rule]:
     """The rules of every block of a tree at a sample time in s, outermost first."""
-    for block in blocks(tree):
-        yield from block.sampled_rules(T)
+    return (rule for block in blocks(tree) for rule in block.sampled_rules(T))
 
 
 def check_sampled(block: Block, sample_time: float) -> None:
@@ -269,11 +265,7 @@ def check_sampled(block: Block, sample_time: float) -> None:
 
 def blocks(tree: Any) -> Iterator[Block]:
     """Every block of a tree, outermost first."""
-    if isinstance(tree, Block):
-        yield tree
-    if isinstance(tree, (Block, tuple)):
-        for _, child in _children(tree):
-            yield from blocks(child)
+    return (part for _, part in _parts(tree, ""))
 
 
 def tables(tree: Any, prefix: str = "") -> Iterator[tuple[str, np.ndarray]]:
