@@ -1,4 +1,4 @@
-"""A small, strict machine for Structured Text: blark reads it, Python runs it.
+"""A small, strict machine for Structured Text: `structured_text_grammar` reads it, Python runs it.
 
 Stricter than a PLC: a name that is not declared, declared twice or written in another case, a number of the wrong type,
 a mixture of reals and integers, a plain literal that a short real would round, a variable that is read before it was
@@ -8,20 +8,30 @@ Reals are IEEE 754 numbers, every operation rounded by itself.  With `flush`, nu
 
 from __future__ import annotations
 
-import re
 from typing import Any
 
-from blark import transform as ast
-from blark.parse import parse_source_code
+from structured_text_grammar import (
+    Assignment,
+    Binary,
+    Block,
+    BlockCall,
+    Choice,
+    Counting,
+    FunctionCall,
+    IllegalTextError,
+    Literal,
+    Place,
+    Repetition,
+    Structure,
+    Unary,
+    parse,
+)
 from structured_text_values import (
     INTEGERS,
     REALS,
-    IllegalTextError,
     Struct,
     checked_name,
     divide,
-    elements,
-    entry,
     flushed,
     initial,
     real,
@@ -30,69 +40,54 @@ from structured_text_values import (
     short_flushed,
     to_integer,
     truncated,
-)  # fmt: skip
+)
 
 ARITHMETIC = {"+": "add", "-": "sub", "*": "mul", "/": "div"}
 COMPARISONS = {"<": "<", "<=": "<=", ">": ">", ">=": ">=", "=": "==", "<>": "!="}
 
 
 def program(text: str, flush: bool = True) -> Program:
-    """Read a source text.
-
-    blark takes hours for a long row of first values: rows are taken out, and read by `entry`.
-    """
-    rows: list[list[str]] = []
-
-    def taken_out(found: re.Match[str]) -> str:
-        rows.append(re.split(r",\s+", found[1]))
-        return f":= [{len(rows) - 1}.0];"
-
-    text = re.sub(r":= \[([^\[\]]+)\];", taken_out, text)
-    return Program(parse_source_code(text).transform(), flush, rows)
+    """Read a source text."""
+    return Program(parse(text), flush)
 
 
 class Program:
     """All types, functions and function blocks of a source text."""
 
-    def __init__(self, source: Any, flush: bool, rows: list[list[str]]) -> None:
-        self.rows = rows
+    def __init__(self, source: tuple[Structure | Block, ...], flush: bool) -> None:
         self.structs: dict[str, dict[str, tuple[Any, Any]]] = {}
         self.functions: dict[str, tuple[Any, list[tuple[str, Any]], str]] = {}
         self.blocks: dict[str, Unit] = {}
         self.flush = flush
         self.names: set[str] = set()
-        for item in source.items:
-            match item:
-                case ast.DataTypeDeclaration():
-                    self._struct(item.declaration)
-                case ast.Function():
-                    unit = Unit(self, item, str(item.return_type.type.type))
-                    self.claim(str(item.name))
-                    given = [(name, unit.types[name]) for name in unit.inputs]
-                    self.functions[str(item.name)] = (unit.compiled(), given, unit.result)  # known to those behind it
-                case ast.FunctionBlock() | ast.Program():
-                    self.claim(str(item.name))
-                    self.blocks[str(item.name)] = Unit(self, item, "")
-                case _:
-                    raise IllegalTextError(f"{type(item).__name__} is not known")
+        for item in source:
+            self.claim(item.name)
+            if isinstance(item, Structure):
+                self._struct(item)
+            elif item.result:
+                unit = Unit(self, item)
+                given = [(name, unit.types[name]) for name in unit.inputs]
+                self.functions[item.name] = (unit.compiled(), given, unit.result)  # known to those behind it
+            else:
+                self.blocks[item.name] = Unit(self, item)
 
     def claim(self, name: str) -> None:
         """A name of the outermost level."""
         checked_name(name, self.names)
 
-    def _struct(self, declaration: Any) -> None:
-        if not isinstance(declaration, ast.StructureTypeDeclaration):
-            raise IllegalTextError(f"{type(declaration).__name__} is not known")
-        self.claim(str(declaration.name))
+    def _struct(self, declared: Structure) -> None:
         taken: set[str] = set()
         found: dict[str, tuple[Any, Any]] = {}
-        for element in declaration.declarations:
-            for variable in element.variables:
-                name = str(variable.variable.name)
-                checked_name(name, taken)
-                kind = str(element.init.spec.type)
-                found[name] = (kind, initial(kind, element.init.value))
-        self.structs[str(declaration.name)] = found
+        for field in declared.fields:
+            checked_name(field.name, taken)
+            found[field.name] = (self.known(field.kind), initial(field.kind, field.value))
+        self.structs[declared.name] = found
+
+    def known(self, kind: Any) -> Any:
+        """A type that stands before its use."""
+        if kind not in {*REALS, *INTEGERS, "BOOL", *self.structs, *self.blocks}:
+            raise IllegalTextError(f"{kind} is no type")
+        return kind
 
     def value(self, kind: Any, given: Any) -> Any:
         """The first value of a variable; None for a number that was given none: reading it raises."""
@@ -106,62 +101,37 @@ class Program:
 class Unit:
     """A function or a function block, compiled to Python."""
 
-    def __init__(self, owner: Program, item: Any, result: str) -> None:
-        self.owner, self.item, self.result = owner, item, result
-        self.name = str(item.name)
+    def __init__(self, owner: Program, item: Block) -> None:
+        self.owner, self.name, self.result = owner, item.name, item.result
         self.types: dict[str, Any] = {}
         self.first: dict[str, Any] = {}
         self.inputs: list[str] = []
         self.outputs: list[str] = []
         self.constants: set[str] = set()
         taken: set[str] = set()
-        for block in item.declarations:
-            self._declare(block, taken)
-        if result:
+        for section, variables in item.sections:
+            for variable in variables:
+                checked_name(variable.name, taken)
+                self.types[variable.name], self.first[variable.name] = self._type(variable.kind, variable.value)
+            names = [variable.name for variable in variables]
+            self.inputs += names if section == "VAR_INPUT" else []
+            self.outputs += names if section == "VAR_OUTPUT" else []
+            self.constants |= set(names) if section == "VAR CONSTANT" else set()
+        if self.result:
             checked_name(self.name, taken)
-            self.types[self.name] = result
-        lines = self.statements(item.body, "    ") if item.body is not None else ["    pass"]
-        self.python = "\n".join([f"def body(s):  # {self.name}", *lines])
+            self.types[self.name] = owner.known(self.result)
+        self.python = "\n".join([f"def body(s):  # {self.name}", *self.statements(item.statements, "    ")])
 
-    def _declare(self, block: Any, taken: set[str]) -> None:
-        where = type(block).__name__
-        if where not in (
-            "InputDeclarations", "OutputDeclarations", "VariableDeclarations", "FunctionVariableDeclarations"
-        ):  # fmt: skip
-            raise IllegalTextError(f"{where} is not known")
-        for item in block.items:
-            kind, value = self._type(item)
-            for variable in item.variables:
-                name = str(getattr(variable, "variable", variable).name)
-                checked_name(name, taken)
-                self.types[name] = kind
-                self.first[name] = value
-                if where == "InputDeclarations":
-                    self.inputs.append(name)
-                if where == "OutputDeclarations":
-                    self.outputs.append(name)
-                if block.attrs is not None and "constant" in str(block.attrs):
-                    self.constants.add(name)
-
-    def _type(self, item: Any) -> tuple[Any, Any]:
-        init = item.init
-        spec = init.spec
-        if isinstance(spec, ast.ArraySpecification):
-            (bounds,) = spec.subranges
-            low, high = int(bounds.start.value), int(bounds.stop.value)
-            kind = ("ARRAY", low, high, str(spec.type.type_name))
-            if init.value is None:
-                return kind, [0.0] * (high - low + 1)
-            (place,) = [int(float(each.value)) for each in elements(init.value)]
-            values = [entry(text, kind[3]) for text in self.owner.rows[place]]
-            if len(values) != high - low + 1:
-                raise IllegalTextError(f"{len(values)} numbers for an array of {high - low + 1}")
-            return kind, values
-        kind = str(spec.type)
-        known = {*REALS, *INTEGERS, "BOOL", *self.owner.structs, *self.owner.blocks}
-        if kind not in known:
-            raise IllegalTextError(f"{kind} is no type")
-        return kind, initial(kind, getattr(init, "value", None))
+    def _type(self, kind: Any, value: Any) -> tuple[Any, Any]:
+        if not isinstance(kind, tuple):
+            return self.owner.known(kind), initial(kind, value)
+        low, high, inner = kind
+        made = ("ARRAY", low, high, self.owner.known(inner))
+        if value is None:
+            return made, [0.0] * (high - low + 1)
+        if len(value) != high - low + 1:
+            raise IllegalTextError(f"{len(value)} numbers for an array of {high - low + 1}")
+        return made, [initial(inner, each) for each in value]
 
     def fresh(self) -> Struct:
         """All variables with their first values."""
@@ -200,55 +170,52 @@ class Unit:
         """A function block with a memory of its own."""
         return Instance(self)
 
-    def statements(self, block: Any, pad: str) -> list[str]:
-        found = [line for each in block.statements for line in self.statement(each, pad)]
+    def statements(self, statements: tuple[object, ...], pad: str) -> list[str]:
+        found = [line for each in statements for line in self.statement(each, pad)]
         return found or [f"{pad}pass"]
 
-    def statement(self, node: Any, pad: str) -> list[str]:
+    def statement(self, node: object, pad: str) -> list[str]:
+        inner = pad + "    "
         match node:
-            case ast.AssignmentStatement():
-                (target,) = node.variables
-                return [f"{pad}{self.assignment(target, node.expression)}"]
-            case ast.IfStatement():
-                lines = [f"{pad}if {self.truth(node.if_expression)}:", *self.statements(node.statements, pad + "    ")]
-                for clause in node.else_ifs:
-                    lines += [f"{pad}elif {self.truth(clause.if_expression)}:"]
-                    lines += self.statements(clause.statements, pad + "    ")
-                if node.else_clause is not None:
-                    lines += [f"{pad}else:", *self.statements(node.else_clause.statements, pad + "    ")]
+            case Assignment():
+                return [f"{pad}{self.assignment(node.place, node.value)}"]
+            case Choice():
+                lines: list[str] = []
+                for condition, statements in node.branches:
+                    lines.append(f"{pad}{'elif' if lines else 'if'} {self.truth(condition)}:")
+                    lines += self.statements(statements, inner)
+                if node.otherwise is not None:
+                    lines += [f"{pad}else:", *self.statements(node.otherwise, inner)]
                 return lines
-            case ast.WhileStatement():
-                return [f"{pad}while {self.truth(node.expression)}:", *self.statements(node.statements, pad + "    ")]
-            case ast.ForStatement():
-                name = str(node.control.name)
-                if self.types.get(name) not in INTEGERS:
-                    raise IllegalTextError(f"{name} cannot count")
-                ends = [self.expression(each, "DINT")[0] for each in (node.from_, node.to)]
+            case Repetition():
+                return [f"{pad}while {self.truth(node.condition)}:", *self.statements(node.statements, inner)]
+            case Counting():
+                if self.types.get(node.name) not in INTEGERS:
+                    raise IllegalTextError(f"{node.name} cannot count")
+                ends = [self.expression(each, "DINT")[0] for each in (node.first, node.last)]
                 return [
-                    f"{pad}for s.{name} in range({ends[0]}, {ends[1]} + 1):",
-                    *self.statements(node.statements, pad + "    "),
+                    f"{pad}for s.{node.name} in range({ends[0]}, {ends[1]} + 1):",
+                    *self.statements(node.statements, inner),
                 ]
-            case ast.FunctionCallStatement():
+            case BlockCall():
                 return [f"{pad}{self.invocation(node)}"]
         raise IllegalTextError(f"{type(node).__name__} is not known")
 
-    def invocation(self, node: Any) -> str:
+    def invocation(self, node: BlockCall) -> str:
         """A call of an instance of a function block."""
-        name = str(node.name.name)
-        block = self.owner.blocks.get(self.types.get(name, ""))
+        block = self.owner.blocks.get(self.types.get(node.name, ""))
         if block is None:
-            raise IllegalTextError(f"{name} cannot be called")
+            raise IllegalTextError(f"{node.name} cannot be called")
         given: list[str] = []
-        for each in node.parameters:
-            wanted = str(each.name.name)
+        for wanted, value in node.inputs:
             if wanted not in block.inputs:
                 raise IllegalTextError(f"{block.name} has no input {wanted}")
-            text, kind = self.expression(each.value, block.types[wanted])
+            text, kind = self.expression(value, block.types[wanted])
             self.same(kind, block.types[wanted])
             given.append(f"{wanted}={text}")
-        return f"s.{name}.call({', '.join(given)})"
+        return f"s.{node.name}.call({', '.join(given)})"
 
-    def assignment(self, target: Any, value: Any) -> str:
+    def assignment(self, target: Place, value: object) -> str:
         text, kind = self.place(target)
         root_name = text.split(".")[1].split("[")[0]
         if root_name in self.inputs or root_name in self.constants:
@@ -262,70 +229,66 @@ class Unit:
         if found != wanted and not (found == "ANY_REAL" and wanted in REALS):
             raise IllegalTextError(f"{self.name}: {found} where {wanted} is needed")
 
-    def truth(self, node: Any) -> str:
+    def truth(self, node: object) -> str:
         text, kind = self.expression(node, "BOOL")
         self.same(kind, "BOOL")
         return text
 
-    def place(self, node: Any) -> tuple[str, Any]:
+    def place(self, node: Place) -> tuple[str, Any]:
         """A variable, a field of a structure or an element of an array."""
-        if isinstance(node, ast.SimpleVariable):
-            name = str(node.name)
-            if name not in self.types:
-                raise IllegalTextError(f"{self.name}: {name} is not declared")
-            return f"s.{name}", self.types[name]
-        if isinstance(node, ast.MultiElementVariable):
-            text, kind = self.place(node.name)
-            for element in node.elements:
-                text, kind = self._element(text, kind, element)
-            return text, kind
-        raise IllegalTextError(f"{type(node).__name__} is no variable")
+        if node.name not in self.types:
+            raise IllegalTextError(f"{self.name}: {node.name} is not declared")
+        text, kind = f"s.{node.name}", self.types[node.name]
+        for form, part in node.parts:
+            text, kind = self._field(text, kind, str(part)) if form == "field" else self._element(text, kind, part)
+        return text, kind
 
-    def _element(self, text: str, kind: Any, element: Any) -> tuple[str, Any]:
-        if isinstance(element, ast.FieldSelector):
-            name = str(element.field.name)
-            if kind in self.owner.blocks:
-                block = self.owner.blocks[kind]
-                if name not in (*block.inputs, *block.outputs):
-                    raise IllegalTextError(f"{kind} shows no {name}")
-                return f"{text}.s.{name}", block.types[name]
-            if kind not in self.owner.structs or name not in self.owner.structs[kind]:
-                raise IllegalTextError(f"{kind} has no {name}")
-            return f"{text}.{name}", self.owner.structs[kind][name][0]
-        if isinstance(element, ast.SubscriptList) and isinstance(kind, tuple):
-            (index,) = element.subscripts
-            place, found = self.expression(index, "DINT")
-            self.same(found, "DINT")
-            return f"{text}[{place} - {kind[1]}]", kind[3]
-        raise IllegalTextError(f"{kind} has no elements")
+    def _field(self, text: str, kind: Any, name: str) -> tuple[str, Any]:
+        if kind in self.owner.blocks:
+            block = self.owner.blocks[kind]
+            if name not in (*block.inputs, *block.outputs):
+                raise IllegalTextError(f"{kind} shows no {name}")
+            return f"{text}.s.{name}", block.types[name]
+        if kind not in self.owner.structs or name not in self.owner.structs[kind]:
+            raise IllegalTextError(f"{kind} has no {name}")
+        return f"{text}.{name}", self.owner.structs[kind][name][0]
 
-    def expression(self, node: Any, wanted: Any) -> tuple[str, Any]:
+    def _element(self, text: str, kind: Any, index: object) -> tuple[str, Any]:
+        if not isinstance(kind, tuple):
+            raise IllegalTextError(f"{kind} has no elements")
+        place, found = self.expression(index, "DINT")
+        self.same(found, "DINT")
+        return f"{text}[{place} - {kind[1]}]", kind[3]
+
+    def expression(self, node: object, wanted: Any) -> tuple[str, Any]:
         match node:
-            case ast.ParenthesizedExpression():
-                return self.expression(node.expr, wanted)
-            case ast.Real():
+            case Literal(form="real"):
                 value, kind = real(node)
                 return repr(value), kind
-            case ast.Integer():
-                return str(int(node.value)), str(node.type_name) if node.type_name else "DINT"
-            case ast.Boolean():
-                return ("True" if str(node.value).upper() == "TRUE" else "False"), "BOOL"
-            case ast.UnaryOperation():
-                text, kind = self.expression(node.expr, wanted)
-                if str(node.op).upper() == "NOT":
+            case Literal(form="integer"):
+                if node.kind not in (None, *INTEGERS):
+                    raise IllegalTextError(f"{node.kind}#{node.text} is no whole number")
+                return node.text, node.kind or "DINT"
+            case Literal():
+                return ("True" if node.text == "TRUE" else "False"), "BOOL"
+            case Unary():
+                text, kind = self.expression(node.value, wanted)
+                if node.op == "NOT":
                     self.same(kind, "BOOL")
                     return f"(not {text})", "BOOL"
-                if str(node.op) == "-" and (kind in (*REALS, *INTEGERS, "ANY_REAL")):
+                if kind in (*REALS, *INTEGERS, "ANY_REAL"):
                     return f"(-{text})", kind
                 raise IllegalTextError(f"{node.op} of {kind}")
-            case ast.BinaryOperation():
+            case Binary():
                 return self.binary(node, wanted)
-            case ast.FunctionCall():
+            case FunctionCall():
                 return self.call(node)
-        return self.place(node)
+            case Place():
+                return self.place(node)
+        raise IllegalTextError(f"{type(node).__name__} is not known")
 
-    def binary(self, node: Any, wanted: Any) -> tuple[str, Any]:
-        op = str(node.op).upper()
+    def binary(self, node: Binary, wanted: Any) -> tuple[str, Any]:
+        op = node.op
         left, a = self.expression(node.left, wanted)
         right, b = self.expression(node.right, wanted)
         if op in ("AND", "OR"):
@@ -350,9 +313,9 @@ class Unit:
             return f"{kind}_{ARITHMETIC[op]}({left}, {right})", kind
         raise IllegalTextError(f"{op} of {kind}")
 
-    def call(self, node: Any) -> tuple[str, Any]:
-        name = str(node.name.name)
-        values = [self.expression(each.value, None) for each in node.parameters]
+    def call(self, node: FunctionCall) -> tuple[str, Any]:
+        name = node.name
+        values = [self.expression(each, None) for each in node.arguments]
         if name in self.owner.functions:
             _, wanted, result = self.owner.functions[name]
             for (_, found), (_, each) in zip(values, wanted, strict=True):

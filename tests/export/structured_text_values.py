@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import math
-import re
 from typing import Any
 
 import numpy as np
-from blark import transform as ast
+from structured_text_grammar import IllegalTextError, Literal
 
 from feeddrive.export.identifiers import ST_WORDS
 
@@ -15,10 +14,6 @@ LEAST_NORMAL = 2.0**-1022
 LEAST_NORMAL_SHORT = 2.0**-126
 REALS = ("LREAL", "REAL")
 INTEGERS = ("INT", "DINT")
-
-
-class IllegalTextError(Exception):
-    """Text that a PLC would refuse, or that would mean something else on another one."""
 
 
 def divide(a: float, b: float) -> float:
@@ -67,62 +62,36 @@ def truncated(a: int, b: int) -> int:
 
 def checked_name(name: str, taken: set[str]) -> None:
     """A new name: no keyword, and not taken in any case."""
-    if name.upper() in ST_WORDS or "__" in name or name.endswith("_") or not name.isascii():
+    if name.upper() in ST_WORDS:
         raise IllegalTextError(f"{name} is no name")
     if name.upper() in taken:
         raise IllegalTextError(f"{name} is declared twice")
     taken.add(name.upper())
 
 
-def initial(kind: Any, value: Any) -> Any:
+def initial(kind: Any, value: Literal | None) -> Any:
     """The value of a constant that stands in a declaration."""
     if value is None:
         return None
-    if isinstance(value, ast.Boolean) and kind == "BOOL":
-        return str(value.value).upper() == "TRUE"
-    sign = 1.0
-    if isinstance(value, ast.UnaryOperation) and str(value.op) == "-":
-        sign, value = -1.0, value.expr
-    if isinstance(value, ast.Real) and kind in REALS:
-        return sign * real(value, kind)[0]
-    if isinstance(value, ast.Integer) and kind in INTEGERS:
-        return int(sign) * int(value.value)
-    raise IllegalTextError(f"{type(value).__name__} cannot be the first value of {kind}")
+    if value.form == "truth" and kind == "BOOL":
+        return value.text == "TRUE"
+    if value.form == "real" and kind in REALS:
+        return real(value, kind)[0]
+    if value.form == "integer" and kind in INTEGERS and value.kind in (None, kind):
+        return int(value.text)
+    raise IllegalTextError(f"{value.text} cannot be the first value of {kind}")
 
 
-def entry(text: str, kind: str) -> Any:
-    """One first value of a row."""
-    patterns = {"BOOL": r"TRUE|FALSE", "INT": r"-?\d+", "DINT": r"-?\d+"}
-    if not re.fullmatch(patterns.get(kind, r"-?\d+\.\d+(E-?\d+)?"), text):
-        raise IllegalTextError(f"{text} cannot be the first value of {kind}")
-    if kind == "BOOL":
-        return text == "TRUE"
-    return int(text) if kind in INTEGERS else short(float(text)) if kind == "REAL" else float(text)
-
-
-def elements(value: Any) -> list[Any]:
-    """The numbers of an array; blark nests those with a type in front."""
-    if isinstance(value, ast.ArrayInitialization):
-        return [each for inner in value.elements for each in elements(inner)]
-    if isinstance(value, ast.ArrayInitialElement):
-        return elements(value.element)
-    return [value]
-
-
-def real(node: Any, wanted: str | None = None) -> tuple[float, str]:
+def real(given: Literal, wanted: str | None = None) -> tuple[float, str]:
     """Value and type of a real literal."""
-    text = str(node.value)
-    value = float(text)
-    if "." not in text:
-        raise IllegalTextError(f"{text} is no real number: it has no point")
-    if node.type_name is None:
+    value = float(given.text)
+    if given.kind is None:
         if wanted is None and short(value) != value:
-            raise IllegalTextError(f"{text} needs its type in front: a short real rounds it")
+            raise IllegalTextError(f"{given.text} needs its type in front: a short real rounds it")
         return (short(value) if wanted == "REAL" else value), wanted or "ANY_REAL"
-    kind = str(node.type_name)
-    if wanted not in (None, kind):
-        raise IllegalTextError(f"{kind}#{text} where {wanted} is needed")
-    return (short(value) if kind == "REAL" else value), kind
+    if given.kind not in REALS or wanted not in (None, given.kind):
+        raise IllegalTextError(f"{given.kind}#{given.text} where {wanted} is needed")
+    return (short(value) if given.kind == "REAL" else value), given.kind
 
 
 class Struct:

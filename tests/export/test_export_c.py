@@ -272,9 +272,9 @@ int main(void)
     for (int i = 0; i < 8; i++) {
         bad = good;
         *places[i] = values[i];
-        refused += !axis_x_retune(&controller, &bad) && controller.configured;
-        refused += !axis_x_configure(&controller, &bad) && !controller.configured;
-        controller.configured = true; /* the only thing that a refused configure changes */
+        refused += !axis_x_retune(&controller, &bad) && controller.configured == AXIS_X_CONFIGURED;
+        refused += !axis_x_configure(&controller, &bad) && controller.configured != AXIS_X_CONFIGURED;
+        controller.configured = AXIS_X_CONFIGURED; /* the only thing that a refused configure changes */
     }
     printf("refused %d of 16, %s\\n", refused, memcmp(&before, &controller, sizeof before) ? "changed" : "unchanged");
     return 0;

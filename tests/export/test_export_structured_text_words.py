@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from structured_text_grammar import IllegalTextError
 from structured_text_machine import program
-from structured_text_values import IllegalTextError
 
 from feeddrive.export.identifiers import bare
 from feeddrive.export.structured_text.expressions import decimal, literal
@@ -67,7 +67,7 @@ def test_a_short_decimal_reads_back_to_the_same_bits(value: float) -> None:
 
 
 @pytest.mark.parametrize("value", SAMPLES)
-def test_blark_reads_the_same_number(value: float) -> None:
+def test_the_machine_reads_the_same_number(value: float) -> None:
     assert bits(constant(bare(literal(value)), "LREAL")) == bits(value)
 
 
@@ -141,7 +141,7 @@ def test_own_functions_have_the_bits_of_single_precision(name: str) -> None:
 
 def wrapped(body: str, declared: str = "") -> str:
     return (
-        "TYPE pair :\nSTRUCT\n    a : LREAL := 1.0;\nEND_STRUCT\nEND_TYPE\n"
+        "TYPE pair :\nSTRUCT\n    a : LREAL := 1.0;\nEND_STRUCT;\nEND_TYPE\n"
         f"FUNCTION_BLOCK fb\nVAR_INPUT\n    x : LREAL;\n    go : BOOL;\n    k : DINT;\nEND_VAR\n"
         f"VAR_OUTPUT\n    y : LREAL;\nEND_VAR\nVAR\n    both : pair;\n    w : LREAL;\n{declared}END_VAR\n{body}\n"
         "END_FUNCTION_BLOCK\n"
@@ -192,3 +192,41 @@ def test_the_machine_computes() -> None:
     instance = block.blocks["fb"].instance()
     assert instance.call(x=3.0, go=True, k=0).y == -2.0
     assert instance.call(x=1.0).y == -np.inf
+
+
+SOUND = wrapped("y := x;")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("END_STRUCT;", "END_STRUCT", "; is missing"),
+        ("y := x;", "y := x", "; is missing"),
+        ("y := x;", "IF go THEN y := x; END_IF", "; is missing"),
+        ("y := x;", "IF go THEN END_IF;", "a name is missing"),
+        ("y := x;", "", "a name is missing"),
+        ("y := x;", "y := 1.;", "; is missing"),
+        ("y := x;", "y := 1E5;", "is no number"),
+        ("y := x;", "y := x;;;", ""),
+        ("y := x;", "y = x;", ":= is missing"),
+        ("y := x;", "y := x; (* a (* b *) c *)", "comment within a comment"),
+        ("y := x;", "y := x; // so", "a name is missing"),
+        ("y := x;", "y := - - x;", "a name is missing"),
+        ("y := x;", "y := x \u00b7 x;", "is no symbol"),
+        ("k : DINT;", "k_ : DINT;", "a legal name"),
+        ("k : DINT;", "k__k : DINT;", "a legal name"),
+        ("a : LREAL := 1.0;", "", "a name is missing"),
+        ("END_VAR\nVAR_OUTPUT", "VAR_OUTPUT", "a name is missing"),
+        ("END_FUNCTION_BLOCK", "END_FUNCTION", "a name is missing"),
+    ],
+)
+def test_the_grammar_refuses(old: str, new: str, said: str) -> None:
+    """What some vendors take and the standard does not; blark, a grammar of TwinCAT's dialect, takes some of it."""
+    program(SOUND)
+    changed = SOUND.replace(old, new, 1)
+    assert changed != SOUND
+    if not said:
+        program(changed)
+        return
+    with pytest.raises(IllegalTextError, match=said):
+        program(changed)

@@ -151,3 +151,10 @@ def test_every_operation_of_a_graph_has_a_meaning_for_numbers():
         ]
         with np.errstate(all="ignore"):
             assert np.isfinite(float(apply(name, *values))), name
+
+
+def test_a_truth_value_that_numpy_computed_stays_one() -> None:
+    """`ops.no(True)` is a numpy bool: as a condition it once became the number 0.0, which no engine can print."""
+    graph = Graph()
+    chosen = ops.where(ops.no(True), graph.input("x"), 1.0)
+    assert graph.nodes[graph.nodes[chosen.index][1]] == ("truth", False)

@@ -52,5 +52,6 @@ def compiled(folder: Path, sources: Sequence[str], flags: Sequence[str], command
 def _run(words: Sequence[str], folder: Path) -> None:
     done = subprocess.run(words, cwd=folder, capture_output=True, text=True, check=False)
     if done.returncode != 0:
-        first = (done.stderr.strip() or "it says nothing").splitlines()[0]
+        said = (done.stderr.strip() or "it says nothing").splitlines()
+        first = next((line for line in said if "error" in line), said[0])
         raise FileError(f"the C compiler {words[0]} refuses: {first}")

@@ -16,6 +16,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any, NoReturn, TypeAlias
 
+import numpy as np
+
 from feeddrive.language.errors import StructureError
 
 # Operations on numbers by name, and how many arguments they take.  "select" takes a truth value first;
@@ -71,8 +73,8 @@ class Graph:
 
     def constant(self, value: float | bool) -> Symbol:
         """A number that stands in the law's text."""
-        if isinstance(value, bool):
-            return Symbol(self, self._store(("truth", value)))
+        if isinstance(value, bool | np.bool_):
+            return Symbol(self, self._store(("truth", bool(value))))
         number = float(value)
         if number != number:
             raise StructureError("a law holds the constant NaN: it was computed outside `ops`")

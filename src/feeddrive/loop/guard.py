@@ -135,9 +135,10 @@ class Guard(Block):
         one = motor is load
         load = ops.where(ops.absolute(load) <= self.reading_limit, load, 0.0)
         motor = load if one else ops.where(ops.absolute(motor) <= self.reading_limit, motor, 0.0)
-        good = _size(setpoint) <= SETPOINT_LIMIT
+        setpoint_size = _size(setpoint)
+        good_setpoint = setpoint_size <= SETPOINT_LIMIT
         rest = (load, *(ops.zero(load) for _ in setpoint[1:]))
-        return Setpoint(*(ops.where(good, x, y) for x, y in zip(setpoint, rest, strict=True))), motor, load
+        return Setpoint(*(ops.where(good_setpoint, x, y) for x, y in zip(setpoint, rest, strict=True))), motor, load
 
     def start(self, prepared: Prepared, setpoint: Setpoint, motor: Number, load: Number, velocity: Number) -> State:
         """Disabled, without a trip, at the readings of one sample before the first step."""
@@ -153,7 +154,8 @@ class Guard(Block):
         # written so that NaN, which compares as false, is bad
         good_load = ops.absolute(load) <= self.reading_limit
         good_motor = good_load if one else ops.absolute(motor) <= self.reading_limit
-        good_setpoint = _size(setpoint) <= SETPOINT_LIMIT
+        setpoint_size = _size(setpoint)
+        good_setpoint = setpoint_size <= SETPOINT_LIMIT
         good = ops.both(good_load if one else ops.both(good_motor, good_load), good_setpoint)
         usual = ops.both(ops.both(good, enabled), ran)
 
@@ -181,9 +183,7 @@ class Guard(Block):
             otherwise=0.0,
         )
         moved = load - state.position_load
-        for code, beyond in self._beyond(prepared, setpoint, load, moved):
-            mode = ops.where(ops.both(mode > 0.5, beyond), -code, mode)
-            usual = ops.both(usual, ops.no(beyond))
+        mode, usual = self._within_bounds(prepared, setpoint, load, moved, mode, usual)
         offset = state.offset
         if not one:
             offset = cases((usual, offset), (ran, offset), otherwise=motor - load)
@@ -194,18 +194,28 @@ class Guard(Block):
         after = self.State(mode, motor, load, offset, travel, setpoint.position)
         return after, self.Verdict(usual, ran, good, setpoint, aligned, load, before, state.position_load, velocity)
 
-    def _beyond(
-        self, prepared: Prepared, setpoint: Setpoint, load: Number, moved: Number
-    ) -> Iterator[tuple[float, object]]:
-        """Codes of the bounds that are given, and whether they are broken."""
+    def _within_bounds(
+        self, prepared: Prepared, setpoint: Setpoint, load: Number, moved: Number, mode: Number, usual: object
+    ) -> tuple[Number, object]:
+        """Mode and `usual` after the bounds that are given; each has a name of its own, which exported code has too."""
         if self.following_error_limit is not None:
-            yield TRIP_FOLLOWING_ERROR, ops.absolute(setpoint.position - load) > self.following_error_limit
+            following_error = setpoint.position - load
+            lags = ops.absolute(following_error) > self.following_error_limit
+            mode_at_lag, usual_at_lag = _tripped(TRIP_FOLLOWING_ERROR, lags, mode, usual)
+            mode, usual = mode_at_lag, usual_at_lag
         if prepared.fastest:
-            yield TRIP_VELOCITY, ops.absolute(moved) > prepared.fastest[0]
+            too_fast = ops.absolute(moved) > prepared.fastest[0]
+            mode_at_speed, usual_at_speed = _tripped(TRIP_VELOCITY, too_fast, mode, usual)
+            mode, usual = mode_at_speed, usual_at_speed
         if self.travel_least is not None:
-            yield TRIP_TRAVEL, load < self.travel_least
+            below = load < self.travel_least
+            mode_above_least, usual_above_least = _tripped(TRIP_TRAVEL, below, mode, usual)
+            mode, usual = mode_above_least, usual_above_least
         if self.travel_most is not None:
-            yield TRIP_TRAVEL, load > self.travel_most
+            above = load > self.travel_most
+            mode_below_most, usual_below_most = _tripped(TRIP_TRAVEL, above, mode, usual)
+            mode, usual = mode_below_most, usual_below_most
+        return mode, usual
 
     def live(self, verdict: Verdict, memory: Memory, fresh: Memory) -> Memory:
         """The state with which the law continues: a new one if the loop did not run."""
@@ -216,20 +226,27 @@ class Guard(Block):
     ) -> tuple[State, Outcome]:
         """After the law, whose command of the last sample was `last` in N: the force, and the last kind of trip."""
         sound = ops.absolute(requested) <= COMMAND_LIMIT
-        usual = ops.both(verdict.usual, sound)
-        mode = cases((usual, 1.0), (ops.both(after.mode > 0.5, ops.no(sound)), -TRIP_COMMAND), otherwise=after.mode)
-        runs = mode > 0.5
+        usual_command = ops.both(verdict.usual, sound)
+        next_mode = cases(
+            (usual_command, 1.0), (ops.both(after.mode > 0.5, ops.no(sound)), -TRIP_COMMAND), otherwise=after.mode
+        )
+        runs = next_mode > 0.5
         applied, requested = cases(
-            (usual, (applied, requested)),
+            (usual_command, (applied, requested)),
             (runs, cases((verdict.good, (applied, requested)), otherwise=(last, last))),
             otherwise=(self.safe_force, self.safe_force),
         )
-        trip = cases((usual, TRIP_NONE), (mode < 0.0, -mode), otherwise=TRIP_NONE)
-        running = cases((usual, 1.0), (runs, 1.0), otherwise=0.0)
-        return after._replace(mode=mode), self.Outcome(applied, requested, trip, running)
+        trip = cases((usual_command, TRIP_NONE), (next_mode < 0.0, -next_mode), otherwise=TRIP_NONE)
+        running = cases((usual_command, 1.0), (runs, 1.0), otherwise=0.0)
+        return after._replace(mode=next_mode), self.Outcome(applied, requested, trip, running)
+
+
+def _tripped(code: float, beyond: object, mode: Number, usual: object) -> tuple[Number, object]:
+    """Mode and `usual` of a loop that trips with a code if it runs beyond a bound."""
+    return ops.where(ops.both(mode > 0.5, beyond), -code, mode), ops.both(usual, ops.no(beyond))
 
 
 def _size(setpoint: Setpoint) -> Number:
     """The sum of the sizes: NaN or too large if one of the five numbers is."""
-    x, v, a, j, s = (ops.absolute(each) for each in setpoint)
-    return x + v + a + j + s
+    size_x, size_v, size_a, size_j, size_s = (ops.absolute(each) for each in setpoint)
+    return size_x + size_v + size_a + size_j + size_s

@@ -120,8 +120,31 @@ class Body:
 
 
 def wrapped(line: str) -> list[str]:
-    """A statement in lines of a readable length."""
-    return textwrap.wrap(line, _LINE, subsequent_indent="    ", break_long_words=False, break_on_hyphens=False)
+    """A statement in lines of a readable length; one that chooses among several has a line for each."""
+    if len(line) <= _LINE:
+        return [line]
+    head, assigned, value = line.partition(" = ")
+    pieces = _choices(value.removesuffix(";")) if assigned else []
+    if len(pieces) < 3:
+        return textwrap.wrap(line, _LINE, subsequent_indent="    ", break_long_words=False, break_on_hyphens=False)
+    rows = [f"{head} = {pieces[0]}", *(f"    : ({each}" for each in pieces[1:-1]), f"    : {pieces[-1]}"]
+    rows[-1] += ")" * (len(pieces) - 2) + ";"
+    fill = textwrap.TextWrapper(_LINE, subsequent_indent=" " * 8, break_long_words=False, break_on_hyphens=False)
+    return [text for row in rows for text in fill.wrap(row) or [row]]
+
+
+def _choices(text: str) -> list[str]:
+    """`a ? b : (c ? d : e)` -> `a ? b`, `c ? d`, `e`: what is asked one after the other."""
+    depth, asked = 0, False
+    for place, letter in enumerate(text):
+        depth += (letter == "(") - (letter == ")")
+        if depth == 0 and letter == "?":
+            asked = True
+        if depth == 0 and letter == ":" and asked:
+            rest = text[place + 2 :]
+            inner = _choices(rest[1:-1]) if rest.startswith("(") and bare(rest) == rest[1:-1] else [rest]
+            return [text[: place - 1], *(inner if len(inner) > 1 else [rest])]
+    return [text]
 
 
 _SAID = {

@@ -27,7 +27,10 @@ def header(layout: Layout, title: str, made_by: str) -> str:
         f"#ifndef {guard}", f"#define {guard}", "",
         "#include <stdbool.h>", "#include <stdint.h>", "",
         "#ifdef __cplusplus", 'extern "C" {', "#endif", "",
+        *_STRICT,
         f"#define {P.upper()}_SAMPLE_TIME {routine.sample_time!r} /* s, {routine.sample_time.hex()} */", "",
+        "/* What `configured` is once configure was not refused; memory that nobody filled holds another number. */",
+        f"#define {mark(P)} UINT32_C(0x00C500C5)", "",
         *_trips(layout),
         "/* Parameters; see configure and retune. */",
         *_struct(f"{P}_parameters", [("double", v.name, _meaning(v)) for v in routine.parameters]),
@@ -42,7 +45,7 @@ def header(layout: Layout, title: str, made_by: str) -> str:
         f"/* All of a {held}: plain data, which may be copied. */",
         "typedef struct {",
         f"    {P}_design design;", f"    {P}_state state;", f"    {P}_parameters parameters;",
-        "    bool configured; /* false before configure, and after one that was refused */",
+        f"    uint32_t configured; /* {mark(P)} after a configure that was not refused */",
         f"}} {P}_{held};", "",
         "/* The values of the machine file. */",
         f"void {P}_defaults({P}_parameters *parameters);", "",
@@ -70,6 +73,17 @@ def header(layout: Layout, title: str, made_by: str) -> str:
     return "\n".join(lines) + "\n"
 
 
+def mark(P: str) -> str:
+    """The word for what `configured` is after a configure that was not refused."""
+    return f"{P.upper()}_CONFIGURED"
+
+
+# with these options a compiler takes NaN for impossible and leaves out the checks for it
+_STRICT = (
+    "#if defined(__FAST_MATH__) || (defined(__FINITE_MATH_ONLY__) && __FINITE_MATH_ONLY__ > 0) || defined(_M_FP_FAST)",
+    '#error "compile without -ffast-math, -ffinite-math-only, /fp:fast: broken readings could not be detected"',
+    "#endif", "",
+)  # fmt: skip
 _OFF = {
     "controller": "then a step does nothing but command the safe force of the machine file",
     "plant": "then reset and step do nothing",

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 
 from feeddrive.export.c.body import Body, helpers, wrapped
 from feeddrive.export.c.expressions import FUNCTIONS, expression, number
-from feeddrive.export.c.header import comment, header
+from feeddrive.export.c.header import comment, header, mark
 from feeddrive.export.identifiers import ascii_text, bare
 from feeddrive.export.layout import Layout
 from feeddrive.language.block import Block
@@ -62,7 +62,9 @@ def _source(layout: Layout, title: str, made_by: str) -> str:
             (f"{P}_state *const state = &{held}->state;", "state->" in text),
             ("(void)inputs;", "inputs->" not in text),
         ]
-        wanted.insert(0, (f"if (!{held}->configured) {{\n{_off(layout, bool(outputs))}    return;\n}}", True))
+        wanted.insert(
+            0, (f"if ({held}->configured != {mark(P)}) {{\n{_off(layout, bool(outputs))}    return;\n}}", True)
+        )
         more = f", {P}_outputs *outputs" if outputs else ""
         signature = f"void {P}_{name}({P}_{held} *{held}, const {P}_inputs *inputs{more})"
         functions.append(_function(signature, [line for line, needed in wanted if needed], body.lines))
@@ -90,9 +92,9 @@ def _configure(layout: Layout, title: str, made_by: str) -> str:
         _function(
             f"bool {P}_configure({P}_{held} *{held}, const {P}_parameters *parameters)", [],
             [
-                f"{held}->configured = designed(&{held}->design, parameters) == 0;",
-                f"if ({held}->configured) {{", f"    {held}->parameters = *parameters;", "}",
-                f"return {held}->configured;",
+                f"{held}->configured = 0U;",
+                f"if (designed(&{held}->design, parameters) != 0) {{", "    return false;", "}",
+                f"{held}->parameters = *parameters;", f"{held}->configured = {mark(P)};", "return true;",
             ],
         ),
     ]  # fmt: skip
@@ -150,7 +152,7 @@ def _inline(layout: Layout, index: int, body: Body) -> str:
     name, *values = layout.graph.nodes[index]
     if name == "and":
         return " && ".join(_inline(layout, i, body) for i in values)
-    return bare(expression(name, [body.text(i) for i in values]))
+    return f"({bare(expression(name, [body.text(i) for i in values]))})"
 
 
 def _refused(holds: str, code: int, sentence: str) -> list[str]:
@@ -195,7 +197,7 @@ def _retune(layout: Layout) -> tuple[str, set[str]]:
     first = [
         *([f"const {P}_controller before = *controller;"] if "before." in text else []),
         *([f"{P}_state *const state = &controller->state;"] if "state->" in text else []),
-        "if (!controller->configured || designed(&controller->design, parameters) != 0) {",
+        f"if (controller->configured != {mark(P)} || designed(&controller->design, parameters) != 0) {{",
         "    return false;",
         "}",
         "controller->parameters = *parameters;",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from feeddrive.export.c.expressions import number
+from feeddrive.export.c.header import mark
 from feeddrive.export.layout import Layout
 from feeddrive.export.layout_run import LayoutRun
 
@@ -207,7 +208,7 @@ def prepared_files(layout: Layout) -> dict[str, str]:
         *_constant(f"{P}_design", "design", numbers),
         *_constant(f"{P}_parameters", "parameters", parameters),
         *(f"    controller->{name} = {name};" for name, rows in _given(numbers, parameters) if rows),
-        "    controller->configured = true;",
+        f"    controller->configured = {mark(P)};",
         "}",
         "",
     ]  # fmt: skip

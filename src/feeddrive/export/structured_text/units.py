@@ -39,7 +39,7 @@ class Structure:
 
     def text(self) -> str:
         """As it stands in a source file."""
-        lines = [f"TYPE {self.name} :", "STRUCT", *_declared(self.declared()), "END_STRUCT", "END_TYPE"]
+        lines = [f"TYPE {self.name} :", "STRUCT", *_declared(self.declared()), "END_STRUCT;", "END_TYPE"]
         return _joined([*comment(self.said), *lines])
 
 
