@@ -43,7 +43,7 @@ def test_without_a_machine_the_whole_loop_comes_out_of_the_log(tmp_path: Path) -
     assert tree.get(loop, "axis.x.forces.0.force") == pytest.approx(-TRUTH["offset"], abs=0.2)
     assert tree.get(loop, "axis.x.control.law.Kv") == pytest.approx(160.18, rel=1e-4)
     page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
-    for said in ("Use these values", "Residual and its memory", "standard error", "Dead time"):
+    for said in ("Use these values", "Residual and its autocorrelation", "standard error", "Dead time"):
         assert said in page
 
 

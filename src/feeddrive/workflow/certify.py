@@ -38,7 +38,7 @@ FILE = "certificate.json"
 
 
 class CertifyRequest(Request):
-    """Which loop, for which plants, with which discs, and in which arithmetic."""
+    """The loop to be proven, its plants with their discs, and the arithmetic."""
 
     source: MachineLike | Loop = argument("A machine file (TOML), or the name of a bundled machine")
     axis: str | None = option("its axis, if it has several", default=None)
@@ -46,14 +46,16 @@ class CertifyRequest(Request):
         "another plant: a machine, or a measured response in m/N; repeat", default=()
     )
     measured: Path | FRF | None = option("response of this axis: its lines give the discs", default=None)
-    motor: Path | FRF | None = option("the same of the motor's encoder", default=None)
+    motor: Path | FRF | None = option("response at the motor's encoder", default=None)
     fit: bool = option("fit the plant to --measured instead of taking the machine's", default=False)
-    radius: float | None = option("|dP/P|: of models, 0.2; the least of measured plants, 0.05", default=None)
+    radius: float | None = option(
+        "|dP/P|: uncertainty of models, default 0.2; least uncertainty of measured plants, default 0.05", default=None
+    )
     beyond: float = option("least |dP/P| above the last measured line", default=1.0)
     arithmetic: str = option("of the coefficients: float64, float32, fixed24 ...", default="float64")
     float32: bool = option("the same as --arithmetic float32", default=False)
-    confidence: float = option("that all measured lines lie in the discs", default=0.95)
-    velocity: float = option("at which the axis moves", default=0.05, unit="m/s")
+    confidence: float = option("probability that all measured lines lie in the discs", default=0.95)
+    velocity: float = option("velocity of the axis at which it is proven", default=0.05, unit="m/s")
     out: Path | None = option(OUT, short="-o", default=None)
 
     @property
@@ -274,5 +276,5 @@ def read_certificate(path: str | Path) -> Certificate:
     except check.RefusedError as error:
         raise FileError(f"{path}: refused: {error}") from None
     except check.BROKEN as error:
-        raise FileError(f"{path}: refused: it is not built as a certificate is: {error}") from None
+        raise FileError(f"{path}: refused: it does not have the form of a certificate: {error}") from None
     return Certificate(document)

@@ -77,7 +77,7 @@ def mapped(
     if not set(mapping) - {"time"}:
         names = ", ".join([*guess.unused, *(each.name for each in guess.mapping.values())][:20])
         raise LogError(
-            f"{path}: no column says by its name or unit what is wanted here; there are: {names}. Name them, as "
+            f"{path}: no column is known by its name or unit; there are: {names}. Name them, as "
             f"with --position 'x:mm' --force 'f:N', or give them with --channels"
         )
     return read_log(path, mapping, sample_time=sample_time), mapping

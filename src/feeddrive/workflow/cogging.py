@@ -66,9 +66,10 @@ class CoggingRequest(DriveLogsRequest):
     position: str | None = option("column along the table: name:unit or name*factor:unit", default=None)
     angle: str | None = option("column of the motor's angle, as theta:deg", default=None)
     map: bool = option(
-        "not logs but maps: each row is a place, all rows are one turn, 0 was not visited", default=False
+        "maps instead of logs: each row is a position, all rows one turn, 0 is a position not measured",
+        default=False,
     )
-    backward: tuple[Path, ...] = option("a map of the other direction; may be repeated", default=())
+    backward: tuple[Path, ...] = option("a map measured in the other direction; may be repeated", default=())
     orders: str | None = option("in a period, as 1..60 or 7,14,28; up to 128 if left out", default=None)
 
     def check(self) -> None:
@@ -184,7 +185,9 @@ def _maps(request: CoggingRequest, drive: Drive) -> _Seen:
         unit = unit or asked_column.unit
         visited = np.flatnonzero(values)
         if visited.size < 2:
-            raise NotIdentifiableError(f"{path}: '{name}' is 0 at all places but {visited.size}: nothing was visited")
+            raise NotIdentifiableError(
+                f"{path}: '{name}' is 0 at all positions but {visited.size}: there is no measurement"
+            )
         found.append(CoggingRun(visited / values.size, factor * values[visited], direction))
     along = request.period is not None and not _is_angle(request.period)
     period = _period(request.period, "m" if along else "rad", drive)
@@ -292,7 +295,7 @@ def kept_away(fit: CoggingFit, at_table: AtTable | None) -> str:
 def recommendation(fit: CoggingFit) -> str:
     """One sentence with its reason: which orders to take, or what to measure next."""
     if not fit.significant:
-        return "Leave cogging out: no order of the position stands out from chance."
+        return "Leave cogging out: no order of the position is significant."
     unit = f" {fit.unit}" if fit.unit else ""
     strong = [each for each in fit.significant if each.amplitude >= _STRONG * fit.orders[0].amplitude]
     if fit.coulomb is None:
@@ -381,7 +384,7 @@ def _pictures(fit: CoggingFit, runs: Sequence[CoggingRun]) -> Iterator[Shown]:
         "Points: what was measured, by direction; half of the distance of their means is Coulomb friction. "
         "Line: what does not change with the direction, which is cogging."
         if fit.coulomb is not None
-        else "Points: what was measured in the one direction. Line: the significant orders, friction among them.",
+        else "Points: the force measured in one direction. Line: the significant orders, friction among them.",
         "Measured force over one period by direction, and the fitted cogging.",
         lambda: plot.cogging_over_turn(fit, runs),
     )

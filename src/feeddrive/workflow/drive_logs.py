@@ -51,7 +51,9 @@ class DriveLogsRequest(Request):
     current: str | None = option("column of the current, name:unit", default=None)
     command: str | None = option("column of the command in the drive's unit", default=None)
     force_constant: float | None = option("N at the table per unit of command or current", above=0.0, default=None)
-    lead: float | None = option("puts what stands at the motor at the table", unit="m", above=0.0, default=None)
+    lead: float | None = option(
+        "lead of the screw, to convert motor angle and torque to the table", unit="m", above=0.0, default=None
+    )
     gear: float | None = option("turns of the motor in one turn of the screw; 1", above=0.0, default=None)
     machine: MachineLike | None = option("the machine file to write into; its comments are kept", default=None)
     axis: str | None = option("its axis, if it has several", default=None)
@@ -111,7 +113,7 @@ def chosen(
     if not there:
         names = ", ".join(log.channels)
         raise LogError(
-            f"{path}: has no {what} that is named as such: name its column with {options}"
+            f"{path}: has no column with a usual name for its {what}: name it with {options}"
             + (f"; with a role there are: {names}" if names else "")
         )
     return (told or there)[0]

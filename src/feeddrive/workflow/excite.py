@@ -45,7 +45,7 @@ class ExciteRequest(Request):
     where: str = option("force or setpoint", default="force")
     resolution: float = option("from line to line", default=1.0, unit="Hz")
     periods: int = option("periods in steady state", default=8, least=2)
-    realisations: int = option("repeated with other phases", default=2, least=1)
+    realisations: int = option("number of repetitions with other phases", default=2, least=1)
     grid: str = option("full, odd, odd_odd or random_odd", default="random_odd")
     offset_velocity: float | None = option("under the excitation; found if left out", unit="m/s", default=None)
     travel: float | None = option("limit", unit="m", default=None)
@@ -146,12 +146,12 @@ def build(found: Excitation, loop: Loop, facts: Mapping[str, str]) -> str:
     pictures = [
         Shown(
             "excitation", "What is sent, and what the axis does",
-            "First realisation. The speed keeps one sign between the dashed lines if friction is not to stick.",
+            "First realisation. Between the dashed lines the speed must keep its sign.",
             "Excitation, speed and force over time.", found.plot,
         ),
         Shown(
             "expected", "What the measurement will show",
-            "The response that is estimated from the simulated log, over the one of the model.",
+            "The response estimated from the simulated log, and the response of the model.",
             "Estimated and modelled response over frequency.", lambda: frequency_estimate(estimate, model),
         ),
     ]  # fmt: skip

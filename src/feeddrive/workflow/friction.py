@@ -193,7 +193,7 @@ def tables(curve: FrictionCurve) -> list[Table]:
 
 
 def remarks(curve: FrictionCurve, loop: Loop | None) -> list[str]:
-    """What a reader must know of the curve, and of what it does to a machine."""
+    """Remarks on the curve and on the changes of the machine file."""
     said = list(curve.remarks)
     for name, value in curve.values.items():
         if name.startswith("viscous") and value < 0.0:

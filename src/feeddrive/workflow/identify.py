@@ -107,7 +107,9 @@ def _motion(path: Path, log: Log, loop: Loop | None, force_constant: float | Non
     if rotary:
         position = channels["angle_motor"]
     if position is None:
-        raise LogError(f"{path}: has no position that is named as such: name its column with --position{_there(log)}")
+        raise LogError(
+            f"{path}: has no column with a usual name for the position: name it with --position{_there(log)}"
+        )
     set_position = channels.get("setpoint_angle" if rotary else "setpoint_position")
     force = channels.get("torque" if rotary else "force")
     if force is None and "command" in channels:
@@ -121,7 +123,7 @@ def _motion(path: Path, log: Log, loop: Loop | None, force_constant: float | Non
         force = constant * channels["command"]
     if force is None:
         raise LogError(
-            f"{path}: has no force that is named as such: name its column with --force or --command{_there(log)}"
+            f"{path}: has no column with a usual name for the force: name it with --force or --command{_there(log)}"
         )
     return MotionLog(
         name=str(path), position=position, force=force, set_position=set_position, sample_time=log.sample_time,
@@ -304,15 +306,15 @@ def _pictures(found: Identified) -> Iterator[Shown]:
         )
     yield Shown(
         "residual",
-        "Residual and its memory",
-        "A white residual would stay between the dashed lines; beyond them errors that assume one are too small.",
+        "Residual and its autocorrelation",
+        "A white residual would stay between the dashed lines; beyond them errors that assume white noise are too small.",
         "Residual by row and its autocorrelation.",
         rigid.residuals.plot,
     )
     yield Shown(
         "delay",
         "Dead time",
-        "What the inverse dynamics leave if the force is taken to act so many samples later than its hold says.",
+        "Residual of the inverse dynamics if the force acts this many samples later than its hold.",
         f"Residual over dead time; least at {found.delay.dead_time:.2f} samples.",
         found.delay.plot,
     )

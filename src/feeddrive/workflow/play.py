@@ -31,8 +31,8 @@ class PlayRequest(Request):
     profiles: tuple[Path, ...] = argument("What `feeddrive excite` wrote to be sent; one a log")
     drive: Path = option("a drive file (TOML): bus, scaling, limits")
     share: float = option("of the excitation; begin with 0.1", default=1.0, least=0.0, most=1.0)
-    ramp: float = option("over which it swells and fades", default=0.0, unit="s", least=0.0)
-    reset_fault: bool = option("out of an old fault first", default=False)
+    ramp: float = option("time over which the amplitude rises and falls", default=0.0, unit="s", least=0.0)
+    reset_fault: bool = option("reset a fault of the drive first", default=False)
     unpaced: bool = option("as fast as the drive answers; for a virtual drive only", default=False)
     yes: bool = option("do not ask before the axis moves", default=False)
     out: Path | None = option(OUT, short="-o", default=None)
@@ -69,7 +69,7 @@ def play(request: PlayRequest, progress: Progress) -> Outcome[Sequence[Played]]:
     if not (request.yes or request.unpaced):  # before the bus is opened: a drive in operation does not wait
         progress.remark(f"- {WARNING}")
         if not progress.confirm("Is the travel clear, and the stop at hand?"):
-            raise AbortedError(f"{file.name}: nobody has said that the travel is clear; nothing was moved")
+            raise AbortedError(f"{file.name}: it was not confirmed that the travel is clear; nothing was moved")
     for profile in profiles:
         try:
             reset = request.reset_fault and not done

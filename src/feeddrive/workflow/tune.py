@@ -40,7 +40,7 @@ class TuneRequest(Request):
     )
     goal: str = option("what is made best", default="rope-snap", options=GOALS)
     law: str | None = option("another law, as pole_placement", default=None)
-    recipe: str | None = option("no search but a rule", options=tuple(RECIPES), default=None)
+    recipe: str | None = option("a tuning rule instead of a search", options=tuple(RECIPES), default=None)
     max_ms: float = option("largest sensitivity peak Ms", default=2.0, above=1.0)
     gain_margin: float | None = option("least gain margin", unit="dB", above=0.0, default=None)
     phase_margin: float | None = option("least phase margin", unit="deg", above=0.0, below=180.0, default=None)
@@ -49,7 +49,7 @@ class TuneRequest(Request):
     max_noise: float | None = option("largest noise in the force, RMS", unit="N", above=0.0, default=None)
     reading_noise: float = option("noise of the readings, RMS, white", default=0.0, unit="m", entered="nm", least=0.0)
     step_force: float | None = option(
-        "a step of it on the table may not drive the command to the force limit of the control",
+        "a force step of this size on the table must not drive the command to the force limit of the control",
         unit="N",
         above=0.0,
         default=None,
@@ -76,7 +76,7 @@ class TuneRequest(Request):
         unit="s",
         least=0.0,
     )
-    confidence: float = option("that all limits hold on the true axis", default=0.95)
+    confidence: float = option("probability that all limits hold on the true axis", default=0.95)
     starts: int = option("searches; the best end counts", default=2, least=1, most=20)
     seed: int = option("of the searches after the first", default=0)
     out: Path | None = option(OUT, short="-o", default=None)
@@ -123,7 +123,7 @@ def tune(request: TuneRequest, progress: Progress) -> Outcome[Tuned]:
     remarks = [f"proof, {line.what}: {verdict[line.holds]} ({line.said})" for line in found.proof]
     remarks += [*story.said, *(f"held back by {h.sentence()}" for h in found.held), *found.advice]
     remarks += [f"notch {each}" for each in found.notches]
-    failure = None if found.holds else "the tuning does not hold what it should; no machine file was written"
+    failure = None if found.holds else "the tuning violates a limit or its proof failed; no machine file was written"
     return Outcome(
         found, tables(found, story)[:-1], remarks, found.recommendation(), files=files, failure=failure
     )  # fmt: skip
