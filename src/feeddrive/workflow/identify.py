@@ -307,7 +307,7 @@ def _pictures(found: Identified) -> Iterator[Shown]:
     yield Shown(
         "residual",
         "Residual and its autocorrelation",
-        "A white residual would stay between the dashed lines; beyond them errors that assume white noise are too small.",
+        "A white residual would stay between the dashed lines; beyond them errors for white noise are too small.",
         "Residual by row and its autocorrelation.",
         rigid.residuals.plot,
     )
