@@ -35,7 +35,7 @@ needs_tools = pytest.mark.skipif(
 
 def design(loop: fd.Loop, precision: str) -> Design:
     """A loop that stands in no machine file."""
-    return Design(read_machine("ball_screw"), "x", loop, CONTROL, layout(controller_routine(loop, "axis_x"), precision))
+    return Design(read_machine("ball_screw"), "x", CONTROL, layout(controller_routine(loop, "axis_x"), precision))
 
 
 BESIDE = (  # all blocks that compute in another way: exponential, filters, observers, queues of samples

@@ -41,7 +41,7 @@ def test_what_is_written_is_read_again(tmp_path: Path) -> None:
     """Every kind of coupling, with parts in parts: all numbers, structures and tables come back."""
     x, y = read_machine("gantry").loops.values()
     cut = MillingCut(cutter=HelicalCutter.beltran2013(), spindle_speed=6000.0, cut_to=1.5, remembered=600)
-    rows = (ForceRecord(axis="y", row=np.array([0.0, 3.5, -1e-3])), ForceRecord(axis="x", row=np.array([1.0, 2.0])))
+    rows = (ForceRecord(axis="y", row=[0.0, 3.5, -1e-3]), ForceRecord(axis="x", row=[1.0, 2.0]))
     couplings = (*read_machine("gantry").couplings, cut, DynamometerForce(components=rows, interval=0.01))
     machine = Machine.of({"x": x, "y": y}, couplings)
     path = tmp_path / "written.toml"
@@ -63,7 +63,11 @@ REFUSED = {
     "axis": ('axis = "x"', 'axis = "q"', r"couplings\.0: structure_mode acts on axis 'q', which is not there"),
     "twice": ('axis = "x"', 'axis = "y"', r"couplings\.0: structure_mode\.shapes must name .*each axis once"),
     "shape": ("load = 0.8", 'load = "0.8"', r"couplings\.0\.shapes\.0\.load = '0\.8' .* without quotes"),
-    "too fast": ("frequency_Hz = 18", "frequency_Hz = 1e8", r"couplings.*fastest mode, 1e\+08 Hz, turns"),
+    "too fast": (
+        "frequency_Hz = 18",
+        "frequency_Hz = 1e8",
+        r"the modes under x, y: its fastest mode, 1e\+08 Hz",
+    ),
     "substeps": ("substeps = 4", "substeps = 2", r"couplings\.0: the axes of a machine have one number of substeps"),
     "no list": ("[[couplings]]", "[couplings]", r"couplings must be a list of sections, each under \[\[couplings\]\]"),
 }

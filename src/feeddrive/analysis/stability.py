@@ -14,7 +14,7 @@ from feeddrive.language.table import Result, Table
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.linearize import StateSpace, linearize
 from feeddrive.loop.loop import Loop
-from feeddrive.loop.runner import System
+from feeddrive.loop.machine import System
 
 _ROUNDING = 1e-9  # of |z|: what eigenvalues of a small matrix are uncertain by
 

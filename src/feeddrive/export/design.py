@@ -15,13 +15,13 @@ from feeddrive.export.identifiers import check_name
 from feeddrive.export.layout import Layout, layout
 from feeddrive.files.machine import MachineFile, MachineLike, read_machine
 from feeddrive.language.block import Number
-from feeddrive.language.errors import StructureError
+from feeddrive.language.errors import ParameterError, StructureError
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.linearize import loop_gain
 from feeddrive.loop.loop import Loop
+from feeddrive.loop.machine import System
 from feeddrive.loop.routine import Routine
-from feeddrive.loop.routine_trace import controller_routine, plant_routine
-from feeddrive.loop.runner import System
+from feeddrive.loop.routine_trace import controller_routine, machine_routine, plant_routine
 from feeddrive.version import __version__
 
 LARGEST_MS = 3.0  # above it a change of the axis by a third may end in an oscillation
@@ -31,11 +31,10 @@ MACHINE_FILE = "machine.toml"  # the copy of the machine file in an export
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Design:
-    """A control or an axis of a machine file, as a routine that is laid out in some precision."""
+    """A control, an axis, or all axes with their couplings, as a routine that is laid out in some precision."""
 
     machine: MachineFile
     axis: str
-    loop: Loop
     what: str
     layout: Layout
 
@@ -48,6 +47,16 @@ class Design:
         return self.layout.routine
 
     @property
+    def loop(self) -> Loop:
+        """The axis with its control."""
+        return self.routine.loop
+
+    @property
+    def together(self) -> bool:
+        """Whether it is the plant of all axes."""
+        return not isinstance(self.routine.origin, Loop)
+
+    @property
     def name(self) -> str:
         """The prefix of all its names."""
         return self.routine.name
@@ -55,6 +64,10 @@ class Design:
     @property
     def title(self) -> str:
         """What it is, in a line."""
+        if self.together:
+            couplings = ", ".join(each.kind for each in self.machine.couplings)
+            coupled = f", coupled by {couplings}" if couplings else ""
+            return f"Plant of the axes {self.axis} of '{self.machine.name}'{coupled}"
         kind = self.loop.control.law.kind if self.what == CONTROL else self.loop.axis.plant.kind
         return f"{self.what.capitalize()} of axis {self.axis} of '{self.machine.name}': {kind}"
 
@@ -122,22 +135,43 @@ def read_design(
     """The design of a machine file, or of a bundled machine.
 
     name  prefix of all names on the target; absent: `axis_x`, or `plant_x` for an axis
+    axis  of a control one is needed if the file has several; of a plant without one all axes and their couplings
     what  "control" or "plant"
 
-    Raises FileError and ParameterError as `read_machine`, ParameterError for a name that a target cannot have,
-    StructureError for a control without a guard and for a part that leaves the language of `ops`, and both as
-    `check_exportable`.
+    Raises FileError and ParameterError as `read_machine`, ParameterError for a name that a target cannot have and for
+    the plant of a coupled axis alone, StructureError for a control without a guard and for a part that leaves the
+    language of `ops`, and both as `check_exportable`.
     """
     machine = read_machine(source)
-    loop = machine.loops[machine.named(axis)] if what == CONTROL else machine.loop(axis)
-    if what == CONTROL:
-        require_guard(loop)
-    prefix = name or f"{'axis' if what == CONTROL else 'plant'}_{loop.name}"
+    together = what == PLANT and axis is None and len(machine.loops) > 1
+    own = ", ".join(machine.loops) if together else machine.named(axis)
+    prefix = name or ("plant" if together else f"{'axis' if what == CONTROL else 'plant'}_{own}")
     check_name(prefix, "--name" if name else "the name of the axis")
-    routine = controller_routine(loop, prefix) if what == CONTROL else plant_routine(loop, prefix)
+    if together:
+        routine = machine_routine(machine.machine(), prefix)
+    elif what == PLANT:
+        if machine.coupled(own):
+            raise ParameterError(
+                f"{machine.file.name}: {machine.coupled(own)}: leave out --axis, and all axes are exported as one plant"
+            )
+        routine = plant_routine(machine.loops[own], prefix)
+    else:
+        require_guard(machine.loops[own])
+        routine = controller_routine(machine.loops[own], prefix)
     made = layout(routine, precision)
     check_exportable(made)
-    return Design(machine, loop.name, loop, what, made)
+    return Design(machine, own, what, made)
+
+
+def require_alone(design: Design, target: str) -> None:
+    """Raise ParameterError for a control whose axis is coupled, of a target that simulates the axis alone."""
+    coupled = design.machine.coupled(design.axis)
+    if coupled:
+        raise ParameterError(
+            f"{design.machine.file.name}: {coupled}, and {target} simulates the axis alone, where it would move "
+            f"otherwise: export the control to c, cortex-m, st, fmu2 or fmu3, and the plant of all axes with --plant, "
+            f"without --axis, to c, fmu2 or fmu3"
+        )
 
 
 def require_guard(loop: Loop) -> None:

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 from feeddrive.analysis.stability import require_stable
 from feeddrive.export.design import CONTROL, PLANT, Design, read_design
-from feeddrive.files.machine import MachineLike
+from feeddrive.files.machine import MachineLike, read_machine
 from feeddrive.files.messages import nearest
 from feeddrive.language.errors import ParameterError
 
@@ -55,6 +56,7 @@ def write_export(
     """Write the control of an axis, or with `plant` the axis, for a target; what was written, and what to read first.
 
     source     a machine file, or the name of a bundled machine; `axis` if it has several
+    plant      without an `axis` all axes of the file, with their couplings, are one plant
     target     of `TARGETS`
     out        directory, written whole or not at all; absent: results/export_MACHINE_AXIS_TARGET
     name       prefix of all names on the target; absent: `axis_x`, or `plant_x`
@@ -64,6 +66,47 @@ def write_export(
     Raises ParameterError for a target that is not there or an option that is not its own, and as `read_design` and
     the function of the target do; UnstableError for a control that does not hold the axis of its own machine file.
     """
+    design, place, write = _planned(source, target, out, axis, name, precision, plant, options)
+    return design, write(design, place)
+
+
+def write_all(
+    source: MachineLike,
+    target: str,
+    out: str | Path | None = None,
+    *,
+    axis: str | None = None,
+    name: str | None = None,
+    precision: str | None = None,
+    plant: bool = False,
+    **options: Any,
+) -> list[tuple[Design, Path]]:
+    """As `write_export`; without an `axis` the controls of all axes of a machine file that has several.
+
+    Each then has a directory of its own, `out`/AXIS, and with a `name` the prefix NAME_AXIS.  All are checked before
+    the first is written.
+    """
+    axes = list(read_machine(source).loops)
+    if axis is not None or plant or len(axes) == 1:
+        given = {"axis": axis, "name": name, "precision": precision, "plant": plant, **options}
+        return [write_export(source, target, out, **given)]
+    if options.get("joint") is not None:
+        raise ParameterError("--joint is that of one axis: name it by --axis, or leave both out")
+    planned = []
+    for i, own in enumerate(axes):
+        place = None if out is None else Path(out) / own
+        if "joint" in _chosen(target).options:
+            options["joint"] = i
+        prefix = None if name is None else f"{name}_{own}"
+        planned.append(_planned(source, target, place, own, prefix, precision, False, options))
+    return [(design, write(design, place)) for design, place, write in planned]
+
+
+def _planned(
+    source: MachineLike, target: str, out: str | Path | None, axis: str | None, name: str | None, precision: str | None,
+    plant: bool, options: Mapping[str, Any],
+) -> tuple[Design, Path, Callable[[Design, Path], Path]]:  # fmt: skip
+    """A checked design, where it goes, and the function that writes it."""
     chosen = _chosen(target)
     given = {key: value for key, value in options.items() if value not in (None, False, ())}
     for option in given:
@@ -78,10 +121,10 @@ def write_export(
     design = read_design(source, axis, name=name, what=what, precision=precision or chosen.precisions[0])
     if not plant:
         require_stable(design.system)
-    stem = Path(design.machine.file.name).stem
-    place = Path("results") / f"export_{stem}_{design.axis}_{target}" if out is None else Path(out)
+    stem, said = Path(design.machine.file.name).stem, "all" if design.together else design.axis
+    place = Path("results") / f"export_{stem}_{said}_{target}" if out is None else Path(out)
     write = getattr(import_module(f"{_HERE}.{chosen.module}"), chosen.function)
-    return design, write(design, place, **chosen.fixed, **given)
+    return design, place, partial(write, **chosen.fixed, **given)
 
 
 def _chosen(target: str) -> Target:

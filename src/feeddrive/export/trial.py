@@ -37,7 +37,7 @@ def trial(routine: Routine, count: int, seed: int = 0, *, changes: int = 50, bro
     """
     random = np.random.default_rng(seed)
     T = routine.sample_time
-    guard = routine.origin.control.guard
+    guard = routine.loop.control.guard
     assert guard is not None, "what is exported has a guard"
     far = 1e-3 if guard.following_error_limit is None else float(guard.following_error_limit)
     fast = 1.0 if guard.velocity_limit is None else float(guard.velocity_limit)
@@ -77,7 +77,7 @@ def _ends(guard: Guard) -> tuple[tuple[float, Any], tuple[float, Any]]:
 
 def _changes(routine: Routine, places: list[int], random: np.random.Generator) -> dict[int, dict[str, float]]:
     """Parameters that move by up to a quarter, where the block still holds together."""
-    both = controller_of(routine.origin)
+    both = controller_of(routine.loop)
     first = {variable.path: variable for variable in routine.parameters}
     found: dict[int, dict[str, float]] = {}
     for sample in places:

@@ -145,7 +145,7 @@ def _compared(
     with np.errstate(invalid="ignore"):
         apart = np.where(bits, np.abs(found - wanted), 0.0).max(axis=0)
     trip = wanted[:, names.index("trip")]
-    limit = design.routine.origin.control.force_limit
+    limit = design.routine.loop.control.force_limit
     trips = int(np.sum((trip[1:] > 0.0) & (trip[:-1] == 0.0)))
     limited = 0 if limit is None else int(np.sum(np.abs(wanted[:, 0]) >= 0.75 * float(limit)))
     double = design.layout.precision == "double"

@@ -37,8 +37,7 @@ from feeddrive.language import tree, units
 from feeddrive.language.errors import FeeddriveError, FileError, ParameterError
 from feeddrive.loop.control import Control
 from feeddrive.loop.loop import Loop
-from feeddrive.loop.machine import Machine
-from feeddrive.loop.runner import System
+from feeddrive.loop.machine import Machine, System
 
 _KEYS = ("title", "machine", "axis", "seed", "rule", "duration", "reference", "load", "others", "law", "log")
 

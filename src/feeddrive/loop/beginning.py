@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Hashable, Mapping, Sequence
 from functools import cached_property
-from typing import Any, NamedTuple, TypeAlias, cast
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 
@@ -22,12 +22,8 @@ from feeddrive.loop.engine.native import Native, native
 from feeddrive.loop.engine.plan import plan
 from feeddrive.loop.hold import Hold
 from feeddrive.loop.loop import SETPOINT, Loop
-from feeddrive.loop.machine import Machine
+from feeddrive.loop.machine import System
 from feeddrive.loop.trace import Program, concrete, evaluate, numbers
-
-System: TypeAlias = Loop | Machine  # what is traced to a program
-# Runs with other numbers that compute in Python before machine code is made: it costs about as much as so many of them.
-PAYS_AFTER = 12
 
 
 class Trees(NamedTuple):

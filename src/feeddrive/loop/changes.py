@@ -12,10 +12,10 @@ import numpy as np
 
 from feeddrive.language import tree
 from feeddrive.language.errors import ParameterError, StructureError
-from feeddrive.loop.beginning import System
 from feeddrive.loop.control import Control
 from feeddrive.loop.engine.native import Native
 from feeddrive.loop.loop import Loop
+from feeddrive.loop.machine import System
 from feeddrive.loop.runner import Prepared, recorded
 from feeddrive.loop.work import Work
 

@@ -18,6 +18,7 @@ def slow_enough(
     mechanics: Mechanics, current_loop: Number | None, h: Number, what: str = "axis.plant"
 ) -> Iterator[Rule]:
     """Current loop (Hz), damping and modes are slow enough for substeps of h s; `what` has them."""
+    whose = "the axis" if what == "axis.plant" else what
     if current_loop is not None:
         yield Rule(
             2.0 * math.pi * current_loop * h <= MOST_DECAY,
@@ -31,13 +32,13 @@ def slow_enough(
     turn = h / MOST_TURN
     yield Rule(
         matrix.decays(matrix.scale(turn * turn, squares)),
-        "the fastest mode of the axis is slow enough for a substep: masses are not too small, nor springs too stiff",
+        f"the fastest mode of {whose} is slow enough for a substep: masses are not too small, nor springs too stiff",
         lambda: _too_fast_a_mode(math.sqrt(matrix.growth(squares)), h, what),
     )
     decays = matrix.solve(mechanics.mass, mechanics.damping)
     yield Rule(
         matrix.decays(matrix.scale(turn, decays)),
-        "the fastest motion of the axis dies out slowly enough for a substep: masses are not too small, nor damping "
+        f"the fastest motion of {whose} dies out slowly enough for a substep: masses are not too small, nor damping "
         "too large",
         lambda: (
             f"{what}: its fastest motion dies out in {1.0 / matrix.growth(decays):.4g} s, more than {MOST_TURN:g} "

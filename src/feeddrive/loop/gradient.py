@@ -16,11 +16,12 @@ from feeddrive.language.graph import Graph, Symbol, arguments
 from feeddrive.language.recent import Recent
 from feeddrive.language.ring import Ring
 from feeddrive.language.table import Result, Table
-from feeddrive.loop.beginning import STARTS, System, TracedBeginning, each_axis, traced_beginning
+from feeddrive.loop.beginning import STARTS, TracedBeginning, each_axis, traced_beginning
 from feeddrive.loop.differentiate import push
 from feeddrive.loop.engine.native import Native, native
 from feeddrive.loop.engine.plan import plan
 from feeddrive.loop.loop import Loop, Signals
+from feeddrive.loop.machine import System
 from feeddrive.loop.runner import Prepared, by_lane
 from feeddrive.loop.simulate import known, sample_count
 from feeddrive.loop.trace import Carried, Program, lengths, node, node_values

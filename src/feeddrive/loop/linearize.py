@@ -16,11 +16,10 @@ from feeddrive.language.errors import MissingExtraError, ParameterError
 from feeddrive.language.ring import Ring
 from feeddrive.language.table import Result, Table
 from feeddrive.language.units import units_of
-from feeddrive.loop.beginning import System
 from feeddrive.loop.differentiate import push
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.loop import SETPOINT, UNITS, Loop, Probe, Signals, quantity
-from feeddrive.loop.machine import Machine
+from feeddrive.loop.machine import Machine, System
 from feeddrive.loop.runner import Prepared
 from feeddrive.loop.trace import lengths, node_values
 

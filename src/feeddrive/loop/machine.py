@@ -5,17 +5,18 @@ from __future__ import annotations
 import keyword
 from collections.abc import Collection, Iterator, Mapping
 from functools import lru_cache
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 from feeddrive.blocks.machine_families import Coupling
 from feeddrive.blocks.signals import Motion, Noise
+from feeddrive.language import ops
 from feeddrive.language.block import Block, Number, Rule, parameter, part
 from feeddrive.language.errors import ParameterError, StructureError
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.control import Control
 from feeddrive.loop.core import Acting, Core, Push, Shared, acting
 from feeddrive.loop.fastest import slow_enough
-from feeddrive.loop.hold import JointHold, Timing
+from feeddrive.loop.hold import Columns, JointHold, Timing
 from feeddrive.loop.loop import Loop, Signals, inputs_of, reported
 
 _SEEDS = 2.0**40  # between the noise of one axis and that of the next
@@ -26,6 +27,131 @@ class DrivenAxis(Block):
 
     control: Control = part("all that runs on the controller")
     axis: Axis = part("all that is physics", inline=True)
+
+
+class Joint:
+    """The physics of axes by name with what acts between them: all of a machine but its controls.
+
+    Axes that share structure modes move in one exact hold; all others have their own.  Couplings act at common
+    substeps, from the motions of all axes at the same instant.
+    """
+
+    class Prepared(NamedTuple):
+        """What the linear cores and the couplings prepared."""
+
+        cores: tuple[JointHold, ...]
+        couplings: tuple[Any, ...]
+
+    class State(NamedTuple):
+        """Of the axes by name, of the modes of each core, and of the couplings."""
+
+        axis: Any
+        shared: tuple[Shared, ...]
+        couplings: tuple[Any, ...]
+
+    def __init__(self, axes: Mapping[str, Axis], couplings: tuple[Coupling, ...]) -> None:
+        self.axes, self.couplings = dict(axes), couplings
+        self.cores = self._cores()
+        self._where = {name: place for place, core in enumerate(self.cores) for name in core.axes}
+
+    def _cores(self) -> list[Core]:
+        """Groups of axes that share modes, in the order of the axes."""
+        groups: list[tuple[list[str], list[Any]]] = [([name], []) for name in self.axes]
+        for coupling in self.couplings:
+            modes = coupling.modes()
+            if modes:
+                joined = [group for group in groups if set(group[0]) & set(coupling.axes())]
+                first = joined[0]
+                for other in joined[1:]:
+                    first[0].extend(other[0])
+                    first[1].extend(other[1])
+                    groups.remove(other)
+                first[1].extend(modes)
+        axes = ({name: axis for name, axis in self.axes.items() if name in names} for names, _ in groups)
+        return [Core(own, modes) for own, (_, modes) in zip(axes, groups, strict=True)]
+
+    def substeps(self) -> int:
+        """Of every axis: they are the same."""
+        return self.cores[0].substeps()
+
+    def rules(self, T: Number) -> Iterator[Rule]:
+        """What couplings and shared modes ask for at the substeps."""
+        h = T / self.substeps()
+        for core in self.cores:
+            if core.modes:
+                yield from slow_enough(core.mechanics(), None, h, f"the modes under {', '.join(core.axes)}")
+        for coupling in self.couplings:
+            yield from coupling.substep_rules(h)
+
+    def prepare(self, T: Number, timings: Mapping[str, Timing]) -> Prepared:
+        """All work that depends on parameters only."""
+        h = T / self.substeps()
+        holds = tuple(core.prepare(T, timings) for core in self.cores)
+        return self.Prepared(holds, tuple(coupling.prepare(h) for coupling in self.couplings))
+
+    def start(self, prepared: Prepared, states: Mapping[str, Axis.State], motions: Mapping[str, Motion]) -> State:
+        """The axes as they begin, moving like this, with modes at rest."""
+        zero = ops.zero(next(iter(motions.values())).position_load)
+        shared = tuple(Shared((zero,) * len(core.modes), (zero,) * len(core.modes)) for core in self.cores)
+        couplings = zip(self.couplings, prepared.couplings, strict=True)
+        begun = tuple(each.start(made, {name: motions[name] for name in each.axes()}) for each, made in couplings)
+        return self.State(named(states), shared, begun)
+
+    def motion(self, name: str, state: State) -> Motion:
+        """True position and velocity of the two bodies of an axis."""
+        place = self._where[name]
+        return self.cores[place].motion(name, state.axis._asdict(), state.shared[place])
+
+    def columns(self, prepared: Prepared) -> dict[str, Columns]:
+        """What the forces of each axis do."""
+        return {
+            name: each
+            for core, made in zip(self.cores, prepared.cores, strict=True)
+            for name, each in zip(core.axes, made.axes, strict=True)
+        }
+
+    def advance(
+        self, prepared: Prepared, state: State, at: Mapping[str, Acting], time: Number, T: Number
+    ) -> tuple[State, dict[str, Axis.Step], dict[str, Number | None]]:
+        """All axes from kT to (k+1)T; what each leaves behind for the record, and the mean force on its table."""
+        moved: dict[str, Axis.State] = state.axis._asdict()
+        shared, remembered = list(state.shared), list(state.couplings)
+        loads: dict[str, list[Any]] = {name: [] for name in self.axes}
+        done: dict[str, Axis.Step] = {}
+        substeps = self.substeps()
+        h = T / substeps
+        for index in range(substeps):
+            now = time + index * h
+            pushes = self._coupled(prepared, moved, shared, remembered, now + 0.5 * h, h)
+            for name, push in pushes.items():
+                loads[name].append(push.load)
+            for place, core in enumerate(self.cores):
+                own = {name: moved[name] for name in core.axes}
+                after, shared[place], steps = core.substep(
+                    prepared.cores[place], own, shared[place], at, pushes, index, now, h
+                )
+                moved.update(after)
+                done.update(steps)
+        mean = {name: _mean(at[name].load, each) for name, each in loads.items()}
+        return self.State(named(moved), tuple(shared), tuple(remembered)), done, mean
+
+    def _coupled(
+        self, prepared: Prepared, states: Mapping[str, Axis.State], shared: list[Shared], remembered: list[Any],
+        middle: Number, h: Number,
+    ) -> dict[str, Push]:  # fmt: skip
+        """The forces of all couplings by axis over a substep, whose middle is given; their states move on."""
+        motions: dict[str, Motion] = {}
+        found: dict[str, Push] = {}
+        for i, (coupling, made) in enumerate(zip(self.couplings, prepared.couplings, strict=True)):
+            for name in coupling.axes():
+                if name not in motions:
+                    core = self.cores[self._where[name]]
+                    motions[name] = core.middle(name, states, shared[self._where[name]], h)
+            own = {name: motions[name] for name in coupling.axes()}
+            remembered[i], forces = coupling.step(made, remembered[i], own, middle, h)
+            for name, pair in forces.items():
+                found[name] = found.get(name, Push()) + pair
+        return found
 
 
 class Machine(Block):
@@ -111,31 +237,12 @@ class Machine(Block):
                 self.loop(name)
 
     def rules(self) -> Iterator[Rule]:
-        """What couplings and shared modes ask for at the substeps; the rules of the axes are those of their loops."""
-        h = self.sample_time / next(iter(self.axes().values())).axis.substeps
-        for core in self.cores():
-            if core.modes:
-                yield from slow_enough(
-                    core.mechanics(), None, h, f"couplings: the structure under {', '.join(core.axes)}"
-                )
-        for coupling in self.couplings:
-            yield from coupling.substep_rules(h)
+        """What couplings and shared modes ask for; the rules of the axes are those of their loops."""
+        yield from self.joint().rules(self.sample_time)
 
-    def cores(self) -> list[Core]:
-        """Groups of axes that share modes, in the order of the axes."""
-        axes = self.axes()
-        groups: list[tuple[list[str], list[Any]]] = [([name], []) for name in axes]
-        for coupling in self.couplings:
-            modes = coupling.modes()
-            if modes:
-                joined = [group for group in groups if set(group[0]) & set(coupling.axes())]
-                first = joined[0]
-                for other in joined[1:]:
-                    first[0].extend(other[0])
-                    first[1].extend(other[1])
-                    groups.remove(other)
-                first[1].extend(modes)
-        return [Core({name: axes[name].axis for name in axes if name in names}, modes) for names, modes in groups]
+    def joint(self) -> Joint:
+        """The physics of all axes."""
+        return Joint({name: each.axis for name, each in self.axes().items()}, self.couplings)
 
     def ports(self) -> tuple[str, ...]:
         """The prefix of the names of inputs and signals of each axis."""
@@ -150,14 +257,8 @@ class Machine(Block):
     def prepare(self, timing: Any) -> Prepared:
         """All work that depends on parameters only."""
         T, axes = self.sample_time, self.axes()
-        timings: dict[str, Timing] = dict(zip(axes, timing, strict=True))
-        cores = self.cores()
-        h = T / cores[0].substeps()
-        return self.Prepared(
-            named({name: each.control.prepare(T) for name, each in axes.items()}),
-            tuple(core.prepare(T, timings) for core in cores),
-            tuple(coupling.prepare(h) for coupling in self.couplings),
-        )
+        controls = named({name: each.control.prepare(T) for name, each in axes.items()})
+        return self.Prepared(controls, *self.joint().prepare(T, dict(zip(axes, timing, strict=True))))
 
     def start(self, prepared: Prepared, timing: Any, setpoint: Any, position: Any, velocity: Any) -> State:
         """Each axis at its position (m), moving with its velocity (m/s); see `Loop.start`. All are by axis."""
@@ -167,82 +268,48 @@ class Machine(Block):
             at, speed = position[name], velocity[name]
             found[name] = self.loop(name).started(made, held, setpoint[name], at, speed)
             motions[name] = Motion(at, at, speed, speed)
-        zero = next(iter(found.values())).control.applied * 0.0
-        shared = tuple(Shared((zero,) * len(core.modes), (zero,) * len(core.modes)) for core in self.cores())
-        couplings = zip(self.couplings, prepared.couplings, strict=True)
-        begun = tuple(each.start(made, {name: motions[name] for name in each.axes()}) for each, made in couplings)
-        return self.State(named(found), shared, begun)
+        states = {name: each.axis for name, each in found.items()}
+        begun = self.joint().start(Joint.Prepared(prepared.cores, prepared.couplings), states, motions)
+        return self.State(named(found), begun.shared, begun.couplings)
 
     def sample(
         self, prepared: Prepared, state: State, inputs: Mapping[str, Number], noise: Noise, time: Number
     ) -> tuple[State, dict[str, Number]]:
         """One sample from named inputs such as `x.set_position`; signals by name."""
-        T, axes, cores = self.sample_time, self.axes(), self.cores()
+        T, axes, joint = self.sample_time, self.axes(), self.joint()
         states = dict(zip(axes, state.axis, strict=True))
-        where = {name: place for place, core in enumerate(cores) for name in core.axes}
-        columns = {
-            name: each
-            for core, made in zip(cores, prepared.cores, strict=True)
-            for name, each in zip(core.axes, made.axes, strict=True)
-        }
+        made = Joint.Prepared(prepared.cores, prepared.couplings)
+        columns = joint.columns(made)
         moved: dict[str, Axis.State] = {name: held.axis for name, held in states.items()}
-        shared, remembered = list(state.shared), list(state.couplings)
+        before = Joint.State(named(moved), state.shared, state.couplings)
         found: dict[str, Any] = {}
         controls: dict[str, Any] = {}
         at: dict[str, Acting] = {}
-        loads: dict[str, list[Any]] = {}
         for i, (name, each) in enumerate(axes.items()):
             setpoint, load, enable, probe = inputs_of(inputs, f"{name}.")
-            motion = cores[where[name]].motion(name, moved, shared[where[name]])
-            own = noise if i == 0 else Noise(noise.seed + i * _SEEDS, noise.sample)
-            moved[name], motor, reading = each.axis.read(moved[name], motion, own, T)
+            motion = joint.motion(name, before)
+            moved[name], motor, reading = each.axis.read(moved[name], motion, noise_of(noise, i), T)
             motor, reading = probe.read(motor, reading)
             controls[name], command = each.control.step(
                 prepared.control[i], states[name].control, setpoint, motor, reading, enable, T
             )
             found[name] = setpoint, motion, motor, reading, command
             at[name], moved[name] = acting(columns[name], moved[name], probe.acting(command.applied), load)
-            loads[name] = []
-        done: dict[str, Axis.Step] = {}
-        substeps = cores[0].substeps()
-        h = T / substeps
-        for index in range(substeps):
-            now = time + index * h
-            pushes = self._coupled(prepared, cores, where, moved, shared, remembered, now + 0.5 * h, h)
-            for name, push in pushes.items():
-                loads[name].append(push.load)
-            for place, core in enumerate(cores):
-                own_states = {name: moved[name] for name in core.axes}
-                after, shared[place], steps = core.substep(
-                    prepared.cores[place], own_states, shared[place], at, pushes, index, now, h
-                )
-                moved.update(after)
-                done.update(steps)
+        after, done, loads = joint.advance(made, before._replace(axis=named(moved)), at, time, T)
         signals: dict[str, Number] = {}
         for name, (setpoint, motion, motor, reading, command) in found.items():
-            load = _mean(at[name].load, loads[name])
-            row = reported(setpoint, motion, motor, reading, command, done[name], load)
+            row = reported(setpoint, motion, motor, reading, command, done[name], loads[name])
             signals |= {f"{name}.{signal}": value for signal, value in zip(Signals._fields, row, strict=True)}
-        after = named({name: Loop.State(controls[name], moved[name]) for name in axes})
-        return self.State(after, tuple(shared), tuple(remembered)), signals
+        held = {name: Loop.State(controls[name], axis) for name, axis in zip(axes, after.axis, strict=True)}
+        return self.State(named(held), after.shared, after.couplings), signals
 
-    def _coupled(
-        self, prepared: Prepared, cores: list[Core], where: Mapping[str, int], states: Mapping[str, Axis.State],
-        shared: list[Shared], remembered: list[Any], middle: Number, h: Number,
-    ) -> dict[str, Push]:  # fmt: skip
-        """The forces of all couplings by axis over a substep, whose middle is given; their states move on."""
-        motions: dict[str, Motion] = {}
-        found: dict[str, Push] = {}
-        for i, (coupling, made) in enumerate(zip(self.couplings, prepared.couplings, strict=True)):
-            for name in coupling.axes():
-                if name not in motions:
-                    core = cores[where[name]]
-                    motions[name] = core.middle(name, states, shared[where[name]], h)
-            own = {name: motions[name] for name in coupling.axes()}
-            remembered[i], forces = coupling.step(made, remembered[i], own, middle, h)
-            for name, pair in forces.items():
-                found[name] = found.get(name, Push()) + pair
-        return found
+
+System: TypeAlias = Loop | Machine  # what is traced to a program
+
+
+def noise_of(noise: Noise, place: int) -> Noise:
+    """The noise of the axis at a place among all."""
+    return noise if place == 0 else Noise(noise.seed + place * _SEEDS, noise.sample)
 
 
 def named(values: Mapping[str, Any]) -> Any:

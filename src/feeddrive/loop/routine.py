@@ -21,6 +21,7 @@ from feeddrive.language.block import Block, Declaration
 from feeddrive.language.graph import Graph, reachable
 from feeddrive.language.naming import Name
 from feeddrive.loop.loop import Loop
+from feeddrive.loop.machine import System
 
 MEANINGS = {
     "set_position": ("m", "where the axis should be"),
@@ -104,7 +105,7 @@ class Routine:
 
     conditions what `configure` and `retune` demand of the parameters: the bounds of each, in their order, then what
                blocks demand between them
-    origin    the loop, with its guard
+    origin    the loop, with its guard; of the physics of several axes their machine
     prepared  the named numbers that the blocks call prepared, and `prepared_leaves` their places among the leaves of
               what `prepare` returns
     tables    rows of numbers: dotted name, node, numbers
@@ -116,7 +117,7 @@ class Routine:
     """
 
     name: str
-    origin: Loop
+    origin: System
     parameters: tuple[Variable, ...]
     inputs: tuple[Variable, ...]
     outputs: tuple[Variable, ...]
@@ -142,6 +143,12 @@ class Routine:
         return {code: each.sentence for code, each in enumerate(self.conditions, 1)}
 
     @property
+    def loop(self) -> Loop:
+        """The origin of a control, or of one axis."""
+        assert isinstance(self.origin, Loop)
+        return self.origin
+
+    @property
     def sample_time(self) -> float:
         """s."""
         return float(self.origin.sample_time)
@@ -149,7 +156,7 @@ class Routine:
 
 def off_outputs(routine: Routine) -> dict[str, float]:
     """The outputs of a control that has no parameters to run with: the safe force of the machine file, switched off."""
-    guard, motor = routine.origin.control.guard, routine.origin.axis.actuator.motor
+    guard, motor = routine.loop.control.guard, routine.loop.axis.actuator.motor
     held = 0.0 if guard is None else float(guard.safe_force)
     command = {} if motor is None else {"command": held / float(motor.force_per_unit())}
     return {"force": held, **command, "trip": 0.0, "enabled": 0.0}

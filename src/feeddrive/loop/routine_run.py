@@ -36,7 +36,7 @@ class ControllerRun:
             raise ParameterError(f"{routine.name} is an axis; its answers are those of `simulate`")
         self.routine = routine
         self.T = np.float64(routine.sample_time)
-        self._both = controller_of(routine.origin)
+        self._both = controller_of(routine.loop)
         self._prepare()
         given = dict(zip((v.name for v in routine.inputs), map(np.float64, first), strict=True))
         setpoint = Setpoint(*(given[each] for each in SETPOINT))

@@ -10,17 +10,19 @@ from typing import Any, cast
 
 import numpy as np
 
-from feeddrive.blocks.signals import Noise, Setpoint
+from feeddrive.blocks.machine_families import Coupling
+from feeddrive.blocks.signals import Motion, Noise, Setpoint
 from feeddrive.language import ops, tree
-from feeddrive.language.block import Block, Declaration, Number, label, part
+from feeddrive.language.block import Block, Declaration, Number, Rule, label, part
 from feeddrive.language.errors import StructureError
 from feeddrive.language.graph import Graph, Symbol, reachable
 from feeddrive.language.naming import Name, Names
 from feeddrive.language.ring import Ring, gathered, spread
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.control import Control
-from feeddrive.loop.core import advance
-from feeddrive.loop.loop import SETPOINT, Loop
+from feeddrive.loop.core import Acting, acting, advance
+from feeddrive.loop.loop import SETPOINT, Loop, quantity
+from feeddrive.loop.machine import Joint, Machine, System, named, noise_of
 from feeddrive.loop.routine import MEANINGS, Condition, Function, Retune, Routine, Variable, target_name
 
 LONGEST_RING = 256  # cells
@@ -38,6 +40,21 @@ class Controller(Block):
         """As in the loop from which it comes."""
         own = f"axis.{self.name}"
         return {"control": f"{own}.control", "motor": f"{own}.actuator.motor"}.get(field, field)
+
+
+class Physics(Block):
+    """The physics of all axes of a machine and what couples them."""
+
+    axis: Any = part("axes by name")
+    couplings: tuple[Coupling, ...] = part("what acts between them", default=())
+
+    def joint(self) -> Joint:
+        """As the machine moves them."""
+        return Joint(self.axis._asdict(), self.couplings)
+
+    def sampled_rules(self, T: Number) -> Iterator[Rule]:
+        """What couplings and shared modes ask for."""
+        yield from self.joint().rules(T)
 
 
 def controller_of(loop: Loop) -> Controller:
@@ -115,26 +132,70 @@ def plant_routine(loop: Loop, name: str, seed: int = 0) -> Routine:
         force, load_force = cast(Number, inputs["force"]), cast(Number, inputs["load_force"])
         moved, _ = advance(axis, made, before, force, load_force, cast(Number, sample * T), T)
         after, values = seen(moved, sample + 1.0)
-    readings: tuple[str, ...] = (
-        "reading_motor",
-        "reading_load",
-        "position_motor",
-        "position_load",
-        "velocity_motor",
-        "velocity_load",
-    )
-    outputs = {each: (*MEANINGS[each], value) for each, value in zip(readings, values, strict=True)}
-    first: dict[str, Any] = dict(zip(readings, at_start, strict=True))
+    outputs = {each: (*MEANINGS[each], value) for each, value in zip(_SEEN, values, strict=True)}
+    first: dict[str, Any] = dict(zip(_SEEN, at_start, strict=True))
     same = timing.unchanged(axis.actuator.dead_time, T), f"actuator dead_time has {timing.said()}"
     return traced.routine(
         name, loop, made, inputs, [*names, "sample"], (begun, zero), (after, sample + 1.0), outputs, None, first, [same]
     )
 
 
+def machine_routine(machine: Machine, name: str, seed: int = 0) -> Routine:
+    """The axes of a machine with their couplings: a step moves all of them from kT to (k+1)T under their forces.
+
+    Inputs and outputs are those of `plant_routine` with the axis before them; noise is that of a run with `seed`.
+    """
+    traced = _Traced(Physics(axis=named({n: each.axis for n, each in machine.axes().items()}),
+                             couplings=machine.couplings), machine)  # fmt: skip
+    given = [f"{port}{each}" for port in machine.ports() for each in ("force", "load_force", "start_position")]
+    inputs = {each: traced.given(each) for each in given}
+    T, joint = traced.T, traced.symbolic.joint()
+    timings = {axis: each.timing() for axis, each in machine.loops().items()}
+    places = {axis: cast(Number, inputs[f"{axis}.start_position"]) for axis in timings}
+    zero = next(iter(places.values())) - next(iter(places.values()))
+
+    def seen(state: Joint.State, sample: Any) -> tuple[Joint.State, dict[str, Any]]:
+        states, values = state.axis._asdict(), dict[str, Any]()
+        for i, (axis, each) in enumerate(joint.axes.items()):
+            motion = joint.motion(axis, state)
+            noise = noise_of(Noise(float(seed), sample), i)
+            states[axis], motor, load = each.read(states[axis], motion, noise, T)
+            values |= {f"{axis}.{what}": v for what, v in zip(_SEEN, (motor, load, *motion), strict=True)}
+        return state._replace(axis=named(states)), values
+
+    with traced.words:
+        made = joint.prepare(T, timings)
+        starts = {axis: each.start(places[axis], zero, timings[axis]) for axis, each in joint.axes.items()}
+        motions = {axis: Motion(at, at, zero, zero) for axis, at in places.items()}
+        begun, at_start = seen(joint.start(made, starts, motions), zero)
+        _check_rings(begun, name)
+        names = [each for each, _ in spread(begun)]
+        before = gathered(begun, (traced.graph.input(f"state.{each}") for each in names))
+        sample = traced.graph.input("state.sample")
+        columns, states, at = joint.columns(made), before.axis._asdict(), dict[str, Acting]()
+        for axis in joint.axes:
+            force, load = (cast(Number, inputs[f"{axis}.{each}"]) for each in ("force", "load_force"))
+            at[axis], states[axis] = acting(columns[axis], states[axis], force, load)
+        moved, _, _ = joint.advance(made, before._replace(axis=named(states)), at, cast(Number, sample * T), T)
+        after, values = seen(moved, sample + 1.0)
+    outputs = {each: (*MEANINGS[quantity(each)], value) for each, value in values.items()}
+    same = [
+        (timings[axis].unchanged(each.actuator.dead_time, T), f"{axis}.actuator dead_time has {timings[axis].said()}")
+        for axis, each in joint.axes.items()
+    ]
+    return traced.routine(
+        name, machine, made, inputs, [*names, "sample"], (begun, zero), (after, sample + 1.0), outputs, None, at_start,
+        same,
+    )  # fmt: skip
+
+
+_SEEN = ("reading_motor", "reading_load", "position_motor", "position_load", "velocity_motor", "velocity_load")
+
+
 class _Traced:
     """A block on symbols, and what its trace collects."""
 
-    def __init__(self, block: Any, loop: Loop) -> None:
+    def __init__(self, block: Any, loop: System) -> None:
         self.graph = Graph()
         self.loop = loop
         self.block = block
@@ -153,19 +214,10 @@ class _Traced:
         return self.graph.input(name)
 
     def routine(
-        self,
-        name: str,
-        loop: Loop,
-        made: Any,
-        inputs: Mapping[str, Any],
-        states: list[str],
-        begun: Any,
-        after: Any,
-        outputs: Mapping[str, tuple[str, str, Any]],
-        retune: Retune | None,
-        first: Mapping[str, Any] | None = None,
+        self, name: str, loop: System, made: Any, inputs: Mapping[str, Any], states: list[str], begun: Any, after: Any,
+        outputs: Mapping[str, tuple[str, str, Any]], retune: Retune | None, first: Mapping[str, Any] | None = None,
         conditions: Sequence[tuple[Any, str]] = (),
-    ) -> Routine:
+    ) -> Routine:  # fmt: skip
         """All of it with names, units and meanings."""
         values = dict(tree.leaves(self.block))
         node = self.graph.symbol
@@ -205,9 +257,11 @@ class _Traced:
                 self._parameter(each, symbol.index, float(values[each]))
                 for each, symbol in (self.parameters[i] for i in used)
             ),
-            inputs=tuple(Variable(each, each, *MEANINGS[each], s.index) for each, s in inputs.items()),
+            inputs=tuple(
+                Variable(target_name(each), each, *MEANINGS[quantity(each)], s.index) for each, s in inputs.items()
+            ),
             outputs=tuple(
-                Variable(each, each, unit, meaning, node(value).index)
+                Variable(target_name(each), each, unit, meaning, node(value).index)
                 for each, (unit, meaning, value) in outputs.items()
             ),
             states=tuple(
@@ -225,7 +279,7 @@ class _Traced:
             tables=self.tables,
             names=self.words.found,
             makers=self.words.makers,
-            memory="plant" if isinstance(self.block, Axis) else "controller",
+            memory="controller" if isinstance(self.block, Controller) else "plant",
             said={**dict(_said(begun)), **{f"prepared.{name}": text for name, text in _said(made)}},
             blocks=tuple((path, each) for path, each in _owners(self.block)),
         )
@@ -239,7 +293,11 @@ class _Traced:
     def _parameter(self, name: str, node: int, value: float) -> Variable:
         path, declared = self._declared(name)
         meaning = _ABSENT.sub("", declared.meaning)
-        return Variable(target_name(name), path, declared.unit, meaning, node, value, declared)
+        return Variable(self._word(name), path, declared.unit, meaning, node, value, declared)
+
+    def _word(self, name: str) -> str:
+        """The name of a parameter on a target; of several axes it begins with that of the axis."""
+        return target_name(name.removeprefix("axis.") if isinstance(self.block, Physics) else name)
 
     def _conditions(self, used: set[str], more: Sequence[tuple[Any, str]]) -> Iterator[Condition]:
         """Bounds of the parameters in use, then what blocks demand of them; what no parameter changes is no condition.
@@ -252,7 +310,7 @@ class _Traced:
                 _, declared = self._declared(path)
                 bounds = f", {declared.bounds()}" if declared.bounds() else ""
                 holds = reduce(ops.both, declared.conditions(cast(Number, symbol)))
-                yield Condition(holds.index, f"{target_name(path)} is a finite number{bounds}")
+                yield Condition(holds.index, f"{self._word(path)} is a finite number{bounds}")
         leaves = iter([symbol if path in used else np.float64(values[path]) for path, symbol in self.parameters])
         traced = tree.with_tables(tree.rebuild(self.block, leaves), dict(tree.tables(self.symbolic)))
         with np.errstate(all="ignore"):
@@ -323,8 +381,9 @@ def _owners(block: Any, path: str = "") -> Iterator[tuple[str, Block]]:
         for name, inner in parts.items():
             yield from _owners(inner, f"{path}.{name}" if path else name)
     elif isinstance(block, tuple):
-        for i, inner in enumerate(block):
-            yield from _owners(inner, f"{path}.{i}")
+        names = getattr(block, "_fields", None) or range(len(block))
+        for name, inner in zip(names, block, strict=True):
+            yield from _owners(inner, f"{path}.{name}")
 
 
 def _said(values: Any, path: str = "", text: str = "") -> Iterator[tuple[str, str]]:

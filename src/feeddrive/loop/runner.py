@@ -12,11 +12,12 @@ import numpy as np
 from feeddrive.language import tree
 from feeddrive.language.recent import Recent
 from feeddrive.language.ring import Ring, settled
-from feeddrive.loop.beginning import System, beginning, typed
+from feeddrive.loop.beginning import beginning, typed
 from feeddrive.loop.control import Control
 from feeddrive.loop.engine.native import Native, native
 from feeddrive.loop.engine.plan import plan
 from feeddrive.loop.loop import SETPOINT, Loop
+from feeddrive.loop.machine import System
 from feeddrive.loop.statistics import begin, gathering
 from feeddrive.loop.trace import Program, trace
 from feeddrive.loop.work import Work

@@ -14,12 +14,12 @@ from feeddrive.blocks.families import Load, Reference
 from feeddrive.language.errors import DivergedError, ParameterError
 from feeddrive.language.progress import Progress
 from feeddrive.language.table import Result, Table, shown
-from feeddrive.loop.beginning import System
 from feeddrive.loop.changes import Changes, Course, changed_loops
 from feeddrive.loop.engine.lower import ARITHMETIC
 from feeddrive.loop.engine.native import Native
 from feeddrive.loop.groups import grouped
 from feeddrive.loop.loop import UNITS, Signals, quantity
+from feeddrive.loop.machine import System
 from feeddrive.loop.runner import Prepared, cores
 from feeddrive.loop.statistics import LEFT, gathered
 from feeddrive.loop.work import Work

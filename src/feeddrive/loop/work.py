@@ -17,10 +17,11 @@ from feeddrive.language.block import Number
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.graph import Graph
 from feeddrive.language.recent import Recent
-from feeddrive.loop.beginning import System, key
+from feeddrive.loop.beginning import key
 from feeddrive.loop.engine.native import Native, native
 from feeddrive.loop.engine.plan import plan
 from feeddrive.loop.loop import SETPOINT, Loop
+from feeddrive.loop.machine import System
 from feeddrive.loop.trace import Program
 
 _KEPT = 200_000  # samples of a reference that are kept at most, for the next run along it

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from feeddrive.export.design import Design
-from feeddrive.export.targets import write_export
+from feeddrive.export.targets import write_all
 from feeddrive.files.machine import MachineLike
 from feeddrive.language.progress import Progress
 from feeddrive.workflow.command import Outcome, command
@@ -13,11 +13,11 @@ from feeddrive.workflow.request import OUT, Request, argument, option
 
 
 class ExportRequest(Request):
-    """Which axis, for which target."""
+    """Which axis, or all, for which target."""
 
     source: MachineLike = argument("A machine file (TOML), or the name of a bundled machine")
     target: str = option("c, linuxcnc, linuxcnc-pid, fmu2, fmu3, cortex-m, st, or parameters", short="-t")
-    axis: str | None = option("its axis, if it has several", default=None)
+    axis: str | None = option("its axis; default: all", default=None)
     out: Path | None = option(OUT, short="-o", default=None)
     name: str | None = option("prefix of all names; default: axis_x", default=None)
     precision: str | None = option("double or float; default: double, cortex-m float", default=None)
@@ -35,18 +35,25 @@ class ExportRequest(Request):
 
 
 @command(ExportRequest)
-def export(request: ExportRequest, progress: Progress) -> Outcome[Design]:
+def export(request: ExportRequest, progress: Progress) -> Outcome[tuple[Design, ...]]:
     """Write the control of an axis for a target: what is written computes what was simulated, bit for bit.
 
-    Without `out` it goes to results/export_MACHINE_AXIS_TARGET.  Raises as `write_export`.
+    Without an axis the controls of all axes of the file are written, and with `plant` all axes and their couplings as
+    one plant.  Without `out` it goes to results/export_MACHINE_AXIS_TARGET.  Raises as `write_export`.
     """
     progress.step(f"export for {request.target}")
-    design, readme = write_export(
+    written = write_all(
         request.source, request.target, request.out, axis=request.axis, name=request.name,
         precision=request.precision, plant=request.plant, single_header=request.header_only, joint=request.joint,
         route=request.route, units=request.units, core=request.core, makers=request.maker, lead=request.lead,
         gear=request.gear,
     )  # fmt: skip
-    said = f"{design.title}; for the target {request.target}, every {design.period}"
-    remarks = [f"Note: {remark}" for remark in design.remarks]
-    return Outcome(design, [said], remarks, files={"Read first": readme})
+    designs = tuple(design for design, _ in written)
+    said = [f"{design.title}; for the target {request.target}, every {design.period}" for design in designs]
+    remarks = [
+        f"Note: {f'axis {design.axis}: ' if len(designs) > 1 else ''}{remark}"
+        for design in designs
+        for remark in design.remarks
+    ]
+    first = {f"Read first{f', axis {design.axis}' if len(designs) > 1 else ''}": readme for design, readme in written}
+    return Outcome(designs, said, remarks, files=first)

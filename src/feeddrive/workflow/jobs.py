@@ -23,8 +23,7 @@ from feeddrive.language.progress import Progress
 from feeddrive.language.table import Result, Table, frame_of, picture_of
 from feeddrive.loop.linearize import compliance, loop_gain, tracking
 from feeddrive.loop.loop import Loop, Signals
-from feeddrive.loop.machine import Machine
-from feeddrive.loop.runner import System
+from feeddrive.loop.machine import Machine, System
 from feeddrive.loop.simulate import Run, samples, simulate
 from feeddrive.report import Entry, Study
 from feeddrive.report.content import RESPONSE_LINES, ShownTable
@@ -97,18 +96,16 @@ class JobResult(Result):
         """Errors and force of the other axes, of a job that runs several together; None for any other."""
         rows: list[list[str]] = []
         for row in self.rows:
-            for axis in () if row.together is None else self.job.machines[row.name].axes():
-                if axis != row.loop.name:
-                    run = _of_axis(row.together, axis)
-                    error, force = run["following_error"], run["force"]
-                    tripped = run.time[run["trip"] > 0.0]
-                    rows.append(
-                        [
-                            row.name, axis, f"{1e6 * float(np.sqrt(np.mean(error**2))):.4g}",
-                            f"{1e6 * float(np.max(np.abs(error))):.4g}", f"{float(np.max(np.abs(force))):.4g}",
-                            f"{tripped[0]:.4g}" if tripped.size else "-",
-                        ]
-                    )  # fmt: skip
+            if row.together is None:
+                continue
+            for axis in (each for each in self.job.machines[row.name].axes() if each != row.loop.name):
+                run = _of_axis(row.together, axis)
+                error, force = 1e6 * run["following_error"], run["force"]
+                tripped = run.time[run["trip"] > 0.0]
+                cells = float(np.sqrt(np.mean(error**2))), float(np.max(np.abs(error))), float(np.max(np.abs(force)))
+                rows.append(
+                    [row.name, axis, *(f"{cell:.4g}" for cell in cells), f"{tripped[0]:.4g}" if tripped.size else "-"]
+                )
         title = "The other axes in the same runs: following error and force"
         return Table(title, ["law", "axis", "RMS um", "peak um", "force N", "trips at s"], rows) if rows else None
 

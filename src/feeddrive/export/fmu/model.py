@@ -12,6 +12,7 @@ from feeddrive.export.c.expressions import number
 from feeddrive.export.identifiers import ascii_text
 from feeddrive.language.block import Declaration
 from feeddrive.loop.guard import TRIPS
+from feeddrive.loop.loop import quantity
 from feeddrive.loop.routine import Routine
 
 TRIP_NAMES = {0: "none"} | {int(code): text for code, text in TRIPS.items()}
@@ -67,7 +68,9 @@ def variables(routine: Routine) -> tuple[FmuVariable, ...]:
             )
         )
     found += [
-        FmuVariable(i.name, "start" if i.name.startswith("start_") else "input", _kind(i.name), i.unit, i.meaning, 0.0)
+        FmuVariable(
+            i.name, "start" if quantity(i.path).startswith("start_") else "input", _kind(i.name), i.unit, i.meaning, 0.0
+        )
         for i in routine.inputs
     ]
     for each in routine.outputs:

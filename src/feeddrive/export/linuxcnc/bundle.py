@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from feeddrive.export.c.text import texts
-from feeddrive.export.design import CONTROL, MACHINE_FILE, Design
+from feeddrive.export.design import CONTROL, MACHINE_FILE, Design, require_alone
 from feeddrive.export.identifiers import check_name
 from feeddrive.export.layout import layout
 from feeddrive.export.linuxcnc import component, controller
@@ -39,7 +39,7 @@ def write_linuxcnc(design: Design, out: str | Path, *, joint: int | None = None)
         raise ParameterError("linuxcnc: export the control; the axis comes with it, for the desk")
     if design.layout.precision != "double":
         raise ParameterError("LinuxCNC computes in double precision: export without single precision")
-    design.machine.loop(design.axis)  # the desk holds one axis alone, and no coupling
+    require_alone(design, "linuxcnc, on its desk,")
     place = list(design.machine.loops).index(design.axis)
     number = place if joint is None else joint
     if not 0 <= number < len(LETTERS):

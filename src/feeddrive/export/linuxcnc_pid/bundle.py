@@ -8,7 +8,7 @@ from pathlib import Path
 from feeddrive.blocks.controller.linuxcnc_pid import LinuxcncPid
 from feeddrive.blocks.controller.stock_biquad import StockBiquad
 from feeddrive.blocks.controller.stock_pid import StockPid
-from feeddrive.export.design import MACHINE_FILE, Design
+from feeddrive.export.design import MACHINE_FILE, Design, require_alone
 from feeddrive.export.identifiers import HAL_LENGTH
 from feeddrive.export.linuxcnc import component
 from feeddrive.export.linuxcnc_pid.comparison import Difference, difference, require_stable_pids
@@ -38,7 +38,7 @@ def write_linuxcnc_pid(design: Design, out: Path, *, route: str = "two", units: 
     """
     if not 0 <= joint < JOINTS:
         raise ParameterError(f"joint = {joint} must be 0 to {JOINTS - 1}: LinuxCNC has {JOINTS} joints")
-    design.machine.loop(design.axis)  # the pids are compared on one axis alone
+    require_alone(design, "linuxcnc-pid, to judge its pids,")
     cascade, period = read_cascade(design.loop), component.period(design.routine)
     name = _checked(design.name.replace("_", "-"))
     law = stock_law(cascade, route=route, units=units)
