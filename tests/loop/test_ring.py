@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import shutil
 from dataclasses import replace
 from typing import Any
 
@@ -18,11 +19,16 @@ from feeddrive.blocks.friction.stribeck import Stribeck
 from feeddrive.blocks.plant.rigid import Rigid
 from feeddrive.blocks.plant.two_mass import TwoMass
 from feeddrive.blocks.signals import Motion, Noise, Setpoint
+from feeddrive.export.c.programs import streamed
+from feeddrive.export.c.text import texts
+from feeddrive.export.layout import layout
+from feeddrive.export.trial import Trial
 from feeddrive.language import ops, tree
 from feeddrive.language.block import Number, choice, parameter
 from feeddrive.language.errors import ParameterError, StructureError
 from feeddrive.language.graph import Graph, Symbol
 from feeddrive.language.ring import History, Ring
+from feeddrive.loop import routine_run
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.control import Control
 from feeddrive.loop.engine.native import native
@@ -31,6 +37,7 @@ from feeddrive.loop.gradient import gradient
 from feeddrive.loop.guard import Guard
 from feeddrive.loop.linearize import linearize
 from feeddrive.loop.loop import Loop, Signals
+from feeddrive.loop.routine_trace import controller_routine
 from feeddrive.loop.runner import Prepared
 from feeddrive.loop.simulate import simulate, simulate_batch, stream
 from feeddrive.loop.trace import Carried, Program, concrete
@@ -320,3 +327,56 @@ def test_a_delay_longer_than_what_is_remembered_is_refused():
     axis = replace(loop.axis, forces=(Regeneration(stiffness=1.0, delay=250 * T / 2, remembered=200),))
     with pytest.raises(ParameterError, match=r"remembered = 200 .* at least 251"):
         replace(loop, axis=axis)
+
+
+class Repetitive(Feedforward):
+    """F = gain · set acceleration of a period ago, from a ring alone."""
+
+    gain: Number = parameter("kg", "gain", least=0)
+
+    def start(self, setpoint: Setpoint) -> tuple[Ring, Any]:
+        return Ring(8), ops.zero(setpoint.position)
+
+    def step(self, state: tuple[Ring, Any], setpoint: Setpoint, T: Number) -> tuple[tuple[Ring, Any], Any]:
+        ring, place = state
+        old = ring.get(place)
+        return (ring.put(place, setpoint.acceleration), place + 1.0), self.gain * old
+
+
+def test_a_ring_that_a_reset_cannot_clear_is_refused_under_a_guard():
+    """Without the check the force after a trip holds what the ring was given before it, in simulation and in C."""
+    loop = rings()
+    guarded = replace(loop.control, guard=Guard(), feedforward=(Repetitive(gain=100.0),))
+    with pytest.raises(StructureError, match=r"control\.feedforward\.0\.0 is a ring, which the reset of the guard"):
+        simulate(replace(loop, control=guarded), Sway(), duration=0.01)
+    with pytest.raises(StructureError, match="which the reset of the guard does not clear"):
+        controller_routine(replace(loop, control=guarded), "axis_x")
+    assert np.isfinite(
+        simulate(replace(loop, control=replace(guarded, guard=None)), Sway(), duration=0.01)["force"]
+    ).all()
+
+
+@pytest.mark.skipif(shutil.which("gcc") is None, reason="NOT TESTED: exported C needs gcc: apt-get install gcc")
+def test_a_history_forgets_at_a_reset_in_simulation_and_in_c():
+    """Two pasts before the loop was off, one present: after the enable both give the same force, with no jump."""
+    law = CascadePPI(Kv=25.0, Kp=3e4, Tn=0.03)
+    control = Control(law=law, guard=Guard(), feedforward=(LateInertia(mass=100.0, late=12.4 * T),))
+    routine = controller_routine(Loop(control=control, axis=Axis(plant=Rigid(mass=100.0)), sample_time=T), "axis_x")
+    names = [v.name for v in routine.inputs]
+    on, off, enabled, acceleration = 40, 44, names.index("enable"), names.index("set_acceleration")
+    answers = []
+    for past in (0.0, 5.0):
+        inputs = np.zeros((80, len(names)))
+        inputs[:, enabled] = 1.0
+        inputs[on:off, enabled] = 0.0
+        inputs[:on, acceleration] = past
+        inputs[on:, acceleration] = 1.0
+        found = routine_run.run(routine, inputs)
+        made = texts(layout(routine), "a control under test", "made by a test")
+        files = {"axis_x.h": made.header, "axis_x.c": made.source, "axis_x_configure.c": made.configure}
+        assert np.array_equal(streamed(layout(routine), files, Trial(inputs, {})).outputs, found)
+        answers.append(found[:, 0])
+    assert answers[1][on - 1] - answers[0][on - 1] > 400.0
+    assert np.array_equal(answers[0][on:], answers[1][on:])
+    fresh = routine_run.run(routine, inputs[off:])
+    assert np.array_equal(answers[1][off:], fresh[:, 0]), "as if the loop had never run before"

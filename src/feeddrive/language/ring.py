@@ -23,7 +23,8 @@ class Ring:
            or a symbol for each cell, for a target that has no memory to index: every access then reads every cell.
     Native code writes in place, so a ring may be written once from each of its states: r1 = r.put(...), then
     r2 = r1.put(...), never two from r.  A choice between a ring and a new one takes the ring: a reset does not clear
-    cells, and what must be forgotten at a reset is said by a number beside the ring (see `History`).
+    cells, and what must be forgotten at a reset is said by a number beside the ring (see `History`).  So a control with
+    a guard refuses a ring that is not in a `History`.
     """
 
     __slots__ = ("cells", "length")

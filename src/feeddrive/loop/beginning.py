@@ -25,6 +25,9 @@ from feeddrive.loop.loop import SETPOINT, Loop
 from feeddrive.loop.machine import System
 from feeddrive.loop.trace import Program, concrete, evaluate, numbers
 
+# Runs with other numbers that compute in Python before machine code is made: it costs about as much as so many of them.
+PAYS_AFTER = 12
+
 
 class Trees(NamedTuple):
     """A system with numpy numbers as leaves, what it prepared, and its first state."""

@@ -10,6 +10,7 @@ from feeddrive.blocks.signals import Reading, Setpoint
 from feeddrive.language import ops, tree
 from feeddrive.language.block import Block, Number, Rule, parameter, part
 from feeddrive.language.errors import StructureError
+from feeddrive.language.ring import History, Ring
 from feeddrive.loop.guard import Guard
 
 
@@ -155,6 +156,7 @@ class Control(Block):
             verdict.setpoint,
             Reading(verdict.before_motor, verdict.before_load, state.applied, state.requested, verdict.velocity),
         )
+        _check_forgetful(fresh, "control")
         live = self.guard.live(verdict, state.memory, fresh)
         memory, command = self._run(prepared, live, verdict.setpoint, reading, T)
         guard, outcome = self.guard.command(guard, verdict, state.applied, command.applied, command.requested)
@@ -222,6 +224,19 @@ class Control(Block):
             applied = ops.clip(requested, -self.force_limit, self.force_limit)
         command = self.Command(applied, requested, feedback, forward, added, 0.0, 1.0)
         return self.Memory(prefilter, tuple(compensation), law, tuple(filters), tuple(fed)), command
+
+
+def _check_forgetful(memory: Any, path: str) -> None:
+    """Check that a reset can forget: a `History` counts what it was given since, a ring alone keeps all its cells."""
+    if isinstance(memory, Ring):
+        raise StructureError(
+            f"{path} is a ring, which the reset of the guard does not clear: what it holds from before a trip would "
+            f"act after it, with a jump of the force. Keep the past of a signal in a History, or leave the guard out"
+        )
+    if isinstance(memory, tuple) and not isinstance(memory, History):
+        names = getattr(memory, "_fields", None) or range(len(memory))
+        for name, each in zip(names, memory, strict=True):
+            _check_forgetful(each, f"{path}.{name}")
 
 
 def _retuned(block: Any, state: Any, old: Any, old_prepared: Any, prepared: Any) -> Any:
