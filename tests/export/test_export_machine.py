@@ -19,12 +19,12 @@ from feeddrive.blocks.load.sine_force import SineForce
 from feeddrive.blocks.reference.snap_limited_move import SnapLimitedMove
 from feeddrive.export.design import PLANT, read_design
 from feeddrive.export.targets import write_all, write_export
-from feeddrive.export.verify import verify
+from feeddrive.export.verify import verify_export
 from feeddrive.files.machine import machine_toml, read_machine
 from feeddrive.language.errors import FeeddriveError, ParameterError
 from feeddrive.loop.loop import SETPOINT
 from feeddrive.loop.machine import Machine
-from feeddrive.loop.runner import Work
+from feeddrive.loop.work import Work
 from feeddrive.loop.simulate import Run, simulate
 from fmus import Played
 from slow_share import all_but
@@ -187,7 +187,7 @@ def test_an_fmu_of_the_coupled_plant_is_the_run_of_the_machine(version: int, tmp
 @HAS_GCC
 def test_the_control_of_a_coupled_axis_is_verified(tmp_path: Path) -> None:
     write_export("gantry", "c", tmp_path / "x", axis="x")
-    assert verify(tmp_path / "x", samples=5000).holds
+    assert verify_export(tmp_path / "x", samples=5000).holds
 
 
 def test_uncoupled_axes_are_exported_at_once_too(tmp_path: Path) -> None:
