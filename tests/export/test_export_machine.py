@@ -24,8 +24,8 @@ from feeddrive.files.machine import machine_toml, read_machine
 from feeddrive.language.errors import FeeddriveError, ParameterError
 from feeddrive.loop.loop import SETPOINT
 from feeddrive.loop.machine import Machine
-from feeddrive.loop.work import Work
 from feeddrive.loop.simulate import Run, simulate
+from feeddrive.loop.work import Work
 from fmus import Played
 from slow_share import all_but
 
