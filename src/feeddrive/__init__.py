@@ -6,6 +6,7 @@ The names that most programs need stand here; all others stand in the rooms that
 
 from __future__ import annotations
 
+from difflib import get_close_matches
 from typing import Any
 
 from feeddrive.language.lazy_package import make_lazy, public_names
@@ -48,7 +49,14 @@ def _moved(name: str) -> Any:
 
         if hasattr(blocks, name):
             raise AttributeError(f"fd.{name} is now fd.blocks.{name}")
-    raise AttributeError(f"module 'feeddrive' has no name '{name}'")
+    near = {each: f"fd.{each}" for each in here}
+    for room in [room for room, place in here.items() if place == __name__]:
+        near |= {each: f"fd.{room}.{each}" for each in public_names(f"{__name__}.{room}") if each not in near}
+    found = get_close_matches(name, near, 3)
+    raise AttributeError(
+        f"feeddrive has no name '{name}'; "
+        + (f"did you mean {' or '.join(near[each] for each in found)}?" if found else "dir(fd) lists them")
+    )
 
 
 views_from(_load_views)

@@ -30,7 +30,7 @@ def test_a_block_is_frozen_and_keyword_only():
     assert isinstance(made.mass, float)
     with pytest.raises(dataclasses.FrozenInstanceError):
         made.mass = 2.0  # type: ignore[misc]
-    with pytest.raises(TypeError):
+    with pytest.raises(ParameterError, match="by name"):
         Sample(1.0)  # type: ignore[misc]
 
 
@@ -62,8 +62,8 @@ def test_what_is_refused_and_in_which_words(fields: dict[str, object], words: st
         Sample(**fields)  # type: ignore[arg-type]
 
 
-def test_a_missing_parameter_is_python_s_own_error():
-    with pytest.raises(TypeError, match="mass"):
+def test_a_missing_parameter_is_named_with_its_meaning():
+    with pytest.raises(ParameterError, match=r"Sample needs mass \(moved mass\)"):
         Sample()  # type: ignore[call-arg]
 
 

@@ -14,7 +14,7 @@ from feeddrive.language.table import Result, Table
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.linearize import StateSpace, linearize
 from feeddrive.loop.loop import Loop
-from feeddrive.loop.machine import System
+from feeddrive.loop.machine import System, check_system
 
 _ROUNDING = 1e-9  # of |z|: what eigenvalues of a small matrix are uncertain by
 
@@ -76,6 +76,7 @@ def stability(system: StateSpace | System, *, velocity: float = 0.05) -> Stabili
     if isinstance(system, StateSpace):
         model = system
     else:
+        check_system(system)
         inputs, outputs = ("set_position", "load_force"), ("position_motor", "position_load", "force")
         given, seen = ([f"{port}{name}" for port in system.ports() for name in names] for names in (inputs, outputs))
         model = linearize(system, given, seen, velocity=velocity)

@@ -7,6 +7,7 @@ from importlib import import_module
 from pkgutil import get_data
 from typing import Any
 
+from feeddrive.language.errors import nearest
 from feeddrive.language.lazy_package import make_lazy, modules_below, public_names
 
 _RENAMED = {"Shaped": "InputShaped"}  # until 1.0, as the kinds in catalogue.py
@@ -22,7 +23,7 @@ def _unlisted(name: str) -> Any:
             return getattr(import_module(module), name)
     if name in _RENAMED:
         raise AttributeError(f"fd.blocks.{name} is now fd.blocks.{_RENAMED[name]}")
-    raise AttributeError(f"module '{__name__}' has no name '{name}'")
+    raise AttributeError(f"fd.blocks has no name '{name}'{nearest(name, [*public_names(__name__), *_all_unlisted()])}")
 
 
 def _all_unlisted() -> list[str]:

@@ -112,6 +112,11 @@ def _planned(
     for option in given:
         if option not in chosen.options:
             raise ParameterError(f"{_said(option)} means nothing for the target {target}{_instead(option)}")
+    for option, kind in (("joint", int), ("units", float), ("lead", float), ("gear", float)):
+        value = given.get(option)
+        if value is not None and (isinstance(value, bool) or not isinstance(value, int | kind)):
+            wanted = "a whole number" if kind is int else "a number"
+            raise ParameterError(f"{_said(option)} = {value!r} must be {wanted}")
     if plant and not chosen.plants:
         fits = ", ".join(each for each, found in TARGETS.items() if found.plants)
         raise ParameterError(f"--plant means nothing for the target {target}; an axis can be exported to {fits}")

@@ -9,6 +9,8 @@ from feeddrive.files.frf import write_frf as write_frf
 from feeddrive.files.guess import Guess as Guess
 from feeddrive.files.guess import guess_roles as guess_roles
 from feeddrive.files.guess import write_roles as write_roles
+from feeddrive.files.handover import write_csv as write_csv
+from feeddrive.files.handover import write_mat as write_mat
 from feeddrive.files.job import Job as Job
 from feeddrive.files.job import read_job as read_job
 from feeddrive.files.job import read_request as read_request

@@ -297,6 +297,10 @@ def write_frf(path: str | Path, *frfs: FRF) -> None:
     on the lines that all of them have.  Raises ParameterError (outputs of the same name, from different inputs or
     without a common line) or FileError if it cannot be written.
     """
+    wrong = [each for each in frfs if not isinstance(each, FRF)]  # pyright: ignore[reportUnnecessaryIsInstance]
+    if wrong or not isinstance(path, str | Path):  # pyright: ignore[reportUnnecessaryIsInstance]
+        other = type(wrong[0] if wrong else path).__name__
+        raise ParameterError(f"write_frf(path, frf, ...) writes FRFs, such as fd.compliance(loop, f), not a {other}")
     outputs = [frf.output for frf in frfs]
     if len(set(outputs)) < len(outputs) or len({(frf.input, frf.sample_time) for frf in frfs}) != 1:
         raise ParameterError(

@@ -23,18 +23,19 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any, ClassVar, TypeAlias
 
 from feeddrive.blocks.families import Load, Reference
 from feeddrive.files.blocks_from_toml import read_block
 from feeddrive.files.columns import ROLES, Column
 from feeddrive.files.log import Log
 from feeddrive.files.machine import MachineFile, found, read_machine
-from feeddrive.files.messages import nearest
+from feeddrive.files.messages import nearest, plain
 from feeddrive.files.read_log import read_log
 from feeddrive.files.toml_file import Section, TomlFile, read_toml
 from feeddrive.language import tree, units
 from feeddrive.language.errors import FeeddriveError, FileError, ParameterError
+from feeddrive.language.table import Result, Table
 from feeddrive.loop.control import Control
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.machine import Machine, System
@@ -65,8 +66,8 @@ class Other:
     load: Load | None = None
 
 
-@dataclass(frozen=True)
-class Job:
+@dataclass(frozen=True, repr=False)
+class Job(Result):
     """What a job file says.
 
     loops     the axis of the rows, by row
@@ -87,6 +88,18 @@ class Job:
     others: Mapping[str, Other] = field(default_factory=dict[str, Other])
     machines: Mapping[str, Machine] = field(default_factory=dict[str, Machine])
 
+    instead: ClassVar[str] = "fd.run(job) runs a job; its loops stand by row in job.loops"
+
+    def table(self) -> Table:
+        """One row for each law, today's first."""
+        work = self.reference.kind if self.reference is not None else f"log {self.log.path.name}" if self.log else "-"
+        rows = [
+            [name, loop.control.law.kind, ", ".join(each.kind for each in loop.control.filters) or "-"]
+            for name, loop in self.loops.items()
+        ]
+        title = f"{plain(self.title)}, {self.file.name}: machine {plain(self.machine.name)}, work {work}"
+        return Table(title, ["row", "law", "filters"], rows)
+
 
 JobLike: TypeAlias = str | Path | Job
 """A job file, the name of a bundled job, or one that was read."""
@@ -103,6 +116,8 @@ def read_job(path: JobLike, log: str | Path | None = None) -> Job:
         if path.log is None:
             raise ParameterError(f"{path.file.name}: a log was given, but the job has no section [log]")
         return replace(path, log=replace(path.log, path=Path(log)))
+    if not isinstance(path, str | Path):  # pyright: ignore[reportUnnecessaryIsInstance]
+        raise ParameterError(f"a job is a file, a bundled name or fd.read_job(...), not a {type(path).__name__}")
     place = found(path, "jobs")
     file = read_toml(place)
     root = file.root()

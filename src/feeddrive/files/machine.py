@@ -25,9 +25,10 @@ from typing import TypeAlias
 from feeddrive.blocks.machine_families import Coupling
 from feeddrive.files.blocks_from_toml import read_block
 from feeddrive.files.blocks_to_toml import to_toml
-from feeddrive.files.messages import nearest
+from feeddrive.files.messages import nearest, plain
 from feeddrive.files.toml_file import Section, TomlFile, read_toml
 from feeddrive.language.errors import FileError, ParameterError, StructureError
+from feeddrive.language.table import Result, Table
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.control import Control
 from feeddrive.loop.loop import Loop
@@ -37,8 +38,8 @@ BUNDLED = Path(__file__).parent / "bundled"
 _TEXTS = ("name", "source", "remark")
 
 
-@dataclass(frozen=True)
-class MachineFile:
+@dataclass(frozen=True, repr=False)
+class MachineFile(Result):
     """What a machine file says: a loop for each axis, what couples them, and where the numbers come from.
 
     `loops` are the axes alone, without couplings.
@@ -50,6 +51,25 @@ class MachineFile:
     loops: Mapping[str, Loop]
     file: TomlFile
     couplings: tuple[Coupling, ...] = ()
+
+    @property
+    def instead(self) -> str:
+        """What to give where a loop is needed."""
+        first = next(iter(self.loops))
+        return f"a machine file holds a loop for each axis: give .loop('{first}'); fd.compare(file) puts all laws on it"
+
+    def table(self) -> Table:
+        """One row for each axis: what it is, what controls it."""
+        rows = [
+            [name, loop.axis.plant.kind, getattr(loop.axis.friction_load or loop.axis.friction_motor, "kind", "-"),
+             loop.control.law.kind, ", ".join(each.kind for each in loop.control.filters) or "-",
+             "-" if loop.control.force_limit is None else f"{float(loop.control.force_limit):g}",
+             f"{1e3 * float(loop.sample_time):g}"]
+            for name, loop in self.loops.items()
+        ]  # fmt: skip
+        between = f"; coupled by {', '.join(each.kind for each in self.couplings)}" if self.couplings else ""
+        heads = ["axis", "plant", "friction", "law", "filters", "force limit N", "sample ms"]
+        return Table(f"{plain(self.name)}, {self.file.name}{between}", heads, rows)
 
     def loop(self, axis: str | None) -> Loop:
         """The loop of an axis; the only one if none is named.
@@ -102,6 +122,10 @@ def read_machine(path: MachineLike) -> MachineFile:
     """
     if isinstance(path, MachineFile):
         return path
+    if not isinstance(path, str | Path):  # pyright: ignore[reportUnnecessaryIsInstance]
+        raise ParameterError(
+            f"a machine is a file, a bundled name or fd.read_machine(...), not a {type(path).__name__}"
+        )
     file = read_toml(found(path, "machines"))
     root = file.root()
     text = {name: _text(root, name) for name in _TEXTS}

@@ -2,25 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from difflib import get_close_matches
 from typing import Any
+
+from feeddrive.language.errors import nearest
+
+__all__ = ["nearest", "plain", "sentence", "shown"]
 
 
 def plain(text: str) -> str:
     """The text without line ends and other marks that a terminal would obey; they may come from a damaged file."""
     return "".join(letter if letter.isprintable() else "?" for letter in text)
-
-
-def nearest(name: str, allowed: Iterable[str]) -> str:
-    """`; did you mean a or b?`, or `; there are: ...` (at most 20) if nothing is near."""
-    known = list(allowed)
-    near = get_close_matches(name, known, 3)
-    if near:
-        return f"; did you mean {' or '.join(near)}?"
-    if not known:
-        return "; nothing is expected here"
-    return f"; there are: {', '.join(known[:20])}{', ...' if len(known) > 20 else ''}"
 
 
 def sentence(text: str) -> str:

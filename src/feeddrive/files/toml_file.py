@@ -199,6 +199,9 @@ class TomlFile:
     content: Mapping[str, Any]
     lines: Mapping[Key, int]
 
+    def __repr__(self) -> str:
+        return f"TomlFile({self.name!r}, {len(self.lines)} keys)"
+
     def where(self, key: Key) -> str:
         """`machine.toml:12` for a key, or for the innermost table around it that has a line."""
         for end in range(len(key), 0, -1):

@@ -22,15 +22,16 @@ import dataclasses
 import re
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import MISSING, dataclass, field
-from functools import cache
+from functools import cache, wraps
 from itertools import islice
 from typing import Any, ClassVar, NamedTuple, TypeAlias, dataclass_transform
 
 import numpy as np
 
 from feeddrive.language.declaration import Declaration, check_bounds, check_choice
-from feeddrive.language.errors import ParameterError, StructureError
+from feeddrive.language.errors import ParameterError, StructureError, nearest
 from feeddrive.language.graph import Symbol
+from feeddrive.language.table import Table
 
 # A number of a law: float in a single run, array over lanes in the oracle, Symbol in a trace.
 Number: TypeAlias = float
@@ -119,6 +120,7 @@ class Block:
     def __init_subclass__(cls) -> None:
         cls.kind = snake_case(cls.__name__)
         dataclass(frozen=True, kw_only=True, eq=False, repr=False)(cls)
+        cls.__init__ = _said_of_names(cls, cls.__init__)
         for spec in dataclasses.fields(cls):  # type: ignore[arg-type]
             if "declaration" not in spec.metadata:
                 raise StructureError(
@@ -153,8 +155,90 @@ class Block:
         return field
 
     def __repr__(self) -> str:
+        if any(True for _ in _parts(self)):
+            return str(Table(type(self).__name__, ["part", "kind", "parameters"], _lines(self, ""), sentences=2))
         shown = ", ".join(f"{name}={getattr(self, name)!r}" for name in declarations(type(self)))
         return f"{type(self).__name__}({shown})"
+
+    def table(self) -> Table:
+        """Every parameter that is there, also of the parts: path, value, unit, bounds and meaning."""
+        heads = ["parameter", "value", "unit", "bounds", "meaning"]
+        return Table(type(self).__name__, heads, _parameters(self, ""), sentences=4)
+
+    def _repr_html_(self) -> str:
+        return self.table().html()
+
+
+def _parts(block: Block) -> Iterator[tuple[str, Block]]:
+    """The blocks that a block holds, by their place."""
+    for name, declared in declarations(type(block)).items():
+        value = getattr(block, name)
+        if declared.role == "part" and value is not None:
+            place = block.place_of(name)
+            if isinstance(value, tuple):
+                held: tuple[Block, ...] = value
+                names = getattr(held, "_fields", None) or map(str, range(len(held)))
+                yield from ((f"{place}.{each}", item) for each, item in zip(names, held, strict=True))
+            else:
+                yield place, value
+
+
+def _lines(block: Block, place: str) -> list[list[str]]:
+    """One line for each block: where it stands, its kind, and its parameters with units."""
+    said = [
+        f"{name} {_text(getattr(block, name))} {declared.unit}".rstrip()
+        for name, declared in declarations(type(block)).items()
+        if declared.role != "part" and getattr(block, name) is not None
+    ]
+    own = [[place or "-", block.kind, ", ".join(said)]] if said or place else []
+    for name, part in _parts(block):
+        own += _lines(part, f"{place}.{name}" if place else name)
+    return own
+
+
+def _parameters(block: Block, place: str) -> list[list[str]]:
+    own = [
+        [f"{place}.{name}" if place else name, _text(getattr(block, name)), declared.unit,
+         declared.bounds() or ", ".join(map(str, declared.options)), declared.meaning]
+        for name, declared in declarations(type(block)).items()
+        if declared.role != "part" and getattr(block, name) is not None
+    ]  # fmt: skip
+    for name, part in _parts(block):
+        own += _parameters(part, f"{place}.{name}" if place else name)
+    return own
+
+
+def _text(value: Any) -> str:
+    if isinstance(value, np.ndarray):
+        return f"[{value.size} values, {np.min(value):.6g} .. {np.max(value):.6g}]" if value.size else "[]"
+    return f"{value:.12g}" if isinstance(value, float) else str(value)
+
+
+def _said_of_names(cls: type[Block], make: Callable[..., None]) -> Callable[..., None]:
+    """The constructor, whose error for a wrong name says which names there are."""
+
+    @wraps(make)
+    def construct(self: Any, *args: Any, **given: Any) -> None:
+        try:
+            make(self, *args, **given)
+        except TypeError:
+            known = declarations(cls)
+            wrong = [name for name in given if name not in known]
+            fields = dataclasses.fields(cls)  # type: ignore[arg-type]
+            needed = [each.name for each in fields if each.default is MISSING and each.name not in given]
+            if args:
+                raise ParameterError(f"{cls.__name__} takes its parameters by name: {', '.join(known)}") from None
+            if wrong:
+                raise ParameterError(
+                    f"{cls.__name__} has no parameter '{wrong[0]}'{nearest(wrong[0], known)}"
+                ) from None
+            if needed:
+                raise ParameterError(
+                    f"{cls.__name__} needs {', '.join(f'{name} ({known[name].meaning})' for name in needed)}"
+                ) from None
+            raise
+
+    return construct
 
 
 def enforce(block: Block, rules: Callable[[Any], Iterable[Rule]]) -> None:
@@ -265,3 +349,9 @@ def _checked_table(where: str, declaration: Declaration, value: Any) -> np.ndarr
         raise ParameterError(f"{where} ({declaration.meaning}) holds a number that is not finite")
     row.flags.writeable = False
     return row
+
+
+def check_tree(tree: Any) -> None:
+    """Raise ParameterError for a file's content, which holds loops and is none."""
+    if getattr(tree, "instead", ""):
+        raise ParameterError(f"a loop or a block has parameters, not a {type(tree).__name__}: {tree.instead}")

@@ -2,6 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from difflib import get_close_matches
+
+
+def nearest(name: str, allowed: Iterable[str]) -> str:
+    """`; did you mean a or b?`, or `; there are: ...` (at most 20) if nothing is near."""
+    known = list(allowed)
+    near = get_close_matches(name, known, 3) or [each for each in known if each.lower() == name.lower()]
+    if near:
+        return f"; did you mean {' or '.join(near)}?"
+    if not known:
+        return "; nothing is expected here"
+    return f"; there are: {', '.join(known[:20])}{', ...' if len(known) > 20 else ''}"
+
 
 class FeeddriveError(Exception):
     """Base of all errors that a user can cause; the command line prints it without a traceback."""

@@ -15,6 +15,8 @@ from importlib import import_module
 from types import ModuleType
 from typing import Any
 
+from feeddrive.language.errors import nearest
+
 _IMPORT = re.compile(r"(?m)^from (feeddrive[.\w]*) import \(?\s*(\w+)")
 
 
@@ -76,7 +78,7 @@ def make_lazy(
     """
 
     def missing(name: str) -> Any:
-        raise AttributeError(f"module '{package}' has no name '{name}'")
+        raise AttributeError(f"{package} has no name '{name}'{nearest(name, dir(sys.modules[package]))}")
 
     module = sys.modules[package]
     module.__dict__["_other"] = other or missing

@@ -33,7 +33,7 @@ class Table:
 
         def line(cells: Sequence[str]) -> str:
             padded = [
-                cell.ljust(width) if i == 0 else cell.rjust(width)
+                cell.ljust(width) if i in (0, self.sentences) else cell.rjust(width)
                 for i, (cell, width) in enumerate(zip(cells, widths, strict=True))
             ]
             return "  ".join(padded).rstrip()

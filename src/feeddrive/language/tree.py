@@ -10,15 +10,14 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping
-from difflib import get_close_matches
 from functools import cache
 from typing import Any, TypeVar, cast
 
 import numpy as np
 
 from feeddrive.language import ops
-from feeddrive.language.block import Block, Declaration, Number, Rule, checked, declarations, enforce
-from feeddrive.language.errors import ParameterError, StructureError
+from feeddrive.language.block import Block, Declaration, Number, Rule, check_tree, checked, declarations, enforce
+from feeddrive.language.errors import ParameterError, StructureError, nearest
 from feeddrive.language.recent import Recent
 from feeddrive.language.ring import Ring
 
@@ -131,6 +130,7 @@ def cases(*pairs: tuple[Any, Any], otherwise: Any) -> Any:
 
 def parameters(tree: Any) -> dict[str, Any]:
     """The value of every leaf by its path (`axis.x.control.law.Kv`), in the order of `leaves`."""
+    check_tree(tree)
     return {path: value for path, _, value in _placed(tree, "", "")}
 
 
@@ -169,9 +169,7 @@ def _unknown(block: Any, path: str, paths: list[str]) -> ParameterError:
     """The error for a path that is not there, with the right one for a name by fields."""
     if path_of(block, path) in paths:
         return ParameterError(f"'{path}' is written '{path_of(block, path)}', as in a machine file")
-    near = get_close_matches(path_of(block, path), paths, 3)
-    hint = f"; did you mean {' or '.join(near)}?" if near else f"; there are: {', '.join(paths[:12])}, ..."
-    return ParameterError(f"there is no parameter '{path}'{hint}")
+    return ParameterError(f"there is no parameter '{path}'{nearest(path_of(block, path), paths)}")
 
 
 def declaration(block: Block, path: str) -> Declaration:
@@ -214,6 +212,7 @@ def vary(block: Tree, changes: Mapping[str, Any]) -> Tree:
     Raises ParameterError for a path that is not there, a value out of bounds, arrays of unequal length, and for a rule
     that the block or one of the variants breaks, with the number of the variant.
     """
+    check_tree(block)
     given: dict[str, Any] = {}
     lengths: dict[str, int] = {}
     for name, value in changes.items():

@@ -21,7 +21,7 @@ from feeddrive.loop.differentiate import push
 from feeddrive.loop.engine.native import Native, native
 from feeddrive.loop.engine.plan import plan
 from feeddrive.loop.loop import Loop, Signals
-from feeddrive.loop.machine import System
+from feeddrive.loop.machine import System, check_system
 from feeddrive.loop.runner import Prepared, by_lane
 from feeddrive.loop.simulate import known, sample_count
 from feeddrive.loop.trace import Carried, Program, lengths, node, node_values
@@ -83,6 +83,7 @@ def gradient(
     The slope to a dead time of whole substeps is that to its right.
     Raises ParameterError for a name that is not known, and for `sample_time`, which is a constant of the design.
     """
+    check_system(loop)
     known(loop, (), arithmetic)
     if isinstance(parameters, str):
         raise ParameterError(f"parameters must be a list of paths: [{parameters!r}]")

@@ -19,7 +19,7 @@ from feeddrive.language.units import units_of
 from feeddrive.loop.differentiate import push
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.loop import SETPOINT, UNITS, Loop, Probe, Signals, quantity
-from feeddrive.loop.machine import Machine, System
+from feeddrive.loop.machine import Machine, System, check_system
 from feeddrive.loop.runner import Prepared
 from feeddrive.loop.trace import lengths, node_values
 
@@ -92,6 +92,12 @@ class StateSpace(Result):
             inputs=list(self.inputs), outputs=list(self.outputs), states=[s.replace(".", "_") for s in self.states],
         )  # fmt: skip
 
+    def to_scipy(self) -> Any:
+        """The same as a `scipy.signal.StateSpace` with `dt`; it has no names."""
+        from scipy.signal import StateSpace as Theirs
+
+        return Theirs(self.A, self.B, self.C, self.D, dt=self.sample_time)
+
     def table(self) -> Table:
         """The poles as frequency and damping."""
         rows = []
@@ -141,6 +147,7 @@ def linearize(
     Raises ParameterError for a name that is not known, an input that is named twice, and parameters with which the
     model overflows.
     """
+    check_system(loop)
     given = {axis: _unlimited(each) for axis, each in loop.loops().items()}
     if any(given[axis] is not each for axis, each in loop.loops().items()) or isinstance(loop, Machine):
         loop = loop.with_loops(given) if isinstance(loop, Machine) else given[loop.name]
@@ -344,6 +351,7 @@ def compliance(loop: System, frequency: np.ndarray, *, velocity: float = 0.05, a
 
 def _port(loop: System, axis: str | None) -> tuple[str, Loop]:
     """The prefix of the signals of an axis, which a machine needs the name of, and its loop alone."""
+    check_system(loop)
     ports = dict(zip(loop.loops(), loop.ports(), strict=True))
     name = next(iter(ports)) if axis is None and len(ports) == 1 else axis
     if name not in ports:

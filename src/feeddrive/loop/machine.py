@@ -333,3 +333,10 @@ def _mean(held: Any, coupled: list[Any]) -> Any:
         total = each if total is None else total + each
     mean = None if total is None else total / float(len(coupled)) if len(coupled) > 1 else total
     return mean if held is None else held if mean is None else held + mean
+
+
+def check_system(system: Any) -> None:
+    """Raise ParameterError, with what to give, for what is no loop and no machine."""
+    if not isinstance(system, Loop | Machine):
+        remedy = getattr(system, "instead", "") or "a loop or a machine comes first, then what it follows or is asked"
+        raise ParameterError(f"a Loop or a Machine is needed here, not a {type(system).__name__}: {remedy}")

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from feeddrive.blocks.families import Load, Reference
-from feeddrive.language.errors import DivergedError, ParameterError
+from feeddrive.language.errors import DivergedError, ParameterError, nearest
 from feeddrive.language.progress import Progress
 from feeddrive.language.table import Result, Table, shown
 from feeddrive.loop.changes import Changes, Course, changed_loops
@@ -19,7 +19,7 @@ from feeddrive.loop.engine.lower import ARITHMETIC
 from feeddrive.loop.engine.native import Native
 from feeddrive.loop.groups import grouped
 from feeddrive.loop.loop import UNITS, Signals, quantity
-from feeddrive.loop.machine import System
+from feeddrive.loop.machine import System, check_system
 from feeddrive.loop.runner import Prepared, cores
 from feeddrive.loop.statistics import LEFT, gathered
 from feeddrive.loop.work import Work
@@ -161,7 +161,7 @@ def known(system: System, record: Sequence[str], arithmetic: str) -> list[str]:
         port, dot, name = signal.rpartition(".")
         if name not in UNITS or f"{port}{dot}" not in ports:
             there = everywhere(system, Signals._fields)
-            raise ParameterError(f"there is no signal '{signal}'; there are {', '.join(there)}")
+            raise ParameterError(f"there is no signal '{signal}'{nearest(signal, there)}")
     return list(record)
 
 
@@ -243,6 +243,7 @@ def simulate_batch(
     a bit of the result.
     `progress` reports after each group how many variants are done, and may cancel.
     """
+    check_system(loop)
     gather = known(loop, everywhere(loop, GATHERED) if gather is None else gather, arithmetic)
     work = Work(loop, reference, load, enable)
     count = sample_count(work, duration)
@@ -305,6 +306,7 @@ def stream(
     Arguments and errors as `simulate`; a chunk of None is the whole run.  The arrays of a chunk are
     not reused.
     """
+    check_system(loop)
     record = known(loop, everywhere(loop, Signals._fields) if record is None else record, arithmetic)
     work = Work(loop, reference, load, enable, added_force)
     count = sample_count(work, duration)

@@ -75,6 +75,11 @@ class Work:
 
     def _by_axis(self, given: Any, what: str) -> dict[str, Any]:
         if self._single:
+            if what == "reference" and not isinstance(given, Reference):
+                kind = type(given).__name__
+                raise ParameterError(
+                    f"reference: a block such as SnapLimitedMove, or Recorded for an array, not a {kind}"
+                )
             return {} if given is None else dict.fromkeys(self._ports, given)
         if given is not None and not isinstance(given, Mapping):
             raise ParameterError(f"{what}: a machine takes one for each axis, by name: {', '.join(self._ports)}")

@@ -17,7 +17,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, Generic, ParamSpec, TypeVar
 
-from feeddrive.language.errors import FeeddriveError
+from feeddrive.language.errors import FeeddriveError, ParameterError, nearest
 from feeddrive.language.progress import Progress
 from feeddrive.language.table import Table
 from feeddrive.workflow.request import OUT, Request, fields_of
@@ -85,10 +85,22 @@ class Command(Generic[P, R, T]):
     def __call__(self, *args: P.args, **kwargs: P.kwargs) -> T:
         """The result. `progress` may be given beside the fields of the request; `run` gives the whole outcome."""
         progress: Any = kwargs.pop("progress", None)
+        try:
+            inspect.signature(self.request).bind(*args, **kwargs)
+        except TypeError as error:
+            raise ParameterError(self._misuse(kwargs, str(error))) from None
         found = self.run(self.request(*args, **kwargs), progress)
         if found.error is not None:
             raise found.error
         return found.result
+
+    def _misuse(self, given: Mapping[str, Any], said: str) -> str:
+        fields = {each.name: each for each in fields_of(self.request)}  # type: ignore[arg-type]
+        wrong = [name for name in given if name not in fields]
+        if wrong:
+            return f"{self.__name__} has no option '{wrong[0]}'{nearest(wrong[0], fields)}"
+        needed = ", ".join(f"{name} ({each.declared.meaning})" for name, each in fields.items() if each.required)
+        return f"{self.__name__}: {said}; it needs {needed or 'nothing'}, all else by name"
 
     def run(self, request: R, progress: Progress | None = None) -> Outcome[T]:
         """Do the work that a request asks for. A place that cannot be written is refused before the work."""

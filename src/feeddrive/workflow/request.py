@@ -34,6 +34,7 @@ class Field:
     """A field of a request.
 
     kind      of one value: str, Path, int, float or bool
+    kinds     all that Python may give instead: the path of a log, or a `Log`
     many      the field is a tuple of such values
     unit      the SI unit that the request holds; `declared.unit` is the one in which people give it
     flag      on the command line; empty for an argument, which has a place and no name
@@ -41,6 +42,7 @@ class Field:
 
     name: str
     kind: type
+    kinds: tuple[type, ...]
     many: bool
     default: Any
     unit: str
@@ -79,6 +81,14 @@ class Field:
         where = self.flag or self.name
         if self.kind is Path and isinstance(value, str):
             return Path(value)
+        if self.kind is not float and (
+            not isinstance(value, self.kinds) or isinstance(value, bool) != (self.kind is bool)
+        ):
+            names = [each.__name__ for each in self.kinds]
+            wanted = {int: "a whole number", bool: "True or False"}.get(self.kind, f"a {' or '.join(names)}")
+            shown = f" = {value!r}" if isinstance(value, str | int | float) else ""
+            hint = f", not a {type(value).__name__}: {getattr(value, 'instead', '')}" if not shown else ""
+            raise ParameterError(f"{where}{shown} ({self.declared.meaning}) must be {wanted}{hint}".rstrip(": "))
         if self.kind is float:
             if isinstance(value, bool) or not isinstance(value, (int, float)):
                 raise ParameterError(f"{where} ({self.declared.meaning}) must be a number, not {value!r}")
@@ -166,11 +176,15 @@ def fields_of(request: type[Request]) -> tuple[Field, ...]:
     hints = typing.get_type_hints(request)
     found: list[Field] = []
     for spec in dataclasses.fields(request):  # type: ignore[arg-type]
-        kind, many = _kind(hints[spec.name])
+        kinds, many = _kind(hints[spec.name])
         given = spec.metadata
         positional = given["declared"].role == "argument"
         flag = "" if positional else given["flag"] or f"--{spec.name.replace('_', '-')}"
-        found.append(Field(spec.name, kind, many, spec.default, given["unit"], given["declared"], flag, given["short"]))
+        found.append(
+            Field(
+                spec.name, kinds[0], kinds, many, spec.default, given["unit"], given["declared"], flag, given["short"]
+            )
+        )
     return tuple(found)
 
 
@@ -200,13 +214,13 @@ def _literal(value: Any) -> str:
     return repr(value) if known else repr(called(value))
 
 
-def _kind(hint: Any) -> tuple[type, bool]:
-    """The first type of a union, and whether it stands in a tuple: `tuple[Path, ...]`, `str | MachineFile`."""
-    if typing.get_origin(hint) in (types.UnionType, typing.Union):
-        hint = next(each for each in typing.get_args(hint) if each is not type(None))
-    if typing.get_origin(hint) is tuple:
-        return _kind(typing.get_args(hint)[0])[0], True
-    return hint, False
+def _kind(hint: Any) -> tuple[tuple[type, ...], bool]:
+    """The types of a union, and whether they stand in a tuple: `tuple[Path, ...]`, `str | MachineFile`."""
+    kinds = typing.get_args(hint) if typing.get_origin(hint) in (types.UnionType, typing.Union) else (hint,)
+    kinds = tuple(each for each in kinds if each is not type(None))
+    if typing.get_origin(kinds[0]) is tuple:
+        return _kind(typing.get_args(kinds[0])[0])[0], True
+    return kinds, False
 
 
 def frequencies(band: str) -> tuple[float, float]:
