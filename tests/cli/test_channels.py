@@ -78,8 +78,8 @@ def test_factors_and_a_clock_of_another_name_on_the_command_line(tmp_path: Path)
 
 def test_a_response_by_roles(tmp_path: Path) -> None:
     random = np.random.default_rng(1)
-    force = random.standard_normal(6000)
-    position = np.convolve(force, [0.0, 1.0, 0.5])[:6000]
+    force = 100.0 * random.standard_normal(6000)
+    position = np.convolve(force, [0.0, 1e-8, 5e-9])[:6000]
     path = tmp_path / "log.csv"
     table = np.column_stack([np.arange(6000) * 1e-3, force, 1e3 * position])
     np.savetxt(path, table, delimiter=",", header="t,kraft_N,lageistwert_mm", comments="")

@@ -21,6 +21,7 @@ from pathlib import Path
 from feeddrive.files.atomic_io import write_whole
 from feeddrive.files.columns import COUNTS, OWN_UNIT, ROLES, Column, unit_of
 from feeddrive.files.log import Log
+from feeddrive.files.read_log import unit_at_the_end
 from feeddrive.language import units
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.table import Result, Table
@@ -47,7 +48,8 @@ _WORDS = {
 }
 # names that are known as they stand
 _EXACT = {
-    "qg": "setpoint_position", "qm": "position_load", "vir": "command", "set_position": "setpoint_position",
+    "qg": "setpoint_position", "reference": "setpoint_position", "xr": "setpoint_position",
+    "qm": "position_load", "vir": "command", "set_position": "setpoint_position",
     "reading_load": "position_load", "reading_motor": "position_motor",
 }  # fmt: skip
 _QUANTITY_OF_UNIT = {"m": "position", "m/s": "velocity", "m/s2": "acceleration", "N": "force", "N m": "torque",
@@ -113,7 +115,7 @@ def read_name(name: str, unit: str) -> NameReading:
         quantity in ("", "command")
         and axis
         and by_words != "command"
-        and (is_set or _MEASURED & set(bare) or bare == [axis])
+        and (is_set or _MEASURED & set(bare) or bare in ([axis], [axis, "m"]))
     ):
         quantity = "position"  # x, x_cmd, y_fb
     if bare[:1] == ["pid"] and "output" not in bare and {"command", "feedback"} & set(bare):
@@ -264,7 +266,9 @@ def guess_roles(log: Log, axis: str | None = None) -> Guess:
     needs: dict[str, tuple[str, str]] = {}
     unused: dict[str, str] = {}
     # exact names first, then those that say what they are, and last those that only might be
-    for name, each in sorted(read.items(), key=lambda item: (not item[1].exact, item[1].is_weak, not item[1].side)):
+    for name, each in sorted(
+        read.items(), key=lambda item: (item[0] not in ROLES, not item[1].exact, item[1].is_weak, not item[1].side)
+    ):
         role = each.exact or _role(each)
         if not role:
             unused[name] = each.why or "like nothing that is known"
@@ -317,7 +321,11 @@ def _take(
         rated = ": the rated value / 100" if each.unit == "percent" else ""
         needs[role] = (name, f"{ROLES[role]} per {each.unit}{rated}")
         return
-    said = "" if each.unit or role in OWN_UNIT else f"; no unit is stated, {ROLES[role]} is taken"
+    said = (
+        ""
+        if each.unit or role in OWN_UNIT or unit_at_the_end(name, role)
+        else f"; no unit is stated, {ROLES[role]} is taken"
+    )
     reasons[role] = each.why + said
 
 

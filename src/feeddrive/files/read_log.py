@@ -220,12 +220,19 @@ def _factor(path: str, role: str, column: Column, unit: str) -> float:
                 f"{path}: column '{column.name}' is in '{unit}', which is not a unit of {role} ({ROLES[role]}); "
                 f"give the factor from one to the other, as in  {role} = {{ column = '{column.name}', factor = 1.0 }}"
             ) from None
-    for start in [k + 1 for k, letter in enumerate(column.name) if letter == "_"]:
+    ending = unit_at_the_end(column.name, role)
+    return units.factor(ending, ROLES[role]) if ending else 1.0
+
+
+def unit_at_the_end(name: str, role: str) -> str:
+    """The unit of a role with which the name of a column ends, `x_cmd_mm`; empty without one."""
+    for start in [k + 1 for k, letter in enumerate(name) if letter == "_"]:
         try:
-            return units.factor(column.name[start:], ROLES[role]) if column.name[start:] != "in" else 1.0
+            units.factor(name[start:], ROLES[role])
         except ParameterError:
             continue
-    return 1.0
+        return "" if name[start:] == "in" else name[start:]
+    return ""
 
 
 def _scaled_by_rate(columns: Columns, column: Column, time: np.ndarray) -> tuple[np.ndarray, str]:
@@ -255,8 +262,18 @@ def _stamps(path: str, columns: Columns, channels: Mapping[str, np.ndarray], sam
         raise LogError(
             f"{path}: has no column of time among {names}{left}; "
             "name it, as in  time = { column = 'x', unit = 'ms' }, or give the sample time"
+            f"{_as_frequencies(columns)}"
         )
     return sample_time * np.arange(rows, dtype=np.float64)
+
+
+def _as_frequencies(columns: Columns) -> str:
+    """A hint for a table that may be a frequency response: its first column rises and is not negative."""
+    first = next(iter(columns.values.values()), None)
+    if first is None or first.size < LEAST_ROWS or first[0] < 0.0 or not np.all(np.diff(first) > 0.0):
+        return ""
+    name = next(iter(columns.values))
+    return f"; if '{name}' holds frequencies, this is a frequency response: head its columns f_Hz,re,im"
 
 
 LEAST_ROWS = 3
@@ -293,6 +310,11 @@ def checked_clock(name: str, time: np.ndarray, place: Callable[[int], str], samp
             f"{name}: time {what} at {place(k + 1)}: {time[k]:.9g} s is followed by {time[k + 1]:.9g} s "
             f"({back.size} such rows); remove the repeated rows, or give the sample time if the stamps are only rounded"
         )
+    if _grow(time):
+        raise LogError(
+            f"{name}: the stamps grow by a constant factor, {time[1] / time[0]:.4g} from row to row, as "
+            f"frequencies do: a frequency response is read if its columns are headed f_Hz,re,im"
+        )
     usual = float(np.median(steps))
     gaps = np.flatnonzero(steps > GAP * usual)
     if gaps.size:
@@ -319,6 +341,14 @@ def checked_clock(name: str, time: np.ndarray, place: Callable[[int], str], samp
     return Clock(_decimal(mean, time), largest)
 
 
+def _grow(time: np.ndarray) -> bool:
+    """Whether the stamps rise by a constant factor, as frequencies do."""
+    if time.size < 10 or not time[0] > 0.0:
+        return False
+    ratio = np.diff(np.log(time))
+    return bool(np.ptp(ratio) < 0.1 * np.mean(ratio))
+
+
 def _fitted(name: str, time: np.ndarray, place: Callable[[int], str], sample_time: float) -> Clock:
     _check_plausible(name, sample_time)
     off = (time - time[0]) / sample_time - np.arange(time.size)
@@ -335,10 +365,22 @@ def _fitted(name: str, time: np.ndarray, place: Callable[[int], str], sample_tim
 
 def _check_plausible(name: str, sample_time: float) -> None:
     if not _FASTEST <= sample_time <= _SLOWEST:
+        read = [f"{unit} ({1e3 * step:.4g} ms)" for unit, step in time_units(sample_time)]
+        likely = f"; likeliest are {' and '.join(read)} from one row to the next" if read else ""
         raise LogError(
             f"{name}: a sample time of {sample_time:.6g} s is not one of a servo loop, {_FASTEST:g} to {_SLOWEST:g} s; "
-            "is the time in another unit? Then say so, as in  time = { column = 't', unit = 'ms' }"
+            f"is the time in another unit{likely}? Then say so: --time t:ms, or  time = {{ column = 't', unit = 'ms' }}"
         )
+
+
+def time_units(step: float) -> list[tuple[str, float]]:
+    """The two units, likeliest first, in which a step of stamps is one of a servo loop, and that step in s.
+
+    Near to 1 ms is likely: whole milliseconds are the commonest clock of all.
+    """
+    read = [(unit, step * units.factor(unit, "s")) for unit in ("s", "ms", "us", "ns")]
+    inside = [each for each in read if _FASTEST <= each[1] <= _SLOWEST]
+    return sorted(inside, key=lambda each: abs(np.log(each[1] / 1e-3)))[:2]
 
 
 def _decimal(mean: float, time: np.ndarray) -> float:

@@ -5,25 +5,28 @@ The mapping comes from the options, from a TOML file, or else is guessed and sho
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from feeddrive.files.columns import OWN_UNIT, ROLES, Column
+from feeddrive.files.columns import OWN_UNIT, ROLES, Column, is_time
 from feeddrive.files.formats import OpenedFile
 from feeddrive.files.frf import names_frequency, read_controllers, read_frfs
 from feeddrive.files.guess import Guess, guess_roles, write_roles
 from feeddrive.files.job import LogRequest, read_request
 from feeddrive.files.log import Log, LogLike
-from feeddrive.files.read_log import read_log
+from feeddrive.files.read_log import read_log, time_units, unit_at_the_end
 from feeddrive.files.readers.ast_xml import is_ast
 from feeddrive.language import units
 from feeddrive.language.errors import FileError, LogError, ParameterError
 from feeddrive.language.progress import Progress
 from feeddrive.language.table import Table
 from feeddrive.workflow.command import Outcome, command
+from feeddrive.workflow.readings import Doubt, with_units
+from feeddrive.workflow.readings import doubt as doubt_of
 from feeddrive.workflow.request import Request, argument, option
 
 
@@ -46,6 +49,15 @@ def column(text: str, role: str = "") -> Column:
     return Column(name=name, unit=unit)
 
 
+@dataclass(frozen=True)
+class Mapped:
+    """A log with its roles, which column has which, and whether its sizes are those of a feed drive."""
+
+    log: Log
+    columns: dict[str, Column]
+    doubt: Doubt
+
+
 def mapped(
     path: Path | OpenedFile,
     named: Mapping[str, str | None],
@@ -53,20 +65,44 @@ def mapped(
     wanted: Collection[str],
     sample_time: float | None,
     progress: Progress,
-) -> tuple[Log, dict[str, Column]]:
-    """The log with its roles in `wanted`, and which column has which.
+    unit: Sequence[str] = (),
+    *,
+    steady: bool = False,
+) -> Mapped:
+    """The log with its roles in `wanted`.
 
     named     role -> text of the command line; what is named goes before all else
     channels  a TOML file with [log.channels]; without it roles that are not named are guessed, and the guess is shown
+    unit      of columns that state none and were not given one
+    steady    the log is no motion with ramps: accelerations in it say nothing of its units
     """
     path = path if isinstance(path, OpenedFile) else OpenedFile(path)
     told = {role: column(text, role) for role, text in named.items() if text is not None}
+    optional: Mapping[str, Column] = {}
     if channels is not None:
         request = requested(channels, path.path)
-        mapping = {role: each for role, each in {**request.channels, **told}.items() if role in wanted}
-        log = read_log(path, mapping, optional=request.optional, sample_time=sample_time or request.sample_time)
-        return log, mapping
-    guess = guess_roles(read_log(path, sample_time=clock(path, named.get("time"), sample_time)))
+        told = {**request.channels, **told}
+        optional, sample_time = request.optional, sample_time or request.sample_time
+        mapping = {role: each for role, each in told.items() if role in wanted}
+    else:
+        mapping = _guessed_roles(path, told, named.get("time"), wanted, sample_time, progress)
+    whole = with_units(path, mapping, unit)
+    log = read_log(path, whole, optional=optional, sample_time=sample_time)
+    sure = {role for role, each in whole.items() if each != mapping[role]}
+    sure |= {role for role, each in told.items() if each.unit or each.factor is not None}
+    return Mapped(log, whole, doubt_of(path, log, whole, sure, steady=steady))
+
+
+def _guessed_roles(
+    path: OpenedFile,
+    told: Mapping[str, Column],
+    time: str | None,
+    wanted: Collection[str],
+    sample_time: float | None,
+    progress: Progress,
+) -> dict[str, Column]:
+    """The roles that were told, and guesses of the others, which are shown."""
+    guess = guess_roles(whole_log(path, time, sample_time))
     guessed = {role: each for role, each in guess.mapping.items() if role in wanted and role not in told}
     # a column that was named for one role does not stand for another
     taken = {each.name for each in told.values()}
@@ -78,9 +114,9 @@ def mapped(
         names = ", ".join([*guess.unused, *(each.name for each in guess.mapping.values())][:20])
         raise LogError(
             f"{path}: no column is known by its name or unit; there are: {names}. Name them, as "
-            f"with --position 'x:mm' --force 'f:N', or give them with --channels"
+            f"with --set-position 'r:mm' --position 'x:mm' --force 'f:N', or give them with --channels"
         )
-    return read_log(path, mapping, sample_time=sample_time), mapping
+    return mapping
 
 
 def requested(channels: Path, path: Path) -> LogRequest:
@@ -91,13 +127,13 @@ def requested(channels: Path, path: Path) -> LogRequest:
     return read_request(channels, path)
 
 
-def clock(path: Path | OpenedFile, time: str | None, sample_time: float | None) -> float | None:
-    """The sample time of a log whose column of time has another name than the usual ones."""
-    return (
-        sample_time
-        if time is None
-        else read_log(path, {"time": column(time, "time")}, sample_time=sample_time).sample_time
-    )
+def whole_log(path: Path | OpenedFile, time: str | None, sample_time: float | None, name: str | None = None) -> Log:
+    """All columns of a log under their own names, with the column of time that was named, in its unit."""
+    if time is None:
+        return read_log(path, sample_time=sample_time, name=name)
+    told = column(time, "time")
+    read_log(path, {"time": told}, sample_time=sample_time)  # one that is not there is said
+    return read_log(path, optional={"time": told}, sample_time=sample_time, name=name)
 
 
 def show(guess: Guess, path: Path | OpenedFile, progress: Progress) -> None:
@@ -114,6 +150,7 @@ class ChannelsRequest(Request):
 
     log: LogLike = argument("A log of any known format")
     axis: str | None = option("of a log with several, as x or 0", default=None)
+    time: str | None = option("column of the time, name:unit", default=None)
     sample_time: float | None = option("of a log without a clock", unit="s", default=None)
     out: Path | None = option("File for the mapping (TOML)", short="-o", default=None)
 
@@ -134,7 +171,7 @@ def channels(request: ChannelsRequest, progress: Progress) -> Outcome[Any]:
                 f"NAME and --load NAME"
             )
         return _responses(file)
-    guess = guess_roles(read_log(file, sample_time=request.sample_time), request.axis)
+    guess = _guessed(request, file)
     if out is None:
         return Outcome(guess, [guess.table()], section=guess.toml(path))
     write_roles(out, guess, path.resolve() if out.parent.resolve() != path.parent.resolve() else path.name)
@@ -164,3 +201,38 @@ def _responses(file: OpenedFile) -> Outcome[Any]:
             tables.append(Table(title or "all else that the file says", ("member", "value as in the file"), shown))
     how = "" if len(found) == 1 else " --motor NAME --load NAME, the names of the responses of the encoders"
     return Outcome(found, tables, verdict=f"Masses and modes: feeddrive identify {file}{how}")
+
+
+def _guessed(request: ChannelsRequest, file: OpenedFile) -> Guess:
+    """The guess; a clock that is none of a servo loop is taken in the unit that makes it one, since this can be seen
+    and corrected.
+    """
+    time, why = request.time, "named on the command line"
+    try:
+        log = whole_log(file, time, request.sample_time)
+    except LogError:
+        found = None if time is not None or request.sample_time is not None else _likely_time(file)
+        if found is None:
+            raise
+        time, why = found
+        log = whole_log(file, time, None)
+    guess = guess_roles(log, request.axis)
+    if time is None:
+        return guess
+    told = {"time": column(time, "time")}
+    return replace(guess, mapping={**told, **guess.mapping}, reasons={"time": why, **guess.reasons})
+
+
+def _likely_time(file: OpenedFile) -> tuple[str, str] | None:
+    """The column of time with the likeliest unit, `t:ms`, and why; None if it states one or none would do."""
+    name = next((name for name in file.columns.values if is_time(name)), None)
+    if name is None or name in file.columns.units or unit_at_the_end(name, "time"):
+        return None
+    steps = np.diff(file.columns.values[name])
+    step = float(np.median(steps)) if steps.size else 0.0
+    units_ = time_units(step) if np.isfinite(step) and step > 0.0 else []
+    if not units_ or units_[0][0] == "s":
+        return None
+    other = "".join(f", in {unit} {1e3 * size:.4g} ms" for unit, size in units_[1:])
+    unit, size = units_[0]
+    return f"{name}:{unit}", f"no unit is stated; in {unit} the step is {1e3 * size:.4g} ms{other}: correct it if wrong"

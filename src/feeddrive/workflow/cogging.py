@@ -45,6 +45,7 @@ from feeddrive.workflow.drive_logs import (
     read_logs,
     written,
 )
+from feeddrive.workflow.readings import units_first
 from feeddrive.workflow.request import argument, called, option
 
 _POSITIONS = ("position_motor", "position_load", "angle_motor")
@@ -96,6 +97,7 @@ class _Seen:
     period: float
     turning: bool
     columns: str
+    doubts: Sequence[str] = ()
 
 
 @command(CoggingRequest)
@@ -130,16 +132,17 @@ def cogging(request: CoggingRequest, progress: Progress) -> Outcome[CoggingFit]:
     # the chance of each is in the report: a terminal of 80 columns holds the rest whole
     shown = Table(found.title, found.heads[:-1], [row[:-1] for row in found.rows])
     notes = [f"No machine file was written: {why}."] if text is None else []
-    return Outcome(fit, [shown], [sentence(each) for each in fit.remarks], recommendation(fit), notes, files=files)
+    said = [sentence(each) for each in (*seen.doubts, *fit.remarks)]
+    verdict = units_first(seen.doubts) or recommendation(fit)
+    return Outcome(fit, [shown], said, verdict, notes, files=files)
 
 
 def _passes(request: CoggingRequest, drive: Drive, orders: Sequence[int] | None, progress: Progress) -> _Seen:
     """Ways in one direction of logs that run over the travel; a clock is not needed."""
-    named = request.named()
-    wanted = ("time", *_POSITIONS, *_FORCES)
+    named, wanted = request.named(), ("time", *_POSITIONS, *_FORCES)
     files = [OpenedFile(each) for each in request.logs]
-    paths = [each.path for each in files]
-    read, mapping = read_logs(files, named, request.channels, wanted, _clock(files[0], request), progress)
+    step, paths = _clock(files[0], request), [each.path for each in files]
+    read, mapping, doubts = read_logs(files, named, request.channels, wanted, step, progress, request.unit)
     found: list[CoggingRun] = []
     role = moving = ""
     period, units_there = 0.0, ""
@@ -153,7 +156,7 @@ def _passes(request: CoggingRequest, drive: Drive, orders: Sequence[int] | None,
         except NotIdentifiableError as error:
             unit = ROLES[moving]
             raise NotIdentifiableError(f"{path}: with a period of {period:.4g} {unit} {error}") from None
-    return _Seen(found, role, units_there, period, moving == "angle_motor", columns_said(mapping))
+    return _Seen(found, role, units_there, period, moving == "angle_motor", columns_said(mapping), doubts)
 
 
 def _clock(path: OpenedFile, request: CoggingRequest) -> float | None:

@@ -6,19 +6,27 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
 from feeddrive.blocks.actuator.screw import Screw
 from feeddrive.files.columns import Column
 from feeddrive.files.formats import OpenedFile
 from feeddrive.files.log import Log, LogLike
 from feeddrive.files.machine import MachineFile, MachineLike, read_machine
 from feeddrive.files.read_log import read_log
-from feeddrive.identification.estimate import lever
-from feeddrive.language.errors import LogError
+from feeddrive.identification.estimate import SHAFT, lever
+from feeddrive.language.errors import LogError, ParameterError
 from feeddrive.language.progress import Progress
 from feeddrive.language.table import Table
 from feeddrive.loop.loop import Loop
 from feeddrive.workflow.channels import mapped
-from feeddrive.workflow.request import OUT, Request, argument, called, option
+from feeddrive.workflow.request import OUT, UNIT, Request, argument, called, option
+
+# along the table and round the shaft, the first that is there is taken; a position is differenced
+_TABLE = ("velocity_load", "velocity_motor", "position_load", "position_motor")
+_SHAFT = ("speed_motor", "angle_motor")
+FORCES = ("force", "torque", "command", "current")
+MOTIONS = (*_TABLE, *_SHAFT)
 
 
 @dataclass(frozen=True)
@@ -60,6 +68,7 @@ class DriveLogsRequest(Request):
     channels: Path | None = option("which column is what (TOML), as `feeddrive channels` writes it", default=None)
     time: str | None = option("column of the time, name:unit", default=None)
     sample_time: float | None = option("of logs without a clock", unit="s", default=None)
+    unit: tuple[str, ...] = option(UNIT, default=())
     out: Path | None = option(OUT, short="-o", default=None)
 
     def forces(self) -> dict[str, str | None]:
@@ -91,17 +100,24 @@ def axis_name(loop: Loop | None, axis: str | None) -> str:
 
 def read_logs(
     paths: Sequence[Path | OpenedFile], named: Mapping[str, str | None], channels: Path | None, wanted: Collection[str],
-    sample_time: float | None, progress: Progress,
-) -> tuple[list[Log], dict[str, Column]]:  # fmt: skip
-    """All logs with the roles of the first one, whose guess is shown. Raises LogError as `read_log`."""
-    first, mapping = mapped(paths[0], named, channels, wanted, sample_time, progress)
-    read = [first]
+    sample_time: float | None, progress: Progress, unit: Sequence[str] = (),
+) -> tuple[list[Log], dict[str, Column], list[str]]:  # fmt: skip
+    """All logs with the roles of the first one, whose guess is shown; and doubts about their sizes.
+
+    Raises LogError as `read_log`, and for a log that is none of a feed drive.
+    """
+    first = mapped(paths[0], named, channels, wanted, sample_time, progress, unit, steady=True)
+    first.doubt.stop(progress)
+    read, doubts = [first.log], [first.doubt.why]
     for path in paths[1:]:
         if channels is not None:
-            read.append(mapped(path, named, channels, wanted, sample_time, progress)[0])
+            other = mapped(path, named, channels, wanted, sample_time, progress, unit, steady=True)
+            other.doubt.stop(progress)
+            read.append(other.log)
+            doubts.append(other.doubt.why)
         else:
-            read.append(read_log(path, mapping, sample_time=sample_time))
-    return read, mapping
+            read.append(read_log(path, first.columns, sample_time=sample_time))
+    return read, first.columns, [each for each in doubts if each]
 
 
 def chosen(
@@ -117,6 +133,36 @@ def chosen(
             + (f"; with a role there are: {names}" if names else "")
         )
     return (told or there)[0]
+
+
+def velocity_and_force(
+    path: OpenedFile, log: Log, named: Mapping[str, str | None], drive: Drive
+) -> tuple[np.ndarray, np.ndarray, bool]:
+    """Velocity and force of a log, and whether they are those of a shaft."""
+    acting = chosen(path, log, named, FORCES, "force", "--force, --torque, --current or --command")
+    shaft_first = acting == "torque"
+    order = (*_SHAFT, *_TABLE) if shaft_first else (*_TABLE, *_SHAFT)
+    moving = chosen(path, log, named, order, "velocity", "--velocity, --speed, --position or --angle")
+    velocity, force = log[moving], log[acting]
+    if moving.startswith(("position", "angle")):
+        velocity = np.gradient(velocity, log.sample_time)
+    if acting in ("command", "current"):
+        if drive.force_constant is None:
+            raise ParameterError(
+                f"{path}: the {acting} is in the drive's own unit: give the force per unit with --force-constant, the "
+                f"machine with --machine, or the torque per unit as --torque 'column*factor'"
+            )
+        force = drive.force_constant * force
+    round_, turning = acting == "torque", moving in _SHAFT
+    if round_ == turning:
+        return velocity, force, turning
+    r = drive.lever
+    if r is None:
+        raise ParameterError(
+            f"{path}: {moving} is in {log.units.get(moving, SHAFT.velocity)} and the force comes from {acting}: one "
+            f"is along the table and the other round a shaft; give the screw's lead in m with --lead"
+        )
+    return (r * velocity, force, False) if turning else (velocity, force / r, False)
 
 
 def logs_stem(logs: Sequence[LogLike]) -> str:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import replace
 from html import escape
 from itertools import pairwise
 from pathlib import Path
@@ -10,10 +11,11 @@ from pathlib import Path
 import numpy as np
 
 from feeddrive.files.atomic_io import new_directory
-from feeddrive.files.columns import unit_of
+from feeddrive.files.columns import Column, unit_of
 from feeddrive.files.formats import OpenedFile
 from feeddrive.files.frf import write_frf
 from feeddrive.files.guess import guess_roles, unit_in_name
+from feeddrive.files.job import LogRequest
 from feeddrive.files.log import Log, LogLike
 from feeddrive.files.messages import nearest
 from feeddrive.files.read_log import read_log
@@ -26,9 +28,10 @@ from feeddrive.language.progress import Progress
 from feeddrive.language.table import Table
 from feeddrive.report.content import Shown
 from feeddrive.report.page import definitions, header, page, picture, table
-from feeddrive.workflow.channels import clock, requested, show
+from feeddrive.workflow.channels import column, requested, show, whole_log
 from feeddrive.workflow.command import Outcome, command
-from feeddrive.workflow.request import OUT, Request, argument, called, frequencies, option
+from feeddrive.workflow.readings import doubt, units_first, with_units
+from feeddrive.workflow.request import OUT, UNIT, Request, argument, called, frequencies, option
 
 # names that a column may have for each role, the first that is there is taken
 _INPUT = ("force", "torque", "current", "command", "iq")
@@ -38,6 +41,8 @@ _OUTPUTS = (("position_load", "reading_load", "position_motor", "reading_motor")
             ("velocity_load", "velocity_motor"), ("speed_load", "speed_motor"))  # fmt: skip
 _ONE_OUTPUT = ("position", "y", "x")
 _SI = ("m", "m/s", "m/s2", "N", "rad", "rad/s", "N m", "A", "V")
+_FLAGS = {**dict.fromkeys((name for kind in _OUTPUTS for name in kind), "--output"),
+          **dict.fromkeys(_INPUT, "--input")}  # fmt: skip
 TRUSTED = 0.9  # coherence from which a line may carry a tuning
 
 
@@ -55,6 +60,7 @@ class FrfRequest(Request):
     segment: int | None = option("samples of a stretch of averaged spectra", default=None)
     sample_time: float | None = option("for logs without time", unit="s", default=None)
     time: str | None = option("column of the time, name:unit", default=None)
+    unit: tuple[str, ...] = option(UNIT, default=())
     channels: Path | None = option("which column is what (TOML), as `feeddrive channels` writes it", default=None)
     out: Path | None = option(OUT, short="-o", default=None)
 
@@ -71,7 +77,7 @@ def frf(request: FrfRequest, progress: Progress) -> Outcome[Sequence[FrequencyEs
     """
     logs, references = [OpenedFile(each) for each in request.logs], request.reference
     unnamed = request.input is None and not request.output
-    read = _read(logs, unnamed, request.channels, request.time, request.sample_time, progress)
+    read = _read(logs, unnamed, request, progress)
     inside = None if request.band is None else frequencies(request.band)
     found: list[FrequencyEstimate] = []
     said: list[Table | str] = []
@@ -105,20 +111,12 @@ def frf(request: FrfRequest, progress: Progress) -> Outcome[Sequence[FrequencyEs
     return Outcome(found, said, [*remarks, *doubts], files=files)
 
 
-def _read(
-    files: Sequence[OpenedFile],
-    unnamed: bool,
-    channels: Path | None,
-    time: str | None,
-    sample_time: float | None,
-    progress: Progress,
-) -> list[Log]:
+def _read(files: Sequence[OpenedFile], unnamed: bool, request: FrfRequest, progress: Progress) -> list[Log]:
     """The logs, with the roles of a TOML file, or, where nothing was named and no name is usual, with guessed ones."""
+    channels, time, sample_time, unit = request.channels, request.time, request.sample_time, request.unit
     if channels is not None:
-        requests = [requested(channels, file.path) for file in files]
-        return [each.read() for each in requests]
-    clocks = [clock(file, time, sample_time) for file in files]
-    read = [read_log(file, sample_time=step, name=str(file)) for file, step in zip(files, clocks, strict=True)]
+        return [_by_roles(requested(channels, file.path), time, sample_time, unit, progress) for file in files]
+    read = [whole_log(file, time, sample_time, str(file)) for file in files]
     usual = {*_INPUT} & {*read[0].channels} and {*_ONE_OUTPUT, *(n for kind in _OUTPUTS for n in kind)} & {
         *read[0].channels
     }
@@ -128,10 +126,35 @@ def _read(
     show(guess, files[0], progress)
     if not guess.mapping:  # all need a factor: the columns as they are, so that what is missing is named among them
         return read
-    return [
-        read_log(file, guess.mapping, sample_time=step, name=str(file))
-        for file, step in zip(files, clocks, strict=True)
-    ]
+    told = {} if time is None else {"time": column(time, "time")}
+    roles = with_units(files[0], guess.mapping, unit)
+    read = [read_log(file, {**roles, **told}, sample_time=sample_time, name=str(file)) for file in files]
+    sure = [role for role, each in roles.items() if each != guess.mapping[role]]
+    _check_sizes(files[0], read[0], roles, sure, progress)
+    return read
+
+
+def _check_sizes(
+    file: OpenedFile, log: Log, roles: Mapping[str, Column], told: Collection[str], progress: Progress
+) -> None:
+    """Stop at a log that is none of a feed drive; say so if its units were told."""
+    found = doubt(file, log, roles, told, _FLAGS, steady=True)
+    found.stop(progress)
+    if found.why:
+        progress.remark(units_first([found.why]))
+
+
+def _by_roles(
+    request: LogRequest, time: str | None, sample_time: float | None, unit: Sequence[str], progress: Progress
+) -> Log:
+    """A log with the roles of a TOML file; what was named on the command line goes before it."""
+    file = OpenedFile(request.path)
+    told = {} if time is None else {"time": column(time, "time")}
+    roles = with_units(file, {**request.channels, **told}, unit)
+    log = replace(request, channels=roles, sample_time=sample_time or request.sample_time).read()
+    sure = [role for role, each in roles.items() if each.unit or each.factor is not None]
+    _check_sizes(file, log, roles, sure, progress)
+    return log
 
 
 def _record(log: Log, of_input: str, of_output: str, references: Sequence[str]) -> Record:

@@ -24,7 +24,7 @@ from feeddrive.identification.motion.identify import own_viscous
 from feeddrive.identification.steady_runs.friction_curve import Compared, FrictionCurve, fit_friction
 from feeddrive.identification.steady_runs.steady_runs import LEAST_ROWS, SteadyRuns, steady_runs
 from feeddrive.language.block import declarations
-from feeddrive.language.errors import NotIdentifiableError, ParameterError
+from feeddrive.language.errors import NotIdentifiableError
 from feeddrive.language.progress import Progress
 from feeddrive.language.table import Table
 from feeddrive.loop.axis import Axis
@@ -33,13 +33,20 @@ from feeddrive.report.content import Shown
 from feeddrive.report.page import definitions, header, page, picture, table
 from feeddrive.workflow import drive_logs
 from feeddrive.workflow.command import Outcome, command
-from feeddrive.workflow.drive_logs import Drive, DriveLogsRequest, chosen, columns_said, drive_of, narrow, written
+from feeddrive.workflow.drive_logs import (
+    FORCES,
+    MOTIONS,
+    Drive,
+    DriveLogsRequest,
+    columns_said,
+    drive_of,
+    narrow,
+    velocity_and_force,
+    written,
+)
+from feeddrive.workflow.readings import units_first
 from feeddrive.workflow.request import argument, called, option
 
-# along the table and round the shaft, the first that is there is taken; a position is differenced
-_TABLE = ("velocity_load", "velocity_motor", "position_load", "position_motor")
-_SHAFT = ("speed_motor", "angle_motor")
-_FORCES = ("force", "torque", "command", "current")
 _POOR = 0.15  # share of the force's RMS that a curve may leave before it is advised against
 _SLOW = 2  # runs in each direction that must be slower than the Stribeck velocity for its level to be seen
 _OPEN = 0.5  # standard error over value from which a parameter counts as not known
@@ -74,12 +81,15 @@ def friction(request: FrictionRequest, progress: Progress) -> Outcome[FrictionCu
     """
     drive, named = drive_of(request), request.named()
     opened = [OpenedFile(each) for each in request.logs]
-    wanted = ("time", *_TABLE, *_SHAFT, *_FORCES)
-    read, mapping = drive_logs.read_logs(opened, named, request.channels, wanted, request.sample_time, progress)
+    wanted = ("time", *MOTIONS, *FORCES)
+    read, mapping, doubts = drive_logs.read_logs(
+        opened, named, request.channels, wanted, request.sample_time, progress, request.unit
+    )
     progress.step("fitting")
     runs, without = _runs(opened, read, named, drive)
     curve = fit_friction(runs)
-    said = [*remarks(curve, drive.loop), *without]
+    said = [*doubts, *remarks(curve, drive.loop), *without]
+    verdict = units_first(doubts) or recommendation(curve)
     compared, parameters = tables(curve)
     why = kept_away(curve, drive.loop)
     text = None if why else machine_text(curve, drive.machine, drive.axis)
@@ -93,10 +103,10 @@ def friction(request: FrictionRequest, progress: Progress) -> Outcome[FrictionCu
             "Machine": called(request.machine),
         }
         progress.step("report")
-        files = written(write_friction(curve, said, text, request.out, facts), text)
+        files = written(write_friction(curve, said, text, request.out, facts, verdict), text)
     return Outcome(
         curve, [replace(compared, sentences=0), narrow(parameters)], [sentence(each) for each in said],
-        recommendation(curve), [f"No machine file was written: {why}."] if why else [], files=files,
+        verdict, [f"No machine file was written: {why}."] if why else [], files=files,
     )  # fmt: skip
 
 
@@ -107,7 +117,7 @@ def _runs(
     found: list[SteadyRuns] = []
     without: list[str] = []
     for path, log in zip(paths, logs, strict=True):
-        velocity, force, rotary = _pair(path, log, named, drive)
+        velocity, force, rotary = velocity_and_force(path, log, named, drive)
         try:
             found.append(steady_runs([(velocity, force)], rotary=rotary))
         except NotIdentifiableError:
@@ -125,48 +135,19 @@ def _runs(
     return (runs.at_table(drive.lead, drive.gear) if drive.lead is not None else runs), without
 
 
-def _pair(
-    path: OpenedFile, log: Log, named: Mapping[str, str | None], drive: Drive
-) -> tuple[np.ndarray, np.ndarray, bool]:
-    """Velocity and force of a log, and whether they are those of a shaft."""
-    acting = chosen(path, log, named, _FORCES, "force", "--force, --torque, --current or --command")
-    shaft_first = acting == "torque"
-    order = (*_SHAFT, *_TABLE) if shaft_first else (*_TABLE, *_SHAFT)
-    moving = chosen(path, log, named, order, "velocity", "--velocity, --speed, --position or --angle")
-    velocity, force = log[moving], log[acting]
-    if moving.startswith(("position", "angle")):
-        velocity = np.gradient(velocity, log.sample_time)
-    if acting in ("command", "current"):
-        if drive.force_constant is None:
-            raise ParameterError(
-                f"{path}: the {acting} is in the drive's own unit: give the force per unit with --force-constant, the "
-                f"machine with --machine, or the torque per unit as --torque 'column*factor'"
-            )
-        force = drive.force_constant * force
-    round_, turning = acting == "torque", moving in _SHAFT
-    if round_ == turning:
-        return velocity, force, turning
-    r = drive.lever
-    if r is None:
-        raise ParameterError(
-            f"{path}: {moving} is in {log.units.get(moving, SHAFT.velocity)} and the force comes from {acting}: one "
-            f"is along the table and the other round a shaft; give the screw's lead in m with --lead"
-        )
-    return (r * velocity, force, False) if turning else (velocity, force / r, False)
-
-
 def write_friction(
-    curve: FrictionCurve, said: Sequence[str], machine: str | None, out: str | Path, facts: Mapping[str, str]
-) -> Path:
+    curve: FrictionCurve, said: Sequence[str], machine: str | None, out: str | Path, facts: Mapping[str, str],
+    verdict: str = "",
+) -> Path:  # fmt: skip
     """Write `report.html` and, if there is one, `machine.toml` into a directory; the path of the report."""
     with new_directory(out) as folder:
         if machine is not None:
             (folder / "machine.toml").write_text(machine, encoding="utf-8")
-        (folder / "report.html").write_text(build(curve, said, facts), encoding="utf-8")
+        (folder / "report.html").write_text(build(curve, said, facts, verdict), encoding="utf-8")
     return Path(out) / "report.html"
 
 
-def build(curve: FrictionCurve, said: Sequence[str], facts: Mapping[str, str]) -> str:
+def build(curve: FrictionCurve, said: Sequence[str], facts: Mapping[str, str], verdict: str = "") -> str:
     """The page. Pure: the same curve gives the same text."""
     title = f"A friction curve from {curve.runs.velocity.size} constant-speed runs"
     drawn = list(_pictures(curve))
@@ -177,7 +158,7 @@ def build(curve: FrictionCurve, said: Sequence[str], facts: Mapping[str, str]) -
     points = f"<details><summary>All runs</summary>{table(f'{runs.title}.', runs.heads, runs.rows)}</details>"
     links = [("result", "Result"), *((f"figure-{each.key}", each.title) for each in drawn), ("facts", "The logs")]
     parts = [
-        header("feeddrive friction", title, [recommendation(curve)], links),
+        header("feeddrive friction", title, [verdict or recommendation(curve)], links),
         f'<section id="result">\n<h2>Result</h2>\n{made}{listed}\n</section>\n',
         f'<section id="pictures">\n<h2>Pictures</h2>\n{"".join(picture(each) for each in drawn)}</section>\n',
         f'<section id="facts">\n<h2>The logs</h2>\n{definitions(facts.items())}{points}\n</section>\n',

@@ -6,6 +6,7 @@ Identified values are written into an existing machine file, whose comments are 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from dataclasses import fields, replace
 from html import escape
 from pathlib import Path
 from typing import Any
@@ -22,11 +23,11 @@ from feeddrive.files.machine import MachineFile, machine_toml, read_machine
 from feeddrive.files.messages import sentence
 from feeddrive.files.toml_edit import TomlEdit
 from feeddrive.identification.estimate import Estimate
-from feeddrive.identification.motion.identify import Identified, identify_motion
+from feeddrive.identification.motion.identify import Identified, identify_motion, swapped
 from feeddrive.identification.motion.motion_log import MotionLog
 from feeddrive.language import tree
 from feeddrive.language.block import Block, declarations
-from feeddrive.language.errors import LogError, ParameterError
+from feeddrive.language.errors import LogError, NotIdentifiableError, ParameterError
 from feeddrive.language.progress import Progress
 from feeddrive.language.table import Table
 from feeddrive.loop.frequency_response import FRF
@@ -39,6 +40,7 @@ from feeddrive.workflow.command import Outcome, command
 from feeddrive.workflow.drive_logs import axis_name, columns_said, narrow, written
 from feeddrive.workflow.identify_request import IdentifyRequest
 from feeddrive.workflow.identify_responses import identify_responses, responses_in
+from feeddrive.workflow.readings import Doubt, doubt_of_motion
 from feeddrive.workflow.request import called
 
 _POSITIONS = ("position_load", "position_motor")  # the first that is there is taken
@@ -69,36 +71,68 @@ def _identify_motion(request: IdentifyRequest, source: OpenedFile | MotionLog, p
     """A rigid drive from a log of one motion."""
     given = None if request.machine is None else read_machine(request.machine)
     loop = None if given is None else given.loop(request.axis)
-    mapping: dict[str, Column] = {}
     if isinstance(source, MotionLog):
-        motion = source
+        channels: dict[str, Any] = {each.name: getattr(source, each.name) for each in fields(source)}
+        doubt, mapping = doubt_of_motion(source), {}
     else:
-        measured, mapping = mapped(source, request.named(), request.channels, _WANTED, request.sample_time, progress)
-        motion = _motion(source.path, measured, loop, request.force_constant)
+        read = mapped(source, request.named(), request.channels, _WANTED, request.sample_time, progress, request.unit)
+        channels = _channels(source.path, read.log, loop, request.force_constant)
+        doubt, mapping = read.doubt, read.columns
     progress.step("fitting")
-    found = identify_motion(motion, loop, friction=request.friction, lead=request.lead, gear=request.gear)
-    text = machine_text(found, given, axis_name(loop, request.axis))
+    found = _identified(channels, loop, request, doubt, mapping, progress)
+    why = found.unusable or ("" if found.loop is not None else _NO_LAW)
+    text = None if why else machine_text(found, given, axis_name(loop, request.axis))
     files: dict[str, Path] = {}
     if request.out is not None:
         facts = {
             "Log": called(request.log),
-            "Rows": f"{motion.position.size}, {1e3 * motion.sample_time:.6g} ms apart",
+            "Rows": f"{found.log.position.size}, {1e3 * found.log.sample_time:.6g} ms apart",
             "Columns": columns_said(mapping) or "those of the object",
             "Machine": called(request.machine),
         }
         progress.step("report")
         files = written(write_identified(found, text, request.out, facts), text)
-    notes = (
-        ["No machine file was written: the law that ran is not known; give it with --machine."] if text is None else []
-    )
+    notes = [f"No machine file was written: {why}."] if why else []
     return Outcome(
         found, [narrow(each) for each in tables(found)], [sentence(each) for each in found.remarks],
         found.recommendation, notes, files=files,
     )  # fmt: skip
 
 
-def _motion(path: Path, log: Log, loop: Loop | None, force_constant: float | None) -> MotionLog:
-    """Position and force of the log, along the table or round a shaft."""
+_NO_LAW = "the law that ran is not known; give it with --machine"
+
+
+def _identified(
+    channels: Mapping[str, Any],
+    loop: Loop | None,
+    request: IdentifyRequest,
+    doubt: Doubt,
+    columns: Mapping[str, Column],
+    progress: Progress,
+) -> Identified:
+    """The identification. A log that is none of a feed drive stops; columns that were swapped are said first."""
+    try:
+        if doubt.moves:
+            doubt.stop(progress)
+        motion = MotionLog(**channels)
+        found = identify_motion(motion, loop, friction=request.friction, lead=request.lead, gear=request.gear)
+        doubt.stop(progress)
+    except LogError:
+        if swapped(channels):
+            moving, acting = (
+                next((columns[role].name for role in roles if role in columns), roles[0])
+                for roles in ((*_POSITIONS, "angle_motor"), ("force", "torque", "command"))
+            )
+            raise NotIdentifiableError(
+                f"{channels['name']}: position and force are swapped: '{acting}' moves as '{moving}' makes it; name "
+                f"them the other way round, as --position '{acting}:mm' --force '{moving}:N' with their units"
+            ) from None
+        raise
+    return replace(found, doubt=doubt.why)
+
+
+def _channels(path: Path, log: Log, loop: Loop | None, force_constant: float | None) -> dict[str, Any]:
+    """The fields of a `MotionLog`: position and force of the log, along the table or round a shaft."""
     motor = None if loop is None else loop.axis.actuator.motor
     limit = None if loop is None else loop.control.force_limit
     channels = log.channels
@@ -125,10 +159,11 @@ def _motion(path: Path, log: Log, loop: Loop | None, force_constant: float | Non
         raise LogError(
             f"{path}: has no column with a usual name for the force: name it with --force or --command{_there(log)}"
         )
-    return MotionLog(
-        name=str(path), position=position, force=force, set_position=set_position, sample_time=log.sample_time,
-        force_limit=None if limit is None or rotary else float(limit), rotary=rotary,
-    )  # fmt: skip
+    return {
+        "name": str(path), "position": position, "force": force, "set_position": set_position,
+        "sample_time": log.sample_time, "force_limit": None if limit is None or rotary else float(limit),
+        "rotary": rotary,
+    }  # fmt: skip
 
 
 def _there(log: Log) -> str:

@@ -41,7 +41,9 @@ class IdentifyRequest(Request):
     band: str | None = option("of frequency responses, as 5..300 in Hz", default=None)
     fix: tuple[str, ...] = option("a parameter that is known, as mass_motor=85; may be repeated", default=())
     measured_input: bool = option("the responses lead from a measured force or current, not a command", default=False)
-    unit: str | None = option("of responses that do not say theirs, as m/N", default=None)
+    unit: tuple[str, ...] = option(
+        "of columns that state none, as mm or kN, or of responses, as um/N; may be repeated", default=()
+    )
     out: Path | None = option(OUT, short="-o", default=None)
 
     def usual_out(self) -> Path:

@@ -39,6 +39,7 @@ from feeddrive.report.page import definitions, header, page, picture, table
 from feeddrive.workflow.command import Outcome
 from feeddrive.workflow.drive_logs import narrow, written
 from feeddrive.workflow.identify_request import IdentifyRequest
+from feeddrive.workflow.readings import check_response, units_first
 from feeddrive.workflow.request import called, frequencies
 
 _POOR = 0.35  # RMS of ln(fitted/measured) on unused lines, 3 dB, from which a model is not worth using
@@ -62,7 +63,13 @@ def identify_responses(request: IdentifyRequest, found: Mapping[str, FRF], progr
     chosen = _chosen(path, found, request, model)
     machine = None if request.machine is None else read_machine(request.machine)
     axis = None if machine is None else machine.loop(request.axis).axis
+    doubts = (
+        []
+        if request.force_constant is not None or request.lead is not None
+        else [said for frf in chosen.values() if (said := check_response(str(path), frf, bool(request.unit), progress))]
+    )
     result = _fit(chosen, request, model, axis, progress)
+    verdict = units_first(doubts) or recommendation(result)
     fit = result if isinstance(result, ModalFit) else result.fit
     name = request.axis or ("x" if machine is None else next(iter(machine.loops)))
     reason = told_by(fit)
@@ -71,13 +78,13 @@ def identify_responses(request: IdentifyRequest, found: Mapping[str, FRF], progr
     files: dict[str, Path] = {}
     if out is not None:
         progress.step("report")
-        files = written(write_fit(result, remarks, text, out, _facts(path, chosen, request)), text)
+        files = written(write_fit(result, remarks, text, out, _facts(path, chosen, request), verdict), text)
     shown = [narrow(each) for each in tables(result)]
     shown = [replace(each, sentences=4) if each.heads[0] == "structure" else each for each in shown]
     open_ = {} if isinstance(fit, ModalFit) else fit.not_identifiable
     said = [*remarks, *(f"not identifiable: {name}: {why}" for name, why in open_.items())]
     notes = [f"No machine file was written: {reason}."] if reason else []
-    return Outcome(result, shown, [sentence(each) for each in said], recommendation(result), notes, files=files)
+    return Outcome(result, shown, [sentence(each) for each in said], verdict, notes, files=files)
 
 
 def _facts(path: Path, chosen: Mapping[str, FRF], request: IdentifyRequest) -> dict[str, str]:
@@ -131,13 +138,14 @@ def _chosen(path: Path, found: Mapping[str, FRF], request: IdentifyRequest, mode
             )
     if {"motor", "load"} <= set(named) and np.array_equal(named["motor"].response, named["load"].response):
         raise ParameterError(f"{path}: motor and load are the same response: name that of each encoder")
+    if len(request.unit) > 1:
+        raise ParameterError(f"{path}: responses have one unit, not {', '.join(request.unit)}: give --unit once")
+    told = next(iter(request.unit), None)
     for role, frf in named.items():
-        if request.unit is not None and frf.unit and frf.unit != request.unit:
-            raise ParameterError(
-                f"{path}: the response of {role} is in {frf.unit}, as its file says, not {request.unit}"
-            )
+        if told is not None and frf.unit and frf.unit != told:
+            raise ParameterError(f"{path}: the response of {role} is in {frf.unit}, as its file says, not {told}")
     known = {frf.unit for frf in named.values() if frf.unit}
-    unit = request.unit or (known.pop() if len(known) == 1 else None)
+    unit = told or (known.pop() if len(known) == 1 else None)
     return {role: frf if unit is None or frf.unit else replace(frf, unit=unit) for role, frf in named.items()}
 
 
@@ -187,17 +195,18 @@ def _fixed(texts: Sequence[str], plant: Plant | None) -> dict[str, float]:
 
 
 def write_fit(
-    found: AxisFits | ModalFit, remarks: Sequence[str], machine: str | None, out: str | Path, facts: Mapping[str, str]
-) -> Path:
+    found: AxisFits | ModalFit, remarks: Sequence[str], machine: str | None, out: str | Path, facts: Mapping[str, str],
+    verdict: str = "",
+) -> Path:  # fmt: skip
     """Write `report.html` and, if there is one, `machine.toml` into a directory; the path of the report."""
     with new_directory(out) as folder:
         if machine is not None:
             (folder / "machine.toml").write_text(machine, encoding="utf-8")
-        (folder / "report.html").write_text(build(found, remarks, facts), encoding="utf-8")
+        (folder / "report.html").write_text(build(found, remarks, facts, verdict), encoding="utf-8")
     return Path(out) / "report.html"
 
 
-def build(found: AxisFits | ModalFit, remarks: Sequence[str], facts: Mapping[str, str]) -> str:
+def build(found: AxisFits | ModalFit, remarks: Sequence[str], facts: Mapping[str, str], verdict: str = "") -> str:
     """The page. Pure: the same fit gives the same text."""
     modal = isinstance(found, ModalFit)
     title = "Modes of a frequency response" if modal else "An axis from its frequency responses"
@@ -211,7 +220,7 @@ def build(found: AxisFits | ModalFit, remarks: Sequence[str], facts: Mapping[str
     listed = f'<div class="remarks"><h3>Remarks</h3><ul>{items}</ul></div>' if items else ""
     links = [("result", "Result"), *((f"figure-{each.key}", each.title) for each in drawn), ("facts", "Measurement")]
     parts = [
-        header("feeddrive identify", title, [recommendation(found)], links),
+        header("feeddrive identify", title, [verdict or recommendation(found)], links),
         f'<section id="result">\n<h2>Result</h2>\n{made}{listed}\n</section>\n',
         f'<section id="pictures">\n<h2>Pictures</h2>\n{"".join(picture(each) for each in drawn)}</section>\n',
         f'<section id="facts">\n<h2>The measurement</h2>\n{definitions(facts.items())}\n</section>\n',

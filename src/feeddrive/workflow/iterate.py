@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 from feeddrive.blocks.families import Reference
@@ -11,32 +10,23 @@ from feeddrive.blocks.feedforward.inertia import Inertia
 from feeddrive.blocks.reference.snap_limited_move import SnapLimitedMove
 from feeddrive.files.atomic_io import write_whole
 from feeddrive.files.blocks_to_toml import to_toml
-from feeddrive.files.columns import Column
 from feeddrive.files.formats import OpenedFile
 from feeddrive.files.job import JobLike, read_job
 from feeddrive.files.log import Log
 from feeddrive.files.machine import MachineFile, MachineLike, read_machine
-from feeddrive.files.messages import nearest
-from feeddrive.files.read_log import read_log
-from feeddrive.language.errors import LogError, ParameterError
+from feeddrive.language.errors import ParameterError
 from feeddrive.language.progress import Progress
 from feeddrive.language.table import Table
 from feeddrive.loop.loop import Loop
 from feeddrive.tuning.iterative_feedforward import Iteration, begin_compensation, next_iteration
 from feeddrive.tuning.trial import Trial, measured_trial
 from feeddrive.tuning.trials import iterate_trials
+from feeddrive.workflow.channels import mapped
 from feeddrive.workflow.command import Outcome, command
-from feeddrive.workflow.request import Request, argument, called, option
+from feeddrive.workflow.drive_logs import chosen
+from feeddrive.workflow.request import UNIT, Request, argument, called, option
 
-# names that a column may have for each role, the first that is there is taken
-USUAL: Mapping[str, tuple[str, ...]] = {
-    "setpoint_position": ("setpoint_position", "set_position", "reference", "x_set", "xr", "qg"),
-    "position_load": ("position_load", "reading_load", "position", "x", "y", "qm"),
-    "force": ("force",),
-    "command": ("command", "vir"),
-}
-_NEEDED = {"setpoint_position": "--set-position", "position_load": "--position"}
-_UNITS = ("m", "mm", "um", "nm", "N", "kN")
+_WANTED = ("time", "setpoint_position", "position_load", "position_motor", "force", "command")
 # the motion of simulated trials if no job names another
 MOVE = SnapLimitedMove(
     distance=0.1, velocity=0.25, acceleration=3.0, jerk=60.0, snap=15e3, back=True, dwell_before=0.02,
@@ -63,10 +53,21 @@ class IterateRequest(Request):
     position: str | None = option("column of the position of the table", default=None)
     force: str | None = option("column of the commanded force", default=None)
     command: str | None = option("column of the command in the drive's unit", default=None)
+    time: str | None = option("column of the time, name:unit", default=None)
+    sample_time: float | None = option("of a log without a clock", unit="s", default=None)
+    unit: tuple[str, ...] = option(UNIT, default=())
+    channels: Path | None = option("which column is what (TOML), as `feeddrive channels` writes it", default=None)
     trials: int = option("simulated trials", default=6)
     job: tuple[JobLike, ...] = option("job whose reference the trials run; several take turns", default=())
     seed: int = option("of the noise of simulated trials", default=0)
     out: Path | None = option("File for the section (TOML)", short="-o", default=None)
+
+    def named(self) -> dict[str, str | None]:
+        """The columns that were named, by their roles."""
+        return {
+            "setpoint_position": self.set_position, "position_load": self.position, "force": self.force,
+            "command": self.command, "time": self.time,
+        }  # fmt: skip
 
     @property
     def machine(self) -> MachineLike:
@@ -104,12 +105,8 @@ def iterate(request: IterateRequest, progress: Progress) -> Outcome[Iteration]:
 
 def _measured(request: IterateRequest, loop: Loop, progress: Progress) -> tuple[Iteration, list[Table], list[str]]:
     """One log, one step."""
-    named = {
-        "setpoint_position": request.set_position, "position_load": request.position, "force": request.force,
-        "command": request.command,
-    }  # fmt: skip
     progress.step(f"reading {called(request.source)}")
-    trial = _trial(_log(request), loop, named, request.smoothing)
+    trial = _trial(request, loop, progress)
     found = next_iteration(
         loop, trial, form=request.form.replace("-", "_"), gamma=request.gamma, columns=request.wanted,
         least_mass=request.least_mass, skip=request.skip,
@@ -177,32 +174,18 @@ def _log(request: IterateRequest) -> OpenedFile:
     return OpenedFile(request.source)
 
 
-def _trial(file: OpenedFile, loop: Loop, named: Mapping[str, str | None], smoothing: int | None) -> Trial:
-    there = read_log(file).channels
-    columns = {role: _column(str(file), role, named.get(role), there) for role in USUAL}
-    measured = read_log(file, {role: column for role, column in columns.items() if column is not None})
+def _trial(request: IterateRequest, loop: Loop, progress: Progress) -> Trial:
+    file, named = _log(request), request.named()
+    read = mapped(file, named, request.channels, _WANTED, request.sample_time, progress, request.unit)
+    read.doubt.stop(progress)
+    measured = read.log
+    set_position = chosen(file, measured, named, ("setpoint_position",), "set position", "--set-position")
+    position = chosen(file, measured, named, ("position_load", "position_motor"), "position", "--position")
     force = measured.channels.get("force")
     motor = loop.axis.actuator.motor
     if force is None and "command" in measured.channels and motor is not None:
         force = float(motor.force_per_unit()) * measured["command"]
     return measured_trial(
-        loop, measured["setpoint_position"], measured["position_load"], sample_time=measured.sample_time, force=force,
-        smoothing=smoothing, name=str(file),
+        loop, measured[set_position], measured[position], sample_time=measured.sample_time, force=force,
+        smoothing=request.smoothing, name=str(file),
     )  # fmt: skip
-
-
-def _column(log: str, role: str, asked: str | None, there: Iterable[str]) -> Column | None:
-    """The column of a role: the one that was named (`name` or `name:unit`), else one with a usual name."""
-    if asked is not None:
-        name, _, unit = asked.partition(":")
-        return Column(name=name, unit=unit)
-    for usual in USUAL[role]:
-        for name in there:
-            if name == usual or (name.startswith(f"{usual}_") and name.removeprefix(f"{usual}_") in _UNITS):
-                return Column(name=name)
-    if role not in _NEEDED:
-        return None
-    raise LogError(
-        f"{log}: has no column that is named like its {role.replace('_', ' ')}{nearest(USUAL[role][0], there)}: "
-        f"name it with {_NEEDED[role]}"
-    )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 from feeddrive.blocks.families import Reference
@@ -13,21 +12,16 @@ from feeddrive.files.formats import OpenedFile
 from feeddrive.files.job import JobLike, read_job
 from feeddrive.files.log import LogLike
 from feeddrive.files.machine import MachineLike, read_machine
-from feeddrive.files.messages import nearest
-from feeddrive.files.read_log import read_log
-from feeddrive.language.errors import LogError, ParameterError
+from feeddrive.language.errors import ParameterError
 from feeddrive.language.progress import Progress
 from feeddrive.loop.loop import Loop
 from feeddrive.tuning.trajectory_prefilter import REGRESSORS, PrefilterFit, fit_prefilter_to_log
+from feeddrive.workflow.channels import mapped
 from feeddrive.workflow.command import Outcome, command
-from feeddrive.workflow.request import Request, argument, called, option
+from feeddrive.workflow.drive_logs import chosen
+from feeddrive.workflow.request import UNIT, Request, argument, called, option
 
-# names that a column may have for each role, the first that is there is taken; those of our own runs among them
-USUAL: Mapping[str, tuple[str, ...]] = {
-    "setpoint_position": ("setpoint_position", "set_position", "reference", "x_set", "xr"),
-    "position_load": ("position_load", "reading_load", "position", "x", "y"),
-    "force": ("force",),
-}
+_WANTED = ("time", "setpoint_position", "position_load", "position_motor", "force")
 
 
 class PrefilterRequest(Request):
@@ -43,7 +37,18 @@ class PrefilterRequest(Request):
     set_position: str | None = option("column of the set position", default=None)
     position: str | None = option("column of the position of the table", default=None)
     force: str | None = option("column of the commanded force", default=None)
+    time: str | None = option("column of the time, name:unit", default=None)
+    sample_time: float | None = option("of a log without a clock", unit="s", default=None)
+    unit: tuple[str, ...] = option(UNIT, default=())
+    channels: Path | None = option("which column is what (TOML), as `feeddrive channels` writes it", default=None)
     out: Path | None = option("File for the section (TOML)", short="-o", default=None)
+
+    def named(self) -> dict[str, str | None]:
+        """The columns that were named, by their roles."""
+        return {
+            "setpoint_position": self.set_position, "position_load": self.position, "force": self.force,
+            "time": self.time,
+        }  # fmt: skip
 
 
 @command(PrefilterRequest)
@@ -53,10 +58,7 @@ def prefilter(request: PrefilterRequest, progress: Progress) -> Outcome[Prefilte
     The outcome has the parameters with their standard errors and the section for the machine file.
     """
     loop, name = _loop(request.controller, request.axis)
-    columns = {
-        "setpoint_position": request.set_position, "position_load": request.position, "force": request.force,
-    }  # fmt: skip
-    fit = _fit(request.log, _chosen(request.regressors), loop, _reference(request.job), columns)
+    fit = _fit(request, _chosen(request.regressors), loop, _reference(request.job), progress)
     text = to_toml(fit.prefilter, f"axis.{name}.control.prefilter")
     remarks = [
         "Derivatives are central differences of the log's set positions, not filtered."
@@ -74,16 +76,14 @@ def prefilter(request: PrefilterRequest, progress: Progress) -> Outcome[Prefilte
 
 
 def _fit(
-    log: LogLike,
-    regressors: list[str],
-    loop: Loop | None,
-    reference: Reference | None,
-    columns: Mapping[str, str | None],
+    request: PrefilterRequest, regressors: list[str], loop: Loop | None, reference: Reference | None, progress: Progress
 ) -> PrefilterFit:
-    file = OpenedFile(log)
-    found = read_log(file)
-    names = {role: _column(str(file), role, columns.get(role), found.channels) for role in USUAL}
-    measured = read_log(file, {role: name for role, name in names.items() if name is not None})
+    file, named = OpenedFile(request.log), request.named()
+    read = mapped(file, named, request.channels, _WANTED, request.sample_time, progress, request.unit)
+    read.doubt.stop(progress)
+    measured = read.log
+    set_position = chosen(file, measured, named, ("setpoint_position",), "set position", "--set-position")
+    position = chosen(file, measured, named, ("position_load", "position_motor"), "position", "--position")
     present = None if loop is None else loop.control.prefilter
     if present is not None and not isinstance(present, TrajectoryPrefilter):
         raise ParameterError(
@@ -92,8 +92,8 @@ def _fit(
         )
     return fit_prefilter_to_log(
         measured.time - measured.time[0],
-        measured["setpoint_position"],
-        measured["position_load"],
+        measured[set_position],
+        measured[position],
         measured.sample_time,
         reference=reference,
         regressors=regressors,
@@ -102,26 +102,6 @@ def _fit(
         control=loop,
         name=str(file),
     )
-
-
-def _column(log: str, role: str, asked: str | None, there: Iterable[str]) -> str | None:
-    """The column of a role: the one that was named, else one with a usual name, units behind it or not."""
-    if asked is not None:
-        return asked
-    for usual in USUAL[role]:
-        for name in there:
-            if name == usual or (name.startswith(f"{usual}_") and name.removeprefix(f"{usual}_") in _UNITS):
-                return name
-    if role == "force":
-        return None
-    option = "--set-position" if role == "setpoint_position" else "--position"
-    raise LogError(
-        f"{log}: has no column that is named like its {role.replace('_', ' ')}{nearest(USUAL[role][0], there)}: "
-        f"name it with {option}"
-    )
-
-
-_UNITS = ("m", "mm", "um", "nm", "N", "kN")
 
 
 def _loop(controller: MachineLike | None, axis: str | None) -> tuple[Loop | None, str]:

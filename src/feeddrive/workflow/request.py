@@ -27,6 +27,7 @@ from feeddrive.language.errors import ParameterError
 
 OUT = "Directory to write; one that feeddrive wrote before is replaced"
 OUT_FILE = "File to write"
+UNIT = "of columns that state none, as mm, in or kN; may be repeated"
 
 
 @dataclass(frozen=True)
@@ -73,7 +74,7 @@ class Field:
         if value is None and self.default is None:
             return None
         if self.many:
-            given: Any = value
+            given: Any = (value,) if isinstance(value, (str, Path)) else value
             return tuple(self._one(each) for each in given)
         return self._one(value)
 

@@ -202,7 +202,7 @@ def _points(
     remarks: list[str] = []
     for each in places:
         progress.step(f"reading {Path(each.name).name}")
-        point, words = point_of(each, stem(each.load), loop, request.sample_time, request.delay, request.unit)
+        point, words = point_of(each, stem(each.load), loop, request.sample_time, request.delay, request.unit, progress)
         found.append(point)
         remarks += words
     return [*found, *(each for each in others if isinstance(each, OperatingPoint | Loop))], remarks

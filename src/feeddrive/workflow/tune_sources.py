@@ -15,6 +15,7 @@ from feeddrive.files.messages import nearest
 from feeddrive.identification.response.two_mass_fit import fit_modal_axis
 from feeddrive.language import units
 from feeddrive.language.errors import FeeddriveError, ParameterError
+from feeddrive.language.progress import Progress
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.control import Control
 from feeddrive.loop.frequency_response import FRF
@@ -23,6 +24,7 @@ from feeddrive.loop.loop import Loop
 from feeddrive.tuning.control_response import ControlResponse
 from feeddrive.tuning.operating_point import READINGS, OperatingPoint, measured_point, with_table_force
 from feeddrive.tuning.recipes import margin_goals
+from feeddrive.workflow.readings import check_response
 from feeddrive.workflow.request import called
 
 LOAD = ("reading_load", "position_load", "load")
@@ -80,11 +82,14 @@ def loop_or_response(source: MachineLike | Loop | FrfLike, axis: str | None) -> 
 
 
 def point_of(
-    given: Measurement, name: str, loop: Loop | None, sample_time: float | None, delay: float, unit: str | None
-) -> tuple[OperatingPoint, list[str]]:
+    given: Measurement, name: str, loop: Loop | None, sample_time: float | None, delay: float, unit: str | None,
+    progress: Progress,
+) -> tuple[OperatingPoint, list[str]]:  # fmt: skip
     """The measured point, and what must be said of it. Raises ParameterError for what does not fit, with what to do."""
     found = {key: _in_metres(given.name, frf, unit) for key, frf in read_frfs(given.load).items()}
     load, motor = _roles(given, found, unit)
+    remarks = [words for each in (load, motor) if each is not None and loop is None
+               and (words := check_response(given.name, each, unit is not None, progress))]  # fmt: skip
     step = sample_time or load.sample_time or (None if loop is None else float(loop.sample_time))
     if step is None:
         raise ParameterError(
@@ -103,13 +108,13 @@ def point_of(
         if each is not None:
             _check_sign(given.name, each)
     point = measured_point(load, motor, disturbance=struck, sample_time=step, delay=delay, name=name)
-    remarks: list[str] = []
     if loop is not None:
         _check_size(given.name, point, loop, stated=bool(load.unit) or unit is not None)
         if motor is None and given.motor != _NONE:
             _check_encoders(given.name, loop)
     if point.at_drive:
-        point, remarks = _on_the_table(point, loop, load, motor, step)
+        point, words_ = _on_the_table(point, loop, load, motor, step)
+        remarks += words_
     elif loop is not None:
         point, words = with_table_force(point, loop, _BASELINE)
         remarks += [words] if words else []

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
-
-import numpy as np
 
 from feeddrive.analysis.friction_map import FrictionMap, friction_map
 from feeddrive.blocks.families import Force, Friction
@@ -43,6 +42,7 @@ class Identified(Result):
     control     the law identified from the log, or None
     refinement  the output-error fit, or None
     remarks     what could not be identified, and why
+    doubt       why the sizes of the log are none of a feed drive; empty if they are
     """
 
     log: MotionLog
@@ -53,26 +53,38 @@ class Identified(Result):
     friction: FrictionMap | None
     loop: Loop | None
     remarks: tuple[str, ...]
+    doubt: str = ""
 
     def table(self) -> Table:
         """Parameters of the inverse dynamics."""
         return self.rigid.table()
 
     @property
-    def recommendation(self) -> str:
-        """One plain sentence on what to do, with its reason."""
+    def unusable(self) -> str:
+        """Why the values must not become part of a machine file; empty if they may."""
         left, unused = 100.0 * self.rigid.residuals.relative, 100.0 * self.rigid.validation.relative
         if self.rigid.residuals.relative > POOR:
-            return (
-                f"Do not tune on these values: a rigid drive with {self.rigid.friction} friction leaves {left:.3g} % "
-                f"of the force, so the axis bends, binds or is driven by something else; measure a frequency "
-                f"response next (feeddrive excite)."
-            )
+            return f"a rigid drive with {self.rigid.friction} friction leaves {left:.3g} % of the force"
         if self.rigid.validation.relative > 1.5 * self.rigid.residuals.relative:
             return (
-                f"Measure once more before you trust these values: stretches that were not used are predicted to "
-                f"{unused:.3g} %, but those that were to {left:.3g} %, so the axis is not the same along the log."
+                f"stretches that were not used are predicted to {unused:.3g} %, but those that were to {left:.3g} %, "
+                f"so the axis is not the same along the log"
             )
+        return ""
+
+    @property
+    def recommendation(self) -> str:
+        """One plain sentence on what to do, with its reason."""
+        if self.doubt:
+            return f"Check the units before anything is done with these values: {self.doubt}."
+        if self.rigid.residuals.relative > POOR:
+            return (
+                f"Do not tune on these values: {self.unusable}, so the axis bends, binds or is driven by something "
+                f"else; measure a frequency response next (feeddrive excite)."
+            )
+        if self.unusable:
+            return f"Measure once more before you trust these values: {self.unusable}."
+        unused = 100.0 * self.rigid.validation.relative
         reason = f"they predict stretches of the log that were not used to {unused:.3g} % of the force"
         if self.refinement is not None:
             found = self.refinement.replay
@@ -107,7 +119,7 @@ def identify_motion(
     Raises NotIdentifiableError with what to measure next, LogError for a log that cannot be used.
     """
     delay = find_delay(log, how=how)
-    remarks: list[str] = [*_travel(log)]
+    remarks: list[str] = []
     closed = log.set_position is not None and not log.rotary
     known = 0.0 if start is None else float(start.axis.actuator.dead_time) / log.sample_time
     late = 0 if closed or start is not None or not delay.clear else max(0, delay.nearest)
@@ -133,6 +145,16 @@ def identify_motion(
     seen = friction_map(log.position, log.force, rigid["mass"].value, log.sample_time)
     final = loop if refinement is None else refinement.loop
     return Identified(log, rigid, delay, control, refinement, seen, final, tuple(remarks))
+
+
+def swapped(channels: Mapping[str, Any]) -> bool:
+    """Whether the fields of a `MotionLog` have position and force in each other's place: so they make a rigid drive."""
+    both: dict[str, Any] = {**channels, "position": channels["force"], "force": channels["position"]}
+    both |= {"set_position": None, "force_limit": None}
+    try:
+        return identify_rigid(MotionLog(**both), friction="symmetric").residuals.relative < POOR
+    except FeeddriveError:
+        return False
 
 
 def _by_friction(
@@ -174,14 +196,6 @@ _NO_LOOP = "the log is that of a shaft: closed loop and friction over the travel
 def _rigid(log: MotionLog, friction: str, how: Preparation | None, delay: float) -> RigidFit:
     """The inverse dynamics with the force so many samples late besides its hold, unless `how` says otherwise."""
     return identify_rigid(log, friction=friction, how=how or Preparation(delay=HOLD + delay))
-
-
-def _travel(log: MotionLog) -> list[str]:
-    """A remark if the travel is implausible for a feed drive: a unit or a factor is wrong."""
-    travel = float(np.ptp(log.position))
-    if log.rotary or 1e-5 <= travel <= 100.0:
-        return []
-    return [f"the travel of the log is {travel:.3g} m: check unit and factor of the position before you use any value"]
 
 
 def _about(rigid: RigidFit, late: int) -> list[str]:

@@ -11,6 +11,9 @@ from feeddrive.language.errors import LogError, NotIdentifiableError, ParameterE
 
 LEAST_ROWS = 100
 LARGEST = 1e100  # in SI: squares of it are still numbers
+_USUAL_SHARE = 0.99  # of the rows, whose largest force is the usual one
+_SPIKE = 5.0  # times the usual force: a drive's own peaks are not so short and so high
+_SPIKE_ROWS = 3  # samples that a spike lasts at most
 MOST_SATURATED = 0.01  # share of the samples that may sit at the largest force
 
 
@@ -44,6 +47,7 @@ class MotionLog:
         if self.position.size < LEAST_ROWS:
             raise LogError(f"{self.name}: has {self.position.size} rows; identification needs at least {LEAST_ROWS}")
         self._check_saturation()
+        self._check_spikes()
 
     @property
     def frame(self) -> Frame:
@@ -84,4 +88,19 @@ class MotionLog:
                 f"{self.name}: the force sits at {most:.5g} {unit} in {100.0 * share:.3g} % of the rows (at most "
                 f"{100.0 * MOST_SATURATED:g} % are admitted): the drive or its recorder is saturated, and what acted "
                 f"on the axis is not known; repeat the motion with a lower acceleration, or with a wider recorder range"
+            )
+
+    def _check_spikes(self) -> None:
+        """Single samples of a force that no drive commands, from a broken line or a recorder: least squares follow."""
+        size = np.abs(self.force)
+        most = float(np.quantile(size, _USUAL_SHARE))
+        beyond = size > _SPIKE * most
+        starts = np.flatnonzero(beyond & ~np.concatenate([[False], beyond[:-1]]))
+        if most > 0.0 and starts.size and int(np.sum(beyond)) <= _SPIKE_ROWS * starts.size:
+            k = int(starts[np.argmax(size[starts])])
+            raise NotIdentifiableError(
+                f"{self.name}: the force has {starts.size} spike{'s' * (starts.size != 1)}, the largest of "
+                f"{self.force[k]:.4g} {self.frame.force} at row {k + 1} ({k * self.sample_time:.4g} s), where "
+                f"{100.0 * _USUAL_SHARE:g} % of the log stay within {most:.4g} {self.frame.force}: no mass answers to "
+                f"them; repair these rows, or cut the log there"
             )

@@ -206,6 +206,12 @@ def check_columns(name: str, columns: np.ndarray, names: tuple[str, ...]) -> Non
 
 def check_mass(name: str, value: float, error: float, unit: str) -> None:
     """Raise NotIdentifiableError for an inertia that is not positive, or hardly known."""
+    if value < 0.0 and error < LARGEST_ERROR * -value:
+        raise NotIdentifiableError(
+            f"{name}: the sign of force or position is inverted: the axis moves against the force, as a mass of "
+            f"{value:.4g} ± {error:.2g} {unit} would; turn one of them round by a factor of -1, as --force 'f*-1' or "
+            f"--torque 'm*-1' on the command line, factor = -1.0 in a file for --channels"
+        )
     if value <= 0.0 or error > LARGEST_ERROR * value:
         raise NotIdentifiableError(
             f"{name}: mass is not identifiable: {value:.3g} {unit} with a standard error of {error:.2g} {unit}; "

@@ -1,0 +1,146 @@
+"""What feed drives do: ranges of travel, speed, acceleration, mass and force, and how far a log lies outside of them.
+
+A log whose unit is wrong by 1000 is fitted as well as a right one: only its size tells.  The bounds are wide, so that
+what lies outside is a wrong unit or no feed drive.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from feeddrive.identification.estimate import SHAFT, TABLE, Frame
+from feeddrive.identification.motion.motion_log import MotionLog
+from feeddrive.identification.motion.rigid import identify_rigid
+from feeddrive.language.errors import FeeddriveError
+
+_SPEED_OVER = 5e-3  # s: a speed is a difference over it, which counts of an encoder do not make large
+_ACCELERATION_OVER = 1e-2  # s
+
+
+@dataclass(frozen=True)
+class Range:
+    """Between which sizes a quantity lies on feed drives, in `unit`, its usual size, and where the bounds come from.
+
+    position, force  the powers with which the quantity grows if a log's position and force are multiplied
+    """
+
+    quantity: str
+    least: float
+    usual: float
+    most: float
+    unit: str
+    position: int
+    force: int
+    source: str
+
+    def apart(self, value: float) -> float:
+        """Decades by which a value lies outside; 0 inside."""
+        if not value > 0.0:
+            return 0.0 if value == 0.0 and self.least == 0.0 else math.inf
+        return max(0.0, math.log10(value / self.most), math.log10(self.least / value) if self.least > 0.0 else 0.0)
+
+    def unusual(self, value: float) -> float:
+        """Decades from the usual size."""
+        return abs(math.log10(value / self.usual)) if value > 0.0 else 0.0
+
+    def bounds(self) -> str:
+        """As people read it: `20 um to 60 m`."""
+        most = spoken(self.most, self.unit)
+        return f"{spoken(self.least, self.unit)} to {most}" if self.least > 0.0 else f"up to {most}"
+
+
+RANGES = {
+    TABLE: (
+        Range("travel", 1e-8, 0.3, 100.0, "m", 1, 0,
+              "screws and linear motors: a few m; rack and pinion of the longest gantries: some 60 m"),
+        Range("speed", 1e-8, 0.3, 10.0, "m/s", 1, 0,
+              "screws 1.7 m/s (100 m/min), linear motors on machine tools 2 to 5 m/s"),
+        Range("acceleration", 1e-4, 3.0, 300.0, "m/s2", 1, 0,
+              "screws up to 20 m/s² (2 g), linear motors up to 100 m/s² (10 g); three times that for what noise adds"),
+        Range("force", 1.0, 500.0, 5e5, "N", 0, 1,
+              "guideways and seals of the smallest slide take some N; twin drives of portal machines some 100 kN"),
+        Range("mass", 0.3, 200.0, 2e5, "kg", -1, 1,
+              "slides of small stages 0.5 kg and more; portals 100 t, with the rotors' inertia at the table"),
+        Range("force over mass", 0.02, 5.0, 500.0, "m/s2", 1, 0,
+              "friction alone is 0.003 to 0.3 of the weight; the largest acceleration with friction on top"),
+    ),
+    SHAFT: (
+        Range("travel", 1e-5, 60.0, 1e6, "rad", 1, 0, "from a hundredth of a degree to some 100,000 turns"),
+        Range("speed", 1e-5, 100.0, 1300.0, "rad/s", 1, 0, "servo motors up to 12,000 rpm; rotary tables far less"),
+        Range("acceleration", 1e-3, 1e3, 3e5, "rad/s2", 1, 0, "small servo motors reach 1e5 rad/s² without a load"),
+        Range("torque", 1e-4, 2.0, 5e4, "N m", 0, 1, "from motors of 10 W to torque motors of large rotary tables"),
+        Range("inertia", 1e-8, 1e-3, 1e5, "kg m2", -1, 1, "rotors of 10 W motors to tables of large lathes"),
+        Range("torque over inertia", 1e-2, 1e3, 1e6, "rad/s2", 1, 0, "the largest acceleration with friction on top"),
+    ),
+}  # fmt: skip
+
+
+def spoken(value: float, unit: str) -> str:
+    """A size with three digits, small lengths in mm and um, large forces in kN: `125 mm/s`, `0.095 kg`."""
+    if unit in ("m", "m/s") and 0.0 < abs(value) < 1.0:
+        small = abs(value) < 1e-3
+        return f"{value * (1e6 if small else 1e3):.3g} {'u' if small else 'm'}{unit}"
+    if unit == "N" and abs(value) >= 1e4:
+        return f"{value / 1e3:.3g} kN"
+    return f"{value:.3g} {unit}"
+
+
+def sizes(frame: Frame, sample_time: float, position: np.ndarray | None, force: np.ndarray | None) -> dict[str, float]:
+    """Travel, speed, acceleration, largest force and, where the motion tells it, mass, by the names of `RANGES`.
+
+    position  m or rad, shape (n,); force: N or N m
+    """
+    names = [each.quantity for each in RANGES[frame]]
+    found: dict[str, float] = {}
+    if position is not None and position.size > 2:
+        found[names[0]] = float(np.ptp(position))
+        near, far = (max(1, round(over / sample_time)) for over in (_SPEED_OVER, _ACCELERATION_OVER))
+        if position.size > 2 * far:
+            found[names[1]] = float(np.max(np.abs(position[near:] - position[:-near]))) / (near * sample_time)
+            bent = position[2 * far :] - 2.0 * position[far:-far] + position[: -2 * far]
+            found[names[2]] = float(np.max(np.abs(bent))) / (far * sample_time) ** 2
+    if force is not None and force.size:
+        found[names[3]] = float(np.max(np.abs(force)))
+    if position is not None and force is not None:
+        mass = _mass(frame, sample_time, position, force)
+        if mass is not None:
+            found |= {names[4]: mass, names[5]: found[names[3]] / mass}
+    return found
+
+
+def _mass(frame: Frame, sample_time: float, position: np.ndarray, force: np.ndarray) -> float | None:
+    """The mass by inverse dynamics, of either sign of the force; None where the log tells none."""
+    for sign in (1.0, -1.0):
+        try:
+            log = MotionLog(
+                name="", position=position, force=sign * force, sample_time=sample_time, rotary=frame is SHAFT
+            )
+            return identify_rigid(log, friction="symmetric")["mass"].value
+        except FeeddriveError:
+            continue
+    return None
+
+
+def scaled(frame: Frame, found: Mapping[str, float], position: float, force: float) -> dict[str, float]:
+    """The sizes if position and force are multiplied by these factors."""
+    return {
+        each.quantity: found[each.quantity] * position**each.position * force**each.force
+        for each in RANGES[frame]
+        if each.quantity in found
+    }
+
+
+def outside(frame: Frame, found: Mapping[str, float]) -> list[Range]:
+    """The ranges that are left, those by most decades first."""
+    apart = [(each.apart(found[each.quantity]), each) for each in RANGES[frame] if each.quantity in found]
+    return [each for decades, each in sorted(apart, key=lambda pair: -pair[0]) if decades > 0.0]
+
+
+def unlikely(frame: Frame, found: Mapping[str, float]) -> tuple[float, float]:
+    """By how many decades the ranges are left, and how far all is from usual: the less, the likelier."""
+    there = [(each, found[each.quantity]) for each in RANGES[frame] if each.quantity in found]
+    return sum(each.apart(value) for each, value in there), sum(each.unusual(value) ** 2 for each, value in there)

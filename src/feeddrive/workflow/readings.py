@@ -1,0 +1,364 @@
+"""In which units a log was read, and whether a feed drive can do what it then says.
+
+A command stops before it works on a travel of 200 m or a mass of 0.1 kg: the two likeliest readings are shown side by
+side, and nothing is written until the unit is told.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+
+from feeddrive.files.columns import ROLES, Column, unit_of
+from feeddrive.files.formats import OpenedFile
+from feeddrive.files.log import Log
+from feeddrive.files.read_log import unit_at_the_end
+from feeddrive.identification.estimate import SHAFT, TABLE, Frame
+from feeddrive.identification.motion.motion_log import MotionLog
+from feeddrive.identification.plausibility import RANGES, Range, outside, scaled, sizes, spoken, unlikely
+from feeddrive.language import units
+from feeddrive.language.errors import LogError, ParameterError
+from feeddrive.language.progress import Progress
+from feeddrive.language.table import Table
+from feeddrive.loop.frequency_response import FRF
+
+_MOTIONS = ("position_load", "position_motor", "angle_motor", "angle_load", "velocity_load", "velocity_motor",
+            "speed_motor", "speed_load", "setpoint_position", "setpoint_angle")  # fmt: skip
+_FORCES = ("force", "torque")
+# in which units each quantity is logged; the first is SI
+_UNITS = {
+    "m": ("m", "mm", "um", "in"),
+    "m/s": ("m/s", "mm/s", "m/min", "mm/min"),
+    "rad": ("rad", "deg", "rev"),
+    "rad/s": ("rad/s", "rpm", "deg/s"),
+    "N": ("N", "kN", "mN"),
+    "N m": ("N m", "mN m", "kN m"),
+}
+# HAL knows no units: a machine is in mm or inch, by LINEAR_UNITS of its INI file
+_OF_HAL = ("mm", "in")
+_HAL_FORMATS = ("halscope", "halsampler")
+_HAL_PINS = ("joint.", "axis.", "pid.")
+
+
+FLAGS = {
+    "position_load": "--position", "position_motor": "--position", "angle_motor": "--angle", "torque": "--torque",
+    "velocity_load": "--velocity", "speed_motor": "--speed", "force": "--force", "setpoint_position": "--set-position",
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Doubt:
+    """Why the sizes of a log are none of a feed drive, in a sentence; empty if they are.
+
+    told      its units were told, so that the work goes on; else it must stop
+    readings  the two likeliest readings side by side, where another unit makes a feed drive of it
+    moves     a mass could be found in it: a log of noise has sizes too
+    """
+
+    why: str = ""
+    told: bool = True
+    readings: Table | None = None
+    moves: bool = False
+
+    def stop(self, progress: Progress) -> None:
+        """Show the readings and raise LogError, if the units were not told."""
+        if self.why and not self.told:
+            if self.readings is not None:
+                progress.remark(self.readings)
+            raise LogError(self.why)
+
+
+def units_first(doubts: Sequence[str]) -> str:
+    """The verdict on values from logs whose sizes are in doubt; empty if none is."""
+    return f"Check the units before anything is done with these values: {doubts[0]}." if doubts else ""
+
+
+@dataclass(frozen=True)
+class _Group:
+    """The columns of the motion, or of the force: the role that is looked at, its unit as read, how it is known."""
+
+    role: str
+    column: str
+    unit: str
+    how: str  # told, stated or ""
+
+    @property
+    def si(self) -> str:
+        return ROLES[self.role]
+
+    def said(self) -> str:
+        """How the unit came."""
+        if self.how == "stated":
+            return f"'{self.column}' is in {self.unit}, as the file says"
+        return f"'{self.column}' states no unit"
+
+
+def with_units(file: OpenedFile, mapping: Mapping[str, Column], asked: Sequence[str]) -> dict[str, Column]:
+    """The mapping with the units of `--unit` for columns that state none.
+
+    Raises ParameterError for a unit that no such column measures.
+    """
+    found = dict(mapping)
+    for text in asked:
+        unit = unit_of(text)
+        if unit is None:
+            raise ParameterError(f"--unit {text}: is no unit; give one as mm, um, in, N, kN, 'N m' or deg")
+        hit = False
+        for role, each in mapping.items():
+            if each.unit or each.factor is not None or stated(file, each.name, role) or role == "time":
+                continue
+            try:
+                units.factor(unit, ROLES[role])
+            except ParameterError:
+                continue
+            found[role], hit = Column(name=each.name, unit=unit), True
+        if not hit:
+            raise ParameterError(
+                f"{file}: --unit {text}: no column that states no unit is of that kind; a unit for one column is given "
+                f"with its name, as --position 'x:{text}'"
+            )
+    return found
+
+
+def stated(file: OpenedFile, column: str, role: str) -> str:
+    """The unit that the file states for a column, in its head or at the end of its name; empty without one."""
+    return file.columns.units.get(column, "") or unit_at_the_end(column, role)
+
+
+def doubt(
+    file: OpenedFile, log: Log, mapping: Mapping[str, Column], told: Collection[str],
+    flags: Mapping[str, str] = FLAGS, steady: bool = False,
+) -> Doubt:  # fmt: skip
+    """Whether the log, as it was read, is one of a feed drive.
+
+    told   roles whose unit or factor was given by the person
+    flags  by which option of the command a role is named
+    steady the log is no motion with ramps: accelerations and mass in it are not looked at
+
+    """
+    groups = [_group(file, mapping, told, roles) for roles in (_MOTIONS, _FORCES)]
+    motion, force = groups
+    if motion is None and force is None:
+        return Doubt()
+    frame = SHAFT if motion is not None and motion.si.startswith("rad") else TABLE
+    if force is not None and (force.role == "torque") != (frame is SHAFT):
+        frame, force = (SHAFT, force) if motion is None else (frame, None)
+    found = _sizes(log, frame, motion, force)
+    if steady:
+        found = {name: size for name, size in found.items() if name in ("travel", "speed", "force", "torque")}
+    is_hal = motion is not None and not motion.how and motion.si == "m" and _hal(file, motion.column)
+    silent = force is not None and force.role == "torque" and not force.how
+    wrong = outside(frame, found)
+    if not wrong and not is_hal and not silent:
+        return Doubt()
+    readings = _readings(frame, found, motion, force, is_hal)
+    if silent and force is not None and not wrong and not is_hal:
+        return Doubt(_silent_torque(file, force, found), told=False)
+    why = _said(wrong, found)
+    open_ = [each for each in groups if each is not None and each.how != "told" and each in (motion, force)]
+    if not open_:
+        return Doubt(f"{file}: as its units were told, {why}")
+    who = " and ".join(each.said() for each in open_)
+    if not readings or unlikely(frame, readings[0].sizes)[0] > 0.0:
+        return Doubt(f"{file}: {who}, and {why}; in no usual unit is this a feed drive: check which column is what, "
+                     f"and give each with its unit, as --position 'x:mm' --force 'f:kN'", told=False)  # fmt: skip
+    best = readings[:2]
+    asked = "HAL knows no units, and a machine is in mm or inch" if is_hal else f"as read, {why}"
+    return Doubt(
+        f"{file}: {who}: {asked}. Likeliest: {' or '.join(each.sentence(frame) for each in best)}. Say which with "
+        f"{' or '.join(each.options(flags) for each in best)}, or unit = \"...\" in a file for --channels; nothing was "
+        f"written",
+        told=False, readings=_table(str(file), frame, best), moves=RANGES[frame][4].quantity in found,
+    )  # fmt: skip
+
+
+def doubt_of_motion(log: MotionLog) -> Doubt:
+    """Whether a motion in SI is one of a feed drive; its units were told by whoever made it."""
+    found = sizes(log.frame, log.sample_time, log.position, log.force)
+    wrong = outside(log.frame, found)
+    return Doubt(f"{log.name}: {_said(wrong, found)}") if wrong else Doubt()
+
+
+def _said(wrong: Sequence[Range], found: Mapping[str, float]) -> str:
+    """What lies outside, worst first."""
+    return "; ".join(
+        f"the {each.quantity} is {spoken(found[each.quantity], each.unit)}, where feed drives have {each.bounds()}"
+        for each in wrong[:3]
+    )
+
+
+@dataclass(frozen=True)
+class _Reading:
+    """Units of motion and force, what the log is in them, and which of them differ from how it was read."""
+
+    given: tuple[tuple[_Group, str], ...]
+    sizes: dict[str, float]
+
+    @property
+    def changes(self) -> int:
+        """How many units are others than those that were taken."""
+        return sum(group.unit != unit for group, unit in self.given)
+
+    @property
+    def name(self) -> str:
+        """`x in mm, f in N`."""
+        return ", ".join(f"{group.column} in {unit}" for group, unit in self.given)
+
+    def options(self, flags: Mapping[str, str]) -> str:
+        """What says so on the command line."""
+        open_ = [(group, unit) for group, unit in self.given if group.how != "told"]
+        kept = [(group, unit) for group, unit in open_ if group.unit != unit] or open_
+        words = [
+            f"--unit {unit if ' ' not in unit else repr(unit)}"
+            if not group.how
+            else f"{flags.get(group.role, '--' + group.role)} '{group.column}:{unit}'"
+            for group, unit in kept
+        ]
+        return " ".join(words)
+
+    def sentence(self, frame: Frame) -> str:
+        """`x in mm (travel 200 mm, ...)`."""
+        said = [
+            f"{each.quantity} {spoken(self.sizes[each.quantity], each.unit)}"
+            for each in RANGES[frame]
+            if each.quantity in self.sizes and " over " not in each.quantity
+        ]
+        return f"{self.name} ({', '.join(said)})"
+
+
+def _readings(
+    frame: Frame, found: Mapping[str, float], motion: _Group | None, force: _Group | None, is_hal: bool
+) -> list[_Reading]:
+    """What the log is in other units, likeliest first; the fewer units are changed the likelier."""
+    there = [each for each in (motion, force) if each is not None]
+    choices: list[list[tuple[_Group, str]]] = []
+    for each in there:
+        if each.how == "told" or each.si not in _UNITS:
+            choices.append([(each, each.unit)])
+        elif is_hal and each is motion:
+            choices.append([(each, unit) for unit in _OF_HAL])
+        else:
+            choices.append([(each, unit) for unit in dict.fromkeys((each.unit, *_UNITS[each.si]))])
+    made: list[_Reading] = []
+    for given in product(*choices):
+        factors = {group.role: units.factor(unit, group.si) / units.factor(group.unit, group.si)
+                   for group, unit in given}  # fmt: skip
+        by = [1.0 if group is None else factors[group.role] for group in (motion, force)]
+        made.append(_Reading(given, scaled(frame, found, by[0], by[1])))
+
+    def order(each: _Reading) -> tuple[float, int, float]:
+        decades, unusual = unlikely(frame, each.sizes)
+        return decades, each.changes, unusual
+
+    return sorted(made, key=order)
+
+
+def _sizes(log: Log, frame: Frame, motion: _Group | None, force: _Group | None) -> dict[str, float]:
+    acting = None if force is None else log[force.role]
+    if motion is not None and motion.si.endswith("/s"):
+        speed = {RANGES[frame][1].quantity: float(np.max(np.abs(log[motion.role])))}
+        return {**speed, **sizes(frame, log.sample_time, None, acting)}
+    return sizes(frame, log.sample_time, None if motion is None else log[motion.role], acting)
+
+
+def _group(
+    file: OpenedFile, mapping: Mapping[str, Column], told: Collection[str], roles: Sequence[str]
+) -> _Group | None:
+    role = next((each for each in roles if each in mapping), None)
+    if role is None:
+        return None
+    column = mapping[role]
+    if role in told:
+        return _Group(role, column.name, column.unit or ROLES[role], "told")
+    said = stated(file, column.name, role)
+    unit = column.unit or unit_of(said) or ROLES[role]
+    return _Group(role, column.name, unit if _measures(unit, role) else ROLES[role], "stated" if said else "")
+
+
+def _measures(unit: str, role: str) -> bool:
+    try:
+        units.factor(unit, ROLES[role])
+    except ParameterError:
+        return False
+    return True
+
+
+def _hal(file: OpenedFile, column: str) -> bool:
+    return file.columns.format in _HAL_FORMATS or column.startswith(_HAL_PINS)
+
+
+def _silent_torque(file: OpenedFile, force: _Group, found: Mapping[str, float]) -> str:
+    most = found["torque"]
+    inertia = found.get("inertia")
+    as_it_is = f"up to {most:.3g} N m" + ("" if inertia is None else f", inertia {inertia:.3g} kg m2")
+    rated = "" if inertia is None else f", inertia {inertia / 100.0:.3g} kg m2 for each N m of rated torque"
+    return (
+        f"{file}: '{force.column}' states no unit, and drives log a torque in N m or in percent of the rated one. "
+        f"Likeliest: {force.column} in N m ({as_it_is}), or in percent (up to {most:.3g} % of the rated torque"
+        f"{rated}). Say which with --unit 'N m', or --torque '{force.column}*FACTOR' with the rated torque in N m / "
+        f"100 as FACTOR (feeddrive force computes it); nothing was written"
+    )
+
+
+def _table(name: str, frame: Frame, readings: Sequence[_Reading]) -> Table:
+    rows = [
+        [each.quantity, each.bounds(),
+         *(f"{spoken(r.sizes[each.quantity], each.unit)}{' !' if each.apart(r.sizes[each.quantity]) else ''}"
+           for r in readings)]
+        for each in RANGES[frame]
+        if each.quantity in readings[0].sizes
+    ]  # fmt: skip
+    heads = ["", "feed drives", *(each.name for each in readings)]
+    return Table(f"{name}: the two likeliest readings", heads, rows, sentences=2)
+
+
+_OUTPUTS = (("m", "mm", "um", "nm"), ("m/s", "mm/s"), ("m/s2", "mm/s2"))  # of a response, by its order
+
+
+def check_response(where: str, frf: FRF, told: bool, progress: Progress) -> str:
+    """Raise LogError for a response whose mass is none of a feed drive, unless its unit was told: then a sentence.
+
+    The mass is the median over the lines of |F / (ω² x)|; a response in another kind of unit is not judged.
+    """
+    mass, order, size, unit = RANGES[TABLE][4], 0, 1.0, frf.unit or "m/N"
+    for order, of_order in enumerate(_OUTPUTS):  # noqa: B007
+        try:
+            size = units.factor(unit.replace("(", "").replace(")", ""), f"{of_order[0]}/N")
+            break
+        except ParameterError:
+            continue
+    else:
+        return ""
+    there = np.abs(frf.response) > 0.0
+    if not np.any(there):
+        return ""
+    w, response = 2.0 * np.pi * frf.frequency[there], np.abs(frf.response[there])
+    masses = [w ** (n - 2) / response for n in range(len(_OUTPUTS))]
+    found = float(np.median(masses[order])) / size
+    if not mass.apart(found):
+        return ""
+    why = f"read in {unit} its mass is {spoken(found, 'kg')}, where feed drives have {mass.bounds()}"
+    if told:
+        return f"{where}: {why}, as its unit was told"
+    read: list[
+        tuple[str, float, float]
+    ] = []  # unit, mass, and how it scatters over the lines: least in the right order
+    for n in [order] if frf.unit else range(len(_OUTPUTS)):
+        scatter = float(np.std(np.log(masses[n])))
+        for each in _OUTPUTS[n]:
+            in_it = float(np.median(masses[n])) / units.factor(each, _OUTPUTS[n][0])
+            read.append((f"({each})/N" if n else f"{each}/N", in_it, scatter))
+    read = sorted(read, key=lambda each: (mass.apart(each[1]), each[2], mass.unusual(each[1])))[:2]
+    rows = [["mass", mass.bounds(), *(spoken(each[1], "kg") for each in read)]]
+    heads = ["", "feed drives", *(each[0] for each in read)]
+    progress.remark(Table(f"{where}: the two likeliest readings", heads, rows, sentences=2))
+    said = f"is in {unit}, as its file says" if frf.unit else "states no unit"
+    cures = " or ".join(f"{'--unit' if not frf.unit else 'a file that says'} '{each[0]}'" for each in read)
+    likely = " or ".join(f"{each[0]} ({spoken(each[1], 'kg')})" for each in read)
+    raise LogError(
+        f"{where}: the response to {frf.output} {said}: {why}. Likeliest: {likely}. Say which with {cures}; nothing "
+        f"was written"
+    )

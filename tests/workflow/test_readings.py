@@ -1,0 +1,217 @@
+"""Logs in wrong units, with wrong signs or of no motion: each ends with its reason, none in "Use these values"."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pytest
+
+from drive_logs import T, simulated
+from feeddrive.files.read_log import read_log
+from feeddrive.language.errors import FeeddriveError, LogError, ParameterError
+from feeddrive.loop.frequency_response import FRF
+from feeddrive.workflow.channels import channels
+from feeddrive.workflow.cogging import cogging
+from feeddrive.workflow.command import Outcome
+from feeddrive.workflow.frf import frf
+from feeddrive.workflow.friction import friction
+from feeddrive.workflow.identify import identify
+from feeddrive.workflow.iterate import iterate
+from feeddrive.workflow.prefilter import prefilter
+from feeddrive.workflow.tune import tune
+
+EMPS = Path(__file__).parents[2] / ".." / "shared" / "data" / "emps" / "DATA_EMPS.mat"
+needs_emps = pytest.mark.skipif(not EMPS.exists(), reason=f"the measured EMPS log is not there: {EMPS}")
+
+
+class Signals(NamedTuple):
+    """Time, set position, position and force."""
+
+    t: np.ndarray
+    r: np.ndarray
+    x: np.ndarray
+    f: np.ndarray
+
+
+def signals(seed: int = 1) -> Signals:
+    """Time, set position, position and force of the simulated axis of 95 kg, SI."""
+    log = simulated(size=0.5, seed=seed)
+    assert log.set_position is not None
+    return Signals(np.arange(log.position.size) * T, log.set_position, log.position, log.force)
+
+
+def measured() -> Signals:
+    """The same of the measured axis; 35.15 N/V."""
+    log = read_log(EMPS)
+    return Signals(log.time - log.time[0], log["qg"], log["qm"], 35.15 * log["vir"])
+
+
+def written(folder: Path, heads: str, *columns: np.ndarray) -> Path:
+    path = folder / "log.csv"
+    np.savetxt(path, np.column_stack(columns), delimiter=",", fmt="%.12g", header=heads, comments="")
+    return path
+
+
+def outcome(path: Path, **options: object) -> Outcome[Any]:
+    return identify.run(identify.request(path, **options))  # type: ignore[arg-type]
+
+
+def refused(path: Path, folder: Path, **options: object) -> str:
+    """Why a log was refused; nothing may be written."""
+    out = folder / "out"
+    with pytest.raises(FeeddriveError) as caught:
+        identify(path, out=out, **options)  # type: ignore[arg-type]
+    assert not out.exists()
+    return str(caught.value)
+
+
+def noise(t: np.ndarray) -> np.ndarray:
+    return np.random.default_rng(0).standard_normal(t.size)
+
+
+def sine(t: np.ndarray, frequency: float) -> tuple[np.ndarray, np.ndarray]:
+    """A millimetre of it, and the force on 95 kg with friction."""
+    w = 2.0 * np.pi * frequency
+    return 1e-3 * np.sin(w * t), -0.095 * w * w * np.sin(w * t) + 20.0 * np.sign(np.cos(w * t)) + noise(t)
+
+
+def spiked(force: np.ndarray) -> np.ndarray:
+    out = force.copy()
+    out[3000] = 1e4
+    return out
+
+
+NAMED = "t,x_set_m,x_m,force_N"
+# what is wrong, heads, columns made of the right ones, and what must be said
+WRONG: dict[str, tuple[str, Callable[[Signals], tuple[np.ndarray, ...]], tuple[str, ...]]] = {
+    "mm as m": ("t,x_set,x,force", lambda s: (s.t, 1e3 * s.r, 1e3 * s.x, s.f),
+                ("the speed is 126 m/s", "x in mm, force in N (travel 200 mm", "mass 9", "--unit mm or --unit in")),
+    "um as m": ("t,x_set,x,force", lambda s: (s.t, 1e6 * s.r, 1e6 * s.x, s.f), ("x in um", "--unit um")),
+    "kN as N": ("t,x_set,x,force", lambda s: (s.t, s.r, s.x, s.f / 1e3),
+                ("the mass is 0.09", "force in kN", "--unit kN")),
+    "mm, and the head says m": (NAMED, lambda s: (s.t, 1e3 * s.r, 1e3 * s.x, s.f),
+                                ("'x_m' is in m, as the file says", "--position 'x_m:mm'")),
+    "percent as N m": ("t,theta,torque", lambda s: (s.t, 628.0 * s.x, s.f / 6.28),
+                       ("in N m or in percent of the rated one", "--unit 'N m'", "--torque 'torque*FACTOR'")),
+    "a log of HAL": ("t,joint.0.motor-pos-cmd,joint.0.motor-pos-fb,force", lambda s: (s.t, 1e3 * s.r, 1e3 * s.x, s.f),
+                     ("HAL knows no units", "in mm, force in N (travel 200 mm", "--unit mm or --unit in")),
+    "inverted force": (NAMED, lambda s: (s.t, s.r, s.x, -s.f), ("sign of force or position is inverted", "'f*-1'")),
+    "inverted position": (NAMED, lambda s: (s.t, s.r, -s.x, s.f), ("sign of force or position is inverted",)),
+    "swapped": (NAMED, lambda s: (s.t, s.r, s.f, s.x), ("position and force are swapped", "--position 'force_N")),
+    "a spike": (NAMED, lambda s: (s.t, s.r, s.x, spiked(s.f)), ("1 spike", "row 3001", "repair these rows")),
+    "35 Hz": ("t,x_m,force_N", lambda s: (s.t, *sine(s.t, 35.0)), ("rows are left where the axis moves",)),
+    "20 Hz": ("t,x_m,force_N", lambda s: (s.t, *sine(s.t, 20.0)), ("one frequency",)),
+    "rest": ("t,x_m,force_N", lambda s: (s.t, 5e-8 * np.round(0.4 * noise(s.t)), noise(s.t)),
+             ("rows are left where the axis moves",)),
+    "noise": ("t,x_m,force_N", lambda s: (s.t, noise(s.t), noise(s.t)[::-1]), ("rows are left",)),
+    "whole milliseconds": ("t,x_m,force_N", lambda s: (1e3 * s.t, s.x, s.f),
+                           ("sample time of 1 s", "ms (1 ms) and us (0.001 ms)", "--time t:ms")),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("what", WRONG)
+def test_a_log_that_is_wrong_ends_with_its_reason_and_writes_nothing(what: str, tmp_path: Path) -> None:
+    heads, made, words = WRONG[what]
+    said = refused(written(tmp_path, heads, *made(signals())), tmp_path)
+    for each in words:
+        assert each in said
+    assert "Use " not in said
+
+
+@needs_emps
+@pytest.mark.slow(reason="every wrong log once more from a measured axis of 25,000 rows, and two more seeds")
+@pytest.mark.parametrize("source", ["emps", 2, 3])
+def test_the_same_holds_of_a_measured_axis_and_other_seeds(source: int | str, tmp_path: Path) -> None:
+    right = measured() if source == "emps" else signals(int(source))
+    for what, (heads, made, words) in WRONG.items():
+        said = refused(written(tmp_path, heads, *made(right)), tmp_path)
+        # figures in the sentences are those of the simulated axis
+        for each in (word for word in words if not any(c.isdigit() for c in word)):
+            assert each in said, what
+
+
+def test_a_unit_that_is_told_is_taken_and_the_work_goes_on(tmp_path: Path) -> None:
+    t, r, x, f = signals()
+    path = written(tmp_path, "t,x_set,x,force", t, 1e3 * r, 1e3 * x, f / 1e3)
+    done = identify(path, unit=("mm", "kN"))
+    assert done.recommendation.startswith("Use these values")
+    # 0.3 % as in tests/cli/test_identify.py: a disturbance of 0.5 N
+    assert done.rigid["mass"].value == pytest.approx(95.1089, rel=3e-3)
+    with pytest.raises(ParameterError, match="no column that states no unit is of that kind"):
+        identify(written(tmp_path, NAMED, t, r, x, f), unit=("mm",))
+
+
+def test_a_unit_that_was_told_and_is_implausible_is_no_verdict_to_use(tmp_path: Path) -> None:
+    t, r, x, f = signals()
+    path = written(tmp_path, "t,a,b,c", t, 1e3 * r, 1e3 * x, f)
+    done = identify(path, set_position="a:m", position="b:m", force="c:N")
+    assert done.recommendation.startswith("Check the units before anything is done")
+    assert "the speed is 126 m/s" in done.recommendation
+
+
+def test_values_that_are_advised_against_are_not_written(tmp_path: Path) -> None:
+    """Half of the force is something else: 15 % is the most that a rigid drive may leave."""
+    t, r, x, f = signals()
+    other = 40.0 * np.sin(2.0 * np.pi * 3.7 * t)
+    done = outcome(written(tmp_path, NAMED, t, r, x, f + other), out=tmp_path / "out")
+    assert done.verdict.startswith("Do not tune on these values")
+    assert not (tmp_path / "out" / "machine.toml").exists()
+    assert (tmp_path / "out" / "report.html").exists()
+    assert done.notes[0].startswith("No machine file was written: a rigid drive")
+
+
+def test_whole_milliseconds_are_read_once_told(tmp_path: Path) -> None:
+    t, _, x, f = signals()
+    path = written(tmp_path, "t,x_m,force_N", np.round(1e3 * t), x, f)
+    assert "Use these values" in identify(path, time="t:ms").recommendation
+    found = channels(path, out=tmp_path / "roles.toml")
+    assert 'time = { column = "t", unit = "ms" }' in (tmp_path / "roles.toml").read_text(encoding="utf-8")
+    assert "us 0.001 ms" in found.reasons["time"]
+    assert "Use these values" in identify(path, channels=tmp_path / "roles.toml").recommendation
+    assert 'unit = "us"' in channels(path, time="t:us").toml()
+
+
+def test_every_command_that_reads_a_log_stops(tmp_path: Path) -> None:
+    t, r, x, f = signals()
+    path = written(tmp_path, "t,x_set,x,force", t, 1e3 * r, 1e3 * x, f)
+    with pytest.raises(LogError, match="--unit mm"):
+        friction((path,))
+    with pytest.raises(LogError, match="--unit mm"):
+        cogging((path,), period="24:mm")
+    with pytest.raises(LogError, match="--unit mm"):
+        iterate(str(path), controller="emps_symmetric")
+    with pytest.raises(LogError, match="--unit mm"):
+        prefilter(path)
+    roles = tmp_path / "roles.toml"
+    roles.write_text(
+        f"[log]\nfile = '{path}'\n[log.channels]\ntime = 't'\nposition_load = 'x'\nforce = 'force'\n", encoding="utf-8"
+    )
+    with pytest.raises(LogError, match="--unit mm"):
+        frf((path,), channels=roles, band="5..100")
+
+
+@pytest.mark.parametrize(("unit", "size"), [("mm/N", 1e3), ("um/N", 1e6)])
+def test_a_response_without_a_unit_stops_too(unit: str, size: float, tmp_path: Path) -> None:
+    """95 kg and no friction: in m/N it would be 95 or 0.095 g."""
+    frequency = np.geomspace(5.0, 200.0, 60)
+    response = size / (95.0 * (2j * np.pi * frequency) ** 2)
+    path = written(tmp_path, "f_Hz,re,im", frequency, response.real, response.imag)
+    for work in (lambda: identify(path), lambda: tune(str(path), sample_time=1e-3)):
+        with pytest.raises(LogError) as caught:
+            work()
+        assert f"--unit '{unit}'" in str(caught.value)
+        assert "(95 kg)" in str(caught.value)
+    assert FRF(frequency, response, "force", "position", unit).unit == unit
+
+
+def test_a_frequency_response_without_heads_is_named_as_one(tmp_path: Path) -> None:
+    frequency = np.geomspace(5.0, 200.0, 60)
+    table = np.column_stack([frequency, -1.0 / frequency**2, 1e-3 / frequency])
+    path = tmp_path / "bare.csv"
+    np.savetxt(path, table, delimiter=",")
+    assert "head its columns f_Hz,re,im" in refused(path, tmp_path)
+    told = {"time": "column_1", "position": "column_2", "force": "column_3"}
+    assert "its columns are headed f_Hz,re,im" in refused(path, tmp_path, **told)
