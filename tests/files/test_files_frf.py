@@ -92,7 +92,7 @@ def test_units_are_turned_into_si(tmp_path: Path) -> None:
     assert frf.unit == "rad/A"
     np.testing.assert_allclose(frf.response, np.radians(1.0) * G, rtol=1e-13)
     frf = read_frf(write(tmp_path, table("f,re_mm_per_s_per_A,im", F, G.real, G.imag)))
-    assert frf.unit == "m/s/A"
+    assert frf.unit == "(m/s)/A"
     np.testing.assert_allclose(frf.response, 1e-3 * G, rtol=1e-15)
 
 
@@ -156,7 +156,7 @@ def test_a_line_at_0_hz_is_left_out(tmp_path: Path) -> None:
         ("f,freq,re,im\n1,1,20,90\n2,2,0,0\n", r"has 2 columns of frequency among"),
         ("f,re,real,im\n1,1,20,90\n2,2,0,0\n", r"'re' and 'real' are both the re of one response"),
         ("f,re [m/N],im [um/N]\n1,1,2\n2,2,3\n", r"'im' is in 'um/N', its real part in 'm/N'"),
-        ("f,re [rpm/A],im\n1,1,2\n2,2,3\n", r"column 're' is in 'rpm/A'; give the response in SI"),
+        ("f,re [rpm/kg],im\n1,1,2\n2,2,3\n", r"column 're' is in 'rpm/kg'; give the response in SI"),
         ("f,re [foo],im\n1,1,2\n2,2,3\n", r"a\.csv: column 're': unit 'foo' is not known; give the response in SI"),
         ("f [mm],re,im\n1,1,2\n2,2,3\n", r"the frequency 'f' is in 'mm', which is no unit of it; Hz or rad/s"),
         ("f,re,im\n0,1,2\n", r"holds only a line at 0 Hz"),
@@ -512,3 +512,16 @@ def test_encoders_are_known_by_name_alone():
     assert encoders({"frf": frf}) == {"motor": frf}
     assert encoders({"load": frf}) == {"load": frf}
     assert encoders({"a": frf, "b": frf}) == {}
+
+
+@pytest.mark.parametrize(("head", "si", "times"), [
+    ("|G| [mm/s/A]", "(m/s)/A", 1e-3), ("|G| [rad/(s Nm)]", "(rad/s)/(N m)", 1.0), ("|G| [µm/N]", "m/N", 1e-6),
+    ("magnitude [(m/s)/N]", "(m/s)/N", 1.0),
+])  # fmt: skip
+def test_a_magnitude_between_bars_with_its_unit(tmp_path: Path, head: str, si: str, times: float) -> None:
+    path = tmp_path / "frf.csv"
+    name = "G" if head.startswith("|") else ""
+    path.write_text(f"f [Hz];{head};arg {name} [°]\n1;2;-90\n2;4;-90\n3;8;-90\n", encoding="utf-8")
+    frf = read_frf(path)
+    assert frf.unit == si
+    assert frf.magnitude == pytest.approx(times * np.array([2.0, 4.0, 8.0]), rel=1e-12)

@@ -82,7 +82,8 @@ LOGS: list[tuple[dict[str, str], dict[str, str]]] = [
     ),
     (
         {"Lagesollwert": "mm", "Lageistwert": "mm", "Drehzahlistwert": "U/min", "Drehmoment": "N m"},
-        {"setpoint_position": "Lagesollwert", "position_load": "Lageistwert", "torque": "Drehmoment"},
+        {"setpoint_position": "Lagesollwert", "position_load": "Lageistwert", "speed_motor": "Drehzahlistwert",
+         "torque": "Drehmoment"},
     ),
     (
         {"Sollposition": "mm", "Istposition": "mm", "Sollkraft": "N", "Schleppabstand": "um"},

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import math
+import re
+from pathlib import Path
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from feeddrive.files.columns import unit_of
 from feeddrive.language.errors import ParameterError
-from feeddrive.language.units import factor, measure
+from feeddrive.language.units import factor, measure, response
 
 EXACT = [
     ("N_per_um", "N/m", 1e6),
@@ -34,12 +37,47 @@ EXACT = [
     ("V", "W/A", 1.0),
     ("J", "N m", 1.0),
     ("", "", 1.0),
+    ("N/(m/s)", "N s/m", 1.0),
+    ("1/(s/m)", "m/s", 1.0),
+    ("(m/s)/(N/(kg/g))", "m/(N s)", 1e3),  # parentheses in parentheses
+    ("rad/(s N m)", "rad/(N m s)", 1.0),
+    ("U/min", "rpm", 1.0),
 ]
 
 
 @pytest.mark.parametrize(("given_unit", "declared", "value"), EXACT)
 def test_size(given_unit: str, declared: str, value: float):
     assert factor(given_unit, declared) == pytest.approx(value, rel=4e-16)
+
+
+def spellings() -> list[tuple[str, str, float]]:
+    """The rows of the table in docs/files.md: as written, in SI, and how many times that."""
+    rows: list[tuple[str, str, float]] = []
+    for line in (Path(__file__).parents[2] / "docs" / "files.md").read_text(encoding="utf-8").splitlines():
+        found = re.fullmatch(r"\| (`[^|]+`) \| `([^`]+)` \| ([0-9.e-]+) \|", line)
+        if found:
+            rows += [(each, found[2], float(found[3])) for each in re.findall(r"`([^`]+)`", found[1])]
+    return rows
+
+
+def test_the_table_of_spellings_is_long():
+    assert len(spellings()) > 45
+
+
+@pytest.mark.parametrize(("written", "si", "times"), spellings())
+def test_each_spelling_in_the_docs_is_read(written: str, si: str, times: float):
+    found = unit_of(written)
+    assert found is not None
+    assert factor(found, si) == pytest.approx(times, rel=4e-16)
+    if si.count("/") and si[-1] in "NA)" and "N s" not in si:
+        name, size = response(found) or ("", 0.0)
+        assert (name, size) == (si, pytest.approx(times, rel=4e-16))
+
+
+def test_hertz_and_radians_per_second_stay_two_things():
+    assert response("Hz/A") == ("(rad/s)/A", pytest.approx(2 * math.pi, rel=4e-16))
+    assert response("1/(s A)") is None
+    assert unit_of("U/min") == "rpm"
 
 
 units = st.sampled_from(["m", "mm", "um", "s", "ms", "N", "kN", "kg", "rad", "deg", "rev", "A", "V", "Hz"])
@@ -70,7 +108,27 @@ def test_another_dimension_is_refused(given_unit: str, declared: str):
         factor(given_unit, declared)
 
 
-@pytest.mark.parametrize("unit", ["furlong", "xm", "m^2", "2m", "m**2", "_", "m-1", "μm", "per", "kkg"])
+@pytest.mark.parametrize(
+    "unit",
+    [
+        "furlong",
+        "xm",
+        "m^2",
+        "2m",
+        "m**2",
+        "_",
+        "m-1",
+        "μm",
+        "per",
+        "kkg",
+        "(m",
+        "m)",
+        "()",
+        "m//s",
+        "m/",
+        "((((((((((m))))))))))",
+    ],
+)
 def test_what_is_no_unit_is_refused(unit: str):
     with pytest.raises(ParameterError, match="unit"):
         factor(unit, "m")

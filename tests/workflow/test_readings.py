@@ -84,7 +84,7 @@ def spiked(force: np.ndarray) -> np.ndarray:
     return out
 
 
-NAMED = "t,x_set_m,x_m,force_N"
+NAMED = "t,set_pos_m,pos_m,force_N"
 # what is wrong, heads, columns made of the right ones, and what must be said
 WRONG: dict[str, tuple[str, Callable[[Signals], tuple[np.ndarray, ...]], tuple[str, ...]]] = {
     "mm as m": ("t,x_set,x,force", lambda s: (s.t, 1e3 * s.r, 1e3 * s.x, s.f),
@@ -93,7 +93,7 @@ WRONG: dict[str, tuple[str, Callable[[Signals], tuple[np.ndarray, ...]], tuple[s
     "kN as N": ("t,x_set,x,force", lambda s: (s.t, s.r, s.x, s.f / 1e3),
                 ("the mass is 0.09", "force in kN", "--unit kN")),
     "mm, and the head says m": (NAMED, lambda s: (s.t, 1e3 * s.r, 1e3 * s.x, s.f),
-                                ("'x_m' is in m, as the file says", "--position 'x_m:mm'")),
+                                ("'pos_m' is in m, as the file says", "--position 'pos_m:mm'")),
     "percent as N m": ("t,theta,torque", lambda s: (s.t, 628.0 * s.x, s.f / 6.28),
                        ("in N m or in percent of the rated one", "--unit 'N m'", "--torque 'torque*FACTOR'")),
     "a log of HAL": ("t,joint.0.motor-pos-cmd,joint.0.motor-pos-fb,force", lambda s: (s.t, 1e3 * s.r, 1e3 * s.x, s.f),
@@ -102,12 +102,12 @@ WRONG: dict[str, tuple[str, Callable[[Signals], tuple[np.ndarray, ...]], tuple[s
     "inverted position": (NAMED, lambda s: (s.t, s.r, -s.x, s.f), ("sign of force or position is inverted",)),
     "swapped": (NAMED, lambda s: (s.t, s.r, s.f, s.x), ("position and force are swapped", "--position 'force_N")),
     "a spike": (NAMED, lambda s: (s.t, s.r, s.x, spiked(s.f)), ("1 spike", "row 3001", "repair these rows")),
-    "35 Hz": ("t,x_m,force_N", lambda s: (s.t, *sine(s.t, 35.0)), ("rows are left where the axis moves",)),
-    "20 Hz": ("t,x_m,force_N", lambda s: (s.t, *sine(s.t, 20.0)), ("one frequency",)),
-    "rest": ("t,x_m,force_N", lambda s: (s.t, 5e-8 * np.round(0.4 * noise(s.t)), noise(s.t)),
+    "35 Hz": ("t,pos_m,force_N", lambda s: (s.t, *sine(s.t, 35.0)), ("rows are left where the axis moves",)),
+    "20 Hz": ("t,pos_m,force_N", lambda s: (s.t, *sine(s.t, 20.0)), ("one frequency",)),
+    "rest": ("t,pos_m,force_N", lambda s: (s.t, 5e-8 * np.round(0.4 * noise(s.t)), noise(s.t)),
              ("rows are left where the axis moves",)),
-    "noise": ("t,x_m,force_N", lambda s: (s.t, noise(s.t), noise(s.t)[::-1]), ("rows are left",)),
-    "whole milliseconds": ("t,x_m,force_N", lambda s: (1e3 * s.t, s.x, s.f),
+    "noise": ("t,pos_m,force_N", lambda s: (s.t, noise(s.t), noise(s.t)[::-1]), ("rows are left",)),
+    "whole milliseconds": ("t,pos_m,force_N", lambda s: (1e3 * s.t, s.x, s.f),
                            ("sample time of 1 s", "ms (1 ms) and us (0.001 ms)", "--time t:ms")),
 }  # fmt: skip
 
@@ -165,7 +165,7 @@ def test_values_that_are_advised_against_are_not_written(tmp_path: Path) -> None
 
 def test_whole_milliseconds_are_read_once_told(tmp_path: Path) -> None:
     t, _, x, f = signals()
-    path = written(tmp_path, "t,x_m,force_N", np.round(1e3 * t), x, f)
+    path = written(tmp_path, "t,pos_m,force_N", np.round(1e3 * t), x, f)
     assert "Use these values" in identify(path, time="t:ms").recommendation
     found = channels(path, out=tmp_path / "roles.toml")
     assert 'time = { column = "t", unit = "ms" }' in (tmp_path / "roles.toml").read_text(encoding="utf-8")

@@ -132,9 +132,13 @@ def is_wanted(name: str, wanted: frozenset[str] | None) -> bool:
 
 def unit_of(text: str) -> str | None:
     """A unit as makers write it (`µm`, `mm/s²`, `%`, `[ms]`) as `language.units` writes it; None if it is not known."""
-    plain = text.strip().strip("[]()").strip()
+    plain = text.strip().strip("[]").strip()
     plain = plain.replace("µ", "u").replace("μ", "u").replace("²", "2").replace("³", "3").replace("^", "")
     plain = plain.replace("·", " ").replace("*", " ")
+    if plain.startswith("(") and plain.endswith(")") and "(" not in plain[1:]:
+        plain = plain[1:-1].strip()
+    for maker, ours in (("Nm", "N m"), ("°", "deg")):  # in a longer unit too: rad/(s Nm), °/s
+        plain = re.sub(rf"(?<![A-Za-z°]){maker}(?![A-Za-z°])", ours, plain) if plain not in _SPELLINGS else plain
     plain = _SPELLINGS.get(plain, plain)
     try:
         units.measure(plain)

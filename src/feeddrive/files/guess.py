@@ -115,7 +115,7 @@ def read_name(name: str, unit: str) -> NameReading:
         quantity in ("", "command")
         and axis
         and by_words != "command"
-        and (is_set or _MEASURED & set(bare) or bare in ([axis], [axis, "m"]))
+        and (is_set or _MEASURED & set(bare) or bare == [axis])
     ):
         quantity = "position"  # x, x_cmd, y_fb
     if bare[:1] == ["pid"] and "output" not in bare and {"command", "feedback"} & set(bare):

@@ -63,6 +63,7 @@ _OTHER: dict[str, tuple[float, Dimension]] = {
     "deg": (math.pi / 180, (0, 0, 0, 0, 1)),
     "mdeg": (math.pi / 180e3, (0, 0, 0, 0, 1)),
     "rev": (2 * math.pi, (0, 0, 0, 0, 1)),
+    "U": (2 * math.pi, (0, 0, 0, 0, 1)),  # Umdrehung: U/min is rpm, mm/U a lead
     "rpm": (2 * math.pi / 60, (0, 0, -1, 0, 1)),
     "percent": (1e-2, _NONE),
     "1": (1.0, _NONE),
@@ -81,28 +82,85 @@ def _unit(word: str) -> tuple[float, Dimension]:
     raise ParameterError(f"unit '{word}' is not known")
 
 
+_TOKEN = re.compile(r"[/()]|[^ _/()]+")
+
+
 @lru_cache(maxsize=1024)
 def measure(unit: str) -> tuple[float, Dimension]:
-    """Factor to SI and dimension of a unit such as `N s/m`, `kg m2`, `N_per_um` or `m_per_min_per_mm`.
+    """Factor to SI and dimension of a unit such as `N s/m`, `kg m2`, `N_per_um`, `rad/(N m s)` or `(m/s)/N`.
 
-    Everything after the first `/` or `per` is divided by; a trailing digit is an exponent.
-    Raises ParameterError for a word that is not a unit.
+        unit    = product {("/" | "per") product}        each product after a stroke is divided by: m/s/N is m/(s N)
+        product = factor {(" " | "_") factor}
+        factor  = word [digit] | "1" | "(" unit ")"      the digit is an exponent
+
+    Raises ParameterError for what does not follow this, and for a word that is not a unit.
     """
     if unit == "":
         return 1.0, _NONE
-    factor, total, sign = 1.0, [0, 0, 0, 0, 0], 1
-    for word in re.split(r"[ _]+", unit.replace("/", " per ").replace("(", " ").replace(")", " ").strip()):
-        if word == "per":
-            sign = -1
+    tokens = ["/" if token == "per" else token for token in _TOKEN.findall(unit)]
+    size, dimension, end = _quotient(unit, tokens, 0, 0)
+    if end < len(tokens):
+        raise ParameterError(f"'{tokens[end]}' in the unit '{unit}' closes nothing")
+    return size, dimension
+
+
+_DEEPEST = 8  # parentheses in parentheses
+
+
+def _quotient(unit: str, tokens: list[str], at: int, depth: int) -> tuple[float, Dimension, int]:
+    """Size and dimension of the products from a token on, and the first token that is no part of them."""
+    size, total, sign, empty = 1.0, list(_NONE), 1, True
+    while at < len(tokens) and tokens[at] != ")":
+        token = tokens[at]
+        at += 1
+        if token == "/":
+            if empty and sign < 0:
+                raise ParameterError(f"in the unit '{unit}' nothing stands between two strokes")
+            sign, empty = -1, True
             continue
-        found = re.fullmatch(r"([A-Za-z]+|1)([0-9]?)", word)
-        if found is None:
-            raise ParameterError(f"'{word}' in the unit '{unit}' is not a unit")
-        size, dimension = _unit(found[1])
-        exponent = sign * int(found[2] or 1)
-        factor *= size**exponent
-        total = [t + exponent * d for t, d in zip(total, dimension, strict=True)]
-    return factor, (total[0], total[1], total[2], total[3], total[4])
+        if token == "(":
+            if depth == _DEEPEST:
+                raise ParameterError(f"the unit '{unit}' has more than {_DEEPEST} parentheses in each other")
+            part, dimension, at = _quotient(unit, tokens, at, depth + 1)
+            if at == len(tokens):
+                raise ParameterError(f"in the unit '{unit}' a parenthesis is not closed")
+            at, exponent = at + 1, 1
+        else:
+            found = re.fullmatch(r"([A-Za-z]+|1)([0-9]?)", token)
+            if found is None:
+                raise ParameterError(f"'{token}' in the unit '{unit}' is not a unit")
+            part, dimension = _unit(found[1])
+            exponent = int(found[2] or 1)
+        empty = False
+        size *= part ** (sign * exponent)
+        total = [t + sign * exponent * d for t, d in zip(total, dimension, strict=True)]
+    if empty:
+        raise ParameterError(f"the unit '{unit}' has a place without a unit")
+    return size, (total[0], total[1], total[2], total[3], total[4]), at
+
+
+# what a response of an axis leads from, and to what; by dimension, so that each spelling finds its own
+_INPUTS = ("N", "N m", "A", "V")
+_OUTPUTS = ("m", "rad", "m/s", "rad/s", "m/s2", "rad/s2")
+
+
+@lru_cache(maxsize=256)
+def response(unit: str) -> tuple[str, float] | None:
+    """The one SI spelling of a unit of motion over force, current or voltage, and the factor to it.
+
+    `um/N` is m/N times 1e-6, `rad/(s N m)` and `rad/(N m s)` are (rad/s)/(N m), `mm/s/A` is (m/s)/A times 1e-3; None
+    for a unit of something else.  Raises ParameterError for what is no unit.
+    """
+    measure(unit)
+    for above in _OUTPUTS:
+        for below in _INPUTS:
+            name = f"({above})" if "/" in above else above
+            name += f"/({below})" if " " in below else f"/{below}"
+            try:
+                return name, factor(unit, name)
+            except ParameterError:
+                continue
+    return None
 
 
 def factor(given: str, declared: str) -> float:

@@ -19,6 +19,7 @@ from feeddrive.blocks.families import Plant
 from feeddrive.blocks.plant.two_mass import TwoMass
 from feeddrive.files.atomic_io import new_directory
 from feeddrive.files.blocks_to_toml import to_toml
+from feeddrive.files.columns import unit_of
 from feeddrive.files.formats import OpenedFile
 from feeddrive.files.frf import encoders, names_frequency, read_frfs
 from feeddrive.files.machine import MachineFile, read_machine
@@ -140,9 +141,9 @@ def _chosen(path: Path, found: Mapping[str, FRF], request: IdentifyRequest, mode
         raise ParameterError(f"{path}: motor and load are the same response: name that of each encoder")
     if len(request.unit) > 1:
         raise ParameterError(f"{path}: responses have one unit, not {', '.join(request.unit)}: give --unit once")
-    told = next(iter(request.unit), None)
+    told = next((unit_of(each) or each for each in request.unit), None)
     for role, frf in named.items():
-        if told is not None and frf.unit and frf.unit != told:
+        if told is not None and frf.unit and units.response(frf.unit) != units.response(told):
             raise ParameterError(f"{path}: the response of {role} is in {frf.unit}, as its file says, not {told}")
     known = {frf.unit for frf in named.values() if frf.unit}
     unit = told or (known.pop() if len(known) == 1 else None)

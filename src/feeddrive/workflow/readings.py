@@ -323,15 +323,15 @@ def check_response(where: str, frf: FRF, told: bool, progress: Progress) -> str:
 
     The mass is the median over the lines of |F / (ω² x)|; a response in another kind of unit is not judged.
     """
-    mass, order, size, unit = RANGES[TABLE][4], 0, 1.0, frf.unit or "m/N"
-    for order, of_order in enumerate(_OUTPUTS):  # noqa: B007
-        try:
-            size = units.factor(unit.replace("(", "").replace(")", ""), f"{of_order[0]}/N")
-            break
-        except ParameterError:
-            continue
-    else:
+    mass, unit = RANGES[TABLE][4], frf.unit or "m/N"
+    try:
+        known = units.response(unit_of(unit) or unit)
+    except ParameterError:
+        known = None
+    of_order = [f"({each[0]})/N" if n else f"{each[0]}/N" for n, each in enumerate(_OUTPUTS)]
+    if known is None or known[0] not in of_order:
         return ""
+    order, size = of_order.index(known[0]), 1.0 / known[1]
     there = np.abs(frf.response) > 0.0
     if not np.any(there):
         return ""

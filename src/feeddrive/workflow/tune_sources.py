@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from feeddrive.files.columns import unit_of
 from feeddrive.files.frf import FrfLike, read_frfs
 from feeddrive.files.machine import BUNDLED, MachineFile, MachineLike, read_machine
 from feeddrive.files.messages import nearest
@@ -161,11 +162,10 @@ def _in_metres(path: str, frf: FRF, unit: str | None) -> FRF:
     if stated in ("", "m/N"):
         return frf
     f = frf.frequency
-    for wanted, factor in (("m/N", 1.0), ("m/s/N", 1.0 / (2j * np.pi * f)), ("m/s2/N", -1.0 / (2.0 * np.pi * f) ** 2)):
-        try:
-            whole = units.factor(stated.replace("(", "").replace(")", ""), wanted) * factor
-        except ParameterError:
-            continue
+    known = units.response(unit_of(stated) or stated)
+    by_order = {"m/N": 1.0, "(m/s)/N": 1.0 / (2j * np.pi * f), "(m/s2)/N": -1.0 / (2.0 * np.pi * f) ** 2}
+    if known is not None and known[0] in by_order:
+        whole = known[1] * by_order[known[0]]
         variance = None if frf.variance is None else np.abs(whole) ** 2 * frf.variance
         return replace(frf, response=whole * frf.response, variance=variance, unit="m/N")
     raise ParameterError(

@@ -30,7 +30,8 @@ _NUMBER = {
     ",": re.compile(r"[+-]?(\d+(,\d+)?|,\d+)([eE][+-]?\d+)?|[+-]?(nan|inf|infinity)", re.IGNORECASE),
 }
 _COMMENT = re.compile(r"\s*(#|%|//)")
-_HEAD = re.compile(r"(.*?)\s*[\[(]([^\])]*)[\])]\s*")
+# in brackets anything, in parentheses also such pairs: |G| [rad/(s N m)], G ((m/s)/N)
+_HEAD = re.compile(r"(.*?)\s*(?:\[([^\]]*)\]|\(((?:[^()]|\([^()]*\))*)\))\s*")
 
 
 @dataclass(frozen=True)
@@ -159,9 +160,10 @@ def _named(head: str) -> tuple[str, str]:
     found = _HEAD.fullmatch(head)
     if found is None:
         return head, ""
-    unit = unit_of(found[2])
-    if unit is None and "[" in head and len(found[2]) <= 20:
-        unit = found[2].strip()
+    inside = found[2] if found[2] is not None else found[3]
+    unit = unit_of(inside)
+    if unit is None and "[" in head and len(inside) <= 20:
+        unit = inside.strip()
     return (found[1], unit) if unit is not None else (head, "")
 
 

@@ -84,6 +84,9 @@ def _kind(rest: str) -> tuple[str | None, str]:
         for word in words:
             if rest.lower() == word or rest == f"|{word}|":
                 return kind, ""
+            bars = re.fullmatch(r"\|([^|]+)\|", rest)
+            if kind == "magnitude" and bars is not None:  # |G|
+                return kind, bars[1]
             short = len(word) < 3
             start = re.match(rf"(?i:{word})(?=[\s_.\-\[(]|$)", rest) or (
                 None if len(word) == 1 else re.match(rf"{word.capitalize()}(?=[A-Z])|{word}(?=[A-Z])", rest)
@@ -177,6 +180,12 @@ def in_si(name: str, column: str, unit: str) -> tuple[str, float]:
     """The unit in SI, and the factor to it: um/N is m/N times 1e-6. Raises LogError for one that is none."""
     if not unit:
         return "", 1.0
+    try:
+        known = units.response(unit)
+    except ParameterError:
+        known = None
+    if known is not None:
+        return known
     words: list[str] = []
     for word in re.split(r"([ _/]|per)", unit):
         base = re.fullmatch(r"[GMkcmun]?(m|s|A|rad|N|W|J|V|Hz)(\d?)", word)

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from feeddrive.analysis.conversion import as_frf
+from feeddrive.language import units
 from feeddrive.language.errors import ParameterError
 from feeddrive.loop.frequency_response import FRF
 
@@ -40,8 +41,8 @@ class ResponseUnits:
 
 
 def response_units(frf: FRF) -> ResponseUnits:
-    """From the unit of an FRF; one without a unit counts as m/N."""
-    output, _, force = (frf.unit or "m/N").rpartition("/")
+    """From the unit of an FRF, in any spelling; one without a unit counts as m/N."""
+    output, _, force = (_known(frf.unit) or (frf.unit or "m/N", 1.0))[0].rpartition("/")
     found = re.fullmatch(r"\(?([^()/]+?)(?:/(s2?|s\^2))?\)?", output.strip())
     if found is None or not force:
         raise ParameterError(
@@ -50,6 +51,23 @@ def response_units(frf: FRF) -> ResponseUnits:
         )
     order = {None: 0, "s": 1}.get(found[2], 2)
     return ResponseUnits(found[1].strip(), force.strip(" ()"), order)
+
+
+def _known(unit: str) -> tuple[str, float] | None:
+    """A unit in SI, and the factor to it; None for one of something else, or of names of its own."""
+    try:
+        return units.response(unit) if unit else None
+    except ParameterError:
+        return None
+
+
+def _in_si(frf: FRF) -> FRF:
+    """A response whose unit is known, in SI and in the one spelling of it."""
+    known = _known(frf.unit)
+    if known is None:
+        return frf
+    unit, factor = known
+    return replace(frf if factor == 1.0 else replace(frf * factor, coherence=frf.coherence), unit=unit)
 
 
 def taken(
@@ -64,7 +82,7 @@ def taken(
     travel_per_unit   m for each unit of the output, as lead/2π for an angle in rad
     Raises ParameterError if none is there, if one is 0, if their units differ or if too few lines are left.
     """
-    there = {name: as_frf(frf) for name, frf in responses.items() if frf is not None}
+    there = {name: _in_si(as_frf(frf)) for name, frf in responses.items() if frf is not None}
     if not there:
         raise ParameterError("a fit needs at least one frequency response, of the motor's or of the load's position")
     for name, frf in there.items():
@@ -74,9 +92,9 @@ def taken(
                 f"the response of the {name} is 0 at {frf.frequency[silent[0]]:g} Hz ({silent.size} such lines), which "
                 f"no axis does: check its columns, and leave out lines on which nothing was measured"
             )
-    units = {name: response_units(frf) for name, frf in there.items()}
-    first = next(iter(units.values()))
-    for name, each in units.items():
+    of_each = {name: response_units(frf) for name, frf in there.items()}
+    first = next(iter(of_each.values()))
+    for name, each in of_each.items():
         if each != first:
             raise ParameterError(
                 f"the responses must lead from and to the same quantities: '{name}' is in {there[name].unit}, "
