@@ -179,18 +179,15 @@ def _maps(request: CoggingRequest, drive: Drive) -> _Seen:
         if told is None and len(arrays) != 1:
             raise ParameterError(f"{path}: name the column of the map with --current or --torque{nearest('', arrays)}")
         asked_column = column(next(iter(arrays)) if told is None else told, role)
-        name, values = asked_column.name, arrays.get(asked_column.name)
+        name, values, factor = asked_column.name, arrays.get(asked_column.name), asked_column.factor
         if values is None:
-            raise LogError(f"{path}: there is no column '{asked_column.name}' ({role}){nearest(name, arrays)}")
-        factor = asked_column.factor
+            raise LogError(f"{path}: there is no column '{name}' ({role}){nearest(name, arrays)}")
         if factor is None:
             factor = units.factor(asked_column.unit, unit) if asked_column.unit and unit else 1.0
         unit = unit or asked_column.unit
         visited = np.flatnonzero(values)
         if visited.size < 2:
-            raise NotIdentifiableError(
-                f"{path}: '{name}' is 0 at all positions but {visited.size}: there is no measurement"
-            )
+            raise NotIdentifiableError(f"{path}: '{name}' is 0 at all places but {visited.size}: nothing was measured")
         found.append(CoggingRun(visited / values.size, factor * values[visited], direction))
     along = request.period is not None and not _is_angle(request.period)
     period = _period(request.period, "m" if along else "rad", drive)
