@@ -14,7 +14,7 @@ mpl.use("svg")
 import numpy as np
 
 import feeddrive as fd
-from feeddrive.papers.beltran2013 import limits
+from feeddrive.papers.beltran2013 import mill
 from feeddrive.plot import curves as draw
 
 IMAGES = Path(__file__).parent / "images"
@@ -26,10 +26,8 @@ def left_over() -> Any:
     frequency = np.geomspace(3.0, 500.0, 300)
     sines = np.array([10.0, 20.0, 40.0, 60.0, 90.0, 144.0, 240.0])
     names = {n: f"{n} Taylor state{'s' if n > 1 else ''}" for n in STATES}
-    curves = {
-        name: (frequency, np.abs(limits.left_over(limits.observer_of(n), frequency))) for n, name in names.items()
-    }
-    marks = {name: (sines, np.array([abs(limits.sine_test(f, n)[0]) for f in sines])) for n, name in names.items()}
+    curves = {name: (frequency, np.abs(mill.left_over(mill.observer_of(n), frequency))) for n, name in names.items()}
+    marks = {name: (sines, np.array([abs(mill.sine_test(f, n)[0]) for f in sines])) for n, name in names.items()}
     return draw.left_over(curves, marks, "part of the disturbance that is left", (60.0, "teeth pass"))
 
 

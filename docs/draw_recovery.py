@@ -12,7 +12,7 @@ import matplotlib as mpl
 import numpy as np
 
 from feeddrive import plot
-from feeddrive.analysis.observe import observe
+from feeddrive.analysis.replay import observe
 from feeddrive.analysis.stiffness import stiffness
 from feeddrive.blocks.load.sine_force import SineForce
 from feeddrive.loop.linearize import compliance

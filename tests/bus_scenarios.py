@@ -28,9 +28,9 @@ from feeddrive.bus.drive_file import DriveScaling
 from feeddrive.bus.play import listened, play_profile
 from feeddrive.bus.profile import Profile
 from feeddrive.bus.transport import write_object
-from feeddrive.bus.virtual import coe
+from feeddrive.bus.virtual import ethercat_slave
 from feeddrive.bus.virtual.driven_axis import DrivenAxis
-from feeddrive.bus.virtual.pdo_map import PdoMap
+from feeddrive.bus.virtual.firmware import PdoMap
 from feeddrive.language.errors import FeeddriveError
 from feeddrive.language.progress import Progress
 from feeddrive.loop.simulate import simulate
@@ -283,7 +283,7 @@ def mapping(bus: str) -> dict[str, Any]:
 @contextmanager
 def unanswered(index: int, subindex: int, few: int) -> Iterator[None]:
     """The virtual drive swallows its answers to the first few reads of an object that follow the assignment."""
-    whole, left = coe.answer, [few]
+    whole, left = ethercat_slave.answer, [few]
 
     def answer(message: bytes, objects: PdoMap) -> bytes | None:
         asked = message[8] >> 5 == 2 and struct.unpack_from("<HB", message, 9) == (index, subindex)
@@ -292,11 +292,11 @@ def unanswered(index: int, subindex: int, few: int) -> Iterator[None]:
             return None
         return whole(message, objects)
 
-    coe.answer = answer
+    ethercat_slave.answer = answer
     try:
         yield
     finally:
-        coe.answer = whole
+        ethercat_slave.answer = whole
 
 
 @contextmanager

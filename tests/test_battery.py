@@ -26,11 +26,10 @@ from feeddrive.language.graph import Graph, Symbol, reachable
 from feeddrive.language.ring import Ring
 from feeddrive.language.units import measure
 from feeddrive.loop.axis import Axis
-from feeddrive.loop.differentiate import push
-from feeddrive.loop.engine.classify import classify
 from feeddrive.loop.engine.native import native
-from feeddrive.loop.engine.plan import Plan, plan
+from feeddrive.loop.engine.plan import Plan, classify, plan
 from feeddrive.loop.trace import Program, concrete, evaluate, node_values
+from feeddrive.loop.traced_model import push
 from loop import c_loop as c
 from loop.engine_loops import compiled
 from strategies import blocks_of, part_types, variants_of

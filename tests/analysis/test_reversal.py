@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from feeddrive.analysis.reversal import reversals, set_velocity, worst_window
+from feeddrive.analysis.friction_map import reversals, set_velocity, worst_window
 from feeddrive.loop.simulate import Run
 
 T = 1e-3

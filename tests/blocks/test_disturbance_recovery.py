@@ -9,7 +9,7 @@ import pytest
 from scipy.linalg import expm, solve_discrete_are
 
 from blocks.test_dadsc import T, law
-from feeddrive.analysis.observe import observe
+from feeddrive.analysis.replay import observe
 from feeddrive.blocks.actuator.actuator import Actuator
 from feeddrive.blocks.families import Observer
 from feeddrive.blocks.load.recorded_force import RecordedForce

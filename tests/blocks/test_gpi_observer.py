@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.linalg import expm
 
-from feeddrive.analysis.observe import observe
+from feeddrive.analysis.replay import observe
 from feeddrive.analysis.stability import stability
 from feeddrive.blocks.actuator.actuator import Actuator
 from feeddrive.blocks.compensation.disturbance_rejection import DisturbanceRejection

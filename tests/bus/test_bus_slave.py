@@ -11,8 +11,18 @@ from hypothesis import strategies as st
 from bus_bench import SCALING, T, bench_loop
 from feeddrive.bus.cia402 import OBJECTS
 from feeddrive.bus.virtual.driven_axis import DrivenAxis
-from feeddrive.bus.virtual.eeprom import INPUTS, MAILBOX_IN, MAILBOX_OUT, OUTPUTS, eeprom
-from feeddrive.bus.virtual.esc import INIT, OP, PREOP, SAFEOP, SlaveController
+from feeddrive.bus.virtual.ethercat_slave import (
+    INIT,
+    INPUTS,
+    MAILBOX_IN,
+    MAILBOX_OUT,
+    OP,
+    OUTPUTS,
+    PREOP,
+    SAFEOP,
+    SlaveController,
+    eeprom,
+)
 from feeddrive.bus.virtual.firmware import Firmware
 
 APRD, APWR, FPRD, FPWR, BRD, BWR, LRD, LWR, LRW = 1, 2, 4, 5, 7, 8, 10, 11, 12

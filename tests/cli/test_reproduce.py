@@ -16,7 +16,7 @@ import pytest
 
 from feeddrive import cli
 from feeddrive.language.progress import Progress
-from feeddrive.papers import papers
+from feeddrive.papers import claims as papers
 from feeddrive.papers.claims import Claim, Experiment
 
 

@@ -13,8 +13,7 @@ import pytest
 from feeddrive.analysis.stability import stability
 from feeddrive.blocks.reference.snap_limited_move import SnapLimitedMove
 from feeddrive.comparison.compare import PLAIN, TODAY, Comparison, compare_laws
-from feeddrive.comparison.duty import duty_of
-from feeddrive.comparison.figures import CRITERIA, Criterion, ranks
+from feeddrive.comparison.figures import CRITERIA, Criterion, duty_of, ranks
 from feeddrive.comparison.report import write_comparison
 from feeddrive.files.machine import MachineFile, read_machine
 from feeddrive.language import tree

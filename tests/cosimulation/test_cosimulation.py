@@ -18,9 +18,9 @@ from feeddrive import Axis, Control, Guard, Loop, simulate
 from feeddrive.blocks import Actuator, CascadePPI, Rigid, SnapLimitedMove, StepForce, Viscous
 from feeddrive.cli.commands import app
 from feeddrive.cosimulation import simulate_with_fmu
-from feeddrive.cosimulation.comparison import cosimulate, write_cosimulation
 from feeddrive.cosimulation.fmu import importer
-from feeddrive.export import toolchain
+from feeddrive.cosimulation.simulate_with_fmu import cosimulate, write_cosimulation
+from feeddrive.export.c import programs
 from feeddrive.export.fmu.fmu import fmu
 from feeddrive.export.layout import layout
 from feeddrive.files.job import read_job
@@ -39,7 +39,7 @@ from foreign_fmu import DESCRIPTION, damaged, slide
 
 pytest.importorskip("fmpy", reason="NOT TESTED: an FMU runs through FMPy: pip install 'feeddrive[fmu]'")
 try:
-    toolchain.compiler()
+    programs.compiler()
 except MissingProgramError as missing:
     pytest.skip(str(missing), allow_module_level=True)
 

@@ -15,12 +15,11 @@ from jinja2 import UndefinedError
 import feeddrive as fd
 from exported import LAWS, LOOPS, ONE, PPI, T
 from exported import loop as a_loop
-from feeddrive.export.c.header_only import header_only
 from feeddrive.export.c.programs import self_test, stepped, streamed
-from feeddrive.export.c.text import texts
+from feeddrive.export.c.text import header_only, texts
 from feeddrive.export.design import read_design
 from feeddrive.export.layout import Layout, layout
-from feeddrive.export.readme import readme
+from feeddrive.export.manifest import readme
 from feeddrive.export.trial import BROKEN, Trial, trial
 from feeddrive.loop.guard import TRIP_COMMAND, TRIP_READING
 from feeddrive.loop.routine_run import run

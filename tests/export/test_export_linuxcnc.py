@@ -18,12 +18,9 @@ from feeddrive.export.c.text import texts
 from feeddrive.export.design import read_design
 from feeddrive.export.layout import layout
 from feeddrive.export.linuxcnc import component, session
-from feeddrive.export.linuxcnc.bundle import write_linuxcnc
-from feeddrive.export.linuxcnc.component import core
-from feeddrive.export.linuxcnc.controller import controller_comp
-from feeddrive.export.linuxcnc.limits import limits
-from feeddrive.export.linuxcnc.samples import answers
-from feeddrive.export.linuxcnc.session import HalError, halrun
+from feeddrive.export.linuxcnc.bundle import limits, write_linuxcnc
+from feeddrive.export.linuxcnc.component import controller_comp, core
+from feeddrive.export.linuxcnc.session import HalError, answers, halrun
 from feeddrive.export.trial import trial
 from feeddrive.language.errors import FileError, MissingProgramError, ParameterError, StructureError
 from feeddrive.loop.routine_run import run

@@ -16,13 +16,11 @@ from feeddrive.blocks.reference.jerk_limited_move import JerkLimitedMove
 from feeddrive.export.c.text import texts
 from feeddrive.export.design import Design, read_design
 from feeddrive.export.layout import layout
-from feeddrive.export.linuxcnc.component import core
-from feeddrive.export.linuxcnc.plant import plant_comp
+from feeddrive.export.linuxcnc.component import core, plant_comp
 from feeddrive.export.linuxcnc.session import halrun, session
-from feeddrive.export.linuxcnc_pid.bundle import write_linuxcnc_pid
-from feeddrive.export.linuxcnc_pid.comparison import difference, moves, require_stable_pids
-from feeddrive.export.linuxcnc_pid.mapping import ROUTES, stock_law, stock_loop
+from feeddrive.export.linuxcnc_pid import write_linuxcnc_pid
 from feeddrive.export.parameters.quantities import Cascade, read_cascade
+from feeddrive.export.stock_pids import ROUTES, difference, moves, require_stable_pids, stock_law, stock_loop
 from feeddrive.language.errors import FileError, ParameterError, StructureError, UnstableError
 from feeddrive.loop.linearize import loop_gain
 from feeddrive.loop.loop import Loop

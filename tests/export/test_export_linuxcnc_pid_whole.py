@@ -12,9 +12,9 @@ from feeddrive.blocks.controller.linuxcnc_pid import LinuxcncPid
 from feeddrive.export.design import read_design
 from feeddrive.export.linuxcnc.bundle import write_linuxcnc
 from feeddrive.export.linuxcnc.session import session
-from feeddrive.export.linuxcnc_pid.bundle import write_linuxcnc_pid
-from feeddrive.export.linuxcnc_pid.mapping import period, stock_law
+from feeddrive.export.linuxcnc_pid import write_linuxcnc_pid
 from feeddrive.export.parameters.quantities import read_cascade
+from feeddrive.export.stock_pids import period, stock_law
 from hal_programs import needs_linuxcnc
 
 pytestmark = [pytest.mark.slow(reason="LinuxCNC as a whole runs a program in its own time"), needs_linuxcnc]

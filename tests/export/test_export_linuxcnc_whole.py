@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from feeddrive.export.design import read_design
-from feeddrive.export.linuxcnc import component, controller, session
+from feeddrive.export.linuxcnc import component, session
 from feeddrive.export.linuxcnc.bundle import write_linuxcnc
 from feeddrive.export.linuxcnc.session import HalError
 from feeddrive.language.errors import MissingProgramError
@@ -117,7 +117,7 @@ def test_every_servo_cycle_of_a_program_is_the_simulators(tmp_path, machine, axi
     (folder / "runner.py").write_text(RUNNER.replace("{index}", str(index)))
     (folder / "runner.py").chmod(0o755)
     c, p = component.hal(routine.name), component.hal(f"{routine.name}_plant")
-    pins = [f"{c}.{controller.input_pin(v.name)}" for v in routine.inputs]
+    pins = [f"{c}.{component.input_pin(v.name)}" for v in routine.inputs]
     pins += [f"{c}.{pin}" for pin in ("force-cmd", "drive-cmd", "trip-code", "running", "fault-code")]
     pins.append(f"{p}.load-position")
     kinds = "".join(

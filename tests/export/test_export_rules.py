@@ -22,10 +22,8 @@ from feeddrive.blocks.catalogue import catalogue
 from feeddrive.blocks.controller import active_disturbance_rejection
 from feeddrive.blocks.families import Compensation, Feedforward, Filter, Law, Motor, Observer, Prefilter
 from feeddrive.cosimulation.fmu import Instance, opened
-from feeddrive.export.c.header_only import header_only
-from feeddrive.export.c.text import texts
-from feeddrive.export.fmu.binary import library_place
-from feeddrive.export.fmu.fmu import fmu
+from feeddrive.export.c.text import header_only, texts
+from feeddrive.export.fmu.fmu import fmu, library_place
 from feeddrive.export.identifiers import ascii_text
 from feeddrive.export.layout import layout
 from feeddrive.export.structured_text.controller import program

@@ -23,9 +23,8 @@ from exported import LAWS, LOOPS, T
 from feeddrive.export.c.programs import stepped
 from feeddrive.export.design import read_design
 from feeddrive.export.layout import layout
-from feeddrive.export.structured_text.bundle import structured_text_files, write_structured_text
+from feeddrive.export.structured_text.bundle import NAMESPACE, structured_text_files, write_structured_text
 from feeddrive.export.structured_text.controller import Program, program
-from feeddrive.export.structured_text.project_files import NAMESPACE
 from feeddrive.export.trial import Trial, trial
 from feeddrive.language.errors import FileError, ParameterError, StructureError
 from feeddrive.loop.guard import TRIP_READING

@@ -14,11 +14,11 @@ from structured_text_grammar import IllegalTextError
 from structured_text_machine import program
 
 from feeddrive.export.identifiers import bare
-from feeddrive.export.structured_text.expressions import decimal, literal
 from feeddrive.export.structured_text.functions import functions
+from feeddrive.export.structured_text.units import decimal, literal
 from feeddrive.language import mathematics, ops
 from feeddrive.language.graph import ELEMENTARY, Graph
-from feeddrive.language.single_values import single_values
+from feeddrive.language.single import single_values
 from slow_share import all_but
 
 finite = st.floats(allow_nan=False, allow_infinity=False, allow_subnormal=False)

@@ -18,8 +18,8 @@ import scipy.sparse
 from feeddrive.files import columns
 from feeddrive.files.formats import read_columns
 from feeddrive.files.read_log import read_log
-from feeddrive.files.readers import mat
-from feeddrive.files.readers.mat import read_mat, read_mat73
+from feeddrive.files.readers import arrays
+from feeddrive.files.readers.arrays import read_mat, read_mat73
 from feeddrive.language.errors import LogError, MissingExtraError
 
 T = np.arange(50) * 1e-3
@@ -169,7 +169,7 @@ def test_a_packed_variable_is_not_unpacked_further_than_it_says() -> None:
 
 
 def test_too_many_numbers_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(mat, "MOST_NUMBERS", 100)
+    monkeypatch.setattr(arrays, "MOST_NUMBERS", 100)
     with pytest.raises(LogError, match="holds more than the 100 numbers that are read; map fewer columns"):
         read_mat("a.mat", mat5({"t": T, "x": T, "y": T}, packed=False), None)
     monkeypatch.setattr(columns, "MOST_NUMBERS", 100)

@@ -10,9 +10,8 @@ from typing import Any
 
 import pytest
 
-from feeddrive.files.messages import plain, shown
 from feeddrive.files.toml_file import Key, Section, TomlFile, lines_of_keys, parse_toml, read_toml
-from feeddrive.language.errors import FileError, ParameterError
+from feeddrive.language.errors import FileError, ParameterError, plain, shown
 
 EVERYTHING = (
     r'''# a comment with [brackets] = "quotes"

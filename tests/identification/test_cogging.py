@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from feeddrive.identification.cogging.cogging_run import CoggingRun, cogging_passes
-from feeddrive.identification.cogging.identify_cogging import identify_cogging
+from feeddrive.identification.cogging import CoggingRun, cogging_passes, identify_cogging
 from feeddrive.language.errors import LogError, NotIdentifiableError, ParameterError
 
 TURNS = np.arange(512) / 512.0

@@ -8,8 +8,8 @@ import pytest
 from feeddrive.blocks.friction.coulomb import Coulomb
 from feeddrive.blocks.friction.directional import Directional
 from feeddrive.blocks.friction.stribeck import Stribeck
-from feeddrive.identification.steady_runs.friction_curve import CANDIDATES, fit_friction
-from feeddrive.identification.steady_runs.steady_runs import runs_of, steady_runs
+from feeddrive.identification.friction_curve import CANDIDATES, fit_friction
+from feeddrive.identification.steady_runs import runs_of, steady_runs
 from feeddrive.language.errors import LogError, NotIdentifiableError, ParameterError
 
 SPEEDS = np.concatenate([-np.geomspace(1e-3, 0.2, 14)[::-1], np.geomspace(1e-3, 0.2, 14)])

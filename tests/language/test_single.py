@@ -14,7 +14,7 @@ import pytest
 
 from feeddrive.language import single
 from feeddrive.language.graph import ELEMENTARY, Graph
-from feeddrive.language.single_values import single_values
+from feeddrive.language.single import single_values
 
 # The largest error in units in the last place, as docs/accuracy.md states it for each function.
 STATED = Path(__file__).parents[2] / "docs" / "accuracy.md"

@@ -14,7 +14,7 @@ from __future__ import annotations
 import re
 from collections import Counter
 
-from feeddrive.export.c.expressions import CALLS, FLUSH, FUNCTIONS, RESERVED, WIDTH, expression, number
+from feeddrive.export.c.statements import CALLS, FLUSH, FUNCTIONS, RESERVED, WIDTH, expression, number
 from feeddrive.export.identifiers import bare
 from feeddrive.language.graph import arguments
 from feeddrive.loop.engine.plan import Plan

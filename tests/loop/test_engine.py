@@ -20,8 +20,8 @@ from feeddrive.language.errors import ParameterError
 from feeddrive.language.graph import ELEMENTARY, Graph
 from feeddrive.language.recent import Recent
 from feeddrive.loop import groups, runner
-from feeddrive.loop.engine import lazy_branches
 from feeddrive.loop.engine import native as machine
+from feeddrive.loop.engine import plan as lazy_branches
 from feeddrive.loop.engine.native import native
 from feeddrive.loop.engine.plan import plan
 from feeddrive.loop.guard import Guard

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from feeddrive.language.progress import Progress
-from feeddrive.papers.beltran2013 import beltran2013, limits
+from feeddrive.papers.beltran2013 import beltran2013, mill
 from feeddrive.papers.claims import Experiment
 
 
@@ -77,6 +77,6 @@ def test_the_pictures_are_drawn(found: Experiment) -> None:
 @pytest.mark.parametrize("taylor_states", [2, 4, 7])
 def test_other_orders_leave_over_what_their_polynomial_says(taylor_states: int) -> None:
     """Measured in the running loop at 60 Hz, within 1 %: the sampled observer turns 0.07 rad of its own a sample."""
-    measured, _ = limits.sine_test(60.0, taylor_states)
-    expected = limits.left_over(limits.observer_of(taylor_states), 60.0)
+    measured, _ = mill.sine_test(60.0, taylor_states)
+    expected = mill.left_over(mill.observer_of(taylor_states), 60.0)
     assert abs(measured - expected) <= 0.01 * abs(expected)

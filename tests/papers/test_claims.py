@@ -9,9 +9,8 @@ import pytest
 
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.table import Table
-from feeddrive.papers import papers
-from feeddrive.papers.claims import Claim, Experiment, build
-from feeddrive.papers.papers import Reproduced, chosen, write_reproduced
+from feeddrive.papers import claims as papers
+from feeddrive.papers.claims import Claim, Experiment, Reproduced, build, chosen, write_reproduced
 
 
 def claim(got: float, least: float | None = None, most: float | None = None) -> Claim:

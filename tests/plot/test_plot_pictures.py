@@ -14,10 +14,9 @@ import numpy as np
 import pytest
 
 from feeddrive import plot
-from feeddrive.analysis.friction_map import friction_map
+from feeddrive.analysis.friction_map import friction_map, worst_window
 from feeddrive.analysis.margins import margins
 from feeddrive.analysis.replay import Replay
-from feeddrive.analysis.reversal import worst_window
 from feeddrive.analysis.spectrum import spectrum
 from feeddrive.analysis.stability import stability
 from feeddrive.analysis.stiffness import stiffness

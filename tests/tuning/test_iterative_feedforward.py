@@ -333,7 +333,7 @@ class TestStandardErrors:
         assert np.all(ratio < 1.35)
 
     def test_white_noise_gives_the_usual_errors(self) -> None:
-        from feeddrive.tuning.least_squares import standard_errors
+        from feeddrive.identification.regression import standard_errors
 
         rng = np.random.default_rng(1)
         seen = rng.standard_normal((4000, 3)) * [1.0, 3.0, 0.1]

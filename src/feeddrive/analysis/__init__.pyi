@@ -11,9 +11,9 @@ from feeddrive.analysis.margins import margins as margins
 from feeddrive.analysis.margins import sensitivity as sensitivity
 from feeddrive.analysis.measured_loop import MeasuredLoop as MeasuredLoop
 from feeddrive.analysis.measured_loop import measured_loop as measured_loop
-from feeddrive.analysis.observe import Observation as Observation
-from feeddrive.analysis.observe import observe as observe
+from feeddrive.analysis.replay import Observation as Observation
 from feeddrive.analysis.replay import Replay as Replay
+from feeddrive.analysis.replay import observe as observe
 from feeddrive.analysis.replay import replay as replay
 from feeddrive.analysis.spectrum import Spectrum as Spectrum
 from feeddrive.analysis.spectrum import spectrum as spectrum

@@ -1,18 +1,27 @@
-"""Replay: the setpoints of a measured log simulated in the model of the loop, compared with the measurement."""
+"""A measured log run through a model: its setpoints through the loop, or its signals through an observer."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any, cast
 
 import numpy as np
 
+from feeddrive.blocks.families import Observer
 from feeddrive.blocks.load.recorded_force import RecordedForce
 from feeddrive.blocks.reference.recorded import Recorded
-from feeddrive.language.errors import LogError
+from feeddrive.blocks.signals import Estimate, Reading
+from feeddrive.language import tree
+from feeddrive.language.block import Number
+from feeddrive.language.errors import LogError, ParameterError
+from feeddrive.language.graph import Graph
 from feeddrive.language.table import Result, Table, shown
+from feeddrive.loop.engine.native import native
+from feeddrive.loop.engine.plan import plan
 from feeddrive.loop.loop import UNITS, Loop
 from feeddrive.loop.simulate import Run, simulate
+from feeddrive.loop.trace import Carried, Program, numbers
 
 FITTED = 50  # samples from which position and velocity at the start are estimated
 
@@ -91,3 +100,117 @@ def estimate_start(position: np.ndarray, T: float) -> tuple[float, float]:
     t = np.arange(FITTED) * T
     _, velocity, start = np.polyfit(t, position[:FITTED], 2)
     return float(start), float(velocity)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Observation(Result):
+    """Estimates over time, each of shape (n,): position (m), velocity (m/s), disturbance on the axis (N).
+
+    `lag` in s: by so much the estimate of a slow disturbance comes late; 0 where the observer does not say.
+    """
+
+    name: str
+    time: np.ndarray
+    position: np.ndarray
+    velocity: np.ndarray
+    disturbance: np.ndarray
+    sample_time: float
+    lag: float
+
+    def error(self, true: np.ndarray, *, skip: int = 0, aligned: bool = False) -> float:
+        """RMS in N of disturbance - true after `skip` samples; `aligned` shifts the true one by the whole lag.
+
+        true  N, shape (n,); row k acts over [kT, (k+1)T], as `load_force` of a run does
+        """
+        if true.shape != self.disturbance.shape:
+            raise ParameterError(f"the true disturbance has {true.size} rows, the estimate {self.disturbance.size}")
+        late = round(self.lag / self.sample_time) if aligned else 0
+        first = max(skip, late)
+        off = self.disturbance[first:] - true[first - late : true.size - late]
+        return float(np.sqrt(np.mean(off**2)))
+
+    def table(self) -> Table:
+        """Mean, RMS and peak of the disturbance."""
+        d = self.disturbance
+        row = [self.name, f"{d.mean():.4g}", f"{np.sqrt(np.mean(d**2)):.4g}", f"{np.max(np.abs(d)):.4g}"]
+        title = f"estimated disturbance over {1e3 * d.size * self.sample_time:.4g} ms, {1e3 * self.lag:.3g} ms late"
+        return Table(title, ["observer", "mean N", "RMS N", "peak N"], [row])
+
+
+def observe(
+    observer: Observer,
+    position: np.ndarray,
+    force: np.ndarray,
+    sample_time: float,
+    *,
+    before: float = 0.0,
+    velocity: float = 0.0,
+) -> Observation:
+    """What an observer makes of measured positions and commanded forces, with the native step that also runs in a loop.
+
+    position     m, read at kT, shape (n,): `reading_load` of a run, `position_load` of a log
+    force        N, commanded at kT and acting over [kT, (k+1)T], shape (n,): `force` of a run or a log
+    sample_time  s
+    before       N that acted before the first row: the weight that a vertical axis holds, say
+    velocity     m/s of the axis at the first row; a record that begins in motion needs it, or the first estimates are a
+                 blow that brings the observer up to speed
+
+    Raises LogError for rows that do not fit or are not numbers, ParameterError for an observer that cannot run at the
+    sample time.
+    """
+    x, u = np.asarray(position, dtype=np.float64), np.asarray(force, dtype=np.float64)
+    if x.ndim != 1 or x.shape != u.shape or not x.size:
+        raise LogError(f"an observer needs one force for each position, not {u.shape} for {x.shape}")
+    if not (np.all(np.isfinite(x)) and np.all(np.isfinite(u)) and np.isfinite(before + velocity)):
+        raise LogError("positions and forces for an observer must be finite: cut the rows without a reading out")
+    if not 0.0 < sample_time < np.inf:
+        raise ParameterError(f"sample_time = {sample_time:g} s must be > 0 s")
+    tree.check_sampled(observer, float(sample_time))
+    T = np.float64(sample_time)
+    plain = tree.rebuild(observer, (np.float64(value) for _, value in tree.leaves(observer)))
+    last = x[0] - velocity * T
+    first = Reading(last, last, np.float64(before), np.float64(before), np.float64(velocity))
+    with np.errstate(all="ignore"):
+        made = plain.prepare(T)
+        begun = plain.start(made, first)
+    program = _program(observer, made, begun)
+    compiled = native(plan(program))
+    values = {**dict(tree.leaves(plain)), **dict(numbers(made, "prepared")), "T": T}
+    constants = np.array([[values[name]] for name, _ in compiled.plan.constants]).reshape(-1, 1)
+    held = dict(tree.leaves(begun))
+    states = np.array([[held[state.name]] for state in compiled.plan.states], dtype=np.float64).reshape(-1, 1)
+    rows = {"position": x, "applied": np.concatenate([[before], u[:-1]])}
+    inputs = np.column_stack([rows[name] for name, _ in compiled.plan.inputs])
+    outputs = np.empty((x.size, len(compiled.plan.outputs), 1))
+    compiled.run(x.size, 0, constants, np.ascontiguousarray(inputs), states, outputs, [])
+    found = {name: outputs[:, i, 0].copy() for i, (name, _) in enumerate(compiled.plan.outputs)}
+    lag = float(plain.lag(made, T))
+    return Observation(observer.kind, np.arange(x.size) * float(T), **found, sample_time=float(T), lag=lag)
+
+
+def _program(observer: Observer, made: Any, begun: Any) -> Program:
+    """One step of the observer between named numbers."""
+    graph = Graph()
+    constants: dict[str, int] = {}
+    inputs: dict[str, int] = {}
+
+    def leaf(name: str, kept: dict[str, int]) -> Number:
+        symbol = graph.input(name)
+        kept[name] = symbol.index
+        return cast(Number, symbol)
+
+    symbolic = tree.rebuild(observer, (leaf(name, constants) for name, _ in tree.leaves(observer)))
+    prepared = tree.rebuild(
+        made, (v if type(v) is float else leaf(name, constants) for name, v in tree.leaves(made, "prepared"))
+    )
+    names = [name for name, _ in tree.leaves(begun)]
+    before = tree.rebuild(begun, (graph.input(f"state.{name}") for name in names))
+    position, applied = leaf("position", inputs), leaf("applied", inputs)
+    reading = Reading(position, position, applied, applied)
+    after, estimate = symbolic.step(prepared, before, reading, leaf("T", constants))
+    carried = tuple(
+        Carried(name, graph.input(f"state.{name}").index, graph.symbol(value).index)
+        for name, (_, value) in zip(names, tree.leaves(after), strict=True)
+    )
+    outputs = {name: graph.symbol(value).index for name, value in zip(Estimate._fields, estimate, strict=True)}
+    return Program(graph, constants, inputs, carried, outputs, None, {}).keeping(list(outputs))

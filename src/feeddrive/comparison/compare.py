@@ -11,12 +11,13 @@ import numpy as np
 from feeddrive.analysis.loop_model import LoopModel, loop_model
 from feeddrive.analysis.stability import stability
 from feeddrive.blocks.families import Reference
-from feeddrive.comparison.duty import Duty, duty_of
 from feeddrive.comparison.figures import (
     CRITERIA,
     Criterion,
+    Duty,
     beats,
     counted,
+    duty_of,
     effort_of,
     linear,
     ranks,
@@ -26,7 +27,7 @@ from feeddrive.comparison.figures import (
 from feeddrive.comparison.tune_all import Rule, tuned_all
 from feeddrive.files.job import Job
 from feeddrive.files.machine import MachineFile
-from feeddrive.files.provenance import versions
+from feeddrive.files.run_files import versions
 from feeddrive.language.errors import FeeddriveError, ParameterError, UnstableError
 from feeddrive.language.progress import Progress
 from feeddrive.language.table import Result, Table, frame_of, picture_of

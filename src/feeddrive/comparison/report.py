@@ -16,13 +16,13 @@ from feeddrive.comparison.compare import TODAY, Comparison, Competitor
 from feeddrive.comparison.figures import CRITERIA, Criterion
 from feeddrive.files.atomic_io import new_directory
 from feeddrive.files.blocks_to_toml import to_toml
-from feeddrive.files.provenance import file_names
+from feeddrive.files.run_files import file_names
 from feeddrive.language import tree
 from feeddrive.language.table import Table
 from feeddrive.loop.control import Control
 from feeddrive.loop.linearize import compliance, tracking
 from feeddrive.report import build
-from feeddrive.report.content import RESPONSE_LINES, Entry, Shown, ShownTable, Study
+from feeddrive.report.page import RESPONSE_LINES, Entry, Shown, ShownTable, Study
 from feeddrive.report.sentences import block_sentence, described, number
 
 

@@ -16,8 +16,7 @@ from types import TracebackType
 from typing import Any, NamedTuple
 
 from feeddrive.files.atomic_io import refusal
-from feeddrive.files.messages import nearest
-from feeddrive.language.errors import FmuError, MissingExtraError, ParameterError
+from feeddrive.language.errors import FmuError, MissingExtraError, ParameterError, nearest
 from feeddrive.language.units import factor, measure
 from feeddrive.loop.loop import UNITS
 

@@ -15,7 +15,7 @@ from feeddrive.export.identifiers import C_WORDS, identifier
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.graph import TRUTH, Graph, Symbol, arguments, reachable, rebuilt
 from feeddrive.language.naming import Name
-from feeddrive.loop.engine.lower import composed
+from feeddrive.loop.engine.plan import composed
 from feeddrive.loop.routine import Function, Retune, Routine, target_name
 
 Word = TypeVar("Word")

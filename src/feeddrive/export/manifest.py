@@ -1,4 +1,10 @@
-"""The manifest `export.json`: everything that `feeddrive verify` needs to repeat an export and compare it."""
+"""What accompanies an export: the manifest `export.json`, and the README from its template.
+
+READMEs of exports: the Jinja2 templates of `templates/`, filled as plain text.
+
+A template that names what it was not given is an error; nothing is escaped but `|` in a cell of a table, by the filter
+`cell`.
+"""
 
 from __future__ import annotations
 
@@ -6,13 +12,18 @@ import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from feeddrive.export.design import MACHINE_FILE, Design
+from feeddrive.export.design import CONTROL, MACHINE_FILE, Design
 from feeddrive.files.atomic_io import read_whole
 from feeddrive.language.errors import FileError
+from feeddrive.loop.guard import TRIPS
 from feeddrive.version import __version__
+
+if TYPE_CHECKING:
+    from jinja2 import Environment
 
 FILE = "export.json"
 _MOST = 10_000_000
@@ -90,3 +101,46 @@ def _text(value: Any) -> str:
     if not isinstance(value, str):
         raise TypeError(f"{value!r} is no text")
     return value
+
+
+def readme(template: str, design: Design, **content: Any) -> str:
+    """The README of a design in Markdown. Pure: the same content gives the same text.
+
+    template  a file of `templates/`; beside `content` it has `design`, `routine`, `P` (the prefix of all names),
+              `title`, `made_by`, `control` (true for a control, false for an axis) and `trips`
+    """
+    return (
+        _environment()
+        .get_template(template)
+        .render(
+            design=design,
+            routine=design.routine,
+            P=design.name,
+            title=design.title,
+            made_by=design.made_by,
+            control=design.what == CONTROL,
+            trips=TRIPS,
+            **content,
+        )
+    )
+
+
+@cache
+def _environment() -> Environment:
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+
+    made = Environment(
+        loader=PackageLoader("feeddrive.export"),
+        autoescape=False,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+    )
+    made.filters["cell"] = _cell
+    return made
+
+
+def _cell(text: str) -> str:
+    """A text for a cell of a table in Markdown."""
+    return text.replace("|", "\\|")

@@ -12,8 +12,7 @@ from typing import Any
 from feeddrive.analysis.stability import require_stable
 from feeddrive.export.design import CONTROL, PLANT, Design, read_design
 from feeddrive.files.machine import MachineLike, read_machine
-from feeddrive.files.messages import nearest
-from feeddrive.language.errors import ParameterError
+from feeddrive.language.errors import ParameterError, nearest
 
 
 @dataclass(frozen=True)
@@ -33,10 +32,10 @@ _BOTH = ("double", "float")
 TARGETS: dict[str, Target] = {
     "c": Target("c.bundle", "write_c", ("single_header",), _BOTH, plants=True),
     "linuxcnc": Target("linuxcnc.bundle", "write_linuxcnc", ("joint",)),
-    "linuxcnc-pid": Target("linuxcnc_pid.bundle", "write_linuxcnc_pid", ("joint", "route", "units")),
+    "linuxcnc-pid": Target("linuxcnc_pid", "write_linuxcnc_pid", ("joint", "route", "units")),
     "fmu2": Target("fmu.fmu", "write_fmu", plants=True, fixed={"version": 2}),
     "fmu3": Target("fmu.fmu", "write_fmu", plants=True, fixed={"version": 3}),
-    "cortex-m": Target("cortex_m.bundle", "write_cortex_m", ("core",), ("float", "double")),
+    "cortex-m": Target("cortex_m", "write_cortex_m", ("core",), ("float", "double")),
     "st": Target("structured_text.bundle", "write_structured_text", precisions=_BOTH),
     "parameters": Target("parameters.bundle", "write_parameters", ("makers", "lead", "gear")),
 }

@@ -12,10 +12,9 @@ from feeddrive.files.atomic_io import read_whole
 from feeddrive.files.columns import MOST_BYTES, Columns, Reader, most_unpacked
 from feeddrive.files.log import Log
 from feeddrive.files.readers import mdf
+from feeddrive.files.readers.arrays import START as _NPY
+from feeddrive.files.readers.arrays import read_mat, read_mat73, read_npy
 from feeddrive.files.readers.csv_text import read_csv
-from feeddrive.files.readers.mat import read_mat, read_mat73
-from feeddrive.files.readers.npy import START as _NPY
-from feeddrive.files.readers.npy import read_npy
 from feeddrive.files.readers.recorders import (
     is_epos,
     is_halsampler,

@@ -14,10 +14,9 @@ import numpy as np
 from feeddrive.files.atomic_io import read_whole, write_whole
 from feeddrive.files.columns import MOST_BYTES, Columns, is_time
 from feeddrive.files.formats import OpenedFile, refuse_others
-from feeddrive.files.messages import nearest, plain
 from feeddrive.files.readers import ast_xml, uff
 from feeddrive.files.readers.frf_columns import Response, frequency_of, in_si, responses_of
-from feeddrive.language.errors import LogError, ParameterError
+from feeddrive.language.errors import LogError, ParameterError, nearest, plain
 from feeddrive.loop.frequency_response import FRF
 
 _LARGEST = 1e30  # of a response: its powers must not overflow

@@ -30,11 +30,10 @@ from feeddrive.files.blocks_from_toml import read_block
 from feeddrive.files.columns import ROLES, Column
 from feeddrive.files.log import Log
 from feeddrive.files.machine import MachineFile, found, read_machine
-from feeddrive.files.messages import nearest, plain
 from feeddrive.files.read_log import read_log
 from feeddrive.files.toml_file import Section, TomlFile, read_toml
 from feeddrive.language import tree, units
-from feeddrive.language.errors import FeeddriveError, FileError, ParameterError
+from feeddrive.language.errors import FeeddriveError, FileError, ParameterError, nearest, plain
 from feeddrive.language.table import Result, Table
 from feeddrive.loop.control import Control
 from feeddrive.loop.loop import Loop

@@ -13,9 +13,8 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from feeddrive.files.messages import nearest
 from feeddrive.files.run_files import write_parquet
-from feeddrive.language.errors import LogError, ParameterError
+from feeddrive.language.errors import LogError, ParameterError, nearest
 from feeddrive.language.table import Result, Table, shown
 
 

@@ -25,9 +25,8 @@ from typing import TypeAlias
 from feeddrive.blocks.machine_families import Coupling
 from feeddrive.files.blocks_from_toml import read_block
 from feeddrive.files.blocks_to_toml import to_toml
-from feeddrive.files.messages import nearest, plain
 from feeddrive.files.toml_file import Section, TomlFile, read_toml
-from feeddrive.language.errors import FileError, ParameterError, StructureError
+from feeddrive.language.errors import FileError, ParameterError, StructureError, nearest, plain
 from feeddrive.language.table import Result, Table
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.control import Control

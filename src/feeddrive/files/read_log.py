@@ -16,9 +16,8 @@ from feeddrive.files.atomic_io import read_whole
 from feeddrive.files.columns import MOST_BYTES, OWN_UNIT, ROLES, Column, Columns, Named, is_time, unit_of
 from feeddrive.files.formats import OpenedFile, read_columns
 from feeddrive.files.log import Log, write_log
-from feeddrive.files.messages import nearest, plain
 from feeddrive.language import units
-from feeddrive.language.errors import LogError, ParameterError
+from feeddrive.language.errors import LogError, ParameterError, nearest, plain
 
 # names of a constant that is the sampling rate in Hz
 _RATES = ("fs", "sampling_rate", "sample_rate", "samplerate", "fsample", "f_s")

@@ -1,4 +1,6 @@
-"""Runs and logs as files: Parquet with units, sample time and origin in its metadata; CSV for other programs.
+"""Runs and logs as files, with their provenance: Parquet with units, sample time and origin; CSV for other programs.
+
+Runs and logs as files: Parquet with units, sample time and origin in its metadata; CSV for other programs.
 
 Both keep every bit of the numbers, and the same run gives the same bytes.  Any other Parquet file with flat columns of
 numbers can be read too.  Pages carry checksums, which are verified.
@@ -10,7 +12,9 @@ import contextlib
 import csv
 import io
 import json
-from collections.abc import Callable, Generator, Mapping, Sequence
+import platform
+import re
+from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +23,7 @@ import numpy as np
 from feeddrive.files.atomic_io import written_whole
 from feeddrive.files.columns import Columns, check_size, check_unpacked, is_wanted
 from feeddrive.language.errors import LogError, ParameterError
+from feeddrive.version import __version__
 
 _KEY = b"feeddrive"
 _GROUP = 65536  # rows of a row group
@@ -187,3 +192,26 @@ def write_run_csv(
 
 def _head(name: str, unit: str) -> str:
     return f"{name} [{unit}]" if unit else name
+
+
+def versions() -> dict[str, str]:
+    """What is needed to repeat a run: of feeddrive, Python and the libraries that compute."""
+    import llvmlite
+    import scipy
+
+    return {
+        "feeddrive": __version__,
+        "python": platform.python_version(),
+        "numpy": np.__version__,
+        "scipy": scipy.__version__,
+        "llvmlite": llvmlite.__version__,
+    }
+
+
+def file_names(rows: Iterable[Any]) -> list[str]:
+    """A file name for each law: its letters and digits, and a number where two would be the same."""
+    names: list[str] = []
+    for row in rows:
+        plain = re.sub(r"[^a-z0-9]+", "_", row.name.lower()).strip("_") or "law"
+        names.append(plain if plain not in names else f"{plain}_{len(names) + 1}")
+    return names

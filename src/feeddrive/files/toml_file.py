@@ -15,8 +15,7 @@ from pathlib import Path
 from typing import Any, TypeAlias
 
 from feeddrive.files.atomic_io import read_whole
-from feeddrive.files.messages import nearest, plain, shown
-from feeddrive.language.errors import FileError, ParameterError
+from feeddrive.language.errors import FileError, ParameterError, nearest, plain, shown
 
 # ("axis", "x", "forces", 0, "amplitude"): names of tables, and places in an array of tables
 Key: TypeAlias = tuple[str | int, ...]

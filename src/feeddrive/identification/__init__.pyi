@@ -1,14 +1,16 @@
 """From measurements to models: motion logs, constant-speed runs and frequency responses, each with honest errors."""
 
-from feeddrive.identification.cogging.cogging_run import CoggingRun as CoggingRun
-from feeddrive.identification.cogging.cogging_run import cogging_passes as cogging_passes
-from feeddrive.identification.cogging.identify_cogging import CoggingFit as CoggingFit
-from feeddrive.identification.cogging.identify_cogging import identify_cogging as identify_cogging
+from feeddrive.identification.cogging import CoggingFit as CoggingFit
+from feeddrive.identification.cogging import CoggingRun as CoggingRun
+from feeddrive.identification.cogging import cogging_passes as cogging_passes
+from feeddrive.identification.cogging import identify_cogging as identify_cogging
 from feeddrive.identification.excitation.design import design_excitation as design_excitation
 from feeddrive.identification.excitation.estimate_frf import estimate_frf as estimate_frf
 from feeddrive.identification.excitation.excitation import Excitation as Excitation
 from feeddrive.identification.excitation.frequency_estimate import FrequencyEstimate as FrequencyEstimate
 from feeddrive.identification.excitation.record import Record as Record
+from feeddrive.identification.friction_curve import FrictionCurve as FrictionCurve
+from feeddrive.identification.friction_curve import fit_friction as fit_friction
 from feeddrive.identification.motion.control_law import ControlFit as ControlFit
 from feeddrive.identification.motion.control_law import identify_control as identify_control
 from feeddrive.identification.motion.delay import DelayFit as DelayFit
@@ -16,9 +18,9 @@ from feeddrive.identification.motion.delay import find_delay as find_delay
 from feeddrive.identification.motion.identify import Identified as Identified
 from feeddrive.identification.motion.identify import identify_motion as identify_motion
 from feeddrive.identification.motion.motion_log import MotionLog as MotionLog
+from feeddrive.identification.motion.motion_log import Preparation as Preparation
 from feeddrive.identification.motion.output_error import Refinement as Refinement
 from feeddrive.identification.motion.output_error import refine as refine
-from feeddrive.identification.motion.preparation import Preparation as Preparation
 from feeddrive.identification.motion.rigid import RigidFit as RigidFit
 from feeddrive.identification.motion.rigid import identify_rigid as identify_rigid
 from feeddrive.identification.response.fit_axis import fit_axis as fit_axis
@@ -26,8 +28,6 @@ from feeddrive.identification.response.modal_fit import fit_modes as fit_modes
 from feeddrive.identification.response.two_mass_fit import fit_modal_axis as fit_modal_axis
 from feeddrive.identification.response.two_mass_fit import fit_plant as fit_plant
 from feeddrive.identification.response.two_mass_fit import fit_two_mass as fit_two_mass
-from feeddrive.identification.steady_runs.friction_curve import FrictionCurve as FrictionCurve
-from feeddrive.identification.steady_runs.friction_curve import fit_friction as fit_friction
-from feeddrive.identification.steady_runs.steady_runs import SteadyRuns as SteadyRuns
-from feeddrive.identification.steady_runs.steady_runs import runs_of as runs_of
-from feeddrive.identification.steady_runs.steady_runs import steady_runs as steady_runs
+from feeddrive.identification.steady_runs import SteadyRuns as SteadyRuns
+from feeddrive.identification.steady_runs import runs_of as runs_of
+from feeddrive.identification.steady_runs import steady_runs as steady_runs

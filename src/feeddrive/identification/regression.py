@@ -1,16 +1,25 @@
-"""Least squares with standard errors, model evidence, residuals and prediction of rows that were not used."""
+"""Least squares with standard errors, model evidence and validation; blocks as its regressors."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import pairwise
+from typing import Any, Generic, TypeVar, cast
 
 import numpy as np
+from scipy.optimize import lsq_linear
 from scipy.signal import oaconvolve
 
+from feeddrive.blocks.families import Friction
+from feeddrive.language import tree
+from feeddrive.language.block import Block, Number
 from feeddrive.language.errors import ParameterError
+from feeddrive.language.graph import Graph, Symbol
 from feeddrive.language.table import Result, Table
+from feeddrive.loop.trace import evaluate
+from feeddrive.loop.traced_model import push
 
 MOST_ROWS = 5000  # scores whose covariance is summed lag by lag
 _MEMORIES = np.linspace(0.0, 0.98, 99)
@@ -229,3 +238,91 @@ def cross_validated(columns: np.ndarray, measured: np.ndarray, folds: int, unit:
         found.append(values)
     each = np.sqrt(np.array(squares) / np.maximum(np.array(sizes), np.finfo(float).tiny))
     return Validation(each, float(np.sqrt(sum(squares) / sum(sizes))), np.array(found), unit)
+
+
+B = TypeVar("B", bound=Block)
+
+
+class TracedForce(Generic[B]):
+    """A force that a block computes from arguments, traced once, with its forward tangents.
+
+    `force` takes the block with symbols for its leaves and the arguments by name; `names` are the block's leaves.
+    """
+
+    def __init__(self, block: B, arguments: Sequence[str], force: Callable[[B, Mapping[str, Number]], Number]) -> None:
+        graph = Graph()
+        self.names, self.arguments = tuple(name for name, _ in tree.leaves(block)), tuple(arguments)
+        leaves = [graph.input(name) for name in self.names]
+        symbolic = tree.rebuild(block, (cast(Number, leaf) for leaf in leaves))
+        given = {name: cast(Number, graph.input(f"of {name}")) for name in self.arguments}
+        end = graph.symbol(force(symbolic, given)).index
+        values = {i: Symbol(graph, i) for i in range(len(graph.nodes))}
+        slopes = [push(graph, [end], values, {leaf.index: 1.0})[0] for leaf in leaves]
+        self.graph = graph
+        self.ends = [end, *(graph.symbol(0.0 if slope is None else slope).index for slope in slopes)]
+
+    def at(self, values: Mapping[str, Any], **arguments: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The force, and its slopes on a last axis; values of leaves are numbers, or arrays that broadcast."""
+        leaves = {name: np.asarray(values[name], np.float64) for name in self.names}
+        leaves |= {f"of {name}": np.asarray(arguments[name], np.float64) for name in self.arguments}
+        shape = np.broadcast_shapes(*(each.shape for each in leaves.values()))
+        force, *slopes = evaluate(self.graph, self.ends, leaves)
+        return np.broadcast_to(force, shape), np.stack([np.broadcast_to(each, shape) for each in slopes], axis=-1)
+
+
+@lru_cache(maxsize=32)
+def steady_curve(friction: Friction) -> TracedForce[Friction]:
+    """`friction.steady` over "velocity"; the numbers of the block do not matter."""
+    return TracedForce(friction, ("velocity",), lambda block, given: block.steady(given["velocity"]))
+
+
+def solve(
+    seen: np.ndarray, error: np.ndarray, mu: float, least: np.ndarray, most: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """The step Δ within bounds that minimizes |Ψ Δ - e|² + mu |S Δ|², and which bounds hold it; S scales columns to 1.
+
+    Ψ has shape (samples, columns).  Without an active bound it is (ΨᵀΨ + mu S²)⁻¹ Ψᵀ e.
+    """
+    if not seen.shape[1]:
+        return np.zeros(0), np.zeros(0, dtype=bool)
+    sizes = np.linalg.norm(seen, axis=0)
+    rows = np.vstack([seen / sizes, np.sqrt(mu) * np.eye(sizes.size)])
+    right = np.concatenate([error, np.zeros(sizes.size)])
+    step = np.linalg.lstsq(rows, right, rcond=None)[0]
+    low, high = least * sizes, most * sizes
+    if np.all(step >= low) and np.all(step <= high):
+        return step / sizes, np.zeros(sizes.size, dtype=bool)
+    # the triangle of the rows has the same minimum and a few rows only
+    q, r = np.linalg.qr(rows)
+    bounded = lsq_linear(r, q.T @ right, bounds=(low, high), method="bvls", tol=1e-14)
+    return bounded.x / sizes, bounded.active_mask != 0
+
+
+def standard_errors(seen: np.ndarray, residual: np.ndarray, lags: int) -> np.ndarray:
+    """Of each parameter, from the residual and its autocorrelation.
+
+        cov = A⁻¹ [Σ_f S(f) Ψ(f) Ψ(f)ᴴ] A⁻¹,   A = ΨᵀΨ,   S: spectrum of the residual
+
+    S is that of its autocorrelation up to `lags`, in a Bartlett window, which keeps S >= 0.  With a white residual this
+    is the usual σ² A⁻¹.  The residual's own mean is not taken out, since no column is a constant.
+    Source: Newey & West 1987, for regressors that are not random.
+    """
+    n, count = seen.shape
+    if not count:
+        return np.zeros(0)
+    size = 1 << (2 * n - 1).bit_length()
+    lags = max(1, min(lags, n // 4))
+    spectrum = np.abs(np.fft.rfft(residual, size)) ** 2
+    correlation = np.fft.irfft(spectrum, size)[: lags + 1] / max(n - count, 1)
+    correlation *= 1.0 - np.arange(lags + 1) / (lags + 1.0)
+    even = np.zeros(size)
+    even[: lags + 1], even[size - lags :] = correlation, correlation[1:][::-1]
+    colour = np.maximum(np.fft.rfft(even).real, 0.0)
+    sizes = np.linalg.norm(seen, axis=0)
+    lines = np.fft.rfft(seen / sizes, size, axis=0)
+    weight = np.full(colour.size, 2.0)
+    weight[0] = weight[-1] = 1.0
+    inner = ((weight * colour)[:, None] * lines).T @ lines.conj()
+    inverse = np.linalg.inv((seen / sizes).T @ (seen / sizes))
+    covariance = inverse @ inner.real @ inverse / size
+    return np.sqrt(np.maximum(np.diag(covariance), 0.0)) / sizes

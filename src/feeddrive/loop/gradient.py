@@ -17,7 +17,6 @@ from feeddrive.language.recent import Recent
 from feeddrive.language.ring import Ring
 from feeddrive.language.table import Result, Table
 from feeddrive.loop.beginning import STARTS, TracedBeginning, each_axis, traced_beginning
-from feeddrive.loop.differentiate import push
 from feeddrive.loop.engine.native import Native, native
 from feeddrive.loop.engine.plan import plan
 from feeddrive.loop.loop import Loop, Signals
@@ -25,6 +24,7 @@ from feeddrive.loop.machine import System, check_system
 from feeddrive.loop.runner import Prepared, by_lane
 from feeddrive.loop.simulate import known, sample_count
 from feeddrive.loop.trace import Carried, Program, lengths, node, node_values
+from feeddrive.loop.traced_model import push
 from feeddrive.loop.work import Work
 
 LANES = 8  # tangents that share a vector

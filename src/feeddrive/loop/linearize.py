@@ -16,12 +16,12 @@ from feeddrive.language.errors import MissingExtraError, ParameterError
 from feeddrive.language.ring import Ring
 from feeddrive.language.table import Result, Table
 from feeddrive.language.units import units_of
-from feeddrive.loop.differentiate import push
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.loop import SETPOINT, UNITS, Loop, Probe, Signals, quantity
 from feeddrive.loop.machine import Machine, System, check_system
 from feeddrive.loop.runner import Prepared
 from feeddrive.loop.trace import lengths, node_values
+from feeddrive.loop.traced_model import push
 
 # names of the numbers that a controller stores
 _OF_CONTROL = re.compile(r"(axis\.\w+\.)?control\.|prepared\.control\.|sample_time$")

@@ -12,10 +12,9 @@ from feeddrive.blocks.signals import Motion, Noise
 from feeddrive.language import ops
 from feeddrive.language.block import Block, Number, Rule, parameter, part
 from feeddrive.language.errors import ParameterError, StructureError
-from feeddrive.loop.axis import Axis
+from feeddrive.loop.axis import Axis, slow_enough
 from feeddrive.loop.control import Control
 from feeddrive.loop.core import Acting, Core, Push, Shared, acting
-from feeddrive.loop.fastest import slow_enough
 from feeddrive.loop.hold import Columns, JointHold, Timing
 from feeddrive.loop.loop import Loop, Signals, inputs_of, reported
 

@@ -15,8 +15,8 @@ from feeddrive.language.errors import DivergedError, ParameterError, nearest
 from feeddrive.language.progress import Progress
 from feeddrive.language.table import Result, Table, shown
 from feeddrive.loop.changes import Changes, Course, changed_loops
-from feeddrive.loop.engine.lower import ARITHMETIC
 from feeddrive.loop.engine.native import Native
+from feeddrive.loop.engine.plan import ARITHMETIC
 from feeddrive.loop.groups import grouped
 from feeddrive.loop.loop import UNITS, Signals, quantity
 from feeddrive.loop.machine import System, check_system

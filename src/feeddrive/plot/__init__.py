@@ -22,8 +22,7 @@ from feeddrive.plot.identification import (
     steady_runs,
     validation,
 )
-from feeddrive.plot.open_loop import open_loop
-from feeddrive.plot.over_frequency import bode, closed_loop, sensitivity, spectrum, stiffness
+from feeddrive.plot.over_frequency import bode, closed_loop, open_loop, sensitivity, spectrum, stiffness
 from feeddrive.plot.over_time import comparison, following_error, force, log, motion, replay, run
 from feeddrive.plot.responses import excitation, frequency_estimate, response_fit, response_nyquist, response_residuals
 from feeddrive.plot.tuning import delay_map, disturbance, iteration, prefilter_fit, trial, trials

@@ -15,18 +15,18 @@ from feeddrive.analysis.friction_map import FrictionMap
 from feeddrive.analysis.margin_intervals import MarginIntervals
 from feeddrive.analysis.margins import Margins
 from feeddrive.analysis.measured_loop import MeasuredLoop
-from feeddrive.analysis.observe import Observation
-from feeddrive.analysis.replay import Replay
+from feeddrive.analysis.replay import Observation, Replay
 from feeddrive.analysis.spectrum import Spectrum
 from feeddrive.analysis.stability import Encirclement, Stability
 from feeddrive.analysis.stiffness import Stiffness
 from feeddrive.blocks.signals import Setpoint
 from feeddrive.certificate.certificate import Certificate
-from feeddrive.cosimulation.comparison import Cosimulation
+from feeddrive.cosimulation.simulate_with_fmu import Cosimulation
 from feeddrive.files.log import Log
-from feeddrive.identification.cogging.identify_cogging import CoggingFit
+from feeddrive.identification.cogging import CoggingFit
 from feeddrive.identification.excitation.excitation import Excitation
 from feeddrive.identification.excitation.frequency_estimate import FrequencyEstimate
+from feeddrive.identification.friction_curve import FrictionCurve
 from feeddrive.identification.motion.control_law import ControlFit
 from feeddrive.identification.motion.delay import DelayFit
 from feeddrive.identification.motion.identify import Identified
@@ -37,8 +37,7 @@ from feeddrive.identification.response.agreement import Agreement
 from feeddrive.identification.response.fit_axis import AxisFits
 from feeddrive.identification.response.modal_fit import ModalFit
 from feeddrive.identification.response.plant_fit import PlantFit
-from feeddrive.identification.steady_runs.friction_curve import FrictionCurve
-from feeddrive.identification.steady_runs.steady_runs import SteadyRuns
+from feeddrive.identification.steady_runs import SteadyRuns
 from feeddrive.language.errors import MissingExtraError
 from feeddrive.language.table import frame_of
 from feeddrive.loop.frequency_response import FRF

@@ -9,16 +9,15 @@ import numpy as np
 
 from feeddrive.analysis.friction_map import FrictionMap
 from feeddrive.blocks.families import Friction
-from feeddrive.identification.cogging.cogging_run import CoggingRun
-from feeddrive.identification.cogging.identify_cogging import CoggingFit
+from feeddrive.identification.cogging import CoggingFit, CoggingRun
 from feeddrive.identification.estimate import NORMAL
+from feeddrive.identification.friction_curve import FrictionCurve
 from feeddrive.identification.motion.control_law import ControlFit
 from feeddrive.identification.motion.delay import DelayFit
 from feeddrive.identification.motion.identify import Identified
 from feeddrive.identification.motion.rigid import RigidFit
 from feeddrive.identification.regression import Residuals, Validation
-from feeddrive.identification.steady_runs.friction_curve import FrictionCurve
-from feeddrive.identification.steady_runs.steady_runs import SteadyRuns
+from feeddrive.identification.steady_runs import SteadyRuns
 from feeddrive.language.table import picture_of
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import Run

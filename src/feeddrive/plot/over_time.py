@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from feeddrive.analysis.friction_map import Window, set_velocity
 from feeddrive.analysis.replay import Replay
-from feeddrive.analysis.reversal import Window, set_velocity
-from feeddrive.cosimulation.comparison import Cosimulation
+from feeddrive.cosimulation.simulate_with_fmu import Cosimulation
 from feeddrive.files.guess import Guess
 from feeddrive.files.log import Log
 from feeddrive.identification.motion.output_error import Refinement

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from feeddrive.analysis.observe import Observation
+from feeddrive.analysis.replay import Observation
 from feeddrive.language import tree
 from feeddrive.language.table import picture_of
 from feeddrive.plot import style

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from feeddrive.report.content import Entry, Study
+from feeddrive.report.page import Entry, Study
 from feeddrive.report.study_page import build
 
 __all__ = ["Entry", "Study", "build"]

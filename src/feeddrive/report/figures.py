@@ -6,12 +6,11 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 from feeddrive import plot
-from feeddrive.analysis.friction_map import FrictionMap, friction_map
-from feeddrive.analysis.reversal import worst_window
+from feeddrive.analysis.friction_map import FrictionMap, friction_map, worst_window
 from feeddrive.plot.identification import has_friction
 from feeddrive.plot.over_time import alike
 from feeddrive.plot.style import POINTS
-from feeddrive.report.content import Entry, Shown, Study
+from feeddrive.report.page import Entry, Shown, Study
 from feeddrive.report.sentences import number
 
 SHORT = 16  # samples: a shorter run has no picture over time

@@ -9,7 +9,7 @@ import numpy as np
 from feeddrive.analysis.replay import Replay
 from feeddrive.language.block import Block, declarations
 from feeddrive.loop.control import Control
-from feeddrive.report.content import Entry, Study
+from feeddrive.report.page import Entry, Study
 
 MS_BOUND = 2.0  # the usual bound on the sensitivity peak: Skogestad & Postlethwaite, section 2.4
 

@@ -11,9 +11,8 @@ from feeddrive.language.block import Declaration
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.table import Table, shown
 from feeddrive.report import sentences
-from feeddrive.report.content import Entry, ShownTable, Study
 from feeddrive.report.figures import chosen, figures
-from feeddrive.report.page import render
+from feeddrive.report.page import Entry, ShownTable, Study, render
 from feeddrive.report.sentences import decibel, number, percent
 
 

@@ -14,9 +14,8 @@ from feeddrive.language.block import Number
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.graph import Graph, Symbol
 from feeddrive.loop.control import Control
-from feeddrive.loop.differentiate import push
 from feeddrive.loop.trace import node_values
-from feeddrive.loop.traced_model import resolved
+from feeddrive.loop.traced_model import push, resolved
 
 _SPEED = 0.05  # m/s of the operating point
 _AT_ONE = 1e-5  # of |z|: a pole as near counts as at 1, since a double one is only known to the root of rounding

@@ -12,13 +12,13 @@ from feeddrive.blocks.families import Plant
 from feeddrive.blocks.feedforward.disturbance_compensator import DisturbanceCompensator
 from feeddrive.blocks.feedforward.inertia import Inertia
 from feeddrive.blocks.signals import Setpoint
+from feeddrive.identification.regression import solve, standard_errors
 from feeddrive.language import tree
 from feeddrive.language.block import declarations
 from feeddrive.language.errors import LogError, ParameterError, StructureError
 from feeddrive.language.table import Result, Table
 from feeddrive.loop.loop import Loop
 from feeddrive.tuning.error_model import condition, decay, error_model, filtered, not_excited, reasons
-from feeddrive.tuning.least_squares import solve, standard_errors
 from feeddrive.tuning.trial import Trial, check_clock
 
 COLUMNS = tuple(name for name in declarations(DisturbanceCompensator) if name not in ("stribeck_velocity", "dead_band"))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.stats import chi2
 
-from feeddrive.identification.excitation.local_polynomial import UNKNOWNS, local_rational
+from feeddrive.identification.excitation.nonperiodic import UNKNOWNS, local_rational
 
 _HALF_WIDTHS = (4, 7, 12, 20, 34)  # neighboring lines used for each line
 _REACH = 0.3  # of ln f: how far a window may go, since what is fitted is local whatever the residuals say

@@ -10,11 +10,11 @@ import numpy as np
 from feeddrive.blocks.families import Reference
 from feeddrive.blocks.prefilter.trajectory_prefilter import TrajectoryPrefilter
 from feeddrive.blocks.signals import Setpoint
+from feeddrive.identification.regression import standard_errors
 from feeddrive.language.errors import LogError, ParameterError
 from feeddrive.language.table import Result, Table
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import Run, simulate
-from feeddrive.tuning.least_squares import standard_errors
 from feeddrive.tuning.trial import differenced
 
 REGRESSORS = ("velocity", "acceleration", "jerk", "snap")

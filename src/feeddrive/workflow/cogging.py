@@ -20,18 +20,15 @@ from feeddrive.files.blocks_to_toml import to_toml
 from feeddrive.files.columns import ROLES, is_time
 from feeddrive.files.formats import OpenedFile
 from feeddrive.files.machine import MachineFile
-from feeddrive.files.messages import nearest, sentence
 from feeddrive.files.read_log import read_arrays
 from feeddrive.files.toml_edit import TomlEdit
-from feeddrive.identification.cogging.cogging_run import CoggingRun, cogging_passes
-from feeddrive.identification.cogging.identify_cogging import CoggingFit, CoggingOrder, identify_cogging
+from feeddrive.identification.cogging import CoggingFit, CoggingOrder, CoggingRun, cogging_passes, identify_cogging
 from feeddrive.language import units
 from feeddrive.language.block import Number
-from feeddrive.language.errors import LogError, NotIdentifiableError, ParameterError
+from feeddrive.language.errors import LogError, NotIdentifiableError, ParameterError, nearest, sentence
 from feeddrive.language.progress import Progress
 from feeddrive.language.table import Table
-from feeddrive.report.content import Shown
-from feeddrive.report.page import definitions, header, page, picture, table
+from feeddrive.report.page import Shown, definitions, header, page, picture, table
 from feeddrive.workflow.channels import column
 from feeddrive.workflow.command import Outcome, command
 from feeddrive.workflow.drive_logs import (

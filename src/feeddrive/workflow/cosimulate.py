@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from feeddrive.cosimulation.comparison import Cosimulation, write_cosimulation
-from feeddrive.cosimulation.comparison import cosimulate as run_against
+from feeddrive.cosimulation.simulate_with_fmu import Cosimulation, write_cosimulation
+from feeddrive.cosimulation.simulate_with_fmu import cosimulate as run_against
 from feeddrive.files.job import JobLike, read_job
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.progress import Progress

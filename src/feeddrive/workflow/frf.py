@@ -17,17 +17,15 @@ from feeddrive.files.frf import write_frf
 from feeddrive.files.guess import guess_roles, unit_in_name
 from feeddrive.files.job import LogRequest
 from feeddrive.files.log import Log, LogLike
-from feeddrive.files.messages import nearest
 from feeddrive.files.read_log import read_log
 from feeddrive.identification.excitation.estimate_frf import estimate_frf
 from feeddrive.identification.excitation.frequency_estimate import FrequencyEstimate
 from feeddrive.identification.excitation.record import Record
 from feeddrive.language import units
-from feeddrive.language.errors import LogError, ParameterError
+from feeddrive.language.errors import LogError, ParameterError, nearest
 from feeddrive.language.progress import Progress
 from feeddrive.language.table import Table
-from feeddrive.report.content import Shown
-from feeddrive.report.page import definitions, header, page, picture, table
+from feeddrive.report.page import Shown, definitions, header, page, picture, table
 from feeddrive.workflow.channels import column, requested, show, whole_log
 from feeddrive.workflow.command import Outcome, command
 from feeddrive.workflow.readings import doubt, units_first, with_units

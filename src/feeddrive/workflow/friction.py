@@ -17,20 +17,18 @@ from feeddrive.files.blocks_to_toml import to_toml
 from feeddrive.files.formats import OpenedFile
 from feeddrive.files.log import Log
 from feeddrive.files.machine import MachineFile
-from feeddrive.files.messages import sentence
 from feeddrive.files.toml_edit import TomlEdit
 from feeddrive.identification.estimate import SHAFT
+from feeddrive.identification.friction_curve import Compared, FrictionCurve, fit_friction
 from feeddrive.identification.motion.identify import own_viscous
-from feeddrive.identification.steady_runs.friction_curve import Compared, FrictionCurve, fit_friction
-from feeddrive.identification.steady_runs.steady_runs import LEAST_ROWS, SteadyRuns, steady_runs
+from feeddrive.identification.steady_runs import LEAST_ROWS, SteadyRuns, steady_runs
 from feeddrive.language.block import declarations
-from feeddrive.language.errors import NotIdentifiableError
+from feeddrive.language.errors import NotIdentifiableError, sentence
 from feeddrive.language.progress import Progress
 from feeddrive.language.table import Table
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.loop import Loop
-from feeddrive.report.content import Shown
-from feeddrive.report.page import definitions, header, page, picture, table
+from feeddrive.report.page import Shown, definitions, header, page, picture, table
 from feeddrive.workflow import drive_logs
 from feeddrive.workflow.command import Outcome, command
 from feeddrive.workflow.drive_logs import (

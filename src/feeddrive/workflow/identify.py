@@ -20,26 +20,23 @@ from feeddrive.files.formats import OpenedFile
 from feeddrive.files.frf import read_frfs
 from feeddrive.files.log import Log
 from feeddrive.files.machine import MachineFile, machine_toml, read_machine
-from feeddrive.files.messages import sentence
 from feeddrive.files.toml_edit import TomlEdit
 from feeddrive.identification.estimate import Estimate
 from feeddrive.identification.motion.identify import Identified, identify_motion, swapped
 from feeddrive.identification.motion.motion_log import MotionLog
 from feeddrive.language import tree
 from feeddrive.language.block import Block, declarations
-from feeddrive.language.errors import LogError, NotIdentifiableError, ParameterError
+from feeddrive.language.errors import LogError, NotIdentifiableError, ParameterError, sentence
 from feeddrive.language.progress import Progress
 from feeddrive.language.table import Table
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.machine import Machine
-from feeddrive.report.content import Shown
-from feeddrive.report.page import definitions, header, page, picture, table
+from feeddrive.report.page import Shown, definitions, header, page, picture, table
 from feeddrive.workflow.channels import mapped
 from feeddrive.workflow.command import Outcome, command
 from feeddrive.workflow.drive_logs import axis_name, columns_said, narrow, written
-from feeddrive.workflow.identify_request import IdentifyRequest
-from feeddrive.workflow.identify_responses import identify_responses, responses_in
+from feeddrive.workflow.identify_responses import IdentifyRequest, identify_responses, responses_in
 from feeddrive.workflow.readings import Doubt, doubt_of_motion
 from feeddrive.workflow.request import called
 

@@ -17,7 +17,7 @@ from feeddrive.blocks.families import Reference
 from feeddrive.blocks.reference.linear_move import LinearMove
 from feeddrive.files.job import Job, Other
 from feeddrive.files.log import Log
-from feeddrive.files.provenance import versions
+from feeddrive.files.run_files import versions
 from feeddrive.language.errors import FeeddriveError, LogError
 from feeddrive.language.progress import Progress
 from feeddrive.language.table import Result, Table, frame_of, picture_of
@@ -26,7 +26,7 @@ from feeddrive.loop.loop import Loop, Signals
 from feeddrive.loop.machine import Machine, System
 from feeddrive.loop.simulate import Run, samples, simulate
 from feeddrive.report import Entry, Study
-from feeddrive.report.content import RESPONSE_LINES, ShownTable
+from feeddrive.report.page import RESPONSE_LINES, ShownTable
 from feeddrive.report.sentences import block_sentence, described
 
 

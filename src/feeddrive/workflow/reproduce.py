@@ -9,8 +9,8 @@ from pathlib import Path
 from feeddrive.files.atomic_io import new_directory
 from feeddrive.language.progress import Progress
 from feeddrive.language.table import Table
-from feeddrive.papers import papers
-from feeddrive.papers.papers import Reproduced
+from feeddrive.papers import claims
+from feeddrive.papers.claims import Reproduced
 from feeddrive.workflow.command import Outcome, command
 from feeddrive.workflow.request import OUT, Request, argument, option
 
@@ -32,14 +32,14 @@ def reproduce(request: ReproduceRequest, progress: Progress) -> Outcome[Sequence
 
     Papers run side by side in processes of their own.  Raises ParameterError for a paper that is not known.
     """
-    names = papers.chosen(request.paper)
+    names = claims.chosen(request.paper)
     files: dict[str, Path] = {}
     with contextlib.ExitStack() as stack:
         # opened before the work: a place that cannot be written is refused at once
         folder = None if request.out is None else stack.enter_context(new_directory(request.out))
-        found = papers.reproduce(names, progress)
+        found = claims.reproduce(names, progress)
         if folder is not None and request.out is not None:
-            papers.fill(folder, found)
+            claims.fill(folder, found)
             files["Report"] = request.out / "report.html"
     holds = all(claim.holds for each in found for claim in each.claims)
     tables = [_claims(each) for each in found]

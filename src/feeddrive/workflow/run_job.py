@@ -17,8 +17,7 @@ from typing import Any
 from feeddrive.files.atomic_io import new_directory
 from feeddrive.files.job import JobLike, read_job
 from feeddrive.files.log import write_log
-from feeddrive.files.provenance import file_names
-from feeddrive.files.run_files import write_run_csv, write_run_parquet
+from feeddrive.files.run_files import file_names, write_run_csv, write_run_parquet
 from feeddrive.language import tree
 from feeddrive.language.progress import Progress
 from feeddrive.report import Entry, build

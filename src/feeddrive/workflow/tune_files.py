@@ -17,14 +17,13 @@ from feeddrive.certificate.certificate import Certificate
 from feeddrive.files.atomic_io import new_directory
 from feeddrive.files.blocks_to_toml import to_toml
 from feeddrive.files.machine import MachineFile
-from feeddrive.files.messages import sentence
 from feeddrive.files.toml_edit import TomlEdit
 from feeddrive.language import tree, units
 from feeddrive.language.block import Block
+from feeddrive.language.errors import sentence
 from feeddrive.language.table import Table
 from feeddrive.loop.control import Control
-from feeddrive.report.content import Shown
-from feeddrive.report.page import definitions, header, page, picture, table
+from feeddrive.report.page import Shown, definitions, header, page, picture, table
 from feeddrive.tuning.closed_loop import FIGURES, Figures
 from feeddrive.tuning.limits import Limits
 from feeddrive.tuning.proof import ROOM

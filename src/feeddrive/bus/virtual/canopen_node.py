@@ -8,8 +8,7 @@ from typing import Any
 
 from feeddrive.bus.canopen import opened_network, packages
 from feeddrive.bus.cia402 import Layout
-from feeddrive.bus.virtual.firmware import Firmware, SdoAbortError
-from feeddrive.bus.virtual.pdo_map import INVALID, PdoMap
+from feeddrive.bus.virtual.firmware import INVALID, Firmware, PdoMap, SdoAbortError
 
 _SYNC, _HEARTBEAT = 0x80, 0x1017
 _PATIENCE = 0.05  # s between looks at `stopped`

@@ -1,15 +1,26 @@
-"""A virtual drive on an Ethernet interface: frames in, frames back, and one bus cycle of the plant for each of them."""
+"""A virtual drive on an Ethernet interface: EtherCAT slave controller, EEPROM, mailbox, and its cycle.
+
+A virtual EtherCAT slave controller: registers, EEPROM, FMMUs, sync managers, AL states, and how frames pass through.
+
+By ETG.1000.4 and the register descriptions of the makers of such chips.  Not there: distributed clocks, redundancy,
+sync-manager events, and EEPROM writing; a master finds in the registers that they are not.
+
+The mailbox of a virtual EtherCAT slave: CANopen over EtherCAT, SDO up and down.
+
+Segmented transfer, complete access and SDO information are refused with an abort code; masters do without them.
+"""
 
 from __future__ import annotations
 
 import contextlib
 import socket
+import struct
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
+from feeddrive.bus.cia402 import VIRTUAL
 from feeddrive.bus.ethercat import opened_socket
-from feeddrive.bus.virtual.esc import ETHERTYPE, OP, SlaveController
-from feeddrive.bus.virtual.firmware import Firmware
+from feeddrive.bus.virtual.firmware import NO_SUBINDEX, PRODUCT, REVISION, VENDOR, Firmware, PdoMap, SdoAbortError
 
 _WATCHDOG = 0x001B  # AL status code: sync manager watchdog
 _PATIENCE = 0.1  # s between looks at `stopped` where nothing comes
@@ -53,3 +64,320 @@ def serve_ethercat(
                 for station in stations:
                     if station.state == OP:
                         station.fall(_WATCHDOG)
+
+
+ETHERTYPE = 0x88A4
+INIT, PREOP, SAFEOP, OP = 1, 2, 4, 8
+_ALLOWED = {INIT: (PREOP,), PREOP: (INIT, SAFEOP), SAFEOP: (INIT, PREOP, OP), OP: (INIT, PREOP, SAFEOP)}
+# AL status codes
+_INVALID_CHANGE, _UNKNOWN_STATE, _NO_MAILBOX, _WRONG_OUTPUTS, _WRONG_INPUTS = 0x0011, 0x0012, 0x0016, 0x001D, 0x001E
+_STATION, _AL_CONTROL, _AL_STATUS, _AL_CODE = 0x0010, 0x0120, 0x0130, 0x0134
+_EEPROM_CONTROL, _EEPROM_ADDRESS, _EEPROM_DATA = 0x0502, 0x0504, 0x0508
+_FMMU, _SYNC = 0x0600, 0x0800
+_READ_ONLY = frozenset((*range(0x0010), *range(0x0110, 0x0112), *range(0x0130, 0x0136), *range(0x0140, 0x0142))) | {
+    _SYNC + 8 * k + 5 for k in range(4)
+}  # the status of each sync manager
+_FULL = 0x08  # status of a sync manager: mailbox full
+_REPEAT = 0x02  # a mailbox asked for again: toggled in `activate` of its sync manager, and by the slave behind it
+
+_READS = {1, 3, 4, 6, 7, 9, 13, 14}
+_WRITES = {2, 3, 5, 6, 8, 9}
+
+
+class SlaveController:
+    """Answers EtherCAT frames; `cycles` bus cycles have passed to the firmware."""
+
+    def __init__(self, firmware: Firmware) -> None:
+        self.firmware = firmware
+        self.objects = PdoMap(firmware, lambda: self.state == PREOP)
+        self._memory = bytearray(0x2000)
+        self._eeprom = eeprom(VENDOR, PRODUCT, REVISION, 1, VIRTUAL)
+        # type, revision, build; 4 FMMUs, 4 sync managers, 4 kB, one MII port; no distributed clocks
+        struct.pack_into("<BBHBBBBH", self._memory, 0x0000, 0x11, 0, 1, 4, 4, 4, 0x03, 0x0000)
+        struct.pack_into("<H", self._memory, 0x0110, 0x5611)  # link on port 0, the others closed
+        struct.pack_into("<H", self._memory, 0x0140, 0x0005)
+        self._outputs, self._inputs = self.objects.assigned(0x1600), self.objects.assigned(0x1A00)
+        self._due = False
+        self._enter(INIT)
+
+    @property
+    def state(self) -> int:
+        """Of the AL, without the error bit."""
+        return self._memory[_AL_STATUS] & 0x0F
+
+    def _enter(self, state: int, code: int = 0) -> None:
+        struct.pack_into("<H", self._memory, _AL_STATUS, state | (0x10 if code else 0))
+        struct.pack_into("<H", self._memory, _AL_CODE, code)
+
+    def fall(self, code: int) -> None:
+        """From OPERATIONAL to SAFE-OPERATIONAL by itself, with an AL status code."""
+        self._enter(SAFEOP, code)
+        self.firmware.lost()
+
+    def passed(self, frame: bytes) -> bytes | None:
+        """The frame as it comes back, or None for one that is not EtherCAT; then `advance` is due."""
+        if len(frame) < 28 or frame[12:14] != b"\x88\xa4":
+            return None
+        made = bytearray(frame)
+        made[6] |= 0x02  # the address of the sender, as every slave marks it
+        for at, size in _datagrams(made):
+            self._datagram(made, at, size)
+        return bytes(made)
+
+    def advance(self) -> bool:
+        """After the frame has gone: one bus cycle if process data were in it."""
+        if not self._due:
+            return False
+        self._due = False
+        self._cycle()
+        return True
+
+    def _cycle(self) -> None:
+        start = OUTPUTS[0]
+        if self.state == OP:
+            self.firmware.take(self._outputs.unpack(bytes(self._memory[start : start + self._outputs.size])))
+        self.firmware.cycle()
+        self._refresh()
+
+    def _refresh(self) -> None:
+        self._memory[INPUTS[0] : INPUTS[0] + self._inputs.size] = self._inputs.pack(self.firmware.values)
+
+    def _datagram(self, made: bytearray, at: int, size: int) -> None:
+        command = made[at]
+        start, end = at + 10, at + 10 + size
+        counted = 0
+        if command in (10, 11, 12):
+            counted = self._logical(made, command, at, start, size)
+        else:
+            station, register = struct.unpack_from("<HH", made, at + 2)
+            mine = self._addressed(command, station)
+            if command in (1, 2, 3, 7, 8, 9, 13):  # by position, or to all: each slave counts on
+                struct.pack_into("<H", made, at + 2, station + 1 & 0xFFFF)
+            given = bytes(made[start:end])
+            if command in _READS and (mine or command in (7, 9)):
+                found = self._read(register, size)
+                made[start:end] = bytes(a | b for a, b in zip(found, given, strict=True)) if command == 7 else found
+                counted += 1
+            if mine and command in _WRITES:
+                self._write(register, given)
+                counted += 2 if command in (3, 6, 9) else 1
+        (count,) = struct.unpack_from("<H", made, end)
+        struct.pack_into("<H", made, end, count + counted & 0xFFFF)
+
+    def _addressed(self, command: int, station: int) -> bool:
+        if command in (7, 8, 9):
+            return True
+        if command in (4, 5, 6, 14):
+            return station == struct.unpack_from("<H", self._memory, _STATION)[0]
+        return station == 0
+
+    def _logical(self, made: bytearray, command: int, at: int, start: int, size: int) -> int:
+        """LRD, LWR, LRW through the FMMUs: 1 for what was read, for what was written 1, or 2 in an LRW."""
+        (logical,) = struct.unpack_from("<I", made, at + 2)
+        if self.state not in (SAFEOP, OP):
+            return 0
+        counted, read, written = 0, [], False
+        for k in range(4):
+            begin, length, _, _, physical, _, kind, active = struct.unpack_from(
+                "<IHBBHBBB", self._memory, _FMMU + 16 * k
+            )
+            low, high = max(begin, logical), min(begin + length, logical + size)
+            there, here = start + low - logical, physical + low - begin
+            if not active & 1 or low >= high or here + high - low > len(self._memory):
+                continue
+            if kind & 1 and command != 11:
+                read.append((there, bytes(self._memory[here : here + high - low])))
+                counted |= 1
+            if kind & 2 and command != 10 and self.state == OP:
+                self._memory[here : here + high - low] = made[there : there + high - low]
+                counted |= 2 if command == 12 else 1
+            if kind & 2 and command != 10:
+                written = True
+        for there, content in read:
+            made[there : there + len(content)] = content
+        self._due = self._due or written
+        return counted
+
+    def _read(self, register: int, size: int) -> bytes:
+        found = bytes(self._memory[register : register + size]).ljust(size, b"\x00")
+        if register <= sum(MAILBOX_IN) - 1 < register + size and self._memory[_SYNC + 13] & _FULL:
+            self._memory[_SYNC + 13] &= ~_FULL  # the last byte of the mailbox was read
+        return found
+
+    def _write(self, register: int, content: bytes) -> None:
+        repeat = self._memory[_SYNC + 14] & _REPEAT
+        for k, value in enumerate(content):
+            if register + k < len(self._memory) and register + k not in _READ_ONLY:
+                self._memory[register + k] = value
+        touched = range(register, register + len(content))
+        if _AL_CONTROL in touched:
+            self._control(self._memory[_AL_CONTROL])
+        if _EEPROM_CONTROL + 1 in touched:
+            self._serve_eeprom()
+        if _SYNC + 8 in touched:  # set up anew: empty
+            self._memory[_SYNC + 13] &= ~_FULL
+        elif self._memory[_SYNC + 14] & _REPEAT != repeat:  # the frame that fetched the mailbox was lost
+            self._memory[_SYNC + 13] |= _FULL
+        self._memory[_SYNC + 15] = self._memory[_SYNC + 14] & _REPEAT
+        if sum(MAILBOX_OUT) - 1 in touched and self.state >= PREOP:
+            self._serve_mailbox()
+
+    def _serve_eeprom(self) -> None:
+        command = struct.unpack_from("<H", self._memory, _EEPROM_CONTROL)[0] & 0x0700
+        if command == 0x0100:
+            at = 2 * struct.unpack_from("<I", self._memory, _EEPROM_ADDRESS)[0]
+            self._memory[_EEPROM_DATA : _EEPROM_DATA + 8] = self._eeprom[at : at + 8].ljust(8, b"\xff")
+        # not busy, no error; 8 bytes at once
+        struct.pack_into("<H", self._memory, _EEPROM_CONTROL, 0x0040)
+
+    def _serve_mailbox(self) -> None:
+        start, size = MAILBOX_OUT
+        answered = answer(bytes(self._memory[start : start + size]), self.objects)
+        if answered is None:
+            return
+        start, size = MAILBOX_IN
+        self._memory[start : start + size] = answered.ljust(size, b"\x00")
+        self._memory[_SYNC + 13] |= _FULL
+
+    def _control(self, wanted: int) -> None:
+        """A requested state, with bit 4 to acknowledge an error."""
+        status, state = self._memory[_AL_STATUS], wanted & 0x0F
+        if status & 0x10 and not wanted & 0x10:
+            return
+        if state == self.state:
+            self._enter(state)
+        elif state not in _ALLOWED:
+            self._enter(self.state, _UNKNOWN_STATE)
+        elif state not in _ALLOWED[self.state]:
+            self._enter(self.state, _INVALID_CHANGE)
+        else:
+            code = self._obstacle(state)
+            left = self.state == OP
+            self._enter(self.state if code else state, code)
+            if left and not code:
+                self.firmware.lost()
+
+    def _obstacle(self, state: int) -> int:
+        """Why a state cannot be entered: an AL status code, 0 for nothing."""
+        if state == PREOP and self.state == INIT:
+            return 0 if all(self._sync(k) == place for k, place in ((0, MAILBOX_OUT), (1, MAILBOX_IN))) else _NO_MAILBOX
+        if state == SAFEOP and self.state == PREOP:
+            self._outputs, self._inputs = self.objects.assigned(0x1600), self.objects.assigned(0x1A00)
+            if self._sync(2) != (OUTPUTS[0], self._outputs.size):
+                return _WRONG_OUTPUTS
+            if self._sync(3) != (INPUTS[0], self._inputs.size):
+                return _WRONG_INPUTS
+            self._refresh()
+        return 0
+
+    def _sync(self, k: int) -> tuple[int, int]:
+        """Start and length of a sync manager."""
+        start, length = struct.unpack_from("<HH", self._memory, _SYNC + 8 * k)
+        return start, length
+
+
+def _datagrams(frame: bytearray) -> Iterator[tuple[int, int]]:
+    """Where each datagram begins, and how many bytes of content it has."""
+    at, more = 16, True
+    while more and at + 12 <= len(frame):
+        (word,) = struct.unpack_from("<H", frame, at + 6)
+        size, more = word & 0x07FF, bool(word & 0x8000)
+        if at + 12 + size > len(frame):
+            return
+        yield at, size
+        at += 12 + size
+
+
+_COE, _REQUEST, _RESPONSE = 3, 2, 3
+_UPLOAD, _DOWNLOAD = 2, 1
+_UNKNOWN_COMMAND = 0x05040001
+_SYNC_TYPES = 0x1C00  # what each sync manager is for: mailbox out, mailbox in, outputs, inputs
+
+
+def answer(message: bytes, objects: PdoMap) -> bytes | None:
+    """What comes back for a mailbox message; None for one that is no CoE request."""
+    length, _, _, kind = struct.unpack_from("<HHBB", message)
+    body = message[6 : 6 + length]
+    if kind & 0x0F != _COE or len(body) < 10:
+        return None
+    service = struct.unpack_from("<H", body)[0] >> 12
+    command, index, subindex = struct.unpack_from("<BHB", body, 2)
+    try:
+        if service != _REQUEST or command & 0x10:  # 0x10: complete access
+            raise SdoAbortError(_UNKNOWN_COMMAND)
+        answered = _sdo(objects, command, index, subindex, body[6:])
+    except SdoAbortError as refused:
+        # an abort is a request in the other direction
+        return _framed(struct.pack("<HBHBI", _REQUEST << 12, 0x80, index, subindex, refused.code), kind)
+    return _framed(struct.pack("<H", _RESPONSE << 12) + answered, kind)
+
+
+def _sdo(objects: PdoMap, command: int, index: int, subindex: int, content: bytes) -> bytes:
+    place = struct.pack("<HB", index, subindex)
+    if command >> 5 == _UPLOAD:
+        value = _sync_type(subindex) if index == _SYNC_TYPES else objects.read(index, subindex)
+        if len(value) <= 4:
+            return bytes([0x43 | (4 - len(value)) << 2]) + place + value.ljust(4, b"\x00")
+        return b"\x41" + place + struct.pack("<I", len(value)) + value
+    if command >> 5 != _DOWNLOAD:
+        raise SdoAbortError(_UNKNOWN_COMMAND)
+    if command & 0x02:  # expedited
+        value = content[: 4 - (command >> 2 & 3) if command & 0x01 else 4]
+    else:
+        size = struct.unpack_from("<I", content)[0]
+        value = content[4 : 4 + size]
+        if len(value) != size:
+            raise SdoAbortError(_UNKNOWN_COMMAND)
+    objects.write(index, subindex, value)
+    return b"\x60" + place + bytes(4)
+
+
+def _sync_type(subindex: int) -> bytes:
+    if subindex > 4:
+        raise SdoAbortError(NO_SUBINDEX)
+    return bytes([subindex or 4])
+
+
+def _framed(content: bytes, kind: int) -> bytes:
+    return struct.pack("<HHBB", len(content), 0, 0, kind) + content
+
+
+# process memory of the slave: address and length
+MAILBOX_OUT, MAILBOX_IN = (0x1000, 128), (0x1080, 128)
+OUTPUTS, INPUTS = (0x1100, 64), (0x1200, 64)
+_GENERAL, _FMMU_CATEGORY, _SYNC_CATEGORY, _STRINGS, _END = 30, 40, 41, 10, 0xFFFF
+_COE_PROTOCOL = 0x04  # mailbox protocol
+_COE_DETAILS = 0x0D  # SDO, PDO assignment and PDO mapping may be written
+
+
+def eeprom(vendor: int, product: int, revision: int, serial: int, name: str) -> bytes:
+    """The image, a multiple of 8 bytes, by ETG.1000.6 and ETG.2010."""
+    head = bytearray(128)
+    struct.pack_into("<IIII", head, 0x10, vendor, product, revision, serial)
+    struct.pack_into("<HHHHH", head, 0x30, *MAILBOX_OUT, *MAILBOX_IN, _COE_PROTOCOL)
+    struct.pack_into("<HH", head, 0x7C, 0x07, 1)  # size 8 kbit, version
+    text = name.encode()
+    strings = bytes([1, len(text)]) + text
+    general = bytearray(32)
+    general[3] = 1  # name: first string
+    general[5] = _COE_DETAILS
+    sync = b"".join(
+        struct.pack("<HHBBBB", start, length, control, 0, 1, kind)
+        for (start, length), control, kind in (
+            (MAILBOX_OUT, 0x26, 1), (MAILBOX_IN, 0x22, 2), ((OUTPUTS[0], 0), 0x64, 3), ((INPUTS[0], 0), 0x20, 4),
+        )
+    )  # fmt: skip
+    categories = (
+        (_STRINGS, strings),
+        (_GENERAL, bytes(general)),
+        (_FMMU_CATEGORY, b"\x01\x02"),
+        (_SYNC_CATEGORY, sync),
+    )
+    body = b"".join(_category(kind, content) for kind, content in categories)
+    image = bytes(head) + body + struct.pack("<HH", _END, 0)
+    return image + b"\xff" * (-len(image) % 8)
+
+
+def _category(kind: int, content: bytes) -> bytes:
+    padded = content + b"\x00" * (len(content) % 2)
+    return struct.pack("<HH", kind, len(padded) // 2) + padded

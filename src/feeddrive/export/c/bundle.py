@@ -4,12 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from feeddrive.export.c.header_only import header_only
 from feeddrive.export.c.programs import SAMPLES, self_test
-from feeddrive.export.c.text import texts
+from feeddrive.export.c.text import header_only, texts
 from feeddrive.export.design import CONTROL, MACHINE_FILE, Design
-from feeddrive.export.manifest import FILE, manifest_text
-from feeddrive.export.readme import readme
+from feeddrive.export.manifest import FILE, manifest_text, readme
 from feeddrive.files.atomic_io import new_directory
 
 FLAGS = "-std=c99 -O2 -ffp-contract=off"

@@ -6,7 +6,7 @@ import re
 import textwrap
 from collections.abc import Sequence
 
-from feeddrive.export.c.expressions import FLUSH
+from feeddrive.export.c.statements import FLUSH
 from feeddrive.export.layout import Layout
 from feeddrive.loop import guard as guards
 from feeddrive.loop.routine import Variable

@@ -1,4 +1,6 @@
-"""A routine as C99 text: header, step and reset, and the functions that run outside the interrupt.
+"""A routine as C99 text: header, step and reset, the functions outside the interrupt; or all in one header.
+
+A routine as C99 text: header, step and reset, and the functions that run outside the interrupt.
 
 P.h            structs with units and meanings, and the functions
 P.c            reset and step: what runs in the interrupt
@@ -11,17 +13,16 @@ operations for every input.  Of <math.h> it calls `fabs`, `floor` and `sqrt` onl
 from __future__ import annotations
 
 import inspect
+import re
 import textwrap
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
-from feeddrive.export.c.body import Body, helpers, wrapped
-from feeddrive.export.c.expressions import FUNCTIONS, expression, number
 from feeddrive.export.c.header import comment, header, mark
+from feeddrive.export.c.statements import FUNCTIONS, Body, expression, helpers, number, wrapped
 from feeddrive.export.identifiers import ascii_text, bare
 from feeddrive.export.layout import Layout
-from feeddrive.language.block import Block
-from feeddrive.language.declaration import LARGEST
+from feeddrive.language.block import LARGEST, Block
 from feeddrive.language.graph import reachable
 from feeddrive.loop.routine import Routine, Variable, off_outputs
 
@@ -272,3 +273,38 @@ def _needed(used: set[str], real: str) -> list[str]:
 
 def _joined(lines: Iterable[str]) -> str:
     return "\n".join(lines).rstrip("\n") + "\n"
+
+
+_SHARED = re.compile(r"\b(designed|decays|exact_\w+|power_of_twof?|exponentf?|uniform)(?=\()")
+
+
+def header_only(P: str, made: Texts) -> str:
+    """Declarations and bodies in one file, to be included where the step is called."""
+    close = f"#ifdef __cplusplus\n}}\n#endif\n\n#endif /* {P.upper()}_H */\n"
+    header = made.header.removesuffix(close)
+    assert header != made.header, "the header ends otherwise than expected"
+    header = header.replace("#include <stdbool.h>", "#include <float.h>\n#include <math.h>\n#include <stdbool.h>", 1)
+    header = header.replace("#include <stdint.h>", "#include <stdint.h>\n#include <string.h>", 1)
+    header = re.sub(rf"^(void|bool|int) {P}_", rf"static inline \1 {P}_", header, flags=re.MULTILINE)
+    bodies, seen = [], set[str]()
+    for text in (made.configure, made.source):
+        for piece in _pieces(text, P):
+            if piece not in seen:
+                bodies.append(piece)
+                seen.add(piece)
+    return header + _own(P, "\n".join(bodies)) + "\n" + close
+
+
+def _own(P: str, text: str) -> str:
+    """Names of functions and tables that another axis in the same program would have too, made this one's own."""
+    text = _SHARED.sub(lambda found: f"{P}_{found[0]}", text)
+    return re.sub(r"\bTABLE_", f"{P.upper()}_TABLE_", text)
+
+
+def _pieces(text: str, P: str) -> list[str]:
+    """The comment on top, and each function with its comment; without includes."""
+    lines = [line for line in text.splitlines() if not line.startswith("#include")]
+    body = re.sub(rf"^(void|bool|int) {P}_", rf"static inline \1 {P}_", "\n".join(lines), flags=re.MULTILINE)
+    top, rest = body.split("*/\n", 1)
+    pieces = [f"{top}*/", *re.split(r"(?<=^\})\n+", rest, flags=re.MULTILINE)]
+    return [piece.strip("\n") + "\n" for piece in pieces if piece.strip()]

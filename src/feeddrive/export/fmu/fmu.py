@@ -1,22 +1,31 @@
-"""The targets `fmu2` and `fmu3`: the archive with description, C sources and binary, and a README."""
+"""The targets `fmu2` and `fmu3`: the archive, its binary for this computer, and its run in FMPy."""
 
 from __future__ import annotations
 
 import hashlib
 import io
+import platform
+import subprocess
+import sys
+import tempfile
 import zipfile
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
+import numpy as np
+
+from feeddrive.cosimulation.fmu import Archive, Instance, opened
+from feeddrive.export.c.programs import compiler
 from feeddrive.export.c.text import texts
 from feeddrive.export.design import MACHINE_FILE, Design
-from feeddrive.export.fmu.binary import compiled, library_place
-from feeddrive.export.fmu.description import build_description, model_description
-from feeddrive.export.fmu.model import FmuVariable, model_header, variables
+from feeddrive.export.fmu.description import FmuVariable, build_description, model_description, model_header, variables
 from feeddrive.export.layout import Layout
-from feeddrive.export.manifest import FILE, manifest_text
-from feeddrive.export.readme import readme
+from feeddrive.export.manifest import FILE, manifest_text, readme
+from feeddrive.export.trial import Trial
 from feeddrive.files.atomic_io import check_directory, new_directory
-from feeddrive.language.errors import ParameterError
+from feeddrive.language.errors import FileError, ParameterError
+from feeddrive.loop.routine import Routine
 from feeddrive.version import __version__
 
 VERSIONS = (2, 3)
@@ -143,3 +152,98 @@ def _what(variable: FmuVariable) -> str:
 
 def _start(variable: FmuVariable) -> str:
     return "" if variable.start is None else f"{variable.start:.10g}" if variable.kind == "number" else "false"
+
+
+_FLAGS = (
+    "-std=c99", "-ffp-contract=off", "-fno-math-errno", "-fvisibility=hidden", "-fno-sanitize=undefined",
+)  # fmt: skip
+
+
+def library_place(version: int) -> str:
+    """The folder of the FMU in which a tool on this machine looks, and the ending of a library: `linux64/*.so`."""
+    system = {"Linux": "linux", "Darwin": "darwin", "Windows": "windows"}.get(platform.system(), "linux")
+    wide = sys.maxsize > 2**32
+    ending = {"linux": "so", "darwin": "dylib", "windows": "dll"}[system]
+    if version == 2:
+        return f"{system.replace('windows', 'win')}{64 if wide else 32}/*.{ending}"
+    arm = platform.machine().lower() in ("aarch64", "arm64")
+    return f"{'aarch64' if arm else 'x86_64' if wide else 'x86'}-{system}/*.{ending}"
+
+
+def compiled(files: Mapping[str, str], sources: Sequence[str]) -> bytes:
+    """The shared library made of some of the files.
+
+    What runs once, `*_configure.c`, is translated as it stands: to optimise its thousands of lines takes seconds.
+
+    Raises MissingProgramError without a compiler and FileError with its first message if it refuses.
+    """
+    words = compiler()
+    flags = _FLAGS if platform.system() == "Windows" else (*_FLAGS, "-fPIC")
+    with tempfile.TemporaryDirectory(prefix="feeddrive-") as folder:
+        for name, text in files.items():
+            (Path(folder) / name).write_text(text, encoding="utf-8")
+        objects = [f"{name}.o" for name in sources]
+        for name, made in zip(sources, objects, strict=True):
+            effort = "-O0" if name.endswith("_configure.c") else "-O2"
+            _run([*words, *flags, effort, "-c", name, "-o", made], folder)
+        _run([*words, "-shared", "-s", "-o", "library", *objects, "-lm"], folder)
+        return (Path(folder) / "library").read_bytes()
+
+
+def _run(words: Sequence[str], folder: str) -> None:
+    done = subprocess.run(words, cwd=folder, capture_output=True, text=True, check=False)
+    if done.returncode != 0:
+        first = (done.stderr.strip() or "it says nothing").splitlines()[0]
+        raise FileError(f"the C compiler ({words[0]}) cannot make a shared library: {first}")
+
+
+_ACCESS = {
+    "Real": "Real", "Float64": "Float64", "Boolean": "Boolean", "Enumeration": "Integer", "Enumeration 3": "Int64"
+}  # fmt: skip
+
+
+def answers(path: Path, routine: Routine, tried: Trial) -> np.ndarray:
+    """The outputs of a controller's FMU, shape (n, outputs), sample by sample, parameters changed between steps.
+
+    Raises FmuError for an FMU that cannot be opened or fails, and MissingExtraError without FMPy.
+    """
+    parameters = {v.path: v.name for v in routine.parameters}
+    T = routine.sample_time
+    found = np.empty((len(tried.inputs), len(routine.outputs)))
+    with opened(path) as archive, Instance(archive) as held:
+        give = _access(archive, held.fmu, "set", [v.name for v in routine.inputs])
+        take = _access(archive, held.fmu, "get", [v.name for v in routine.outputs])
+        held.begin([], {})
+        for k, row in enumerate(tried.inputs):
+            for name, value in tried.changes.get(k, {}).items():
+                _access(archive, held.fmu, "set", [parameters[name]])([value])
+            give(row.tolist())
+            held.step(k * T, T)
+            found[k] = take(None)
+    return found
+
+
+def _access(archive: Archive, fmu: Any, verb: str, names: Sequence[str]) -> Callable[[Sequence[float] | None], Any]:
+    """Sets or gets variables by name, each by the function of its type, those of one type in one call."""
+    known = {each.name: each for each in archive.description.modelVariables}
+    groups: dict[str, list[int]] = {}
+    for i, name in enumerate(names):
+        kind = known[name].type
+        three = kind == "Enumeration" and archive.three
+        groups.setdefault(_ACCESS["Enumeration 3" if three else kind], []).append(i)
+    calls = [
+        (kind == "Boolean", places, [known[names[i]].valueReference for i in places], getattr(fmu, verb + kind))
+        for kind, places in groups.items()
+    ]
+
+    def access(values: Sequence[float] | None) -> list[float]:
+        row = [0.0] * len(names)
+        for truth, places, references, call in calls:
+            if values is not None:
+                call(references, [values[i] > 0.5 if truth else values[i] for i in places])
+            else:
+                for i, value in zip(places, call(references), strict=True):
+                    row[i] = float(value)
+        return row
+
+    return access

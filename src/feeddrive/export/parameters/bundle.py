@@ -1,24 +1,31 @@
-"""Files of the target `parameters`: a text file per maker, a CSV, and a README with what is not represented."""
+"""Files of the target `parameters`: a text file per maker, halcmd lines, a CSV, and a README."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple, TypeVar
 
 from feeddrive.analysis.stability import stability
 from feeddrive.export.design import MACHINE_FILE, Design
-from feeddrive.export.linuxcnc_pid.mapping import stock_law, stock_loop
-from feeddrive.export.manifest import FILE, manifest_text
-from feeddrive.export.parameters import generic, linuxcnc
-from feeddrive.export.parameters.maker import NOT_CHECKED, Line, Maker, lines_of
-from feeddrive.export.parameters.odrive import ODRIVE
-from feeddrive.export.parameters.quantities import SAFETY, Cascade, DriveTrain, drive_train, kv_lines, read_cascade
+from feeddrive.export.linuxcnc_pid import COEFFICIENTS, GAINS
+from feeddrive.export.manifest import FILE, manifest_text, readme
+from feeddrive.export.parameters.maker import NOT_CHECKED, ODRIVE, Line, Maker, csv_text, lines_of
+from feeddrive.export.parameters.quantities import (
+    SAFETY,
+    Cascade,
+    DriveTrain,
+    Lost,
+    drive_train,
+    kv_lines,
+    lost,
+    numbers,
+    read_cascade,
+)
 from feeddrive.export.parameters.sinumerik import SINUMERIK
 from feeddrive.export.parameters.twincat import TWINCAT
-from feeddrive.export.parameters.unsupported import Lost, lost
-from feeddrive.export.readme import readme
+from feeddrive.export.stock_pids import left_out, period, stock_law, stock_loop
 from feeddrive.files.atomic_io import new_directory
 from feeddrive.language import tree
 from feeddrive.language.errors import ParameterError
@@ -97,15 +104,15 @@ def write_parameters(
             files[f"{each}.txt"] = _text(head, lines, maker.comment, maker.key)
             parts.append(Part(maker.title, f"{each}.txt", warning, lines, missing))
         elif each == "linuxcnc":
-            lines, missing = linuxcnc.lines(cascade)
+            lines, missing = halcmd_lines(cascade)
             lines, missing = _in_paths(cascade.loop, lines), _in_paths(cascade.loop, missing)
             title = "LinuxCNC's pid, as lines of halcmd"
-            warning = _warning(stock_loop(cascade, stock_law(cascade, units=linuxcnc.UNITS)), cascade.loop)
+            warning = _warning(stock_loop(cascade, stock_law(cascade, units=STOCK_UNITS)), cascade.loop)
             head = [title, *warning, *_head(design, cascade, None)]
             files["linuxcnc.txt"] = _text(head, lines, "#", each)
             parts.append(Part(title, "linuxcnc.txt", warning, lines, missing))
         else:
-            files["parameters.csv"] = generic.csv_text(cascade, train, _head(design, cascade, train))
+            files["parameters.csv"] = csv_text(cascade, train, _head(design, cascade, train))
     files[MACHINE_FILE] = design.machine.file.text
     files["README.md"] = readme(
         "parameters.md.j2", design, head=_head(design, cascade, train), parts=parts,
@@ -177,3 +184,73 @@ def _warning(bare: Loop, whole: Loop) -> list[str]:
     return [
         f"UNSTABLE WITH THESE NUMBERS ALONE: {found.sentence()}.  Filters of the design are missing: see README.md."
     ]
+
+
+STOCK_UNITS = 1000.0  # machine units in a meter: mm
+_SOURCE = "LinuxCNC manual page pid(9); tested bit for bit against the component of LinuxCNC 2.9"
+_BIQUAD = "LinuxCNC manual page biquad(9); tested as the pids; it stands between two sum2, see the target linuxcnc-pid"
+_MEANINGS = {
+    "position.Pgain": ("1/s, that is (mm/s)/mm", "position gain", "control.law.Kv"),
+    "position.FF1": ("(mm/s)/(mm/s)", "share of the set velocity", "control.law.velocity_feedforward"),
+    "velocity.Pgain": ("output/(mm/s)", "velocity gain", "control.law.Kp"),
+    "velocity.Igain": ("output/mm", "velocity gain over integral time", "control.law.Kp / control.law.Tn"),
+    "velocity.FF0": ("output/(mm/s)", "what the law gives back of the viscous friction", "control.law.viscous"),
+    "velocity.maxoutput": ("output", "limit of the output", "control.force_limit"),
+}
+
+
+def halcmd_lines(cascade: Cascade) -> tuple[list[Line], list[Lost]]:
+    """The settings of two pids and what feeds their bias; zeros that are the default are left out."""
+    law = stock_law(cascade, units=STOCK_UNITS)
+    assert law.velocity is not None
+    found = list(_gains(cascade, "position", law.position)) + list(_gains(cascade, "velocity", law.velocity))
+    for name, value, unit, quantity in (
+        ("forward.gain0", law.acceleration_gain, "output/(mm/s^2)", "mass"),
+        ("forward.gain1", law.velocity_gain, "output/(mm/s)", "viscous"),
+    ):
+        if value:
+            meaning = f"gain of sum2 at velocity.bias: {quantity} that is fed forward"
+            si = f"{cascade.values[quantity] or 0.0!r} {'kg' if quantity == 'mass' else 'N s/m'}"
+            found.append(Line(name, f"{value:.9g}", unit, meaning, f"control.feedforward, {quantity}", si, _SOURCE))
+    if law.velocity.bias:
+        si = f"{cascade.values['weight']!r} N"
+        meaning = "offset of the same sum2: the weight of a hanging axis"
+        value = f"{law.velocity.bias:.9g}"
+        found.append(Line("forward.offset", value, "output", meaning, "control.guard.safe_force", si, _SOURCE))
+    for i, (block, design) in enumerate(zip(law.filters, cascade.loop.control.filters, strict=True)):
+        for name in COEFFICIENTS:
+            meaning = f"biquad {i}, type 0, at a period of {1e3 * period(cascade.loop):.6g} ms: {numbers(design)}"
+            value = getattr(block, name)
+            found.append(Line(f"filter{i}.{name}", f"{value:.17g}", "", meaning, f"control.filters.{i}", "", _BIQUAD))
+    output = f"The output is in {_unit(cascade)}; 1 of it is {float(law.force_per_output):.6g} N at the table."
+    found.insert(0, Line("", "", "", output, "", "", ""))
+    return found, list(left_out(cascade))
+
+
+def _gains(cascade: Cascade, name: str, pid: object) -> Iterator[Line]:
+    for gain in GAINS:
+        value, key = getattr(pid, gain), f"{name}.{gain}"
+        if value and key in _MEANINGS:
+            unit, meaning, path = _MEANINGS[key]
+            yield Line(key, f"{value:.9g}", unit, meaning, path, _si(cascade, path), _SOURCE)
+    yield Line(f"{name}.error-previous-target", "0", "bit", "error against the command of now", "", "", _SOURCE)
+
+
+def _si(cascade: Cascade, path: str) -> str:
+    """What stands in the machine file, in SI."""
+    values = {
+        "control.law.Kv": ("Kv", "1/s"),
+        "control.law.velocity_feedforward": ("velocity_feedforward", ""),
+        "control.law.Kp": ("Kp", "N s/m"),
+        "control.law.Kp / control.law.Tn": ("Kp/Tn", "N/m"),
+        "control.force_limit": ("force_limit", "N"),
+    }
+    if path == "control.law.viscous":
+        return f"{cascade.law.viscous!r} N s/m"
+    quantity, unit = values[path]
+    return f"{cascade.values[quantity]!r} {unit}".rstrip()
+
+
+def _unit(cascade: Cascade) -> str:
+    motor = cascade.loop.axis.actuator.motor
+    return "N" if motor is None else motor.unit

@@ -1,14 +1,18 @@
-"""The rows of a maker's file: which quantity is entered under which name, in which unit."""
+"""The rows of a maker's file: names and units; ODrive's, and the CSV for all others."""
 
 from __future__ import annotations
 
+import csv
+import io
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from feeddrive.blocks.families import Filter
-from feeddrive.export.parameters.quantities import QUANTITIES, Cascade, DriveTrain, at_shaft
-from feeddrive.export.parameters.unsupported import Lost
+from feeddrive.export.parameters.quantities import QUANTITIES, Cascade, DriveTrain, Lost, at_shaft
+from feeddrive.language import tree, units
+from feeddrive.language.block import Block, declarations
 
 NOT_CHECKED = "NOT CHECKED against a manual: name and unit are those in common use"
 
@@ -125,3 +129,125 @@ def filter_line(
     return Line(
         name, number(value, decimals), unit, meaning, path, f"{float(value)!r} {unit}".rstrip(), source or NOT_CHECKED
     )
+
+
+_SOURCE = "odriverobotics/ODrive, Firmware/MotorControl/controller.hpp (firmware 0.5), the units beside the fields"
+_NO_FILTER = "there is no filter between velocity controller and torque"
+_CONFIG = "odrv0.axis0.controller.config"
+
+ROWS = (
+    Row(f"{_CONFIG}.pos_gain", "Kv", "(turn/s)/turn", "1/s", "position gain", _SOURCE),
+    Row(f"{_CONFIG}.vel_gain", "Kp", "Nm/(turn/s)", "N m s/rev", "velocity gain", _SOURCE),
+    Row(f"{_CONFIG}.vel_integrator_gain", "Kp/Tn", "Nm/(turn/s * s)", "N m/rev", "Kp/Tn", _SOURCE),
+    Row(f"{_CONFIG}.vel_limit", "velocity_limit", "turn/s", "rev/s", "speed limit of the velocity command"),
+    Row("odrv0.axis0.motor.config.torque_lim", "force_limit", "Nm", "N m",
+        "torque limit; firmware 0.6: odrv0.axis0.config.torque_soft_max"),
+    Row(f"{_CONFIG}.inertia", "mass", "Nm/(turn/s^2)", "kg m2",
+        "inertia, used by the input modes that make an acceleration themselves", scale=2.0 * math.pi),
+)  # fmt: skip
+
+
+ODRIVE = Maker(
+    key="odrive",
+    title="ODrive, as commands of odrivetool",
+    comment="#",
+    rows=ROWS,
+    held=("force_limit",),
+    filters=lambda *_: Filtered(why=_NO_FILTER),
+    rotary=True,
+    outside={
+        "filters": (_NO_FILTER, ""),
+        "back_calculation": ("the integral leaks away while a limit acts", ""),
+        "inertia": (
+            "with input_mode PASSTHROUGH the torque that goes with an acceleration is the sender's: input_torque",
+            "send mass · acceleration, as a torque, with every setpoint",
+        ),
+        "viscous_feedforward": ("it is the sender's: input_torque", "send it with every setpoint"),
+        "half_sample": ("it is the sender's", "shift what is sent by half a period of the sender"),
+        "friction_feedforward": ("it is the sender's: input_torque", "send it with every setpoint"),
+        "velocity_limit": ("vel_limit bounds the command; vel_limit_tolerance times it trips", "check that factor"),
+        "following_error_limit": ("it watches the velocity only", ""),
+        "travel": ("it has no software end positions in this mode", "watch them where the setpoints are made"),
+        "broken_readings": ("encoder faults disarm it", ""),
+    },
+    notes=(
+        "turn: of the motor's shaft.  vel_integrator_gain is Kp/Tn, not 1/Tn; set it to 0 where there is no Tn.",
+        "Velocity feedforward is the sender's: send share times the set velocity as input_vel.",
+    ),
+    always=(
+        Lost(
+            "control.law.velocity_feedforward", "", "the set velocity is the sender's: input_vel",
+            "without it the following error is v/Kv",
+        ),
+        Lost(
+            "sample_time", "", "its loop runs at 8 kHz, the encoder is observed with encoder.config.bandwidth",
+            "that bandwidth is a delay in the velocity loop which this design does not know",
+        ),
+    ),
+)  # fmt: skip
+
+
+HEAD = ("name", "value", "unit", "meaning", "SI value", "SI unit")
+_MEANINGS = {
+    "Kv": "position gain: velocity per following error",
+    "Kp": "velocity gain: force or torque per velocity",
+    "Kp/Tn": "integral gain of the velocity loop",
+    "Tn": "integral time of the velocity loop",
+    "velocity_feedforward": "share of the set velocity that is fed forward",
+    "mass": "mass or inertia that is fed forward",
+    "viscous": "viscous friction that is fed forward",
+    "force_limit": "largest force or torque",
+    "following_error_limit": "following error that trips",
+    "velocity_limit": "speed that trips",
+    "travel_least": "lower end of the travel",
+    "travel_most": "upper end of the travel",
+    "weight": "force or torque that carries a hanging axis",
+    "lead": "table motion in one turn of the screw",
+    "gear": "turns of the motor in one turn of the screw",
+}
+_COMMON = {
+    "Kv": (("(m/min)/mm", "m_per_min_per_mm"),),
+    "Tn": (("ms", "ms"),),
+    "following_error_limit": (("mm", "mm"),),
+    "travel_least": (("mm", "mm"),),
+    "travel_most": (("mm", "mm"),),
+    "lead": (("mm", "mm"),),
+}
+_AT_SHAFT = {"velocity_limit": ("rpm",)}
+
+
+def csv_text(cascade: Cascade, train: DriveTrain | None, head: list[str]) -> str:
+    """The file: comment lines with `#`, then a head and a row for each number."""
+    out = io.StringIO()
+    for line in head:
+        out.write(f"# {line}".rstrip() + "\n")
+    writer = csv.writer(out, lineterminator="\n")
+    writer.writerow(HEAD)
+    linear = DriveTrain(None)
+    shaft = train if train is not None and train.rotary else None
+    for quantity, meaning in _MEANINGS.items():
+        kind = QUANTITIES[quantity]
+        place = shaft if shaft is not None and quantity in ("lead", "gear") else linear
+        value = at_shaft(cascade, place, quantity, kind.table)
+        if value is None:
+            continue
+        si = (repr(float(value)), kind.table)
+        writer.writerow([quantity, f"{value:.9g}", kind.table, meaning, *si])
+        for unit, measure in _COMMON.get(quantity, ()):
+            writer.writerow([quantity, f"{value / units.factor(measure, kind.table):.9g}", unit, meaning, *si])
+        if shaft is None or not kind.power:
+            continue
+        for unit in (kind.shaft, *_AT_SHAFT.get(quantity, ())):
+            turned = at_shaft(cascade, shaft, quantity, unit)
+            writer.writerow([f"{quantity} at the motor", f"{turned:.9g}", unit, meaning, *si])
+    for i, block in enumerate(cascade.loop.control.filters):
+        for name, value in tree.leaves(block):
+            unit, meaning = _declared(block, name)
+            label = f"filters.{i} {block.kind}.{name}"
+            writer.writerow([label, f"{value:.9g}", unit, meaning, repr(float(value)), unit])
+    return out.getvalue()
+
+
+def _declared(block: Block, name: str) -> tuple[str, str]:
+    declared = declarations(type(block))[name]
+    return declared.unit, declared.meaning

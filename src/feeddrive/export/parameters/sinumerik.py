@@ -9,7 +9,7 @@ from feeddrive.blocks.filter.low_pass2 import LowPass2
 from feeddrive.blocks.filter.notch import Notch
 from feeddrive.blocks.filter.second_order import SecondOrder
 from feeddrive.export.parameters.maker import Filtered, Line, Maker, Row, filter_line
-from feeddrive.export.parameters.unsupported import Lost
+from feeddrive.export.parameters.quantities import Lost
 
 _GAIN = "SINUMERIK 808D ADVANCED Parameter Manual, 08/2015, p. 234"
 _SETS = "SINUMERIK 840D sl/828D Basic Functions, 09/2011, G2, p. 378 (the name; the unit is that in common use)"

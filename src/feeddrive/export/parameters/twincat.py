@@ -10,7 +10,7 @@ from feeddrive.blocks.families import Filter
 from feeddrive.blocks.filter.low_pass import LowPass
 from feeddrive.blocks.filter.low_pass2 import LowPass2
 from feeddrive.export.parameters.maker import Filtered, Line, Maker, Row, filter_line
-from feeddrive.export.parameters.unsupported import Lost
+from feeddrive.export.parameters.quantities import Lost
 
 _NC = "Beckhoff Infosys, TF50x0 TC3 NC PTP, Position Control Loop (the name; the unit is NOT CHECKED)"
 _ADS = "Beckhoff Infosys, TC3 ADS, controller parameters (index group 0x6000 + ID)"

@@ -14,9 +14,18 @@ from typing import Protocol
 from feeddrive.export.identifiers import ascii_text
 from feeddrive.export.layout import Layout
 from feeddrive.export.layout_run import LayoutRun
-from feeddrive.export.structured_text.expressions import expression, literal
 from feeddrive.export.structured_text.statements import Assignment, Section
-from feeddrive.export.structured_text.units import INDENT, INPUTS, OUTPUTS, VARIABLES, Declared, Unit, plain
+from feeddrive.export.structured_text.units import (
+    INDENT,
+    INPUTS,
+    OUTPUTS,
+    VARIABLES,
+    Declared,
+    Unit,
+    expression,
+    literal,
+    plain,
+)
 from feeddrive.language.graph import Graph, arguments, reachable
 from feeddrive.loop.routine import Variable
 

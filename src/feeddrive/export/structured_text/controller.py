@@ -15,7 +15,6 @@ from dataclasses import dataclass
 from feeddrive.export.identifiers import ST_WORDS, bare, identifier
 from feeddrive.export.layout import Field, Layout
 from feeddrive.export.structured_text.configure import Fixed, configure, fixed
-from feeddrive.export.structured_text.expressions import decimal, literal
 from feeddrive.export.structured_text.functions import functions
 from feeddrive.export.structured_text.statements import Assignment, Section
 from feeddrive.export.structured_text.units import (
@@ -27,6 +26,8 @@ from feeddrive.export.structured_text.units import (
     Declared,
     Structure,
     Unit,
+    decimal,
+    literal,
 )
 from feeddrive.language.graph import Graph
 from feeddrive.language.naming import Name

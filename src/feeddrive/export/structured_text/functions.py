@@ -10,9 +10,8 @@ from collections.abc import Iterable
 from importlib import import_module
 
 from feeddrive.export.identifiers import ST_WORDS, bare, identifier
-from feeddrive.export.structured_text.expressions import HUGE, OWN, literal, own
 from feeddrive.export.structured_text.statements import Statements
-from feeddrive.export.structured_text.units import INPUTS, VARIABLES, Declared, Unit, huge
+from feeddrive.export.structured_text.units import HUGE, INPUTS, OWN, VARIABLES, Declared, Unit, huge, literal, own
 from feeddrive.language.graph import ELEMENTARY, Graph, reachable
 from feeddrive.language.matrix import SQUARINGS, TOO_LARGE
 

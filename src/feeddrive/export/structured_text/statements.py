@@ -13,8 +13,7 @@ from typing import cast
 
 from feeddrive.export.identifiers import ST_WORDS, bare, identifier
 from feeddrive.export.layout import word
-from feeddrive.export.structured_text.expressions import HUGE, decimal, expression, literal, own
-from feeddrive.export.structured_text.units import INDENT, Declared, huge
+from feeddrive.export.structured_text.units import HUGE, INDENT, Declared, decimal, expression, huge, literal, own
 from feeddrive.language.block import Block
 from feeddrive.language.errors import StructureError
 from feeddrive.language.graph import TRUTH, Graph, arguments

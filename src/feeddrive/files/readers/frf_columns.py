@@ -16,9 +16,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from feeddrive.files.columns import Columns, unit_of
-from feeddrive.files.messages import nearest
 from feeddrive.language import units
-from feeddrive.language.errors import LogError, ParameterError
+from feeddrive.language.errors import LogError, ParameterError, nearest
 
 _KINDS = {
     "re": ("real", "re", "r"), "im": ("imaginary", "imaginär", "imag", "im", "i"), "magnitude": (

@@ -7,10 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from feeddrive.identification.excitation.averaged import METHODS, averaged
 from feeddrive.identification.excitation.frequency_estimate import FrequencyEstimate
 from feeddrive.identification.excitation.impacts import find_blows, impacts
-from feeddrive.identification.excitation.local_polynomial import local_polynomial
+from feeddrive.identification.excitation.nonperiodic import METHODS, averaged, local_polynomial
 from feeddrive.identification.excitation.periodic import periodic
 from feeddrive.identification.excitation.record import Record, find_period, repeating
 from feeddrive.language.errors import LogError, ParameterError

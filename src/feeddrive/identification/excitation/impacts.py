@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from feeddrive.identification.excitation.frequency_estimate import FrequencyEstimate
-from feeddrive.identification.excitation.local_polynomial import local_rational
+from feeddrive.identification.excitation.nonperiodic import local_rational
 from feeddrive.identification.excitation.record import FEWEST, Record, saturation
 from feeddrive.language.errors import LogError
 from feeddrive.loop.frequency_response import FRF, coherence_of

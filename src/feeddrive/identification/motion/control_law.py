@@ -11,8 +11,7 @@ from feeddrive.blocks.controller.cascade_ppi import CascadePPI
 from feeddrive.blocks.signals import Reading, Setpoint
 from feeddrive.identification.estimate import NORMAL, Estimate, estimates_table
 from feeddrive.identification.motion.motion_log import MotionLog
-from feeddrive.identification.regression import errors, ols_covariance, robust_covariance
-from feeddrive.identification.traced_force import TracedForce
+from feeddrive.identification.regression import TracedForce, errors, ols_covariance, robust_covariance
 from feeddrive.language.block import Number
 from feeddrive.language.errors import NotIdentifiableError
 from feeddrive.language.table import Result, Table

@@ -17,9 +17,8 @@ from feeddrive.blocks.plant.rigid import Rigid
 from feeddrive.identification.estimate import TABLE
 from feeddrive.identification.motion.control_law import ControlFit, identify_control
 from feeddrive.identification.motion.delay import DelayFit, find_delay
-from feeddrive.identification.motion.motion_log import MotionLog
+from feeddrive.identification.motion.motion_log import HOLD, MotionLog, Preparation
 from feeddrive.identification.motion.output_error import Refinement, refine
-from feeddrive.identification.motion.preparation import HOLD, Preparation
 from feeddrive.identification.motion.rigid import RigidFit, identify_rigid
 from feeddrive.language import tree
 from feeddrive.language.errors import FeeddriveError

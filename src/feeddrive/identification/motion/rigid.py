@@ -12,8 +12,7 @@ from feeddrive.blocks.friction.coulomb import Coulomb
 from feeddrive.blocks.friction.directional import Directional
 from feeddrive.blocks.plant.rigid import Rigid
 from feeddrive.identification.estimate import TABLE, Estimate, Frame, estimates_table, lever, require_table
-from feeddrive.identification.motion.motion_log import MotionLog
-from feeddrive.identification.motion.preparation import Preparation, Prepared, prepare
+from feeddrive.identification.motion.motion_log import MotionLog, Preparation, Prepared, prepare
 from feeddrive.identification.regression import (
     Residuals,
     Validation,
@@ -22,8 +21,8 @@ from feeddrive.identification.regression import (
     information,
     ols_covariance,
     robust_covariance,
+    steady_curve,
 )
-from feeddrive.identification.traced_force import steady_curve
 from feeddrive.language.errors import NotIdentifiableError, ParameterError
 from feeddrive.language.table import Result, Table
 

@@ -15,8 +15,16 @@ from feeddrive.blocks.plant.mode import Mode
 from feeddrive.blocks.plant.two_mass import TwoMass
 from feeddrive.identification.response.agreement import beyond
 from feeddrive.identification.response.modal_fit import ModalFit, fit_modes
-from feeddrive.identification.response.plant_fit import PlantFit, Task, finished, solve, with_derived
-from feeddrive.identification.response.traced_plant import DRIVE, SensorLines, TracedPlant
+from feeddrive.identification.response.plant_fit import (
+    DRIVE,
+    PlantFit,
+    SensorLines,
+    Task,
+    TracedPlant,
+    finished,
+    solve,
+    with_derived,
+)
 from feeddrive.identification.response.units import ResponseUnits, taken
 from feeddrive.language import tree
 from feeddrive.language.errors import NotIdentifiableError, ParameterError, WrongSignError

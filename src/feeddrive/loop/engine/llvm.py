@@ -11,8 +11,7 @@ from collections.abc import Callable
 
 from feeddrive.language.graph import ELEMENTARY, arguments
 from feeddrive.language.primitives import MIX, STRIDES
-from feeddrive.loop.engine.lazy_branches import Branch, lazy_branches
-from feeddrive.loop.engine.plan import Plan
+from feeddrive.loop.engine.plan import Branch, Plan, lazy_branches
 
 _BINARY = {"add": "fadd", "sub": "fsub", "mul": "fmul", "div": "fdiv"}
 _COMPARE = {"lt": "olt", "le": "ole", "eq": "oeq"}

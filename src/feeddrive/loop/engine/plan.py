@@ -1,15 +1,60 @@
-"""The plan that a code printer works from: lowered graph, memory order, and the kind of each node."""
+"""The plan that a code printer works from: lowered graph, memory order, kinds of nodes, lazy branches.
+
+Operations needed by one branch of a `select` only: a single run computes them only when that branch is taken.
+
+Both branches of `where` are pure, so a value that is not selected need not be computed; this changes no bit.  It pays
+where an expensive branch is rarely taken, such as the exponential of Stribeck friction, which is negligible at high
+speed.  Cheap branches are always computed: a mispredicted branch costs about twenty operations.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
+from typing import Any, NamedTuple
 
+from feeddrive.language import mathematics, ops
 from feeddrive.language.errors import StructureError
-from feeddrive.language.graph import Graph, arguments, reachable
-from feeddrive.loop.engine.classify import Kinds, classify
-from feeddrive.loop.engine.lower import lower
+from feeddrive.language.graph import ELEMENTARY, TRUTH, Graph, Symbol, arguments, reachable, rebuilt
 from feeddrive.loop.trace import Carried, Program
+
+
+class Kinds(NamedTuple):
+    """For every node, in order: does it change from sample to sample, from lane to lane, is it a truth value?"""
+
+    moving: list[bool]
+    varying: list[bool]
+    truth: list[bool]
+
+
+def classify(
+    graph: Graph, moving: Collection[int], varying: Collection[int], carried: Collection[tuple[int, int]]
+) -> Kinds:
+    """Kinds of all nodes.
+
+    moving   nodes that are given at each sample (inputs, the sample index)
+    varying  leaves that differ between lanes (constants, states that start differently)
+    carried  (before, after) of the states; a state varies as soon as its next value does
+    """
+    before = {b for b, _ in carried}
+    varying = set(varying)
+    while True:
+        kinds = _pass(graph, set(moving) | before, varying)
+        more = {b for b, a in carried if kinds.varying[a]} - varying
+        if not more:
+            return kinds
+        varying |= more
+
+
+def _pass(graph: Graph, moving: set[int], varying: set[int]) -> Kinds:
+    kinds = Kinds([], [], [])
+    for index, node in enumerate(graph.nodes):
+        inner = arguments(node)
+        kinds.moving.append(index in moving or any(kinds.moving[i] for i in inner))
+        kinds.varying.append(index in varying or any(kinds.varying[i] for i in inner))
+        selected = node[0] == "select" and kinds.truth[node[2]]
+        kinds.truth.append(node[0] in TRUTH or node[0] == "truth" or selected)
+    return kinds
 
 
 @dataclass(frozen=True)
@@ -126,3 +171,113 @@ def reads_first(graph: Graph, needed: Collection[int]) -> dict[int, list[int]]:
                 raise StructureError("a ring is written twice from one state: write to what the first write returned")
             writes[node[1]] = index
     return {write: reads.get(state, []) for state, write in writes.items()}
+
+
+# How numbers are computed, a choice of the run:
+#   exact  own elementary functions, every operation rounded by itself: the same bits everywhere (default)
+#   libm   the elementary functions of the system's library
+#   fma    own functions, and a·b + c may be rounded once: other last bits on other machines
+ARITHMETIC = ("exact", "libm", "fma")
+
+
+def lower(graph: Graph, roots: Sequence[int], arithmetic: str) -> tuple[Graph, dict[int, int]]:
+    """The graph below the roots in the operations that printers know, and where each old node went."""
+    return rebuilt(graph, roots, lambda made, name, values: composed(made, name, values, arithmetic))
+
+
+def composed(graph: Graph, name: str, values: list[Symbol], arithmetic: str) -> Any:
+    """One operation on symbols, in plain arithmetic where a printer has no word for it."""
+    if name in ELEMENTARY and arithmetic != "libm":
+        return getattr(mathematics, name)(*values)
+    if name == "quantise":
+        x, step = values
+        return step * ops.floor(x / step + 0.5)
+    if name == "gather":
+        row, place = values
+        return graph.apply("gather", row, _inside(place, graph.nodes[row.index][2]))
+    if name in ("get", "put"):
+        ring, place, *value = values
+        return graph.apply(name, ring, _inside(place, graph.nodes[graph.origin(ring.index)][2]), *value)
+    return graph.apply(name, *values)
+
+
+def _inside(place: Symbol, length: int) -> Symbol:
+    """A place that is one of the memory, whatever the number is."""
+    held = ops.clip(place, 0.0, float(length - 1))
+    return ops.where(ops.equal(held, held), held, 0.0)
+
+
+LEAST_COST = 32  # in additions; a polynomial of one quarter of the sine's period is below it
+_COSTS = {"input": 0, "div": 10, "sqrt": 10, "uniform": 30, "gather": 5} | dict.fromkeys(ELEMENTARY, 40)
+
+
+class Branch(NamedTuple):
+    """One branch of a `select` node: 1 for true, 2 for false."""
+
+    select: int
+    branch: int
+
+
+def lazy_branches(plan: Plan) -> dict[Branch, list[int]]:
+    """The operations that belong to each branch, in order; an inner branch keeps its own."""
+    places = _places(plan)
+    costs: dict[Branch, int] = {}
+    nodes = plan.graph.nodes
+    for index, place in sorted(places.items()):
+        for branch in (
+            Branch(index, 1),
+            Branch(index, 2),
+        ):  # inner choices come first: their cost counts for the outer one
+            if place is not None and branch in costs:
+                costs[place] = costs.get(place, 0) + costs[branch]
+        if place is not None:
+            costs[place] = costs.get(place, 0) + _COSTS.get(nodes[index][0], 1)
+    kept = {branch for branch, cost in costs.items() if cost >= LEAST_COST}
+    found: dict[Branch, list[int]] = {branch: [] for branch in kept}
+    for index in plan.order:
+        place = places.get(index)
+        while place is not None and place not in kept:
+            place = places[place.select]
+        if place is not None:
+            found[place].append(index)
+    return found
+
+
+def _places(plan: Plan) -> dict[int, Branch | None]:
+    """For each operation the innermost branch that alone needs it; None where the loop itself does."""
+    nodes, moving = plan.graph.nodes, plan.kinds.moving
+    needs: dict[int, list[Branch | None]] = {node: [None] for _, node in plan.outputs}
+    for state in plan.states:
+        needs.setdefault(state.after, []).append(None)
+    for index in plan.order:
+        if nodes[index][0] in ("get", "put"):
+            needs.setdefault(index, []).append(None)
+    places: dict[int, Branch | None] = {}
+    for index in reversed(plan.order):
+        if not moving[index]:
+            continue
+        # what reads or writes a ring has its place in the order of these
+        places[index] = None if nodes[index][0] in ("get", "put") else _common(needs[index], places)
+        inner = arguments(nodes[index])
+        for position, argument in enumerate(inner):
+            chosen = nodes[index][0] == "select" and position > 0 and inner[1] != inner[2]
+            needs.setdefault(argument, []).append(Branch(index, position) if chosen else places[index])
+    return places
+
+
+def _common(branches: list[Branch | None], places: dict[int, Branch | None]) -> Branch | None:
+    """The innermost branch around all of some branches."""
+    around = _around(branches[0], places)
+    for branch in branches[1:]:
+        others = _around(branch, places)
+        around = [one for one in around if one in others]
+    return around[0] if around else None
+
+
+def _around(branch: Branch | None, places: dict[int, Branch | None]) -> list[Branch]:
+    """A branch and all branches around it, from the inside out."""
+    found: list[Branch] = []
+    while branch is not None:
+        found.append(branch)
+        branch = places[branch.select]
+    return found

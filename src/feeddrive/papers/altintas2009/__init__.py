@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from feeddrive.language.progress import Progress
 from feeddrive.papers.altintas2009.equations import equations
-from feeddrive.papers.altintas2009.motion import motion
 from feeddrive.papers.altintas2009.recovery import estimation, machine_modes
-from feeddrive.papers.altintas2009.rigidity import delays, rigidity
+from feeddrive.papers.altintas2009.rigidity import delays, motion, rigidity
 from feeddrive.papers.altintas2009.testbed import PLANT
 from feeddrive.papers.claims import Experiment
 

@@ -27,7 +27,7 @@ from feeddrive.papers.altintas2009.testbed import (
 )
 from feeddrive.papers.claims import Claim
 from feeddrive.plot.curves import pole_sweep
-from feeddrive.report.content import Shown
+from feeddrive.report.page import Shown
 
 R = T / MASS
 # r2 and r4 of the pole map, as they grow: r4 faster than r2

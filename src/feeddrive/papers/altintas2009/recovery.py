@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from feeddrive import plot
-from feeddrive.analysis.observe import Observation, observe
+from feeddrive.analysis.replay import Observation, observe
 from feeddrive.blocks.compensation.machine_mode import MachineMode
 from feeddrive.blocks.compensation.mode_compensation import ModeCompensation
 from feeddrive.blocks.controller.dadsc import DADSC
@@ -27,7 +27,7 @@ from feeddrive.loop.simulate import Run, simulate
 from feeddrive.papers.altintas2009.testbed import MASS, PLANT, REST, VISCOUS, T, dadsc, loop, milling
 from feeddrive.papers.claims import Claim
 from feeddrive.plot.curves import Row, curves
-from feeddrive.report.content import Shown
+from feeddrive.report.page import Shown
 
 RATE, DURATION, SKIP = 300.0, 0.6, 2000
 RESOLUTION = 1e-8

@@ -14,11 +14,11 @@ from feeddrive.language.progress import Progress
 from feeddrive.language.table import Table
 from feeddrive.loop.linearize import compliance
 from feeddrive.loop.simulate import Run
-from feeddrive.papers.beltran2013 import limits, mill
+from feeddrive.papers.beltran2013 import mill
 from feeddrive.papers.beltran2013.mill import AXES, Case, disturbances, loop
 from feeddrive.papers.claims import Claim, Experiment
 from feeddrive.plot import curves as draw
-from feeddrive.report.content import Shown
+from feeddrive.report.page import Shown
 
 WITHOUT = Case("estimate not used", share=0.0)
 LINEAR = Case("estimate subtracted, linear reference")
@@ -66,7 +66,7 @@ def beltran2013(progress: Progress) -> Experiment:
     progress.step("long legs")
     long = mill.errors(mill.run(dataclasses.replace(LINEAR, leg=0.080))["y"])
     progress.step("sine tests")
-    sines = {n: np.array([limits.sine_test(f, n) for f in SINES]) for n in STATES}
+    sines = {n: np.array([mill.sine_test(f, n) for f in SINES]) for n in STATES}
     progress.step("limits")
     claims = (
         *_cut_claims(cutter, turned),
@@ -185,14 +185,14 @@ def _table_claims(
 
 
 def _limit_claims(sines: Mapping[int, np.ndarray]) -> list[Claim]:
-    least, most = limits.gain_limits()
-    first, kept = limits.sample_time_limit("first_order"), limits.sample_time_limit("zero_order")
+    least, most = mill.gain_limits()
+    first, kept = mill.sample_time_limit("first_order"), mill.sample_time_limit("zero_order")
     at_teeth, at_peak = SINES.index(60.0), SINES.index(144.0)
-    expected = {n: np.abs(limits.left_over(limits.observer_of(n), np.array(SINES))) for n in sines}
+    expected = {n: np.abs(mill.left_over(mill.observer_of(n), np.array(SINES))) for n in sines}
     # at 10 and 20 Hz five states leave less over than half a sample of the staircase
     seen = [np.abs(each[2:, 0]) / expected[n][2:] - 1.0 for n, each in sines.items()]
     frequency = np.geomspace(5.0, 500.0, 4001)
-    peaks = {n: float(np.max(np.abs(limits.left_over(limits.observer_of(n), frequency)))) for n in (1, 3)}
+    peaks = {n: float(np.max(np.abs(mill.left_over(mill.observer_of(n), frequency)))) for n in (1, 3)}
     rule = "200 N sine on x in the running loop at 10 kHz, without dry friction"
     return [
         Claim("3.r", "Least true over believed input gain with a stable loop", "x at 10 kHz, poles of the whole loop",
@@ -200,9 +200,9 @@ def _limit_claims(sines: Mapping[int, np.ndarray]) -> list[Claim]:
         Claim("3.s", "Largest true over believed input gain with a stable loop", "x at 10 kHz, poles of the whole loop",
               most, 1.99, 2.03, expected="2.01"),
         Claim("3.t", "Noise of the estimate over noise of the reading at 0.1 ms", "white noise, observer alone",
-              1e-6 * limits.noise_gain(1e-4), 1.07, 1.09, "1/µs²", "1.08"),
+              1e-6 * mill.noise_gain(1e-4), 1.07, 1.09, "1/µs²", "1.08"),
         Claim("3.u", "The same at 0.5 ms", "white noise, observer alone",
-              1e-6 * limits.noise_gain(5e-4), 1.8, 2.0, "1/µs²", "1.9"),
+              1e-6 * mill.noise_gain(5e-4), 1.8, 2.0, "1/µs²", "1.9"),
         Claim("3.v", "Longest sample time with first-order hold of the reading", "rigid axis, law and observer",
               1e3 * first, 2.55, 2.61, "ms", "2.58 ms"),
         Claim("3.w", "Longest sample time with the reading kept", "rigid axis, law and observer",
@@ -235,7 +235,7 @@ def _frequency_table(sines: Mapping[int, np.ndarray]) -> Table:
     heads = ["Hz"]
     columns: list[np.ndarray] = []
     for n, each in sines.items():
-        h = limits.left_over(limits.observer_of(n), np.array(SINES))
+        h = mill.left_over(mill.observer_of(n), np.array(SINES))
         heads += [f"|1-H|, {n} state{'s' if n > 1 else ''}", "measured", "|H|", "measured"]
         columns += [np.abs(h), np.abs(each[:, 0]), np.abs(1.0 - h), np.abs(1.0 - each[:, 0])]
     rows = [[f"{f:g}", *(f"{column[i]:.3g}" for column in columns)] for i, f in enumerate(SINES)]
@@ -331,7 +331,7 @@ def _disturbance(runs: Mapping[str, Run]) -> Any:
 
 
 def _left_over(sines: Mapping[int, tuple[np.ndarray, np.ndarray]]) -> Any:
-    curves = {_name(n): (FREQUENCY, np.abs(limits.left_over(limits.observer_of(n), FREQUENCY))) for n in STATES}
+    curves = {_name(n): (FREQUENCY, np.abs(mill.left_over(mill.observer_of(n), FREQUENCY))) for n in STATES}
     return draw.left_over(curves, {_name(n): sines[n] for n in sines}, "left over (1)", TEETH)
 
 

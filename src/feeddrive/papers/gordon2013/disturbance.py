@@ -41,7 +41,7 @@ from feeddrive.papers.gordon2013.testbed import (
     with_prefilter,
 )
 from feeddrive.plot import style
-from feeddrive.report.content import Shown
+from feeddrive.report.page import Shown
 
 SMOOTH = Regularised(coulomb=70.0, breakaway=110.0, stribeck_velocity=4e-3, transition_velocity=2e-4)
 SET_VALUED = Stribeck(coulomb=70.0, breakaway=110.0, stribeck_velocity=4e-3)

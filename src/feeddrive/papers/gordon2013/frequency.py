@@ -39,7 +39,7 @@ from feeddrive.papers.gordon2013.testbed import (
     with_prefilter,
 )
 from feeddrive.plot import style
-from feeddrive.report.content import Shown
+from feeddrive.report.page import Shown
 from feeddrive.tuning.trajectory_prefilter import tune_prefilter
 
 LINES = np.geomspace(0.5, 10_000.0, 4000)

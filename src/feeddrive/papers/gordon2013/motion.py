@@ -36,7 +36,7 @@ from feeddrive.papers.gordon2013.testbed import (
     with_prefilter,
 )
 from feeddrive.plot import style
-from feeddrive.report.content import Shown
+from feeddrive.report.page import Shown
 
 CUT = 0.5  # s, when the rope is cut: the table has settled under it
 SETTLED = 0.5e-6  # m

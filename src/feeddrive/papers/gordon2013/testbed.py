@@ -18,7 +18,7 @@ from feeddrive.language.table import Table
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import Run, simulate
 from feeddrive.papers.claims import Claim
-from feeddrive.report.content import Shown
+from feeddrive.report.page import Shown
 from feeddrive.tuning.trajectory_prefilter import PrefilterFit, tune_prefilter
 
 MODEL = TwoMass(

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from feeddrive.language.progress import Progress
 from feeddrive.papers.claims import Experiment
-from feeddrive.papers.wu2017.contouring import contouring
-from feeddrive.papers.wu2017.learning import learning, signals
+from feeddrive.papers.wu2017.learning import contouring, learning, signals
 from feeddrive.papers.wu2017.rates import rates
 from feeddrive.papers.wu2017.testbed import PLANT
 

@@ -10,7 +10,7 @@ import numpy as np
 from feeddrive.plot import style
 from feeddrive.plot.curves import Row, curves
 from feeddrive.plot.tuning import errors_and_parameters
-from feeddrive.report.content import Shown
+from feeddrive.report.page import Shown
 from feeddrive.tuning.trials import Trials
 
 RADIUS = 0.02  # m

@@ -25,7 +25,7 @@ from feeddrive.papers.wu2017.testbed import (
     move,
     table_axis,
 )
-from feeddrive.report.content import Shown
+from feeddrive.report.page import Shown
 from feeddrive.tuning.error_model import filtered, true_error_model
 from feeddrive.tuning.iterative_feedforward import compensated, compensator, next_iteration, regressors
 from feeddrive.tuning.trial import simulated_trial

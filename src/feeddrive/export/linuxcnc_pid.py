@@ -11,12 +11,9 @@ from feeddrive.blocks.controller.stock_pid import StockPid
 from feeddrive.export.design import MACHINE_FILE, Design, require_alone
 from feeddrive.export.identifiers import HAL_LENGTH
 from feeddrive.export.linuxcnc import component
-from feeddrive.export.linuxcnc_pid.comparison import Difference, difference, require_stable_pids
-from feeddrive.export.linuxcnc_pid.mapping import left_out, stock_law, stock_loop
-from feeddrive.export.manifest import FILE, manifest_text
-from feeddrive.export.parameters.quantities import SAFETY, Cascade, kv_lines, read_cascade
-from feeddrive.export.parameters.unsupported import Lost, numbers
-from feeddrive.export.readme import readme
+from feeddrive.export.manifest import FILE, manifest_text, readme
+from feeddrive.export.parameters.quantities import SAFETY, Cascade, Lost, kv_lines, numbers, read_cascade
+from feeddrive.export.stock_pids import Difference, difference, left_out, require_stable_pids, stock_law, stock_loop
 from feeddrive.files.atomic_io import new_directory
 from feeddrive.language.block import declarations
 from feeddrive.language.errors import ParameterError

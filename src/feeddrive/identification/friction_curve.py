@@ -16,9 +16,8 @@ from feeddrive.blocks.friction.directional import Directional
 from feeddrive.blocks.friction.directional_stribeck import DirectionalStribeck
 from feeddrive.blocks.friction.stribeck import Stribeck
 from feeddrive.identification.estimate import SHAFT, Estimate, Frame, estimates_table, require_table
-from feeddrive.identification.regression import errors, information, likely_memory
-from feeddrive.identification.steady_runs.steady_runs import SteadyRuns
-from feeddrive.identification.traced_force import TracedForce, steady_curve
+from feeddrive.identification.regression import TracedForce, errors, information, likely_memory, steady_curve
+from feeddrive.identification.steady_runs import SteadyRuns
 from feeddrive.language import tree
 from feeddrive.language.errors import NotIdentifiableError, ParameterError
 from feeddrive.language.table import Result, Table

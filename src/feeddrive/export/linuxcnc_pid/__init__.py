@@ -1,1 +1,0 @@
-"""The target `linuxcnc-pid`: a P-PI design realized with the stock pid components of LinuxCNC."""

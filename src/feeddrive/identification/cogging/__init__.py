@@ -1,1 +1,0 @@
-"""Identification of cogging: from force over position to the harmonics of the cogging force."""

@@ -1,1 +1,0 @@
-"""Identification from constant-speed runs: a friction curve."""
