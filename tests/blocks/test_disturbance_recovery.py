@@ -205,6 +205,28 @@ def test_a_log_that_begins_in_motion_is_no_blow(observer: Observer) -> None:
     np.testing.assert_allclose(seen.disturbance, drag, atol=0.01)
 
 
+@pytest.mark.parametrize(
+    ("held", "cancelled", "samples"), [(True, False, 1.5), (False, False, 1.0), (True, True, 1.0), (False, True, 0.5)]
+)
+def test_how_late_a_ramp_comes_depends_on_how_it_acts_and_on_the_motor(
+    *, held: bool, cancelled: bool, samples: float
+) -> None:
+    """1000 N/s on 40 kg at 0.2 ms in closed form; `lag` is that of a held force beside a motor force that stands."""
+    T, slope, mass = 2e-4, 1000.0, 40.0
+    force = slope * T * np.arange(400)
+    motor = -force if cancelled else np.zeros(400)
+    # per sample: what stands over it, and what rises in it (velocity slope T²/2m, way slope T³/6m)
+    rising = 0.0 if held else slope
+    push = (force + motor) / mass
+    velocity = np.concatenate([[0.0], np.cumsum(push * T + 0.5 * rising * T * T / mass)])
+    moved = velocity[:-1] * T + 0.5 * push * T * T + rising * T**3 / (6.0 * mass)
+    position = np.concatenate([[0.0], np.cumsum(moved)])[:400]
+    seen = observe(DisturbanceRecovery(mass=mass, form="exact"), position, motor, T)
+    late = (force - seen.disturbance)[-1] / slope
+    assert late == pytest.approx(samples * T, abs=1e-3 * T)  # rounding of the double difference: 1e-12 m m/T² = 1e-3 N
+    assert seen.lag == pytest.approx(1.5 * T, rel=1e-12)
+
+
 def test_an_observation_shows_itself() -> None:
     found = run(np.full(500, 150.0))
     seen = observe(EXACT, found["reading_load"], found["force"], T)

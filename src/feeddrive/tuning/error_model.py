@@ -42,7 +42,8 @@ def error_model(
     C comes from the linear model of the control itself, so from the lines that are simulated, for any law.
     Raises UnstableError, with the nearest mass that is admissible, for a model loop that is not stable; UnstableError
     for a controller without a stable inverse; ParameterError for another form and for a law with a slow part.
-    Source: Wu, Han, Xiong & Ding 2017, sections 2 and 3; the discrete form by the sampled loop.
+    Source: Wu, Han, Xiong & Ding 2017, eq. (1)-(10), where the text at hand ends; the three forms of Ĝ_d, the
+    model-free inverse among them, and the sampled form are this library's.
     """
     if form not in FORMS:
         raise ParameterError(f"form = {form!r} must be one of {', '.join(FORMS)}")

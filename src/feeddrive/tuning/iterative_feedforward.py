@@ -172,7 +172,8 @@ def next_iteration(
     wrong Ĝ_d, which further trials remove.
     Raises LogError for a trial without information (saturated, too short, no column excited) or whose clock is not the
     controller's, ParameterError for values out of bounds, UnstableError for a model loop that is not stable.
-    Source: Wu, Han, Xiong & Ding 2017, section 3.
+    Source: Wu, Han, Xiong & Ding 2017, section 3: parameters from the error of a trial.  The text at hand ends at
+    eq. (10): Ĝ_d, the scaled and damped step, its bounds, frozen columns and standard errors are this library's.
     """
     _check(loop, trial, gamma, mu, saturation)
     block = compensator(loop)

@@ -71,7 +71,8 @@ def convergence(
     The other arguments are those of `iterate`.  Friction is taken as fed forward along the set velocity, so that a
     slip of the real velocity is left out.
     Raises UnstableError for a model loop that is not stable, and ParameterError for a column that is 0 all along.
-    Source: Wu, Han, Xiong & Ding 2017, section 3.
+    Source: this library's, for the step of `iterate`; the text of Wu, Han, Xiong & Ding 2017 at hand ends at
+    eq. (10) and states no rate.
     """
     T = float(loop.sample_time)
     setpoint = reference.at(np.arange(samples(reference.duration, T)) * T)

@@ -31,7 +31,7 @@ class ActiveDisturbanceRejection(Law):
     amplifies (see `GpiObserver`).
     At the paper's gains the loop is stable for a true mass of 0.50 to 1.34 times `mass`: when in doubt, set `mass` too
     large.  The poles lie where `omega_c` places them only if the observer is about ten times faster.
-    Source: Beltrán-Carbajal et al. 2013, eqs. (9)-(11), torque over a = lead / 2π as a force.
+    Source: Beltrán-Carbajal et al. 2013, eqs. (9)-(12), torque over a = lead / 2π as a force.
     Raises ParameterError for gains with which the loop on a rigid axis of this mass is not stable.
     """
 

@@ -21,14 +21,14 @@ class DADSC(Law):
         F_m(k) = m x_r''(k) + m K s(k) - F̂d(k) + b x'(k) + m λ e_v(k)                            (4)
         F̂d(k)  = F̂d(k-1) - g1 s(k) + g2 s(k-1)                                                   (5)
 
-    From (2) and (4) follows Q s(k) = s(k-1) + (T/m) (F̂d(k) - F_d(k)) with Q = 1 + K T.  The paper leaves g1 and g2
-    free; here the third design frequency sets them,
+    From (2) and (4) follows Q s(k) = s(k-1) + (T/m) (F̂d(k) - F_d(k)) with Q = 1 + K T.  The paper sets
+    g2 = g1/Q and leaves g1 free; here the third design frequency sets it, and a ratio keeps the general g2,
 
         g1 = m Q ω_d,   g2 = adaptation_ratio · g1/Q
 
-    and with a ratio of 1 the estimate no longer depends on s: F_d - F̂d falls by 1/(1 + ω_d T) from sample to sample.
-    The poles of the ideal loop, the denominator of the corrected (8), are then 1/(1 + λT), 1/(1 + KT), 1/(1 + ω_d T):
-    real for all positive frequencies.  The law is thus a PID with k_d = m (λ + K + ω_d), k_i = m λ K ω_d.
+    With the paper's ratio of 1 the estimate does not depend on s: F_d - F̂d falls by 1/(1 + ω_d T) each sample.  The
+    poles of the ideal loop, the denominator of the corrected (8), are then 1/(1 + λT), 1/(1 + KT), 1/(1 + ω_d T): real
+    for all positive frequencies.  The law is thus a PID with k_d = m (λ + K + ω_d), k_i = m λ K ω_d.
 
     What the implementation adds to the paper: x' is the backward difference, and x_r' is differenced likewise; x_r'' is
     taken in the middle of the sample over which the force acts; the force cut off by the limit in the last sample goes

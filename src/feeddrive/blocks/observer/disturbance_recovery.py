@@ -38,8 +38,11 @@ class DisturbanceRecovery(Observer):
         one_pole     F(k) = α F(k-1) + (1 - α) F̂d(k),   α = e^(-2π frequency T), in place of the law's Q/(Q + g1 T/m)
         butterworth  second order, by Tustin with prewarping
 
-    It is a double difference: a resolution q becomes √6 m (q/√12)/T² of noise before the filter.  It comes late by
-    1.5 T and by the delay of its filter, about √2/(2π frequency) of the second order; `lag` says how much exactly.
+    It is a double difference: a resolution q becomes √6 m (q/√12)/T² of noise before the filter.  `lag` says by how
+    much a force that is held over each sample comes late while the motor's stands: 1.5 T and the delay of the filter,
+    about √2/(2π frequency) of the second order.  A force that rises evenly within the samples comes T late.  Each is
+    T/2 less under a law that cancels the force: F_m(k-1) then is newer than the mean over the two samples that the
+    double difference sees.
     When to use: under any law, to see a cutting force or to reject it.  When not: with a mode of the axis inside the
     filter's band; and with a coarse encoder take `KalmanRecovery`.
     Source: Altintas & Okwudire 2009, section 3, from eq. (6); the second-order filter is this library's choice.
@@ -119,7 +122,10 @@ class DisturbanceRecovery(Observer):
         return state._replace(filter=(retuned(state.filter[0], old_prepared.section[0], prepared.section[0]),))
 
     def lag(self, prepared: Prepared, T: Number) -> Number:
-        """1.5 T of the double difference, and of the filter α/(1 - α) T or the slope of its phase at 0 Hz."""
+        """That of a held force beside a motor force that stands, in s; other forces come up to T earlier.
+
+        1.5 T of the double difference, and of the filter α/(1 - α) T or the slope of its phase at 0 Hz.
+        """
         samples: Any = 1.5
         if prepared.pole:
             samples = samples + prepared.pole[0] / (1.0 - prepared.pole[0])

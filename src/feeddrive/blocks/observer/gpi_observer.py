@@ -36,7 +36,7 @@ class GpiObserver(Observer):
     near omega_o or above it.  The estimate there has the wrong size and phase, and subtracting it makes things worse:
     4 times at 1.3 omega_o with 5 states, 2.6 times with 3, 1.4 times with one.  Nor with a mode of the axis near it.
     `hold = "zero_order"` keeps the reading instead, for comparison: it allows a fifteenth of the sample time.
-    Source: Beltrán-Carbajal et al. 2013, eqs. (12)-(18); the sampled form is ours.
+    Source: Beltrán-Carbajal et al. 2013, eqs. (13)-(18); the sampled form is ours.
     Raises ParameterError for an omega_o too fast for the sample time.
     """
 
