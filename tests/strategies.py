@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 
 from feeddrive.blocks.catalogue import catalogue
 from feeddrive.language import tree
-from feeddrive.language.block import Block, Declaration, declarations, may_be_absent
+from feeddrive.language.block import Block, declarations, may_be_absent
+from feeddrive.language.declaration import Declaration
 from feeddrive.language.errors import FeeddriveError
 
 # Magnitudes that occur in feed drives, by unit; the declared bounds cut them.

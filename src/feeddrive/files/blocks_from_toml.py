@@ -28,7 +28,8 @@ import numpy as np
 from feeddrive.blocks.catalogue import RENAMED, catalogue
 from feeddrive.files.toml_file import Section
 from feeddrive.language import units
-from feeddrive.language.block import Block, Declaration, checked, declarations
+from feeddrive.language.block import Block, checked, declarations
+from feeddrive.language.declaration import Declaration
 from feeddrive.language.errors import ParameterError, StructureError, nearest, shown
 
 Choice: TypeAlias = Any  # the type of a choice: int, str, bool, float, tuple[...] or a union of them

@@ -7,7 +7,8 @@ from collections.abc import Iterator
 from typing import Any
 
 from feeddrive.files.blocks_from_toml import Hint, hints
-from feeddrive.language.block import Block, Declaration, declarations
+from feeddrive.language.block import Block, declarations
+from feeddrive.language.declaration import Declaration
 from feeddrive.language.errors import StructureError
 
 _COMMENTS = 34  # column at which comments begin

@@ -20,7 +20,8 @@ from feeddrive.blocks.machine_families import Coupling
 from feeddrive.files.atomic_io import write_whole
 from feeddrive.files.blocks_from_toml import Hint, defaults, hints, members, options_of_type
 from feeddrive.files.columns import ROLES
-from feeddrive.language.block import Block, Declaration, declarations
+from feeddrive.language.block import Block, declarations
+from feeddrive.language.declaration import Declaration
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.control import Control
 from feeddrive.loop.loop import Loop

@@ -17,7 +17,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from feeddrive.language.block import Block, Declaration
+from feeddrive.language.block import Block
+from feeddrive.language.declaration import Declaration
 from feeddrive.language.graph import Graph, reachable
 from feeddrive.language.naming import Name
 from feeddrive.loop.loop import Loop

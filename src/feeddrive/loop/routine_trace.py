@@ -13,7 +13,8 @@ import numpy as np
 from feeddrive.blocks.machine_families import Coupling
 from feeddrive.blocks.signals import Motion, Noise, Setpoint
 from feeddrive.language import ops, tree
-from feeddrive.language.block import Block, Declaration, Number, Rule, label, part
+from feeddrive.language.block import Block, Number, Rule, label, part
+from feeddrive.language.declaration import Declaration
 from feeddrive.language.errors import StructureError
 from feeddrive.language.graph import Graph, Symbol, reachable
 from feeddrive.language.naming import Name, Names

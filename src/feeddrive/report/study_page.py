@@ -7,7 +7,7 @@ from typing import Any
 
 from feeddrive.analysis.replay import Replay
 from feeddrive.language import tree
-from feeddrive.language.block import Declaration
+from feeddrive.language.declaration import Declaration
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.table import Table, shown
 from feeddrive.report import sentences

@@ -22,7 +22,8 @@ from feeddrive.export.c.header import comment, header, mark
 from feeddrive.export.c.statements import FUNCTIONS, Body, expression, helpers, number, wrapped
 from feeddrive.export.identifiers import ascii_text, bare
 from feeddrive.export.layout import Layout
-from feeddrive.language.block import LARGEST, Block
+from feeddrive.language.block import Block
+from feeddrive.language.declaration import LARGEST
 from feeddrive.language.graph import reachable
 from feeddrive.loop.routine import Routine, Variable, off_outputs
 

@@ -14,7 +14,7 @@ from xml.etree.ElementTree import Element, SubElement
 
 from feeddrive.export.c.statements import number
 from feeddrive.export.identifiers import ascii_text
-from feeddrive.language.block import Declaration
+from feeddrive.language.declaration import Declaration
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.units import measure
 from feeddrive.loop.guard import TRIPS
