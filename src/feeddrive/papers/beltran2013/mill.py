@@ -56,7 +56,7 @@ class Case:
 
     gain      true over believed input gain, a M̂ / (a M)
     friction  "tanh", or "set" for Coulomb friction with a true standstill
-    chip      "constant", or "actual" if it is what tool and table really did over the last tooth period
+    chip      "actual": what tool and table really did over the last tooth period; "constant" as in the paper's table
     opposite  the second leg of the cut runs towards -x, as far as y feels it
     """
 
@@ -68,7 +68,7 @@ class Case:
     gain: float = 1.0
     resolution: float | None = None
     friction: str = "tanh"
-    chip: str = "constant"
+    chip: str = "actual"
     leg: float = LEG
     opposite: bool = False
 
@@ -151,6 +151,7 @@ def machine(case: Case, *, dry: bool = True) -> Machine:
 def run(case: Case, *, cut: bool = True, dry: bool = True) -> dict[str, Run]:
     """Three axes along their legs in one run, from rest; by axis."""
     loads = {axis: cutting(axis, case) for axis in AXES} if cut and case.chip == "constant" else None
+    case = case if cut else dataclasses.replace(case, chip="constant")
     found = simulate(
         machine(case, dry=dry), legs(case.reference, case.leg), load=loads, start=dict.fromkeys(AXES, (0.0, 0.0))
     )
