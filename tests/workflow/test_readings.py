@@ -16,6 +16,7 @@ from feeddrive.loop.frequency_response import FRF
 from feeddrive.workflow.channels import channels
 from feeddrive.workflow.cogging import cogging
 from feeddrive.workflow.command import Outcome
+from feeddrive.workflow.force import force
 from feeddrive.workflow.frf import frf
 from feeddrive.workflow.friction import friction
 from feeddrive.workflow.identify import identify
@@ -215,3 +216,44 @@ def test_a_frequency_response_without_heads_is_named_as_one(tmp_path: Path) -> N
     assert "head its columns f_Hz,re,im" in refused(path, tmp_path)
     told = {"time": "column_1", "position": "column_2", "force": "column_3"}
     assert "its columns are headed f_Hz,re,im" in refused(path, tmp_path, **told)
+
+
+@pytest.mark.parametrize(("signal", "given", "role", "size"), [
+    ("percent", {"rated": "3.2:Nm"}, "torque", 0.032),
+    ("percent", {"rated": "3.2:Nm", "lead": 0.01, "gear": 2.0}, "force", 0.032 * 2.0 * np.pi * 2.0 / 0.01),
+    ("per-mille", {"rated": "850:N"}, "force", 0.85),
+    ("percent", {"rated": "5.6:A", "torque_constant": 0.5}, "torque", 0.028),
+    ("A", {"motor_constant": 35.15}, "force", 35.15),
+    ("A", {"torque_constant": 0.5, "amplitude": True}, "torque", 0.5 / np.sqrt(2.0)),
+    ("V", {"at_full": "300:percent", "rated": "320:N cm"}, "torque", 3.0 * 3.2 / 10.0),
+    ("pid.output", {"full": 2000.0, "at_full": "12:A", "torque_constant": 0.5}, "torque", 0.003),
+    ("N m", {"lead": 0.01, "inverted": True}, "force", -2.0 * np.pi / 0.01),
+])  # fmt: skip
+def test_from_data_sheets_to_newtons(signal: str, given: dict[str, Any], role: str, size: float) -> None:
+    """By hand: torque = signal x rated / 100, force = torque 2 pi gear / lead."""
+    found = force(signal, column="trq", **given)
+    assert (found.role, found.factor) == (role, pytest.approx(size, rel=1e-12))
+
+
+@pytest.mark.parametrize(("signal", "given", "said"), [
+    ("percent", {}, "--rated is missing"), ("A", {}, "--torque-constant"), ("V", {}, "--at-full is missing"),
+    ("V", {"at_full": "300:percent"}, "--rated is missing"), ("percent", {"rated": "3.2"}, "unit must be one of"),
+    ("percent", {"rated": "x:Nm"}, "must be a number and a unit"), ("percent", {"rated": "-1:Nm"}, "must be > 0"),
+    ("kg", {}, "must be one of"), ("A", {"torque_constant": 1.0, "motor_constant": 1.0}, "give one"),
+    ("N", {"lead": 0.01}, "a force already"), ("A", {"motor_constant": 35.0, "lead": 0.01}, "a force already"),
+])  # fmt: skip
+def test_a_datum_that_is_missing_is_named(signal: str, given: dict[str, Any], said: str) -> None:
+    with pytest.raises(ParameterError, match=said):
+        force(signal, **given)
+
+
+def test_the_line_that_force_writes_makes_newtons_of_percent(tmp_path: Path) -> None:
+    """The axis of 95 kg, its force logged in percent of 3.2 N m at a screw of 10 mm."""
+    t, _, x, f = signals()
+    force("percent", column="trq", rated="3.2:Nm", lead=0.01, out=tmp_path / "line.toml")
+    line = (tmp_path / "line.toml").read_text(encoding="utf-8")
+    path = written(tmp_path, "t,pos_m,trq", t, x, f / (3.2 / 100.0 * 2.0 * np.pi / 0.01))
+    roles = tmp_path / "roles.toml"
+    roles.write_text(f"[log]\nfile = 'log.csv'\n{line}time = 't'\nposition_load = 'pos_m'\n", encoding="utf-8")
+    # 0.3 %: a disturbance of 0.5 N
+    assert identify(path, channels=roles).rigid["mass"].value == pytest.approx(95.1089, rel=3e-3)

@@ -11,6 +11,7 @@ from feeddrive.workflow.compare import compare as compare
 from feeddrive.workflow.cosimulate import cosimulate as cosimulate
 from feeddrive.workflow.excite import excite as excite
 from feeddrive.workflow.export import export as export
+from feeddrive.workflow.force import force as force
 from feeddrive.workflow.frf import frf as frf
 from feeddrive.workflow.friction import friction as friction
 from feeddrive.workflow.identify import identify as identify

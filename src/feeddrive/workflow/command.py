@@ -156,6 +156,10 @@ COMMANDS: dict[str, tuple[str, str]] = {
         "channels",
         "Guess which column of a log is what, and write it as a short TOML to correct and give with --channels.",
     ),
+    "force": (
+        "force",
+        "Find the factor from percent, A, V or pid.output to N or N m by data sheets; print the line that says so.",
+    ),
     "friction": (
         "friction",
         "Find the friction curve in runs of constant speed: models compared by evidence, parameters with errors.",

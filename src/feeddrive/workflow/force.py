@@ -1,0 +1,173 @@
+"""`feeddrive force`: from what a drive logs or is commanded (percent, A, V, `pid.output`) to N, or N m.
+
+torque = signal · (rated torque / 100 | torque constant | value at full output / full output)
+force  = torque / r,   r = lead / (2π gear)
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+from feeddrive.files.atomic_io import write_whole
+from feeddrive.files.columns import unit_of
+from feeddrive.identification.estimate import lever
+from feeddrive.language import units
+from feeddrive.language.errors import ParameterError
+from feeddrive.language.progress import Progress
+from feeddrive.language.table import Result, Table
+from feeddrive.workflow.command import Outcome, command
+from feeddrive.workflow.request import Request, argument, option
+
+SIGNALS = ("percent", "per-mille", "A", "V", "pid.output", "N m", "N")
+
+
+class ForceRequest(Request):
+    """What a column holds, and what the data sheets of motor, drive and screw say."""
+
+    signal: str = argument(f"What the column is in: {', '.join(SIGNALS[:-1])} or {SIGNALS[-1]}")
+    column: str = option("its name in the log", default="signal")
+    rated: str | None = option("what 100 % is, as 3.2:Nm or 850:N or, of a current, 5.6:A", default=None)
+    torque_constant: float | None = option(
+        "of the motor, for each A that is logged", unit="N m/A", above=0.0, default=None
+    )
+    motor_constant: float | None = option(
+        "of a linear motor, for each A that is logged", unit="N/A", above=0.0, default=None
+    )
+    amplitude: bool = option("the log has the amplitude of the current, and the constant is for A RMS", default=False)
+    full: float = option(
+        "the command at full output: 10 for ±10 V, pwmgen.scale for pid.output", above=0.0, default=10.0
+    )
+    at_full: str | None = option("what the drive gives then, as 12:A, 9.6:Nm, 300:percent or 2500:N", default=None)
+    lead: float | None = option("of the screw, for a force at the table", unit="m", above=0.0, default=None)
+    gear: float = option("turns of the motor in one turn of the screw", default=1.0, above=0.0)
+    inverted: bool = option("a positive signal pushes towards smaller positions", default=False)
+    out: Path | None = option("File for the lines (TOML), as --channels takes it", short="-o", default=None)
+
+    def check(self) -> None:
+        """Raise ParameterError for a signal that is none, and for constants that exclude each other."""
+        if self.signal not in SIGNALS:
+            raise ParameterError(f"signal = '{self.signal}' must be one of {', '.join(SIGNALS)}")
+        if self.torque_constant is not None and self.motor_constant is not None:
+            raise ParameterError("--torque-constant is of a rotary motor, --motor-constant of a linear one: give one")
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ForceScale(Result):
+    """By what a column is multiplied to be a force in N at the table, or a torque in N m at the motor.
+
+    steps   how it came about: what, and how much of it for one of the signal
+    """
+
+    column: str
+    role: str
+    unit: str
+    factor: float
+    steps: tuple[tuple[str, float, str], ...]
+
+    def table(self) -> Table:
+        """The chain."""
+        rows = [[what, f"{value:.6g}", unit] for what, value, unit in self.steps]
+        title = f"1 of '{self.column}' is {self.factor:.6g} {self.unit}"
+        return Table(title, ["step", "for 1 of the signal", "unit"], rows)
+
+    def line(self) -> str:
+        """Of a file for --channels."""
+        return f"{self.role} = {{ column = {json.dumps(self.column, ensure_ascii=False)}, factor = {self.factor!r} }}"
+
+    def option(self) -> str:
+        """Of the command line."""
+        return f"--{self.role} '{self.column}*{self.factor!r}'"
+
+
+@command(ForceRequest)
+def force(request: ForceRequest, progress: Progress) -> Outcome[ForceScale]:
+    """Find the factor from percent, A, V or pid.output to N or N m by data sheets; print the line that says so.
+
+    Raises ParameterError for a datum that is missing, with which one.
+    """
+    progress.step("computing")
+    found = scale(request)
+    section = f"[log.channels]\n{found.line()}\n"
+    remarks = _remarks(request, found)
+    files: dict[str, str | Path] = {}
+    if request.out is not None:
+        write_whole(request.out, section)
+        files["Written"] = request.out
+    verdict = f"On the command line: {found.option()}"
+    return Outcome(found, [found.table()], remarks, verdict, section=section, files=files)
+
+
+def scale(request: ForceRequest) -> ForceScale:
+    """The chain from one of the signal to N or N m. Raises ParameterError for what is missing."""
+    steps: list[tuple[str, float, str]] = []
+    value, unit = 1.0, request.signal
+    if unit in ("percent", "per-mille"):
+        parts = 100.0 if unit == "percent" else 1000.0
+        rated, unit = _size("--rated", request.rated, f"what 100 % is ('{request.signal}' of what?)")
+        value = rated / parts
+        steps.append((f"rated {rated:g} {unit} / {parts:g}", value, unit))
+    elif unit in ("V", "pid.output"):
+        most, unit = _size("--at-full", request.at_full, f"what the drive gives at {request.full:g} {request.signal}")
+        value = most / request.full
+        steps.append((f"{most:g} {unit} at {request.full:g} {request.signal}", value, unit))
+        if unit == "percent":
+            rated, unit = _size("--rated", request.rated, "what 100 % is")
+            value *= rated / 100.0
+            steps.append((f"rated {rated:g} {unit} / 100", value, unit))
+    if unit == "A":
+        constant, of = request.torque_constant or request.motor_constant, "N m" if request.torque_constant else "N"
+        if constant is None:
+            raise ParameterError(
+                "a current needs the constant of the motor: --torque-constant (N m/A), or --motor-constant (N/A) of a "
+                "linear motor"
+            )
+        if request.amplitude:
+            value /= math.sqrt(2.0)
+            steps.append(("amplitude / √2 is RMS", value, "A"))
+        value, unit = value * constant, of
+        steps.append((f"constant {constant:g} {of}/A", value, unit))
+    if unit == "N m" and request.lead is not None:
+        value, unit = value / lever(request.lead, request.gear), "N"
+        steps.append((f"lead {1e3 * request.lead:g} mm, gear {request.gear:g}", value, unit))
+    elif unit == "N" and request.lead is not None:
+        raise ParameterError("--lead turns a torque into a force, and this is a force already: leave it out")
+    if request.inverted:
+        value = -value
+        steps.append(("inverted", value, unit))
+    steps = steps or [(f"as it is, in {unit}", value, unit)]
+    return ForceScale(request.column, "force" if unit == "N" else "torque", unit, units.decimal(value), tuple(steps))
+
+
+def _size(flag: str, text: str | None, what: str) -> tuple[float, str]:
+    """`3.2:Nm` as number and unit: N m, N, A or percent. Raises ParameterError."""
+    if text is None:
+        raise ParameterError(f"{flag} is missing: {what}; as {flag} {'12:A' if flag == '--at-full' else '3.2:Nm'}")
+    number, _, given = text.partition(":")
+    try:
+        value, unit = float(number), unit_of(given) or ""
+    except ValueError:
+        raise ParameterError(f"{flag} {text}: must be a number and a unit, as 3.2:Nm or 850:N") from None
+    if not (math.isfinite(value) and value > 0.0):
+        raise ParameterError(f"{flag} {text}: must be > 0")
+    for known in ("N m", "N", "A", *(("percent",) if flag == "--at-full" else ())):
+        try:
+            return value * units.factor(unit, known), known
+        except ParameterError:
+            continue
+    raise ParameterError(f"{flag} {text}: the unit must be one of a torque, a force or a current, as Nm, N or A")
+
+
+def _remarks(request: ForceRequest, found: ForceScale) -> list[str]:
+    """What a person cannot see in the factor."""
+    said: list[str] = []
+    if any("constant" in step for step, _, _ in found.steps) and not request.amplitude:
+        said.append("Constants of catalogues are for A RMS; many drives log the amplitude, √2 times that: --amplitude.")
+    if found.unit == "N m":
+        said.append("It is a torque at the motor; --lead of the screw in m makes it a force at the table.")
+    if request.signal == "pid.output":
+        said.append("pid.output is what HAL sends on: it is full where the scale of the output pin (pwmgen, DAC) says.")
+    said.append("Friction and efficiency of the screw are not in it: they belong to the friction that identify finds.")
+    return said
