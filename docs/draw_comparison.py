@@ -1,17 +1,20 @@
 """Runs the comparisons for docs/laws/comparison.md: tables as Markdown on the output, pictures into docs/images.
 
-python docs/draw_comparison.py
+python docs/draw_comparison.py [KEPT]     KEPT: a directory in which finished laws are kept, to go on after a stop
 """
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 
+from feeddrive.comparison import pictures
 from feeddrive.comparison.compare import Comparison, compare_laws
 from feeddrive.comparison.figures import CRITERIA
 from feeddrive.comparison.report import figure
 from feeddrive.files.machine import read_machine
 from feeddrive.loop.runner import cores
+from feeddrive.tuning.candidates import PLAIN
 
 IMAGES = Path(__file__).parent / "images"
 AXES = (("linear_motor", "x"), ("ball_screw", "x"), ("mill", "x"))
@@ -19,24 +22,37 @@ AXES = (("linear_motor", "x"), ("ball_screw", "x"), ("mill", "x"))
 
 def markdown(found: Comparison) -> str:
     """One row a law: robustness and all figures."""
-    heads = ["law", "Ms", "delay margin", "held back by", *(f"{c.head} {c.unit}" for c in CRITERIA)]
+    heads = [
+        "law",
+        "Ms",
+        "delay margin",
+        "noise N/nm",
+        "held back by",
+        *(f"{c.head} {c.unit}" for c in CRITERIA),
+        "rank",
+    ]
     lines = ["| " + " | ".join(heads) + " |", "|" + "---|" * len(heads)]
     for each in found.competitors:
         cells = [each.name, f"{each.figures['sensitivity_peak']:.2f}", f"{each.figures['delay_margin_samples']:.1f}"]
-        cells.append(each.held_by)
+        cells += [f"{1e-9 * each.figures['noise_gain_N_per_m']:.3g}", each.held_by]
         for criterion in CRITERIA:
             value = each.figures.get(criterion.key)
             cells.append("–" if value is None else figure(value, criterion))
+        cells.append(each.unplaced or str(found.places(CRITERIA[0])[found.competitors.index(each)]))
         lines.append("| " + " | ".join(cells) + " |")
     return "\n".join(lines)
 
 
 def main() -> None:
     """All axes."""
+    keep = Path(sys.argv[1]) if len(sys.argv) > 1 else None
     for machine, axis in AXES:
-        found = compare_laws(read_machine(machine), axis, workers=cores())
-        found.plot().savefig(IMAGES / f"comparison_{machine}.svg", metadata={"Date": None})
-        print(f"\n## {found.title}\n\n{markdown(found)}\n")
+        place = None if keep is None else keep / machine
+        found = compare_laws(read_machine(machine), axis, workers=cores(), keep=place)
+        found.plot().savefig(IMAGES / f"tradeoff_{machine}.svg", metadata={"Date": None})
+        drawn = pictures.ratios([(each.name, each.figures) for each in found.competitors], PLAIN)
+        drawn.savefig(IMAGES / f"comparison_{machine}.svg", metadata={"Date": None})
+        print(f"\n## {found.title}\n\n{found.rule}\n\n{markdown(found)}\n")
         for each in found.competitors:
             if each.tuned is not None:
                 print(

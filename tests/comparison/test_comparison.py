@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,14 +12,22 @@ import numpy as np
 import pytest
 
 from feeddrive.analysis.stability import stability
+from feeddrive.blocks.catalogue import imported
+from feeddrive.blocks.compensation.machine_mode import MachineMode
+from feeddrive.blocks.compensation.mode_compensation import ModeCompensation
+from feeddrive.blocks.families import Law
+from feeddrive.blocks.feedforward.disturbance_compensator import DisturbanceCompensator
+from feeddrive.blocks.observer.disturbance_recovery import DisturbanceRecovery
 from feeddrive.blocks.reference.snap_limited_move import SnapLimitedMove
 from feeddrive.comparison.compare import PLAIN, TODAY, Comparison, compare_laws
 from feeddrive.comparison.figures import CRITERIA, Criterion, duty_of, ranks
-from feeddrive.comparison.report import write_comparison
+from feeddrive.comparison.report import figures_csv, write_comparison
 from feeddrive.files.machine import MachineFile, read_machine
 from feeddrive.language import tree
-from feeddrive.language.errors import ParameterError
+from feeddrive.language.errors import CancelledError, ParameterError
+from feeddrive.language.progress import Progress
 from feeddrive.loop.loop import Loop
+from feeddrive.tuning.candidates import candidates
 
 SHORT = SnapLimitedMove(
     distance=0.02, velocity=0.2, acceleration=5.0, jerk=400.0, snap=4e4, back=True, dwell_before=0.5, dwell_after=0.2
@@ -56,15 +65,19 @@ def test_all_others_keep_the_rule_and_prove_it(found: Comparison) -> None:
         assert each.tuned is not None
         assert each.figures["sensitivity_peak"] <= 2.0005, each.name
         assert each.figures["delay_margin_samples"] >= 1.999, each.name
-        assert each.held_by == "Ms", each.name
+        assert each.figures["noise_gain_N_per_m"] <= 1.0505 * found[PLAIN].figures["noise_gain_N_per_m"], each.name
+        assert each.held_by == ("force noise" if each.name == "DADSC" else "Ms"), each.name
         assert all(line.holds for line in each.tuned.proof), (each.name, each.tuned.proof)
 
 
 def test_dadsc_loses_to_the_cascade_at_equal_robustness_and_the_report_says_so(found: Comparison) -> None:
-    """0.90 against 1.04 nm √s/N: both are PIDs, and the cascade has the better zeros."""
+    """0.90 against 1.43 nm √s/N: both are PIDs, and the cascade has the better zeros.
+
+    With Ms and delay margin alone DADSC has 1.04 and a fifth more noise; the bound takes its gains back to Ms 1.79.
+    """
     cascade, dadsc = (found[name].figures["rope_snap_ISE_root_m_per_N"] for name in (PLAIN, "DADSC"))
     assert 1e9 * cascade == pytest.approx(0.90, abs=0.005)
-    assert 1e9 * dadsc == pytest.approx(1.04, abs=0.005)
+    assert 1e9 * dadsc == pytest.approx(1.43, abs=0.01)
     said = next(remark for remark in found.remarks if remark.startswith("'DADSC' loses"))
     assert "rope snap ISE" in said.partition("; wins")[0]
 
@@ -156,6 +169,139 @@ def test_the_pictures_are_drawn(found: Comparison) -> None:
     assert "P-PI" in str(found)
     assert found.to_pandas().shape[0] == len(found.competitors)
     assert found.ranking().rows[0][0] == TODAY
+
+
+def test_a_comparison_goes_on_where_it_was_stopped(tmp_path: Path) -> None:
+    """Stopped after P-PI, which is then not searched again; the end is that of one never stopped, to the bit."""
+
+    class Stopping(Progress):
+        def show_step(self, what: str, done: int | None, of: int | None, part: str) -> None:
+            told.append((what, done, of))
+            if what.startswith("DADSC") and not whole:
+                self.cancel()
+
+    told: list[tuple[str, int | None, int | None]] = []
+    whole = False
+    asked = {"laws": ["DADSC"], "reference": SHORT, "starts": 1, "keep": tmp_path / "kept"}
+    with pytest.raises(CancelledError):
+        compare_laws(read_machine("linear_motor"), progress=Stopping(), **asked)
+    assert [path.name for path in (tmp_path / "kept").iterdir()] == ["p_pi.json"]
+    whole = True
+    told.clear()
+    again = compare_laws(read_machine("linear_motor"), progress=Stopping(), **asked)
+    assert next(what for what, _, _ in told if what.startswith("P-PI: ")) == "P-PI: as it was kept"
+    # the bar moves within a law, never back, and to its end
+    parts = [done / of for _, done, of in told if done is not None and of]
+    assert len(parts) > 8
+    assert parts == sorted(parts)
+    assert parts[-1] == 1.0
+    never = compare_laws(read_machine("linear_motor"), laws=["DADSC"], reference=SHORT, starts=1)
+    assert [each.figures for each in again.competitors] == [each.figures for each in never.competitors]
+    assert again.remarks == never.remarks
+    # what somebody has changed, or what was kept of other work, is not taken
+    path = tmp_path / "kept" / "p_pi.json"
+    kept = json.loads(path.read_text(encoding="utf-8"))
+    path.write_text(json.dumps(kept | {"of": "of something else"}), encoding="utf-8")
+    told.clear()
+    compare_laws(read_machine("linear_motor"), progress=Stopping(), **(asked | {"laws": []}))
+    assert "P-PI: as it was kept" not in [what for what, _, _ in told]
+
+
+OWN = '''
+from typing import NamedTuple
+from feeddrive.blocks.families import Law
+from feeddrive.language.block import parameter
+
+
+class HandWheel(Law):
+    """Position feedback against a differenced velocity, with an integral."""
+
+    Kv: float = parameter("1/s", "position gain", above=0)
+    Kp: float = parameter("N s/m", "velocity gain", above=0)
+    Ki: float = parameter("N/(m s)", "integral gain", above=0)
+
+    class State(NamedTuple):
+        position: float
+        integral: float
+
+    def start(self, prepared, setpoint, reading):
+        return self.State(reading.position_load, reading.applied)
+
+    def step(self, prepared, state, setpoint, reading, T):
+        error = setpoint.position - reading.position_load
+        velocity = (reading.position_load - state.position) / T
+        integral = state.integral + self.Ki * T * error
+        return self.State(reading.position_load, integral), self.Kp * (self.Kv * error - velocity) + integral
+'''
+
+
+def test_a_law_of_ones_own_by_package_and_class(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Code is run that the command line names, and what is no law is refused with what it lacks."""
+    (tmp_path / "my_own_laws.py").write_text(OWN, encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", [*sys.path])
+    law = imported(Law, "my_own_laws:HandWheel")
+    found = compare_laws(read_machine("linear_motor"), laws=[law], reference=SHORT, starts=1)
+    assert [each.name for each in found.competitors] == [TODAY, PLAIN, "hand wheel"]
+    assert found["hand wheel"].figures["noise_gain_N_per_m"] is not None
+    for place, why in (
+        ("my_own_laws:Nothing", "there is no class 'Nothing'"),
+        ("no_such_package:Law", "cannot be imported"),
+        ("pathlib:Path", "must derive from Law"),
+        ("feeddrive.blocks.families:Law", "it lacks start, step"),
+    ):
+        with pytest.raises(ParameterError, match=why):
+            imported(Law, place)
+
+
+def test_what_is_tried_beside_a_law() -> None:
+    """Recovery in three forms, the compensator as told and as learned; modes only where the machine file has one."""
+    loop = read_machine("linear_motor").loop("x")
+    made, refused = candidates(loop)
+    names = {each.name for each in made}
+    forms = ("recovery", "Kalman recovery", "GPI recovery", "compensator", "learned compensator")
+    assert {f"P-PI + {form}" for form in forms} <= names
+    assert {"GPI, 1 Taylor state", "GPI, 3 Taylor states", "GPI, 5 Taylor states"} <= names
+    assert "states no mode" in {each.name: each.reason for each in refused}["P-PI + mode compensation"]
+    mode = MachineMode(frequency=30.0, stiffness=2e7)
+    observer = DisturbanceRecovery(mass=40.0, viscous=60.0, frequency=50.0, delay_samples=2)
+    control = replace(loop.control, compensation=(ModeCompensation(modes=(mode,), observer=observer),))
+    found = {each.name: each for each in candidates(replace(loop, control=control))[0]}
+    row = found["P-PI + mode compensation"]
+    assert row.loop.control.compensation[0].modes == (mode,)
+    assert row.like == PLAIN  # tuned for the table it would be tuned away
+
+
+def test_the_learned_compensator_learns_the_friction_of_the_axis() -> None:
+    """xy_table: 120 kg, 95/80 N at speed and 35/50 more at rest, the levels lie between."""
+    found = compare_laws(read_machine("xy_table"), "x", laws=["P-PI + learned compensator"], starts=1)
+    learned, plain = found["P-PI + learned compensator"], found[PLAIN]
+    block = learned.loop.control.feedforward[0]
+    assert isinstance(block, DisturbanceCompensator)
+    assert block.mass == pytest.approx(120.0, rel=0.05)
+    assert 95.0 <= block.coulomb_positive <= 130.0
+    assert 80.0 <= block.coulomb_negative <= 130.0
+    assert learned.figures["tracking_error_rms_m"] < 0.7 * plain.figures["tracking_error_rms_m"]
+
+
+def test_what_breaks_the_rule_is_shown_and_not_placed() -> None:
+    found = compare_laws(with_law(read_machine("linear_motor"), Kp=1.2e5), reference=SHORT, starts=1, laws=())
+    first = found.competitors[0]
+    assert "Ms" in first.outside
+    assert found.ranking().rows[0][1].startswith("outside of the rule")
+    assert all(found.places(criterion)[0] is None for criterion in CRITERIA)
+
+
+def test_stiffness_at_10_and_100_Hz_stands_beside_the_rope_snap_everywhere(found: Comparison) -> None:
+    keys = ("rope_snap_ISE_root_m_per_N", "stiffness_10_Hz_N_per_m", "stiffness_100_Hz_N_per_m")
+    assert tuple(criterion.key for criterion in CRITERIA[:3]) == keys
+    assert {"ISE^1/2", "10 Hz", "100 Hz"} <= set(found.table().heads)
+    assert set(keys) <= set(figures_csv(found).splitlines()[0].split(","))
+    for each in found.competitors:
+        frequency = np.array([10.0])
+        assert each.model is not None
+        there = each.model.closed.response(frequency, "position_load", "load_force").magnitude[0]
+        assert each.figures["stiffness_10_Hz_N_per_m"] == pytest.approx(1.0 / there)
 
 
 @pytest.mark.slow(reason="all laws are tuned on whole machines")

@@ -57,7 +57,7 @@ BARS = Limits(2.0, delay_margin_samples=2.0)
 
 
 def tuned(loop: Loop, limits: Limits = BARS, **asked: Any) -> Tuned:
-    return tune_control(loop, limits=limits, filters="kept", **asked)
+    return tune_control(loop, limits=limits, filters="kept", **({"starts": 1} | asked))
 
 
 def with_dadsc(loop: Loop) -> Loop:
@@ -67,7 +67,7 @@ def with_dadsc(loop: Loop) -> Loop:
 
 def test_the_cascade_and_dadsc_on_a_rigid_drive_at_equal_robustness(motor: Loop) -> None:
     """0.90 and 1.04 nm √s/N at two samples of dead time, as computed before this project began, to their digits."""
-    cascade, dadsc = tuned(motor), tuned(with_dadsc(motor))
+    cascade, dadsc = tuned(motor, starts=2), tuned(with_dadsc(motor), starts=2)
     assert 1e9 * cascade.after[0].rope_snap == pytest.approx(0.90, abs=0.005)
     assert 1e9 * dadsc.after[0].rope_snap == pytest.approx(1.04, abs=0.005)
     for found in (cascade, dadsc):
@@ -177,7 +177,7 @@ def test_laws_that_do_not_fit_are_refused_with_the_reason(motor: Loop, screw: Lo
     modal = Modal(mass=100.0, modes=(Mode(frequency=100.0, mass=20.0, motor=1.0, load=-1.0),))
     with pytest.raises(StructureError, match="take two_mass"):
         two_mass_model(modal)
-    assert not candidates(screw)[1]
+    assert {each.name.partition(" + ")[2] for each in candidates(screw)[1]} == {"mode compensation"}
 
 
 def test_nothing_is_fed_forward_twice_and_the_filters_stay(screw: Loop) -> None:

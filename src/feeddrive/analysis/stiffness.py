@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -208,6 +209,12 @@ def force_noise(model: StateSpace, motor: float, load: float, *, shared: bool = 
     into, through = B @ scales, D @ scales
     P = summed(model.A, np.outer(model.C[row], model.C[row]))
     return float(np.sqrt(max(np.trace(into.T @ P @ into), 0.0) + np.sum(through * through)))
+
+
+def reading_deviation(encoder: Any) -> float:
+    """Standard deviation in m of an encoder's reading: that of its counts, q/√12, and its noise; 0 without either."""
+    resolution = getattr(encoder, "resolution", None) or 0.0
+    return math.hypot(resolution / math.sqrt(12.0), getattr(encoder, "noise", None) or 0.0)
 
 
 def force_noise_weights(frequency: np.ndarray, T: float) -> np.ndarray:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping
 from dataclasses import MISSING, dataclass
-from typing import Any, Protocol, TypeVar
+from typing import Any, NamedTuple, Protocol, TypeVar
 
 from feeddrive.language import ops
 from feeddrive.language.block import Block, Number, declarations
@@ -43,6 +43,8 @@ class AxisModel:
     encoders           how many positions the controller reads, 1 or 2
     velocity_encoder   the encoder of the velocity, as in the present control
     plant, frictions   its blocks, for a law whose model of the axis is more than one mass
+    reading_noise      m, standard deviation of the velocity encoder's reading, counts included; 0 if none is stated
+    machine_modes      modes of the machine beside the axis, as the present control states them
     """
 
     mass: float
@@ -53,6 +55,8 @@ class AxisModel:
     velocity_encoder: str
     plant: Any
     frictions: tuple[SteadyForce, ...]
+    reading_noise: float = 0.0
+    machine_modes: tuple[Any, ...] = ()
 
     @property
     def rate(self) -> float:
@@ -72,6 +76,35 @@ class AxisModel:
         """The model in words."""
         late = f", a command to act after {self.delay_samples} samples" if self.delay_samples else ""
         return f"designed for an axis of {self.mass:.6g} kg and {self.viscous:.6g} N s/m{late}"
+
+
+class Start(NamedTuple):
+    """Start values of the search for a law's parameters on an axis.
+
+    name         of the law in a comparison
+    remark       a note for the report
+    feedforward  feedforward to be used with the law in place of that of the present control
+    """
+
+    name: str
+    law: Any
+    remark: str = ""
+    feedforward: Any = None
+
+
+class Beside(NamedTuple):
+    """A form of a compensation beside a law, as a comparison tries it.
+
+    name   of the form in a comparison
+    block  the compensation; None if this form does not go on the axis
+    said   what must be known of it, or why it does not go
+    tuned  whether its tunables are searched with those of the law; else the law's tuning is taken over
+    """
+
+    name: str
+    block: Any
+    said: str = ""
+    tuned: bool = True
 
 
 def begun(block: type[B], axis: AxisModel, **given: Any) -> B:

@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import importlib
 import inspect
+import os
+import sys
 from collections.abc import Iterator, Mapping
 from difflib import get_close_matches
 from functools import cache
@@ -55,6 +57,32 @@ def blocks_of(module: str) -> list[type[Block]]:
         and member.__module__ == module
         and not inspect.isabstract(member)
     ]
+
+
+def imported(family: type[B], place: str) -> type[B]:
+    """The block that a person names by PACKAGE.MODULE:CLASS; its module is imported, and so its code is run.
+
+    Modules are looked for where Python does, and then in the working directory.  For what stands on a command line,
+    never for what is only read in a file.
+    Raises ParameterError if there is no such module or class, or if it is no concrete block of the family.
+    """
+    module, _, name = place.partition(":")
+    here = os.getcwd()
+    if here not in sys.path:
+        sys.path.append(here)
+    try:
+        found = getattr(importlib.import_module(module), name, None)
+    except ImportError as error:
+        raise ParameterError(
+            f"'{place}': the module cannot be imported ({error}): check its name and where it is"
+        ) from None
+    if not isinstance(found, type):
+        raise ParameterError(f"'{place}': there is no class '{name}' in {module}")
+    if not issubclass(found, family) or inspect.isabstract(found):
+        missing = ", ".join(sorted(getattr(found, "__abstractmethods__", ())))
+        why = f"it lacks {missing}" if issubclass(found, family) else f"it must derive from {family.__name__}"
+        raise ParameterError(f"'{place}' is no {family.kind.replace('_', ' ')}: {why}")
+    return found
 
 
 def family_of(block: type[Block]) -> type[Block]:

@@ -19,7 +19,7 @@ from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 
-from feeddrive.blocks.axis_model import AxisModel, begun
+from feeddrive.blocks.axis_model import AxisModel, Beside, Start, begun
 from feeddrive.blocks.reference.stretches import Stretch
 from feeddrive.blocks.signals import Estimate, Motion, Noise, Reading, Setpoint
 from feeddrive.language import matrix
@@ -199,20 +199,6 @@ class Law(Block, ABC):
         return self
 
 
-class Start(NamedTuple):
-    """Start values of the search for a law's parameters on an axis.
-
-    name         of the law in a comparison
-    remark       a note for the report
-    feedforward  feedforward to be used with the law in place of that of the present control
-    """
-
-    name: str
-    law: Law
-    remark: str = ""
-    feedforward: Feedforward | None = None
-
-
 class Filter(Block, ABC):
     """A scalar filter in the forward path."""
 
@@ -239,11 +225,13 @@ FEEDS = ("acceleration", "velocity", "friction")  # parts of the set motion that
 class Feedforward(Block, ABC):
     """A force computed from the setpoint and its past; it bypasses the filters.
 
-    `feeds` names the parts of the set motion that the block feeds forward (`FEEDS`), so that none is fed twice.
+    feeds    the parts of the set motion that the block feeds forward (`FEEDS`), so that none is fed twice
+    learned  its name in a comparison when trials teach its parameters; empty if they cannot
     """
 
     feeds: ClassVar[tuple[str, ...]] = ()
     title: ClassVar[str] = ""
+    learned: ClassVar[str] = ""
 
     @classmethod
     def goes_beside(cls, law: type[Law]) -> bool:
@@ -345,9 +333,9 @@ class Compensation(Block, ABC):
         return False
 
     @classmethod
-    def begin(cls, axis: AxisModel) -> Self:
-        """Start values of a search on an axis. Raises StructureError if there are none (empty hook)."""
-        return begun(cls, axis)
+    def begin(cls, axis: AxisModel) -> tuple[Beside, ...]:
+        """One form of it, or several; by default by unit. Raises StructureError, with the reason (empty hook)."""
+        return (Beside(cls.title, begun(cls, axis)),)
 
     def prepare(self, T: Number) -> Any:
         """What depends on parameters only (empty hook)."""

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from feeddrive.analysis.loop_model import LoopModel, loop_model
 from feeddrive.analysis.stability import stability
-from feeddrive.blocks.families import Reference
+from feeddrive.blocks.families import Law, Reference
 from feeddrive.comparison.figures import (
     CRITERIA,
     Criterion,
@@ -24,7 +25,8 @@ from feeddrive.comparison.figures import (
     recovered,
     tracked,
 )
-from feeddrive.comparison.tune_all import Rule, tuned_all
+from feeddrive.comparison.kept import Kept
+from feeddrive.comparison.tune_all import Bar, Rule, tuned_all
 from feeddrive.files.job import Job
 from feeddrive.files.machine import MachineFile
 from feeddrive.files.run_files import versions
@@ -34,10 +36,20 @@ from feeddrive.language.table import Result, Table, frame_of, picture_of
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import Run, simulate
 from feeddrive.tuning.candidates import PLAIN, Candidate, Refusal, candidates
+from feeddrive.tuning.iterative_feedforward import begin_compensation
 from feeddrive.tuning.trajectory_prefilter import tune_prefilter
+from feeddrive.tuning.trials import iterate_trials
 from feeddrive.tuning.tuned import Tuned
 
 TODAY = "today's gains"
+_TRIALS = 6  # in which a compensator learns
+# key, factor and digits of the figures of the short table
+_SHOWN = (
+    ("sensitivity_peak", 1.0, 3), ("delay_margin_samples", 1.0, 3), ("noise_gain_N_per_m", 1e-9, 3),
+    ("rope_snap_ISE_root_m_per_N", 1e9, 3), ("stiffness_10_Hz_N_per_m", 1e-6, 3),
+    ("stiffness_100_Hz_N_per_m", 1e-6, 3), ("tracking_error_rms_m", 1e6, 3), ("snap_settling_s", 1e3, 3),
+    ("force_noise_N", 1.0, 3), ("operations", 1.0, 4),
+)  # fmt: skip
 _NOISY = 0.02  # share of the force limit beyond which noise in the force is remarked
 
 
@@ -45,7 +57,8 @@ _NOISY = 0.02  # share of the force limit beyond which noise in the force is rem
 class Competitor:
     """One law: its loop, how it was tuned (None: as it is today), its figures in SI, and its runs.
 
-    `unfit` says why there are no figures: the loop is not stable, or left its bounds.
+    `unfit` says why there are no figures: the loop is not stable, or left its bounds; `outside` which bound of the rule
+    it breaks, as today's gains may, and a compensation that was not tuned.
     """
 
     name: str
@@ -58,6 +71,7 @@ class Competitor:
     step: Run | None = None
     model: LoopModel | None = None
     unfit: str = ""
+    outside: str = ""
 
     @property
     def held_by(self) -> str:
@@ -70,6 +84,11 @@ class Competitor:
     def settled(self) -> bool:
         """Whether it can be ranked: it was not tuned, or two searches ended within 5 % of its best."""
         return self.tuned is None or self.tuned.settled
+
+    @property
+    def unplaced(self) -> str:
+        """Why it has no place by any criterion; empty if it has."""
+        return "not settled" if not self.settled else f"outside of the rule: {self.outside}" if self.outside else ""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -103,35 +122,33 @@ class Comparison(Result):
 
     def table(self) -> Table:
         """Robustness, and the most important figures."""
-        keys = ("tracking_error_rms_m", "snap_settling_s", "rope_snap_ISE_root_m_per_N", "force_noise_N")
-        heads = ["law", "Ms", "delay", "RMS um", "snap ms", "ISE^1/2", "noise N", "ops"]
+        heads = ["law", "Ms", "delay", "N/nm", "ISE^1/2", "10 Hz", "100 Hz", "RMS um", "snap ms", "noise N", "ops", ""]
         rows = []
         for each in self.competitors:
-            figures = each.figures
-            row = [each.name, shown(figures.get("sensitivity_peak")), shown(figures.get("delay_margin_samples"))]
-            row += [shown(figures.get(key), next(c.factor for c in CRITERIA if c.key == key)) for key in keys]
-            rows.append([*row, shown(figures.get("operations"), digits=4)])
+            row = [each.name, *(shown(each.figures.get(key), factor, digits) for key, factor, digits in _SHOWN)]
+            rows.append([*row, each.unplaced.partition(":")[0]])
         return Table(self.title, heads, rows)
 
     def ranking(self) -> Table:
         """The place of each law by each criterion."""
         by = [self.places(criterion) for criterion in CRITERIA]
         rows = [
-            [each.name, *(_place(places[i], each.settled) for places in by)] for i, each in enumerate(self.competitors)
+            [each.name, *(each.unplaced or str(places[i] or "-") for places in by)]
+            for i, each in enumerate(self.competitors)
         ]
         return Table("Places by criterion, 1 is best", ["law", *(criterion.head for criterion in CRITERIA)], rows)
 
     def places(self, criterion: Criterion) -> list[int | None]:
-        """The place of each law by a criterion; none for one whose searches do not agree, which is not ranked."""
-        return ranks(criterion, [each.figures if each.settled else {} for each in self.competitors])
+        """The place of each law by a criterion; none for one that has not settled or breaks the rule."""
+        return ranks(criterion, [{} if each.unplaced else each.figures for each in self.competitors])
 
 
 @picture_of.register
 def _picture(found: Comparison) -> Any:
-    """Every figure of every law against that of the tuned P-PI."""
+    """Stiffness against tracking, a dot for each law."""
     from feeddrive.comparison import pictures
 
-    return pictures.ratios([(each.name, each.figures) for each in found.competitors], PLAIN)
+    return pictures.tradeoff([(each.name, each.figures, each.unplaced) for each in found.competitors])
 
 
 @frame_of.register
@@ -142,10 +159,6 @@ def _frame(found: Comparison) -> Any:
     keys = list(dict.fromkeys(key for each in found.competitors for key in each.figures))
     columns = {key: np.array([each.figures.get(key) for each in found.competitors], float) for key in keys}
     return frame([each.name for each in found.competitors], columns, "law")
-
-
-def _place(place: int | None, settled: bool) -> str:
-    return "not settled" if not settled else "-" if place is None else str(place)
 
 
 def shown(value: float | None, factor: float = 1.0, digits: int = 3) -> str:
@@ -159,25 +172,29 @@ def compare_laws(
     machine: MachineFile,
     axis: str | None = None,
     *,
-    laws: Sequence[str] | None = None,
+    laws: Sequence[str | type[Law]] | None = None,
     reference: Reference | None = None,
     force: float | None = None,
     sensitivity_peak: float = 2.0,
     delay_margin_samples: float = 2.0,
+    noise_ratio: float = 1.05,
     seed: int = 0,
     starts: int = 2,
     workers: int = 1,
+    keep: Path | None = None,
     progress: Progress | None = None,
 ) -> Comparison:
     """Put all laws on an axis of a machine.
 
-    laws               names of those that are wanted, P-PI always among them; default: all
+    laws               names of those that are wanted, P-PI always among them, or classes of one's own; default: all
     reference, force   the move, and the force in N of rope snap and step; default: from the machine's limits (`Duty`)
-    sensitivity_peak, delay_margin_samples   the rule of equal robustness
+    sensitivity_peak, delay_margin_samples, noise_ratio   the rule of equal robustness; the last one bounds the noise in
+                       the force per noise of the readings, by that of the tuned P-PI
     seed               of the encoders' noise, the same for all laws
-    starts             of each search
+    starts             searches for each law; with one nothing is ranked, since nothing confirms it
     workers            processes that tune side by side; more than 1 only from a program that may be imported anew
-    progress           reports each step; `pieces(...)` says how many steps there are
+    keep               directory in which each law that is finished is kept: a comparison that was stopped goes on there
+    progress           reports each step, and how many there are
 
     The present control comes first and is not changed, stable or not.  A law that does not fit the axis is refused
     with the reason.  Raises ParameterError for an axis or a law that is not there.
@@ -191,38 +208,41 @@ def compare_laws(
     duty = duty_of(loop, reference, force)
     velocity = _velocity(duty, loop)
     possible, refused = _wanted(loop, laws)
-    rule = Rule(sensitivity_peak, delay_margin_samples, velocity, starts)
-    progress.step(TODAY)
-    competitors = [_judged(TODAY, loop, None, "as in the machine file", duty, velocity, seed)]
-    tuned = tuned_all([candidate for candidate in possible if not candidate.like], rule, workers, progress)
+    if not noise_ratio >= 1.0:
+        raise ParameterError(f"noise_ratio = {noise_ratio:g} must be >= 1: P-PI itself has 1")
+    rule = Rule(sensitivity_peak, delay_margin_samples, noise_ratio, velocity, starts)
+    kept = None if keep is None else Kept(Path(keep))
+    searched = [each for each in possible if not each.like]
+    bar = Bar(progress, len(searched), len(possible) + 1)
+    tuned, rule = tuned_all(searched, rule, workers, bar, kept)
+    bar.next(f"{TODAY}: the work")
+    competitors = [_judged(TODAY, loop, None, "as in the machine file", duty, rule, seed)]
     for candidate in possible:
+        bar.next(f"{candidate.name}: the work")
         if candidate.like:
-            progress.step(candidate.name)
             tuned[candidate.name] = _like(candidate, tuned, duty, seed)
-    refusals = [*refused, *(found for found in tuned.values() if isinstance(found, Refusal))]
-    for candidate in possible:
         made = tuned[candidate.name]
         if isinstance(made, Tuned):
-            competitors.append(_judged(candidate.name, made.loops[0], made, candidate.remark, duty, velocity, seed))
+            competitors.append(_judged(candidate.name, made.loops[0], made, candidate.remark, duty, rule, seed))
+    refusals = [*refused, *(found for found in tuned.values() if isinstance(found, Refusal))]
     if all(each.move is None for each in competitors):
         reasons = "; ".join(f"{each.name}: {each.unfit}" for each in competitors)
         raise UnstableError(f"{machine.file.name}: axis '{name}': no law can be run on it: {reasons}")
     rows = tuple(competitors)
-    remarks = (*_robust(rows, sensitivity_peak, delay_margin_samples), *_against(rows), *_noisy(rows), *_unproven(rows))
+    remarks = (*_outside(rows), *_against(rows), *_noisy(rows), *_unproven(rows))
     return Comparison(machine, name, duty, velocity, seed, rule.sentence, rows, tuple(refusals), remarks, versions())
 
 
-def pieces(machine: MachineFile, axis: str | None, laws: Sequence[str] | None = None) -> int:
-    """How many steps `compare` tells."""
-    return 1 + len(_wanted(machine.loop(axis), laws)[0])
-
-
-def _wanted(loop: Loop, laws: Sequence[str] | None) -> tuple[tuple[Candidate, ...], tuple[Refusal, ...]]:
+def _wanted(loop: Loop, laws: Sequence[str | type[Law]] | None) -> tuple[tuple[Candidate, ...], tuple[Refusal, ...]]:
     """The laws by name, plain P-PI and those whose gains they take over always among them."""
-    possible, refused = candidates(loop)
+    own = tuple(law for law in laws or () if not isinstance(law, str))
+    possible, refused = candidates(loop, own)
     if laws is None:
         return possible, refused
     names = [each.name for each in (*possible, *refused)]
+    mine = {each.name for each in possible if type(each.loop.control.law) in own and "+" not in each.name}
+    mine |= {law.title or law.kind.replace("_", " ") for law in own}
+    laws = [*(law for law in laws if isinstance(law, str)), *(name for name in names if name in mine)]
     for law in laws:
         if law not in names:
             raise ParameterError(f"law '{law}' is not known here; there are: {', '.join(names)}")
@@ -248,7 +268,9 @@ def _like(candidate: Candidate, known: Mapping[str, Tuned | Refusal], duty: Duty
         return Refusal(candidate.name, f"it takes over the gains of '{candidate.like}', which is not on this axis")
     loop = replace(candidate.loop, control=replace(candidate.loop.control, law=made.control.law))
     try:
-        if candidate.prefilter:
+        if candidate.then == "trials":
+            loop = iterate_trials(begin_compensation(loop), duty.move, _TRIALS, seed=seed).loop
+        if candidate.then == "prefilter":
             fitted = tune_prefilter(loop, duty.move, seed=seed)[-1].prefilter
             loop = replace(loop, control=replace(loop.control, prefilter=fitted))
     except FeeddriveError as error:
@@ -256,10 +278,9 @@ def _like(candidate: Candidate, known: Mapping[str, Tuned | Refusal], duty: Duty
     return replace(made, control=loop.control, loops=(loop,))
 
 
-def _judged(
-    name: str, loop: Loop, tuned: Tuned | None, remark: str, duty: Duty, velocity: float, seed: int
-) -> Competitor:
-    """All figures of a law; one that is not stable, or leaves its bounds, keeps its place without them."""
+def _judged(name: str, loop: Loop, tuned: Tuned | None, remark: str, duty: Duty, rule: Rule, seed: int) -> Competitor:
+    """All figures of a law; one that is not stable, by its eigenvalues, or leaves its bounds keeps its row without."""
+    velocity = rule.velocity
     verdict = stability(loop, velocity=velocity)
     if not verdict.stable:
         return Competitor(name, loop, tuned, remark, effort_of(loop), unfit=verdict.sentence())
@@ -279,21 +300,26 @@ def _judged(
         return Competitor(name, loop, tuned, remark, figures, model=both, unfit=str(error))
     figures |= tracked(move) | recovered(snap, duty, "snap") | recovered(step, duty, "step")
     tripped = "; the guard tripped" if any(np.any(run["trip"] > 0.0) for run in (move, snap, step)) else ""
-    return Competitor(name, loop, tuned, remark + tripped, figures, move, snap, step, both)
+    return Competitor(
+        name, loop, tuned, remark + tripped, figures, move, snap, step, both, outside=rule.broken(figures)
+    )
 
 
-def _robust(rows: tuple[Competitor, ...], peak: float, delay: float) -> list[str]:
-    """Today's gains evaluated under the rule."""
+def _outside(rows: tuple[Competitor, ...]) -> list[str]:
+    """Rows that are not at equal robustness, today's gains first."""
     today = rows[0]
+    said: list[str] = []
     if today.unfit:
-        return [f"'{today.name}': {today.unfit}; the row stays without figures."]
-    ms, samples = today.figures.get("sensitivity_peak"), today.figures.get("delay_margin_samples")
-    if ms is None or samples is None:
-        return [f"'{today.name}' repeats itself every {today.loop.control.law.period()} samples: it has no margins."]
-    inside = ms <= peak * 1.0005 and samples >= delay * 0.9995
-    return [
-        f"'{today.name}' have Ms {ms:.3g} and a delay margin of {samples:.3g} samples, "
-        + ("within the rule." if inside else "outside of the rule: their figures are not at equal robustness.")
+        said.append(f"'{today.name}': {today.unfit}; the row stays without figures.")
+    elif today.figures.get("sensitivity_peak") is None:
+        period = today.loop.control.law.period()
+        said.append(f"'{today.name}' repeats itself every {period} samples: it has no margins.")
+    elif not today.outside:
+        said.append(f"'{today.name}' keep the rule.")
+    return said + [
+        f"'{row.name}': outside of the rule ({row.outside}): the figures are not at equal robustness, and not ranked."
+        for row in rows
+        if row.outside and not row.unfit
     ]
 
 
@@ -352,7 +378,7 @@ def _unproven(rows: tuple[Competitor, ...]) -> list[str]:
             said.append(f"'{row.name}': not proven: {'; '.join(open_lines)}.")
         if not row.settled:
             said.append(
-                f"'{row.name}' is not settled, and not ranked: no two searches ended within 5 % of the best, the worst "
-                f"{100.0 * row.tuned.spread:.3g} % above it; more starts (--starts) may find a better setting."
+                f"'{row.name}' is not settled, and not ranked: no two searches ended within 5 % of the best (the worst "
+                f"{100.0 * row.tuned.spread:.3g} % above it); more starts (--starts) may find a better setting."
             )
     return said

@@ -5,14 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from feeddrive.analysis.effort import effort
 from feeddrive.analysis.loop_model import LoopModel
 from feeddrive.analysis.margins import margins
-from feeddrive.analysis.stiffness import Stiffness, force_noise, rope_snap, stiffness
+from feeddrive.analysis.stiffness import Stiffness, force_noise, reading_deviation, rope_snap, stiffness
 from feeddrive.blocks.families import Reference
 from feeddrive.blocks.load.step_force import StepForce
 from feeddrive.blocks.reference.snap_limited_move import SnapLimitedMove
@@ -34,15 +34,15 @@ class Criterion(NamedTuple):
 
 
 CRITERIA = (
+    Criterion("rope_snap_ISE_root_m_per_N", "rope snap ISE^½", "nm √s/N", 1e9),
+    Criterion("stiffness_10_Hz_N_per_m", "stiffness at 10 Hz", "N/µm", 1e-6, higher=True),
+    Criterion("stiffness_100_Hz_N_per_m", "stiffness at 100 Hz", "N/µm", 1e-6, higher=True),
     Criterion("tracking_error_rms_m", "tracking RMS", "µm", 1e6),
     Criterion("tracking_error_peak_m", "tracking peak", "µm", 1e6),
     Criterion("snap_peak_m", "rope snap peak", "µm", 1e6),
     Criterion("snap_settling_s", "rope snap settling", "ms", 1e3),
     Criterion("step_peak_m", "force step peak", "µm", 1e6),
     Criterion("step_settling_s", "force step settling", "ms", 1e3),
-    Criterion("rope_snap_ISE_root_m_per_N", "rope snap ISE^½", "nm √s/N", 1e9),
-    Criterion("stiffness_1_10_Hz_N_per_m", "stiffness 1-10 Hz", "N/µm", 1e-6, higher=True),
-    Criterion("stiffness_10_100_Hz_N_per_m", "stiffness 10-100 Hz", "N/µm", 1e-6, higher=True),
     Criterion("stiffness_100_1000_Hz_N_per_m", "stiffness 100-1000 Hz", "N/µm", 1e-6, higher=True),
     Criterion("stiffness_least_N_per_m", "least stiffness", "N/µm", 1e-6, higher=True),
     Criterion("force_noise_N", "noise in the force, RMS", "N"),
@@ -73,6 +73,7 @@ def beats(criterion: Criterion, a: float, b: float) -> bool:
     return better < (1.0 - TIE) * worse
 
 
+AT = (10.0, 100.0)  # Hz
 BANDS = ((1.0, 10.0), (10.0, 100.0), (100.0, 1000.0))  # Hz
 _LINES = 60  # of a band
 
@@ -90,12 +91,16 @@ def linear(loop: Loop, both: LoopModel) -> dict[str, float | None]:
         "crossover_Hz": of.crossover,
         "rope_snap_ISE_root_m_per_N": rope_snap(both.closed),
         "force_noise_N": _noise(loop, both),
+        "noise_gain_N_per_m": noise_gain(loop, both),
     }
     nyquist = 0.5 / float(loop.sample_time)
     for low, high in BANDS:
         if high <= nyquist:
             band = np.geomspace(low, high, _LINES)
             found[f"stiffness_{low:g}_{high:g}_Hz_N_per_m"] = _stiffness(both, band).mean
+    for frequency in AT:
+        if frequency < nyquist:
+            found[f"stiffness_{frequency:g}_Hz_N_per_m"] = _stiffness(both, np.array([frequency])).at(frequency)
     inside = lines[lines >= min(BANDS[0][0], 0.01 * nyquist)]
     found["stiffness_least_N_per_m"] = _stiffness(both, inside).minimum
     return found
@@ -110,22 +115,21 @@ def effort_of(loop: Loop) -> dict[str, float]:
     return {"operations": float(effort(loop).total)}
 
 
+def noise_gain(loop: Loop, both: LoopModel) -> float:
+    """RMS of the force per RMS of white noise, alike in all readings and independent, N/m: by this it is bounded."""
+    one = loop.axis.one_encoder()
+    return force_noise(both.closed, 0.0 if one else 1.0, 1.0, shared=one)
+
+
 def _noise(loop: Loop, both: LoopModel) -> float | None:
     """RMS of the force by counts and noise of the encoders; None if they have neither."""
     axis = loop.axis
-    motor, load = _deviation(axis.encoder_motor), _deviation(axis.encoder_load)
+    motor, load = reading_deviation(axis.encoder_motor), reading_deviation(axis.encoder_load)
     if motor == 0.0 and load == 0.0:
         return None
-    alone = (axis.encoder_motor is None) != (axis.encoder_load is None)
-    if alone:
+    if axis.one_encoder():
         return force_noise(both.closed, 0.0, motor + load, shared=True)
     return force_noise(both.closed, motor, load)
-
-
-def _deviation(encoder: Any) -> float:
-    """Standard deviation in m of a reading: that of its counts, q/√12, and its noise."""
-    resolution = getattr(encoder, "resolution", None) or 0.0
-    return math.hypot(resolution / math.sqrt(12.0), getattr(encoder, "noise", None) or 0.0)
 
 
 def counted(run: Run, duty: Duty) -> Run:

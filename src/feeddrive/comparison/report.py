@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from feeddrive.comparison import pictures
-from feeddrive.comparison.compare import TODAY, Comparison, Competitor
+from feeddrive.comparison.compare import PLAIN, TODAY, Comparison, Competitor
 from feeddrive.comparison.figures import CRITERIA, Criterion
 from feeddrive.files.atomic_io import new_directory
 from feeddrive.files.blocks_to_toml import to_toml
@@ -51,12 +51,23 @@ def study(found: Comparison) -> Study:
         versions=found.versions,
         notes=found.remarks,
         extras=(
-            _ranked(found, CRITERIA[:7]),
-            _ranked(found, CRITERIA[7:]),
+            _ranked(found, CRITERIA[:5]),
+            _ranked(found, CRITERIA[5:9]),
+            _ranked(found, CRITERIA[9:]),
             _tuning(found),
             _tunables(found),
             *_refused(found),
         ),
+        overview=[
+            Shown(
+                "tradeoff",
+                "Stiffness against tracking, at equal robustness",
+                "A dot for each law, better is left and up. Hollow: today's gains where they are outside of the rule, "
+                "and laws that have not settled.",
+                "Stiffness at 10 Hz and at 100 Hz over the RMS tracking error, one dot a law.",
+                found.plot,
+            )
+        ],
         pictures=_pictures(found),
     )
 
@@ -85,7 +96,7 @@ def _ranked(found: Comparison, criteria: tuple[Criterion, ...]) -> ShownTable:
         for row, each, place in zip(rows, found.competitors, places, strict=True):
             value = each.figures.get(criterion.key)
             row.append(
-                "–" if value is None else f"{figure(value, criterion)} ({place if each.settled else 'not settled'})"
+                "–" if value is None else f"{figure(value, criterion)} ({each.unplaced.partition(':')[0] or place})"
             )
         best.append(places.index(1) if places.count(1) == 1 else None)
     heads = ["law", *(f"{criterion.head} {criterion.unit}" for criterion in criteria)]
@@ -103,17 +114,20 @@ def _tuning(found: Comparison) -> ShownTable:
     """Robustness, what held the tuning back, and its proof."""
     rows: list[list[str]] = []
     for each in found.competitors:
-        figures = [each.figures.get(key) for key in ("sensitivity_peak", "delay_margin_samples", "crossover_Hz")]
+        figures = [
+            each.figures.get("sensitivity_peak"), each.figures.get("delay_margin_samples"),
+            1e-9 * (each.figures.get("noise_gain_N_per_m") or math.nan), each.figures.get("crossover_Hz"),
+        ]  # fmt: skip
         cells = [each.name, *("∞" if value is not None and np.isinf(value) else number(value) for value in figures)]
         if each.unfit:
-            rows.append([each.name, *["–"] * 3, each.unfit, "–", "–"])
+            rows.append([each.name, *["–"] * 4, each.unfit, "–", "–"])
         elif each.tuned is None:
             rows.append([*cells, each.held_by, "–", "–"])
         else:
             open_lines = [line.what for line in each.tuned.proof if line.holds is not True]
             proof = f"not proven: {', '.join(open_lines)}" if open_lines else "holds"
             rows.append([*cells, each.held_by, str(each.tuned.evaluations), proof])
-    heads = ["law", "Ms", "delay margin samples", "crossover Hz", "held back by", "loops judged", "proof"]
+    heads = ["law", "Ms", "delay margin samples", "noise N/nm", "crossover Hz", "held back by", "loops judged", "proof"]
     title = (
         f"Robustness: {found.rule}. Proof: poles, limits on lines of its own, and the rope-snap error by a run of the "
         "loop with its friction, counts and limits, all computed anew."
@@ -150,18 +164,18 @@ def _refused(found: Comparison) -> list[ShownTable]:
 
 
 def _pictures(found: Comparison) -> list[Shown]:
-    pictures = [
+    drawn = [
         Shown(
             "ratios",
             "All laws against plain P-PI",
             "Each figure divided by that of P-PI under the same rule. Blue: better, orange: worse; for stiffness more "
             "is better, for all else less.",
             "Ratios of all figures of all laws to those of P-PI.",
-            found.plot,
+            lambda: pictures.ratios([(each.name, each.figures) for each in found.competitors], PLAIN),
         )
     ]
     if any(each.snap is not None for each in found.competitors):
-        pictures.append(
+        drawn.append(
             Shown(
                 "recovery",
                 "Recovery after a rope snap and a force step",
@@ -170,7 +184,7 @@ def _pictures(found: Comparison) -> list[Shown]:
                 lambda: _recovery(found),
             )
         )
-    return pictures
+    return drawn
 
 
 def _recovery(found: Comparison) -> Any:
@@ -239,6 +253,7 @@ def _tuned(each: Competitor) -> dict[str, Any]:
             "active": [held.sentence() for held in each.tuned.held],
             "loops_judged": each.tuned.evaluations,
             "settled": each.settled,
+            "not_placed": each.unplaced or None,
             "spread_of_searches": each.tuned.spread,
             "proof": {line.what: {"holds": line.holds, "said": line.said} for line in each.tuned.proof},
         }

@@ -6,64 +6,213 @@ import contextlib
 import multiprocessing
 import os
 import signal
-from collections.abc import Generator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from dataclasses import dataclass
+from collections.abc import Generator, Mapping, Sequence
+from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
+from dataclasses import dataclass, replace
+from queue import Empty
+from typing import Any
 
-from feeddrive.language.errors import FeeddriveError
+from feeddrive.comparison.kept import Kept
+from feeddrive.language.errors import CancelledError, FeeddriveError
 from feeddrive.language.progress import Progress
-from feeddrive.tuning.candidates import Candidate, Refusal
+from feeddrive.tuning.candidates import PLAIN, Candidate, Refusal
 from feeddrive.tuning.limits import Limits
 from feeddrive.tuning.tunables import law_tunables
 from feeddrive.tuning.tune import tune_control
 from feeddrive.tuning.tuned import Tuned
 
+STAGES = 6  # steps of the progress that one law is counted as
+_NEWS = 0.1  # s between two looks at what the processes tell
+_ROOM = 1e-3  # of a bound, for what lines miss
+_NANO = 1e-9  # m: the noise of a reading in which the bound is stated
+
 
 @dataclass(frozen=True)
 class Rule:
-    """What all laws are tuned to: bounds of Ms and delay margin, speed of the axis in m/s, starts of a search."""
+    """What all laws are tuned to.
+
+    sensitivity_peak, delay_margin_samples   bounds of Ms and delay margin
+    noise_ratio   how much more noise than P-PI a law may make in the force
+    velocity      m/s of the axis
+    starts        searches for each law
+    noise         N/m: the bound that follows once P-PI is tuned; None before
+    """
 
     sensitivity_peak: float
     delay_margin_samples: float
+    noise_ratio: float
     velocity: float
     starts: int
+    noise: float | None = None
 
     @property
     def sentence(self) -> str:
         """The rule in words."""
-        return (
-            f"every law but today's is tuned for the least rope-snap error subject to Ms <= {self.sensitivity_peak:g} "
-            f"and a delay margin of at least {self.delay_margin_samples:g} samples, the loop cut at the actuator"
+        said = (
+            f"every law but today's is tuned for the least rope-snap error subject to Ms <= {self.sensitivity_peak:g}, "
+            f"a delay margin of at least {self.delay_margin_samples:g} samples, "
         )
+        if self.noise is not None:
+            said += (
+                f"at most {_NANO * self.noise:.3g} N RMS of force per nm RMS of white noise in the readings "
+                f"({self.noise_ratio:g} times that of P-PI, which is tuned to the other bounds alone), "
+            )
+        return said + (
+            "and all eigenvalues inside the unit circle, the loop cut at the actuator; all laws are told the same "
+            "mass, viscous friction and delay"
+        )
+
+    def limits(self) -> Limits:
+        """The bounds of one tuning."""
+        limits = Limits(self.sensitivity_peak, delay_margin_samples=self.delay_margin_samples)
+        if self.noise is None:
+            return limits
+        return replace(limits, force_noise=_NANO * self.noise, reading_noise=(_NANO, _NANO))
+
+    def broken(self, figures: Mapping[str, float | None]) -> str:
+        """The bounds that a loop does not keep, in words; empty if it keeps all."""
+        peak, delay, noise = (
+            figures.get(key) for key in ("sensitivity_peak", "delay_margin_samples", "noise_gain_N_per_m")
+        )
+        said: list[str] = []
+        if peak is None or delay is None or noise is None:
+            return "it has no margins"
+        if peak > self.sensitivity_peak * (1.0 + _ROOM):
+            said.append(f"Ms {peak:.3g}")
+        if delay < self.delay_margin_samples * (1.0 - _ROOM):
+            said.append(f"a delay margin of {delay:.3g} samples")
+        if self.noise is not None and noise > self.noise * (1.0 + _ROOM):
+            said.append(f"{_NANO * noise:.3g} N per nm of noise")
+        return ", ".join(said)
+
+    def with_noise_of(self, plain: Tuned | Refusal) -> Rule:
+        """The rule for all others, once P-PI is tuned."""
+        if not isinstance(plain, Tuned) or plain.after[0].force_noise is None:
+            return self
+        return replace(self, noise=self.noise_ratio * plain.after[0].force_noise / _NANO)
 
 
 def tuned_all(
-    candidates: Sequence[Candidate], rule: Rule, workers: int, progress: Progress
-) -> dict[str, Tuned | Refusal]:
-    """Every candidate by name: tuned, or refused with the reason. `progress` reports each name."""
-    workers = min(workers, len(candidates))
-    if workers <= 1:
-        found: dict[str, Tuned | Refusal] = {}
-        for candidate in candidates:
-            progress.step(candidate.name)
-            found[candidate.name] = _tuned(candidate, rule)
-        return found
+    candidates: Sequence[Candidate], rule: Rule, workers: int, bar: Bar, kept: Kept | None = None
+) -> tuple[dict[str, Tuned | Refusal], Rule]:
+    """Every candidate by name: tuned, or refused with the reason; and the rule with the noise that P-PI makes.
+
+    P-PI is first, since its noise bounds that of the others.  `kept` has what was tuned before a stop.
+    `bar` is told every stage; the work ends at the cancel of its progress.
+    """
+    found: dict[str, Tuned | Refusal] = {}
+    plain = [each for each in candidates if each.name == PLAIN]
+    for candidate in plain:
+        found[PLAIN] = _tuned(candidate, rule, kept, bar.of(PLAIN))
+        bar.finished(PLAIN)
+        rule = rule.with_noise_of(found[PLAIN])
     # those with the most tunables take longest: they go first
-    order = sorted(candidates, key=lambda candidate: -len(law_tunables(candidate.loop.control)))
+    rest = sorted(
+        (each for each in candidates if each.name != PLAIN), key=lambda each: -len(law_tunables(each.loop.control))
+    )
+    if min(workers, len(rest)) <= 1:
+        for candidate in rest:
+            found[candidate.name] = _tuned(candidate, rule, kept, bar.of(candidate.name))
+            bar.finished(candidate.name)
+    else:
+        found |= _side_by_side(rest, rule, min(workers, len(rest)), bar, kept)
+    return {candidate.name: found[candidate.name] for candidate in candidates}, rule
+
+
+class Bar:
+    """Counts the steps of a comparison: `STAGES` for each law that is tuned, and those that follow.
+
+    At most `STAGES` - 1 are counted while a law is searched, all of them when it is done.
+    """
+
+    def __init__(self, progress: Progress, laws: int, more: int) -> None:
+        self.progress, self.all, self.told = progress, STAGES * laws + more, dict[str, int]()
+
+    def stage(self, law: str, what: str) -> None:
+        """What begins within a law."""
+        self.told[law] = min(self.told.get(law, 0) + 1, STAGES - 1)
+        self.progress.step(f"{law}: {what}", sum(self.told.values()), self.all)
+
+    def next(self, what: str) -> None:
+        """One of the steps that follow."""
+        self.told[what] = 1
+        self.progress.step(what, sum(self.told.values()), self.all)
+
+    def finished(self, law: str) -> None:
+        """A law is tuned."""
+        self.told[law] = STAGES
+        self.progress.step(law, sum(self.told.values()), self.all)
+
+    def of(self, law: str) -> Progress:
+        """The progress of one law."""
+        return _Stages(self, law)
+
+
+class _Stages(Progress):
+    """Tells the bar; ends with it."""
+
+    def __init__(self, bar: Bar, law: str) -> None:
+        super().__init__()
+        self._bar, self._law = bar, law
+
+    @property
+    def cancelled(self) -> bool:
+        return self._bar.progress.cancelled
+
+    def show_step(self, what: str, done: int | None, of: int | None, part: str) -> None:
+        self._bar.stage(self._law, what)
+
+
+def _side_by_side(
+    candidates: Sequence[Candidate], rule: Rule, workers: int, bar: Bar, kept: Kept | None
+) -> dict[str, Tuned | Refusal]:
     # a fresh interpreter each: a fork would copy the locks of the caller's threads
     context = multiprocessing.get_context("spawn")
-    with _one_thread(), ProcessPoolExecutor(workers, context, _leave_interrupts) as pool:
-        futures = {pool.submit(_tuned, candidate, rule): candidate.name for candidate in order}
+    news: Any = context.Queue()
+    with _one_thread(), ProcessPoolExecutor(workers, context, _begin, (news,)) as pool:
+        futures = {pool.submit(_elsewhere, candidate, rule, kept): candidate.name for candidate in candidates}
         try:
             done: dict[str, Tuned | Refusal] = {}
-            for future in as_completed(futures):
-                progress.step(futures[future])
-                done[futures[future]] = future.result()
-            return {candidate.name: done[candidate.name] for candidate in candidates}
+            waiting = set(futures)
+            while waiting:
+                ended, waiting = wait(waiting, _NEWS, FIRST_COMPLETED)
+                with contextlib.suppress(Empty):
+                    while True:
+                        bar.stage(*news.get_nowait())
+                for future in ended:
+                    done[futures[future]] = future.result()
+                    bar.finished(futures[future])
+                bar.progress.check()
+            return done
         except BaseException:
             for child in multiprocessing.active_children():
                 child.terminate()
             raise
+
+
+_news: Any = None  # of a process: where it tells its stages
+
+
+def _begin(news: Any) -> None:
+    """Ctrl-C is for the process that asked."""
+    global _news
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    _news = news
+
+
+class _Told(Progress):
+    """The progress of a law in a process of its own."""
+
+    def __init__(self, law: str) -> None:
+        super().__init__()
+        self._law = law
+
+    def show_step(self, what: str, done: int | None, of: int | None, part: str) -> None:
+        _news.put((self._law, what))
+
+
+def _elsewhere(candidate: Candidate, rule: Rule, kept: Kept | None) -> Tuned | Refusal:
+    return _tuned(candidate, rule, kept, _Told(candidate.name))
 
 
 @contextlib.contextmanager
@@ -80,14 +229,22 @@ def _one_thread() -> Generator[None]:
             os.environ[name] = before
 
 
-def _leave_interrupts() -> None:
-    """Ctrl-C is for the process that asked."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-
-
-def _tuned(candidate: Candidate, rule: Rule) -> Tuned | Refusal:
-    limits = Limits(rule.sensitivity_peak, delay_margin_samples=rule.delay_margin_samples)
+def _tuned(candidate: Candidate, rule: Rule, kept: Kept | None, progress: Progress) -> Tuned | Refusal:
+    """A law tuned, as it was kept or anew."""
+    limits = rule.limits()
+    if limits.force_noise is None:  # measured, not bounded
+        limits = replace(limits, reading_noise=(_NANO, _NANO))
     try:
-        return tune_control(candidate.loop, limits=limits, filters="kept", starts=rule.starts, velocity=rule.velocity)
+        known = None if kept is None else kept.read(candidate, limits, rule, progress)
+        if known is not None:
+            return known
+        made = tune_control(
+            candidate.loop, limits=limits, filters="kept", starts=rule.starts, velocity=rule.velocity, progress=progress
+        )
+    except CancelledError:
+        raise
     except FeeddriveError as error:
-        return Refusal(candidate.name, str(error))
+        made = Refusal(candidate.name, str(error))
+    if kept is not None:
+        kept.write(candidate, limits, rule, made)
+    return made

@@ -166,8 +166,11 @@ class Axis(Block):
     def encoders(self) -> int:
         """How many positions the controller reads: 1 if there is one body or one encoder."""
         shape = self.plant.mechanics()
-        alone = (self.encoder_motor is None) != (self.encoder_load is None)
-        return 1 if alone or shape.motor == shape.load else 2
+        return 1 if self.one_encoder() or shape.motor == shape.load else 2
+
+    def one_encoder(self) -> bool:
+        """Whether a single encoder gives both readings, with the same noise in both."""
+        return (self.encoder_motor is None) != (self.encoder_load is None)
 
     def _readings(self, motor: Number, load: Number) -> tuple[Number, Number]:
         """A single encoder gives both readings."""

@@ -255,6 +255,7 @@ class Study:
     job       the exact text of the job
     versions  of Python, feeddrive and what they stand on, by name
     notes     remarks of the person who ran it
+    overview  pictures that stand before all tables
     extras    tables of its own, first in the result
     pictures  pictures of its own, before all others
     """
@@ -266,5 +267,6 @@ class Study:
     job: str = ""
     versions: Mapping[str, str] = field(default_factory=dict[str, str])
     notes: Sequence[str] = ()
+    overview: Sequence[Shown] = ()
     extras: Sequence[ShownTable] = ()
     pictures: Sequence[Shown] = ()

@@ -41,6 +41,7 @@ def build(study: Study) -> str:
         robustness=frequency(study),
         remarks=sentences.remarks(study),
         facts=[*study.facts.items(), *((f"Law '{each.name}'", each.description) for each in study.entries), *rule],
+        overview=study.overview,
         pictures=drawn,
         laws=len(study.entries),
         drawn_laws=len(chosen(study).entries),

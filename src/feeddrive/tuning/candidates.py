@@ -6,12 +6,15 @@ with which laws it can be combined (`goes_beside`).
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
-from feeddrive.blocks.axis_model import AxisModel
+from feeddrive.analysis.stiffness import reading_deviation
+from feeddrive.blocks.axis_model import AxisModel, Start
 from feeddrive.blocks.catalogue import find, members
+from feeddrive.blocks.compensation.mode_compensation import ModeCompensation
 from feeddrive.blocks.controller.cascade_ppi import CascadePPI
-from feeddrive.blocks.families import Compensation, Feedforward, Law, Prefilter, Start
+from feeddrive.blocks.families import Compensation, Feedforward, Law, Prefilter
 from feeddrive.blocks.feedforward.disturbance_compensator import DisturbanceCompensator
 from feeddrive.blocks.feedforward.inertia import Inertia
 from feeddrive.language import matrix, tree
@@ -28,7 +31,8 @@ class Candidate:
     """A control that can be tuned for an axis.
 
     like       the candidate whose tuning it takes over, if it differs in the setpoint's path only
-    prefilter  whether its prefilter is to be fitted once it is tuned
+    then       what follows once the law is tuned: its "prefilter" is fitted to the move, or its compensator learns in
+               "trials" of it
     remark     the model of the axis that it was given, and the changes to today's control
     """
 
@@ -36,7 +40,7 @@ class Candidate:
     loop: Loop
     remark: str = ""
     like: str = ""
-    prefilter: bool = False
+    then: str = ""
 
 
 @dataclass(frozen=True)
@@ -65,11 +69,23 @@ def axis_model(loop: Loop) -> AxisModel:
         velocity_encoder=str(getattr(loop.control.law, "velocity_encoder", "motor")),
         plant=axis.plant,
         frictions=tuple(each for each in (axis.friction_motor, axis.friction_load) if each is not None),
+        reading_noise=_reading_noise(loop),
+        machine_modes=tuple(
+            mode for block in loop.control.compensation if isinstance(block, ModeCompensation) for mode in block.modes
+        ),
     )
 
 
-def candidates(loop: Loop) -> tuple[tuple[Candidate, ...], tuple[Refusal, ...]]:
-    """Every law of the catalogue on the axis of a loop, P-PI first: what can be tuned, and what is refused.
+def _reading_noise(loop: Loop) -> float:
+    """Standard deviation in m of the reading that the velocity is taken from: of its counts, q/√12, and its noise."""
+    motor, load = loop.axis.encoder_motor, loop.axis.encoder_load
+    first, other = (motor, load) if getattr(loop.control.law, "velocity_encoder", "motor") == "motor" else (load, motor)
+    return reading_deviation(other if first is None else first)
+
+
+def candidates(loop: Loop, own: Sequence[type[Law]] = ()) -> tuple[tuple[Candidate, ...], tuple[Refusal, ...]]:
+    """Every law of the catalogue and those of one's own on the axis of a loop, P-PI first: what can be tuned, and what
+    is refused.
 
     Filters, limit, guard, friction feedforward and the encoder of the velocity are those of the present control.  Each
     law has feedforward of acceleration and velocity: its own, that of the present control, or else that of the axis's
@@ -78,7 +94,7 @@ def candidates(loop: Loop) -> tuple[tuple[Candidate, ...], tuple[Refusal, ...]]:
     axis = axis_model(loop)
     found: list[Candidate] = []
     refused: list[Refusal] = []
-    for law in sorted(members(Law).values(), key=lambda each: each is not CascadePPI):
+    for law in (*sorted(members(Law).values(), key=lambda each: each is not CascadePPI), *own):
         try:
             starts = law.begin(axis, loop.control.law)
             made = [Candidate(each.name, _with_law(loop, axis, each), each.remark) for each in starts]
@@ -91,11 +107,8 @@ def candidates(loop: Loop) -> tuple[tuple[Candidate, ...], tuple[Refusal, ...]]:
         found += made
         for base in made:
             for block in _companions(law):
-                name = f"{base.name} + {block.title}"
-                try:
-                    found.append(_beside(base, name, block, axis))
-                except FeeddriveError as error:
-                    refused.append(Refusal(name, str(error)))
+                for each in _beside(base, block, axis):
+                    (found if isinstance(each, Candidate) else refused).append(each)  # type: ignore[arg-type]
     return tuple(found), tuple(refused)
 
 
@@ -134,24 +147,40 @@ def _with_law(loop: Loop, axis: AxisModel, start: Start) -> Loop:
 
 
 def _beside(
-    base: Candidate, name: str, block: type[Feedforward] | type[Compensation] | type[Prefilter], axis: AxisModel
-) -> Candidate:
-    """A candidate with one block more."""
-    control = base.loop.control
-    if issubclass(block, Prefilter):
-        control = replace(control, prefilter=block())
-        return replace(base, name=name, loop=replace(base.loop, control=control), like=base.name, prefilter=True)
-    made = block.begin(axis)
-    if isinstance(made, Compensation):
-        loop = replace(base.loop, control=replace(control, compensation=(made,)))
-        remark = (
-            f"{base.remark}; {block.title} {axis.sentence()}" if base.remark else f"{block.title} {axis.sentence()}"
-        )
-        return replace(base, name=name, loop=loop, remark=remark)
-    kept = [each for each in (_without(old, {*made.fed()}) for old in control.feedforward) if each is not None]
-    loop = replace(base.loop, control=replace(control, feedforward=(*kept, made)))
-    shown = ", ".join(f"{key.replace('_', ' ')} {value:.4g}" for key, value in tree.leaves(made))
-    return replace(base, name=name, loop=loop, like=base.name, remark=f"feedforward of the axis's own: {shown} (SI)")
+    base: Candidate, block: type[Feedforward] | type[Compensation] | type[Prefilter], axis: AxisModel
+) -> Iterator[Candidate | Refusal]:
+    """A candidate with one block more, in each of its forms; or why not."""
+    control, name = base.loop.control, f"{base.name} + {block.title}"
+    try:
+        if issubclass(block, Prefilter):
+            loop = replace(base.loop, control=replace(control, prefilter=block()))
+            yield replace(base, name=name, loop=loop, like=base.name, then="prefilter")
+        elif issubclass(block, Feedforward):
+            made = block.begin(axis)
+            kept = [each for each in (_without(old, {*made.fed()}) for old in control.feedforward) if each is not None]
+            loop = replace(base.loop, control=replace(control, feedforward=(*kept, made)))
+            shown = ", ".join(f"{key.replace('_', ' ')} {value:.4g}" for key, value in tree.leaves(made))
+            said = f"feedforward of the axis's own: {shown} (SI)"
+            yield replace(base, name=name, loop=loop, like=base.name, remark=said)
+            if block.learned:
+                name, said = f"{base.name} + {block.learned}", "mass, viscous friction and levels learned in trials"
+                yield replace(base, name=name, like=base.name, then="trials", remark=said)
+        else:
+            yield from _compensated(base, block, axis)
+    except FeeddriveError as error:
+        yield Refusal(name, str(error))
+
+
+def _compensated(base: Candidate, block: type[Compensation], axis: AxisModel) -> Iterator[Candidate | Refusal]:
+    for form in block.begin(axis):
+        name = f"{base.name} + {form.name}"
+        if form.block is None:
+            yield Refusal(name, form.said)
+            continue
+        loop = replace(base.loop, control=replace(base.loop.control, compensation=(form.block,)))
+        told = f"{form.name} {axis.sentence()}"
+        remark = "; ".join(each for each in (base.remark, told, form.said) if each)
+        yield replace(base, name=name, loop=loop, remark=remark, like="" if form.tuned else base.name)
 
 
 def _without(block: Feedforward, taken: set[str]) -> Feedforward | None:

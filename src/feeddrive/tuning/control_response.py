@@ -115,15 +115,8 @@ class ControlResponse:
     def model(self, values: Sequence[float] | np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """[A B; c d] of shape (n + 1, n + 2) at values of the tunables, and slopes (n + 1, n + 2, tunables)."""
         traced = self._traced
-        numbers = dict(tree.leaves(self.control)) | dict(zip(self.tunables, map(np.float64, values), strict=True))
-        leaves: dict[str, Any] = {
-            **numbers, **dict(tree.tables(self.control)), "T": np.float64(self.T),
-            **{f"state.{name}": value for name, value in tree.leaves(self._begun)},
-            **{f"set.{name}": np.float64(0.0) for name in Setpoint._fields}, "set.velocity": np.float64(self.velocity),
-            **dict.fromkeys(_READINGS, np.float64(0.0)),
-        }  # fmt: skip
         nodes = [node for _, _, node in traced.entries]
-        found = node_values(traced.graph, nodes, leaves)
+        found = node_values(traced.graph, nodes, self._leaves([*map(np.float64, values)]))
         count, eye = len(self.tunables), np.eye(len(self.tunables))
         seeds = {traced.inputs[name]: eye[i] for i, name in enumerate(self.tunables) if traced.inputs[name] in found}
         with np.errstate(all="ignore"):
@@ -134,9 +127,33 @@ class ControlResponse:
             matrix[i, j] = found[node]
             if tangent is not None:
                 slopes[i, j] = tangent
-        keep = [*self._live, n]
-        wide = [*self._live, n, n + 1]
+        keep, wide = self._kept()
         return matrix[np.ix_(keep, wide)], slopes[np.ix_(keep, wide)]
+
+    def models(self, values: np.ndarray) -> np.ndarray:
+        """[A B; c d] at many values of the tunables (points, tunables), in one walk, without slopes."""
+        traced, n = self._traced, len(self._traced.states)
+        found = node_values(traced.graph, [node for _, _, node in traced.entries], self._leaves([*values.T]))
+        matrices = np.zeros((values.shape[0], n + 1, n + 2))
+        for i, j, node in traced.entries:
+            matrices[:, i, j] = found[node]
+        keep, wide = self._kept()
+        return matrices[:, keep][:, :, wide]
+
+    def _leaves(self, values: Sequence[Any]) -> dict[str, Any]:
+        """All inputs of the trace, with the tunables at numbers or at arrays of one length."""
+        return {
+            **dict(tree.leaves(self.control)), **dict(zip(self.tunables, values, strict=True)),
+            **dict(tree.tables(self.control)), "T": np.float64(self.T),
+            **{f"state.{name}": value for name, value in tree.leaves(self._begun)},
+            **{f"set.{name}": np.float64(0.0) for name in Setpoint._fields}, "set.velocity": np.float64(self.velocity),
+            **dict.fromkeys(_READINGS, np.float64(0.0)),
+        }  # fmt: skip
+
+    def _kept(self) -> tuple[list[int], list[int]]:
+        """Rows and columns of a model without the states that do not count."""
+        n = len(self._traced.states)
+        return [*self._live, n], [*self._live, n, n + 1]
 
     def integrates(self, values: Sequence[float] | np.ndarray) -> bool:
         """Whether the control has a pole at z = 1: it then takes out a constant force in the end."""
@@ -146,24 +163,30 @@ class ControlResponse:
 
     def at(self, values: Sequence[float] | np.ndarray, frequency: np.ndarray) -> Response:
         """The response and its slopes on lines in Hz up to Nyquist. Raises ParameterError if it is not finite."""
-        matrix, slopes = self.model(values)
-        if not (np.all(np.isfinite(matrix)) and np.all(np.isfinite(slopes))):
-            raise ParameterError("the linear model of the control holds numbers that are not finite")
-        n = matrix.shape[0] - 1
-        A, B, c, d = matrix[:n, :n], matrix[:n, n:], matrix[n, :n], matrix[n, n:]
-        z = np.exp(2j * np.pi * frequency * self.T)
-        x, w = resolved(A, B, c[None], z)
-        value = np.einsum("i,lik->kl", c, x) + d[:, None]
-        # line by line: products so small that they stay in one thread, which many in a row could not pay
-        count, tunables = frequency.size, len(self.tunables)
-        by_row = slopes[:n, :n].transpose(0, 2, 1).reshape(n * tunables, n)
-        moved = (by_row @ x).reshape(count, n, 2 * tunables) + slopes[:n, n:].transpose(0, 2, 1).reshape(
-            n, 2 * tunables
-        )
-        through = (w @ moved).reshape(count, tunables, 2) + slopes[n, :n].T @ x
-        slope = through.transpose(2, 0, 1) + slopes[n, n:][:, None, :]
-        poles = np.linalg.eigvals(A) if n else np.zeros(0)
-        return Response(value, slope, np.abs(np.log(poles[np.abs(poles) > 1.0 + 1e-7])) / self.T)
+        return _response(*self.model(values), np.exp(2j * np.pi * frequency * self.T), self.T)
+
+    def of_model(self, matrix: np.ndarray, frequency: np.ndarray) -> Response:
+        """The response of one of `models` on lines in Hz, without slopes. Raises ParameterError as `at` does."""
+        return _response(matrix, np.zeros((*matrix.shape, 0)), np.exp(2j * np.pi * frequency * self.T), self.T)
+
+
+def _response(matrix: np.ndarray, slopes: np.ndarray, z: np.ndarray, T: float) -> Response:
+    """The response of a linear model [A B; c d] of a control, and its slopes, on lines z."""
+    if not (np.all(np.isfinite(matrix)) and np.all(np.isfinite(slopes))):
+        raise ParameterError("the linear model of the control holds numbers that are not finite")
+    n = matrix.shape[0] - 1
+    A, B, c, d = matrix[:n, :n], matrix[:n, n:], matrix[n, :n], matrix[n, n:]
+    x, w = resolved(A, B, c[None], z)
+    value = np.einsum("i,lik->kl", c, x) + d[:, None]
+    # line by line: products so small that they stay in one thread, which many in a row could not pay
+    count, tunables = z.size, slopes.shape[2]
+    by_row = slopes[:n, :n].transpose(0, 2, 1).reshape(n * tunables, n)
+    moved = (by_row @ x).reshape(count, n, 2 * tunables)
+    moved = moved + slopes[:n, n:].transpose(0, 2, 1).reshape(n, 2 * tunables)
+    through = (w @ moved).reshape(count, tunables, 2) + slopes[n, :n].T @ x
+    slope = through.transpose(2, 0, 1) + slopes[n, n:][:, None, :]
+    poles = np.linalg.eigvals(A) if n else np.zeros(0)
+    return Response(value, slope, np.abs(np.log(poles[np.abs(poles) > 1.0 + 1e-7])) / T)
 
 
 def _needed(traced: Traced) -> list[int]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -10,7 +10,7 @@ from scipy.stats import norm
 
 from feeddrive.analysis.margins import bandwidth_crossing
 from feeddrive.analysis.stiffness import rope_snap_weights, trapezoid_weights
-from feeddrive.language.errors import NotIdentifiableError
+from feeddrive.language.errors import FeeddriveError, NotIdentifiableError
 from feeddrive.tuning.closed_loop import Answer, Below, answer, encircles
 from feeddrive.tuning.control_response import ControlResponse, Response
 from feeddrive.tuning.limits import Bound, Limits, bounds_of, notches_stay_notches
@@ -56,7 +56,10 @@ class Criteria:
     def answers(self, x: np.ndarray) -> list[Answer]:
         """The closed loops at logarithms of the tunables; slopes are to the logarithms."""
         values = np.exp(x)
-        whole = self.control.at(values, self._lines)
+        return self._answers(self.control.at(values, self._lines), values)
+
+    def _answers(self, whole: Response, values: np.ndarray) -> list[Answer]:
+        """The closed loops of a control whose response on all lines is given."""
         parts = [
             Response(whole.value[:, place], whole.slope[:, place] * values, whole.unstable) for place in self._places
         ]
@@ -64,6 +67,17 @@ class Criteria:
             answer(point, fast, below.recovery(slow))
             for point, below, slow, fast in zip(self.points, self._below, parts[::2], parts[1::2], strict=True)
         ]
+
+    def looked(self, x: np.ndarray) -> Iterator[Evaluation | None]:
+        """The figures at many points (points, tunables), without slopes; None where there are none.
+
+        The control is computed once for all of them, so that a look costs a fraction of a step of the search.
+        """
+        for each, matrix in zip(x, self.control.models(np.exp(x)), strict=True):
+            try:
+                yield self.judged(each, self._answers(self.control.of_model(matrix, self._lines), np.zeros(0)))
+            except (FeeddriveError, ArithmeticError, np.linalg.LinAlgError):
+                yield None
 
     def __call__(self, x: np.ndarray) -> Evaluation:
         """The figures at a point; each is computed once."""

@@ -60,6 +60,10 @@ class Limits:
         """All of them, as a clause."""
         return ", ".join(each for each in self._clauses().values() if each) or "stability alone"
 
+    def _readings(self) -> str:
+        motor, load = (f"{1e9 * each:.4g} nm" for each in self.reading_noise)
+        return f"{motor} of white noise in the readings" if motor == load else f"{motor} (motor) and {load} (load)"
+
     def only(self, kind: str) -> str:
         """One of them, as a clause; by the name that a bound has."""
         return self._clauses()[kind]
@@ -91,7 +95,7 @@ class Limits:
             "delay margin": (self.delay_margin_samples, "delay margin >= {:.4g} samples"),
             "peak compliance": (None if self.compliance_peak is None else 1e6 * self.compliance_peak,
                                 "peak compliance <= {:.4g} um/N"),
-            "force noise": (self.force_noise, "force noise <= {:.4g} N RMS"),
+            "force noise": (self.force_noise, "force noise <= {:.4g} N RMS at " + self._readings()),
         }  # fmt: skip
         return {kind: "" if value is None else text.format(value) for kind, (value, text) in said.items()}
 
@@ -162,21 +166,21 @@ class Bound(NamedTuple):
 
 
 def bounds_of(i: int, each: Answer, limits: Limits) -> list[Bound]:
-    """All bounds of a point that are near."""
+    """All bounds of a point that are near; without slopes only the nearest along the lines, which merit goes by."""
     found: list[Bound] = []
     f, L, dL = each.point.frequency, each.gain, each.gain_slope
     spread = np.sqrt(0.5 * each.gain_variance)  # of the part along one direction
     if limits.sensitivity_peak is not None:
         away = np.abs(1.0 + L)
         slack = _between_lines(np.log(f), 1.0 + L, np.log(away * limits.sensitivity_peak))
-        for k in np.flatnonzero(slack < _NEAR).tolist():
+        for k in _near(slack, dL):
             slope = (dL[k] / (1.0 + L[k])).real
             found.append(Bound("Ms", i, float(f[k]), float(slack[k]), slope, float(spread[k] / away[k]), ("Ms", i, k)))
     if limits.compliance_peak is not None:
         size = np.abs(each.compliance)
         slack = _at_vertex(np.log(f), np.log(limits.compliance_peak / size))
         deviation = np.sqrt(0.5 * each.compliance_variance) / size
-        for k in np.flatnonzero(slack < _NEAR).tolist():
+        for k in _near(slack, dL):
             slope = -(each.compliance_slope[k] / each.compliance[k]).real
             found.append(
                 Bound("peak compliance", i, float(f[k]), float(slack[k]), slope, float(deviation[k]), ("c", i, k))
@@ -185,6 +189,12 @@ def bounds_of(i: int, each: Answer, limits: Limits) -> list[Bound]:
     if limits.force_noise is not None:
         found.append(_noise(i, each, limits))
     return found
+
+
+def _near(slack: np.ndarray, slopes: np.ndarray) -> list[int]:
+    """Lines whose bound is near; where no slopes are asked for, the nearest of them."""
+    near = np.flatnonzero(slack < _NEAR)
+    return near.tolist() if slopes.shape[1] or not near.size else [int(near[np.argmin(slack[near])])]
 
 
 def notches_stay_notches(control: Control, tunables: Sequence[str], x: np.ndarray) -> list[Bound]:

@@ -108,6 +108,7 @@ def modelled_point(loop: Loop, name: str = "model", *, velocity: float = 0.05) -
         np.array([found[each, "load_force"] for each in readings]),
         np.array([found["position_load", source] for source in ("cut", "load_force")]),
         T,
+        ratio=np.ones((2, lines.size)) if loop.axis.one_encoder() else None,
         loop=loop,
     )
 

@@ -97,7 +97,7 @@ def _noise(loop: Loop, both: LoopModel, limits: Limits) -> float | None:
     if limits.force_noise is None:
         return None
     motor, load = limits.reading_noise
-    if (loop.axis.encoder_motor is None) != (loop.axis.encoder_load is None):
+    if loop.axis.one_encoder():
         return force_noise(both.closed, 0.0, max(motor, load), shared=True)
     return force_noise(both.closed, motor, load)
 

@@ -43,6 +43,7 @@ _AGAIN = 0.1  # the same after a new look
 _STEPS = 60
 _ENOUGH = 1e-4  # of the goal's logarithm: less progress ends it
 _PENALTY, _DEARER, _DEAREST = 5.0, 6.0, 1e3  # for a bound that is broken by one; it grows while one stays broken
+_CROSSED = 0.9  # of the tunables of a trial come from the others
 _FLAT = 1e-2  # curvature of what has none of its own
 _ROOM = 1e-3  # of a logarithm: what the search keeps to every bound for what its lines miss
 
@@ -70,6 +71,37 @@ class Search:
         except (FeeddriveError, ArithmeticError, np.linalg.LinAlgError):
             return None
         return found if found.stable and np.all(np.isfinite(found.goal)) else None
+
+    def look(self, points: np.ndarray) -> np.ndarray:
+        """The merit at many points (points, tunables), infinite where the loop is unstable or has no figures."""
+        inside = np.clip(points, self.low, self.high)
+        fine = (each if each is not None and each.stable and np.isfinite(each.goal).all() else None
+                for each in self.criteria.looked(inside))  # fmt: skip
+        return np.array([self.merit(each) for each in fine])
+
+    def evolve(
+        self, points: np.ndarray, merits: np.ndarray, random: np.random.Generator, turns: int
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """A population (points, tunables) with its merits after some turns of differential evolution, best first.
+
+        Each point is tried against one that two others and the best have moved, and the better one stays.
+        Source: Storn & Price 1997, current-to-best/1/bin, with a factor drawn anew for each trial.
+        """
+        many, n = points.shape
+        for _ in range(turns):
+            a, b = (points[random.integers(many, size=many)] for _ in range(2))
+            factor = random.uniform(0.3, 0.9, (many, 1))
+            best = points[random.choice(np.argsort(merits)[: max(many // 6, 1)], size=many)]
+            trial = points + factor * (best - points) + factor * (a - b)
+            trial = np.where(random.random((many, n)) < _CROSSED, trial, points)
+            found = self.look(trial)
+            better = found < merits
+            points, merits = (
+                np.where(better[:, None], np.clip(trial, self.low, self.high), points),
+                np.minimum(found, merits),
+            )
+        order = np.argsort(merits)
+        return points[order], merits[order]
 
     def broken(self, found: Evaluation) -> float:
         """By how much the worst bound is broken; negative if all keep."""

@@ -100,3 +100,24 @@ def readable(control: Control, name: str) -> str:
     if parts[0] == "filters" and len(parts) == 3:
         return f"filters.{parts[1]} ({control.filters[int(parts[1])].kind}) {parts[2]}"
     return name
+
+
+_RUNGS = math.log(2.0) * np.arange(2.0, -8.0, -1.0)  # factors of speed 4 ... 1/128
+_SHAPES = 8  # for each tunable but one
+_WIDE, _RATIO_WIDE = math.log(30.0), math.log(6.0)  # of a gain, of a ratio, up and down
+
+
+def scattered(
+    x: np.ndarray, low: np.ndarray, high: np.ndarray, powers: np.ndarray, random: np.random.Generator
+) -> np.ndarray:
+    """Points all over the box, of shape (points, tunables): shapes of the law by Latin hypercube, each fast and slow.
+
+    Whether bounds are kept is decided by the speed of the whole loop first, so each shape is taken at ten speeds.
+    Source: McKay, Beckman & Conover 1979 (Latin hypercube).
+    """
+    count = _SHAPES * max(x.size - 1, 1)
+    wide = np.where(powers == 0.0, _RATIO_WIDE, _WIDE)
+    below, above = np.maximum(low, x - wide), np.minimum(high, x + wide)
+    strata = np.array([random.permutation(count) for _ in x]).T
+    shapes = below + (above - below) * (strata + random.random((count, x.size))) / count
+    return np.clip((shapes[:, None] + _RUNGS[:, None] * powers).reshape(-1, x.size), low, high)

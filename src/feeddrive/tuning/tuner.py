@@ -18,7 +18,7 @@ from feeddrive.tuning.criteria import Criteria, needed, require_covered, require
 from feeddrive.tuning.limits import Limits
 from feeddrive.tuning.operating_point import OperatingPoint
 from feeddrive.tuning.search import End, Search
-from feeddrive.tuning.tunables import box, logarithms, speeds
+from feeddrive.tuning.tunables import box, logarithms, scattered, speeds
 
 _LADDER = np.log(2.0) * np.arange(2.0, -11.5, -0.5)  # factors 4 ... 1/2048
 _NEAR = 0.3  # a start that breaks its bounds by less is near enough
@@ -28,7 +28,8 @@ _LOUD, _APART = 0.15, 0.12  # |L| of a resonance that is worth a notch; of ln f 
 _TURNS = 6  # in which the standard deviations to keep are settled
 _CUTS = 3  # rounds in which lines that the search had left out are added
 _AGREE = 0.05  # of the goal: ends of searches this near the best agree with it
-_MORE = 4  # searches, wider and wider, where only one ended near the best
+_MORE = 3  # searches with still other populations, where only one ended near the best
+_POPULATION, _GENERATIONS = 8, 16  # points a tunable that go on from those all over the range, and how often
 _COSTLY = 0.5  # of the goal: when noise costs more, the measurement is too poor
 
 
@@ -77,14 +78,14 @@ class Tuner:
         self.progress.step(f"{len(names)} tunables, first search")
         ends = [search.descend(first)]
         wanted = self.starts if starts is None else starts
-        for i in range(wanted - 1 + _MORE):
-            if i >= wanted - 1 and (wanted == 1 or _agreeing(search, ends) > 1):
+        for i in range(wanted - 1 + _MORE if wanted > 1 else 0):
+            if i >= wanted - 1 and _agreeing(search, ends) > 1:
                 break
-            self.progress.step(f"{len(names)} tunables, from another start")
-            other = self._beside(search, ends[0].x, 1.0 + 0.5 * max(i - wanted + 2, 0))
+            self.progress.step(f"{len(names)} tunables, from all over their range")
+            other = self._elsewhere(search, x, speeds(control, names))
             if other is not None:
                 ends.append(search.descend(other))
-        settled = wanted == 1 or _agreeing(search, ends) > 1
+        settled = _agreeing(search, ends) > 1
         end = min(ends, key=lambda each: search.merit(each.judged))
         end = self._from_below(search, end, x, speeds(control, names))
         costs = [float(np.max(each.judged.goal)) for each in ends]
@@ -158,13 +159,13 @@ class Tuner:
                 return other if search.broken(other.judged) < search.broken(end.judged) else end
         return end
 
-    def _beside(self, search: Search, x: np.ndarray, far: float = 1.0) -> np.ndarray | None:
-        """A stable point some way off."""
-        for size in (0.5 * far, 0.35 * far, 0.2 * far):
-            point = np.clip(x + self.random.uniform(-size, size, x.size), search.low, search.high)
-            if search.judge(point) is not None:
-                return point
-        return None
+    def _elsewhere(self, search: Search, x: np.ndarray, powers: np.ndarray) -> np.ndarray | None:
+        """Where another search begins: the best that a population from all over the box has come to."""
+        points = scattered(x, search.low, search.high, powers, self.random)
+        merits = search.look(points)
+        chosen = np.argsort(merits)[: _POPULATION * max(x.size, 2)]
+        points, merits = search.evolve(points[chosen], merits[chosen], self.random, _GENERATIONS)
+        return points[0] if np.isfinite(merits[0]) else None
 
     def _on_all_lines(self, control: Control, names: tuple[str, ...], search: Search, end: End) -> End:
         """The end, searched on with the lines on which a bound is broken, until none is."""

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from feeddrive.comparison.compare import Comparison, compare_laws, pieces
+from feeddrive.blocks.catalogue import imported
+from feeddrive.blocks.families import Law
+from feeddrive.comparison.compare import Comparison, compare_laws
 from feeddrive.comparison.report import write_comparison
 from feeddrive.files.machine import MachineLike, read_machine
 from feeddrive.language.progress import Progress
@@ -18,8 +20,12 @@ class CompareRequest(Request):
 
     machine: MachineLike = argument("A machine file (TOML), or the name of a bundled machine")
     axis: str | None = option("The axis, if the machine has several", default=None)
-    law: tuple[str, ...] = option("A law that is wanted; may be repeated; default: all", default=())
+    law: tuple[str, ...] = option(
+        "A law that is wanted: by name, or PACKAGE.MODULE:CLASS of your own, whose code is then run; may be repeated; "
+        "default: all", default=(),
+    )  # fmt: skip
     starts: int = option("Searches for each law; the best counts", default=2, least=1, most=20)
+    keep: Path | None = option("Directory in which finished laws are kept, to go on after a stop", default=None)
     out: Path | None = option(OUT, short="-o", default=None)
 
     def usual_out(self) -> Path:
@@ -35,9 +41,10 @@ def compare(request: CompareRequest, progress: Progress) -> Outcome[Comparison]:
     there, UnstableError if no law can be run.
     """
     machine = read_machine(request.machine)
-    laws = request.law or None
-    progress = progress.counted(pieces(machine, request.axis, laws) + 1)
-    found = compare_laws(machine, request.axis, laws=laws, starts=request.starts, workers=cores(), progress=progress)
+    laws = [imported(Law, each) if ":" in each else each for each in request.law] or None
+    found = compare_laws(
+        machine, request.axis, laws=laws, starts=request.starts, workers=cores(), keep=request.keep, progress=progress
+    )
     files: dict[str, Path] = {}
     if request.out is not None:
         progress.step("report")

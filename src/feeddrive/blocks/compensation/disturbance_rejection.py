@@ -5,14 +5,17 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any, NamedTuple
 
-from feeddrive.blocks.axis_model import AxisModel
+from feeddrive.blocks.axis_model import AxisModel, Beside, begun
 from feeddrive.blocks.families import Compensation, Law, Observer
 from feeddrive.blocks.observer.disturbance_recovery import DisturbanceRecovery
+from feeddrive.blocks.observer.gpi_observer import GpiObserver
+from feeddrive.blocks.observer.kalman_recovery import KalmanRecovery
 from feeddrive.blocks.signals import Reading, Setpoint
 from feeddrive.language import ops
 from feeddrive.language.block import Number, parameter, part
 from feeddrive.language.errors import StructureError
 
+_COUNT = 3.4641016151377544  # √12: a count that long has the deviation of one
 _LEAST = 1e-30  # least share, so that there is no division by 0
 
 
@@ -39,9 +42,23 @@ class DisturbanceRejection(Compensation):
         return not law.rejects and law.encoders == 1
 
     @classmethod
-    def begin(cls, axis: AxisModel) -> DisturbanceRejection:
-        """With the inverse of the rigid axis."""
-        return cls(observer=DisturbanceRecovery.begin(axis))
+    def begin(cls, axis: AxisModel) -> tuple[Beside, ...]:
+        """With the inverse of the rigid axis, with a Kalman filter, and with the observer of GPI control.
+
+        The filter begins with the walk of the force that gives it the bandwidth of the others.
+        """
+        encoder, noise = axis.velocity_encoder, axis.reading_noise
+        gpi = begun(GpiObserver, axis, taylor_states=1, omega_o=1.5 * axis.rate, zeta_o=1.5, encoder=encoder)
+        forms = [Beside(cls.title, cls(observer=DisturbanceRecovery.begin(axis)))]
+        if noise > 0.0:
+            slow = 1.2 * axis.rate * axis.sample_time
+            walk = slow * slow * slow * axis.mass * noise / (axis.sample_time * axis.sample_time)
+            filtered = begun(KalmanRecovery, axis, resolution=_COUNT * noise, force_step=walk, encoder=encoder)
+            forms.append(Beside("Kalman recovery", cls(observer=filtered)))
+        else:
+            said = "a Kalman filter weighs the disturbance against the noise of the encoder, and none is stated"
+            forms.append(Beside("Kalman recovery", None, said))
+        return (*forms, Beside("GPI recovery", cls(observer=gpi)))
 
     observer: Observer = part("what estimates the disturbance")
     share: Number = parameter("", "part of the estimate that is subtracted", least=0, most=1, default=1)

@@ -5,13 +5,15 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any, NamedTuple
 
+from feeddrive.blocks.axis_model import AxisModel, Beside
 from feeddrive.blocks.compensation.machine_mode import MachineMode
-from feeddrive.blocks.families import Compensation, Friction, Observer
+from feeddrive.blocks.families import Compensation, Friction, Law, Observer
 from feeddrive.blocks.filter.biquad import below_nyquist
+from feeddrive.blocks.observer.disturbance_recovery import DisturbanceRecovery
 from feeddrive.blocks.signals import Reading, Setpoint
 from feeddrive.language import matrix, ops
 from feeddrive.language.block import Number, Rule, parameter, part
-from feeddrive.language.errors import ParameterError
+from feeddrive.language.errors import ParameterError, StructureError
 from feeddrive.language.matrix import Matrix, Row
 
 
@@ -35,6 +37,26 @@ class ModeCompensation(Compensation):
     frequency; only slow forces are then compensated.
     Source: Altintas & Okwudire 2009, end of section 3; the form is this library's.
     """
+
+    title = "mode compensation"
+
+    @classmethod
+    def goes_beside(cls, law: type[Law]) -> bool:
+        """With a law of one rigid mass that does not subtract an estimate itself."""
+        return not law.rejects and law.encoders == 1
+
+    @classmethod
+    def begin(cls, axis: AxisModel) -> tuple[Beside, ...]:
+        """With the modes that the machine file states, and an estimate as of `DisturbanceRejection`, not tuned further.
+
+        What it is good for, the path of the tool, is not what a comparison measures: that is the table.
+        """
+        if not axis.machine_modes:
+            raise StructureError(
+                "the machine file states no mode of the machine beside the axis (modes of a mode_compensation)"
+            )
+        made = cls(modes=axis.machine_modes, observer=DisturbanceRecovery.begin(axis))
+        return (Beside(cls.title, made, "it moves the table with the tool; figures are of the table", tuned=False),)
 
     modes: tuple[MachineMode, ...] = part("modes of the machine")
     observer: Observer = part("what recovers the disturbance")

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple
 
-from feeddrive.blocks.axis_model import AxisModel, begun
-from feeddrive.blocks.families import Law, Observer, Start
+from feeddrive.blocks.axis_model import AxisModel, Start, begun
+from feeddrive.blocks.families import Law, Observer
 from feeddrive.blocks.observer.gpi_observer import GpiObserver
 from feeddrive.blocks.signals import Reading, Setpoint
 from feeddrive.language import matrix, ops, tree

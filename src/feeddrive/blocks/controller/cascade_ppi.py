@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any, NamedTuple
 
-from feeddrive.blocks.axis_model import AxisModel
-from feeddrive.blocks.families import Law, Start
+from feeddrive.blocks.axis_model import AxisModel, Start
+from feeddrive.blocks.families import Law
 from feeddrive.blocks.signals import Reading, Setpoint
 from feeddrive.language import ops
 from feeddrive.language.block import Number, choice, parameter

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any, NamedTuple
 
-from feeddrive.blocks.axis_model import AxisModel
-from feeddrive.blocks.families import Law, Nothing, Plant, Start
+from feeddrive.blocks.axis_model import AxisModel, Start
+from feeddrive.blocks.families import Law, Nothing, Plant
 from feeddrive.blocks.feedforward.inverse_dynamics import InverseDynamics
 from feeddrive.blocks.plant.two_bodies import (
     Gains,

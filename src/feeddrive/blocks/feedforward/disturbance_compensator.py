@@ -37,6 +37,7 @@ class DisturbanceCompensator(Feedforward):
 
     feeds = ("acceleration", "velocity", "friction")
     title = "compensator"
+    learned = "learned compensator"
 
     @classmethod
     def goes_beside(cls, law: type[Law]) -> bool:

@@ -36,6 +36,7 @@ class DisturbanceRecovery(Observer):
 
         exact        as it stands
         one_pole     F(k) = α F(k-1) + (1 - α) F̂d(k),   α = e^(-2π frequency T), in place of the law's Q/(Q + g1 T/m)
+        two_poles    the same twice, one behind the other
         butterworth  second order, by Tustin with prewarping
 
     It is a double difference: a resolution q becomes √6 m (q/√12)/T² of noise before the filter.  `lag` says by how
@@ -52,17 +53,18 @@ class DisturbanceRecovery(Observer):
 
     mass: Number = parameter("kg", "m: all that moves", above=0)
     viscous: Number = parameter("N s/m", "b: viscous friction that does not count as disturbance", least=0, default=0)
-    form: str = choice("filter", options=("exact", "one_pole", "butterworth"), default="butterworth")
+    form: str = choice("filter", options=("exact", "one_pole", "two_poles", "butterworth"), default="butterworth")
     frequency: Number = parameter("Hz", "corner frequency of the filter", above=0, default=500)
     delay_samples: int = choice("samples of dead time until a command acts", default=0, least=0, most=64)
+    encoder: str = choice("encoder whose reading is inverted", options=("load", "motor"), default="load")
 
     @classmethod
     def begin(cls, axis: AxisModel) -> DisturbanceRecovery:
-        """A corner well below the rate of the loop."""
-        return begun(cls, axis, frequency=0.2 * axis.rate)
+        """A corner well below the rate of the loop, on the encoder of the velocity."""
+        return begun(cls, axis, frequency=0.2 * axis.rate, encoder=axis.velocity_encoder)
 
     class Prepared(NamedTuple):
-        """α of the first order or the section of the second, each empty if it is not used."""
+        """α of the poles or the section of the second order, each empty if it is not used."""
 
         pole: tuple[Number, ...]
         section: tuple[Section, ...]
@@ -82,7 +84,7 @@ class DisturbanceRecovery(Observer):
 
     def prepare(self, T: Number) -> Prepared:
         """The filter's coefficients."""
-        if self.form == "one_pole":
+        if self.form in ("one_pole", "two_poles"):
             return self.Prepared((ops.exp(-2.0 * ops.pi * self.frequency * T),), ())
         if self.form == "butterworth":
             w = prewarped(self.frequency, T)
@@ -92,22 +94,28 @@ class DisturbanceRecovery(Observer):
 
     def start(self, prepared: Prepared, reading: Reading) -> State:
         """Moving evenly at the reading: the disturbance is what the force that acts must hold."""
-        position, held = reading.position_load, self.viscous * reading.velocity - reading.applied
-        kept: tuple[Any, ...] = (held,) if prepared.pole else ()
+        position, held = self._position(reading), self.viscous * reading.velocity - reading.applied
+        kept: tuple[Any, ...] = (held,) * self._poles()
         if prepared.section:
             kept = (settled(prepared.section[0], held),)
         return self.State(position, reading.velocity, (reading.applied,) * self.delay_samples, kept)
 
+    def _position(self, reading: Reading) -> Number:
+        return reading.position_motor if self.encoder == "motor" else reading.position_load
+
+    def _poles(self) -> int:
+        return {"one_pole": 1, "two_poles": 2}.get(self.form, 0)
+
     def step(self, prepared: Prepared, state: State, reading: Reading, T: Number) -> tuple[State, Estimate]:
         """The equations above."""
-        position = reading.position_load
+        position = self._position(reading)
         commands = (reading.applied, *state.pending)
         velocity = (position - state.position) / T
         force = self.mass * ((velocity - state.velocity) / T) + self.viscous * velocity - commands[-1]
         kept: tuple[Any, ...] = ()
-        if prepared.pole:
-            force = force + prepared.pole[0] * (state.filter[0] - force)
-            kept = (force,)
+        for i in range(self._poles()):
+            force = force + prepared.pole[0] * (state.filter[i] - force)
+            kept = (*kept, force)
         if prepared.section:
             held: Delayed = state.filter[0]
             delayed, force = advance(prepared.section[0], held, force)
@@ -128,7 +136,7 @@ class DisturbanceRecovery(Observer):
         """
         samples: Any = 1.5
         if prepared.pole:
-            samples = samples + prepared.pole[0] / (1.0 - prepared.pole[0])
+            samples = samples + float(self._poles()) * (prepared.pole[0] / (1.0 - prepared.pole[0]))
         if prepared.section:
             samples = samples + _BUTTERWORTH / prewarped(self.frequency, T)
         return samples * T

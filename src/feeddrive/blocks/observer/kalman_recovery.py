@@ -38,6 +38,7 @@ class KalmanRecovery(Observer):
     resolution: Number = parameter("m", "length of one count of the encoder", above=0)
     force_step: Number = parameter("N", "standard deviation of what the disturbance changes in a sample", above=0)
     delay_samples: int = choice("samples of dead time until a command acts", default=0, least=0, most=64)
+    encoder: str = choice("encoder whose reading is filtered", options=("load", "motor"), default="load")
 
     class Prepared(NamedTuple):
         """Φ - 1 above its diagonal and at (v, v), in SI, and the gain L."""
@@ -73,7 +74,10 @@ class KalmanRecovery(Observer):
     def start(self, prepared: Prepared, reading: Reading) -> State:
         """Moving evenly at the reading: the disturbance is what the force that acts must hold."""
         held = self.viscous * reading.velocity - reading.applied
-        return self.State(reading.position_load, reading.velocity, held, (reading.applied,) * self.delay_samples)
+        return self.State(self._position(reading), reading.velocity, held, (reading.applied,) * self.delay_samples)
+
+    def _position(self, reading: Reading) -> Number:
+        return reading.position_motor if self.encoder == "motor" else reading.position_load
 
     def step(self, prepared: Prepared, state: State, reading: Reading, T: Number) -> tuple[State, Estimate]:
         """Predict with the command that acted, correct with the reading."""
@@ -81,7 +85,7 @@ class KalmanRecovery(Observer):
         force = state.disturbance + commands[-1]
         position = state.position + (prepared.x_of_v * state.velocity + prepared.x_of_force * force)
         velocity = state.velocity + (prepared.v_of_v * state.velocity + prepared.v_of_force * force)
-        missed = reading.position_load - position
+        missed = self._position(reading) - position
         position = position + prepared.gain[0] * missed
         velocity = velocity + prepared.gain[1] * missed
         disturbance = state.disturbance + prepared.gain[2] * missed
