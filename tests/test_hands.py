@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import builtins
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,7 @@ import scipy.io
 import scipy.signal
 
 import feeddrive as fd
+from feeddrive.cli import main
 
 MACHINES = sorted(each.stem for each in (Path(fd.files.__file__).parent / "bundled" / "machines").glob("*.toml"))
 MOVE = fd.blocks.SnapLimitedMove(distance=0.01, velocity=0.1, acceleration=0.8, jerk=20, snap=1000)
@@ -166,3 +168,47 @@ def test_a_csv_of_a_model_and_of_a_response_comes_back_bit_for_bit(tmp_path: Pat
     run = fd.simulate(axis(), MOVE)
     fd.files.write_csv(tmp_path / "r.csv", run)
     np.testing.assert_array_equal(fd.read_log(tmp_path / "r.csv")["force"], run["force"])
+
+
+@pytest.mark.parametrize(
+    ("given", "seconds"),
+    [("sample_time_us = 100", "0.0001"), ("sample_time_us = 50", "5e-05"), ("sample_time_ms = 0.3", "0.0003")],
+)
+def test_a_decimal_number_in_another_unit_is_the_same_decimal_number_in_si(
+    tmp_path: Path, given: str, seconds: str
+) -> None:
+    """100 us were 9.999999999999999e-05 s."""
+    text = fd.read_machine("emps").file.text
+    (tmp_path / "m.toml").write_text(re.sub(r"(?m)^sample_time\w* *=.*$", given, text))
+    assert repr(float(fd.read_machine(tmp_path / "m.toml").loop("x").sample_time)) == seconds
+
+
+def test_what_a_job_names_is_not_quoted(tmp_path: Path) -> None:
+    """A job may name any file; its error says the line, and nothing of what stands there."""
+    (tmp_path / "secret").write_text("password: hunter2\n")
+    (tmp_path / "a.toml").write_text(f"machine = '{tmp_path}/secret'\n[reference]\nkind = 'snap_limited_move'\n")
+    channels = "[log.channels]\nsetpoint_position = 'a'\nposition_load = 'b'\n"
+    (tmp_path / "b.toml").write_text(f"machine = 'emps'\n[log]\nfile = 'secret'\n{channels}")
+    for name in ("a.toml", "b.toml"):
+        with pytest.raises(fd.FeeddriveError, match="secret") as error:
+            fd.run(tmp_path / name)
+        assert "hunter2" not in str(error.value)
+
+
+def test_no_name_from_a_file_obeys_the_terminal(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A column's name that sets the title of the window, clears the screen and turns the text round."""
+    name = "\x1b]0;owned\x07\x1b[2J\u202eforce"
+    rows = np.linspace(0.0, 1.0, 300)
+    log = fd.Log(
+        name="l", time=1e-3 * np.arange(300), channels={name: rows, "position_m": rows}, units={}, sample_time=1e-3
+    )
+    fd.files.write_log(tmp_path / "l.parquet", log)
+    monkeypatch.setattr("sys.argv", ["feeddrive", "channels", str(tmp_path / "l.parquet")])
+    with pytest.raises(SystemExit):
+        main()
+    out, errors = capfd.readouterr()
+    assert "\\x1b]0;owned" in out
+    assert not {"\x1b", "\x07", "\u202e"} & {*out, *errors}
+    assert "\x1b" not in str(log.table())

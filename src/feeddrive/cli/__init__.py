@@ -11,6 +11,7 @@ import sys
 from typing import NoReturn
 
 from feeddrive.language.errors import AbortedError, CancelledError, DivergedError, FeeddriveError, UnstableError
+from feeddrive.language.table import visible
 
 STOPPED = 130
 
@@ -31,7 +32,7 @@ def main() -> None:
     except CancelledError:
         _stopped()
     except FeeddriveError as error:
-        sys.stderr.write(f"feeddrive: error: {error}\n")
+        sys.stderr.write(visible(f"feeddrive: error: {error}\n"))
         sys.exit(1 if isinstance(error, (AbortedError, DivergedError, UnstableError)) else 2)
     except MemoryError:
         sys.stderr.write("feeddrive: error: more memory is needed than there is: shorten the work, or sample slower\n")

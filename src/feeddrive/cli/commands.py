@@ -17,6 +17,8 @@ from typer.core import TyperCommand, TyperGroup
 from typer.main import get_command
 
 from feeddrive.cli.terminal import UNBROKEN, TerminalProgress, open_console, show
+from feeddrive.language import units
+from feeddrive.language.table import visible
 from feeddrive.workflow.command import COMMANDS, Command, load
 from feeddrive.workflow.request import Field, fields_of
 
@@ -141,7 +143,7 @@ def _entered(field: Field, value: Any) -> Any:
         return tuple(value or ())
     if value is None or field.kind is not float or field.factor == 1.0:
         return value
-    return value * field.factor
+    return units.scaled(value, field.factor)
 
 
 def _perform(command: Command[Any, Any, Any], values: dict[str, Any]) -> None:
@@ -156,10 +158,10 @@ def _perform(command: Command[Any, Any, Any], values: dict[str, Any]) -> None:
     for each in found.said():
         show(console, each)
     for line in found.written():
-        console.print(line, markup=False, soft_wrap=True)
+        show(console, line, soft_wrap=True)
     if found.error is not None:
         raise found.error
     if found.failure is not None:
         if found.failure:
-            sys.stderr.write(f"feeddrive: {found.failure}\n")
+            sys.stderr.write(visible(f"feeddrive: {found.failure}\n"))
         raise typer.Exit(1)

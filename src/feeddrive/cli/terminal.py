@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Self
 import typer
 
 from feeddrive.language.progress import Progress
-from feeddrive.language.table import Table
+from feeddrive.language.table import Table, visible
 
 if TYPE_CHECKING:
     from rich.console import Console, ConsoleOptions, RenderResult
@@ -24,12 +24,12 @@ def open_console() -> Console:
     return Console(highlight=False, width=None if sys.stdout.isatty() else UNBROKEN)
 
 
-def show(console: Console, said: Table | str) -> None:
-    """A table, or a sentence that is broken between words."""
+def show(console: Console, said: Table | str, *, soft_wrap: bool = False) -> None:
+    """A table, or a sentence that is broken between words; nothing in it obeys the terminal, see `visible`."""
     if isinstance(said, Table):
         console.print(DrawnTable(said))
     else:
-        console.print(said, markup=False)
+        console.print(visible(said), markup=False, soft_wrap=soft_wrap)
 
 
 class TerminalProgress(Progress):
@@ -54,7 +54,7 @@ class TerminalProgress(Progress):
             return
         from rich.markup import escape
 
-        text = escape(f"{part}: {what}" if part else what)
+        text = escape(visible(f"{part}: {what}" if part else what))
         if self._bar is None:
             self._bar = _bar(self._console, counted=of is not None)
             self._bar.start()
@@ -64,15 +64,12 @@ class TerminalProgress(Progress):
 
     def show_remark(self, said: str | Table) -> None:
         """Print it immediately."""
-        if isinstance(said, Table):
-            show(self._console, said)
-        else:
-            self._console.print(said, markup=False, soft_wrap=True)
+        show(self._console, said, soft_wrap=True)
         sys.stdout.flush()
 
     def confirm(self, question: str) -> bool:
         """Ask on the terminal; anything but yes ends the command."""
-        typer.confirm(question, abort=True)
+        typer.confirm(visible(question), abort=True)
         return True
 
 

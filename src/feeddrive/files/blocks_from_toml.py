@@ -270,7 +270,8 @@ def _number(section: Section, key: str, name: str, declared: Declaration, value:
             key,
         )
     try:
-        number = _float(value) * factor if isinstance(value, int | float) and not isinstance(value, bool) else value
+        whole = isinstance(value, int | float) and not isinstance(value, bool)
+        number = units.scaled(_float(value), factor) if whole else value
         return checked("", section.dotted(name), declared, number)
     except ParameterError as error:
         given = "" if key == name else f" (given as {key} = {shown(value)})"
@@ -292,7 +293,7 @@ def _row(section: Section, key: str, name: str, declared: Declaration, value: An
         if isinstance(item, bool) or not isinstance(item, int | float) or not math.isfinite(_float(item)):
             entry = f"entry {place + 1} = {shown(item)}"
             raise section.error(f"{section.dotted(key)}: {entry} ({declared.meaning}) must be a finite number", key)
-        row.append(item * factor)
+        row.append(units.scaled(_float(item), factor))
     try:
         return checked("", section.dotted(name), declared, row)
     except ParameterError as error:

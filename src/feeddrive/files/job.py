@@ -163,7 +163,7 @@ def _machine(root: Section, place: Path) -> MachineFile:
         raise root.error('machine is missing: machine = "file.toml", or the name of a bundled machine')
     beside = place.parent / name
     try:
-        return read_machine(beside if beside.exists() else name)
+        return read_machine(beside if beside.exists() else name, quoting=False)
     except FileError as error:
         raise type(error)(f"{root.where('machine')}: machine: {error}") from None
 
@@ -287,7 +287,7 @@ def _step(section: Section, key: str) -> float:
     if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0.0 < value < 1e9:
         raise section.error(f"{section.dotted(key)} must be a time > 0", key)
     try:
-        return value * (1.0 if key == "sample_time" else units.factor(key.removeprefix("sample_time_"), "s"))
+        return units.scaled(value, 1.0 if key == "sample_time" else units.factor(key.removeprefix("sample_time_"), "s"))
     except ParameterError as error:
         raise section.error(f"{section.dotted(key)}: {error}", key) from None
 

@@ -114,7 +114,7 @@ MachineLike: TypeAlias = str | Path | MachineFile
 """A machine file, the name of a bundled machine, or one that was read."""
 
 
-def read_machine(path: MachineLike) -> MachineFile:
+def read_machine(path: MachineLike, *, quoting: bool = True) -> MachineFile:
     """The machine in a file, or the bundled one of that name; one that was read is itself.
 
     Raises FileError (the file) and ParameterError or StructureError (a key in it), all with file and line.
@@ -125,7 +125,7 @@ def read_machine(path: MachineLike) -> MachineFile:
         raise ParameterError(
             f"a machine is a file, a bundled name or fd.read_machine(...), not a {type(path).__name__}"
         )
-    file = read_toml(found(path, "machines"))
+    file = read_toml(found(path, "machines"), quoting=quoting)
     root = file.root()
     text = {name: _text(root, name) for name in _TEXTS}
     loops = {name: _loop(root, name, section) for name, section in root.named("axis").items()}

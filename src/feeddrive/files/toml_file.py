@@ -276,10 +276,13 @@ class Section:
                 raise self.error(f"key '{self.dotted(name)}' is not known{nearest(name, allowed)}", name)
 
 
-def read_toml(path: str | Path) -> TomlFile:
-    """Read a TOML file. Raises FileError with file, line and what to do if it is missing, too large or not TOML."""
+def read_toml(path: str | Path, *, quoting: bool = True) -> TomlFile:
+    """Read a TOML file. Raises FileError with file, line and what to do if it is missing, too large or not TOML.
+
+    quoting  the error shows the line: not for a file that only another file names
+    """
     content = read_whole(path, MOST_BYTES)
-    return parse_toml(_decoded(str(path), content), str(path))
+    return parse_toml(_decoded(str(path), content), str(path), quoting=quoting)
 
 
 def _decoded(name: str, content: bytes) -> str:
@@ -296,7 +299,7 @@ def _decoded(name: str, content: bytes) -> str:
         ) from None
 
 
-def parse_toml(text: str, name: str) -> TomlFile:
+def parse_toml(text: str, name: str, *, quoting: bool = True) -> TomlFile:
     """The content of a TOML text; `name` stands for the file in messages. Raises FileError as `read_toml`."""
     deep = _TOO_DEEP.search(text)
     if deep is not None:
@@ -305,7 +308,7 @@ def parse_toml(text: str, name: str) -> TomlFile:
         content = tomllib.loads(text)
         lines = lines_of_keys(text)
     except tomllib.TOMLDecodeError as error:
-        raise _syntax_error(name, text, str(error)) from None
+        raise _syntax_error(name, text, str(error), quoting) from None
     except RecursionError:
         raise FileError(f"{name}: is nested too deeply") from None
     except ValueError as error:  # a whole number of thousands of digits, a date that does not exist
@@ -313,12 +316,12 @@ def parse_toml(text: str, name: str) -> TomlFile:
     return TomlFile(name, text, content, lines)
 
 
-def _syntax_error(name: str, text: str, message: str) -> FileError:
+def _syntax_error(name: str, text: str, message: str, quoting: bool) -> FileError:
     found = re.fullmatch(r"(.*) \(at (?:line (\d+), column \d+|end of document)\)", message, re.DOTALL)
     reason, line = (found[1], int(found[2] or 0)) if found else (message, 0)
     rows = text.rstrip().split("\n")
     line = min(line or len(rows), len(rows))
-    quoted = f" in  {_short(rows[line - 1])}" if rows and rows[line - 1].strip() else ""
+    quoted = f" in  {_short(rows[line - 1])}" if quoting and rows and rows[line - 1].strip() else ""
     advice = next((f"; {advice}" for start, advice in _ADVICE.items() if reason.startswith(start)), "")
     stated = f"is not valid TOML: {reason[:1].lower()}{reason[1:]}{quoted}{advice}"
     return FileError(plain(f"{name}:{max(line, 1)}: {stated}"))

@@ -16,6 +16,13 @@ from typing import Any
 from feeddrive.language.errors import ParameterError
 
 
+def visible(text: str) -> str:
+    r"""The text with control characters as `\x1b`, so that no name from a file obeys a terminal; line ends stay."""
+    if text.isprintable():
+        return text
+    return "".join(each if each.isprintable() or each == "\n" else ascii(each)[1:-1] for each in text)
+
+
 @dataclass(frozen=True)
 class Table:
     """Rows under column heads; the first column is text, the others are shown as given.
@@ -27,6 +34,11 @@ class Table:
     heads: Sequence[str]
     rows: Sequence[Sequence[str]]
     sentences: int | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "title", visible(self.title))
+        object.__setattr__(self, "heads", [visible(each) for each in self.heads])
+        object.__setattr__(self, "rows", [[visible(cell) for cell in row] for row in self.rows])
 
     def __str__(self) -> str:
         widths = [max(len(row[i]) for row in (self.heads, *self.rows)) for i in range(len(self.heads))]

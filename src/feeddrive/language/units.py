@@ -176,6 +176,15 @@ def factor(given: str, declared: str) -> float:
     return decimal(size / declared_size)
 
 
+def scaled(value: Any, factor: float) -> Any:
+    """value · factor, for a number or an array; by 1e-6, 1/60 and the like it is the quotient by 1e6, by 60.
+
+    A division by a whole number is rounded once: 100 us are 1e-4 s, and not 9.999999999999999e-05.
+    """
+    inverse = decimal(1.0 / factor) if 0.0 < abs(factor) < 1.0 else 0.0
+    return value / inverse if inverse and inverse == round(inverse) else value * factor
+
+
 def decimal(value: float) -> float:
     """The number of twelve digits that only rounding tells from `value`, if there is one: 50 times 1e-6 is 5e-05."""
     near = float(f"{value:.12g}")

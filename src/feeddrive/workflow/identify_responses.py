@@ -190,7 +190,7 @@ def _fixed(texts: Sequence[str], plant: Plant | None) -> dict[str, float]:
         except ValueError:
             raise ParameterError(f"--fix {text}: must be NAME=NUMBER, as mass_motor=85") from None
         factor = 1.0 if key == name else units.factor(key.removeprefix(f"{name}_"), known[name])
-        found[name] = value * factor
+        found[name] = units.scaled(value, factor)
     return found
 
 

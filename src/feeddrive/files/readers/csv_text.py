@@ -229,9 +229,7 @@ def read_csv(name: str, content: bytes, wanted: frozenset[str] | None) -> Column
     begin = next(text.pieces()).text
     layout = layout_of(begin)
     if layout is None:
-        start = next((line.strip() for line in begin.split("\n", 50) if line.strip()), "")
-        shown = f"; it begins with '{start[:40]}'" if start else ""
-        raise LogError(f"{name}: holds no rows of numbers{shown}; a log is a table of numbers with one row a sample")
+        raise LogError(f"{name}: holds no rows of numbers; a log is a table of numbers with one row a sample")
     chosen = [k for k, column in enumerate(layout.names) if layout.numeric[k] and is_wanted(column, wanted)]
     left_out = {column: "text" for column, numeric in zip(layout.names, layout.numeric, strict=True) if not numeric}
     # filled piece by piece; a row has a letter and a separator for each number at least
