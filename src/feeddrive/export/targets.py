@@ -87,8 +87,7 @@ def write_all(
     """
     axes = list(read_machine(source).loops)
     if axis is not None or plant or len(axes) == 1:
-        given = {"axis": axis, "name": name, "precision": precision, "plant": plant, **options}
-        return [write_export(source, target, out, **given)]
+        return [write_export(source, target, out, axis=axis, name=name, precision=precision, plant=plant, **options)]
     if options.get("joint") is not None:
         raise ParameterError("--joint is that of one axis: name it by --axis, or leave both out")
     planned = []

@@ -176,7 +176,8 @@ def _by_stretches(stretches: Sequence[Stretch], T: float, first: int, count: int
     columns = rows.T[:, :, None]
     # a division that is rounded tells the first sample of a stretch to one sample
     near = np.ceil((rows[:, 0] + rows[:, way]) / T)
-    held = Stretch(Way(*columns[:way]), Piece(*columns[way:piece])).holds((near[:, None] + (-1.0, 0.0, 1.0)) * T)
+    times: Any = (near[:, None] + (-1.0, 0.0, 1.0)) * T
+    held = Stretch(Way(*columns[:way]), Piece(*columns[way:piece])).holds(times)
     begins = np.clip(near + 2.0 - np.sum(held, axis=1) - first, 0.0, count).astype(np.int64)
     begins[0] = 0
     constants, outputs = rows.ctypes.data, out.ctypes.data

@@ -86,7 +86,8 @@ class Field:
             not isinstance(value, self.kinds) or isinstance(value, bool) != (self.kind is bool)
         ):
             names = [each.__name__ for each in self.kinds]
-            wanted = {int: "a whole number", bool: "True or False"}.get(self.kind, f"a {' or '.join(names)}")
+            known: dict[type, str] = {int: "a whole number", bool: "True or False"}
+            wanted = known.get(self.kind, f"a {' or '.join(names)}")
             shown = f" = {value!r}" if isinstance(value, str | int | float) else ""
             hint = f", not a {type(value).__name__}: {getattr(value, 'instead', '')}" if not shown else ""
             raise ParameterError(f"{where}{shown} ({self.declared.meaning}) must be {wanted}{hint}".rstrip(": "))
