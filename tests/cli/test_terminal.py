@@ -46,7 +46,7 @@ def test_remarks_and_tables_are_not_broken(log: Path) -> None:
         f"feeddrive channels {log} --out channels.toml, edit that file, then --channels" in each for each in lines
     )
     row = " ".join(next(each for each in lines if "force_N" in each).split())
-    assert row == "force force_N N force, by its name; no unit is stated, N is taken"
+    assert row == "force force_N N force, by its name"
 
 
 @pytest.mark.parametrize(
