@@ -300,3 +300,35 @@ def test_equal_names_get_numbers_and_cost_no_more_than_others(tmp_path: Path) ->
     assert time.process_time() - begun < 10.0  # s; it takes 0.1 s
     assert len(channels) == 1999
     assert list(channels)[:4] == ["x", "x_again", "x_again3", "x_again4"]
+
+
+_EPOS_NOTED = {
+    "commas": ["0.000;-101;-24.1,,", "0.400;-100;-24.0,,", "0.800;-99;-1200.0,,strange", "1.200;-101;-24.2,,"],
+    "some commas": ["0.000;-101;-24.1", "0.400;-100;-24.0,,", "0.800;-99;-1200.0", "1.200;-101;-24.2"],
+    "semicolons": ["0.000;-101;-24.1;;", "0.400;-100;-24.0;;", "0.800;-99;-1200.0;strange, 2;", "1.200;-101;-24.2;;"],
+    "decimal commas": ["0,000;-101;-24,1;", "0,400;-100;-24,0;", "0,800;-99;-1200,0;strange", "1,200;-101;-24,2;"],
+}
+
+
+@pytest.mark.parametrize("kind", _EPOS_NOTED)
+def test_a_recorder_file_that_somebody_wrote_remarks_in(kind: str, tmp_path: Path) -> None:
+    rows = _EPOS_NOTED[kind]
+    tail = {"commas": ",,", "some commas": "", "semicolons": ";note;", "decimal commas": ";note"}[kind]
+    head = ["Date:;2020-07-08", "EPOS Studio Version:;3.6.1.0", "Recorded samples:;4", "Sampling period:;0.400"]
+    lines = [
+        *(f"{line}{tail.replace('note', '')}" for line in head),
+        f";Velocity;Torque{tail}",
+        f"ms;rpm;%{tail}",
+        *rows,
+    ]
+    file = tmp_path / "run.csv"
+    file.write_bytes("\r\n".join([*lines, ""]).encode())
+    log = read_log(file)
+    assert list(log["Torque"]) == [-24.1, -24.0, -1200.0, -24.2]
+    assert log.units == {"Velocity": "rpm", "Torque": "percent"}
+    assert log.sample_time == pytest.approx(0.4e-3, rel=1e-12)
+    noted = "strange" in "".join(rows)
+    assert log.left_out.get("after the last channel", "") == ("remarks in 1 row" if noted else "")
+    file.write_bytes("\r\n".join([*lines[:-1], "1.200;-101", ""]).encode())
+    with pytest.raises(LogError, match="line 10"):
+        read_log(file)

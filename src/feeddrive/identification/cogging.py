@@ -11,7 +11,7 @@ from scipy.stats import f as f_distribution
 from feeddrive.blocks.force.cogging import Cogging
 from feeddrive.blocks.force.harmonic import Harmonic
 from feeddrive.identification.estimate import Estimate
-from feeddrive.identification.regression import ols_covariance
+from feeddrive.identification.regression import ols_covariance, strays, strays_said
 from feeddrive.language.errors import LogError, NotIdentifiableError, ParameterError
 from feeddrive.language.table import Result, Table
 
@@ -158,7 +158,8 @@ def identify_cogging(runs: Sequence[CoggingRun], orders: Sequence[int] | None = 
     coulomb = Estimate("coulomb", float(0.5 * (levels[0] - levels[1])), unit, error, error) if both else None
     offset = Estimate("offset", float(np.mean(levels)), unit, error, error)
     residual = np.concatenate([side.residual for side in there.values()])
-    return CoggingFit(tuple(found), coulomb, offset, residual, unit, _remarks(found, both))
+    said = [remark for run in runs for remark in run.remarks]
+    return CoggingFit(tuple(found), coulomb, offset, residual, unit, (*said, *_remarks(found, both)))
 
 
 def _most(runs: Sequence[CoggingRun]) -> int:
@@ -286,11 +287,13 @@ class CoggingRun:
     """Position in turns (or in periods of whatever repeats) and the force that held or moved the axis, shape (n,).
 
     direction is +1 for a run towards larger positions and -1 for the other; by default it is seen in the positions.
+    Single samples of the force far from their neighbors (`regression.strays`) are left out; `remarks` says which.
     """
 
     turns: np.ndarray
     force: np.ndarray
     direction: int = 0
+    remarks: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         turns, force = np.asarray(self.turns, dtype=np.float64), np.asarray(self.force, dtype=np.float64)
@@ -312,11 +315,16 @@ class CoggingRun:
             direction = 1 if share > 0.5 else -1
         if direction not in (-1, 1):
             raise ParameterError(f"direction = {direction} must be 1 or -1")
-        for name, value in (("turns", turns), ("force", force), ("direction", direction)):
+        far = strays(force)
+        said = (*self.remarks, *strays_said("a cogging run, force", force, far, ""))
+        turns, force = turns[~far], force[~far]
+        for name, value in (("turns", turns), ("force", force), ("direction", direction), ("remarks", said)):
             object.__setattr__(self, name, value)
 
 
-def cogging_passes(turns: np.ndarray, force: np.ndarray, *, highest: int = 128) -> tuple[CoggingRun, ...]:
+def cogging_passes(
+    turns: np.ndarray, force: np.ndarray, *, highest: int = 128, name: str = "the log"
+) -> tuple[CoggingRun, ...]:
     """The passes of a log in one direction each, of position in periods and force, both of shape (n,).
 
     A position that starts again after each period is followed over its jumps.  Where the log reverses it is cut; passes
@@ -330,7 +338,9 @@ def cogging_passes(turns: np.ndarray, force: np.ndarray, *, highest: int = 128) 
     if not (np.all(np.isfinite(turns)) and np.all(np.isfinite(force))):
         bad = int(np.argmin(np.isfinite(turns) & np.isfinite(force)))
         raise LogError(f"a log of cogging is not finite at row {bad + 1}; cut it there")
-    x = np.unwrap(turns, period=1.0)
+    far = strays(force)
+    said = strays_said(f"{name}, force", force, far, "")
+    x, force = np.unwrap(turns, period=1.0)[~far], force[~far]
     found: list[CoggingRun] = []
     longest = 0.0
     for begin, end in _passes(x):
@@ -341,7 +351,8 @@ def cogging_passes(turns: np.ndarray, force: np.ndarray, *, highest: int = 128) 
         along = (x[begin : end + 1] - x[begin]) / travel
         inside = np.flatnonzero((along > _END) & (along < 1.0 - _END))
         rows = slice(begin + int(inside[0]), begin + int(inside[-1]) + 1)
-        found.append(CoggingRun(*_averaged(x[rows], force[rows], highest), direction=1 if travel > 0.0 else -1))
+        averaged = _averaged(x[rows], force[rows], highest)
+        found.append(CoggingRun(*averaged, direction=1 if travel > 0.0 else -1, remarks=said if not found else ()))
     if not found:
         raise NotIdentifiableError(
             f"the longest way in one direction is {longest:.3g} periods, and cogging needs a whole one: record next a "

@@ -229,7 +229,7 @@ def fit_friction(runs: SteadyRuns, candidates: Sequence[Candidate] = CANDIDATES)
     others = [fit[0] for fit in fits]
     separate = [_separate(runs, each) for each in SEPARATE] if len(candidates) > 1 else []
     listed = sorted([*others, *(each for each in separate if each is not None)], key=lambda each: each.criterion)
-    remarks = _remarks(compared, model.stribeck, listed, others, runs)
+    remarks = (*runs.remarks, *_remarks(compared, model.stribeck, listed, others, runs))
     rho = likely_memory(residual, _sides(runs))
     estimates, covariance = _estimates(runs, model, values, residual, rho)
     return FrictionCurve(model, estimates, runs, residual, rho, tuple(listed), remarks, covariance)

@@ -9,6 +9,7 @@ from itertools import pairwise
 from typing import Any, Generic, TypeVar, cast
 
 import numpy as np
+from scipy.ndimage import maximum_filter, median_filter
 from scipy.optimize import lsq_linear
 from scipy.signal import oaconvolve
 
@@ -25,6 +26,52 @@ MOST_ROWS = 5000  # scores whose covariance is summed lag by lag
 _MEMORIES = np.linspace(0.0, 0.98, 99)
 SHOWN_LAGS = (1, 2, 5, 10, 20)
 GAP = 5  # rows next to a stretch that its fit does not use either: their residuals are correlated
+
+
+_STRAY = 8.0  # standard deviations from its neighbors beyond which a sample is no noise: one normal value in 1e15
+_RARE, _FURTHER = 0.02, 4.0  # share of the samples that may be strays, and how much further off than the others
+_STRAY_ROWS = 3  # that a fault of a line or of a recorder lasts at most; what lasts longer may be the motion
+_NEAR, _AROUND = 9, 61  # rows: of the median that a sample is held against, and of the spread about it
+
+
+def strays(values: np.ndarray) -> np.ndarray:
+    """True for single samples, three at most, that lie far from their neighbors; of shape (n,), as the values.
+
+        d = |x - median of 9 rows| > max(8 · 1.4826 median d, 4 times the d that 98 % of the rows stay within, 8 quanta)
+
+    The median of d is of 61 rows, the largest of those nearby, so that a rest before a motion makes no strays of its
+    noise; the quantum is the least step of the values.  Steps, ramps, and stick and slip hold none.
+    Source: Hampel 1974 (the median and its deviation); the windows and the other bounds are ours.
+    """
+    if values.size < _NEAR:
+        return np.zeros(values.size, bool)
+    away = np.abs(values - median_filter(values, _NEAR, mode="nearest"))
+    spread = maximum_filter(median_filter(away, min(_AROUND, values.size), mode="nearest"), _AROUND, mode="nearest")
+    quantum = float(np.min(np.diff(np.unique(values)), initial=np.inf))
+    usual = _FURTHER * float(np.quantile(away, 1.0 - _RARE))
+    found = away > np.maximum(_STRAY * np.maximum(1.4826 * spread, quantum), usual)
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], found.astype(np.int8), [0]])))
+    for begin, end in zip(edges[::2], edges[1::2], strict=True):
+        if end - begin > _STRAY_ROWS:
+            found[begin:end] = False
+    return found
+
+
+def strays_said(where: str, values: np.ndarray, stray: np.ndarray, unit: str) -> tuple[str, ...]:
+    """A remark on strays of some values that are left out: how many, and the place and the size of the worst."""
+    rows = np.flatnonzero(stray)
+    if not rows.size:
+        return ()
+    usual = np.interp(rows, np.flatnonzero(~stray), values[~stray])
+    worst = int(np.argmax(np.abs(values[rows] - usual)))
+    listed = ", ".join(str(int(row) + 1) for row in rows[:6]) + (", ..." if rows.size > 6 else "")
+    return (
+        f"{where}: {rows.size} single sample{'s' * (rows.size != 1)} of {values.size} far from "
+        f"{'their' if rows.size != 1 else 'its'} neighbors {'are' if rows.size != 1 else 'is'} left out "
+        f"(row {listed}), the worst"
+        f" {values[rows[worst]]:.3g} {unit}".rstrip()
+        + f" where its neighbors have {usual[worst]:.3g} {unit}".rstrip(),
+    )
 
 
 def ols_covariance(columns: np.ndarray, residual: np.ndarray) -> np.ndarray:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from feeddrive.identification.estimate import TABLE, Frame, frame_of, lever
-from feeddrive.identification.regression import errors, robust_covariance
+from feeddrive.identification.regression import errors, robust_covariance, strays, strays_said
 from feeddrive.language.errors import LogError, NotIdentifiableError
 from feeddrive.language.table import Result, Table
 
@@ -25,6 +25,7 @@ class SteadyRuns(Result):
 
     error  standard error of each mean force, robust to its autocorrelation
     rows   how many rows each mean is of
+    remarks  on single samples that the means lack
     """
 
     velocity: np.ndarray
@@ -32,6 +33,7 @@ class SteadyRuns(Result):
     error: np.ndarray
     rows: np.ndarray
     frame: Frame = TABLE
+    remarks: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if not self.velocity.size == self.force.size == self.error.size == self.rows.size:
@@ -69,22 +71,36 @@ def runs_of(
 
 
 def steady_runs(
-    logs: Sequence[tuple[np.ndarray, np.ndarray]], *, rotary: bool = False, least_rows: int = LEAST_ROWS
+    logs: Sequence[tuple[np.ndarray, np.ndarray]],
+    *,
+    rotary: bool = False,
+    least_rows: int = LEAST_ROWS,
+    names: Sequence[str] = (),
 ) -> SteadyRuns:
     """The constant-speed runs of logs of velocity and force, each a pair of shape (n,): m/s and N, or rad/s and N m.
 
     A log is cut where its mean speed changes most, and each part again, as long as the change is more than 10 % of the
     speed and more than six standard errors.  Parts in which the speed still rises or falls, or that stand still, are
-    left out, and so is a tenth of a part at an end where the speed changed.
+    left out, and so is a tenth of a part at an end where the speed changed.  Single samples far from their neighbors
+    (`regression.strays`), of velocity or force, are in no mean; a remark says how many and where, by `names` of the
+    logs.
     Raises LogError for logs that are not finite, NotIdentifiableError where no speed is held for `least_rows` rows.
     """
     found: list[tuple[float, float, float, int]] = []
+    said: list[str] = []
+    frame = frame_of(rotary)
     for place, (velocity, force) in enumerate(logs):
         v, f = np.asarray(velocity, dtype=np.float64), np.asarray(force, dtype=np.float64)
         if v.shape != f.shape or v.ndim != 1:
             raise LogError(f"log {place + 1}: velocity has {v.size} rows, force {f.size}")
         if not (np.all(np.isfinite(v)) and np.all(np.isfinite(f))):
             raise LogError(f"log {place + 1}: velocity or force is not finite at a row; repair or cut it")
+        bad_speed, bad_force = strays(v), strays(f)
+        where = names[place] if names else f"log {place + 1}"
+        said += strays_said(f"{where}, velocity", v, bad_speed, frame.velocity)
+        said += strays_said(f"{where}, force", f, bad_force, frame.force)
+        good = ~(bad_speed | bad_force)
+        v, f = v[good], f[good]
         for begin, end in _stretches(v, 0, v.size, least_rows):
             if _is_held(v[begin:end], v):
                 one, rest = np.ones((end - begin, 1)), f[begin:end] - np.mean(f[begin:end])
@@ -95,7 +111,7 @@ def steady_runs(
             f"no constant speed is held for {least_rows} rows; record next runs at a constant speed, some seconds each"
         )
     columns = np.array(found).T
-    return SteadyRuns(*columns, frame=frame_of(rotary))
+    return SteadyRuns(*columns, frame=frame, remarks=tuple(said))
 
 
 def _stretches(v: np.ndarray, begin: int, end: int, least: int) -> Iterator[tuple[int, int]]:

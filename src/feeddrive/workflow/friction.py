@@ -117,7 +117,7 @@ def _runs(
     for path, log in zip(paths, logs, strict=True):
         velocity, force, rotary = velocity_and_force(path, log, named, drive)
         try:
-            found.append(steady_runs([(velocity, force)], rotary=rotary))
+            found.append(steady_runs([(velocity, force)], rotary=rotary, names=[path.path.name]))
         except NotIdentifiableError:
             without.append(f"{path.path.name} holds no constant speed for {LEAST_ROWS} rows and is left out")
     if not found:
@@ -129,7 +129,7 @@ def _runs(
     joined = (
         np.concatenate([getattr(each, name) for each in found]) for name in ("velocity", "force", "error", "rows")
     )
-    runs = SteadyRuns(*joined, frame=found[0].frame)
+    runs = SteadyRuns(*joined, frame=found[0].frame, remarks=tuple(said for each in found for said in each.remarks))
     return (runs.at_table(drive.lead, drive.gear) if drive.lead is not None else runs), without
 
 

@@ -45,6 +45,7 @@ stated sample time makes up for that.
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
@@ -57,6 +58,9 @@ from feeddrive.language.errors import LogError
 _EPOS_HEAD = 4096  # bytes in which the statements stand
 _EPOS_VERSION = re.compile(rb"^EPOS Studio Version:", re.MULTILINE)
 _EPOS_PERIOD = re.compile(rb"^Sampling period:;([0-9]{1,9}(?:[.,][0-9]{0,9})?)\s*$", re.MULTILINE)
+_EPOS_ROW = re.compile(
+    rb"^((?:[+-]?[0-9]+(?:[.,][0-9]+)?;)+[+-]?[0-9]+(?:[.,][0-9]+)?)((?=[;,\r\n])([^\r\n]*))(?=\r?$)", re.MULTILINE
+)
 _EPOS_ROWS = re.compile(rb"^Recorded samples:;([0-9]{1,9})\s*$", re.MULTILINE)
 
 
@@ -67,6 +71,7 @@ def is_epos(content: bytes) -> bool:
 
 def read_epos(name: str, content: bytes, wanted: frozenset[str] | None) -> Columns:
     """The channels of a recording. Raises LogError that names file and line, also for rows that are missing."""
+    content, written = _without_remarks(content)
     found = read_csv(name, content, wanted)
     rows = max((column.size for column in found.values.values()), default=0)
     stated = _EPOS_ROWS.search(content[:_EPOS_HEAD])
@@ -77,7 +82,35 @@ def read_epos(name: str, content: bytes, wanted: frozenset[str] | None) -> Colum
         )
     period = _EPOS_PERIOD.search(content[:_EPOS_HEAD])
     seconds = 0.0 if period is None else round(float(period[1].replace(b",", b".")) * 1e-3, 12)
-    return replace(found, format="EPOS Studio", metadata={"sample_time": seconds} if seconds > 0.0 else {})
+    left_out = {
+        **found.left_out,
+        **({"after the last channel": f"remarks in {written} row{'s' * (written != 1)}"} if written else {}),
+    }
+    metadata = {"sample_time": seconds} if seconds > 0.0 else {}
+    return replace(found, format="EPOS Studio", left_out=left_out, metadata=metadata)
+
+
+def _without_remarks(content: bytes) -> tuple[bytes, int]:
+    """The recording without what somebody wrote after its last channel, and in how many rows a word stood there.
+
+    A table program writes all lines as long as the longest one (`-24.1,,`), with a remark in some of them.
+    """
+    rows = list(_EPOS_ROW.finditer(content))
+    if not any(row[3] for row in rows):
+        return content, 0
+    counts = Counter(row[1].count(b";") for row in rows)
+    width = counts.most_common(1)[0][0]
+    head, body = content[: rows[0].start()], content[rows[0].start() :]
+    lines = [_to_width(line, width) if line.startswith((b";", b"ms;")) else line.rstrip(b",;\r \t")
+             for line in head.split(b"\n")]  # fmt: skip
+    cut = _EPOS_ROW.sub(lambda row: row[1] if row[1].count(b";") == width else row[0], body)
+    return b"\n".join(lines) + cut, sum(bool(row[3].strip(b",; \t")) for row in rows)
+
+
+def _to_width(line: bytes, width: int) -> bytes:
+    """A line of heads with its first cells, and the last of them without what a comma cuts off."""
+    cells = line.rstrip(b"\r").split(b";")[: width + 1]
+    return b";".join([*cells[:-1], cells[-1].split(b",")[0]])
 
 
 _HALSCOPE_PERIOD = re.compile(rb"(?:# *)?Sampling period is (-?\d{1,18}) n(?:s|Sec)[ \t]*\r?\n")
