@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.sparse import csr_array
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from feeddrive.analysis.margins import Margins, margins
 from feeddrive.language.errors import ParameterError
@@ -70,7 +70,7 @@ def smoothers(frf: FRF) -> tuple[Smoother, Smoother]:
         fitted = np.squeeze(columns @ (made @ frf.response[places][:, :, None]), axis=2)
         misfit = np.sum(np.abs(frf.response[places] - fitted) ** 2 / unsure, axis=1)
         # |r|²/variance has mean 1 with two real degrees of freedom, of which the parabola takes three complex ones
-        growing &= 2.0 * misfit <= chi2.ppf(_LEVEL, 2 * (width - 3))
+        growing &= 2.0 * misfit <= chdtri(2 * (width - 3), 1.0 - _LEVEL)
         reach[growing] = i
         maps.append((start, made[:, 0, :]))
     return _smoother(n, maps, reach - _CENTER), _smoother(n, maps, reach - _SPREAD)

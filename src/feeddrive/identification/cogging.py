@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import f as f_distribution
+from scipy.special import fdtrc
 
 from feeddrive.blocks.force.cogging import Cogging
 from feeddrive.blocks.force.harmonic import Harmonic
@@ -226,7 +226,7 @@ def _order(n: int, place: int, sides: Mapping[int, _Side], unit: str, tried: int
     spreads = {sign: side.spreads[place] for sign, side in sides.items()}
     statistic = sum(float(pairs[sign] @ np.linalg.pinv(spreads[sign]) @ pairs[sign]) for sign in sides)
     width, freedom = 2 * len(sides), sum(side.freedom for side in sides.values())
-    p_value = float(f_distribution.sf(statistic / width, width, freedom))
+    p_value = float(fdtrc(width, freedom, statistic / width))
     forward = _amplitude("forward", pairs[1], spreads[1], unit) if 1 in sides else None
     backward = _amplitude("backward", pairs[-1], spreads[-1], unit) if -1 in sides else None
     even = odd = None

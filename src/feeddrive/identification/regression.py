@@ -11,7 +11,6 @@ from typing import Any, Generic, TypeVar, cast
 import numpy as np
 from scipy.ndimage import maximum_filter, median_filter
 from scipy.optimize import lsq_linear
-from scipy.signal import oaconvolve
 
 from feeddrive.blocks.families import Friction
 from feeddrive.language import tree
@@ -107,6 +106,8 @@ def _scores(columns: np.ndarray, residual: np.ndarray) -> np.ndarray:
 
 def _long_run(scores: np.ndarray, lags: int | None = None) -> np.ndarray:
     """Their covariance over all lags that count."""
+    from scipy.signal import oaconvolve  # takes a second to import
+
     rows = scores.shape[0]
     lags = max(0, min(memory(scores) if lags is None else lags, rows // 4))
     # all lags at once: the scores against themselves, spread by the window

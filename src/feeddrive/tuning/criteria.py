@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy.stats import norm
+from scipy.special import ndtr
 
 from feeddrive.analysis.margins import bandwidth_crossing
 from feeddrive.analysis.stiffness import rope_snap_weights, trapezoid_weights
@@ -181,7 +181,7 @@ def distances(bounds: Sequence[Bound]) -> np.ndarray:
 
 def chance(bounds: Sequence[Bound]) -> float:
     """The probability that all bounds hold: Π Φ(slack/σ), for noise that is normal and independent."""
-    return float(np.prod(norm.cdf(distances(bounds))))
+    return float(np.prod(ndtr(distances(bounds))))
 
 
 def needed(bounds: Sequence[Bound], sure: float, confidence: float) -> float:
@@ -191,7 +191,7 @@ def needed(bounds: Sequence[Bound], sure: float, confidence: float) -> float:
         return sure
 
     def off(more: float) -> float:
-        return float(np.prod(norm.cdf(found + more))) - confidence
+        return float(np.prod(ndtr(found + more))) - confidence
 
     low, high = -5.0, 8.0
     if off(low) > 0.0 or off(high) < 0.0:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from feeddrive.identification.excitation.nonperiodic import UNKNOWNS, local_rational
 
@@ -53,7 +53,7 @@ def smoothed(
         if not place.size:
             break
         value, kept, excess = local_rational(x, y, spread, width, place)
-        good = excess <= chi2.ppf(_SURE, 2 * (width - UNKNOWNS))
+        good = excess <= chdtri(2 * (width - UNKNOWNS), 1.0 - _SURE)
         fits[place[~good]] = False
         place, value, kept = place[good], value[good], kept[good]
         # the width before: it becomes the answer only once the next one has also been found good
@@ -98,7 +98,7 @@ def stiff_ratio(
             break
         fitted, left = _real_polynomial(frequency[:count], raw[:count], spread[:count])
         excess = 2.0 * float(np.sum(np.abs(raw[:count] - fitted) ** 2 / spread[:count]))
-        if excess <= chi2.ppf(_SURE_OF_RATIO, 2 * count - 4):
+        if excess <= chdtri(2 * count - 4, 1.0 - _SURE_OF_RATIO):
             best, ratio[:count], variance[:count] = count, fitted, left
         elif count > 2 * max(best, 12):
             break

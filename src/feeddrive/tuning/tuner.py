@@ -296,6 +296,6 @@ def _agreeing(search: Search, ends: Sequence[End]) -> int:
 
 
 def _one_sided(confidence: float) -> float:
-    from scipy.stats import norm
+    from scipy.special import ndtri
 
-    return float(norm.ppf(confidence))
+    return float(ndtri(confidence))

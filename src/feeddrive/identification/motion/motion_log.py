@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.signal import butter, cheby1, sosfiltfilt
 
 from feeddrive.identification.estimate import Frame, frame_of
 from feeddrive.language.errors import LogError, NotIdentifiableError, ParameterError
@@ -246,6 +245,8 @@ def zero_phase(values: np.ndarray, cutoff: float, sample_time: float, order: int
     nyquist = 0.5 / sample_time
     if not 0.0 < cutoff < nyquist:
         raise ParameterError(f"cutoff = {cutoff:g} Hz must be > 0 Hz and < {nyquist:g} Hz, half the sampling rate")
+    from scipy.signal import butter  # takes a second to import
+
     return _forth_and_back(butter(order, cutoff / nyquist, output="sos"), order, values)
 
 
@@ -264,6 +265,8 @@ def decimated(values: np.ndarray, factor: int) -> np.ndarray:
         raise ParameterError(f"decimation = {factor} must be >= 1")
     if factor == 1:
         return values
+    from scipy.signal import cheby1  # takes a second to import
+
     smooth = _forth_and_back(cheby1(8, 0.05, 0.8 / factor, output="sos"), 8, values)
     return smooth[kept(values.size, factor)]
 
@@ -279,4 +282,6 @@ def _forth_and_back(sections: Any, order: int, values: np.ndarray) -> np.ndarray
     ends = 3 * order
     if values.size <= ends:
         raise LogError(f"the log has {values.size} samples; its filter needs more than {ends}: record a longer one")
+    from scipy.signal import sosfiltfilt  # takes a second to import
+
     return sosfiltfilt(sections, values, padlen=ends)
