@@ -378,7 +378,12 @@ def _unproven(rows: tuple[Competitor, ...]) -> list[str]:
             said.append(f"'{row.name}': not proven: {'; '.join(open_lines)}.")
         if not row.settled:
             said.append(
-                f"'{row.name}' is not settled, and not ranked: no two searches ended within 5 % of the best (the worst "
-                f"{100.0 * row.tuned.spread:.3g} % above it); more starts (--starts) may find a better setting."
+                f"'{row.name}' is not settled, and not ranked: "
+                + (
+                    f"no two searches ended within 5 % of the best, the worst {100.0 * row.tuned.spread:.3g} % above it"
+                    if row.tuned.spread > 0.0
+                    else "one search was made, and none confirms it"
+                )
+                + "; more starts (--starts) may find a better setting."
             )
     return said

@@ -51,7 +51,7 @@ def tradeoff(rows: Sequence[tuple[str, Mapping[str, float | None], str]]) -> Any
         dots = [(name, figures.get(X), figures.get(key)) for name, figures, _ in rows]
         _name_dots(ax, dots, kinds[X], kinds[key], colors)
         for each in (ax.xaxis, ax.yaxis):
-            style.plain_decades(each)
+            style.plain_decades(each, between=True)
     return figure
 
 

@@ -167,11 +167,11 @@ def frequency_grid(axes: Sequence[Axes]) -> None:
         ax.grid(True, which="minor", axis="x", color=GRID, linewidth=0.4)
 
 
-def plain_decades(axis: Any, crowded: bool = False) -> None:
-    """Numbers such as 0.1, 10, 1000 at the decades of a logarithmic axis, none between."""
+def plain_decades(axis: Any, crowded: bool = False, between: bool = False) -> None:
+    """Numbers such as 0.1, 10, 1000 at the decades of a logarithmic axis, none between, or 2 and 5 as well."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
-    axis.set_major_locator(LogLocator(base=10, numticks=6 if crowded else 12))
+    axis.set_major_locator(LogLocator(base=10, subs=(1, 2, 5) if between else (1,), numticks=6 if crowded else 12))
     axis.set_major_formatter(FuncFormatter(lambda value, _: _plain(value)))
     axis.set_minor_formatter(NullFormatter())
 

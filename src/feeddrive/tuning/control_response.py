@@ -186,7 +186,8 @@ def _response(matrix: np.ndarray, slopes: np.ndarray, z: np.ndarray, T: float) -
     through = (w @ moved).reshape(count, tunables, 2) + slopes[n, :n].T @ x
     slope = through.transpose(2, 0, 1) + slopes[n, n:][:, None, :]
     poles = np.linalg.eigvals(A) if n else np.zeros(0)
-    return Response(value, slope, np.abs(np.log(poles[np.abs(poles) > 1.0 + 1e-7])) / T)
+    outside = poles[(np.abs(poles) > 1.0 + 1e-7) & np.isfinite(poles)].astype(complex)
+    return Response(value, slope, np.abs(np.log(outside)) / T)
 
 
 def _needed(traced: Traced) -> list[int]:

@@ -115,7 +115,7 @@ def scattered(
     Whether bounds are kept is decided by the speed of the whole loop first, so each shape is taken at ten speeds.
     Source: McKay, Beckman & Conover 1979 (Latin hypercube).
     """
-    count = _SHAPES * max(x.size - 1, 1)
+    count = _SHAPES * max(x.size - 1, 2)
     wide = np.where(powers == 0.0, _RATIO_WIDE, _WIDE)
     below, above = np.maximum(low, x - wide), np.minimum(high, x + wide)
     strata = np.array([random.permutation(count) for _ in x]).T

@@ -163,7 +163,7 @@ class Tuner:
         """Where another search begins: the best that a population from all over the box has come to."""
         points = scattered(x, search.low, search.high, powers, self.random)
         merits = search.look(points)
-        chosen = np.argsort(merits)[: _POPULATION * max(x.size, 2)]
+        chosen = np.argsort(merits)[: _POPULATION * max(x.size, 3)]
         points, merits = search.evolve(points[chosen], merits[chosen], self.random, _GENERATIONS)
         return points[0] if np.isfinite(merits[0]) else None
 
