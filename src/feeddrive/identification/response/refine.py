@@ -283,7 +283,7 @@ def _descend(
             settled = True
             break
     values, slope = _outer(unknowns, u)
-    covariance, ols = _covariances(r, slopes, slope, free)
+    covariance, ols = _covariances(r, slopes, slope, free, _turns(whole))
     return Refined(values, covariance, ols, slopes, tuple(whole), _spread(r), 0.0, loose & ~free, settled)
 
 
@@ -303,16 +303,27 @@ def covariances_at(
     chosen = [replace(frf, variance=None) if logarithmic else frf for frf in responses]
     everywhere = [np.ones(frf.frequency.size, bool) for frf in chosen]
     u = np.array([np.log(v) if each.positive else v / each.scale for each, v in zip(unknowns, values, strict=True)])
-    _, r, slopes = _residuals(model, unknowns, measured(chosen, model_error), everywhere, u)
-    return _covariances(r, slopes, _outer(unknowns, u)[1], np.array([not each.fixed for each in unknowns]))
+    whole, r, slopes = _residuals(model, unknowns, measured(chosen, model_error), everywhere, u)
+    free = np.array([not each.fixed for each in unknowns])
+    return _covariances(r, slopes, _outer(unknowns, u)[1], free, _turns(whole))
+
+
+def _turns(whole: Sequence[np.ndarray]) -> np.ndarray:
+    """1 and -1 by turns from line to line, for the real residuals of each response."""
+    return np.concatenate([np.tile(1.0 - 2.0 * (np.arange(r.size) % 2), 2) for r in whole])
 
 
 def _covariances(
-    r: np.ndarray, slopes: np.ndarray, scale: np.ndarray, free: np.ndarray
+    r: np.ndarray, slopes: np.ndarray, scale: np.ndarray, free: np.ndarray, turns: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Robust and plain covariance of the values; `scale` is the slope of each value in its internal parameter.
 
     Of an estimate that satisfies Σ ψ(r) ∂r = 0 with ψ = ρ r:  mean ψ² / (mean ψ')² (JᵀJ)⁻¹.  Source: Huber 1981.
+    What even lines say otherwise than odd ones, beyond noise, is distortion or model error and adds to the robust one:
+
+        (1 - p/s²)₊ u uᵀ,   u = (JᵀJ)⁻¹ Σ ± Jᵀψ, half of the difference of both halves,   s² = uᵀ C⁻¹ u, C the plain one
+
+    With noise alone s² is p on average.
     """
     # a parameter that moves nothing has no error to speak of; its bound says the rest
     free = free & (np.linalg.norm(slopes, axis=0) > 0.0)
@@ -331,7 +342,12 @@ def _covariances(
     robust = robust_covariance(columns, left) * (average / curved) ** 2
     # with few lines the robust estimate may fall below that of a white residual by chance
     wider = np.sqrt(np.maximum(np.diag(plain) / np.maximum(np.diag(robust), 1e-300), 1.0))
-    robust_whole[moving] = robust * np.outer(wider, wider) * between
+    robust = robust * np.outer(wider, wider)
+    apart = np.linalg.pinv(columns.T @ columns, hermitian=True) @ (columns.T @ (turns * left)) * (average / curved)
+    size = np.sqrt(np.maximum(np.diag(plain), 1e-300))
+    share = float(apart / size @ np.linalg.pinv(plain / np.outer(size, size), hermitian=True) @ (apart / size))
+    robust = robust + max(0.0, 1.0 - apart.size / max(share, 1e-300)) * np.outer(apart, apart)
+    robust_whole[moving] = robust * between
     plain_whole[moving] = plain * between
     return robust_whole, plain_whole
 
