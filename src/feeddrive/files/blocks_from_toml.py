@@ -186,7 +186,7 @@ def _block(
     hint: Hint, section: Section, besides: Iterable[str] = (), given: Mapping[str, Any] = MappingProxyType({})
 ) -> Any:
     kind = _kind(hint, section)
-    declared = declarations(kind)
+    declared = {name: each.of_axis(section.rotary) for name, each in declarations(kind).items()}
     fields = hints(kind)
     found: dict[str, Any] = dict(given)
     keys: dict[str, str] = {}
@@ -245,7 +245,7 @@ def _kind(hint: Hint, section: Section) -> type[Block]:
 
 def _named(kind: type[Block], key: str, section: Section) -> tuple[str, float]:
     """The field that a key means, and the factor to its unit."""
-    declared = {name: each for name, each in declarations(kind).items() if each.role != "label"}
+    declared = {name: each.of_axis(section.rotary) for name, each in declarations(kind).items() if each.role != "label"}
     if key in declared:
         return key, 1.0
     wrong = ""
@@ -310,7 +310,7 @@ def _refuse_missing(kind: type[Block], section: Section, found: dict[str, Any]) 
     missing = [name for name in declarations(kind) if name not in found and name not in defaults(kind)]
     if not missing:
         return
-    declared = declarations(kind)
+    declared = {name: each.of_axis(section.rotary) for name, each in declarations(kind).items()}
     described = ", ".join(f"{name} ({', '.join(filter(None, _described(declared[name])))})" for name in missing)
     raise section.error(f"{_prefix(section)}{kind.kind} needs {described}")
 

@@ -15,16 +15,23 @@ _COMMENTS = 34  # column at which comments begin
 _ROW = 6  # numbers of a table on one line
 
 
-def to_toml(block: Block, key: str = "", *, listed: bool = False) -> str:
+def to_toml(block: Block, key: str = "", *, listed: bool = False, rotary: bool = False) -> str:
     """The block as the section `[key]`, as an entry `[[key]]` of a list, or as a whole file if there is no key.
+
+    rotary   it is a part of an axis that turns: comments name rad, N m and kg m2
 
     An absent parameter is written as a comment.  Raises StructureError for a block that holds arrays of variants.
     """
     header = f"[[{key}]]" if listed else f"[{key}]" if key else ""
-    return "\n".join(_lines(block, key, header, named=True)).strip() + "\n"
+    return (
+        "\n".join(
+            _lines(block, key, header, named=True, rotary=rotary or bool(getattr(block, "rotary", False)))
+        ).strip()
+        + "\n"
+    )
 
 
-def _lines(block: Block, key: str, header: str, *, named: bool) -> Iterator[str]:
+def _lines(block: Block, key: str, header: str, *, named: bool, rotary: bool) -> Iterator[str]:
     kind = type(block)
     yield ""
     summary = (kind.__doc__ or "").strip().split("\n")[0]
@@ -35,13 +42,13 @@ def _lines(block: Block, key: str, header: str, *, named: bool) -> Iterator[str]
     elif summary:
         yield f"# {summary}"
     below: list[str] = []
-    for name, declared in declarations(kind).items():
-        value = getattr(block, name)
+    for name, each in declarations(kind).items():
+        declared, value = each.of_axis(rotary), getattr(block, name)
         if declared.role == "part":
             hint: Hint = hints(kind)[name]
             if value is None or value == ():
                 yield f"# {name}: none ({declared.meaning})"
-            below += _part(value, f"{key}.{name}" if key else name, hint)
+            below += _part(value, f"{key}.{name}" if key else name, hint, rotary)
         elif declared.role == "label":
             continue
         elif value is None:
@@ -51,12 +58,12 @@ def _lines(block: Block, key: str, header: str, *, named: bool) -> Iterator[str]
     yield from below
 
 
-def _part(value: Any, key: str, hint: Hint) -> Iterator[str]:
+def _part(value: Any, key: str, hint: Hint, rotary: bool) -> Iterator[str]:
     if isinstance(value, tuple):
         for item in value:
-            yield from _lines(item, key, f"[[{key}]]", named=not hint.single())
+            yield from _lines(item, key, f"[[{key}]]", named=not hint.single(), rotary=rotary)
     elif value is not None:
-        yield from _lines(value, key, f"[{key}]", named=not hint.single())
+        yield from _lines(value, key, f"[{key}]", named=not hint.single(), rotary=rotary)
 
 
 def _line(entry: str, comment: str) -> str:

@@ -62,12 +62,13 @@ class MachineFile(Result):
         rows = [
             [name, loop.axis.plant.kind, getattr(loop.axis.friction_load or loop.axis.friction_motor, "kind", "-"),
              loop.control.law.kind, ", ".join(each.kind for each in loop.control.filters) or "-",
-             "-" if loop.control.force_limit is None else f"{float(loop.control.force_limit):g}",
+             "-" if loop.control.force_limit is None
+             else f"{float(loop.control.force_limit):g} {'N m' if loop.axis.rotary else 'N'}",
              f"{1e3 * float(loop.sample_time):g}"]
             for name, loop in self.loops.items()
         ]  # fmt: skip
         between = f"; coupled by {', '.join(each.kind for each in self.couplings)}" if self.couplings else ""
-        heads = ["axis", "plant", "friction", "law", "filters", "force limit N", "sample ms"]
+        heads = ["axis", "plant", "friction", "law", "filters", "force limit", "sample ms"]
         return Table(f"{plain(self.name)}, {self.file.name}{between}", heads, rows)
 
     def loop(self, axis: str | None) -> Loop:
@@ -142,7 +143,10 @@ def machine_toml(machine: Machine, name: str, source: str = "", remark: str = ""
              strict=True) if text]  # fmt: skip
     parts = ["\n".join([*texts, f"sample_time = {float(machine.sample_time)!r}"]) + "\n"]
     for axis, each in machine.axes().items():
-        parts += [to_toml(each.axis, f"axis.{axis}"), to_toml(each.control, f"axis.{axis}.control")]
+        parts += [
+            to_toml(each.axis, f"axis.{axis}"),
+            to_toml(each.control, f"axis.{axis}.control", rotary=each.axis.rotary),
+        ]
     return "\n".join([*parts, *(to_toml(each, "couplings", listed=True) for each in machine.couplings)])
 
 

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import re
 
-from feeddrive.files.toml_file import Key, lines_of_keys, parse_toml, spans_of_values
+from feeddrive.files.toml_file import Key, is_rotary, lines_of_keys, parse_toml, spans_of_values
 from feeddrive.language import units
 from feeddrive.language.errors import FileError, ParameterError
 
@@ -124,7 +124,8 @@ class TomlEdit:
             raise FileError(f"{error} (in the changed text)") from None
 
     def _find(self, spans: dict[Key, tuple[int, int]], key: Key, unit: str) -> tuple[Key | None, float]:
-        """The key as written in the file, and the factor from its unit to `unit`."""
+        """The key as written in the file, and the factor from its unit to `unit`, or what that is on a rotary axis."""
+        unit = units.turning(unit) if is_rotary(parse_toml(self.text, self.name).content, key) else unit
         if key in spans:
             return key, 1.0
         for each in spans:

@@ -224,6 +224,11 @@ class Section:
     key: Key
     values: Mapping[str, Value]
 
+    @property
+    def rotary(self) -> bool:
+        """Whether this stands under an axis that turns, `[axis.c]` with `rotary = true`."""
+        return is_rotary(self.file.content, self.key)
+
     def dotted(self, name: str | int | None = None) -> str:
         """The name of a key as people write it: `axis.x.plant.mass`."""
         return ".".join(map(str, self.key if name is None else (*self.key, name)))
@@ -274,6 +279,13 @@ class Section:
         for name in self.values:
             if name not in allowed:
                 raise self.error(f"key '{self.dotted(name)}' is not known{nearest(name, allowed)}", name)
+
+
+def is_rotary(content: Mapping[str, Any], key: Key) -> bool:
+    """Whether a key stands under an axis that turns."""
+    axes = content.get("axis")
+    axis = axes.get(key[1]) if isinstance(axes, dict) and len(key) > 1 and key[0] == "axis" else None
+    return isinstance(axis, dict) and axis.get("rotary") is True
 
 
 def read_toml(path: str | Path, *, quoting: bool = True) -> TomlFile:

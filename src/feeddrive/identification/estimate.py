@@ -33,6 +33,8 @@ class Frame:
 
 TABLE = Frame("table", "m", "m/s", "N", "kg", "N s/m")
 SHAFT = Frame("shaft", "rad", "rad/s", "N m", "kg m2", "N m s/rad")
+# an axis that turns by itself, a rotary table: its blocks hold the same numbers, no lead is wanted
+TURNING = Frame("rotary axis", "rad", "rad/s", "N m", "kg m2", "N m s/rad")
 
 
 def frame_of(rotary: bool) -> Frame:

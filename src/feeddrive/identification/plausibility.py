@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from feeddrive.identification.estimate import SHAFT, TABLE, Frame
+from feeddrive.identification.estimate import SHAFT, TABLE, TURNING, Frame
 from feeddrive.identification.motion.motion_log import MotionLog
 from feeddrive.identification.motion.rigid import identify_rigid
 from feeddrive.language.errors import FeeddriveError
@@ -77,6 +77,7 @@ RANGES = {
         Range("torque over inertia", 1e-2, 1e3, 1e6, "rad/s2", 1, 0, "the largest acceleration with friction on top"),
     ),
 }  # fmt: skip
+RANGES[TURNING] = RANGES[SHAFT]
 
 
 def spoken(value: float, unit: str) -> str:
@@ -117,7 +118,7 @@ def _mass(frame: Frame, sample_time: float, position: np.ndarray, force: np.ndar
     for sign in (1.0, -1.0):
         try:
             log = MotionLog(
-                name="", position=position, force=sign * force, sample_time=sample_time, rotary=frame is SHAFT
+                name="", position=position, force=sign * force, sample_time=sample_time, rotary=frame is not TABLE
             )
             return identify_rigid(log, friction="symmetric")["mass"].value
         except FeeddriveError:

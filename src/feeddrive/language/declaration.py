@@ -8,9 +8,10 @@ from __future__ import annotations
 import math
 import sys
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
+from feeddrive.language import units
 from feeddrive.language.errors import ParameterError
 
 LARGEST = sys.float_info.max
@@ -29,6 +30,10 @@ class Declaration:
     most: float | None = None
     options: tuple[Any, ...] = ()
     inline: bool = False  # of a part: its fields stand among those of the block that holds it
+
+    def of_axis(self, rotary: bool) -> Declaration:
+        """The same on an axis that turns: in rad, N m and kg m2."""
+        return replace(self, unit=units.turning(self.unit)) if rotary else self
 
     def bounds(self) -> str:
         """The bounds as text, such as `> 0 kg and <= 5 kg`; empty if there are none."""

@@ -174,9 +174,9 @@ def _unknown(block: Any, path: str, paths: list[str]) -> ParameterError:
 
 
 def declaration(block: Block, path: str) -> Declaration:
-    """The declaration of the leaf with a path. Raises ParameterError for a path that is not there."""
+    """The declaration of the leaf with a path, as its axis moves or turns. Raises ParameterError if it is not there."""
     owner, last = _owner(block, path)
-    return declarations(type(owner))[last]
+    return declarations(type(owner))[last].of_axis(bool(getattr(getattr(block, "axis", block), "rotary", False)))
 
 
 def _owner(block: Block, path: str) -> tuple[Block, str]:

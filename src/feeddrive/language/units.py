@@ -163,6 +163,21 @@ def response(unit: str) -> tuple[str, float] | None:
     return None
 
 
+# of an axis that turns, in place of the units of one that moves along: a position in rad, a force in N m, a mass in
+# kg m2; what is not here is the same on both
+_TURNING = {
+    "m": "rad", "m/s": "rad/s", "m/s2": "rad/s2", "m/s3": "rad/s3", "m/s4": "rad/s4", "1/m": "1/rad", "N": "N m",
+    "N/m": "N m/rad", "N s/m": "N m s/rad", "N s2/m": "N m s2/rad", "N s3/m": "N m s3/rad", "N s4/m": "N m s4/rad",
+    "kg": "kg m2", "m/N": "rad/(N m)", "um": "urad", "um/s": "urad/s", "um/N": "urad/(N m)", "mm/s": "mrad/s",
+    "N/um": "N m/urad", "nm": "nrad", "nm s^½/N": "nrad s^½/(N m)",
+}  # fmt: skip
+
+
+def turning(unit: str) -> str:
+    """The unit of a quantity on a rotary axis that has `unit` on a linear one: N s/m is N m s/rad there."""
+    return _TURNING.get(unit, unit)
+
+
 def factor(given: str, declared: str) -> float:
     """Number by which a value in the unit `given` is multiplied to stand in the unit `declared`.
 

@@ -10,7 +10,7 @@ from feeddrive.blocks.actuator.actuator import Actuator
 from feeddrive.blocks.families import Force, Friction, Mechanics, Nothing, Plant, Sensor
 from feeddrive.blocks.signals import Motion, Noise
 from feeddrive.language import matrix, ops
-from feeddrive.language.block import Block, Number, Rule, choice, part
+from feeddrive.language.block import Block, Number, Rule, choice, declarations, part
 from feeddrive.language.errors import StructureError
 from feeddrive.language.matrix import Matrix, Row
 from feeddrive.loop.hold import Hold, Port, Rows, Timing, hold, samples_of
@@ -35,6 +35,7 @@ class Axis(Block):
     encoder_motor: Sensor | None = part("encoder on the motor's body", default=None)
     encoder_load: Sensor | None = part("encoder on the load's body", default=None)
     substeps: int = choice("substeps of the exact hold in a sample", default=1, least=1, most=256)
+    rotary: bool = choice("the axis turns: positions in rad, forces in N m, masses in kg m2", default=False)
 
     class State(NamedTuple):
         """Positions (m) and velocities (m/s) of the coordinates, drive force (N) if it lags, and states of friction,
@@ -60,6 +61,13 @@ class Axis(Block):
 
     def check(self) -> None:
         """A rigid plant has one body, which takes one friction; forces may need a certain plant."""
+        of_screw = "lead" in declarations(type(self.plant)) or (
+            self.actuator.motor is not None and "lead" in declarations(type(self.actuator.motor))
+        )
+        if self.rotary and of_screw:
+            raise StructureError(
+                "axis.rotary: a screw moves along its lead: leave out rotary, or take a plant and a motor without one"
+            )
         shape = self.plant.mechanics()
         if shape.motor == shape.load and self.friction_motor is not None:
             raise StructureError(

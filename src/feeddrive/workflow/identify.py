@@ -41,7 +41,8 @@ from feeddrive.workflow.readings import Doubt, doubt_of_motion
 from feeddrive.workflow.request import called
 
 _POSITIONS = ("position_load", "position_motor")  # the first that is there is taken
-_WANTED = ("time", "setpoint_position", *_POSITIONS, "force", "command", "setpoint_angle", "angle_motor", "torque")
+_ANGLES = ("angle_load", "angle_motor")
+_WANTED = ("time", "setpoint_position", *_POSITIONS, "force", "command", "setpoint_angle", *_ANGLES, "torque")
 
 
 @command(IdentifyRequest)
@@ -75,6 +76,7 @@ def _identify_motion(request: IdentifyRequest, source: OpenedFile | MotionLog, p
         read = mapped(source, request.named(), request.channels, _WANTED, request.sample_time, progress, request.unit)
         channels = _channels(source.path, read.log, loop, request.force_constant)
         doubt, mapping = read.doubt, read.columns
+    channels["turning"] = _turning(request, loop, channels)
     progress.step("fitting")
     found = _identified(channels, loop, request, doubt, mapping, progress)
     why = found.unusable or ("" if found.loop is not None else _NO_LAW)
@@ -94,6 +96,19 @@ def _identify_motion(request: IdentifyRequest, source: OpenedFile | MotionLog, p
         found, [narrow(each) for each in tables(found)], [sentence(each) for each in found.remarks],
         found.recommendation, notes, files=files,
     )  # fmt: skip
+
+
+def _turning(request: IdentifyRequest, loop: Loop | None, channels: Mapping[str, Any]) -> bool:
+    """Whether the axis of the log turns by itself, by the machine file or by --rotary."""
+    turns = request.rotary or (loop is not None and loop.axis.rotary)
+    if turns and request.lead is not None:
+        raise ParameterError("--lead belongs to a screw, and the axis turns: leave out --lead, or rotary = true")
+    if turns and not channels["rotary"]:
+        raise ParameterError(
+            f"{channels['name']}: the axis turns, and the log has a position in m: name the columns with --angle "
+            f"'theta:deg' and --torque 'm:Nm'"
+        )
+    return turns
 
 
 _NO_LAW = "the law that ran is not known; give it with --machine"
@@ -118,7 +133,7 @@ def _identified(
         if swapped(channels):
             moving, acting = (
                 next((columns[role].name for role in roles if role in columns), roles[0])
-                for roles in ((*_POSITIONS, "angle_motor"), ("force", "torque", "command"))
+                for roles in ((*_POSITIONS, *_ANGLES), ("force", "torque", "command"))
             )
             raise NotIdentifiableError(
                 f"{channels['name']}: position and force are swapped: '{acting}' moves as '{moving}' makes it; name "
@@ -134,9 +149,9 @@ def _channels(path: Path, log: Log, loop: Loop | None, force_constant: float | N
     limit = None if loop is None else loop.control.force_limit
     channels = log.channels
     position = next((channels[role] for role in _POSITIONS if role in channels), None)
-    rotary = position is None and "angle_motor" in channels
-    if rotary:
-        position = channels["angle_motor"]
+    angle = next((channels[role] for role in _ANGLES if role in channels), None)
+    rotary = position is None and angle is not None
+    position = angle if rotary else position
     if position is None:
         raise LogError(
             f"{path}: has no column with a usual name for the position: name it with --position{_there(log)}"
@@ -191,7 +206,9 @@ def _edited(found: Identified, machine: MachineFile, axis: str) -> str:
         assert after.friction_load is not None
         _values(edit, (*place, "friction_load"), before.friction_load, after.friction_load)
     elif after.friction_load is not None:
-        edit.replace((*place, "friction_load"), to_toml(after.friction_load, f"axis.{axis}.friction_load"))
+        edit.replace(
+            (*place, "friction_load"), to_toml(after.friction_load, f"axis.{axis}.friction_load", rotary=after.rotary)
+        )
     if before.forces != after.forces:
         _forces(edit, axis, before.forces, after.forces)
     if before.actuator.dead_time != after.actuator.dead_time:
@@ -300,7 +317,9 @@ def tables(found: Identified) -> list[Table]:
     if found.refinement is not None:
         made.append(found.refinement.table())
         rows = [[str(d), f"{1e6 * rms:.4g}"] for d, rms in found.refinement.by_delay.items()]
-        made.append(Table("position residual in closed loop by dead time", ["samples more", "um RMS"], rows))
+        made.append(
+            Table("position residual in closed loop by dead time", ["samples more", f"{found.log.micro} RMS"], rows)
+        )
     if found.control is not None:
         made.append(found.control.table())
     return [*made, found.delay.table(), found.rigid.residuals.table(), found.rigid.validation.table()]

@@ -103,10 +103,8 @@ def _facts(path: Path, chosen: Mapping[str, FRF], request: IdentifyRequest) -> d
 
 def _silent(chosen: Mapping[str, FRF]) -> list[str]:
     """What was taken for granted."""
-    silent = [role for role, frf in chosen.items() if not frf.unit]
-    if not silent:
-        return []
-    return [f"no unit is stated for {' and '.join(silent)}: m/N is taken; say another one with --unit, as (m/s)/N"]
+    silent = " and ".join(role for role, frf in chosen.items() if not frf.unit)
+    return [f"no unit is stated for {silent}: m/N is taken; say another one with --unit, as (m/s)/N"] if silent else []
 
 
 def _chosen(path: Path, found: Mapping[str, FRF], request: IdentifyRequest, model: str) -> dict[str, FRF]:
@@ -138,9 +136,9 @@ def _chosen(path: Path, found: Mapping[str, FRF], request: IdentifyRequest, mode
             )
     if {"motor", "load"} <= set(named) and np.array_equal(named["motor"].response, named["load"].response):
         raise ParameterError(f"{path}: motor and load are the same response: name that of each encoder")
-    if len(request.unit) > 1:
-        raise ParameterError(f"{path}: responses have one unit, not {', '.join(request.unit)}: give --unit once")
-    told = next((unit_of(each) or each for each in request.unit), None)
+    told, *others = [unit_of(each) or each for each in request.unit] or [None]
+    if others:
+        raise ParameterError(f"{path}: responses have one unit: give --unit once, not as {', '.join(request.unit)}")
     for role, frf in named.items():
         if told is not None and frf.unit and units.response(frf.unit) != units.response(told):
             raise ParameterError(f"{path}: the response of {role} is in {frf.unit}, as its file says, not {told}")
@@ -368,6 +366,8 @@ class IdentifyRequest(Request):
     force: str | None = option("column of the commanded force, name:unit", default=None)
     command: str | None = option("column of the command in the drive's unit", default=None)
     angle: str | None = option("column of the motor's angle, name:unit", default=None)
+    set_angle: str | None = option("column of the set angle, name:unit", default=None)
+    rotary: bool = option("the axis itself turns, and no screw follows: rad, N m and kg m2", default=False)
     torque: str | None = option("column of the motor's torque, name:unit", default=None)
     force_constant: float | None = option("N at the table per unit of the command", above=0.0, default=None)
     lead: float | None = option("puts angles and torques at the table", unit="m", above=0.0, default=None)
@@ -396,4 +396,5 @@ class IdentifyRequest(Request):
         return {
             "setpoint_position": self.set_position, "position_load": self.position, "force": self.force,
             "command": self.command, "angle_motor": self.angle, "torque": self.torque, "time": self.time,
+            "setpoint_angle": self.set_angle,
         }  # fmt: skip

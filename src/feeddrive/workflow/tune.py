@@ -101,6 +101,11 @@ class TuneRequest(Request):
         return Path("results") / f"tune_{stem(self.source)}"
 
 
+_ROTARY = (
+    "the axis turns: numbers are in rad, N m and kg m2, also where tables and pictures still name m, N, kg (um: urad)"
+)
+
+
 @command(TuneRequest)
 def tune(request: TuneRequest, progress: Progress) -> Outcome[Tuned]:
     """Tune gains and filters of an axis within limits; machine file, certificate and report on request.
@@ -142,6 +147,8 @@ def _tuned(request: TuneRequest, progress: Progress) -> tuple[Tuned, Story, str 
     limits = request.limits()
     name = axis_name(loop, request.axis)
     points, remarks = _points(request, loop, progress)
+    if loop is not None and loop.axis.rotary:
+        remarks = [_ROTARY, *remarks]
     control, begun = _control(request, loop, points)
     band = (0.0, math.inf) if request.band is None else frequencies(request.band)
     today = None if loop is None else loop.control

@@ -283,11 +283,11 @@ def machine_text(machine: MachineFile, axis: str, control: Control) -> str:
     """
     edit = TomlEdit(machine.file.text, machine.file.name)
     old = machine.loops[axis].control
-    where = ("axis", axis, "control")
+    where, rotary = ("axis", axis, "control"), machine.loops[axis].axis.rotary
     if type(old.law) is type(control.law):
         _numbers(edit, (*where, "law"), old.law, control.law)
     else:
-        edit.replace((*where, "law"), to_toml(control.law, ".".join((*where, "law"))))
+        edit.replace((*where, "law"), to_toml(control.law, ".".join((*where, "law")), rotary=rotary))
     if old.prefilter is not None and control.prefilter is None:
         edit.remove((*where, "prefilter"))
     for name in _LISTS:
@@ -300,13 +300,13 @@ def machine_text(machine: MachineFile, axis: str, control: Control) -> str:
             edit.remove((*where, name))
             fresh = after
         for block in fresh:
-            edit.add(_listed(block, ".".join((*where, name))))
+            edit.add(_listed(block, ".".join((*where, name)), rotary))
     return edit.text
 
 
-def _listed(block: Block, key: str) -> str:
+def _listed(block: Block, key: str, rotary: bool) -> str:
     """A block as one more entry of a list."""
-    text = to_toml(block, key)
+    text = to_toml(block, key, rotary=rotary)
     return text.replace(f"[{key}]", f"[[{key}]]", 1)
 
 

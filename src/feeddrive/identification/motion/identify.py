@@ -14,7 +14,7 @@ from feeddrive.blocks.friction.coulomb import Coulomb
 from feeddrive.blocks.friction.directional import Directional
 from feeddrive.blocks.friction.viscous import Viscous
 from feeddrive.blocks.plant.rigid import Rigid
-from feeddrive.identification.estimate import TABLE
+from feeddrive.identification.estimate import SHAFT
 from feeddrive.identification.motion.control_law import ControlFit, identify_control
 from feeddrive.identification.motion.delay import DelayFit, find_delay
 from feeddrive.identification.motion.motion_log import HOLD, MotionLog, Preparation
@@ -87,7 +87,9 @@ class Identified(Result):
         reason = f"they predict stretches of the log that were not used to {unused:.3g} % of the force"
         if self.refinement is not None:
             found = self.refinement.replay
-            reason += f", and in closed loop the position to {1e6 * found.rms('position_load'):.3g} um RMS"
+            reason += (
+                f", and in closed loop the position to {1e6 * found.rms('position_load'):.3g} {self.log.micro} RMS"
+            )
         return f"Use these values: {reason}{self._why_friction()}."
 
     def _why_friction(self) -> str:
@@ -119,11 +121,11 @@ def identify_motion(
     """
     delay = find_delay(log, how=how)
     remarks: list[str] = []
-    closed = log.set_position is not None and not log.rotary
+    closed = log.set_position is not None and log.frame is not SHAFT
     known = 0.0 if start is None else float(start.axis.actuator.dead_time) / log.sample_time
     late = 0 if closed or start is not None or not delay.clear else max(0, delay.nearest)
     rigid = _rigid(log, friction, how, known + late)
-    if log.rotary:
+    if log.frame is SHAFT:
         rigid = rigid if lead is None else rigid.at_table(lead, gear)
         remarks += [*_about(rigid, late), _SHAFT if lead is None else _NO_LOOP]
         return Identified(log, rigid, delay, None, None, None, None, tuple(remarks))
@@ -177,13 +179,14 @@ def _by_friction(
     left, without = (1e6 * each.replay.rms("position_load") for each in (kept, plain))
     if left <= _CLEARLY * without:
         remarks.append(
-            f"friction stays {kind.kind}, with new levels: in closed loop it leaves {left:.4g} um RMS of the position, "
-            f"{other.kind} {without:.4g} um; what it does near standstill was not fitted"
+            f"friction stays {kind.kind}, with new levels: in closed loop it leaves {left:.4g} {log.micro} RMS of the "
+            f"position, {other.kind} {without:.4g} {log.micro}; what it does near standstill was not fitted"
         )
         return own, kept
     remarks.append(
-        f"friction is {other.kind} now, and no longer {kind.kind}: in closed loop it leaves {without:.4g} um RMS of "
-        f"the position, {kind.kind} {left:.4g} um; runs at constant speeds tell a Stribeck curve (fit_friction)"
+        f"friction is {other.kind} now, and no longer {kind.kind}: in closed loop it leaves {without:.4g} {log.micro} "
+        f"RMS of the position, {kind.kind} {left:.4g} {log.micro}; runs at constant speeds tell a Stribeck curve "
+        f"(fit_friction)"
     )
     return loop, plain
 
@@ -222,14 +225,14 @@ def _attempted(what: Any, remarks: list[str]) -> Any:
 
 def _loop(log: MotionLog, rigid: RigidFit, start: Loop | None, control: ControlFit | None) -> Loop | None:
     """The loop of the log with its values replaced by the identified ones."""
-    if rigid.frame is not TABLE:
+    if rigid.frame is SHAFT:
         return None
     if start is not None:
         return dataclasses.replace(start, axis=with_rigid(start.axis, rigid))
     if control is None:
         return None
     T = log.sample_time
-    axis = with_rigid(Axis(plant=rigid.plant()), rigid)
+    axis = with_rigid(Axis(plant=rigid.plant(), rotary=log.turning), rigid)
     delayed = dataclasses.replace(axis, actuator=dataclasses.replace(axis.actuator, dead_time=control.delay * T))
     return Loop(control=Control(law=control.law(), force_limit=log.force_limit), axis=delayed, sample_time=T)
 
@@ -295,9 +298,9 @@ def axis_remarks(axis: Axis, rigid: RigidFit) -> list[str]:
     off = found.value - own
     said = [
         f"the axis is a {axis.plant.kind}: a log of a motion tells the sum of its masses, {found.value:.5g} ± "
-        f"{found.error:.2g} kg, and not how it is split; its masses, springs and dampers stay as they are"
+        f"{found.error:.2g} {found.unit}, and not how it is split; its masses, springs and dampers stay as they are"
         + (
-            f". Their sum, {own:.5g} kg, is off by {100.0 * off / own:+.2g} %: measure a frequency response "
+            f". Their sum, {own:.5g} {found.unit}, is off by {100.0 * off / own:+.2g} %: measure a frequency response "
             f"(feeddrive excite, frf) and identify that"
             if abs(off) > max(3.0 * found.error, _FAR * own)
             else ""

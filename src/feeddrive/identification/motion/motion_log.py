@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from feeddrive.identification.estimate import Frame, frame_of
+from feeddrive.identification.estimate import TABLE, TURNING, Frame, frame_of
 from feeddrive.language.errors import LogError, NotIdentifiableError, ParameterError
 
 LEAST_ROWS = 100
@@ -25,6 +25,7 @@ class MotionLog:
     set_position  setpoint of the loop, if it was logged
     force_limit   N or N m, if it is known
     rotary        position in rad and force in N m
+    turning       of those: it is the axis itself that turns, and no shaft in front of a screw
 
     Raises LogError for a channel that is not finite or of another length, and NotIdentifiableError for one that does
     not change or whose force sits at its limit.
@@ -37,6 +38,7 @@ class MotionLog:
     set_position: np.ndarray | None = None
     force_limit: float | None = None
     rotary: bool = False
+    turning: bool = False
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.sample_time) and self.sample_time > 0.0):
@@ -52,8 +54,13 @@ class MotionLog:
 
     @property
     def frame(self) -> Frame:
-        """Units of a table or of a shaft."""
-        return frame_of(self.rotary)
+        """Units of a table, of a shaft, or of an axis that turns."""
+        return TURNING if self.turning else frame_of(self.rotary)
+
+    @property
+    def micro(self) -> str:
+        """The unit in which residuals of the position are shown, a millionth of its own."""
+        return "um" if self.frame is TABLE else "urad"
 
     def _checked(self, channel: str, values: np.ndarray) -> np.ndarray:
         if values.ndim != 1 or values.size != np.size(self.position):

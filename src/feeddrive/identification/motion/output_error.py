@@ -54,7 +54,8 @@ class Refinement(Result):
 
     def table(self) -> Table:
         """Parameters with their errors."""
-        off = f"position {1e6 * self.replay.rms('position_load'):.3g} um RMS"
+        micro = "urad" if self.loop.axis.rotary else "um"
+        off = f"position {1e6 * self.replay.rms('position_load'):.3g} {micro} RMS"
         if "force" in self.replay.measured:
             off += f", force {100.0 * self.replay.share('force'):.3g} %"
         last = [each.name.rsplit(".", 1)[-1] for each in self.estimates]

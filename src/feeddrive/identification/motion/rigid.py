@@ -11,7 +11,7 @@ from feeddrive.blocks.force.gravity import Gravity
 from feeddrive.blocks.friction.coulomb import Coulomb
 from feeddrive.blocks.friction.directional import Directional
 from feeddrive.blocks.plant.rigid import Rigid
-from feeddrive.identification.estimate import TABLE, Estimate, Frame, estimates_table, lever, require_table
+from feeddrive.identification.estimate import SHAFT, TABLE, Estimate, Frame, estimates_table, lever, require_table
 from feeddrive.identification.motion.motion_log import MotionLog, Preparation, Prepared, prepare
 from feeddrive.identification.regression import (
     Residuals,
@@ -72,7 +72,7 @@ class RigidFit(Result):
 
     def at_table(self, lead: float, gear: float = 1.0) -> RigidFit:
         """The same drive in kg and N at a table that a screw of `lead` (m) moves; `gear`: motor turns a screw turn."""
-        if self.frame is TABLE:
+        if self.frame is not SHAFT:
             return self
         r = lever(lead, gear)
         found = tuple(each.at_table(r) for each in self.estimates)
