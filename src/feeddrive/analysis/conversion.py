@@ -30,9 +30,9 @@ def as_frf(
                python-control FRD         its own lines; python-control's rad/s become Hz
                python-control tf, ss      at `frequency`: on the imaginary axis, or at z = e^(j2πfT) if its dt is a
                                           sample time
-    frequency  Hz, shape (n,), where the source does not bring it
+    frequency  Hz, shape (n,); needed if the source has no frequencies
 
-    Raises ParameterError for what is none of these, for several inputs or outputs, for lines beyond Nyquist, and if
+    Raises ParameterError for a source of another type, for several inputs or outputs, for lines beyond Nyquist, and if
     frequencies are missing.
     """
     if isinstance(source, FRF):
@@ -58,7 +58,7 @@ def as_frf(
 
 def _required(lines: np.ndarray | None, what: str) -> np.ndarray:
     if lines is None:
-        raise ParameterError(f"{what} has no lines of its own: give `frequency` in Hz")
+        raise ParameterError(f"{what} has no frequencies: give `frequency` in Hz")
     return lines
 
 
@@ -71,9 +71,7 @@ def _from_control(source: Any, lines: np.ndarray | None, unit: str) -> FRF:
     step = source.dt
     sampled = None if step in (None, 0) else (1.0 if step is True else float(step))
     if step is True:
-        raise ParameterError(
-            "the object of python-control is sampled without saying how fast (dt = True): give it a dt"
-        )
+        raise ParameterError("the object of python-control is sampled but has no sample time (dt = True): give it a dt")
     if hasattr(source, "omega"):
         omega = np.asarray(source.omega, float)
         values = np.asarray(source.frdata if hasattr(source, "frdata") else source.fresp).reshape(-1)
@@ -81,7 +79,7 @@ def _from_control(source: Any, lines: np.ndarray | None, unit: str) -> FRF:
         order = order[omega[order] != 0.0]  # a line at zero has no place on a logarithmic axis
         found = _named(FRF(omega[order] / (2.0 * np.pi), values[order], unit=unit, sample_time=sampled), source)
         if lines is not None and (lines.shape != found.frequency.shape or not np.allclose(lines, found.frequency)):
-            raise ParameterError("an FRD holds its own lines, and other ones were asked for: leave `frequency` out")
+            raise ParameterError("an FRD already has frequencies: leave `frequency` out")
         return found
     lines = _required(lines, "a transfer function")
     if sampled is not None and lines.size and lines.max() > 0.5 / sampled * (1.0 + 1e-9):
@@ -96,6 +94,6 @@ def _from_control(source: Any, lines: np.ndarray | None, unit: str) -> FRF:
 
 
 def _named(frf: FRF, source: Any) -> FRF:
-    """With the names that were given; default names of python-control are ignored."""
+    """The FRF with the given names; default names of python-control are ignored."""
     names = [str(label[0]) for label in (source.input_labels, source.output_labels)]
     return frf if names == ["u[0]", "y[0]"] else replace(frf, input=names[0], output=names[1])

@@ -58,7 +58,7 @@ def friction_map(
     mean_force = np.convolve(force, np.full(offsets.size, 1.0 / offsets.size), mode="valid")
     friction = mean_force - mass * acceleration
     away = np.abs(velocity) > np.abs(acceleration) * half * sample_time
-    # where the acceleration changes within the window no parabola fits
+    # no parabola fits a window in which the acceleration changes
     spread = np.full(acceleration.size, np.inf)
     spread[half:-half] = np.abs(acceleration[2 * half :] - acceleration[: -2 * half])
     away &= spread < 0.2 * float(np.max(np.abs(acceleration), initial=0.0))

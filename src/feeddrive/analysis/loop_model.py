@@ -42,7 +42,7 @@ class LoopModel:
         beside = np.abs(s.imag)[:, None] + np.abs(s.real)[:, None] * _BESIDE
         near = beside.ravel() / (2.0 * np.pi)
         both = np.unique(np.concatenate([spread, near[(near > spread[0]) & (near < nyquist)]]))
-        # lines that nearly coincide would make a parabola through them out of rounding; the last is Nyquist
+        # a parabola through lines that nearly coincide would be fitted to rounding errors; the last line is Nyquist
         return both[np.append(np.diff(both) > _APART * both[:-1], True)]
 
     def loop_gain(self, frequency: np.ndarray) -> FRF:
@@ -72,7 +72,7 @@ def loop_model(loop: Loop, *, velocity: float = 0.05) -> LoopModel:
     """The linear model of a loop that moves with `velocity` (m/s), opened at the actuator.
 
     Its inputs are `cut`, `load_force` and both readings.
-    Raises ParameterError for a law that repeats itself only after several samples: it has no loop gain there.
+    Raises ParameterError for a law whose period is several samples (multirate): it has no loop gain at the actuator.
     """
     if loop.control.law.period() > 1:
         raise ParameterError(
@@ -104,7 +104,7 @@ _EDGE = 1e-9  # of |z|: what eigenvalues of a small matrix are uncertain by
 
 
 class Robustness(NamedTuple):
-    """Figures of one loop; those behind `growth` are infinite, or 0 for the delay margin, if it is not stable."""
+    """Figures of one loop. If it is not stable, those after `growth` are infinite and the delay margin is 0."""
 
     growth: float  # |z| of the largest pole; infinite where the parameters do not fit each other
     sensitivity_peak: float = np.inf  # Ms
@@ -126,6 +126,6 @@ def robustness(loop: Loop, *, velocity: float = 0.05, per_decade: int = 40) -> R
         return Robustness(growth)
     found = margins(both.loop_gain(both.lines(per_decade)))
     if not np.isfinite(found.sensitivity_peak):
-        return Robustness(np.inf)  # so far out that nothing is left of its digits
+        return Robustness(np.inf)  # the parameters are so extreme that rounding leaves no digits
     delay = found.delay_margin_samples
     return Robustness(growth, found.sensitivity_peak, np.inf if delay is None else delay, rope_snap(both.closed))

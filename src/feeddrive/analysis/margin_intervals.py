@@ -16,8 +16,8 @@ from feeddrive.loop.frequency_response import FRF
 
 _HALVES = (2, 3, 4, 6, 8, 12, 16, 24, 32, 48)  # lines on each side that are tried
 _LEVEL = 0.999  # of the χ² test that a parabola explains the lines
-_EXACT = 1e-10  # of the largest variance in a window: a line with less counts as known that well
-_CENTER, _SPREAD = 1, 2  # steps by which windows are taken narrower than the widest that holds
+_EXACT = 1e-10  # of the largest variance in a window: a smaller variance is raised to this
+_CENTER, _SPREAD = 1, 2  # steps by which a window is narrower than the widest that passes the test
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,12 +34,12 @@ class Smoother:
 
 
 def smoothers(frf: FRF) -> tuple[Smoother, Smoother]:
-    """Local parabolas over ln f in windows as wide as they explain all lines within their variance: (center, spread).
+    """Local parabolas over ln f, each as wide as it explains all lines within their variance: (center, spread).
 
-    Windows grow from 5 to 97 lines and stop at the first that fails: χ² of the residuals beyond its 99.9 % point.
-    Where the first one fails, the line stays as it is.  A window that just holds still bends the curve by as much as
-    the noise that is left in it; so the curve itself is taken from windows one step narrower, and its spread, which is
-    to cover the rest of that bias, from windows two steps narrower.
+    Windows grow from 5 to 97 lines and stop at the first that fails: χ² of the residuals is beyond its 99.9 % point.
+    Where the first one fails, the line stays as it is. A window that just passes has a bias as large as the remaining
+    noise. So the curve itself is taken from windows one step narrower. Its spread, which must cover the rest of that
+    bias, is taken from windows two steps narrower.
     Raises ParameterError for an FRF without variance.
     Source: Goldenshluger & Nemirovski 1997 (windows as wide as the noise allows); Schoukens et al. 2009 (local
     polynomials of frequency responses).
@@ -62,14 +62,15 @@ def smoothers(frf: FRF) -> tuple[Smoother, Smoother]:
         offset = x[places] - x[:, None]
         offset = offset / np.max(np.abs(offset), axis=1, keepdims=True)
         columns = np.stack([np.ones_like(offset), offset, offset**2], axis=2)
-        # a line where the response is zero (a sampled one at Nyquist) has no noise, and would outweigh all others
+        # a line where the response is zero (a sampled one at Nyquist) has no noise and would otherwise get nearly all
+        # of the weight
         unsure = variance[places]
         unsure = np.maximum(unsure, _EXACT * np.max(unsure, axis=1, keepdims=True))
         heavy = columns / unsure[:, :, None]
         made = np.linalg.solve(np.swapaxes(columns, 1, 2) @ heavy, np.swapaxes(heavy, 1, 2))
         fitted = np.squeeze(columns @ (made @ frf.response[places][:, :, None]), axis=2)
         misfit = np.sum(np.abs(frf.response[places] - fitted) ** 2 / unsure, axis=1)
-        # |r|²/variance has mean 1 with two real degrees of freedom, of which the parabola takes three complex ones
+        # |r|²/variance has mean 1 with two real degrees of freedom, and the parabola uses three complex ones
         growing &= 2.0 * misfit <= chdtri(2 * (width - 3), 1.0 - _LEVEL)
         reach[growing] = i
         maps.append((start, made[:, 0, :]))
@@ -77,7 +78,7 @@ def smoothers(frf: FRF) -> tuple[Smoother, Smoother]:
 
 
 def _smoother(n: int, maps: Sequence[tuple[np.ndarray, np.ndarray]], reach: np.ndarray) -> Smoother:
-    """Each line by the map of the window that it reaches; below 0 it stays."""
+    """Each line smoothed by the map of its widest window; a line whose index is below 0 stays as it is."""
     stays = np.flatnonzero(reach < 0)
     rows, columns, weights = [stays], [stays], [np.ones(stays.size)]
     for i, (start, made) in enumerate(maps):
@@ -105,7 +106,7 @@ FIGURES: dict[str, tuple[str, Callable[[Margins], float | None]]] = {
 
 @dataclass(frozen=True)
 class Interval:
-    """A figure with the interval that holds the true one with `level`; `sure` if nearly all draws have it."""
+    """A figure with the interval that holds the true one with `level`; `sure` if nearly all draws have the figure."""
 
     value: float
     low: float
@@ -118,8 +119,8 @@ class Interval:
 class MarginIntervals(Result):
     """Confidence intervals by name of the figure in `Margins`; figures that do not occur are left out.
 
-    margins  of the smoothed loop gain; the values of the intervals are these less what noise adds to them
-    level    with which an interval holds the true figure, each for itself
+    margins  of the smoothed loop gain; the values of the intervals are these minus the bias caused by noise
+    level    probability with which each single interval holds the true figure
     draws, seed   of the Monte Carlo
     """
 
@@ -160,14 +161,15 @@ def margin_intervals(L: FRF, *, level: float = 0.95, draws: int = DRAWS, seed: i
         L* = B (A L + e),  e complex normal with the variance of each line, independent from line to line
         θ = margins of A L - (mean(θ*) - margins of B A L),  θ* = margins of L*,  interval = θ ± z std(θ*)
 
-    The parenthesis is what noise alone does to a figure: the least of several distances is less than the true one.
+    The parenthesis is the bias that noise alone causes: the least of several noisy distances is less than the true one.
 
-    A figure is marked as not sure if less than 95 % of the draws show it, or lie around one value: where a resonance
-    just reaches |L| = 1, the delay margin is that of its crossing or of another one.  The interval then also holds the
-    middle 95 % of the draws.
+    A figure is marked as not sure if less than 95 % of the draws show it, or if less than 95 % lie around one value.
+    Where a resonance just reaches |L| = 1, for example, the delay margin jumps between two crossings. The interval then
+    also holds the middle 95 % of the draws.
 
     Raises ParameterError for an L without variance.  Nonlinear distortion counts only if the variance holds it.
-    When not: for resonances narrower than five lines, which no window spans; their interval is that of single lines.
+    When not: for resonances narrower than five lines, which no window spans; their interval is that of the unsmoothed
+    lines.
     """
     if not 0.5 <= level < 1.0 or draws < 20:
         raise ParameterError(f"level = {level:g} must be >= 0.5 and < 1, and draws = {draws} at least 20")
@@ -203,7 +205,8 @@ def margin_intervals(L: FRF, *, level: float = 0.95, draws: int = DRAWS, seed: i
         low = max(low, 0.0) if positive else low
         intervals[name] = Interval(value, low, high, unit, settled and others.size >= _SURE * draws)
     distance = intervals["modulus_margin"]
-    # Ms = 1/modulus margin: its interval is that of the margin turned over, which is the one that is nearly normal
+    # Ms = 1/modulus margin: its interval is the inverse of that of the modulus margin, whose distribution is nearly
+    # normal
     peak = np.inf if distance.low <= 0.0 else 1.0 / distance.low
     intervals["sensitivity_peak"] = Interval(
         1.0 / max(distance.value, 1e-300), 1.0 / max(distance.high, 1e-300), peak, "", distance.sure
@@ -212,9 +215,9 @@ def margin_intervals(L: FRF, *, level: float = 0.95, draws: int = DRAWS, seed: i
 
 
 def _settled(drawn: np.ndarray) -> bool:
-    """Whether nearly all draws lie around one value: no gap in their midst is wider than both parts' deviations."""
+    """Whether nearly all draws lie around one value: no gap between them exceeds the deviations on both sides."""
     ordered = np.sort(drawn)
-    beyond = int(np.ceil((1.0 - _SURE) * ordered.size))  # so many on one side are no second value
+    beyond = int(np.ceil((1.0 - _SURE) * ordered.size))  # fewer draws than this are outliers
     place = beyond + int(np.argmax(np.diff(ordered)[beyond - 1 : ordered.size - beyond]))
     low, high = ordered[:place], ordered[place:]
     return bool(high[0] - low[-1] <= np.std(low) + np.std(high) + 1e-9 * abs(high[0]))

@@ -30,7 +30,7 @@ def least(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:
     return float(x[k] + step), float(y[k] + 0.5 * slope * step)
 
 
-_ROUNDING = 1e-9  # rad, and of ln |L|: what is nearer to a crossing counts as on it
+_ROUNDING = 1e-9  # in rad, and in ln |L|: a line nearer to a crossing than this counts as on it
 
 
 class GainCrossover(NamedTuple):
@@ -61,7 +61,7 @@ class Logarithms(NamedTuple):
 
 
 def logarithms(frequency: np.ndarray, loop_gain: np.ndarray) -> Logarithms:
-    """ln L over ln f (Hz), which counts as straight between two lines; what is nearer to 0 than rounding is 0."""
+    """ln L over ln f (Hz), which counts as straight between two lines; values within rounding of 0 count as 0."""
     level = _snapped(np.log(np.maximum(np.abs(loop_gain), np.finfo(float).tiny)))
     turn = np.angle(loop_gain[1:] * np.conj(loop_gain[:-1]))
     return Logarithms(np.log(frequency), level, _snapped(np.angle(-loop_gain)), turn)
@@ -98,7 +98,7 @@ def _crossings(a: np.ndarray, b: np.ndarray) -> list[tuple[int, float]]:
 
 
 def _gain_crossover(frequency: float, lead: float) -> GainCrossover:
-    # a delay only takes phase away, so what it uses up is counted upward from -180°
+    # a delay only reduces the phase, so the phase that it may use up is counted upward from -180°
     turned = 0.0 if abs(lead) < _ROUNDING else lead % (2.0 * np.pi)
     signed = turned - 2.0 * np.pi if turned > np.pi else turned
     return GainCrossover(float(frequency), float(np.degrees(signed)), float(turned / (2.0 * np.pi * frequency)))
@@ -108,8 +108,8 @@ def _gain_crossover(frequency: float, lead: float) -> GainCrossover:
 class Margins(Result):
     """How far a loop gain stays from -1. What does not occur is None or an empty tuple, never NaN.
 
-    The closed loop must be stable for the figures to mean what their names say, which no frequency response can tell
-    alone: see `stability`.  Frequencies in Hz.
+    The figures are valid only for a stable closed loop. A frequency response alone does not show stability: see
+    `stability`.  Frequencies in Hz.
     """
 
     loop_gain: FRF
@@ -190,9 +190,9 @@ def margins(loop_gain: FRF | Any, frequency: np.ndarray | None = None) -> Margin
     """Margins of a loop gain L(f), with 1 + L = 0 the edge of stability.
 
     Between two lines ln |L| and the phase are straight over ln f, so a pure power of f is exact; the nearest approach
-    to -1 is that of a parabola.  Two neighboring lines must lie within 180° of each other.  Of a sampled loop
-    that is given up to Nyquist the last line counts as real, which it is.
-    Of another tool's loop gain, and of an array, `frequency` in Hz: see `as_frf`.
+    to -1 is that of a parabola.  Two neighboring lines must lie within 180° of each other.  If a sampled loop is given
+    up to Nyquist, its last line is real and counts as real. For an array or a loop gain of another tool give
+    `frequency` in Hz: see `as_frf`.
     Raises ParameterError for fewer than two lines.
 
     When not: for a loop that is not stable when closed, and for a measured L where its coherence is low.
@@ -230,13 +230,13 @@ def sensitivity(loop_gain: FRF | Any, frequency: np.ndarray | None = None) -> FR
 
 
 def complementary_sensitivity(loop_gain: FRF | Any, frequency: np.ndarray | None = None) -> FRF:
-    """T = L/(1 + L) = 1 - S: what the loop answers to a signal that enters where it was opened.
+    """T = L/(1 + L) = 1 - S: the response of the loop to a signal that enters where it was opened.
 
-    Raises ParameterError as `sensitivity`.  It is not the response to the setpoint, which has feedforward: `tracking`.
+    Raises ParameterError as `sensitivity`.  The response to the setpoint, which includes feedforward, is `tracking`.
     """
     L = as_frf(loop_gain, frequency)
     _check(L)
-    # the response by one division: 1 - S would lose the digits where |L| is small; the variance is that of S
+    # the response by one division: 1 - S would lose digits where |L| is small; the variance is that of S
     response = L.response / (1.0 + L.response)
     return replace((1.0 + L).inverse(), response=response, input="disturbance", output="answer", unit="")
 

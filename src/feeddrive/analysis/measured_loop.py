@@ -57,7 +57,7 @@ class MeasuredLoop(Result):
 
     @property
     def stiffness(self) -> Stiffness:
-        """The inverse of the compliance. Raises ParameterError if the open axis's was not measured."""
+        """The inverse of the compliance. Raises ParameterError if the compliance of the open axis was not measured."""
         if self.compliance is None:
             raise ParameterError("the compliance of the open axis was not measured: give `disturbance` for a stiffness")
         return stiffness(self.compliance)
@@ -88,7 +88,8 @@ def measured_loop(
         u = C1 x1 + C2 x2,   L = -(C1 X1/u + C2 X2/u),   x2/d = X2/d + X2/u (C1 X1/d + C2 X2/d) / (1 + L)
 
     control       a Control: C1 and C2 are its linearization, filters and compensation included, at `velocity` in m/s;
-                  or one response C from the position error to the force, N/m, and C2 = -C: whatever `as_frf` takes
+                  or one response C from the position error to the force, N/m, and C2 = -C: any form that `as_frf`
+                  accepts
     sample_time   s; None for a response C that is not sampled
     load, motor   X2/u and X1/u, from the commanded force to the readings; with one encoder leave `motor` out
     disturbance   X2/d and X1/d, from a force on the table to the readings (a hammer's), for the compliance
@@ -98,8 +99,8 @@ def measured_loop(
     The variance of L is |C2|² var(X2/u) with one encoder.  With two, whose errors may be correlated in any way, it is
     the most that it can be, (|C1| dev(X1/u) + |C2| dev(X2/u))²: intervals of margins are then rather too wide.
 
-    Raises ParameterError for frequencies that differ or lie beyond Nyquist, for two encoders that a law needs and one
-    that was measured, and for a law that repeats itself only after several samples.
+    Raises ParameterError for frequencies that differ or lie beyond Nyquist, for a law with two encoders if only one was
+    measured, and for a law whose period is several samples.
     Source: Gordon & Erkorkmaz 2013, section 2 (tuning on the measured frequency response).
     """
     load, motor = as_frf(load, frequency), None if motor is None else as_frf(motor, frequency)
@@ -110,7 +111,7 @@ def measured_loop(
         by_motor, by_load = 0.0, -_as_response(control, sample_time, lines, one_encoder=motor is None)
 
     def answered(of_load: FRF, of_motor: FRF | None) -> FRF:
-        """What the control answers to an input of the axis."""
+        """The response of the control to an input of the axis."""
         return of_load * (by_load + by_motor) if of_motor is None else of_load * by_load + of_motor * by_motor
 
     gain = -answered(load, motor).delayed(delay)
@@ -126,7 +127,7 @@ def measured_loop(
     assert free is not None
     back = (load * answered(free, free_motor).response).delayed(delay)
     closed = free + back.response / (1.0 + L.response)
-    # the measurements stand in it more than once, so that no variance of one of them is that of the whole
+    # each measurement enters several times, so no single variance can be passed on
     closed = replace(
         closed, input="load_force", output="position_load", unit="m/N", sample_time=sample_time, variance=None
     )
@@ -146,7 +147,7 @@ def _responses(
         )
     if one_encoder and law.encoders > 1:
         raise ParameterError(f"the law '{law.kind}' needs two encoders: give the response of the motor's as `motor`")
-    swings = 0.1 / T  # rad/s of an axis that is there only to be read
+    swings = 0.1 / T  # rad/s of an axis that only provides readings
     axis = Axis(plant=TwoMass(mass_motor=1.0, mass_load=1.0, stiffness=0.5 * swings * swings))
     loop = Loop(control=control, axis=axis, sample_time=T)
     model = linearize(loop, ["cut", "reading_motor", "reading_load"], ["force"], velocity=velocity)

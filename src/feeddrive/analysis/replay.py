@@ -67,7 +67,7 @@ class Replay(Result):
 
 
 def replay(loop: Loop, measured: Mapping[str, np.ndarray], *, skip: int = 0, name: str = "predicted") -> Replay:
-    """Run the recorded reference through the loop, from the position and velocity in which the log starts.
+    """Run the recorded reference through the loop, from the position and velocity at which the log starts.
 
     measured  `set_position` and `position_load` in m, optionally `force` in N and `load_force` in N (a known extra
               force, which is applied to the model too); all of shape (n,), one row a sample of the loop
@@ -106,7 +106,7 @@ def estimate_start(position: np.ndarray, T: float) -> tuple[float, float]:
 class Observation(Result):
     """Estimates over time, each of shape (n,): position (m), velocity (m/s), disturbance on the axis (N).
 
-    `lag` in s: by so much the estimate of a slow disturbance comes late; 0 where the observer does not say.
+    `lag` in s: the delay of the estimate of a slow disturbance; 0 if the observer does not state it.
     """
 
     name: str
@@ -151,12 +151,12 @@ def observe(
     position     m, read at kT, shape (n,): `reading_load` of a run, `position_load` of a log
     force        N, commanded at kT and acting over [kT, (k+1)T], shape (n,): `force` of a run or a log
     sample_time  s
-    before       N that acted before the first row: the weight that a vertical axis holds, say
-    velocity     m/s of the axis at the first row; a record that begins in motion needs it, or the first estimates are a
-                 blow that brings the observer up to speed
+    before       N that acted before the first row, such as the weight that a vertical axis holds
+    velocity     m/s of the axis at the first row; a record that begins in motion needs it, otherwise the first
+                 estimates show a false force pulse that brings the observer up to speed
 
-    Raises LogError for rows that do not fit or are not numbers, ParameterError for an observer that cannot run at the
-    sample time.
+    Raises LogError for rows of different length or with values that are not finite, ParameterError for an observer that
+    cannot run at the sample time.
     """
     x, u = np.asarray(position, dtype=np.float64), np.asarray(force, dtype=np.float64)
     if x.ndim != 1 or x.shape != u.shape or not x.size:

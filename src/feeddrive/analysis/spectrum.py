@@ -58,8 +58,8 @@ def spectrum(
         amplitude(0) = |mean|,  amplitude(f) = c |Σ w (x - mean) e^(-j2πfkT)| / Σ w,  c = 2, and 1 at Nyquist
         cumulative_rms(f)² = Σ over lines up to f of c |Σ x e^(-j2πfkT)|² / n²
 
-    window  "hann" (default) or "none".  It acts on the amplitudes, where it keeps a motion that does not repeat from
-            smearing over all lines; never on the cumulative RMS, so that Parseval's sum stays exact.
+    window  "hann" (default) or "none".  It acts on the amplitudes, where it limits the leakage of a motion that is not
+            periodic. It never acts on the cumulative RMS, so that Parseval's sum stays exact.
 
     Raises ParameterError for another window, fewer than two samples, or a value that is not finite.
     """

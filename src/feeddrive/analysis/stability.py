@@ -21,9 +21,9 @@ _ROUNDING = 1e-9  # of |z|: what eigenvalues of a small matrix are uncertain by
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Stability(Result):
-    """The pole of largest size of a sampled model: it decides. `sample_time` in s.
+    """The largest pole of a sampled model, which decides its stability. `sample_time` in s.
 
-    `growth` is |z|: the motion is multiplied by it from sample to sample, below 1 it dies out.
+    `growth` is |z|: the factor of the motion from sample to sample; below 1 the motion dies out.
     """
 
     model: StateSpace
@@ -46,7 +46,7 @@ class Stability(Result):
 
     @property
     def time_constant(self) -> float | None:
-        """s in which the motion grows or falls to e times its size or an e-th of it; None at the edge or for z = 0."""
+        """Time in s in which the motion grows by e or falls to 1/e; None at the edge of stability or for z = 0."""
         if self.growth == 0.0 or abs(self.growth - 1.0) <= _ROUNDING:
             return None
         return float(self.model.sample_time / abs(np.log(self.growth)))
@@ -118,7 +118,7 @@ def _nearest_stable(loop: Loop, velocity: float) -> str:
     law = loop.control.law
     values = dict(tree.leaves(law))
     units = {name: tree.declaration(law, name).unit for name in law.tunables if isinstance(values.get(name), float)}
-    # a time is slowed down by making it longer; a ratio such as a damping is no speed and stays
+    # a time constant is made longer; a ratio such as a damping stays
     powers = {name: -1.0 if unit == "s" else 1.0 for name, unit in units.items() if unit}
 
     def slowed(factor: float) -> dict[str, float]:
@@ -142,17 +142,17 @@ def _nearest_stable(loop: Loop, velocity: float) -> str:
     return f"; in the same proportion it is stable up to {listed}, which is {100.0 * low:.3g} % of the speed"
 
 
-_COARSE = np.radians(60.0)  # turn of 1 + L between two lines from which what lies between is doubtful
-_DISC = 2.4477  # √χ²(95 %, 2): deviations of a real part in which a complex normal lies with 95 %
+_COARSE = np.radians(60.0)  # turn of 1 + L between two lines from which the curve between them is uncertain
+_DISC = 2.4477  # √χ²(95 %, 2): deviations of the real part within which 95 % of a complex normal variable lie
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Encirclement(Result):
-    """What the Nyquist curve says of the closed loop.
+    """Stability of the closed loop by its Nyquist curve.
 
     turns          of L round -1, counterclockwise, over all frequencies, -∞ to ∞
     unstable       poles of the closed loop that grow: unstable_poles of the open one - turns
-    arc            degrees by which L was taken to turn on the left-out arc below the first line, from 0 Hz on
+    arc            degrees by which L was assumed to turn below the first line, from 0 Hz on
     rounding       how far the turns were from a whole number before rounding
     doubts         why the count may be wrong: lines too far apart, noise over -1, a gain above 1 beyond the last line
     """
@@ -167,7 +167,7 @@ class Encirclement(Result):
 
     @property
     def stable(self) -> bool:
-        """Whether no pole of the closed loop grows; `certain` says whether the lines tell it."""
+        """Whether no pole of the closed loop grows; `certain` says whether the lines suffice to decide it."""
         return self.unstable == 0
 
     @property
@@ -189,7 +189,7 @@ class Encirclement(Result):
             ["turns round -1, counterclockwise", f"{self.turns}"],
             ["unstable poles of the open loop", f"{self.unstable_poles}"],
             ["unstable poles of the closed loop", f"{self.unstable}"],
-            ["left-out arc below the first line", f"{self.arc:.0f} deg"],
+            ["assumed arc below the first line", f"{self.arc:.0f} deg"],
             *(["doubt", doubt] for doubt in self.doubts),
         ]
         return Table(self.sentence(), ["what", ""], rows)
@@ -210,8 +210,8 @@ def encirclement(
     integrators     poles of L at the origin (z = 1); None: from the slope of its lowest lines
 
     Below the first line L is taken to come from +∞·e^0 over the arc of its integrators: it turns by -90° for each one,
-    to that branch of its own phase which lies nearest.  How it gets there does not matter as long as |L| > 1.
-    A sampled L is closed at Nyquist, where it is real; any other L must be below 1 at its last line and stay there.
+    to the nearest branch of its measured phase. Its path there does not matter as long as |L| > 1. A sampled L is
+    closed at Nyquist, where it is real; any other L must be below 1 at its last line and stay there.
     Raises ParameterError for fewer than two lines and for an L of exactly -1.
     """
     L = as_frf(loop_gain, frequency)
@@ -226,7 +226,7 @@ def encirclement(
     doubts: list[str] = []
     count = _integrators(L) if integrators is None else integrators
     if count == 0:
-        # without integrators L begins at a real value; the straight way from there
+        # without integrators L begins at a real value; a straight line leads from there
         way = np.linspace(float(np.real(response[0])), response[0], 2001)
         begin, arc = 0.0, 0.0
     else:
@@ -235,8 +235,8 @@ def encirclement(
     first = _turned(1.0 + way)
     if count > 0 and np.abs(response[0]) <= 1.0:
         doubts.append(
-            f"|L| is {np.abs(response[0]):.3g} at the first line, {L.frequency[0]:.3g} Hz: below 1 the left-out arc of "
-            f"its {count} integrators is not known to pass -1 outside; measure from a lower frequency"
+            f"|L| is {np.abs(response[0]):.3g} at the first line, {L.frequency[0]:.3g} Hz: below 1 the unmeasured arc "
+            f"of its {count} integrators may pass on either side of -1; measure from a lower frequency"
         )
     steps = np.angle(distance[1:] / distance[:-1])
     coarse = np.flatnonzero(np.abs(steps) > _COARSE)
@@ -267,7 +267,7 @@ def encirclement(
                 f"{np.abs(distance[place]):.3g}): measure longer there"
             )
     if abs(total - turns) > 0.1:
-        doubts.append(f"the turns come out as {total:.3f}, not a whole number: L does not close")
+        doubts.append(f"the turns come out as {total:.3f}, not a whole number: the curve of L does not close")
     return Encirclement(
         L, turns, unstable_poles - turns, unstable_poles, float(np.degrees(arc)), abs(total - turns), tuple(doubts)
     )
@@ -287,9 +287,9 @@ def _integrators(L: FRF) -> int:
 
 
 def _arc(angle: float, integrators: int) -> tuple[float, float]:
-    """Where L begins, at +∞ (0) or for a negative gain at -∞ (π), and how far it turns to `angle`, rad.
+    """Where L begins, at +∞ (0) or for a negative gain at -∞ (π), and its turn from there to `angle`, both in rad.
 
-    The turn is the one nearest to -90° for each integrator.
+    Of the possible turns it is the one nearest to -90° per integrator.
     """
     wanted = -0.5 * np.pi * integrators
     turns = [wanted + (angle - begin - wanted + np.pi) % (2.0 * np.pi) - np.pi for begin in (0.0, np.pi)]

@@ -16,7 +16,7 @@ from feeddrive.language.table import Result, Table
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.linearize import StateSpace
 
-_DOUBLINGS = 64  # 2^64 samples: more than any loop is run for
+_DOUBLINGS = 64  # 2^64 samples: longer than any run
 
 
 def summed(A: np.ndarray, Q: np.ndarray) -> np.ndarray:
@@ -64,7 +64,7 @@ class Stiffness(Result):
 
     @property
     def mean(self) -> float:
-        """Geometric mean over the lines, N/m: over lines even in ln f the mean of a band on log-log paper."""
+        """Geometric mean over the lines, N/m; over lines evenly spaced in ln f the mean of a band on log-log paper."""
         return float(np.exp(np.mean(np.log(self.magnitude))))
 
     def _least(self) -> tuple[float, float]:
@@ -138,7 +138,7 @@ def static_stiffness(model: StateSpace) -> float:
         moved = np.linalg.solve(np.eye(n) - model.A, model.B[:, 0])
     except np.linalg.LinAlgError:
         raise ParameterError(
-            "the model drifts away under a constant force: close its position loop, or ask for its dynamic stiffness"
+            "the model drifts away under a constant force: close its position loop, or use its dynamic stiffness"
         ) from None
     compliance = float(model.C[0] @ moved + model.D[0, 0])
     scale = float(np.sum(np.abs(model.C[0] * moved)) + abs(model.D[0, 0]))
@@ -147,7 +147,7 @@ def static_stiffness(model: StateSpace) -> float:
 
 
 def rope_snap(model: StateSpace) -> float:
-    """ISE^½ of a force step of 1 N, in m s^½/N: the L2 norm of the position's response; infinite where it stays off.
+    """ISE^½ of a force step of 1 N, in m s^½/N: the L2 norm of the position's response; infinite if an offset remains.
 
         ISE^½ = [∫ |C|²/ω² dω/π]^½ = [T Σ y(k)²]^½,   y the response of a model from `load_force` to `position_load`
 

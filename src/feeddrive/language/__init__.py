@@ -1,1 +1,1 @@
-"""The language in which laws are written: numbers, blocks, trees of named states, units, errors."""
+"""The language of control laws: numbers, blocks, trees of named states, units, errors."""

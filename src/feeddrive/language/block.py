@@ -47,8 +47,8 @@ class Rule(NamedTuple):
     The constructor takes it as its check, and an export computes it on the target.
 
     holds     truth value
-    sentence  what must hold, for a person who reads the code of a refusal
-    refusal   what the constructor says, with the numbers and what to do
+    sentence  what must hold, for a person who looks up the code of a refusal
+    refusal   what the constructor says: the numbers, and what to do
     """
 
     holds: Any
@@ -66,7 +66,7 @@ def parameter(
     below: float | None = None,
     most: float | None = None,
 ) -> Any:
-    """Declare a leaf. A default of None makes it absent unless given; what is absent shapes the graph."""
+    """Declare a leaf. A default of None makes it absent unless given; an absent leaf changes the graph."""
     declaration = Declaration(
         role="parameter", unit=unit, meaning=meaning, above=above, least=least, below=below, most=most
     )
@@ -92,7 +92,7 @@ def table(unit: str, meaning: str, *, default: Any = MISSING) -> Any:
 
 
 def part(meaning: str, *, default: Any = MISSING, inline: bool = False) -> Any:
-    """Declare a nested block, a tuple of blocks, or None for a part that is not there.
+    """Declare a nested block, a tuple of blocks, or None for an absent part.
 
     The leaves of an inline part are named as if its fields were those of the block that holds it.
     """
@@ -155,7 +155,7 @@ class Block:
             enforce(self, lambda block: block.rules())
 
     def place_of(self, field: str) -> str:
-        """Where a field stands in the tree of names; only a loop says more than the field's own name."""
+        """The place of a field in the tree of names: the field's name, except in a loop."""
         return field
 
     def __repr__(self) -> str:
@@ -165,7 +165,7 @@ class Block:
         return f"{type(self).__name__}({shown})"
 
     def table(self) -> Table:
-        """Every parameter that is there, also of the parts: path, value, unit, bounds and meaning."""
+        """Every parameter that is present, those of the parts included: path, value, unit, bounds and meaning."""
         heads = ["parameter", "value", "unit", "bounds", "meaning"]
         return Table(type(self).__name__, heads, _parameters(self, ""), sentences=4)
 
@@ -246,10 +246,10 @@ def _said_of_names(cls: type[Block], make: Callable[..., None]) -> Callable[...,
 
 
 def enforce(block: Block, rules: Callable[[Any], Iterable[Rule]]) -> None:
-    """Raise ParameterError for the first rule of a block that does not hold; of variants it names the first.
+    """Raise ParameterError for the first rule of a block that does not hold; of several variants it names the first.
 
-    The rules are computed as a target computes them, where a division by zero is infinite and no error.  A block with
-    symbols is a trace, whose rules are conditions of the target.
+    The rules are computed as a target computes them, where a division by zero gives infinity instead of an error.  A
+    block with symbols is a trace, whose rules are conditions of the target.
     """
     plain = _plain(block)
     if plain is None:
@@ -356,6 +356,6 @@ def _checked_table(where: str, declaration: Declaration, value: Any) -> np.ndarr
 
 
 def check_tree(tree: Any) -> None:
-    """Raise ParameterError for a file's content, which holds loops and is none."""
+    """Raise ParameterError for the content of a file, which holds loops but is not a loop itself."""
     if getattr(tree, "instead", ""):
         raise ParameterError(f"a loop or a block has parameters, not a {type(tree).__name__}: {tree.instead}")

@@ -19,7 +19,7 @@ LARGEST = sys.float_info.max
 
 @dataclass(frozen=True, kw_only=True)
 class Declaration:
-    """What a field says about itself; `above`/`below` are open bounds, `least`/`most` closed ones."""
+    """Declaration of a field; `above`/`below` are open bounds, `least`/`most` closed ones."""
 
     role: str
     unit: str
@@ -68,7 +68,7 @@ def check_bounds(where: str, declaration: Declaration, number: float) -> None:
 
 
 def check_choice(where: str, declaration: Declaration, value: Any) -> None:
-    """Raise ParameterError for what is none of the options, or no whole number within the bounds."""
+    """Raise ParameterError for a value that is not one of the options, or not a whole number within the bounds."""
     if declaration.options and value not in declaration.options:
         allowed = ", ".join(repr(option) for option in declaration.options)
         raise ParameterError(f"{where} = {value!r} ({declaration.meaning}) must be one of {allowed}")

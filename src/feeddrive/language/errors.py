@@ -8,7 +8,7 @@ from typing import Any
 
 
 def nearest(name: str, allowed: Iterable[str]) -> str:
-    """`; did you mean a or b?`, or `; there are: ...` (at most 20) if nothing is near."""
+    """`; did you mean a or b?`, or `; there are: ...` (at most 20) if no name is similar."""
     known = list(allowed)
     near = get_close_matches(name, known, 3) or [each for each in known if each.lower() == name.lower()]
     if near:
@@ -27,7 +27,7 @@ class ParameterError(FeeddriveError):
 
 
 class StructureError(FeeddriveError):
-    """Blocks that do not fit each other, or a block that is not built as a block must be."""
+    """Blocks that do not fit each other, or a block class that breaks the rules of blocks."""
 
 
 class FileError(FeeddriveError):
@@ -63,7 +63,7 @@ class AbortedError(BusError):
 
 
 class WrongSignError(ParameterError):
-    """A measured response whose sign at an encoder no axis of the wanted structure can have."""
+    """A measured response with a sign at an encoder that is impossible for an axis of the requested structure."""
 
 
 class CancelledError(FeeddriveError):
@@ -91,7 +91,7 @@ class FmuError(FeeddriveError):
 
 
 def plain(text: str) -> str:
-    """The text without line ends and other marks that a terminal would obey; they may come from a damaged file."""
+    """The text without line ends and other control characters, which may come from a damaged file."""
     return "".join(letter if letter.isprintable() else "?" for letter in text)
 
 

@@ -3,12 +3,12 @@
 A `Symbol` is the third type of number that a law runs on, besides float and array.  Operations that would give another
 result on symbols than on floats raise an error: `if`, `and`, `float()`, `math.*` and numpy functions.
 
-Nothing is ever rearranged or simplified, so the graph computes the same bits as the Python source.  Two things are
-done, and neither changes a bit: an operation on the same arguments is stored once, and an operation on constants is
+Nothing is ever rearranged or simplified, so the graph computes the same bits as the Python source.  Two reductions are
+made, and neither changes a bit: an operation on the same arguments is stored once, and an operation on constants is
 computed at once.
 
 Why not CasADi: its rewriting of arithmetic, its silent NaN from `math.sin(SX)`, the missing table read and the encoding
-of `where` all have to be worked around, and its size is 277 MB; this module is all that is needed here.
+of `where` all would need workarounds, and it takes 277 MB; this module is sufficient here.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ class Graph:
     """
 
     def __init__(self, counted: Callable[[Symbol], float] | None = None) -> None:
-        """`counted` says how large a number may be that ends a loop of fixed count (`ops.most`); None: not known."""
+        """`counted` bounds the number that ends a loop of fixed count (`ops.most`); None: not known."""
         self.counted = counted
         self.nodes: list[Node] = []
         self._index: dict[Node, int] = {}
@@ -182,7 +182,7 @@ class Symbol:
 
 
 def reachable(graph: Graph, outputs: Sequence[int]) -> list[int]:
-    """The indices that the outputs depend on, in the order of evaluation; all else is dead."""
+    """The indices that the outputs depend on, in the order of evaluation; all others are dead code."""
     needed: set[int] = set()
     stack = list(outputs)
     while stack:
@@ -204,8 +204,8 @@ def rebuilt(
 ) -> tuple[Graph, dict[int, int]]:
     """A new graph of what stands below the roots, and where each old node went.
 
-    Leaves go over as they are; `compose` is told the new graph, the name of an operation and its new arguments, and
-    answers with what takes its place.
+    Leaves are copied. `compose` receives the new graph, the name of an operation and its new arguments, and returns the
+    replacement.
     """
     made = Graph()
     place: dict[int, Symbol] = {}

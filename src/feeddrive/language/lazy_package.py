@@ -31,7 +31,7 @@ def public_names(package: str) -> Mapping[str, str]:
 
 
 def modules_below(package: str) -> Iterator[str]:
-    """Dotted names of the modules in the folders of a package, without those that stand in it itself."""
+    """Dotted names of the modules in the subfolders of a package, without its own modules."""
     for module in pkgutil.walk_packages(sys.modules[package].__path__, f"{package}."):
         if not module.ispkg and module.name.count(".") > package.count(".") + 1:
             yield module.name
@@ -57,7 +57,7 @@ class LazyPackage(ModuleType):
             super().__setattr__(name, value)
 
     def __call__(self, *args: Any, **options: Any) -> Any:
-        """Raise TypeError: a package is no function, although a function of this name existed earlier."""
+        """Raise TypeError: a package cannot be called; a function of this name existed earlier."""
         raise TypeError(self.__dict__["_no_function"])
 
     def __dir__(self) -> list[str]:

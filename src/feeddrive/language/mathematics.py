@@ -73,7 +73,7 @@ def _reduced_exp(x: Any) -> tuple[Any, Any]:
 def exp(x: Any) -> Any:
     """eˣ = 2ᵏ (1 + p). Results below 2⁻¹⁰²¹ are 0, above 2¹⁰²³·⁵ infinite."""
     k, p = _reduced_exp(x)
-    scale = power_of_two(k)  # means nothing beyond the bounds, where it is not selected
+    scale = power_of_two(k)  # not valid beyond the bounds, where it is not selected
     result = scale + p * scale
     return where(x > EXP_MOST, math.inf, where(x < EXP_LEAST, 0.0, result))
 

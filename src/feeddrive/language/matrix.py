@@ -115,7 +115,7 @@ def expm1(a: Sequence[Sequence[Any]]) -> Matrix:
 
 
 def expm1_doubled(a: Sequence[Sequence[Any]]) -> tuple[list[Matrix], Any]:
-    """What `expm1` comes by: e^(A/2ˢ) - 1, e^(2A/2ˢ) - 1, ..., e^A - 1, and s.
+    """The steps of `expm1`: e^(A/2ˢ) - 1, e^(2A/2ˢ) - 1, ..., e^A - 1, and s.
 
     On symbols, for which s is not known, there are eleven; the last ones repeat e^A - 1.
     """
@@ -176,7 +176,7 @@ def decays(a: Sequence[Sequence[Any]]) -> Any:
     """True if the powers of a square matrix fall towards 0: all |eigenvalues| are below 1, for rules.
 
     It is squared until its norm, the largest sum of sizes in a row, is below 1 (true) or above 1e150, or 48 times
-    (false): eigenvalues closer to 1 than some 1e-13 are not told from it.  False for numbers that are not finite.
+    (false): eigenvalues closer to 1 than about 1e-13 count as 1.  False for numbers that are not finite.
     """
     graph = next((x.graph for row in a for x in row if isinstance(x, Symbol)), None)
     if graph is not None:
@@ -212,7 +212,7 @@ def _numbers(a: Sequence[Sequence[Any]]) -> np.ndarray:
 
 
 def growth(a: Sequence[Sequence[float]]) -> float:
-    """Largest |eigenvalue| of a matrix of floats, the rate at which its powers grow: for what a refusal says.
+    """Largest |eigenvalue| of a matrix of floats, the rate at which its powers grow, for the message of a refusal.
 
     Infinite for a matrix with numbers that are not finite.
     """

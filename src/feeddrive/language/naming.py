@@ -14,23 +14,23 @@ from typing import Any, NamedTuple
 from feeddrive.language.block import Block
 from feeddrive.language.graph import Graph, Symbol
 
-_OWN = __name__.rpartition(".")[0]  # the floor of the language: its words are those of no law
+_OWN = __name__.rpartition(".")[0]  # the package `language`: its variable names do not belong to a law
 
 
 class Name(NamedTuple):
-    """The dotted name of the block in whose text a number first had a word, and the word."""
+    """The dotted name of the block whose code first named a number, and that name."""
 
     owner: str
     word: str
 
 
 class Names:
-    """While it is entered, every symbol of a graph that a local variable of a block's method holds is given its word.
+    """Context manager: each symbol of a graph gets the name of the local variable of a block's method that holds it.
 
     with Names(graph, {id(block): "control.law", ...}) as names:
         ...
-    names.found    node -> Name; the first word wins
-    names.makers   node -> dotted name of the block in whose text it was computed
+    names.found    node -> Name; the first name wins
+    names.makers   node -> dotted name of the block whose code computed it
 
     A part of a tuple is named after both: `middle.velocity` is `middle_velocity`, the first of `z` is `z_0`.
     Arithmetic is not touched.
@@ -55,12 +55,12 @@ class Names:
         sys.settrace(self._before)
 
     def _called(self, frame: FrameType, event: str, argument: Any) -> Any:
-        """What watches a function: nothing inside the language itself."""
+        """The tracer of a function; functions of the language itself have none."""
         inside = str(frame.f_globals.get("__name__", "")).startswith(_OWN)
         return None if inside else self._line
 
     def _line(self, frame: FrameType, event: str, argument: Any) -> Any:
-        """After each line: what do the local variables hold?"""
+        """Record the local variables after each line."""
         if event in ("line", "return"):
             owner = self._owner(frame)
             if owner is not None:

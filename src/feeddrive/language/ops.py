@@ -62,7 +62,7 @@ def log(x: Any) -> Any:
 
 
 def sin(x: Any) -> Any:
-    """Sine of an angle in rad; NaN beyond 1e9 rad, where the angle itself has lost its meaning."""
+    """Sine of an angle in rad; NaN beyond 1e9 rad, where the angle has lost its precision."""
     symbol = on_symbols("sin", x)
     return symbol if symbol is not None else mathematics.sin(x)
 

@@ -22,7 +22,7 @@ def on_symbols(name: str, *arguments: Any) -> Symbol | None:
 
 
 def where(condition: Any, a: Any, b: Any) -> Any:
-    """`a` where the condition is true, else `b`; what is not selected cannot leak."""
+    """`a` where the condition is true, else `b`; the value that is not selected has no effect, even if it is NaN."""
     symbol = on_symbols("select", condition, a, b)
     if symbol is not None:
         return symbol
@@ -104,7 +104,7 @@ def sign(x: Any) -> Any:
 
 
 def power_of_two(k: Any) -> Any:
-    """2ᵏ for a whole number k in -1022 .. 1023, exact; what it is outside differs between machines."""
+    """2ᵏ for a whole number k in -1022 .. 1023, exact; outside of this range the result differs between machines."""
     symbol = on_symbols("power_of_two", k)
     if symbol is not None:
         return symbol
@@ -166,7 +166,7 @@ STRIDES = (0x9E3779B97F4A7C15, 0xD1B54A32D192ED03, 0x8CB92BA72F3D8DD7)
 
 
 def uniform(seed: Any, sample: Any, channel: Any) -> Any:
-    """A random number in (0, 1) that depends on nothing but three whole numbers in 0 .. 2⁵³.
+    """A random number in (0, 1) that depends only on three whole numbers in 0 .. 2⁵³.
 
     It is (h + 1/2) / 2⁵² with h the upper 52 bits of a mix of the three whole numbers.
 
@@ -191,7 +191,7 @@ def uniform(seed: Any, sample: Any, channel: Any) -> Any:
 def most(x: Any, unknown: float) -> float:
     """The largest value over lanes as a plain number: a bound for loops of fixed count.
 
-    Of a symbol it is what its graph says (`Graph.counted`), else `unknown`.
+    For a symbol it is the bound of its graph (`Graph.counted`), else `unknown`.
     """
     if isinstance(x, Symbol):
         return unknown if x.graph.counted is None else x.graph.counted(x)

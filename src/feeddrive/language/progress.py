@@ -33,7 +33,7 @@ class Progress:
         self._cancelled.set()
 
     def step(self, what: str, done: int | None = None, of: int | None = None, part: str = "") -> None:
-        """Tell what begins now, how much is done and of how much; `part` names one of several that run side by side.
+        """Report the step that begins, and how many of how many are done; `part` names one of several parallel works.
 
         Raises CancelledError if the work was cancelled.
         """
@@ -41,35 +41,35 @@ class Progress:
         self.show_step(what, done, of, part)
 
     def check(self) -> None:
-        """Raise CancelledError if the work was cancelled; for work that waits and has nothing to tell."""
+        """Raise CancelledError if the work was cancelled; for work that waits and has nothing to report."""
         if self.cancelled:
             raise CancelledError("the work was cancelled; nothing was written")
 
     def remark(self, said: str | Table) -> None:
-        """Say something that must be known before the work is over, such as a guess that it rests on."""
+        """Report a remark before the end of the work, such as an assumption that it depends on."""
         self.show_remark(said)
 
     def counted(self, of: int) -> Progress:
-        """The progress for work that tells only what begins: it counts the steps, of which there are `of`."""
+        """The progress for work that reports only the names of its steps: it counts them up to `of`."""
         return _Forwarded(self, of=of)
 
     def named(self, part: str) -> Progress:
-        """The progress for one of several works that run side by side: its steps carry the name."""
+        """The progress of one of several parallel works: its steps carry the name."""
         return _Forwarded(self, part=part)
 
     def show_step(self, what: str, done: int | None, of: int | None, part: str) -> None:
-        """What a step looks like; silent unless overridden. It never raises."""
+        """Show a step; silent unless overridden. It never raises."""
 
     def show_remark(self, said: str | Table) -> None:
-        """What a remark looks like; silent unless overridden."""
+        """Show a remark; silent unless overridden."""
 
     def confirm(self, question: str) -> bool:
-        """Ask a person; False where there is none."""
+        """Ask the user for a confirmation; False without a user."""
         return False
 
 
 class _Forwarded(Progress):
-    """The progress of a piece of work: it tells the progress of the whole, and is cancelled with it."""
+    """The progress of a part of a work: it reports to the progress of the whole, and is canceled with it."""
 
     def __init__(self, whole: Progress, part: str = "", of: int | None = None) -> None:
         super().__init__()

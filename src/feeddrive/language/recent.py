@@ -13,7 +13,7 @@ Value = TypeVar("Value")
 class Recent(Generic[Value]):
     """Up to `size` values by hashable key; when it is full, the least recently used one is dropped.
 
-    A key says what the value depends on and holds no id of an object, which another object may have later.
+    A key holds everything that the value depends on, but no id of an object: another object may get the same id later.
     """
 
     def __init__(self, size: int) -> None:

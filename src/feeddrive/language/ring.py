@@ -21,9 +21,9 @@ class Ring:
 
     cells  None for a new ring, whose cells are 0; numbers of shape (length,) or (length, lanes); the symbol of a trace;
            or a symbol for each cell, for a target that has no memory to index: every access then reads every cell.
-    Native code writes in place, so a ring may be written once from each of its states: r1 = r.put(...), then
-    r2 = r1.put(...), never two from r.  A choice between a ring and a new one takes the ring: a reset does not clear
-    cells, and what must be forgotten at a reset is said by a number beside the ring (see `History`).  So a control with
+    Native code writes in place, so each version of a ring may be written only once: r1 = r.put(...), then r2 =
+    r1.put(...), never two from r. A reset does not clear cells: a choice between a ring and a new one takes the ring. A
+    number in the state next to the ring says how many cells are valid after a reset (see `History`). So a control with
     a guard refuses a ring that is not in a `History`.
     """
 
@@ -81,7 +81,7 @@ class Ring:
 
 
 def read(cells: np.ndarray, place: Any) -> Any:
-    """A cell, or of lanes each one's own. A NaN place reads cell 0."""
+    """A cell, or one cell for each lane. A NaN place reads cell 0."""
     at = _inside(cells, place)
     if at.ndim and cells.ndim == 2:
         return cells[at, np.arange(cells.shape[1])]
@@ -90,7 +90,7 @@ def read(cells: np.ndarray, place: Any) -> Any:
 
 
 def written(cells: np.ndarray, place: Any, value: Any) -> np.ndarray:
-    """A copy with another value in a cell, or for each lane in its own."""
+    """A copy with another value in a cell, or in one cell for each lane."""
     at, value = _inside(cells, place), np.asarray(value, dtype=np.float64)
     lanes = max(at.size if at.ndim else 0, value.size if value.ndim else 0)
     if lanes and cells.ndim == 1:
@@ -129,7 +129,7 @@ def gathered(state: Any, values: Iterator[Any]) -> Any:
 
 
 class History(NamedTuple):
-    """The last values of a signal, one written after the other; before the first one it was always `initial`."""
+    """The last values of a signal, in the order of writing; before the first one the signal was always `initial`."""
 
     ring: Ring
     head: Any  # cell that is written next
@@ -143,7 +143,7 @@ class History(NamedTuple):
         return cls(Ring(length), nothing, nothing, initial)
 
     def settled(self) -> History:
-        """The same after a long time: every cell holds what the signal has always been."""
+        """The same after a long time: every cell holds the initial value."""
         return History(Ring(self.ring.length, np.full(self.ring.length, float(self.initial))), self.head,
                        zero(self.initial) + float(self.ring.length), self.initial)  # fmt: skip
 

@@ -12,9 +12,9 @@ where neighboring floats are a thousandth of a radian apart.  Numbers below the 
 The oracle of programs in single precision: a graph evaluated in float, one operation after the other.
 
 Each operation is rounded by itself, numbers below the normal ones count as 0 with their sign, and the elementary
-functions are the ones above: what a float build computes on any processor, bit for bit but for the payload of
-NaN.  One thing a processor chooses: an exact result just below 2⁻¹²⁶ that rounds up to it is 0 on ARM, and here, and
-2⁻¹²⁶ on x86.
+functions are the ones above: what a float build computes on any processor, bit for bit except for the payload of NaN.
+Processors differ in one case: an exact result just below 2⁻¹²⁶ that rounds up to 2⁻¹²⁶ is 0 on ARM and here, and 2⁻¹²⁶
+on x86.
 """
 
 from __future__ import annotations
@@ -84,7 +84,7 @@ def _reduced_exp(x: Any) -> tuple[Any, Any]:
 def exp(x: Any) -> Any:
     """eˣ = 2ᵏ (1 + p). Results below 2⁻¹²⁵ are 0, above 2¹²⁷·⁵ infinite."""
     k, p = _reduced_exp(x)
-    scale = power_of_two(k)  # means nothing beyond the bounds, where it is not selected
+    scale = power_of_two(k)  # not valid beyond the bounds, where it is not selected
     result = (1.0 + p) * scale  # p · scale alone could be below the normal numbers
     return where(x > EXP_MOST, math.inf, where(x < EXP_LEAST, 0.0, result))
 
@@ -108,7 +108,7 @@ def log(x: Any) -> Any:
     """With x = 2ᵏ m, √½ <= m < √2 and f = (m - 1)/(m + 1):  ln x = k ln 2 + 2 (f + f³/3 + f⁵/5 + ...)."""
     k = exponent(x)
     m = (0.5 * x) * power_of_two(1.0 - k)  # in two factors, since 2⁻¹²⁷ is no normal number
-    m = where(x < 2.0 * LEAST_NORMAL, x * 2.0**126, m)  # here the half would be none
+    m = where(x < 2.0 * LEAST_NORMAL, x * 2.0**126, m)  # here the half would not be normal
     high = m > ROOT_TWO
     m = where(high, 0.5 * m, m)
     k = where(high, k + 1.0, k)

@@ -65,7 +65,7 @@ class Table:
 @singledispatch
 def picture_of(result: Any) -> Any:
     """The matplotlib figure of a result; `picture_of.register(type)` says how a type of result is drawn."""
-    raise ParameterError(f"{type(result).__name__} has no picture: print it, or draw what it is made of")
+    raise ParameterError(f"{type(result).__name__} has no picture: print it, or draw its fields")
 
 
 @singledispatch

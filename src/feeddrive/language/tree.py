@@ -27,7 +27,7 @@ Tree = TypeVar("Tree")
 
 @cache
 def _walked(block: type[Block]) -> tuple[tuple[str, bool], ...]:
-    """The fields of a block that a walk goes into, and whether they are inline."""
+    """The fields of a block that a walk visits, and whether they are inline."""
     held = {name: each for name, each in declarations(block).items() if each.role in ("parameter", "part")}
     return tuple((name, each.inline) for name, each in held.items())
 
@@ -63,7 +63,7 @@ def leaves(tree: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
 
 
 def _collect(tree: Any, prefix: str, found: list[tuple[str, Any]]) -> None:
-    """The leaves of a tree at the end of a list: one list is much quicker than a generator for each block."""
+    """Append the leaves of a tree to a list: one list is much quicker than a generator for each block."""
     if isinstance(tree, Block):
         for name, inline in _walked(type(tree)):
             child = getattr(tree, name)
@@ -112,7 +112,7 @@ def select(condition: Any, a: Tree, b: Tree) -> Tree:
 
 
 def _either(condition: Any, a: Any, b: Any) -> Any:
-    """A leaf of one tree or of the other; of a ring and a new one the ring, which a reset does not clear."""
+    """A leaf of one tree or of the other. Between a ring and a new one it is the ring, which a reset does not clear."""
     if isinstance(a, Ring) and isinstance(b, Ring):
         if a.cells is not None and b.cells is not None and a is not b:
             raise StructureError("a choice between two rings: write to one ring and choose the value")
@@ -276,7 +276,7 @@ def tables(tree: Any, prefix: str = "") -> Iterator[tuple[str, np.ndarray]]:
 
 
 def _collect_tables(tree: Any, prefix: str, found: list[tuple[str, np.ndarray]]) -> None:
-    """The tables of a tree at the end of a list."""
+    """Append the tables of a tree to a list."""
     if isinstance(tree, Block):
         fields = _fields(type(tree))
         for name, role in fields:
@@ -309,7 +309,7 @@ def with_tables(tree: Tree, replacements: Mapping[str, Any], prefix: str = "") -
 
 
 def structure(tree: Any) -> Any:
-    """What shapes the graph of a tree, as a hashable key: types, choices, which leaves are there, table lengths."""
+    """All that determines the graph of a tree, as a hashable key: types, choices, leaves present, table lengths."""
     return structure_and_values(tree)[0]
 
 
@@ -346,7 +346,7 @@ _shapes: Recent[Shape] = Recent(256)
 
 
 def _shape(tree: Any, found: list[Any]) -> Any:
-    """The structure of a tree; its leaves and tables go to the end of a list."""
+    """The structure of a tree; its leaves and tables are appended to a list."""
     if isinstance(tree, Block):
         shape: list[Any] = [type(tree)]
         for name, role in _fields(type(tree)):

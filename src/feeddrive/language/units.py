@@ -100,7 +100,7 @@ def measure(unit: str) -> tuple[float, Dimension]:
     tokens = ["/" if token == "per" else token for token in _TOKEN.findall(unit)]
     size, dimension, end = _quotient(unit, tokens, 0, 0)
     if end < len(tokens):
-        raise ParameterError(f"'{tokens[end]}' in the unit '{unit}' closes nothing")
+        raise ParameterError(f"'{tokens[end]}' in the unit '{unit}' has no opening parenthesis")
     return size, dimension
 
 
@@ -108,19 +108,19 @@ _DEEPEST = 8  # parentheses in parentheses
 
 
 def _quotient(unit: str, tokens: list[str], at: int, depth: int) -> tuple[float, Dimension, int]:
-    """Size and dimension of the products from a token on, and the first token that is no part of them."""
+    """Size and dimension of the products from a token on, and the first token after them."""
     size, total, sign, empty = 1.0, list(_NONE), 1, True
     while at < len(tokens) and tokens[at] != ")":
         token = tokens[at]
         at += 1
         if token == "/":
             if empty and sign < 0:
-                raise ParameterError(f"in the unit '{unit}' nothing stands between two strokes")
+                raise ParameterError(f"in the unit '{unit}' there is no unit between two strokes")
             sign, empty = -1, True
             continue
         if token == "(":
             if depth == _DEEPEST:
-                raise ParameterError(f"the unit '{unit}' has more than {_DEEPEST} parentheses in each other")
+                raise ParameterError(f"the unit '{unit}' has more than {_DEEPEST} nested parentheses")
             part, dimension, at = _quotient(unit, tokens, at, depth + 1)
             if at == len(tokens):
                 raise ParameterError(f"in the unit '{unit}' a parenthesis is not closed")
@@ -135,11 +135,11 @@ def _quotient(unit: str, tokens: list[str], at: int, depth: int) -> tuple[float,
         size *= part ** (sign * exponent)
         total = [t + sign * exponent * d for t, d in zip(total, dimension, strict=True)]
     if empty:
-        raise ParameterError(f"the unit '{unit}' has a place without a unit")
+        raise ParameterError(f"the unit '{unit}' has an empty place where a unit is expected")
     return size, (total[0], total[1], total[2], total[3], total[4]), at
 
 
-# what a response of an axis leads from, and to what; by dimension, so that each spelling finds its own
+# input and output quantities of the response of an axis, by dimension, so that every spelling is found
 _INPUTS = ("N", "N m", "A", "V")
 _OUTPUTS = ("m", "rad", "m/s", "rad/s", "m/s2", "rad/s2")
 
@@ -149,7 +149,7 @@ def response(unit: str) -> tuple[str, float] | None:
     """The one SI spelling of a unit of motion over force, current or voltage, and the factor to it.
 
     `um/N` is m/N times 1e-6, `rad/(s N m)` and `rad/(N m s)` are (rad/s)/(N m), `mm/s/A` is (m/s)/A times 1e-3; None
-    for a unit of something else.  Raises ParameterError for what is no unit.
+    for the unit of another quantity. Raises ParameterError for a text that is not a unit.
     """
     measure(unit)
     for above in _OUTPUTS:
@@ -187,7 +187,7 @@ def factor(given: str, declared: str) -> float:
     declared_size, declared_dimension = measure(declared)
     if dimension != declared_dimension:
         raise ParameterError(f"unit '{given}' does not measure the same thing as '{declared or 'a plain number'}'")
-    # kHz to Hz is 1000, not the 999.9999999999999 of its way over rad/s
+    # kHz to Hz is 1000, not the 999.9999999999999 that the conversion over rad/s gives
     return decimal(size / declared_size)
 
 
@@ -201,6 +201,6 @@ def scaled(value: Any, factor: float) -> Any:
 
 
 def decimal(value: float) -> float:
-    """The number of twelve digits that only rounding tells from `value`, if there is one: 50 times 1e-6 is 5e-05."""
+    """The number of twelve digits that differs from `value` by rounding only, if any: 50 times 1e-6 is 5e-05."""
     near = float(f"{value:.12g}")
     return near if abs(near - value) <= 4 * math.ulp(value) else value
