@@ -141,7 +141,7 @@ def test_one_direction_gives_a_report_and_no_machine_file(tmp_path: Path) -> Non
 def test_what_runs_cannot_tell_is_said_and_nothing_is_written(tmp_path: Path) -> None:
     short = refused(tmp_path, written(tmp_path, periods=0.6), *NAMED, "--period", "24:mm")
     assert isinstance(short, NotIdentifiableError)
-    assert "with a period of 0.024 m the longest way in one direction is 0.6 periods" in str(short)
+    assert "with a period of 0.024 m the longest stretch in one direction is 0.6 periods" in str(short)
     log = written(tmp_path)
     wrong = refused(tmp_path, log, "--position", "x", "--current", "current_A", "--period", "24:mm")
     assert isinstance(wrong, LogError)

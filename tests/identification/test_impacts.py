@@ -134,7 +134,7 @@ def test_weak_blows_and_short_stretches_are_left_out_and_said() -> None:
 def test_a_sensor_at_its_limit_is_said() -> None:
     record = struck(8192, [0.1])
     cut = Record(input=np.minimum(record.input, 150.0), output=record.output, sample_time=T)
-    assert any("cut off at the top" in remark for remark in estimate_frf(cut).remarks)
+    assert any("clipped at the top" in remark for remark in estimate_frf(cut).remarks)
     assert not any("saturated" in remark for remark in estimate_frf(record).remarks)
 
 

@@ -15,7 +15,7 @@ from feeddrive.identification.regression import ols_covariance, strays, strays_s
 from feeddrive.language.errors import LogError, NotIdentifiableError, ParameterError
 from feeddrive.language.table import Result, Table
 
-RISK = 0.05  # that any order at all is called significant where there is none
+RISK = 0.05  # probability that any order is called significant if there is no cogging
 _ROWS = 3  # rows a column needs
 
 
@@ -23,10 +23,10 @@ _ROWS = 3  # rows a column needs
 class CoggingOrder:
     """One order: amplitudes in the unit of the force, with standard errors; phases in rad of a sine.
 
-    even      what does not change with the direction: cogging; None with runs in one direction only
-    odd       what changes its sign with the direction: friction that varies along the travel
+    even      the part that does not depend on the direction: cogging; None with runs in one direction only
+    odd       the part that changes its sign with the direction: friction that varies along the travel
     forward   as measured in motion towards larger positions, backward in the other; None where there is no such run
-    p_value   the chance of such amplitudes without this order
+    p_value   probability of such amplitudes by chance, without this order
     """
 
     order: int
@@ -64,11 +64,11 @@ class CoggingFit(Result):
 
     @property
     def significant(self) -> tuple[CoggingOrder, ...]:
-        """Those that chance does not explain."""
+        """The orders that chance does not explain."""
         return tuple(each for each in self.orders if each.significant)
 
     def order(self, order: int) -> CoggingOrder:
-        """One of them. Raises ParameterError for an order that was not tried."""
+        """One harmonic by its order. Raises ParameterError for an order that was not tried."""
         for each in self.orders:
             if each.order == order:
                 return each
@@ -92,12 +92,12 @@ class CoggingFit(Result):
         force_per_unit  N at the table per unit of the measured force (per A, say)
         most            how many orders
 
-        The measured force balances the cogging, so the block has its opposite.  With runs in one direction only, what
-        varies with friction is in it.
+        The measured force balances the cogging, so the block has its opposite.  With runs in one direction only, it
+        includes friction that varies along the travel.
         """
         strongest = sorted(self.significant, key=lambda each: -_balanced(each)[0])[:most]
         if not strongest:
-            raise NotIdentifiableError("no order is significant: there is no cogging to be written")
+            raise NotIdentifiableError("no order is significant: there is no cogging to write")
         largest = _balanced(strongest[0])[0]
         harmonics = tuple(
             Harmonic(order=each.order, share=_balanced(each)[0] / largest, phase=_wrapped(_balanced(each)[1] + np.pi))
@@ -107,7 +107,7 @@ class CoggingFit(Result):
 
 
 def _balanced(each: CoggingOrder) -> tuple[float, float]:
-    """Amplitude and phase of what is cogging, as well as it is known."""
+    """Amplitude and phase of the cogging; with one direction only they include friction."""
     return (each.even.value, each.even_phase) if each.even is not None else (each.amplitude, each.phase)
 
 
@@ -133,8 +133,8 @@ def identify_cogging(runs: Sequence[CoggingRun], orders: Sequence[int] | None = 
     An order is significant if its F statistic exceeds what the strongest of all orders would show by chance in 5 % of
     cases without any (Bonferroni).  Each run is fitted alone and those of a direction are averaged.  Errors follow from
     the residual of each run, with what neighboring rows share, and grow where runs of one direction differ by more than
-    they allow: wear of the position's zero, temperature.
-    Raises NotIdentifiableError for runs that do not go round once.
+    these errors: a shifted zero of the position, temperature.
+    Raises NotIdentifiableError for runs that do not cover a whole turn.
     """
     if not runs:
         raise ParameterError("identify_cogging needs at least one run")
@@ -180,7 +180,7 @@ class _Side:
 
 
 def _side(runs: Sequence[CoggingRun], orders: Sequence[int]) -> _Side | None:
-    """Least squares of each run, then their mean; where runs differ by more than their errors these grow with it."""
+    """Least squares of each run, then their mean; the errors are increased where runs differ by more."""
     if not runs:
         return None
     fits = [_alone(run, orders) for run in runs]
@@ -207,12 +207,12 @@ def _alone(run: CoggingRun, orders: Sequence[int]) -> tuple[np.ndarray, np.ndarr
     residual = run.force - columns @ values
     along = residual[np.argsort(run.turns)]
     rho = max(0.0, float(along[1:] @ along[:-1]) / (float(along @ along) or 1.0))
-    # the fit took what the noise has at these orders; what neighboring rows share is taken as the same at all orders
+    # the fit removed the noise at these orders; the correlation of neighboring rows is taken as equal at all orders
     return values, ols_covariance(columns, residual) * (1.0 + rho) / (1.0 - min(rho, 0.95)), residual
 
 
 def _between(off: np.ndarray, spreads: Sequence[np.ndarray]) -> float:
-    """By how much runs differ more than their own errors say, as a factor of the variance, at least 1."""
+    """How much more runs differ than their own errors predict, as a factor of the variance, at least 1."""
     count, width = off.shape
     if count < 2:
         return 1.0
@@ -269,24 +269,24 @@ def _remarks(found: Sequence[CoggingOrder], both: bool) -> tuple[str, ...]:
         return ()
     listed = ", ".join(map(str, flipped))
     return (
-        f"order {listed}: changes its sign with the direction of motion, so it is no cogging but friction that "
-        f"varies along the travel, or an error of the current's zero; a compensation "
-        f"by position alone must know the direction",
+        f"order {listed}: changes its sign with the direction of motion, so it is not cogging but friction that "
+        "varies along the travel, or an offset of the measured current; a compensation by position must also know "
+        "the direction",
     )
 
 
-_ONE_WAY = 0.98  # share of a run's steps that must go its way
+_ONE_WAY = 0.98  # share of a run's steps that must go in its direction
 _TURN = 0.02  # share of the whole travel by which a position must come back to be a reversal
 _END = 0.005  # share of a pass that is cut off at its ends, with the rows that stand still there
-_WHOLE = 0.95  # of a period that a pass must cover
-_FINE = 32  # rows that are kept for one wave of the highest order: their mean takes 0.2 % off its amplitude
+_WHOLE = 0.95  # of a period: least length of a pass
+_FINE = 32  # rows that are kept per wave of the highest order: averaging reduces its amplitude by 0.2 %
 
 
 @dataclass(frozen=True, eq=False)
 class CoggingRun:
-    """Position in turns (or in periods of whatever repeats) and the force that held or moved the axis, shape (n,).
+    """Position in turns (or in periods of the cogging) and the force that held or moved the axis, shape (n,).
 
-    direction is +1 for a run towards larger positions and -1 for the other; by default it is seen in the positions.
+    direction is +1 for a run towards larger positions and -1 for the other; by default it follows from the positions.
     Single samples of the force far from their neighbors (`regression.strays`) are left out; `remarks` says which.
     """
 
@@ -327,7 +327,7 @@ def cogging_passes(
 ) -> tuple[CoggingRun, ...]:
     """The passes of a log in one direction each, of position in periods and force, both of shape (n,).
 
-    A position that starts again after each period is followed over its jumps.  Where the log reverses it is cut; passes
+    A position that restarts after each period is unwrapped.  Where the log reverses it is cut; passes
     of less than a whole period are left out, and so is half a percent of the travel at both ends of a pass, where it
     speeds up or stands still.  A long pass is averaged to 32 rows in a wave of order `highest`.
     Raises LogError for numbers that are not finite, NotIdentifiableError where no pass covers a period.
@@ -355,14 +355,14 @@ def cogging_passes(
         found.append(CoggingRun(*averaged, direction=1 if travel > 0.0 else -1, remarks=said if not found else ()))
     if not found:
         raise NotIdentifiableError(
-            f"the longest way in one direction is {longest:.3g} periods, and cogging needs a whole one: record next a "
-            f"whole period at low speed in both directions, or correct the period"
+            f"the longest stretch in one direction is {longest:.3g} periods, and cogging needs a whole one: record "
+            f"next a whole period at low speed in both directions, or correct the period"
         )
     return tuple(found)
 
 
 def _passes(x: np.ndarray) -> Iterator[tuple[int, int]]:
-    """First and last row of each way between two reversals."""
+    """First and last row of each stretch between two reversals."""
     enough = _TURN * float(np.ptp(x))
     if enough == 0.0:
         return

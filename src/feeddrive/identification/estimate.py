@@ -50,7 +50,7 @@ def lever(lead: float, gear: float = 1.0) -> float:
 
 
 def power(unit: str) -> int:
-    """The power n with which a rotary quantity of that unit goes to the table: value · lever^n."""
+    """The power n that converts a rotary quantity of that unit to the table: value · lever^n."""
     powers = {"rad": 1, "rad/s": 1, "N m": -1, "kg m2": -2, "N m s/rad": -2}
     return powers[unit]
 
@@ -74,7 +74,7 @@ def require_table(frame: Frame, what: str) -> None:
 class Estimate:
     """A value in SI with two standard errors.
 
-    error  robust to the residual's autocorrelation and to its changing size: the one to use
+    error  robust to autocorrelation and changing variance of the residual: the one to use
     ols    as if the residual were white, s² (XᵀX)⁻¹: what most papers print
     """
 
@@ -86,7 +86,7 @@ class Estimate:
 
     @property
     def interval(self) -> tuple[float, float]:
-        """In which the true value lies with 95 %, if the model holds."""
+        """Interval that contains the true value with 95 %, if the model holds."""
         return self.value - NORMAL * self.error, self.value + NORMAL * self.error
 
     def at_table(self, lever: float) -> Estimate:

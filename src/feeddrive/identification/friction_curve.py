@@ -24,8 +24,8 @@ from feeddrive.language.table import Result, Table
 
 _VELOCITY = "stribeck_velocity"
 _GRID = 60  # Stribeck velocities that are tried before the best is refined
-EQUAL = 2.0  # difference of the criterion that is not worth a mention: the simpler model is taken then
-_SAME = 1.02  # ratio of two mean speeds from which they count as two
+EQUAL = 2.0  # difference of the criterion that is not significant: the simpler model is taken
+_SAME = 1.02  # ratio of two mean speeds above which they count as different
 CLEAR = 6.0  # difference of the criterion that counts as strong evidence (Kass & Raftery 1995)
 
 
@@ -52,7 +52,7 @@ class Candidate:
 
     @property
     def parameters(self) -> tuple[str, ...]:
-        """Those that are linear, then the Stribeck velocity."""
+        """The linear parameters, then the Stribeck velocity."""
         linear = tuple(name for name in self.curve.names if name != _VELOCITY)
         return (*linear, *(("offset",) if self.offset else ()), *((_VELOCITY,) if self.stribeck else ()))
 
@@ -75,7 +75,7 @@ class Candidate:
         return replace(self.friction, **given)
 
     def is_sound(self, values: Mapping[str, float]) -> bool:
-        """Whether there is such a block: no level is negative, no breakaway level below its Coulomb level."""
+        """Whether a block allows these values: no level is negative, no breakaway level below its Coulomb level."""
         try:
             self.block(values)
         except ParameterError:
@@ -107,13 +107,13 @@ CANDIDATES = (
         )
     ),
 )
-# a curve of its own for each direction, which no block can hold: if it is much better, the result says so
+# a separate curve for each direction, which no block can represent: if it is much better, the result says so
 SEPARATE = tuple(Candidate(f"two curves, {curve}", symmetric) for curve, (symmetric, _) in CURVES.items())
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Compared:
-    """A model that was tried: its criterion (less is better), its RMS residual, how many parameters it took."""
+    """A model that was tried: its criterion (less is better), its RMS residual, its number of parameters."""
 
     name: str
     criterion: float
@@ -126,8 +126,8 @@ class FrictionCurve(Result):
     """The friction model that constant-speed runs support best.
 
     compared    all that were tried, the best first
-    memory      autocorrelation of the residual from speed to speed
-    remarks     what a reader must know
+    memory      correlation of the residuals of neighboring speeds
+    remarks     remarks on the validity of the result
     covariance  of the estimates, with that memory, in their order
     """
 
@@ -208,10 +208,10 @@ def fit_friction(runs: SteadyRuns, candidates: Sequence[Candidate] = CANDIDATES)
         force(v) = level(v) sign(v) + viscous v (+ offset)
         level(v) = coulomb + (breakaway - coulomb) e^-|v / stribeck_velocity|^exponent
 
-    Estimates are least squares with equal weights.  The criterion and the standard errors account for a residual that
-    hangs together from one speed to the next (`regression.information`): a curve that is wrong in its shape leaves such
-    a residual, and it is no evidence for more parameters than it can carry.  Two curves that share nothing are
-    compared too; no block holds them, so they are never taken, but a remark says so if they are clearly better.
+    Estimates are least squares with equal weights.  The criterion and the standard errors account for residuals that
+    are correlated from one speed to the next (`regression.information`). A curve of wrong shape leaves such residuals,
+    and they are weaker evidence for further parameters than independent ones. Separate curves for both directions are
+    compared too. No block can represent them, so they are never taken, but a remark says if they are clearly better.
 
     When not to use: on runs in which the speed is not constant (use `identify_rigid`).
     Raises NotIdentifiableError with the speeds to measure next.
@@ -248,7 +248,7 @@ def _check(runs: SteadyRuns) -> None:
 
 
 def _speeds(speeds: np.ndarray) -> int:
-    """How many speeds there are: means of the same set speed differ a little, and count once."""
+    """The number of different speeds: means of the same set speed differ a little, and count once."""
     count, last = 0, 0.0
     for speed in np.sort(speeds):
         if speed > _SAME * last:
@@ -332,20 +332,21 @@ def _remarks(
     close = [each.name for each in others if each is not best and abs(each.criterion - best.criterion) < EQUAL]
     if close:
         found.append(
-            f"the runs hardly tell {best.name} from {', '.join(close)}: the criterion differs by less than {EQUAL:g}"
+            f"the runs hardly distinguish {best.name} from {', '.join(close)}: the criterion differs by less than "
+            f"{EQUAL:g}"
         )
     first = listed[0]
     if first.criterion < best.criterion - CLEAR:
         found.append(
-            f"a curve of its own for each direction fits better (criterion lower by "
+            f"a separate curve for each direction fits better (criterion lower by "
             f"{best.criterion - first.criterion:.1f} with {first.parameters} parameters, RMS {first.rms:.3g} for "
-            f"{best.rms:.3g} {runs.frame.force}): the "
-            f"directions differ in more than an offset, and no friction block holds that"
+            f"{best.rms:.3g} {runs.frame.force}): the directions differ by more than an offset, and no friction "
+            "block represents that"
         )
     slowest = float(np.min(np.abs(runs.velocity)))
     if not stribeck and slowest > 0.05 * float(np.max(np.abs(runs.velocity))):
         found.append(
-            f"whether there is a Stribeck effect is not known: the slowest run has {slowest:.3g} "
+            f"it is not known whether there is a Stribeck effect: the slowest run has {slowest:.3g} "
             f"{runs.frame.velocity}; record runs at a tenth of it"
         )
     return tuple(found)

@@ -24,19 +24,19 @@ from feeddrive.loop.simulate import simulate
 WHERE = ("force", "setpoint")
 FLAT = ("position", "velocity", "acceleration")
 _CLEAR = 1.5  # offset speed over the peak of the excited speed
-_SLIDING = 3.0  # Stribeck velocities that the axis stays faster by
+_SLIDING = 3.0  # Stribeck velocities by which the axis stays faster
 _RAMP = 0.15  # s, for the motion underneath to come to its speed
 _LONGEST_FADE = 0.25  # s
 _MOST_SAMPLES = 4_000_000  # of the periods of one realization: some 1 GB while it is simulated
 _RECORD = ("force", "set_position", "reading_load", "reading_motor", "velocity_load", "velocity_motor", "trip")
 GRIDS = ("full", "odd", "random_odd", "odd_odd")
-_GROUP = 4  # odd lines of which one, drawn by chance, stays empty
+_GROUP = 4  # odd lines of which a random one stays empty
 _CLIPPINGS = 300
 _OVERSAMPLING = 4  # grid points per sample of the highest line, for peaks between the samples
 
 
 class _Timeline(NamedTuple):
-    """Samples: run-up of the motion, swelling of the excitation, whole periods; then the same backwards."""
+    """Lengths in samples: run-up of the motion, fade-in of the excitation, whole periods; then the same backwards."""
 
     ramp: int
     fade: int
@@ -82,18 +82,19 @@ def design_excitation(
     amplitude        peak, N (force) or m (setpoint)
     where            "force": added to the command behind the control's limit; "setpoint": to the set position
     resolution       Hz; one period lasts its inverse, rounded to whole samples
-    periods          in steady state; one more swells and fades, at most 0.25 s on each side
-    realisations     how many with other phases: two or more tell nonlinear distortion from noise on every line
+    periods          in steady state; in addition the excitation fades in and out, at most 0.25 s on each side
+    realisations     number of realizations, each with other phases: two or more separate nonlinear distortion from
+                     noise on every line
     grid             which lines are left empty, see `grid_lines`
     flat             for a setpoint: the derivative in which all lines are equal
-    offset_velocity  m/s of the axis underneath, so that friction does not stick; default: 1.5 times the peak speed of
+    offset_velocity  m/s of the underlying motion, so that friction does not stick; default: 1.5 times the peak speed of
                      the linear model, or three Stribeck velocities more; 0: none.  Every second realization moves back
     travel, speed, force   limits in m, m/s, N; default: those of the guard, the control and the motor
     seed             of grid, phases and the noise of the encoders
 
-    Raises ParameterError for a limit that breaks, with the amplitude or the number of periods that keeps it, for a band
-    beyond Nyquist, for periods of more than four million samples in all, and for a loop that trips or diverges;
-    UnstableError for one that is unstable before anything is added to it.
+    Raises ParameterError for a limit that is exceeded, with the amplitude or the number of periods that keeps it, for a
+    band beyond Nyquist, for periods of more than four million samples in all, and for a loop that trips or diverges;
+    UnstableError for a loop that is unstable without excitation.
     """
     _check(loop, band, amplitude, where, resolution, periods, realisations, flat)
     require_stable(loop)
@@ -115,7 +116,7 @@ def _drawn(
     realisations: int, grid: str, flat: str, offset_velocity: float | None,
     stated: tuple[float | None, float | None, float | None], seed: int, name: str,
 ) -> Excitation:  # fmt: skip
-    """The excitation with its simulations, whether limits hold or not."""
+    """The excitation with its simulations, also if limits are exceeded."""
     T = float(loop.sample_time)
     period = max(round(1.0 / (resolution * T)), 16)
     lines = grid_lines(*band, period * T, grid, seed)
@@ -137,8 +138,8 @@ def _drawn(
     remarks: list[str] = []
     if least <= 0.0:
         remarks.append(
-            "the axis turns round or stands still during the measurement: friction sticks, and the response is that of "
-            "the stuck axis in part; give a larger offset velocity"
+            "the axis turns round or stands still during the measurement: friction sticks, and the response is "
+            "partly that of the stuck axis; give a larger offset velocity"
         )
     return Excitation(
         name, where, amplitude, crest, T, period, periods, fade, times.first, lines, grid, offset, least,
@@ -187,7 +188,7 @@ def _phases(lines: np.ndarray, sizes: np.ndarray, count: int, seed: int) -> list
 
 
 def _scaled(lines: np.ndarray, sizes: np.ndarray, phases: np.ndarray, amplitude: float) -> float:
-    """Factor by which the sum has that peak, on a grid of 16 points per shortest wave."""
+    """Factor that scales the sum to that peak, on a grid of 16 points per shortest wave."""
     count = int(2 ** np.ceil(np.log2(16 * (lines[-1] + 1))))
     return amplitude / float(np.max(np.abs(summed(lines, sizes, phases, count))))
 
@@ -196,7 +197,7 @@ def _offset(
     loop: Loop, where: str, lines: np.ndarray, sizes: np.ndarray, phases: list[np.ndarray], waves: list[float],
     period: int,
 ) -> float:  # fmt: skip
-    """Speed at which the excited motion, by the linear model, does not turn round and stays out of Stribeck's fall."""
+    """Speed at which the excited motion, by the linear model, does not reverse and stays above the Stribeck range."""
     source = "added_force" if where == "force" else "set_position"
     model = linearize(loop, [source], ["velocity_load", "velocity_motor"])
     frequency = lines / (period * float(loop.sample_time))
@@ -257,7 +258,7 @@ def _simulated(
 
 
 def _underneath(times: _Timeline, offset: float, T: float) -> Reference:
-    """The motion under the excitation: run-up, constant speed while it is excited, and to rest again."""
+    """The underlying motion: run-up, constant speed during the excitation, and stop."""
     if offset == 0.0:
         return Recorded(position=np.zeros(times.samples), sample_time=T)
     ramp, span = times.ramp * T, times.moving * T
@@ -269,7 +270,7 @@ def _underneath(times: _Timeline, offset: float, T: float) -> Reference:
 
 
 def _least(drawings: list[Drawing], kept: slice) -> float:
-    """Smallest speed in the direction of the motion underneath."""
+    """Smallest speed in the direction of the underlying motion."""
     least = np.inf
     for drawn in drawings:
         way = np.sign(drawn.set_position[-1] - drawn.set_position[0])
@@ -284,7 +285,7 @@ def grid_lines(lowest: float, highest: float, period: float, grid: str = "random
         full        all: most power, no empty lines in the band
         odd         1, 3, 5 ...: even distortion shows on the even lines
         odd_odd     1, 5, 9 ...: odd distortion shows on 3, 7, 11 ..., too
-        random_odd  odd, and of each four one drawn by chance stays empty (default): both show, most lines remain
+        random_odd  odd, and a random one of each four stays empty (default): both distortions show, most lines remain
 
     Raises ParameterError for a grid that is not known and a band without a line.
     Source: Pintelon & Schoukens 2012, section 4.3.1; Schoukens, Lataire, Pintelon & Vandersteen 2008.
@@ -315,8 +316,8 @@ def grid_lines(lowest: float, highest: float, period: float, grid: str = "random
 def schroeder_phases(lines: np.ndarray, amplitudes: np.ndarray) -> np.ndarray:
     """φₖ = -2π Σ over the lines i below of (k - i) pᵢ / d, with shares of power p (Schroeder 1970).
 
-    d is the usual distance of two lines: the sum of every d-th line repeats itself d times in a period, but for a turn,
-    and the sweep that Schroeder's phases are must fit into such a part.
+    d is the usual distance of two lines: the sum of every d-th line repeats itself d times in a period, except for a
+    phase, and the sweep of Schroeder's phases must fit into one such part.
     """
     steps = lines / (np.median(np.diff(lines)) if lines.size > 1 else 1.0)
     shares = amplitudes**2 / np.sum(amplitudes**2)
@@ -333,8 +334,8 @@ def crest_factor(values: np.ndarray) -> float:
 def low_crest_phases(lines: np.ndarray, amplitudes: np.ndarray, phases: np.ndarray) -> np.ndarray:
     """Phases with a lower peak: the sum is clipped, its phases are kept, its amplitudes put back, again and again.
 
-    The clipping level rises from 75 to 99 % of the peak over 300 rounds; the best phases on the way are returned.  Some
-    1.45 for hundreds of lines, where Schroeder's phases give 1.7 and random ones 3 to 4.
+    The clipping level rises from 75 to 99 % of the peak over 300 rounds; the best phases on the way are returned. The
+    crest factor is about 1.45 for hundreds of lines, where Schroeder's phases give 1.7 and random ones 3 to 4.
     Source: Van der Ouderaa, Schoukens & Renneboog 1988.
     """
     count = int(2 ** np.ceil(np.log2(2 * _OVERSAMPLING * (lines[-1] + 1))))

@@ -42,10 +42,10 @@ def estimate_frf(
     segment  samples of a stretch of averaged spectra, and `overlap` the share that two have in common
     lines    at most so many lines of the local polynomials; default: 2000
 
-    In a closed loop give the reference, whatever the method: without it noise that comes back through the control
+    In a closed loop give the reference, whatever the method: without it, noise that is fed back through the control
     counts as excitation.  Periodic records are the exception: noise averages out from period to period.
-    Raises ParameterError for a method that is not known and for records that do not belong together, LogError for
-    records that hold too little.
+    Raises ParameterError for a method that is not known and for records that do not match each other, LogError for
+    records that are too short.
     """
     given = [records] if isinstance(records, Record) else list(records)
     if not given:
@@ -69,7 +69,7 @@ def estimate_frf(
             return periodic([_steady(record, found) for record in given], found, band=band, skip=skip)
         if method == "periodic":
             raise LogError(
-                f"{given[0].name}: what excites does not repeat at least {_LEAST_PERIODS} times within the record: "
+                f"{given[0].name}: the excitation does not repeat at least {_LEAST_PERIODS} times within the record: "
                 f"give the period in samples, or take method 'local_polynomial'"
             )
     if method == "impact" or (method == "auto" and _struck(given)):
@@ -78,13 +78,13 @@ def estimate_frf(
         return within(averaged(given, method, segment=segment, overlap=overlap), band)
     if method == "local_polynomial" and (found := _period(given)) is not None:
         raise LogError(
-            f"{given[0].name}: what excites repeats every {found} samples, so that most lines of the whole record are "
-            f"empty and local polynomials find nothing between the others: take method 'periodic'"
+            f"{given[0].name}: the excitation repeats every {found} samples, so that most lines of the whole "
+            "record are empty and local polynomials lack neighboring lines: take method 'periodic'"
         )
     if method == "local_polynomial" and _struck(given):
         raise LogError(
-            f"{given[0].name}: what excites are blows of a hammer: force and transient are alike smooth over "
-            f"frequency, and local polynomials cannot tell them apart: take method 'impact'"
+            f"{given[0].name}: the excitation is hammer blows: force and transient are both smooth over frequency, "
+            "and local polynomials cannot separate them: take method 'impact'"
         )
     return local_polynomial(given, band=band, lines=lines or MOST_LINES)
 
@@ -105,7 +105,7 @@ def _steady(record: Record, period: int) -> Record:
     if not record.references:
         return record
     begin, end = repeating(record.references[0], period)
-    # a few samples at the ends, as where a generator stops, are not worth a period
+    # a few samples at the ends, where a generator stops, must not cost a period
     if end - begin < 2 * period or len(record) - (end - begin) <= _ENDS * period:
         return record
     kept = slice(begin, end)
@@ -117,7 +117,7 @@ def _belong(records: Sequence[Record]) -> None:
     first = records[0]
     for record in records[1:]:
         if record.sample_time != first.sample_time or len(record.references) != len(first.references):
-            raise ParameterError(f"{record.name}: has another sample time or other references than {first.name}")
+            raise ParameterError(f"{record.name}: differs in sample time or references from {first.name}")
 
 
 def _check_band(record: Record, band: tuple[float, float]) -> None:
@@ -135,5 +135,7 @@ def within(found: FrequencyEstimate, band: tuple[float, float] | None) -> Freque
     f = found.frf
     kept = (f.frequency >= band[0] * (1.0 - 1e-9)) & (f.frequency <= band[1] * (1.0 + 1e-9))
     if not np.any(kept):
-        raise ParameterError(f"no line lies in {band[0]:g} .. {band[1]:g} Hz: take longer stretches, or excite there")
+        raise ParameterError(
+            f"no line lies in {band[0]:g} .. {band[1]:g} Hz: take longer segments, or excite this band"
+        )
     return found.lines(kept)

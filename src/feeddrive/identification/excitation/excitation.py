@@ -14,7 +14,7 @@ from feeddrive.loop.loop import Loop
 
 OUTPUTS = {"reading_load": "m", "reading_motor": "m"}
 _TRIALS = 5  # simulations to find an amplitude that keeps the limits
-_HOPELESS = 100.0  # times as much as may be: the amplitude that keeps such a limit measures nothing
+_HOPELESS = 100.0  # times the limit: an amplitude that keeps such a limit is too small to measure with
 
 
 def said(value: float, unit: str) -> str:
@@ -66,10 +66,11 @@ class Excitation(Result):
     """A multisine for a measurement, drawn once or with several phases, and the limits that were checked.
 
     where            "force" (added to the command, N) or "setpoint" (added to the set position, m)
-    period           samples; `periods` of them in steady state, `fade` samples before and after in which it swells
+    period           samples; `periods` of them in steady state, `fade` samples before and after in which it fades in
+                     and out
     first            sample at which the first whole period begins
     offset_velocity  m/s under the excitation, so that the axis slides throughout
-    least_velocity   m/s, smallest speed towards the offset during the periods; below 0 the axis turned round
+    least_velocity   m/s, smallest speed towards the offset during the periods; below 0 the axis reversed
     """
 
     name: str
@@ -154,18 +155,18 @@ def limits(
 
 
 def _worst(found: Excitation) -> tuple[Limit, float]:
-    """The limit that is broken most, and by what factor."""
+    """The limit that is exceeded most, and by what factor."""
     shares = {limit: limit.got / limit.most if limit.most else np.inf for limit in found.limits if not limit.holds}
     worst = max(shares, key=lambda limit: shares[limit])
     return worst, shares[worst]
 
 
 def broken(found: Excitation) -> str:
-    """The limit that is broken most, as the beginning of a sentence."""
+    """The limit that is exceeded most, as the beginning of a sentence."""
     worst, share = _worst(found)
     assert worst.most is not None
     got, may = said(worst.got, worst.unit), said(worst.most, worst.unit)
-    text = f"{worst.what} comes to {got} in the simulation and may be {may}"
+    text = f"{worst.what} reaches {got} in the simulation, the limit is {may}"
     if not np.isfinite(share):
         return text
     return f"{text}, {100.0 * (share - 1.0):.3g} % too much" if share < 3.0 else f"{text}, {share:.3g} times as much"
@@ -187,4 +188,4 @@ def advice(found: Excitation, drawn: Callable[[float], Excitation]) -> str:
         if all(limit.holds for limit in tried.limits):
             keeps = f"an amplitude of {said(tried.amplitude, found.unit)} keeps it"
             return f"{keeps}, or {other}" if other else keeps
-    return f"take {other}" if other else "no amplitude keeps it; look at the motion underneath and at the limits"
+    return f"take {other}" if other else "no amplitude keeps it; check the underlying motion and the limits"

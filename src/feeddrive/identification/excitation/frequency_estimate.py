@@ -10,7 +10,7 @@ from feeddrive.language.errors import LogError, ParameterError
 from feeddrive.language.table import Result, Table
 from feeddrive.loop.frequency_response import FRF
 
-_DOUBT = 0.1  # relative variance of an input from which its line does not count
+_DOUBT = 0.1  # relative variance of the input; a line above it is left out
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +71,7 @@ class FrequencyEstimate(Result):
     def where_told(self, doubt: np.ndarray) -> FrequencyEstimate:
         """Without the lines on which the excitation hardly moved the input: `doubt`, its relative variance, > 0.1.
 
-        A quotient by a number that may be 0 has no variance.  Raises LogError if no line is left.
+        The variance of a quotient is not defined if the denominator may be 0.  Raises LogError if no line is left.
         """
         kept = doubt <= _DOUBT
         if np.all(kept):
@@ -79,18 +79,19 @@ class FrequencyEstimate(Result):
         f = self.frequency
         if not np.any(kept):
             raise LogError(
-                f"between {f[0]:.4g} and {f[-1]:.4g} Hz the excitation is not told from the noise of the input: "
-                f"measure again with more amplitude or longer"
+                f"between {f[0]:.4g} and {f[-1]:.4g} Hz the excitation does not exceed the noise of the input: "
+                "measure again with more amplitude or longer"
             )
         left = f[~kept]
         return self.lines(
             kept,
-            f"{left.size} of {f.size} lines between {left[0]:.4g} and {left[-1]:.4g} Hz are left out: the excitation "
-            f"is not told from the noise of the input there; measure again with more amplitude, longer or rougher",
+            f"{left.size} of {f.size} lines between {left[0]:.4g} and {left[-1]:.4g} Hz are left out: the "
+            "excitation does not exceed the noise of the input there; measure again with more amplitude, longer, "
+            "or with a coarser resolution",
         )
 
     def radius(self, confidence: float = 0.95) -> np.ndarray:
-        """Radius of the disc around each response that holds the true one with this confidence.
+        """Radius of the disc around each response that contains the true one with this confidence.
 
             r² = ν ((1 - p)^(-1/ν) - 1) · variance
 

@@ -13,21 +13,21 @@ from feeddrive.identification.excitation.record import FEWEST, Record, saturatio
 from feeddrive.language.errors import LogError
 from feeddrive.loop.frequency_response import FRF, coherence_of
 
-_STRONG = 0.1  # of the largest force: from there on a sample belongs to a blow
+_STRONG = 0.1  # of the largest force: a sample above it belongs to a blow
 _BUSY = 0.05  # share of strong samples up to which a force counts as blows
 _INSIDE = 0.9  # share of the energy of the force, beyond its noise, that its blows hold
 _ONE_WAY = 0.1  # of the largest force: how far blows may go in the other direction, as a ringing sensor does
 _WEAK = 0.3  # of the median blow: weaker ones are not used
-_BOUNCE = 0.1  # of the usual time from blow to blow: what comes sooner is a bounce of the same blow
+_BOUNCE = 0.1  # of the usual time between blows: a pulse that comes sooner is a bounce of the same blow
 _SHORT = 0.5  # of the median stretch: shorter ones are not used
 _NOISE = 4.0  # standard deviations of the force at rest, up to which it is noise
 _DECAYED = 0.02  # of its start: a response that is smaller at the end of its stretch needs no window
-_STRONG_OCTAVE = 1e-4  # of the power of the strongest octave, from which one counts
-_FALLING = 0.7  # of the power of the quarter before: vibration falls by more
+_STRONG_OCTAVE = 1e-4  # of the power of the strongest octave: weaker octaves do not count
+_FALLING = 0.7  # of the power of the previous quarter: vibration decays by more
 _LOUD = 0.3  # of the start: noise is less
-_LEFT = 0.01  # of its start: what an exponential window leaves of a response at the end
+_LEFT = 0.01  # of its start: remainder of a response at the end of an exponential window
 _HALF = 4  # lines on each side from which the effect of the window is taken out
-_FALLS = 0.1  # of the largest force spectrum: where the blow ends to excite
+_FALLS = 0.1  # of the largest force spectrum: below it the blow no longer excites
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,7 @@ class _Blow:
 
 
 def find_blows(force: np.ndarray) -> list[_Blow]:
-    """The blows in a force; empty if the force is anything else, as noise, a chirp, steps, or periods.
+    """The blows in a force; empty for any other force, such as noise, a chirp, steps, or periods.
 
     A blow is a short pulse from rest and back to it in one direction.
     """
@@ -92,13 +92,13 @@ def _after(quiet: np.ndarray, end: int) -> int:
 
 
 def _wide(begin: int, end: int, size: int) -> tuple[int, int]:
-    """With half as much on each side: the feet of a pulse are below the noise."""
+    """Extended by half of its length on each side: the ends of a pulse are below the noise."""
     more = (end - begin + 1) // 2
     return max(0, begin - more), min(size, end + more)
 
 
 def _bounces_joined(u: np.ndarray, pulses: Sequence[Sequence[int]]) -> list[_Blow]:
-    """Pulses as blows; a pulse much sooner after another than blows follow each other is its bounce."""
+    """Pulses as blows; a pulse that follows another much sooner than the next blow is its bounce."""
     begins = np.array([begin for begin, _ in pulses])
     gaps = np.diff(begins)
     usual = float(np.max(gaps)) if gaps.size else np.inf
@@ -118,10 +118,11 @@ def impacts(records: Sequence[Record]) -> FrequencyEstimate:
 
         G(s) = Σ Y(s) U*(s) / Σ |U(s)|²   over the blows,   s = jω + σ
 
-    From each blow to the next is a stretch of equal length for all.  The force counts where the hammer touches and is 0
-    elsewhere (force window).  A response that has not decayed to 2 % at the end of its stretch is multiplied, and the
-    force with it, by exp(-σt), so that 1 % is left (exponential window): that is the transform at s = jω + σ and makes
-    every mode look more damped by σ.  It is corrected: around each line a function with one resonance in s,
+    Each blow is followed by a segment; all segments have equal length. The force counts during contact of the hammer
+    and is 0 elsewhere (force window).  A response that has not decayed to 2 % at the end of its stretch is multiplied,
+    and the force with it, by exp(-σt), so that 1 % is left (exponential window). This gives the transform at s = jω +
+    σ, in which the decay rate of every mode appears larger by σ. It is corrected: around each line a function with one
+    resonance in s,
 
         G(s) (1 + b x) = a₀ + a₁ x + a₂ x²,   x = s - s₀,
 
@@ -130,11 +131,11 @@ def impacts(records: Sequence[Record]) -> FrequencyEstimate:
         var(G) = |G|² (1 - γ²)/(γ² (n - 1)),
 
     and holds noise, different places and directions of the blows, and nonlinearity.  A single blow has no scatter and
-    no coherence: its noise is that of the output before the blow, or what the local function leaves, if that is more,
-    and the coherence is the one of averages with this variance.
+    no coherence: its noise is that of the output before the blow or the residual of the local function, whichever is
+    larger. The coherence is the one of averages with this variance.
 
-    Lines on which the force is not told from its noise are left out.
-    Raises LogError where there is no blow, or none with a stretch long enough.
+    Lines on which the force does not exceed its noise are left out.
+    Raises LogError if there is no blow, or none with a segment that is long enough.
     Source: Halvorsen & Brown 1977, Sound and Vibration 11(11) (windows); McKelvey & Guérin 2012 (local function).
     """
     first = records[0]
@@ -167,7 +168,7 @@ def impacts(records: Sequence[Record]) -> FrequencyEstimate:
     variance = rest / power
     omega = 2.0 * np.pi * frequency
     if sigma or count == 1:
-        # few blows make the variance of single lines wild, and with it the weights
+        # with few blows the variance of single lines scatters widely, and with it the weights
         floor = np.maximum(_averaged(rest * np.ones_like(power)) / power, 1e-12 * np.abs(response) ** 2)
         every = np.arange(frequency.size)
         value, spread, excess = local_rational(
@@ -179,7 +180,7 @@ def impacts(records: Sequence[Record]) -> FrequencyEstimate:
             at=1j * sigma,
             correlation=_correlation(sigma * first.sample_time, length),
         )
-        if count == 1:  # what the local function leaves is noise, too
+        if count == 1:  # the residual of the local function is noise, too
             more = np.maximum(excess / (2.0 * freedom), 1.0)
             variance, spread = floor * more, spread * more
         if sigma:
@@ -227,7 +228,7 @@ def _stretches(found: Sequence[tuple[Record, list[_Blow]]]) -> tuple[list[tuple[
     length = min(length for *_, length in kept)
     if length < 4 * FEWEST:
         raise LogError(
-            f"{kept[0][0].name}: {length} samples after a blow are too few; record longer after each, at least "
+            f"{kept[0][0].name}: {length} samples after a blow are too few; record longer after each blow, at least "
             f"{4 * FEWEST} samples and until the response has decayed"
         )
     said: list[str] = []
@@ -242,7 +243,7 @@ def _stretches(found: Sequence[tuple[Record, list[_Blow]]]) -> tuple[list[tuple[
 
 
 def _start(blow: _Blow) -> int:
-    """First sample of a stretch: before the blow by as much as it lasts, since a filter may round its start."""
+    """First sample of a stretch: one blow length before the blow, since a filter may round its start."""
     return max(0, blow.begin - (blow.end - blow.begin) // 2 - 1)
 
 
@@ -257,10 +258,10 @@ def _row(record: Record, blow: _Blow, length: int) -> tuple[np.ndarray, np.ndarr
 
 
 def _needed_damping(answers: np.ndarray, step: float) -> float:
-    """σ in 1/s of the exponential window that leaves 1 % at the end; 0 where the responses decay by themselves.
+    """σ in 1/s of the exponential window that leaves 1 % at the end; 0 if the responses decay before the end.
 
     The last quarter of the stretches is compared with the first, octave by octave, since a slow mode may hide below a
-    fast one.  What does not fall from the third quarter to the last is noise, not vibration.
+    fast one.  A signal that does not fall from the third quarter to the last is noise, not vibration.
     """
     quarter = answers.shape[1] // 4
     window = np.hanning(quarter)
@@ -282,7 +283,7 @@ def _needed_damping(answers: np.ndarray, step: float) -> float:
 def _noise_of_one(
     records: Sequence[Record], stretch: tuple[Record, _Blow], sigma: float, length: int
 ) -> np.ndarray | float:
-    """Power of the output's noise on a line of a single blow, from what is before it; 0 if that is too short."""
+    """Power of the output's noise on a line of a single blow, from the samples before it; 0 if they are too few."""
     record, blow = stretch
     before = record.output[: _start(blow)]
     if before.size < FEWEST:
@@ -297,13 +298,13 @@ def _force_noise(record: Record, blow: _Blow) -> float:
 
 
 def _saturation(stretches: Sequence[tuple[Record, _Blow]]) -> list[str]:
-    """Of the outputs, and of forces that are cut off at the top; at rest a force stays at one value."""
+    """Saturation of the outputs, and of forces clipped at the top; the constant force at rest does not count."""
     said: list[str] = []
     for record in dict.fromkeys(record for record, _ in stretches):
         said += saturation(record.output_name, record.output)
     flat = sum(_clipped(record.input[blow.begin : blow.end]) for record, blow in stretches)
     if flat:
-        said.append(f"{flat} of {len(stretches)} blows are cut off at the top: the force sensor was saturated")
+        said.append(f"{flat} of {len(stretches)} blows are clipped at the top: the force sensor was saturated")
     return said
 
 
@@ -320,13 +321,12 @@ def _remarks(
     bounced = sum(blow.touches > 1 for _, blow in stretches)
     if bounced:
         said.append(
-            f"{bounced} of {len(stretches)} blows touched more than once: the force has notches over frequency; both "
-            f"touches are in the force, but blows without a bounce are better"
+            f"{bounced} of {len(stretches)} blows touched more than once: the force has notches over frequency; "
+            "all contacts are included in the force, but blows without a bounce are better"
         )
     if len(stretches) == 1:
         said.append(
-            "one blow: neither noise at the input, nor the scatter of blows, nor nonlinearity can be seen; strike five "
-            "times or more"
+            "one blow does not show noise at the input, scatter of blows, or nonlinearity; strike five times or more"
         )
     amplitude = np.sqrt(power / np.max(power))
     below = np.flatnonzero(amplitude < _FALLS)
@@ -338,6 +338,6 @@ def _remarks(
     if sigma:
         said.append(
             f"the response had not decayed when its stretch ended: an exponential window of {sigma:.4g} 1/s was "
-            f"applied and its damping taken out again; with more time between blows it would not be needed"
+            "applied and its damping was corrected; with more time between blows it would not be needed"
         )
     return said

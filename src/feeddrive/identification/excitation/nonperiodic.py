@@ -32,7 +32,7 @@ class Spectra:
 
 
 def spectra(records: Sequence[Record], segment: int | None = None, overlap: float = 0.5) -> Spectra:
-    """Hann-windowed transforms of stretches of `segment` samples, straight lines taken out, that overlap by a share.
+    """Hann-windowed transforms of overlapping stretches of `segment` samples, with straight lines removed.
 
     The spread of averages over overlapping stretches follows from the window alone (Welch 1967):
         1/averages = (1 + 2 Σⱼ (1 - j/n) ρⱼ²)/n,   ρⱼ = Σ w(t) w(t + jD)/Σ w²
@@ -70,7 +70,7 @@ def spectra(records: Sequence[Record], segment: int | None = None, overlap: floa
 
 
 def _level(pieces: np.ndarray) -> np.ndarray:
-    """Without mean and straight line: a drift leaks over all lines."""
+    """Without mean and straight line, since a drift would leak over all lines."""
     t = np.arange(pieces.shape[-1]) - 0.5 * (pieces.shape[-1] - 1)
     slope = (pieces @ t) / np.sum(t * t)
     return pieces - pieces.mean(axis=-1, keepdims=True) - slope[..., None] * t
@@ -88,7 +88,7 @@ def averaged(
         joint     Sₐy/Sₐa, a = U projected on all references: closed loop, any number of them
                                           var = S_vv/(ν' Sₐa), v = y - G u, with ν' = averages - references
 
-    h1, h2 and hv of a closed loop are wrong: noise comes back through the control, and they lean to -1/C where it is
+    h1, h2 and hv of a closed loop are biased: noise is fed back through the control, and they tend to -1/C where it is
     large.  The coherence is that of input and output; for indirect and joint the smaller one of reference to input and
     reference to output.
     When not: short records and resonances narrower than a line of the stretches; take `local_polynomial`.
@@ -135,11 +135,11 @@ def averaged(
 def _closed(
     u: np.ndarray, y: np.ndarray, r: np.ndarray, averages: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, float, np.ndarray]:
-    """Response, variance, coherence, degrees of freedom and doubt, by what the references made of the input."""
+    """Response, variance, coherence, degrees of freedom and doubt, by the part of the input due to the references."""
     lines = r.transpose(2, 0, 1)  # (lines, stretches, references)
     nu = averages - lines.shape[2]
     if nu < 1.0:
-        raise LogError(f"{averages:.1f} independent stretches do not tell {lines.shape[2]} references apart")
+        raise LogError(f"{averages:.1f} independent stretches do not separate {lines.shape[2]} references")
     base = np.linalg.qr(lines)[0]
     made = np.einsum("lsr,lr->sl", base, np.einsum("lsr,sl->lr", np.conj(base), u))
     power = np.mean(np.abs(made) ** 2, axis=0)
@@ -165,15 +165,15 @@ def local_polynomial(
 
         Y(k+i) = (g₀ + g₁ i + g₂ i²) U(k+i) + (t₀ + t₁ i + t₂ i²) + V(k+i),   i = -n .. n
 
-    The response and the transient of the record, which is what leakage is, are smooth over a few lines; what they do
-    not explain is noise, and its variance with ν degrees of freedom is that of the response.  The coherence is that of
-    averages with this variance: where response and transient cannot be told apart, it is low.  With one reference both
-    Y/R and U/R are estimated so, with their covariance, and their quotient holds in a closed loop.
-    Several records are averaged with the weights that fit one noise in all of them.
+    The response and the transient of the record (its leakage) are smooth over a few lines. The residual is noise, and
+    its variance, with ν degrees of freedom, gives that of the response.  The coherence is that of averages with this
+    variance: where response and transient cannot be told apart, it is low.  With one reference both Y/R and U/R are
+    estimated in this way, with their covariance; their quotient is valid in a closed loop. Several records are averaged
+    with the weights for equal noise in all of them.
 
     band     Hz; default: all lines
     lines    at most so many, spread logarithmically over the band; default: all
-    freedom  ν: more is smoother and more certain, and blunter at resonances
+    freedom  ν: a larger value gives a smoother response with less variance, but flattens resonances
 
     Responses of neighboring lines share data, so that their errors are correlated over 2n lines.
     When to use: chirps, steps, PRBS, noise, any motion.  When not: periods of a multisine in steady state.
@@ -213,7 +213,7 @@ def local_polynomial(
 
 
 def _chosen(record: Record, half: int, band: tuple[float, float] | None, lines: int | None) -> np.ndarray:
-    """Numbers of the lines, so far from 0 Hz and Nyquist that all neighbors are there."""
+    """Numbers of the lines that are far enough from 0 Hz and Nyquist to have all neighbors."""
     n = len(record)
     resolution = 1.0 / (n * record.sample_time)
     low, high = band or (0.0, record.nyquist)
@@ -247,7 +247,7 @@ def _one(record: Record, chosen: np.ndarray, half: int) -> tuple[np.ndarray, ...
 def _solved(cause: np.ndarray, u: np.ndarray, y: np.ndarray, half: int, closed: bool) -> tuple[np.ndarray, ...]:
     """The small systems of many lines at once: regressors (lines, 2n + 1, 6), outputs (lines, 2n + 1, 1 or 2)."""
     powers = (np.arange(-half, half + 1) / half)[:, None] ** np.arange(ORDER + 1)
-    # the powers of the input side are scaled to 1, so that the systems are as good as their neighborhoods
+    # the powers of the input side are scaled to 1, so that the systems are well conditioned
     size = np.sqrt(np.mean(np.abs(cause) ** 2, axis=1, keepdims=True))[:, :, None]
     size = np.maximum(size, np.finfo(float).tiny)
     regressors = np.concatenate(
@@ -265,7 +265,7 @@ def _solved(cause: np.ndarray, u: np.ndarray, y: np.ndarray, half: int, closed: 
         row = np.linalg.solve(np.conj(r).transpose(0, 2, 1), np.broadcast_to(unit, (r.shape[0], *unit.shape)))
     except np.linalg.LinAlgError:
         raise LogError(
-            "the excitation holds too few lines for local polynomials: it is zero over a whole window"
+            "the excitation has too few lines for local polynomials: it is zero over a whole window"
         ) from None
     first = (np.conj(row).transpose(0, 2, 1) @ projected)[:, 0] / size[:, 0]
     gain = np.sum(np.abs(row[:, :, 0]) ** 2, axis=1) / size[:, 0, 0] ** 2
@@ -293,9 +293,9 @@ def local_rational(
         y (1 + b u) = a0 + a1 u + a2 u²,   u = x - x(line),   complex a, b
 
     Least squares over `width` lines, weighted with the variance `spread` of y; solved twice, the second time with the
-    weights that the first b asks for.  The residuals are the weighted sum of their squares, twice: χ² with
-    2 (width - 4) degrees of freedom, if the function fits.  `at` may be complex: an analytic continuation.
-    `correlation`, shape (width,), of the noise of lines 0, 1, ... apart; default: none, lines are independent.
+    weights that follow from the first b.  The residuals are the weighted sum of their squares, twice: χ² with 2 (width
+    - 4) degrees of freedom, if the function fits.  `at` may be complex: an analytic continuation. `correlation`, shape
+    (width,), of the noise of lines 0, 1, ... apart; default: none, lines are independent.
     Source: McKelvey & Guérin 2012; Sanathanan & Koerner 1963.
     """
     begin = np.clip(lines - width // 2, 0, x.size - width)

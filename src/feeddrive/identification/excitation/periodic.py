@@ -13,8 +13,8 @@ from feeddrive.language.errors import LogError
 from feeddrive.loop.frequency_response import FRF, coherence_of
 
 _GAP = 5.0  # factor between excited and empty lines below which there are no empty ones
-_ROUNDING = 1e-9  # share of the largest line under which all is rounding
-_RISK = 0.01  # that noise is called distortion
+_ROUNDING = 1e-9  # share of the largest line below which a line is rounding
+_RISK = 0.01  # probability that noise is called distortion
 _NEIGHBORS = 5  # detection lines over which a level is the RMS
 _HALF = 5  # lines on each side of the local polynomial
 _ORDER = 2
@@ -44,7 +44,7 @@ class Averaged:
 def excited_lines(cause: np.ndarray) -> np.ndarray:
     """Which lines carry excitation: those above the widest gap in the sizes of all lines; cause of shape (lines,).
 
-    A spectrum that falls by decades over the band has no gap as wide as the one to its empty lines.
+    Even in a spectrum that falls by decades over the band, the gap to the empty lines is the widest.
     """
     size = np.maximum(np.abs(cause) / np.max(np.abs(cause)), _ROUNDING)
     ordered = np.sort(size)[::-1]
@@ -61,9 +61,9 @@ def detection(mean: Averaged, response: np.ndarray) -> dict[str, Level]:
         D(k) = Ȳ(k) - Ĝ(k) Ū(k),   level² = mean over 5 lines of a kind of (|D|² - noise)
 
     Ĝ is the response on the neighboring excited lines, interpolated: in a closed loop the input is not empty there.
-    The level of a kind is 0 in the band if all its lines together are not more than noise, at a risk of 1 %.
-    Outside the band no response is known, and D is the output itself, also what the input's own distortion made.
-    `response` on the excited lines.  Only lines up to three times the band are looked at.
+    The level of a kind is 0 in the band if a test of all its lines together finds only noise, at a risk of 1 %.
+    Outside the band no response is known, and D is the whole output, the effect of distortion at the input included.
+    `response` on the excited lines.  Only lines up to three times the band are used.
     """
     lines = np.flatnonzero(mean.excited)
     first, last = int(lines[0]), int(lines[-1])
@@ -98,7 +98,8 @@ def _loud(power: np.ndarray, noise: np.ndarray, freedom: int) -> bool:
     from scipy.special import fdtri
 
     quotient = float(np.mean(power / np.maximum(noise, 1e-300)))
-    # the mean of F(2, 2ν) is ν/(ν - 1); few periods make single lines wild, and their sum is judged with caution
+    # the mean of F(2, 2ν) is ν/(ν - 1); with few periods single lines scatter widely, and the test of their sum is
+    # conservative
     expected = freedom / (freedom - 1.0) if freedom > 1 else np.inf
     return quotient > expected * float(fdtri(2 * power.size, 2 * max(freedom, 1), 1.0 - _RISK))
 
@@ -115,8 +116,8 @@ def local_scatter(frequency: np.ndarray, input: np.ndarray, output: np.ndarray) 
 
         Ȳ(i) = (g₀ + g₁ x + g₂ x²) fᵖ Ū(i) + V(i),   x from -1 to 1 over the lines, p the slope of |Ȳ/Ū| on log scales
 
-    It holds noise and everything nonlinear, also on a full grid.  At a sharp resonance it would hold the bend of the
-    response, too: what is handed out is therefore the share |V|²/|Ȳ|² as the median over 31 lines, times |Ȳ|².
+    It holds noise and everything nonlinear, also on a full grid.  At a sharp resonance it would include the curvature
+    of the response, too. The result is therefore the share |V|²/|Ȳ|², as the median over 31 lines, times |Ȳ|².
     Source: Pintelon et al. 2010; in steady state there is no transient to estimate.
     """
     n = frequency.size
@@ -171,14 +172,15 @@ def periodic(
     σ² are (co)variances of the means: over the periods for the noise; over realisations with other phases for noise and
     nonlinear distortion together (`total`).  With a reference Y and U are turned by its phase and averaged over the
     realisations before they are divided, so that noise at the input leaves no bias; it holds in a closed loop.
-    One realization: the distortion on the excited lines is that on odd empty lines between them, if there are any; on a
-    full grid it is the scatter around a smooth response, if that is clearly more than the noise.  Else only noise.
+    With one realization the distortion on the excited lines is taken from the odd empty lines between them, if there
+    are any. On a full grid it is the scatter around a smooth response, if that clearly exceeds the noise. Otherwise the
+    variance is that of noise only.
 
     period  samples
     band    Hz; default: all excited lines
-    skip    periods dropped at the start; default: as many as a test finds not in steady state, at most half
+    skip    periods dropped at the start; default: those that a test finds not in steady state, at most half
 
-    Raises LogError for less than two periods that are left.
+    Raises LogError if fewer than two periods are left.
     Source: Pintelon & Schoukens 2012, sections 2.5 and 4.3.
     """
     cuts = [cut(record, period) for record in records]
@@ -203,8 +205,9 @@ def periodic(
         remarks.append("one realisation: the variance is that of noise alone")
     if any(each.dropped >= (each.dropped + each.periods) // 2 for each in drawn if each.dropped):
         remarks.append(
-            "half of the periods, the most that may be, were dropped: something at the start dies out so slowly that "
-            "it is still told from the noise; if the deviation is too large measure more periods, or wait longer before"
+            "half of the periods, the largest number allowed, were dropped: a transient decays so slowly that it "
+            "still exceeds the noise; if the deviation is too large, measure more periods, or wait longer before "
+            "recording"
         )
     frf = FRF(frequency[lines], response, first.input_name, first.output_name, first.unit, first.sample_time,
               coherence_of(response, noise, freedom), variance)  # fmt: skip
@@ -227,7 +230,7 @@ def _realisation(
     u, y, r = made
     dropped = max(transient_periods(u[:, excited]), transient_periods(y[:, excited])) if skip is None else skip
     if u.shape[0] - dropped < 2:
-        raise LogError(f"{record.name}: {u.shape[0]} periods less {dropped} leave no two to tell noise by")
+        raise LogError(f"{record.name}: {u.shape[0]} periods less {dropped} leave fewer than two for the noise")
     u, y = u[dropped:], y[dropped:]
     p = u.shape[0]
     du, dy = u - u.mean(axis=0), y - y.mean(axis=0)
@@ -239,7 +242,7 @@ def _realisation(
 
 
 def _turned(drawn: Sequence[_Realisation], lines: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Inputs and outputs of all realisations, turned so that what excites them has one phase; shape (M, lines)."""
+    """Inputs and outputs of all realisations, rotated so that the excitation has one phase in all; shape (M, lines)."""
     turns = [
         np.exp(-1j * np.angle((each.input if each.reference is None else each.reference)[lines])) for each in drawn
     ]
@@ -286,7 +289,7 @@ def _total(
     freedom: np.ndarray,
     levels: dict[str, Level],
 ) -> tuple[np.ndarray, bool, np.ndarray, str]:
-    """Variance with nonlinear distortion, whether it holds it, its degrees of freedom, and by what rule."""
+    """Variance, whether it includes nonlinear distortion, its degrees of freedom, and the rule used."""
     m = len(drawn)
     if m > 1:
         u, y = _turned(drawn, lines)
@@ -296,7 +299,12 @@ def _total(
     odd = levels.get("odd")
     if odd is not None and np.any(between := np.isfinite(odd.response)):
         if not np.any(odd.response[between]):
-            return noise, False, freedom, "the noise of periods; odd distortion on empty lines is not more than noise"
+            return (
+                noise,
+                False,
+                freedom,
+                "the noise of periods; no significant odd distortion on empty lines",
+            )
         added = np.interp(frequency[lines], odd.frequency[between], odd.response[between]) ** 2
         return noise + added, True, freedom, "the noise of periods and the odd distortion on empty lines"
     rough = levels.get("nonlinear")

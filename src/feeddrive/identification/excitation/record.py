@@ -12,18 +12,18 @@ from feeddrive.language.errors import LogError
 FEWEST = 32  # samples
 _STUCK = 0.02  # share of samples at the very largest or smallest value from which a channel counts as saturated
 _ALIKE = 0.9  # least correlation of a signal with itself one period later
-_EXACT = 1e-3  # share of its spread by which a reference may miss itself one period later
-_DRIFTS = 5.0  # standard errors from which a drift counts as one
+_EXACT = 1e-3  # share of its spread by which a reference may differ from itself one period later
+_DRIFTS = 5.0  # standard errors above which a drift counts
 _BANDS = 12  # of lines, over which the test for a transient looks
-RISK = 0.01  # that a steady record loses its first period by chance
+RISK = 0.01  # probability that a steady record loses its first period by chance
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Record:
     """One measurement: `input` and `output` of shape (n,), each sample `sample_time` s after the one before.
 
-    references  what was added from outside, shape (n,) each: the setpoint, or the force on top of the command.  In a
-                closed loop nothing else tells what noise did and what the drive did
+    references  the signals added from outside, shape (n,) each: the setpoint, or the force added to the command. In a
+                closed loop only they separate the effect of noise from that of the excitation
     Raises LogError for channels of different length, too short ones, constant ones, NaN, and an output that is the
     input.
     """
@@ -53,7 +53,7 @@ class Record:
                     f"{self.name}: '{name}' is {values[bad[0]]} at sample {bad[0]} ({bad.size} such samples)"
                 )
             if np.ptp(values) == 0.0:
-                raise LogError(f"{self.name}: '{name}' is constant at {values[0]:g}: it holds nothing to measure by")
+                raise LogError(f"{self.name}: '{name}' is constant at {values[0]:g}: it contains no information")
         if np.array_equal(self.input, self.output):
             raise LogError(
                 f"{self.name}: input '{self.input_name}' and output '{self.output_name}' are the same numbers, whose "
@@ -73,7 +73,7 @@ class Record:
 
     @cached_property
     def remarks(self) -> tuple[str, ...]:
-        """What may be wrong with the channels: saturation."""
+        """Remarks on possible faults of the channels: saturation."""
         return tuple(remark for name, values in self._channels()[:2] for remark in saturation(name, values))
 
     @property
@@ -83,11 +83,11 @@ class Record:
 
 
 def saturation(name: str, values: np.ndarray) -> list[str]:
-    """A sentence for each end of its range at which a channel stays."""
+    """A sentence for each end of its range at which a channel is saturated."""
     found: list[str] = []
     for what, end in (("largest", np.max(values)), ("smallest", np.min(values))):
         share = float(np.mean(values == end))
-        # quantised signals rest at their extremes for a while; a saturated one stays there in runs
+        # quantized signals also stay at their extremes for a few samples; a saturated one does so in long runs
         held = np.flatnonzero((values[1:] == end) & (values[:-1] == end)).size / values.size
         if share > _STUCK and held > 0.5 * share:
             found.append(
@@ -100,7 +100,8 @@ def saturation(name: str, values: np.ndarray) -> list[str]:
 def find_period(values: np.ndarray) -> int | None:
     """Samples after which a signal repeats, at least twice in the record; None if it does not.
 
-    The least shift beyond the first zero of the autocorrelation at which it comes back to its largest value.
+    The least shift beyond the first zero of the autocorrelation at which the autocorrelation returns to its largest
+    value.
     """
     x = np.asarray(values, float) - np.mean(values)
     n = x.size
@@ -128,14 +129,14 @@ def find_period(values: np.ndarray) -> int | None:
 
 
 def repeating(values: np.ndarray, period: int) -> tuple[int, int]:
-    """First sample and end of the longest stretch over which a signal repeats itself exactly, but for a straight line.
+    """First sample and end of the longest stretch over which a signal repeats itself, apart from a straight line.
 
-    A reference swells and fades, and the axis stands before and after; there nothing repeats, or nothing is there.
+    A reference fades in and out, and the axis stands still before and after it; these parts are not periodic, or empty.
     """
     x = np.asarray(values, float)
     change = x[period:] - x[:-period]
     same = np.abs(change - np.median(change)) <= _EXACT * np.std(x)
-    # where nothing is sent, zeros repeat themselves, too
+    # without excitation the zeros would count as periodic
     moves = np.cumsum(np.diff(x, prepend=x[0]) != 0.0)
     alive = moves[period:] > moves[:-period]
     edges = np.diff(np.concatenate([[False], same & alive, [False]]).astype(int))
@@ -150,13 +151,13 @@ def cut(record: Record, period: int) -> tuple[np.ndarray, np.ndarray, np.ndarray
     """Transforms of input, output and references by period: (p, lines), (p, lines), (r, p, lines), 1/period .. Nyquist.
 
     A sine of amplitude a on a line has the size a.  A constant drift, as of an axis that moves on with a bias velocity,
-    is taken out: its slope is what a period adds on the mean over the second half, if that is more than five times its
-    standard error.  Raises LogError for less than two periods.
+    is removed: its slope is the mean increase per period over the second half, if that exceeds five standard errors.
+    Raises LogError for less than two periods.
     """
     count = len(record) // period
     if count < 2:
         raise LogError(f"{record.name}: {len(record)} samples are less than two periods of {period}")
-    # what is left over is at the start: the axis is farther from steady state there
+    # the incomplete period is cut at the start, where the axis is farther from steady state
     start = len(record) - count * period
 
     def transformed(values: np.ndarray) -> np.ndarray:

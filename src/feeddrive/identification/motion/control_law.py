@@ -17,12 +17,16 @@ from feeddrive.language.errors import NotIdentifiableError
 from feeddrive.language.table import Result, Table
 
 MOST_DELAY = 3  # samples between reading and command that are tried
-MOST_SAMPLES = 8  # over which a velocity may be differenced
-LARGEST = 0.05  # share of the force that a law may leave and still count as found
+MOST_SAMPLES = 8  # over which a velocity may be computed by differences
+LARGEST = 0.05  # largest unexplained share of the force for which a law counts as identified
 _START = 20  # samples that a difference over the past needs
-_FIRST = _START - MOST_DELAY  # sample whose reading counts
+_FIRST = _START - MOST_DELAY  # first sample whose reading counts
 _GAINS = ("Kv", "velocity_feedforward", "Kp")
-_PLAIN = {"Kv": 0.0, "velocity_feedforward": 0.0, "Kp": 1.0}  # at which the slopes are those of Kp Kv, Kp share and Kp
+_PLAIN = {
+    "Kv": 0.0,
+    "velocity_feedforward": 0.0,
+    "Kp": 1.0,
+}  # here the slopes are those to Kp Kv, Kp share and Kp
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -30,7 +34,7 @@ class ControlFit(Result):
     """A cascade that explains the logged force: Kv (1/s), Kp, velocity feedforward (1), and how they were found.
 
     delay      samples between the reading that the law used and the command
-    residual   share of the force that the law leaves
+    residual   share of the force that the law does not explain
     tried      (velocity samples, delay) -> residual
     """
 
@@ -65,14 +69,14 @@ class ControlFit(Result):
 
 
 def identify_control(log: MotionLog) -> ControlFit:
-    """The gains of the loop that ran a log, by least squares on its own law.
+    """The gains of the loop that produced a log, by least squares on the law of the cascade.
 
         force(k) = Kp (Kv (x_set - x) + share v_set - v),   v = (x - x n samples before) / n T,   all d samples old
 
     It is the step of `CascadePPI`, traced; its slopes to the gains are the columns.  n from 1 to 8 and d from 0 to 3
-    are tried; the pair that leaves least is taken.  Samples at the force limit are left
-    out.  Raises NotIdentifiableError where no such cascade leaves less than 5 %: an integral part, filters or another
-    law are at work, whose parameters the user must state.
+    are tried; the pair with the least residual is taken. Samples at the force limit are left
+    out.  Raises NotIdentifiableError if every such cascade leaves 5 % or more. Then the loop has an integral part,
+          filters or another law, whose parameters the user must state.
     """
     if log.set_position is None:
         raise NotIdentifiableError(
@@ -93,13 +97,13 @@ def identify_control(log: MotionLog) -> ControlFit:
     if tried[n, d] > LARGEST:
         raise NotIdentifiableError(
             f"{log.name}: no P-PI cascade without an integral part explains the force: the best leaves "
-            f"{100.0 * tried[n, d]:.3g} %, at most {100.0 * LARGEST:g} % are admitted; state the law in a machine file"
+            f"{100.0 * tried[n, d]:.3g} %, at most {100.0 * LARGEST:g} % is allowed; state the law in a machine file"
         )
     law, force = _traced(n), log.force[rows]
     columns = _slopes(law, _PLAIN, log, n)[rows - d]
     linear = dict(zip(_GAINS, map(float, np.linalg.lstsq(columns, force, rcond=None)[0]), strict=True))
     off = force - columns @ np.array(list(linear.values()))
-    # of a plain cascade the force is linear in these; with its own gains the first two come times Kp
+    # the force of a plain cascade is linear in these three; the first two are gains times Kp
     gains = {name: value if name == "Kp" else value / linear["Kp"] for name, value in linear.items()}
     columns = _slopes(law, gains, log, n)[rows - d]
     robust, ols = errors(robust_covariance(columns, off)), errors(ols_covariance(columns, off))
@@ -127,7 +131,7 @@ def _slopes(law: TracedForce[CascadePPI], gains: Mapping[str, float], log: Motio
     assert log.set_position is not None
     x, wanted, T = log.position, log.set_position, log.sample_time
     before = {f"position_{i + 1}": x[_FIRST - 1 - i : x.size - 1 - i] for i in range(n)}
-    # the set velocity as the law differences it; without an acceleration beside it, it is taken as it is
+    # the set velocity as the law differences it; without an acceleration it is taken unchanged
     velocity = np.diff(wanted[_FIRST - 1 :]) / T
     _, slopes = law.at(
         gains, T=np.array(T), set_position=wanted[_FIRST:], set_velocity=velocity, position=x[_FIRST:], **before

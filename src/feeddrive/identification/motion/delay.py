@@ -14,7 +14,7 @@ from feeddrive.language.table import Result, Table
 
 REACH = 20  # samples to both sides that are tried
 LATEST = 5e-3  # s: a force that acts later than that does not belong to this clock
-CLEAR = 0.9  # share of the residual of another delay that one may leave at most to be better beyond doubt
+CLEAR = 0.9  # largest ratio of the residuals of two delays at which the better one counts as certain
 _DRIFT = 2  # samples by which the delays of the two halves of a log must differ to be called a drift
 
 
@@ -22,7 +22,8 @@ _DRIFT = 2  # samples by which the delays of the two halves of a log must differ
 class DelayFit(Result):
     """Dead time in samples, without the half sample of the hold, with its standard error; the residual by delay tried.
 
-    delays, residual  whole samples that were tried, and what the inverse dynamics left with them, both of shape (m,)
+    delays, residual  whole samples that were tried, and the residual of the inverse dynamics with each, both of shape
+                      (m,)
     """
 
     name: str
@@ -39,7 +40,7 @@ class DelayFit(Result):
 
     @property
     def clear(self) -> bool:
-        """Whether the best delay leaves a tenth less than none does."""
+        """Whether the residual of the best delay is a tenth less than without delay."""
         return float(np.min(self.residual)) < CLEAR * float(self.residual[np.flatnonzero(self.delays == 0)[0]])
 
     def table(self) -> Table:
@@ -59,16 +60,16 @@ def find_delay(log: MotionLog, *, friction: str = "directional", how: Preparatio
     the force as its column, which gives the fraction and its error.  The logged force is the one that was commanded at
     its sample.
 
-    When not to trust it alone: in a closed loop the force answers disturbances, and part of that answer is taken for a
-    delay; the more of the force the model leaves, the more.  There `refine` decides between whole samples.
-    Raises NotIdentifiableError where the force comes before its cause, acts later than 5 ms, or where its delay drifts:
+    When not to trust it alone: in a closed loop the force reacts to disturbances, and part of that reaction is taken
+    for a delay. This error grows with the residual of the model.  There `refine` decides between whole samples.
+    Raises NotIdentifiableError where the force comes before its cause, acts later than 5 ms, or if its delay drifts:
     then force and position were recorded on two clocks.
     """
     how = replace(how or Preparation(), delay=HOLD)
     delays = np.arange(-REACH, REACH + 1)
     base = prepare(log, how)
     columns = columns_of(base, friction)
-    columns = columns[:, np.any(columns != 0.0, axis=0)]  # a motion in one direction has no friction of the other
+    columns = columns[:, np.any(columns != 0.0, axis=0)]  # a direction without motion has no friction
     basis = np.linalg.qr(columns)[0]
     forces = [base.force_with(log.force, HOLD + d) for d in delays]
     residual = np.array([_left(basis, force) for force in forces])
@@ -91,7 +92,7 @@ def _left(basis: np.ndarray, force: np.ndarray) -> float:
 
 
 def _check_slope(log: MotionLog, basis: np.ndarray, forces: list[np.ndarray], residual: np.ndarray) -> None:
-    """A motion of one frequency tells no delay: there a force that comes later is less mass and more damping."""
+    """A motion of one frequency does not show a delay: a later force is equivalent to less mass and more damping."""
     if not np.all(np.isfinite(residual)):
         raise NotIdentifiableError(
             f"{log.name}: the force is 0 wherever the axis moves: record the commanded force next, on the same clock"
@@ -101,15 +102,16 @@ def _check_slope(log: MotionLog, basis: np.ndarray, forces: list[np.ndarray], re
     own = _left(basis, slope) if np.any(slope) else 0.0
     if own < LEAST_OWN:
         raise NotIdentifiableError(
-            f"{log.name}: the delay of the force is not identifiable: the motion has nearly one frequency only, and "
-            f"there a delay does what less mass and more damping do ({100.0 * own:.2g} % of it is its own, at least "
+            f"{log.name}: the delay of the force is not identifiable: the motion has nearly one frequency only, "
+            f"where a delay acts like less mass and more damping ({100.0 * own:.2g} % of its effect is "
+            "independent, at least "
             f"{100.0 * LEAST_OWN:g} % are needed); record next moves to and fro at constant speeds, with ramps between"
         )
 
 
 def _check(log: MotionLog, best: int, delays: np.ndarray, residual: np.ndarray) -> None:
     at_zero = float(residual[np.flatnonzero(delays == 0)[0]])
-    clear = float(np.min(residual)) < CLEAR * at_zero  # else there is no evidence against 0
+    clear = float(np.min(residual)) < CLEAR * at_zero  # otherwise there is no evidence for a delay other than 0
     late = best * log.sample_time > LATEST
     if clear and (best < -1 or late or abs(best) == REACH):
         when = (
@@ -122,7 +124,7 @@ def _check(log: MotionLog, best: int, delays: np.ndarray, residual: np.ndarray) 
 
 
 def _check_drift(log: MotionLog, columns: np.ndarray, forces: list[np.ndarray], delays: np.ndarray) -> None:
-    """Two halves of a log that clearly have their own delays were recorded on two clocks."""
+    """If the delays of the two halves of a log clearly differ, the channels were recorded on two clocks."""
     half = columns.shape[0] // 2
     halves = (slice(0, half), slice(half, None))
     left = [np.array([_left(np.linalg.qr(columns[rows])[0], force[rows]) for force in forces]) for rows in halves]
