@@ -50,7 +50,7 @@ def test_a_machine_of_ones_own(run) -> None:
     code, out, errors = run("compare", "m.toml", "--starts", "1", "--law", "pole placement", "--out", "d")
     assert code == 0, errors
     assert "today's gains" in out
-    assert "is not on this axis" in out
+    assert "cannot control this axis" in out
     assert out.strip().splitlines()[-1].startswith("Report: ")
     laws = json.loads(Path("d/summary.json").read_text(encoding="utf-8"))["laws"]
     # a P velocity loop never comes back from a force

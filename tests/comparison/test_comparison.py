@@ -102,7 +102,7 @@ def test_the_directory_holds_what_it_promises(found: Comparison, tmp_path: Path)
     for text in (
         found.rule.replace("<=", "&lt;=").replace("'", "&#39;"),
         "loses to P-PI",
-        "Laws that are not on this axis",
+        "Laws that cannot control this axis",
     ):
         assert text in page
     summary = json.loads((tmp_path / "out" / "summary.json").read_text(encoding="utf-8"))

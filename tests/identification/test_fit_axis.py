@@ -27,7 +27,7 @@ def test_the_structure_is_chosen_by_lines_that_were_not_used() -> None:
     motor, load = responses(SCREW, noise=0.01)
     found = fit_axis(motor, load)
     assert found.chosen == "two-mass"
-    assert "nothing regular is left" in found.refused["modal"]
+    assert "no systematic residual is left" in found.refused["modal"]
     assert found.fits["rigid"].agreement.unused > 10.0 * found.fit.agreement.unused
     with pytest.raises(ParameterError, match="no structure has all of"):
         fit_axis(motor, load, fixed={"mass_motor": 130.0, "frequency": 3.0})

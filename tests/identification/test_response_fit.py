@@ -205,7 +205,7 @@ def test_a_structure_that_two_encoders_cannot_tell_is_said(seed: int) -> None:
     """
     fit = fit_plant(CHAIN, *responses(CHAIN, np.linspace(5.0, 700.0, 200), noise=0.01, variance=True, seed=seed))
     assert {"mass_motor", "mass_screw", "coupling_stiffness"} <= set(fit.not_identifiable)
-    assert any("coupling_stiffness" in said and "told apart only by" in said for said in fit.remarks)
+    assert any("coupling_stiffness" in said and "distinguished only by" in said for said in fit.remarks)
     for name in ("mass_motor", "mass_screw", "coupling_stiffness"):
         assert fit[name].value == pytest.approx(tree.get(CHAIN, name), rel=0.02)
         assert fit[name].error > tree.get(CHAIN, name)

@@ -269,7 +269,7 @@ class TestFrozen:
         one_way = SnapLimitedMove(distance=-0.1, **{**OUT_AND_BACK, "back": False})
         loop = linear_loop(START)
         trial = trial_with_friction(loop, one_way)
-        with pytest.raises(LogError, match=r"teaches no parameter.*towards larger positions.*samples more"):
+        with pytest.raises(LogError, match=r"identifies no parameter.*towards larger positions.*samples more"):
             next_iteration(loop, trial, columns=("coulomb_positive", "coulomb_negative"))
 
     def test_viscous_friction_at_one_speed(self) -> None:

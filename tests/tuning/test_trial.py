@@ -156,7 +156,7 @@ class TestRealAxis:
         )
         found = next_iteration(loop, trial, form=form, skip=49)
         assert trial.starts_moving
-        assert any("velocity loop lacks" in remark for remark in found.remarks)
+        assert any("compensate for the missing part" in remark for remark in found.remarks)
         values = found.after.parameters()
         Kp, step = 8557.426200790131, 1e-3
         exact = form == "axis_model"

@@ -265,7 +265,7 @@ def _like(candidate: Candidate, known: Mapping[str, Tuned | Refusal], duty: Duty
     """What differs from another candidate in the setpoint's path only takes over its gains."""
     made = known.get(candidate.like)
     if not isinstance(made, Tuned):
-        return Refusal(candidate.name, f"it takes over the gains of '{candidate.like}', which is not on this axis")
+        return Refusal(candidate.name, f"it takes over the gains of '{candidate.like}', which cannot control this axis")
     loop = replace(candidate.loop, control=replace(candidate.loop.control, law=made.control.law))
     try:
         if candidate.then == "trials":

@@ -160,7 +160,7 @@ def _refused(found: Comparison) -> list[ShownTable]:
     if not found.refusals:
         return []
     rows = [[each.name, each.reason] for each in found.refusals]
-    return [ShownTable(Table("Laws that are not on this axis, and why.", ["law", "reason"], rows), text=True)]
+    return [ShownTable(Table("Laws that cannot control this axis, and why.", ["law", "reason"], rows), text=True)]
 
 
 def _pictures(found: Comparison) -> list[Shown]:

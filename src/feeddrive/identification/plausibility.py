@@ -1,7 +1,7 @@
-"""What feed drives do: ranges of travel, speed, acceleration, mass and force, and how far a log lies outside of them.
+"""Plausible ranges of travel, speed, acceleration, mass and force of feed drives, and how far a log exceeds them.
 
-A log whose unit is wrong by 1000 is fitted as well as a right one: only its size tells.  The bounds are wide, so that
-what lies outside is a wrong unit or no feed drive.
+A log with a unit that is wrong by 1000 is fitted as well as a right one; only its magnitude reveals it. The bounds are
+wide: a log outside of them has a wrong unit or is not from a feed drive.
 """
 
 from __future__ import annotations
@@ -17,15 +17,15 @@ from feeddrive.identification.motion.motion_log import MotionLog
 from feeddrive.identification.motion.rigid import identify_rigid
 from feeddrive.language.errors import FeeddriveError
 
-_SPEED_OVER = 5e-3  # s: a speed is a difference over it, which counts of an encoder do not make large
+_SPEED_OVER = 5e-3  # s: speed is a difference over this time, long enough that encoder counts have little effect
 _ACCELERATION_OVER = 1e-2  # s
 
 
 @dataclass(frozen=True)
 class Range:
-    """Between which sizes a quantity lies on feed drives, in `unit`, its usual size, and where the bounds come from.
+    """Range of a quantity on feed drives in `unit`, its usual magnitude, and the reason for the bounds.
 
-    position, force  the powers with which the quantity grows if a log's position and force are multiplied
+    position, force  exponents by which the quantity scales with the position and the force of a log
     """
 
     quantity: str
@@ -48,7 +48,7 @@ class Range:
         return abs(math.log10(value / self.usual)) if value > 0.0 else 0.0
 
     def bounds(self) -> str:
-        """As people read it: `20 um to 60 m`."""
+        """The range as text: `20 um to 60 m`."""
         most = spoken(self.most, self.unit)
         return f"{spoken(self.least, self.unit)} to {most}" if self.least > 0.0 else f"up to {most}"
 
@@ -91,7 +91,7 @@ def spoken(value: float, unit: str) -> str:
 
 
 def sizes(frame: Frame, sample_time: float, position: np.ndarray | None, force: np.ndarray | None) -> dict[str, float]:
-    """Travel, speed, acceleration, largest force and, where the motion tells it, mass, by the names of `RANGES`.
+    """Travel, speed, acceleration, largest force and, if the motion shows it, mass, by the names of `RANGES`.
 
     position  m or rad, shape (n,); force: N or N m
     """
@@ -114,7 +114,7 @@ def sizes(frame: Frame, sample_time: float, position: np.ndarray | None, force: 
 
 
 def _mass(frame: Frame, sample_time: float, position: np.ndarray, force: np.ndarray) -> float | None:
-    """The mass by inverse dynamics, of either sign of the force; None where the log tells none."""
+    """The mass by inverse dynamics, for either sign of the force; None if it is not identifiable."""
     for sign in (1.0, -1.0):
         try:
             log = MotionLog(
@@ -136,12 +136,12 @@ def scaled(frame: Frame, found: Mapping[str, float], position: float, force: flo
 
 
 def outside(frame: Frame, found: Mapping[str, float]) -> list[Range]:
-    """The ranges that are left, those by most decades first."""
+    """The ranges that the log exceeds, those by most decades first."""
     apart = [(each.apart(found[each.quantity]), each) for each in RANGES[frame] if each.quantity in found]
     return [each for decades, each in sorted(apart, key=lambda pair: -pair[0]) if decades > 0.0]
 
 
 def unlikely(frame: Frame, found: Mapping[str, float]) -> tuple[float, float]:
-    """By how many decades the ranges are left, and how far all is from usual: the less, the likelier."""
+    """Decades outside of the ranges, and distance from the usual values: smaller is more likely."""
     there = [(each, found[each.quantity]) for each in RANGES[frame] if each.quantity in found]
     return sum(each.apart(value) for each, value in there), sum(each.unusual(value) ** 2 for each, value in there)

@@ -24,7 +24,7 @@ from feeddrive.loop.traced_model import push
 MOST_ROWS = 5000  # scores whose covariance is summed lag by lag
 _MEMORIES = np.linspace(0.0, 0.98, 99)
 SHOWN_LAGS = (1, 2, 5, 10, 20)
-GAP = 5  # rows next to a stretch that its fit does not use either: their residuals are correlated
+GAP = 5  # rows next to a stretch that are left out of its fit, too: their residuals are correlated
 
 
 _STRAY = 8.0  # standard deviations from its neighbors beyond which a sample is no noise: one normal value in 1e15
@@ -88,8 +88,9 @@ def robust_covariance(columns: np.ndarray, residual: np.ndarray, lags: int | Non
     residual  shape (n,), or (signals, n)
 
     The residual may have any autocorrelation of finite length.  `lags` follows from that length if it is not given:
-    1.1447 (α n)^⅓ of Andrews 1991, taken twice, with α from the first autocorrelation of each score.  S itself is
-    uncertain the more lags it has; the factor of `widening` makes 1.96 errors a 95 % interval all the same.
+    1.1447 (α n)^⅓ of Andrews 1991, taken twice, with α from the first autocorrelation of each score.  S is the more
+    uncertain the more lags it has; the factor of `widening` compensates for this, so that 1.96 errors remain a 95 %
+    interval.
     Sources: Newey & West 1987; Andrews 1991, eqs. (6.2) and (6.4); Kiefer & Vogelsang 2005.
     """
     stacked = columns if columns.ndim == 3 else columns[None]
@@ -99,7 +100,7 @@ def robust_covariance(columns: np.ndarray, residual: np.ndarray, lags: int | Non
 
 
 def _scores(columns: np.ndarray, residual: np.ndarray) -> np.ndarray:
-    """In the metric of the estimates: what each sample adds to each parameter, shape (rows, p)."""
+    """In the metric of the estimates: the contribution of each sample to each parameter, shape (rows, p)."""
     inverse = _inverse(columns.reshape(-1, columns.shape[-1]))
     return _in_blocks(np.einsum("snp,sn->np", columns, residual) @ inverse)
 
@@ -124,7 +125,7 @@ def _in_blocks(scores: np.ndarray) -> np.ndarray:
 
 
 def widening(share: float) -> float:
-    """How much wider than 1.96 errors a 95 % interval is, if `share` of all lags was used with a Bartlett window.
+    """Ratio of a 95 % interval to 1.96 errors, if `share` of all lags was used with a Bartlett window.
 
     (1.9600 + 2.9694 b + 0.4160 b² - 0.5324 b³) / 1.96, b = share.  Source: Kiefer & Vogelsang 2005, table 1.
     """
@@ -132,7 +133,7 @@ def widening(share: float) -> float:
 
 
 def memory(scores: np.ndarray) -> int:
-    """Lags after which the scores, shape (n, p), have forgotten: Andrews' rule for the Bartlett window, twice."""
+    """Lags after which the scores, shape (n, p), are uncorrelated: Andrews' rule for the Bartlett window, twice."""
     n = scores.shape[0]
     alpha, weight = 0.0, 0.0
     for column in scores.T:
@@ -163,10 +164,10 @@ def information(residual: np.ndarray, parameters: int, stretches: Sequence[slice
         -2 log L = n log(Σ e² / n) - m log(1 - rho²)
         criterion = -2 log L + k log n · n / (n - k - 1),   k = parameters + 2
 
-    with the rho >= 0 that is most likely; rho and the size of e are the two parameters more.  The last factor corrects
-    for few rows, where the plain criterion takes a parameter too many in one case of five.  Without that memory, as
-    in the usual criterion, neighboring rows would count as independent, and a model would be allowed to follow what
-    they share.  `stretches` are rows in a row, m of them (default: all); rho does not reach from one to the next.
+    with the rho >= 0 that is most likely; rho and the variance of e are the two additional parameters. The last factor
+    corrects for few rows, where the plain criterion takes a parameter too many in one case of five. Without rho, as in
+    the usual criterion, neighboring rows would count as independent, and a model could fit their common noise.
+    `stretches` are m series of consecutive rows (default: one with all); rho does not apply from one to the next.
     Sources: Schwarz 1978; McQuarrie 1999 for few rows; the likelihood of a first-order process, Box & Jenkins 1970.
     """
     parts = _parts(residual, stretches)
@@ -187,11 +188,11 @@ def _parts(residual: np.ndarray, stretches: Sequence[slice] | None) -> list[np.n
 
 
 def _likelihood(parts: list[np.ndarray], rho: float) -> float:
-    """-2 log L but for a constant."""
+    """-2 log L except for a constant."""
     n = sum(part.size for part in parts)
     first = (1.0 - rho * rho) * sum(float(part[0]) ** 2 for part in parts)
     rest = sum(float(np.sum((part[1:] - rho * part[:-1]) ** 2)) for part in parts)
-    # a residual of nothing but rounding is as good as one of 0
+    # a residual that is only rounding counts as 0
     return n * float(np.log(max((first + rest) / n, 1e-300))) - len(parts) * float(np.log(1.0 - rho * rho))
 
 
@@ -230,7 +231,7 @@ class Residuals(Result):
 
     @property
     def white(self) -> bool:
-        """Whether the first autocorrelation is within what chance gives in 95 % of white residuals."""
+        """Whether the first autocorrelation is within the 95 % range of a white residual."""
         return abs(self.autocorrelation(1)) < 1.96 / np.sqrt(self.values.size)
 
     def table(self) -> Table:
@@ -243,13 +244,13 @@ class Residuals(Result):
         ]
         lags = [lag for lag in SHOWN_LAGS if lag < self.values.size]
         rows += [[f"autocorrelation at lag {lag}", "", f"{self.autocorrelation(lag):.2f}"] for lag in lags]
-        what = "white" if self.white else "not white: errors as if it were (ols) are too small"
+        what = "white" if self.white else "not white: errors for a white residual (ols) are too small"
         return Table(f"residual of {self.values.size} rows, {what}", ["", "unit", "value"], rows)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Validation(Result):
-    """Of each stretch: its error when it was not used, over its measured RMS, and the parameters without it.
+    """Error of each stretch when it was not used, over its measured RMS, and the parameters without it.
 
     relative  RMS of all errors on unused rows over the RMS of what was measured
     values    shape (stretches, parameters)
@@ -267,9 +268,10 @@ class Validation(Result):
 
 
 def cross_validated(columns: np.ndarray, measured: np.ndarray, folds: int, unit: str) -> Validation:
-    """Leave out one stretch of rows after the other, with `GAP` rows on both sides, and predict it.
+    """Predict each stretch of rows by a fit without it and without `GAP` rows on both sides.
 
-    A stretch that holds a direction or a speed alone makes its fit one that never saw it; that shows as a large error.
+    If only one stretch holds a direction or a speed, the fit without it lacks this information; its error is then
+    large.
     """
     n = measured.size
     if not 2 <= folds <= n // (4 * GAP):
@@ -340,19 +342,19 @@ def solve(
     low, high = least * sizes, most * sizes
     if np.all(step >= low) and np.all(step <= high):
         return step / sizes, np.zeros(sizes.size, dtype=bool)
-    # the triangle of the rows has the same minimum and a few rows only
+    # the triangular factor has the same minimum and only a few rows
     q, r = np.linalg.qr(rows)
     bounded = lsq_linear(r, q.T @ right, bounds=(low, high), method="bvls", tol=1e-14)
     return bounded.x / sizes, bounded.active_mask != 0
 
 
 def standard_errors(seen: np.ndarray, residual: np.ndarray, lags: int) -> np.ndarray:
-    """Of each parameter, from the residual and its autocorrelation.
+    """The standard error of each parameter, from the residual and its autocorrelation.
 
         cov = A⁻¹ [Σ_f S(f) Ψ(f) Ψ(f)ᴴ] A⁻¹,   A = ΨᵀΨ,   S: spectrum of the residual
 
     S is that of its autocorrelation up to `lags`, in a Bartlett window, which keeps S >= 0.  With a white residual this
-    is the usual σ² A⁻¹.  The residual's own mean is not taken out, since no column is a constant.
+    is the usual σ² A⁻¹.  The mean of the residual is not removed, since no column is a constant.
     Source: Newey & West 1987, for regressors that are not random.
     """
     n, count = seen.shape

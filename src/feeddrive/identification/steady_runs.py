@@ -13,9 +13,9 @@ from feeddrive.language.errors import LogError, NotIdentifiableError
 from feeddrive.language.table import Result, Table
 
 LEAST_ROWS = 20  # of a stretch
-_CHANGE = 0.1  # share of the speed by which it must change to end a stretch
-_SURE = 6.0  # standard errors by which it must
-_DRIFT = 0.02  # share of the speed by which a held one may rise or fall
+_CHANGE = 0.1  # share of the speed: a larger change ends a stretch
+_SURE = 6.0  # standard errors: the change must also exceed these
+_DRIFT = 0.02  # share of the speed by which a constant speed may rise or fall
 _TRIM = 0.1  # share of a stretch that is cut off at an end where the speed changed
 
 
@@ -24,7 +24,7 @@ class SteadyRuns(Result):
     """Mean velocity and mean force of constant-speed runs, each of shape (m,), velocities rising, both directions.
 
     error  standard error of each mean force, robust to its autocorrelation
-    rows   how many rows each mean is of
+    rows   number of rows in each mean
     remarks  on single samples that the means lack
     """
 
@@ -65,7 +65,7 @@ class SteadyRuns(Result):
 def runs_of(
     velocity: Sequence[float] | np.ndarray, force: Sequence[float] | np.ndarray, *, rotary: bool = False
 ) -> SteadyRuns:
-    """A friction map that is known already, without the errors of its points."""
+    """A given friction map, without the errors of its points."""
     v, f = np.asarray(velocity, dtype=np.float64), np.asarray(force, dtype=np.float64)
     return SteadyRuns(v, f, np.full(v.size, np.nan), np.ones(v.size), frame_of(rotary))
 

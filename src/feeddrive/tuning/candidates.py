@@ -22,7 +22,7 @@ from feeddrive.language.errors import FeeddriveError, ParameterError
 from feeddrive.loop.control import Control
 from feeddrive.loop.loop import Loop
 
-PLAIN = CascadePPI.title  # what every other law is compared with
+PLAIN = CascadePPI.title  # the law with which all others are compared
 _MOTION = ("acceleration", "velocity")
 
 
@@ -33,7 +33,7 @@ class Candidate:
     like       the candidate whose tuning it takes over, if it differs in the setpoint's path only
     then       what follows once the law is tuned: its "prefilter" is fitted to the move, or its compensator learns in
                "trials" of it
-    remark     the model of the axis that it was given, and the changes to today's control
+    remark     the model of the axis used for it, and the changes to today's control
     """
 
     name: str
@@ -52,7 +52,7 @@ class Refusal:
 
 
 def axis_model(loop: Loop) -> AxisModel:
-    """The model of the axis of a loop that every law is given."""
+    """The model of the axis of a loop from which every law computes its start values."""
     axis = loop.axis
     mechanics = axis.mechanics()
     along = mechanics.rigid_motion()
@@ -113,17 +113,19 @@ def candidates(loop: Loop, own: Sequence[type[Law]] = ()) -> tuple[tuple[Candida
 
 
 def control_with(loop: Loop, kind: str) -> Control:
-    """The control of a loop with another law, by kind, where its tuning begins; of several forms the first.
+    """The control of a loop with another law, by kind, at the start values of its tuning; of several forms the first.
 
-    Raises ParameterError with the reason if the law does not go on the axis.
+    Raises ParameterError with the reason if the law cannot control the axis.
     """
     axis, law = axis_model(loop), find(Law, kind)
     try:
         starts = law.begin(axis, loop.control.law)
     except FeeddriveError as error:
-        raise ParameterError(f"the law {kind} is not on this axis: {error}") from None
+        raise ParameterError(f"the law {kind} cannot control this axis: {error}") from None
     if not starts:
-        raise ParameterError(f"the law {kind} does not say where its tuning begins: put it into the machine file")
+        raise ParameterError(
+            f"the law {kind} has no start values for its tuning: put it with its parameters into the machine file"
+        )
     return _with_law(loop, axis, starts[0]).control
 
 

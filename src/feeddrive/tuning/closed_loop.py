@@ -14,7 +14,7 @@ from feeddrive.loop.frequency_response import FRF
 from feeddrive.tuning.control_response import Response
 from feeddrive.tuning.operating_point import OperatingPoint
 
-_DEEPEST, _LINES = 1e-3, 40  # of the first line: down to where, and with how many lines
+_DEEPEST, _LINES = 1e-3, 40  # of the first line: lower end of the extension, and its number of lines
 
 
 class Recovery(NamedTuple):
@@ -26,13 +26,13 @@ class Recovery(NamedTuple):
 
 
 class Below:
-    """The axis of a point below its first line f₁, as the free motion that it is there.
+    """The axis of a point below its first line f₁, as a free mass.
 
         X_load(f) = X_load(f₁) (f₁/f)²,    X_motor/X_load = 1 + ρ,  ρ(f) = ρ(f₁) (f/f₁)²
         y = X_d (1 + C_motor X_u (ρ_d - ρ_u)) / (1 + L),    L = -X_u (C_motor (1 + ρ_u) + C_load)
 
-    u is the command, d the force on the table.  With integral action y is nearly 1/C, whatever the mass.  So this shows
-    a law that takes long to come back, and serves for nothing else.
+    u is the command, d the force on the table.  With integral action y is nearly 1/C, whatever the mass.  So this only
+    reveals a law that takes long to return the axis, and is not used for anything else.
     """
 
     def __init__(self, point: OperatingPoint) -> None:
@@ -55,12 +55,15 @@ class Below:
         return Recovery(self.frequency, y, (self.by_load * S * twist)[:, None] * dC - (y * S)[:, None] * dloop)
 
 
-_LOWEST, _FEWEST = 2.5, 5  # lines up to so many times the first one, and at least so many, tell what integrates
+_LOWEST, _FEWEST = (
+    2.5,
+    5,
+)  # lines for the count of integrators: up to so many times the first one, at least so many
 
 
 @dataclass(frozen=True, eq=False)
 class Answer:
-    """The closed loop of a point on its lines, with slopes (lines, tunables) and variances (lines,).
+    """The closed loop of a point on its lines, with derivatives (lines, tunables) and variances (lines,).
 
     below   the compliance below the first line, with the axis as a free mass; None if not needed
     """
@@ -102,7 +105,8 @@ def answer(point: OperatingPoint, response: Response, below: Recovery | None = N
 def _through(point: OperatingPoint, source: int, factors: np.ndarray) -> np.ndarray:
     """The variance of Σ factor · reading of one source (0: the command, 1: a force on the table).
 
-    Where the motor's reading is the load's times a ratio, they have one error; elsewhere they count as independent.
+    Where the motor's reading is the load's times a ratio, they have a common error; elsewhere they count as
+    independent.
     """
     variance = (point.variance, point.load_variance)[source]
     assert variance is not None
@@ -130,14 +134,14 @@ def _of_compliance(point: OperatingPoint, C: np.ndarray, back: np.ndarray, S: np
 
 
 def encircles(answer: Answer) -> bool:
-    """Whether -1 is encircled in the wrong way: the closed loop is then unstable.
+    """Whether the encirclement of -1 shows an unstable closed loop.
 
-    For an axis that is stable but for its free motion, the phase φ of 1 + L, followed from Nyquist, where it lies
+    For an axis that is stable except for its free motion, the phase φ of 1 + L, followed from Nyquist, where it lies
     within ±180°, down to the lowest lines, is that of a stable loop if
 
         |φ + 90° n + 180° P| < 90°,   n = -d ln|1 + L|/d ln f
 
-    n counts what still integrates there, 2 for a free mass and 1 for each integral, and P the poles of the control
+    n counts the integrators there, 2 for a free mass and 1 for each integral, and P the poles of the control
     alone that are unstable and faster than these lines.  Each pair of unstable poles of the closed loop adds 360°, one
     pole or a response of the wrong sign 180°.
     """
@@ -226,7 +230,7 @@ def _at(each: Figures, frequency: float) -> float | None:
     return 1e-6 * each.stiffness.at(frequency) if f[0] <= frequency <= f[-1] else None
 
 
-# head, unit, how it is read off
+# heading, unit, access
 FIGURES: tuple[tuple[str, str, Callable[[Figures], float | None]], ...] = (
     ("Ms", "", lambda each: each.margins.sensitivity_peak),
     ("its standard deviation", "", lambda each: each.deviation or None),
@@ -241,7 +245,7 @@ FIGURES: tuple[tuple[str, str, Callable[[Figures], float | None]], ...] = (
     ("rope-snap error", "nm s^1/2/N", lambda each: 1e9 * each.rope_snap),
     ("force noise", "N RMS", lambda each: each.force_noise),
 )
-# which of them are better when they are larger; of the others Ms is bounded and the crossover is neither
+# figures of which larger is better; of the others Ms is bounded and the crossover is neutral
 LARGER = {
     "bandwidth (|S| at -3 dB)": True, "phase margin": True, "gain may rise by": True, "delay margin": True,
     "least stiffness": True, "stiffness at 10 Hz": True, "rope-snap error": False, "force noise": False,

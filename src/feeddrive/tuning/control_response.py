@@ -18,7 +18,7 @@ from feeddrive.loop.trace import node_values
 from feeddrive.loop.traced_model import push, resolved
 
 _SPEED = 0.05  # m/s of the operating point
-_AT_ONE = 1e-5  # of |z|: a pole as near counts as at 1, since a double one is only known to the root of rounding
+_AT_ONE = 1e-5  # of |z|: a pole this near counts as 1, since a double pole is known only to the square root of rounding
 _READINGS = ("reading_motor", "reading_load")
 
 
@@ -27,7 +27,7 @@ class Response(NamedTuple):
 
     value: np.ndarray
     slope: np.ndarray
-    unstable: np.ndarray  # |ln z|/T in rad/s of each pole of the control alone that is outside of the unit circle
+    unstable: np.ndarray  # |ln z|/T in rad/s of each pole of the control itself that is outside of the unit circle
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,8 +82,8 @@ class ControlResponse:
         x = (z - A)⁻¹ B,   w = c (z - A)⁻¹,   z = e^(j2πfT)
 
     A, B, c, d are the slopes of the step to states and readings, and ∂ their slopes to the tunables, both by the
-    forward rules on the law's own lines.  Guard and force limit are left out, and what blends in counts as there, as in
-    `linearize`.  Raises ParameterError for a law that repeats itself only after several samples.
+    forward rules on the law's own lines.  Guard and force limit are left out, and parts that are blended in count as
+    fully active, as in `linearize`. Raises ParameterError for a law whose period is several samples.
     """
 
     def __init__(self, control: Control, sample_time: float, tunables: Sequence[str], velocity: float = _SPEED) -> None:
@@ -156,7 +156,7 @@ class ControlResponse:
         return [*self._live, n], [*self._live, n, n + 1]
 
     def integrates(self, values: Sequence[float] | np.ndarray) -> bool:
-        """Whether the control has a pole at z = 1: it then takes out a constant force in the end."""
+        """Whether the control has a pole at z = 1: it then compensates a constant force completely."""
         matrix, _ = self.model(values)
         poles = np.linalg.eigvals(matrix[:-1, :-2])
         return bool(np.any(np.abs(poles - 1.0) < _AT_ONE))
@@ -178,7 +178,7 @@ def _response(matrix: np.ndarray, slopes: np.ndarray, z: np.ndarray, T: float) -
     A, B, c, d = matrix[:n, :n], matrix[:n, n:], matrix[n, :n], matrix[n, n:]
     x, w = resolved(A, B, c[None], z)
     value = np.einsum("i,lik->kl", c, x) + d[:, None]
-    # line by line: products so small that they stay in one thread, which many in a row could not pay
+    # line by line: such small products stay in one thread, which is quicker than one large product over all lines
     count, tunables = z.size, slopes.shape[2]
     by_row = slopes[:n, :n].transpose(0, 2, 1).reshape(n * tunables, n)
     moved = (by_row @ x).reshape(count, n, 2 * tunables)
@@ -191,7 +191,7 @@ def _response(matrix: np.ndarray, slopes: np.ndarray, z: np.ndarray, T: float) -
 
 
 def _needed(traced: Traced) -> list[int]:
-    """The states that a reading reaches and that the force sees."""
+    """The states that depend on a reading and act on the force."""
     n = len(traced.states)
     links = {(i, j) for i, j, _ in traced.entries}
     reached = {i for i, j in links if j >= n and i < n}

@@ -50,7 +50,7 @@ class Criteria:
 
     @property
     def count(self) -> int:
-        """Points that were computed."""
+        """Number of points that were computed."""
         return len(self._known)
 
     def answers(self, x: np.ndarray) -> list[Answer]:
@@ -104,10 +104,10 @@ class Criteria:
         )
 
     def _goal(self, each: Answer) -> tuple[float, np.ndarray, np.ndarray]:
-        """Logarithm of what is to be small, its slope, and the Gauss-Newton part of its curvature.
+        """Logarithm of the quantity to minimize, its slope, and the Gauss-Newton part of its curvature.
 
-        A goal that does not see how long a law takes to come back would give away its position gain for nothing; a
-        fiftieth of the rope-snap error stands beside it.
+        A goal that does not measure how long the axis takes to return would sacrifice the position gain for a
+        negligible benefit. So a fiftieth of the rope-snap error is added to it.
         """
         f = each.point.frequency
         inside = (f >= self.band[0]) & (f <= self.band[1])
@@ -160,15 +160,15 @@ def _bandwidth(each: Answer) -> tuple[float, np.ndarray, np.ndarray]:
 
 
 _TOGETHER = 0.15  # of ln f: bounds nearer than this at one point share their noise and count once
-_POOR = 0.5  # of the distance to -1 that the noise may take
-_BEYOND = 3.0  # times the crossover: up to there the measurement must be good
-_LOW = 0.3  # |L| at the last line that may be left
-_BEFORE = 2.0  # times the first line: the lowest crossover must lie above
+_POOR = 0.5  # of the distance to -1: largest part that the noise may take
+_BEYOND = 3.0  # times the crossover: up to this frequency the measurement must be accurate
+_LOW = 0.3  # largest |L| at the last line
+_BEFORE = 2.0  # times the first line: lower limit of the lowest crossover
 _GAP = 1.6  # ratio of two neighboring lines around a crossover
 
 
 def distances(bounds: Sequence[Bound]) -> np.ndarray:
-    """Slack over standard deviation of each separate bound: the nearest one of every neighborhood in frequency."""
+    """Slack over standard deviation of each separate bound: of neighboring frequencies only the nearest bound."""
     left = sorted((b for b in bounds if b.deviation > 0.0), key=lambda b: b.slack / b.deviation)
     kept: list[Bound] = []
     for bound in left:
@@ -217,8 +217,8 @@ def require_covered(answers: Sequence[Answer]) -> None:
         again = f"do not tune, measure again: '{point.name}'"
         if not above.size or (below.size and f[below[0]] < _BEFORE * f[0]):
             raise NotIdentifiableError(
-                f"{again} begins at {f[0]:.4g} Hz, where the loop gain is only {size[0]:.2g}: what lies below decides; "
-                f"measure from {0.1 * f[0]:.2g} Hz on, a fifth of the crossover or less"
+                f"{again} begins at {f[0]:.4g} Hz, where the loop gain is only {size[0]:.2g}: lower frequencies "
+                f"are decisive; measure from {0.1 * f[0]:.2g} Hz on, a fifth of the crossover or less"
             )
         crossover = float(f[above[-1]])
         if size[-1] > _LOW and f[-1] < _BEYOND * crossover and f[-1] < 0.45 / point.sample_time:
@@ -236,7 +236,7 @@ def require_covered(answers: Sequence[Answer]) -> None:
 
 
 def require_good(answers: Sequence[Answer], sure: float) -> None:
-    """Raise NotIdentifiableError, with the band, where noise leaves a tuning without ground.
+    """Raise NotIdentifiableError, with the band, where the noise is too large for a tuning.
 
     Evaluation up to three times the highest crossover: k σ(L) may not exceed half of |1 + L|.
     """

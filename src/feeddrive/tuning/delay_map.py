@@ -14,7 +14,7 @@ from feeddrive.language.table import Result, Table
 from feeddrive.loop.loop import Loop
 
 _CLOSE = 1e-5  # of a factor: how far the bounds are narrowed
-_FARTHEST = 40  # doublings in which a bound is looked for
+_FARTHEST = 40  # doublings in the search for a bound
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -42,7 +42,7 @@ class DelayMap(Result):
         return self.robust * self.tunables[name]
 
     def table(self) -> Table:
-        """One row a dead time."""
+        """One row per dead time."""
         rows = [
             [f"{1e3 * tau:.4g}", f"{tau / self.sample_time:.3g}", f"{edge:.4g}", f"{robust:.4g}"]
             for tau, edge, robust in zip(self.dead_time, self.edge, self.robust, strict=True)
@@ -64,8 +64,8 @@ def delay_map(
 
     tunables  paths of parameters that are raised and lowered together, such as `axis.x.control.law.Kp`
 
-    Between the gain at which a loop becomes stable and that at which it stops being so there is one stretch for the
-    laws of this library on rigid axes; the map shows its upper end.  Gains that a law refuses count as unstable.
+    For the laws of this library on rigid axes the stable gains form one interval; the map shows its upper end. Gains
+    that a law refuses count as unstable.
     Raises ParameterError if no factor within 2⁴⁰ of 1 is stable, or if all are.
     """
     values = {name: float(tree.get(loop, name)) for name in tunables}
@@ -91,7 +91,7 @@ def delay_map(
 
 
 def _largest(admits: Callable[[float], bool], dead_time: float) -> float:
-    """The factor up to which `admits`, from a factor of 1 on by doubling and halving."""
+    """The largest factor that `admits` accepts, found from 1 on by doubling and halving."""
     low, high = 1.0, 1.0
     if admits(1.0):
         high = next((2.0**i for i in range(1, _FARTHEST) if not admits(2.0**i)), float("inf"))
@@ -102,7 +102,7 @@ def _largest(admits: Callable[[float], bool], dead_time: float) -> float:
     if not 0.0 < low < high < float("inf"):
         raise ParameterError(
             f"with a dead time of {dead_time:g} s no bound lies within a factor of 2^{_FARTHEST} of the tunables: "
-            f"start from gains with which the loop is stable, and name tunables that bring it to its edge"
+            f"start from gains with which the loop is stable, and name tunables that bring it to the edge of stability"
         )
     while high > low * (1.0 + _CLOSE):
         middle = 0.5 * (low + high)

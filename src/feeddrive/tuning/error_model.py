@@ -19,10 +19,10 @@ from feeddrive.loop.linearize import StateSpace, linearize
 from feeddrive.loop.loop import Loop
 
 FORMS = ("model_free", "model_based", "axis_model")
-_TINY = 1e-6  # of the axis's mass: replaces a mass of 0, which no plant may have
+_TINY = 1e-6  # of the axis's mass: replaces a mass of 0, which a plant refuses
 _ENDS = ("motor", "load")
 _EDGE = 1.0 - 1e-9  # of |z|: what eigenvalues of a small matrix are uncertain by
-_DECADES, _STRIDE = 7.0, 0.1  # within which an admissible mass is looked for, and how finely
+_DECADES, _STRIDE = 7.0, 0.1  # range and resolution of the search for an admissible mass
 
 
 def error_model(
@@ -32,17 +32,17 @@ def error_model(
 
         e = x_set - x = G_d [φᵀ (θ0 - θ) + w],   G_d = P / (1 + P C)
 
-    model_free   Ĝ_d = 1/C: the inverse of the controller, from its own gains alone.  Good where |P C| >> 1, so in the
+    model_free   Ĝ_d = 1/C: the inverse of the controller, from its own gains alone.  Good where |P C| >> 1, as in the
                  band of usual references.  Prefilter and filter pack are left out: they are 1 in that band.
     model_based  Ĝ_d = P̂/(1 + P̂ C) with the drive's dead time and current loop.  P̂ is `plant`; else a rigid axis with
                  the mass (at least `least_mass`, kg) and the viscous friction that are fed forward now; else, if no
                  mass is fed forward or the law needs two encoders, the axis itself.
     axis_model   the same with the axis of the loop: for a machine file whose axis was identified.
 
-    C comes from the linear model of the control itself, so from the lines that are simulated, for any law.
+    C comes from the linear model of the control itself, that is, from the simulated code, for any law.
     Raises UnstableError, with the nearest mass that is admissible, for a model loop that is not stable; UnstableError
     for a controller without a stable inverse; ParameterError for another form and for a law with a slow part.
-    Source: Wu, Han, Xiong & Ding 2017, eq. (1)-(10), where the text at hand ends; the three forms of Ĝ_d, the
+    Source: Wu, Han, Xiong & Ding 2017, eq. (1)-(10), the part that was available; the three forms of Ĝ_d, the
     model-free inverse among them, and the sampled form are this library's.
     """
     if form not in FORMS:
@@ -72,7 +72,7 @@ def true_error_model(loop: Loop) -> StateSpace:
 def filtered(model: StateSpace, columns: np.ndarray, *, moving: bool = False) -> np.ndarray:
     """Columns, shape (n, columns), through a model with one input and one output.
 
-    Before the first row the columns were 0, or, if the axis was `moving`, as in the first row for ever.
+    Before the first row the columns are taken as 0, or, if the axis was `moving`, as those of the first row.
     """
     A, b, c, d = model.A, model.B[:, :1], model.C[:1], model.D[0, 0]
     n = A.shape[0]
@@ -111,7 +111,7 @@ def _required(loop: Loop, plant: Plant | None) -> StateSpace:
 
 
 def _closed(loop: Loop, plant: Plant | None) -> StateSpace:
-    """From a force behind the limit to the position, all that is not linear left out."""
+    """From a force behind the limit to the position, without all nonlinear parts."""
     control = dataclasses.replace(loop.control, guard=None, force_limit=None, feedforward=(), prefilter=None)
     ends: dict[str, Any] = {
         f"encoder_{end}": None if getattr(loop.axis, f"encoder_{end}") is None else Encoder() for end in _ENDS
@@ -147,7 +147,7 @@ def _nearest(loop: Loop, plant: Rigid) -> float | None:
 
 
 def _inverse(loop: Loop) -> StateSpace:
-    """1/C, with C from the two readings moved as one to the force."""
+    """1/C, with C from both readings, moved together, to the force."""
     control = dataclasses.replace(
         loop.control, guard=None, force_limit=None, feedforward=(), prefilter=None, filters=()
     )
@@ -174,9 +174,9 @@ def _inverse(loop: Loop) -> StateSpace:
 
 
 LEAST_REVERSAL = 0.02  # share of the moving samples in each direction that separates friction from gravity
-LEAST_OWN = 0.02  # of a column's size: what no other columns may explain, 1/50: its error grows by 50 there
+LEAST_OWN = 0.02  # of a column's size: least part not explained by other columns, 1/50: there its error grows by 50
 FRICTION = ("coulomb_positive", "coulomb_negative", "stribeck")
-# which of two columns that look alike is frozen: the later one
+# of two similar columns the later one in this order is frozen
 _ORDER = (
     "mass", "coulomb_positive", "coulomb_negative", "viscous", "stribeck", "jerk_feedforward", "snap_feedforward",
 )  # fmt: skip
@@ -187,7 +187,7 @@ def not_excited(
 ) -> dict[str, str]:
     """Reasons, by name, why columns are to be frozen; shape of both matrices: (samples, columns).
 
-    columns   φ, of the set motion         seen      Ψ, the same through Ĝ_d: what the error can show
+    columns   φ, of the set motion Ψ, the same through Ĝ_d: their effect on the error
     velocity  m/s, of the set motion in the middle of the samples
     """
     found = _without_reversal(names, velocity, dead_band)
@@ -213,7 +213,7 @@ def not_excited(
 
 
 def _own(alike: np.ndarray, i: int, others: list[int]) -> float:
-    """Size of what is left of a column of size 1 without its part along others; `alike` holds their products."""
+    """Size of the remainder of a column of size 1 without its part along others; `alike` holds their products."""
     if alike[i, i] <= 0.0:
         return 0.0
     across = alike[others, i]
@@ -252,5 +252,5 @@ def condition(seen: np.ndarray) -> float:
 
 
 def reasons(frozen: Mapping[str, str]) -> str:
-    """All of them as one text."""
+    """The names as one text."""
     return "; ".join(f"{name}: {reason}" for name, reason in frozen.items())

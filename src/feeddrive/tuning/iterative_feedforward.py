@@ -37,7 +37,7 @@ def compensator(loop: Loop) -> DisturbanceCompensator:
 
 
 def compensated(loop: Loop, block: DisturbanceCompensator) -> Loop:
-    """The loop with this compensator in the place of its own, or behind its other feedforward."""
+    """The loop with this compensator in place of its present one, or after its other feedforward."""
     others = tuple(block if isinstance(each, DisturbanceCompensator) else each for each in loop.control.feedforward)
     if not any(each is block for each in others):
         others = (*others, block)
@@ -53,8 +53,8 @@ def begin_compensation(
                        not feed them forward itself
     stribeck_velocity  m/s, needed with the column `stribeck`
 
-    An Inertia is taken over; a compensator that is there keeps its values and gets the columns that it lacks.
-    Raises ParameterError for a column that is not known, and StructureError for what would be fed twice.
+    An Inertia is taken over; an existing compensator keeps its values and gets the missing columns.
+    Raises ParameterError for a column that is not known, and StructureError for a term that would be fed forward twice.
     """
     known = ", ".join(COLUMNS)
     for name in columns or ():
@@ -87,17 +87,17 @@ def _usual(loop: Loop) -> tuple[str, ...]:
 
 
 SATURATION = ("refused", "left_out")
-_LEAST_ROWS = 20  # rows for each column that must be left
+_LEAST_ROWS = 20  # least number of rows per column
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Iteration(Result):
-    """What one trial taught: the feedforward before and after, and how sure its parameters are.
+    """Result of one trial: the feedforward before and after, and the standard errors of its parameters.
 
     loop       the loop of the next trial
     errors     standard error of each tuned parameter, of the full step (gamma = 1), SI
     frozen     parameters that keep their value, with the reason
-    held       parameters that their bound holds
+    held       parameters that are held by their bound
     predicted  following error of the next trial along the same reference, m, shape (n,)
     condition  number of the columns that were used, scaled to the same size
     """
@@ -121,7 +121,7 @@ class Iteration(Result):
         return float(np.sqrt(np.mean(self.predicted**2)))
 
     def table(self) -> Table:
-        """Parameters now and next, each with its standard error or with what holds it."""
+        """Parameters now and next, each with its standard error or with the reason why it is held."""
         rows = []
         was, now = self.before.parameters(), self.after.parameters()
         for name, value in was.items():
@@ -158,21 +158,21 @@ def next_iteration(
     the real one, its axis is used only where `form` or a frozen model needs it.  The next reference may be another.
 
     form        "model_free", "model_based" or "axis_model", see `error_model`
-    gamma       share of the step that is taken, 0 < gamma <= 1; at most 0.5 if the controller's gains are known only
+    gamma   share of the step that is taken, 0 < gamma <= 1; at most 0.5 if the controller's gains are known only
                 roughly: the error of the parameters is multiplied by about |1 - gamma · true gain/believed gain|
-    mu          >= 0; draws the step towards 0 in directions that the trial hardly excites
-    columns     names of the parameters to tune; default: all that the block has.  What a trial does not excite is
-                frozen: friction without a reversal, columns that are 0, columns that others explain
+    mu          >= 0; reduces the step in directions that the trial hardly excites
+    columns     names of the parameters to tune; default: all that the block has.  Parameters that a trial does not
+                excite are frozen: friction without a reversal, columns that are 0, columns that others explain
     plant       for the model-based form: the axis to assume
     least_mass  kg; the mass stays above it; all parameters keep the bounds of their declaration
-    saturation  "refused", or "left_out": saturated samples, and those until their effect has died out, do not count
+    saturation  "refused", or "left_out": saturated samples, and those until their effect has decayed, do not count
     skip        samples at the start that do not count, for a log that starts in motion
 
-    The standard errors take the residual as noise with its own autocorrelation; they say nothing of the bias by a
-    wrong Ĝ_d, which further trials remove.
+    The standard errors take the residual as noise with its own autocorrelation; they do not include the bias of a wrong
+    Ĝ_d, which further trials remove.
     Raises LogError for a trial without information (saturated, too short, no column excited) or whose clock is not the
     controller's, ParameterError for values out of bounds, UnstableError for a model loop that is not stable.
-    Source: Wu, Han, Xiong & Ding 2017, section 3: parameters from the error of a trial.  The text at hand ends at
+    Source: Wu, Han, Xiong & Ding 2017, section 3: parameters from the error of a trial.  The text was available up to
     eq. (10): Ĝ_d, the scaled and damped step, its bounds, frozen columns and standard errors are this library's.
     """
     _check(loop, trial, gamma, mu, saturation)
@@ -185,7 +185,7 @@ def next_iteration(
     frozen |= not_excited(names, phi[rows], seen[rows], velocity[rows], float(block.dead_band))
     active = [i for i, name in enumerate(names) if name not in frozen]
     if not active:
-        raise LogError(f"{trial.name}: teaches no parameter. {reasons({n: frozen[n] for n in names})}")
+        raise LogError(f"{trial.name}: identifies no parameter. {reasons({n: frozen[n] for n in names})}")
     left, needed = int(np.count_nonzero(rows)), _LEAST_ROWS * len(active)
     if left < needed:
         raise LogError(
@@ -221,7 +221,7 @@ def regressors(
 ) -> tuple[list[str], np.ndarray, np.ndarray]:
     """Names, φ of shape (n, columns), and the set velocity (m/s) in the middle of the samples.
 
-    The block's own lines compute them, on the setpoint as it leaves the prefilter.
+    They are computed by the code of the block, on the setpoint after the prefilter.
     """
     known = block.parameters()
     names = list(known if columns is None else columns)
@@ -295,11 +295,11 @@ def _least(block: DisturbanceCompensator, name: str, least_mass: float) -> float
 
 
 def _remarks(loop: Loop) -> list[str]:
-    """What a reader of the parameters should know about the control."""
+    """Remarks on the control that concern the meaning of the parameters."""
     share = dict(tree.leaves(loop.control.law)).get("velocity_feedforward")
     if share is None or share == 1.0:
         return []
     return [
         f"the law feeds {share:g} of the set velocity forward and not all of it, so that `viscous` and `mass` also "
-        f"carry what its velocity loop lacks: they are no properties of the axis, and hold for these gains only"
+        "compensate for the missing part: they are not properties of the axis, and are valid for these gains only"
     ]

@@ -30,7 +30,8 @@ class Limits:
     delay_margin_samples   extra dead time that reaches -1
     compliance_peak        m/N: largest compliance of the closed loop over all frequencies
     force_noise            N RMS in the command, from errors of the readings: reading_noise, white, m RMS
-    snap_force             N: a step of it on the table may not drive the command to its limit, in the run that proves
+    snap_force             N: a step of this force on the table must not drive the command to its limit, in the run of
+                           the proof
     """
 
     sensitivity_peak: float | None = 2.0
@@ -57,7 +58,7 @@ class Limits:
             raise ParameterError("force_noise needs reading_noise: the errors of the two readings in m RMS")
 
     def sentence(self) -> str:
-        """All of them, as a clause."""
+        """All limits, as a clause."""
         return ", ".join(each for each in self._clauses().values() if each) or "stability alone"
 
     def _readings(self) -> str:
@@ -65,11 +66,11 @@ class Limits:
         return f"{motor} of white noise in the readings" if motor == load else f"{motor} (motor) and {load} (load)"
 
     def only(self, kind: str) -> str:
-        """One of them, as a clause; by the name that a bound has."""
+        """One limit, as a clause; by the name of its bound."""
         return self._clauses()[kind]
 
     def eased(self, kind: str, factor: float) -> Limits:
-        """The same with one of them wider by a factor, that of Ms from 1 on."""
+        """The same limits with one of them wider by a factor; for Ms the factor applies to its distance from 1."""
         match kind:
             case "Ms":
                 return replace(self, sensitivity_peak=1.0 + factor * ((self.sensitivity_peak or 1.0) - 1.0))
@@ -87,7 +88,7 @@ class Limits:
                 return self
 
     def _clauses(self) -> dict[str, str]:
-        """By the names of bounds; empty for what does not bind."""
+        """By the names of bounds; empty for a limit that is not active."""
         said = {
             "Ms": (self.sensitivity_peak, "Ms <= {:.4g}"),
             "gain margin": (self.gain_margin_dB, "gain margin >= {:.4g} dB"),
@@ -103,7 +104,7 @@ class Limits:
 class Judged(NamedTuple):
     """One figure against its limit: its kind (as in `Limits.only`), value and unit, and whether it is kept.
 
-    value  None if it does not occur, as a margin without a crossover, which then keeps every limit
+    value  None if it does not occur, such as a margin without a crossover; it then keeps every limit
     """
 
     kind: str
@@ -120,13 +121,13 @@ class Judged(NamedTuple):
 def judged(
     limits: Limits, margins: Margins, compliance_peak: float, force_noise: float | None, room: float
 ) -> tuple[Judged, ...]:
-    """The figures of a stable loop against each limit that is given, `room` a share of the limit that may be missing.
+    """The figures of a stable loop against each limit that is given, `room` a share of the limit as tolerance.
 
-    compliance_peak in m/N, force_noise in N RMS (None: not known, and then not judged).  A phase margin counts by its
+    compliance_peak in m/N, force_noise in N RMS (None: not known, and not checked).  A phase margin counts by its
     size: in a stable loop a negative one says that L passes -1 on its other side, as near as a positive one.
     """
     m = margins
-    found = (  # the last says whether it must be at least the limit
+    found = (  # the last entry: whether the figure must be at least the limit
         ("Ms", m.sensitivity_peak, limits.sensitivity_peak, "", False),
         ("gain margin", m.gain_increase_dB, limits.gain_margin_dB, "dB", True),
         ("phase margin", m.phase_margin_deg, limits.phase_margin_deg, "deg", True),
@@ -146,10 +147,10 @@ def judged(
     return tuple(out)
 
 
-NOTCH = "notch"  # the bound that keeps a notch from raising
-_NEAR = 0.7  # of a logarithm: bounds with more slack on a line are not written down
-_POINTS, _POLE = 41, 0.2  # between two neighbors of a line; and how near to a pole nothing is said
-_AHEAD = 1e-9  # rad: a crossover that is nearer to -1 counts as that near
+NOTCH = "notch"  # the bound that prevents a notch from amplifying
+_NEAR = 0.7  # of a logarithm: bounds with more slack on a line are not stored
+_POINTS, _POLE = 41, 0.2  # points between two neighbors of a line; distance to a pole within which no value is used
+_AHEAD = 1e-9  # rad: least distance to -1 that is used for a crossover
 _STRETCH = 0.08  # of ln f on both sides of a crossover, over which its slopes are taken
 
 
@@ -198,7 +199,7 @@ def _near(slack: np.ndarray, slopes: np.ndarray) -> list[int]:
 
 
 def notches_stay_notches(control: Control, tunables: Sequence[str], x: np.ndarray) -> list[Bound]:
-    """That a notch lowers: damping_zero <= damping_pole, at the logarithms x of the tunables."""
+    """The bound that a notch attenuates: damping_zero <= damping_pole, at the logarithms x of the tunables."""
     found: list[Bound] = []
     for i, block in enumerate(control.filters):
         names = [f"filters.{i}.{each}" for each in ("damping_zero", "damping_pole")]
@@ -214,10 +215,10 @@ def notches_stay_notches(control: Control, tunables: Sequence[str], x: np.ndarra
 
 
 def _between_lines(x: np.ndarray, w: np.ndarray, slack: np.ndarray) -> np.ndarray:
-    """The slacks, at each line that has less than its neighbors the least that |w| reaches between them.
+    """The slacks; at each local minimum they follow from the least |w| between the neighboring lines.
 
     w = (w0 + b u)/(1 + c u) through the three lines, u = ln f - ln f0: a resonance is a circle, and its nearest point
-    may lie well off the lines.
+    may lie far between two lines.
     """
     out = slack.copy()
     for k in np.flatnonzero((slack[1:-1] < slack[:-2]) & (slack[1:-1] < slack[2:])) + 1:
@@ -234,7 +235,7 @@ def _between_lines(x: np.ndarray, w: np.ndarray, slack: np.ndarray) -> np.ndarra
 
 
 def _at_vertex(x: np.ndarray, slack: np.ndarray) -> np.ndarray:
-    """The slacks, at each line that has less than its neighbors that of the parabola through the three."""
+    """The slacks; at each local minimum that of the parabola through the line and its neighbors."""
     out = slack.copy()
     for k in np.flatnonzero((slack[1:-1] < slack[:-2]) & (slack[1:-1] < slack[2:])) + 1:
         if slack[k] < _NEAR:
@@ -269,7 +270,7 @@ def _crossovers(i: int, each: Answer, limits: Limits, spread: np.ndarray) -> lis
                 found.append(Bound("delay margin", i, f, slack, slope / ahead - along, deviation, ("dm", i, k)))
     if limits.gain_margin_dB is not None:
         for k, part, margin in phase_crossings(lines):
-            # where the gain may fall and not rise, Ms keeps it away
+            # where the gain may fall but not rise, Ms is the limit that applies
             if margin.gain_margin_dB < 0.0 or np.abs(turn[k]) >= 0.9 * np.pi:
                 continue
             f, width = margin.frequency, x[k + 1] - x[k]

@@ -18,11 +18,11 @@ from feeddrive.tuning.smoothing import smoothed, stiff_ratio
 _LOWEST = 3e-5  # of Nyquist: where the lines of a model begin
 _PER_DECADE = 250
 _BESIDE = np.linspace(-4.0, 4.0, 65)  # half widths of a resonance at which lines are added
-_STEP, _BEND = 0.035, 0.12  # of ln f, and of the response: what two lines of a search may differ by
+_STEP, _BEND = 0.035, 0.12  # of ln f, and of the response: largest difference of two lines of a search
 _FINEST = 0.003  # of ln f: lines of a measurement with variance keep this distance after smoothing
-_CLOSEST = 3e-4  # the same of lines without variance, which only a measurement of very many lines has
-_LEAST, _MOST = 1e-30, 1e6  # m/N, of a response that an axis can have
-_WIDTH = 5  # lines over which a noisy curve is averaged before its bends are counted
+_CLOSEST = 3e-4  # the same for lines without variance; only a measurement with very many lines is thinned by it
+_LEAST, _MOST = 1e-30, 1e6  # m/N, range of the responses of real axes
+_WIDTH = 5  # lines over which a noisy curve is averaged before its curvature is used
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,12 +34,13 @@ class OperatingPoint:
     moved        of the table itself from both, shape (2, lines)
     variance     of by_force, shape (2, lines), after smoothing; None for a model
     load_variance  of by_load likewise
-    at_drive     no response to a force on the table is known: stiffness is that against a force at the drive
-    ratio        motor over load reading, by_force and by_load, shape (2, lines), where their errors are one: 1 with one
-                 encoder; NaN where both were measured on their own.  With a ratio the motor's row of a variance is what
-                 the ratio leaves open
+    at_drive     True if no response to a force on the table is known: stiffness is then that against a force at the
+                 drive
+    ratio        motor over load reading, by_force and by_load, shape (2, lines), where they have a common error: 1 with
+                 one encoder; NaN where both were measured separately. With a ratio the motor's row of a variance is the
+                 uncertainty of the ratio
     loop         the loop of a model
-    known_as     a loop that agrees with what was measured (`with_table_force`), on which what is tuned is run
+    known_as     a loop that agrees with the measurement (`with_table_force`), on which the tuned control is run
     """
 
     name: str
@@ -72,7 +73,7 @@ class OperatingPoint:
         """Indices of the lines that a search needs: dense where the response bends, sparse elsewhere."""
         x = np.log(self.frequency)
         shape = np.log(np.abs(self.by_force[1]) * self.frequency**2) + 1j * np.unwrap(np.angle(self.by_force[1]))
-        if self.variance is not None and x.size > _WIDTH:  # what noise is left is no bend
+        if self.variance is not None and x.size > _WIDTH:  # the remaining noise must not count as curvature
             padded = np.pad(shape, _WIDTH // 2, mode="edge")
             shape = np.convolve(padded, np.full(_WIDTH, 1.0 / _WIDTH), mode="valid")
         steps = np.abs(np.diff(x)) / _STEP + np.abs(np.diff(shape)) / _BEND
@@ -140,14 +141,17 @@ def measured_point(
     hit: Sequence[FRF] = () if disturbance is None else (disturbance[1] or disturbance[0], disturbance[0])
     for each in (*both, *hit):
         if each.frequency.shape != load.frequency.shape or np.any(each.frequency != load.frequency):
-            raise ParameterError("the measured responses stand on different lines: measure or interpolate them alike")
+            raise ParameterError(
+                "the measured responses have different frequencies: measure or interpolate them on the same lines"
+            )
         if each.unit not in ("", "m/N"):
             raise ParameterError(f"the response from {each.input} to {each.output} is in {each.unit}: it must be m/N")
         bad = np.flatnonzero(~((np.abs(each.response) > _LEAST) & (np.abs(each.response) < _MOST)))
         if bad.size:
             raise ParameterError(
                 f"the response from {each.input} to {each.output} is {np.abs(each.response[bad[0]]):.3g} m/N at "
-                f"{each.frequency[bad[0]]:.4g} Hz ({bad.size} such lines), no axis does that: check columns and unit, "
+                f"{each.frequency[bad[0]]:.4g} Hz ({bad.size} such lines), which is impossible for an axis: check "
+                "columns and unit, "
                 f"and leave out lines on which nothing was measured"
             )
     inside = load.frequency < 0.5 / sample_time
@@ -157,7 +161,7 @@ def measured_point(
         )
     given = load.frequency[inside]
     sources = [[_on(each, inside, averages) for each in row] for row in (both, hit) if row]
-    # neighbors that tell nothing apart help their smoothed neighbor, and are left out
+    # lines next to each other carry no new information after smoothing, and are left out
     marked = all(each.variance is not None for row in sources for each in row)
     wanted = _thinned(given, _FINEST if marked else _CLOSEST)
     lines = given[wanted]
@@ -172,7 +176,7 @@ def measured_point(
             ratio[k] = fitted[wanted]
             stiff = ~np.isnan(ratio[k])
             load_ = clean[1].response
-            own = np.abs(load_) ** 2 * open_[wanted]  # what the ratio leaves open
+            own = np.abs(load_) ** 2 * open_[wanted]  # the uncertainty of the ratio
             clean[0] = _Lines(np.where(stiff, ratio[k] * load_, clean[0].response), np.where(stiff, own, own_variance))
         made.append(clean)
     if motor is None:
@@ -222,7 +226,7 @@ def _variances(made: Sequence[_Lines]) -> np.ndarray | None:
 
 
 def _without(lines: _Lines) -> _Lines:
-    """The same without an error of its own."""
+    """The same without a separate error."""
     return lines if lines.variance is None else lines._replace(variance=np.zeros(lines.variance.size))
 
 
@@ -232,8 +236,8 @@ def _on(frf: FRF, inside: np.ndarray, averages: int) -> _Lines:
     return _Lines(frf.response[inside], None if variance is None else variance[inside])
 
 
-_WORST = 0.2  # of the response: a plant that is further off is another one
-_COUNTS = 0.1  # |L| from which lines count
+_WORST = 0.2  # of the response: a plant with a larger deviation does not belong to the measurement
+_COUNTS = 0.1  # |L| above which lines count
 _FEWEST = 10
 READINGS = ("reading_motor", "reading_load")
 
@@ -263,19 +267,19 @@ def disagreement(point: OperatingPoint, loop: Loop, velocity: float = 0.05) -> f
 def with_table_force(
     point: OperatingPoint, loop: Loop, source: str, velocity: float = 0.05, *, run: bool = True
 ) -> tuple[OperatingPoint, str]:
-    """The point with the responses of a plant to a force on the table, and how far it can be trusted in words.
+    """The point with the responses of a plant to a force on the table, and a sentence on its accuracy.
 
-    The plant must agree with the measured responses to 20 % (`disagreement`); by how much it does not is taken for the
-    standard deviation of its answer, if the measurement has one.  A point that the plant does not fit comes back as it
-    is.  One that was struck keeps its responses.
+    The plant must agree with the measured responses to 20 % (`disagreement`); its deviation is taken as the standard
+    deviation of the added response, if the measurement has variances. A point that the plant does not fit is returned
+    unchanged. A point with a measured force on the table keeps its responses.
 
-    run  what is tuned is also run on the loop, with its friction, counts and limits (`OperatingPoint.known_as`)
+    run  the tuned control is also run on the loop, with its friction, counts and limits (`OperatingPoint.known_as`)
     """
     off = disagreement(point, loop, velocity)
     if off > _WORST:
-        nothing = "a force on the table, nor can the new control be run on it" if run else "a force on the table"
-        apart = f"{source} is {100.0 * off:.3g} % off the response '{point.name}'"
-        return point, f"{apart}, and so it says nothing on {nothing}"
+        nothing = "a force on the table, nor for a run of the new control" if run else "a force on the table"
+        apart = f"{source} is {100.0 * off:.3g} % away from the response '{point.name}'"
+        return point, f"{apart}, so it cannot be used for {nothing}"
     if run:
         point = replace(point, known_as=replace(loop, sample_time=point.sample_time))
     if not point.at_drive:
@@ -286,8 +290,8 @@ def with_table_force(
         for source in model.inputs
     }
     by_load = found["load_force"]
-    # y = S y_d (1 - C_m y_u (r_u - r_d)), r = motor/load: by how much the ratios differ decides about stiffness, so the
-    # plant gives the difference and not a second ratio, whose error would be as large as the quantity itself
+    # y = S y_d (1 - C_m y_u (r_u - r_d)), r = motor/load: the stiffness depends on the difference of the ratios, so the
+    # plant gives this difference; a second ratio would have an error as large as the difference itself
     apart = found["cut"][0] / found["cut"][1] - by_load[0] / by_load[1]
     if _one_encoder(point):
         apart = 0.0 * apart
@@ -300,7 +304,7 @@ def with_table_force(
     moved = np.array([point.moved[0], by_load[1]])
     shown = (
         f"the force on the table is by {source}, which agrees with the response '{point.name}' within "
-        f"{100.0 * max(off, 1e-3):.2g} %; a hammer on the table (--disturbance) would prove it"
+        f"{100.0 * max(off, 1e-3):.2g} %; a hammer on the table (--disturbance) would verify it"
     )
     return (
         replace(point, by_load=by_load, moved=moved, load_variance=variance, at_drive=False, ratio=ratio),

@@ -15,13 +15,13 @@ from feeddrive.language.errors import ParameterError, UnstableError
 from feeddrive.language.table import Result, Table
 from feeddrive.loop.loop import Loop
 
-_SMALLEST = 0.02  # of a tunable: how far down a stable value is looked for
+_SMALLEST = 0.02  # of a tunable: lower end of the search for a stable value
 _HALVINGS = 20
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Placement(Result):
-    """The gains of a pole placement in SI, its five poles in rad/s, and those of the sampled loop as it really is.
+    """The gains of a pole placement in SI, its five poles in rad/s, and the poles reached in the sampled loop.
 
     poles    as placed, of the model in continuous time, slowest first
     reached  of the loop with its axis, delay, filters and sampling, as s = ln z / T, slowest first
@@ -33,7 +33,7 @@ class Placement(Result):
     stability: Stability
 
     def table(self) -> Table:
-        """The gains, the poles as placed, and the slowest of those reached, as many."""
+        """The gains, the placed poles, and the same number of the slowest poles reached."""
         units = ("N/m", "N/m", "N s/m", "N s/m", "N/(m s)")
         rows = [
             [name, f"{value:.6g} {unit}"] for name, value, unit in zip(Gains._fields, self.gains, units, strict=True)
@@ -52,18 +52,19 @@ def placement(loop: Loop, *, velocity: float = 0.05) -> Placement:
     """Gains and poles of a loop under pole placement.
 
     Raises ParameterError for another law, and UnstableError, with |z|, its bound and the nearest stable value of each
-    tunable, where the poles cannot be had on this axis: delay, filters and modes that the model leaves out oppose it.
+    tunable, if the poles cannot be reached on this axis because of delay, filters and modes that the model leaves out.
     Poles that no gain could place are refused by the law itself: see `blocks/plant/two_bodies.py`.
     """
     law = loop.control.law
     if not isinstance(law, PolePlacement):
-        raise ParameterError(f"control.law is '{law.kind}', which places no poles: take pole_placement")
+        raise ParameterError(f"control.law is '{law.kind}', which is not a pole placement: take pole_placement")
     found = stability(loop, velocity=velocity)
     if not found.stable:
         near = list(_stable_tunables(loop, velocity))
-        remedy = "; or ".join(near) or "none by turning one tunable down alone"
+        remedy = "; or ".join(near) or "none by lowering a single tunable"
         raise UnstableError(
-            f"control.law: the poles cannot be had on this axis: {found.sentence()} (|z| = {found.growth:.6f}, must be "
+            f"control.law: the poles cannot be reached on this axis: {found.sentence()} (|z| = {found.growth:.6f}, "
+            "must be "
             f"< 1); the nearest stable values: {remedy}. If the axis has a mode there that the model leaves out, put a "
             f"notch at {found.frequency:.4g} Hz"
         )

@@ -26,10 +26,10 @@ from feeddrive.tuning.limits import Limits, judged
 from feeddrive.tuning.operating_point import OperatingPoint
 
 _DENSE = 400  # lines a decade
-ROOM = 2e-3  # of a bound: what lines may differ by
+ROOM = 2e-3  # of a bound: tolerance for other frequency lines
 _LONGEST = 400_000  # samples of a run
 _DECAYS = 10.0  # time constants of the slowest motion that the run covers
-_APART = 0.1  # by which share run and linear model may differ: friction, counts and the guard are in the run only
+_APART = 0.1  # share by which run and linear model may differ: only the run has friction, counts and guard
 _RUN = "run with friction, counts and limit"
 _USUAL_FORCE = 100.0  # N on the table, if the limits name none
 
@@ -55,12 +55,13 @@ def of_measurement(found: Sequence[Figures], limits: Limits) -> tuple[Checked, .
 
 
 def of_known(point: OperatingPoint, control: Control, limits: Limits, velocity: float) -> tuple[Checked, ...]:
-    """A measured axis run as the loop that agrees with it: stable by its poles, and with friction, counts and limit.
+    """Proof for a measured axis on the loop that agrees with it: its poles, and a run with friction, counts and limit.
 
     The limits hold for the measurement.  The model agrees with it to some percent only, so they are not checked here.
     """
     if point.known_as is None:
-        said = "no loop is known that agrees with the response: give the machine, as identify writes it, as --baseline"
+        said = "no loop is known that agrees with the response: give the machine file that identify writes as "
+        "--baseline"
         return (Checked(f"{point.name}: {_RUN}", None, said),)
     loop, name = replace(point.known_as, control=control), f"{point.name}, on the baseline's axis"
     poles = stability(loop, velocity=velocity)
@@ -71,14 +72,14 @@ def of_known(point: OperatingPoint, control: Control, limits: Limits, velocity: 
 
 
 def _within(what: str, limits: Limits, m: Margins, peak: float, noise: float | None) -> Checked:
-    """The line of a proof that all limits are kept; Ms is said in any case."""
+    """The line of a proof that all limits are kept; Ms is stated in any case."""
     found = judged(limits, m, peak, noise, ROOM)
     said = [str(each) for each in found if each.kind != "Ms"]
     return Checked(what, all(each.keeps for each in found), ", ".join([f"Ms {m.sensitivity_peak:.4g}", *said]))
 
 
 def of_model(name: str, loop: Loop, limits: Limits, velocity: float) -> tuple[Checked, ...]:
-    """Poles of the whole loop, its limits on lines of its own, and a run of it with friction, counts and limit."""
+    """Poles of the whole loop, its limits on other lines, and a run of it with friction, counts and limit."""
     poles = stability(loop, velocity=velocity)
     checks = [Checked(f"{name}: poles", poles.stable, f"largest |z| {poles.growth:.6f}")]
     if not poles.stable:
@@ -87,13 +88,13 @@ def of_model(name: str, loop: Loop, limits: Limits, velocity: float) -> tuple[Ch
     lines = both.lines(_DENSE)
     m = margins(both.loop_gain(lines))
     peak = 1.0 / stiffness(both.closed.response(lines, "position_load", "load_force")).minimum
-    checks.append(_within(f"{name}: limits on {lines.size} own lines", limits, m, peak, _noise(loop, both, limits)))
+    checks.append(_within(f"{name}: limits on {lines.size} other lines", limits, m, peak, _noise(loop, both, limits)))
     checks.append(_run(name, loop, both, limits, velocity, poles.time_constant))
     return tuple(checks)
 
 
 def _noise(loop: Loop, both: LoopModel, limits: Limits) -> float | None:
-    """The force noise of the whole loop in N RMS, if a limit asks for it; an encoder alone gives both readings."""
+    """The force noise of the whole loop in N RMS, if a limit asks for it; one encoder: both have its error."""
     if limits.force_noise is None:
         return None
     motor, load = limits.reading_noise
@@ -105,14 +106,14 @@ def _noise(loop: Loop, both: LoopModel, limits: Limits) -> float | None:
 def _run(name: str, loop: Loop, both: LoopModel, limits: Limits, velocity: float, slowest: float | None) -> Checked:
     """A force switched on while the axis slides, with friction, guard and limit.
 
-    Its answer is what two runs with and without it differ by, both without counts and noise, which two runs do not
-    share; a third run has them too, and must neither trip nor ask for more than the limit.
+    The response is the difference of two runs with and without the force. Both are without counts and noise, which
+    would differ between them. A third run has counts and noise; it must neither trip nor need more than the limit.
     """
     what, T = f"{name}: {_RUN}", float(loop.sample_time)
     expected = rope_snap(both.closed)
     settle = 1 if slowest is None else math.ceil(_DECAYS * slowest / T) + 1
     if not math.isfinite(expected):
-        return Checked(what, None, "without integral action the table stays off")
+        return Checked(what, None, "without integral action an offset remains")
     if 2 * settle > _LONGEST:
         return Checked(what, None, f"it would take {2 * settle} samples")
     t = np.arange(2 * settle) * T
@@ -120,7 +121,7 @@ def _run(name: str, loop: Loop, both: LoopModel, limits: Limits, velocity: float
     limit = loop.control.force_limit
     force = limits.snap_force or (_USUAL_FORCE if limit is None else min(_USUAL_FORCE, 0.02 * limit))
     guard = loop.control.guard
-    if guard is not None:  # the ends of the travel say nothing about a tuning
+    if guard is not None:  # the ends of the travel are not part of a tuning
         guard = replace(guard, travel_least=None, travel_most=None)
     free = replace(loop, control=replace(loop.control, guard=guard))
     axis = free.axis
@@ -143,7 +144,7 @@ def _run(name: str, loop: Loop, both: LoopModel, limits: Limits, velocity: float
         return Checked(what, False, f"the guard trips {said}")
     largest = float(np.max(np.abs(runs[0]["requested"][settle:])))
     if limit is not None and largest > limit:
-        return Checked(what, False, f"{force:g} N on the table ask for {largest:.4g} N, the limit is {limit:g} N")
+        return Checked(what, False, f"{force:g} N on the table need {largest:.4g} N, the limit is {limit:g} N")
     moved = runs[1]["position_load"] - runs[2]["position_load"]
     got = rope_snap_of_run(moved, force, T)
     off = got / expected - 1.0

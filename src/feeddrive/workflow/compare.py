@@ -49,5 +49,5 @@ def compare(request: CompareRequest, progress: Progress) -> Outcome[Comparison]:
     if request.out is not None:
         progress.step("report")
         files["Report"] = write_comparison(found, request.out)
-    refused = [f"'{each.name}' is not on this axis: {each.reason}" for each in found.refusals]
+    refused = [f"'{each.name}' cannot control this axis: {each.reason}" for each in found.refusals]
     return Outcome(found, [found.table()], [f"rule: {found.rule}", *found.remarks, *refused], files=files)

@@ -28,9 +28,9 @@ from feeddrive.loop.control import Control
 from feeddrive.loop.loop import Loop
 
 _CLEARLY = 1.02  # times the position residual of plain friction up to which the machine's own kind is kept
-POOR = 0.15  # share of the force that a rigid drive may leave before its values are advised against
-_PLAIN = (Coulomb, Directional, Viscous)  # what an inverse dynamics can tell whole
-_FAR = 0.05  # share by which the sum of the masses may differ before it is said
+POOR = 0.15  # largest unexplained share of the force for which the values are recommended
+_PLAIN = (Coulomb, Directional, Viscous)  # friction models whose parameters the inverse dynamics identify completely
+_FAR = 0.05  # share by which the sum of the masses may differ without a remark
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -41,7 +41,7 @@ class Identified(Result):
     control     the law identified from the log, or None
     refinement  the output-error fit, or None
     remarks     what could not be identified, and why
-    doubt       why the sizes of the log are none of a feed drive; empty if they are
+    doubt       why the magnitudes in the log are not those of a feed drive; empty if they are
     """
 
     log: MotionLog
@@ -66,8 +66,8 @@ class Identified(Result):
             return f"a rigid drive with {self.rigid.friction} friction leaves {left:.3g} % of the force"
         if self.rigid.validation.relative > 1.5 * self.rigid.residuals.relative:
             return (
-                f"stretches that were not used are predicted to {unused:.3g} %, but those that were to {left:.3g} %, "
-                f"so the axis is not the same along the log"
+                f"the error on stretches that were not used is {unused:.3g} %, on those that were used {left:.3g} "
+                "%, so the axis changed along the log"
             )
         return ""
 
@@ -112,11 +112,11 @@ def identify_motion(
 ) -> Identified:
     """Identify a rigid drive from a log of position and force, and of the set position if available.
 
-    start      the loop of the log, as far as it is known: its law, limits, encoders and dead time are kept
+    start      the loop of the log, as far as it is known; its law, limits, encoders and dead time are kept
     friction   "best", "symmetric" or "directional"
     lead, gear of a log at a shaft, m and 1: with them the result is referred to the table
 
-    Each step that is not possible leaves a remark and not an error; only the rigid drive itself must be identifiable.
+    A step that is not possible gives a remark instead of an error; only the rigid drive itself must be identifiable.
     Raises NotIdentifiableError with what to measure next, LogError for a log that cannot be used.
     """
     delay = find_delay(log, how=how)
@@ -149,7 +149,7 @@ def identify_motion(
 
 
 def swapped(channels: Mapping[str, Any]) -> bool:
-    """Whether the fields of a `MotionLog` have position and force in each other's place: so they make a rigid drive."""
+    """Whether position and force of a `MotionLog` are interchanged: swapped they fit a rigid drive."""
     both: dict[str, Any] = {**channels, "position": channels["force"], "force": channels["position"]}
     both |= {"set_position": None, "force_limit": None}
     try:
@@ -169,7 +169,7 @@ def _by_friction(
     if plain is None:
         remarks.append(
             f"friction stays {kind.kind} with the levels that were found: near standstill, where it differs from "
-            f"{other.kind}, a log without closed loop tells nothing; runs at constant speeds do"
+            f"{other.kind}, a log without closed loop contains no information; runs at constant speeds do"
         )
         return own, None
     kept = _attempted(lambda: refine(own, log, refined_names(own)), remarks)
@@ -185,7 +185,7 @@ def _by_friction(
         return own, kept
     remarks.append(
         f"friction is {other.kind} now, and no longer {kind.kind}: in closed loop it leaves {without:.4g} {log.micro} "
-        f"RMS of the position, {kind.kind} {left:.4g} {log.micro}; runs at constant speeds tell a Stribeck curve "
+        f"RMS of the position, {kind.kind} {left:.4g} {log.micro}; runs at constant speeds show a Stribeck curve "
         f"(fit_friction)"
     )
     return loop, plain
@@ -196,20 +196,20 @@ _NO_LOOP = "the log is that of a shaft: closed loop and friction over the travel
 
 
 def _rigid(log: MotionLog, friction: str, how: Preparation | None, delay: float) -> RigidFit:
-    """The inverse dynamics with the force so many samples late besides its hold, unless `how` says otherwise."""
+    """The inverse dynamics with a force so many samples late in addition to its hold, unless `how` states a delay."""
     return identify_rigid(log, friction=friction, how=how or Preparation(delay=HOLD + delay))
 
 
 def _about(rigid: RigidFit, late: int) -> list[str]:
-    """What a reader of the errors must know."""
+    """Remarks on the validity of the standard errors."""
     found: list[str] = []
     if late:
-        found.append(f"the force acts {late} samples later than known; that is taken into account")
+        found.append(f"the force acts {late} samples later than stated; that is taken into account")
     if not rigid.residuals.white:
         ratio = max(each.error / each.ols for each in rigid.estimates)
         found.append(
-            f"the residual hangs together from row to row ({rigid.residuals.autocorrelation(1):.2f} at lag 1): the "
-            f"errors account for it and are up to {ratio:.2g} times those that assume the contrary (ols)"
+            f"the residual is correlated from row to row ({rigid.residuals.autocorrelation(1):.2f} at lag 1): the "
+            f"errors account for it and are up to {ratio:.2g} times those for a white residual (ols)"
         )
     return found
 
@@ -241,7 +241,7 @@ def with_rigid(axis: Axis, rigid: RigidFit, *, richer: bool = False) -> Axis:
     """The axis with the identified mass, friction and constant force.
 
     A plant with several bodies keeps its own masses and dampers, which a rigid fit cannot tell apart, and friction on
-    both bodies is not changed.  With `richer` a friction model with more than Coulomb levels keeps its shape.
+    both bodies is not changed. With `richer`, a friction model with more than Coulomb levels keeps its shape.
     """
     if not isinstance(axis.plant, Rigid) and axis.friction_motor is not None:
         return axis
@@ -261,7 +261,7 @@ def is_richer(axis: Axis) -> bool:
 
 
 def own_viscous(axis: Axis) -> float:
-    """Viscous friction, N s/m, that the plant itself has when it moves as one:  eᵀ C e."""
+    """Viscous friction of the plant itself in N s/m, when all bodies move as one: eᵀ C e."""
     made = axis.plant.mechanics()
     e = [float(share) for share in made.rigid_motion()]
     return sum(e[i] * float(made.damping[i][j]) * e[j] for i in range(len(e)) for j in range(len(e)))
@@ -270,7 +270,7 @@ def own_viscous(axis: Axis) -> float:
 def refined_names(loop: Loop) -> tuple[str, ...] | None:
     """What output error may fit: None for all physics of a rigid axis, else friction and forces that are not 0.
 
-    Of a richer friction the levels and slopes; what acts near standstill is kept.
+    Of a richer friction model only levels and slopes are fitted; its parameters near standstill are kept.
     """
     if isinstance(loop.axis.plant, Rigid) and not is_richer(loop.axis):
         return None
@@ -297,8 +297,8 @@ def axis_remarks(axis: Axis, rigid: RigidFit) -> list[str]:
     found, own = rigid["mass"], float(axis.plant.rigid_mass())
     off = found.value - own
     said = [
-        f"the axis is a {axis.plant.kind}: a log of a motion tells the sum of its masses, {found.value:.5g} ± "
-        f"{found.error:.2g} {found.unit}, and not how it is split; its masses, springs and dampers stay as they are"
+        f"the axis is a {axis.plant.kind}: a log of a motion shows the sum of its masses, {found.value:.5g} ± "
+        f"{found.error:.2g} {found.unit}, but not each of them; its masses, springs and dampers stay as they are"
         + (
             f". Their sum, {own:.5g} {found.unit}, is off by {100.0 * off / own:+.2g} %: measure a frequency response "
             f"(feeddrive excite, frf) and identify that"
@@ -308,12 +308,12 @@ def axis_remarks(axis: Axis, rigid: RigidFit) -> list[str]:
     ]
     if axis.friction_motor is not None:
         levels = ", ".join(f"{e.name} {e.value:.4g} {e.unit}" for e in rigid.estimates if e.name != "mass")
-        said.append(f"friction acts on both bodies, and the log tells its sum only ({levels}): both stay as they are")
+        said.append(f"friction acts on both bodies, and the log shows only its sum ({levels}): both stay as they are")
     return said
 
 
 def _without(friction: Friction, viscous: float) -> Friction:
-    """The friction without what the plant's own dampers take."""
+    """The friction without the part of the plant's own dampers."""
     if isinstance(friction, Coulomb):
         return replace(friction, viscous=max(0.0, float(friction.viscous) - viscous))
     if isinstance(friction, Directional):

@@ -11,9 +11,9 @@ from feeddrive.identification.estimate import TABLE, TURNING, Frame, frame_of
 from feeddrive.language.errors import LogError, NotIdentifiableError, ParameterError
 
 LEAST_ROWS = 100
-LARGEST = 1e100  # in SI: squares of it are still numbers
+LARGEST = 1e100  # in SI: its square does not overflow
 _USUAL_SHARE = 0.99  # of the rows, whose largest force is the usual one
-_SPIKE = 5.0  # times the usual force: a drive's own peaks are not so short and so high
+_SPIKE = 5.0  # times the usual force: no real force peak is so short and so high
 _SPIKE_ROWS = 3  # samples that a spike lasts at most
 MOST_SATURATED = 0.01  # share of the samples that may sit at the largest force
 
@@ -27,8 +27,8 @@ class MotionLog:
     rotary        position in rad and force in N m
     turning       of those: it is the axis itself that turns, and no shaft in front of a screw
 
-    Raises LogError for a channel that is not finite or of another length, and NotIdentifiableError for one that does
-    not change or whose force sits at its limit.
+    Raises LogError for a channel that is not finite or of another length, and NotIdentifiableError for a channel that
+    does not change or a force that stays at its limit.
     """
 
     name: str
@@ -84,11 +84,11 @@ class MotionLog:
         return values
 
     def _check_saturation(self) -> None:
-        """Force that sits at its largest value is not what the axis would have been given."""
+        """A saturated force is not the force that acted on the axis."""
         force = self.force
         most = float(np.max(np.abs(force))) if self.force_limit is None else self.force_limit
         there = np.abs(force) >= most * (1.0 - 1e-9)
-        held = there[1:] & there[:-1]  # a peak touches once; a limit holds
+        held = there[1:] & there[:-1]  # a peak reaches its value once; a limit holds it over several samples
         share = float(np.mean(held))
         if share > MOST_SATURATED:
             unit = self.frame.force
@@ -99,7 +99,7 @@ class MotionLog:
             )
 
     def _check_spikes(self) -> None:
-        """Single samples of a force that no drive commands, from a broken line or a recorder: least squares follow."""
+        """Spikes: single samples of a force that no drive commands, from a broken line or a recorder."""
         size = np.abs(self.force)
         most = float(np.quantile(size, _USUAL_SHARE))
         beyond = size > _SPIKE * most
@@ -109,14 +109,14 @@ class MotionLog:
             raise NotIdentifiableError(
                 f"{self.name}: the force has {starts.size} spike{'s' * (starts.size != 1)}, the largest of "
                 f"{self.force[k]:.4g} {self.frame.force} at row {k + 1} ({k * self.sample_time:.4g} s), where "
-                f"{100.0 * _USUAL_SHARE:g} % of the log stay within {most:.4g} {self.frame.force}: no mass answers to "
-                f"them; repair these rows, or cut the log there"
+                f"{100.0 * _USUAL_SHARE:g} % of the log stay within {most:.4g} {self.frame.force}: no mass reacts "
+                "to them; repair these rows, or cut the log there"
             )
 
 
 HOLD = 0.5  # samples: a force that is held from k to k+1 acts at k + 1/2 on average
 _LEAST_ROWS = 40
-_REST = 5e-3  # share of the largest speed below which friction is not that of motion
+_REST = 5e-3  # share of the largest speed below which the axis counts as at rest
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -124,14 +124,15 @@ class Preparation:
     """How a log is prepared.
 
     cutoff       Hz, of the Butterworth low pass on the position
-    decimation   every so many samples stay; None: one each 10 ms
+    decimation   every so many samples are kept; None: one each 10 ms
     delay        samples from a logged force to the acceleration that it causes: 1/2 for the hold, and the dead time
     acceleration "second": (x(k+1) - 2 x(k) + x(k-1)) / T², which a held force fits exactly;
                  "twice": the central difference of the central difference
-    skip         samples left out at each end, where the filters do not know how the motion went on;
+    skip         samples left out at each end, where the filters lack the continuation of the motion;
                  None: 5 periods of the cutoff
     skip_end     samples left out at the end; None: as many as at the start
-    reversals    whether rows within one decimated step of a reversal, and at rest, stay: there friction is no number
+    reversals    whether rows at rest and within one decimated step of a reversal are kept: the sign of friction is not
+                 defined there
     """
 
     cutoff: float = 100.0
@@ -143,8 +144,8 @@ class Preparation:
     reversals: bool = False
 
 
-# What Janot, Gautier & Brunot 2019 do.  A force is taken to act at its own sample, not over the sample that it is held;
-# docs/identification.md says what that costs.
+# What Janot, Gautier & Brunot 2019 do.  A force is assumed to act at its sample instant, not over the time that it is
+# held; docs/identification.md states the resulting error.
 JANOT = Preparation(delay=0.0, acceleration="twice", skip=49, skip_end=0, decimation=10, reversals=True)
 
 
@@ -153,7 +154,7 @@ class Prepared:
     """The rows that count: time in s, and what was filtered and decimated, each of shape (n,).
 
     filtered    velocity at each sample of the log, before it was decimated
-    constant    of 1, which the filter's ripple makes a little less
+    constant    of 1, which the ripple of the filter reduces a little
     places      sample numbers of the rows in the log
     rows        samples of the log that were filtered
     """
@@ -171,7 +172,7 @@ class Prepared:
     def reduced(self, values: np.ndarray) -> np.ndarray:
         """Values at each sample of the log, prepared as the force is."""
         few = decimated(values[self.rows], self.decimation)
-        after = (self.rows.stop - 1 - int(self.places[-1])) // self.decimation  # rows beyond the last one that counts
+        after = (self.rows.stop - 1 - int(self.places[-1])) // self.decimation  # rows after the last one that counts
         return few[(self.places - self.places[-1]) // self.decimation + few.size - 1 - after]
 
     def force_with(self, force: np.ndarray, delay: float) -> np.ndarray:
@@ -217,8 +218,8 @@ def prepare(log: MotionLog, how: Preparation) -> Prepared:
     if np.count_nonzero(stays) < _LEAST_ROWS:
         raise NotIdentifiableError(
             f"{log.name}: {np.count_nonzero(stays)} of {stays.size} rows are left where the axis moves, more than "
-            f"{factor * T:.3g} s away from each reversal; {_LEAST_ROWS} are needed: the axis rests, trembles or turns "
-            f"round too often; record next moves to and fro that keep their direction for {4 * factor * T:.2g} s"
+            f"{factor * T:.3g} s away from each reversal; {_LEAST_ROWS} are needed: the axis rests, vibrates or "
+            f"reverses too often; record next moves to and fro that keep their direction for {4 * factor * T:.2g} s"
         )
     slow, changes, constant, applied = (channel[stays] for channel in few)
     return Prepared(places[stays] * T, slow, changes, constant, applied, velocity, factor, places[stays], rows)
@@ -242,11 +243,11 @@ def _away(velocity: np.ndarray, places: np.ndarray, factor: int) -> np.ndarray:
 
 
 def zero_phase(values: np.ndarray, cutoff: float, sample_time: float, order: int = 4) -> np.ndarray:
-    """A Butterworth low pass of `order`, forth and back, so that nothing is delayed; `cutoff` in Hz.
+    """A Butterworth low pass of `order`, forward and backward, so that there is no delay; `cutoff` in Hz.
 
         gain of both passes = 1 / (1 + (f / cutoff)^(2 order)),   1/2 at the cutoff
 
-    Both ends are continued by 3 `order` samples turned about the end point, as MATLAB's filtfilt does.
+    Both ends are extended by 3 `order` samples, reflected about the end point, as in MATLAB's filtfilt.
     Raises ParameterError for a cutoff that is not below half the sampling rate, LogError for a log that is too short.
     """
     nyquist = 0.5 / sample_time
@@ -266,7 +267,7 @@ def decimated(values: np.ndarray, factor: int) -> np.ndarray:
     """Every `factor`-th sample after an anti-aliasing low pass; the last sample is kept.
 
     The low pass is that of MATLAB's decimate: Chebyshev of first kind, order 8, ripple 0.05 dB, edge 0.8 / factor of
-    the half sampling rate, forth and back.
+    the half sampling rate, forward and backward.
     """
     if factor < 1:
         raise ParameterError(f"decimation = {factor} must be >= 1")

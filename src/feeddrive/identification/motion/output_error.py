@@ -22,20 +22,20 @@ from feeddrive.loop.simulate import simulate
 
 _SIGNALS = ("position_load", "force")
 _STEP = 1e-3  # of a parameter, for its difference
-_FINE = 1e-13  # m, counts of the encoders in the simulations that are differenced
+_FINE = 1e-13  # m, resolution of the encoders in the simulations for differences
 _MOST = 12  # steps of Gauss and Newton
-_DONE = 1e-5  # of the cost: a step that gains less is the last
-DELAYS = (0, 1)  # samples of dead time beyond that of the loop that are tried at least
-_LATEST = 10  # samples: as long as the last one that was tried is the best, one more is, up to this
+_DONE = 1e-5  # of the cost: the last step is one that lowers it by less
+DELAYS = (0, 1)  # samples of dead time, in addition to that of the loop, that are always tried
+_LATEST = 10  # samples: as long as the last delay tried is the best, one more is tried, up to this
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Refinement(Result):
-    """The loop whose simulation comes nearest to the log.
+    """The loop whose simulation is nearest to the log.
 
     estimates   by dotted name in the loop, with standard errors
     start       value before, by name
-    cost        weighted RMS before and after; 1 means as the best fit of the chosen delay
+    cost        weighted RMS before and after; 1 is the best fit with the chosen delay
     by_delay    samples of dead time that were tried -> RMS of the position residual, m
     replay      of the fitted loop
     """
@@ -89,11 +89,11 @@ def refine(
 ) -> Refinement:
     """Fit parameters of a loop to a log by simulating the log's reference through it.
 
-        least of  Σ ((x - x_model) / σx)² + Σ ((F - F_model) / σF)²,   σ: RMS of each residual, found on the way
+        least of  Σ ((x - x_model) / σx)² + Σ ((F - F_model) / σF)²,   σ: RMS of each residual, updated during the fit
 
     by Gauss-Newton steps with differences of whole runs.  Dead time is a discrete candidate: each of `delays`, in
     samples beyond that of the loop, is fitted, and the one with the least position residual is taken; by default 0 and
-    1, and further ones as long as they are better.
+    1, then further ones as long as they are better.
 
     names  dotted names; default: mass, friction and constant forces that are not 0
     skip   samples at the start that do not count
@@ -101,7 +101,7 @@ def refine(
     The loop must be that of the log: its law, its gains, its clock.  Standard errors are robust to the residual's
     autocorrelation.  When to use: after `identify_rigid`, where noise or quantization spoils derivatives, or to fit
     friction near standstill, which the inverse dynamics leave out.
-    Raises NotIdentifiableError for a log without set position, and for a parameter that moves nothing.
+    Raises NotIdentifiableError for a log without set position, and for a parameter without effect.
     """
     if log.set_position is None:
         raise NotIdentifiableError(
@@ -151,7 +151,7 @@ def _later(loop: Loop, samples: int) -> Loop:
 
 
 def _signals(loop: Loop, log: MotionLog, skip: int) -> np.ndarray:
-    """Position and force of the simulated log, shape (2, n); counts and noise would drown small differences."""
+    """Position and force of the simulated log, shape (2, n), without counts and noise, which hide small changes."""
     loop = tree.vary(
         loop, dict.fromkeys(_encoder(loop, "resolution"), _FINE) | dict.fromkeys(_encoder(loop, "noise"), 0.0)
     )
@@ -236,7 +236,7 @@ def _advance(
     change: np.ndarray,
     now: tuple[np.ndarray, np.ndarray, np.ndarray],
 ) -> tuple[Loop, np.ndarray, float]:
-    """The loop after as much of the step as lowers the cost, its signals, and the share of the cost that it gained."""
+    """The loop after the part of the step that lowers the cost, its signals, and the share by which the cost fell."""
     measured, sizes, model = now
     before = float(np.mean(((measured - model) / sizes[:, None]) ** 2))
     for share in (1.0, 0.5, 0.25, 0.1, 0.01):
@@ -253,7 +253,7 @@ def _advance(
 
 
 def _bounded(loop: Loop, name: str, change: float) -> float:
-    """A value after a change, not less than a tenth of what it was where it must stay positive."""
+    """A value after a change; a value that must stay positive keeps at least a tenth of its size."""
     value = float(tree.get(loop, name))
     declared = tree.declaration(loop, name)
     positive = declared.above == 0 or declared.least == 0

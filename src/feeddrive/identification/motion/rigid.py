@@ -34,18 +34,18 @@ NAMES = {
     "symmetric": ("mass", "viscous", "coulomb", "offset"),
     "directional": ("mass", "viscous_positive", "coulomb_positive", "viscous_negative", "coulomb_negative"),
 }
-LEAST_REVERSAL = 0.05  # share of the moving rows that must go each way
+LEAST_REVERSAL = 0.05  # least share of the moving rows in each direction
 LEAST_OWN = 0.02  # share of a column's size that the other columns must leave unexplained
-LARGEST_ERROR = 0.5  # standard error over value, of a mass that counts as found
+LARGEST_ERROR = 0.5  # largest standard error over value of a mass that counts as identified
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class RigidFit(Result):
-    """A rigid drive that was found in a log; a drive at a shaft has an inertia in kg m² under the name of mass.
+    """A rigid drive identified from a log; for a drive at a shaft the parameter `mass` is an inertia in kg m².
 
     estimates   every parameter with its standard errors
     covariance  robust, in the order of the estimates
-    validation  how well rows are predicted that were not used
+    validation  prediction of rows that were not used
     criterion   by friction model: the information criterion (less is better), as far as they were compared
     """
 
@@ -114,8 +114,8 @@ def identify_rigid(
         symmetric:    force = mass a + viscous v + coulomb sign(v) + offset
         directional:  force = mass a + (viscous± v + coulomb± sign(v)),   ± the direction of v
 
-    friction  "symmetric", "directional", or "best": the one with the lesser information criterion
-    how       filters and times; default: `Preparation()`
+    friction  "symmetric", "directional", or "best": the one with the smaller information criterion
+    how       filters and delays; default: `Preparation()`
     folds     of the cross-validation: each stretch of the log is predicted by a fit of the others
 
     Standard errors are robust; those for a white residual are given as well.  When not to use: on an axis
@@ -204,11 +204,11 @@ def check_columns(name: str, columns: np.ndarray, names: tuple[str, ...]) -> Non
 
 
 def check_mass(name: str, value: float, error: float, unit: str) -> None:
-    """Raise NotIdentifiableError for an inertia that is not positive, or hardly known."""
+    """Raise NotIdentifiableError for an inertia that is not positive, or too uncertain."""
     if value < 0.0 and error < LARGEST_ERROR * -value:
         raise NotIdentifiableError(
             f"{name}: the sign of force or position is inverted: the axis moves against the force, as a mass of "
-            f"{value:.4g} ± {error:.2g} {unit} would; turn one of them round by a factor of -1, as --force 'f*-1' or "
+            f"{value:.4g} ± {error:.2g} {unit} would; invert one of them by a factor of -1, as --force 'f*-1' or "
             f"--torque 'm*-1' on the command line, factor = -1.0 in a file for --channels"
         )
     if value <= 0.0 or error > LARGEST_ERROR * value:

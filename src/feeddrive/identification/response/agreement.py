@@ -15,11 +15,11 @@ from feeddrive.loop.frequency_response import FRF
 
 _FEW = 15  # steps where the start is a fit of nearly all lines
 _FOLDS = 5
-_OPEN_LINE = 0.3  # relative deviation of a line that is left open
+_OPEN_LINE = 0.3  # relative deviation from which a line is too uncertain
 _DECIBEL = 20.0 / np.log(10.0)
-_MOST_HANGING = 0.5  # autocorrelation from line to line from which something regular is left
-_TIED = 0.995  # correlation of two parameters from which they count as one
-_BLIND = 0.01  # share of what parameters do that tells them apart: below, what the model lacks moves them as well
+_MOST_HANGING = 0.5  # autocorrelation from line to line from which the residual is systematic
+_TIED = 0.995  # correlation from which two parameters count as one combination
+_BLIND = 0.01  # independent share of their effects: below it, model errors change the parameters as much
 _SURE = 0.1  # standard error over value up to which a parameter of such a combination still counts as known
 
 
@@ -27,9 +27,9 @@ _SURE = 0.1  # standard error over value up to which a parameter of such a combi
 class Agreement(Result):
     """Measured and fitted responses, and the RMS of ln(fitted/measured) on used and on unused lines.
 
-    unused       each line was predicted by a fit that lacked it and every fifth other one
-    spread       standard deviation of the weighted residual; near 1 if variances were measured and the model is as
-                 good as they are
+    unused       each line was predicted by a fit without it and without every fifth line
+    spread       standard deviation of the weighted residual; near 1 if variances were measured and the model agrees
+                 within them
     model_error  share of the response by which the model is wrong beyond the noise; 0 where no variance is known
     order        of the derivative of the position that was measured: 0, 1 for velocities, 2 for accelerations
     """
@@ -44,13 +44,13 @@ class Agreement(Result):
     order: int = 0
 
     def autocorrelation(self, lag: int = 1) -> float:
-        """Of the residuals from line to line, over all responses: 0 for noise, near 1 where something is missing."""
+        """Autocorrelation of the residuals from line to line: 0 for noise, near 1 if the model lacks a term."""
         across = sum(float(np.real(np.vdot(r[:-lag], r[lag:]))) for r in self.residuals if r.size > lag)
         return across / max(sum(float(np.real(np.vdot(r, r))) for r in self.residuals), 1e-300)
 
     @property
     def worst(self) -> tuple[float, float]:
-        """Hz and dB: where the fit is furthest off, over five neighboring lines."""
+        """Frequency in Hz and size in dB of the largest error of the fit, over five neighboring lines."""
         found = (0.0, 0.0)
         for measured, fitted in zip(self.measured, self.fitted, strict=True):
             apart = np.abs(np.log(fitted.response / measured.response))
@@ -62,7 +62,7 @@ class Agreement(Result):
         return found[0], _DECIBEL * found[1]
 
     def remarks(self) -> list[str]:
-        """What the residuals say of the model, in sentences."""
+        """Remarks on the model that follow from the residuals."""
         said: list[str] = []
         if self.unused > 1.3 * self.used + 1e-6:
             said.append(
@@ -72,8 +72,8 @@ class Agreement(Result):
         if self.autocorrelation() > _MOST_HANGING:
             where, apart = self.worst
             said.append(
-                f"the residuals hang together from line to line (autocorrelation {self.autocorrelation():.2f}): "
-                f"something regular is not in the model, most of it near {where:.4g} Hz ({apart:.2g} dB)"
+                f"the residuals are correlated from line to line (autocorrelation {self.autocorrelation():.2f}): "
+                f"the model lacks a systematic part, mostly near {where:.4g} Hz ({apart:.2g} dB)"
             )
         if self.model_error > 0.0:
             said.append(
@@ -109,10 +109,10 @@ def agreement(
 def predicted(
     model: Model, unknowns: Sequence[Unknown], responses: Sequence[FRF], found: Refined
 ) -> tuple[float, float]:
-    """RMS of ln(G/Gm) on the lines that were used, and on lines that a fit of the others lacked.
+    """RMS of ln(G/Gm) on the lines that were used, and on lines predicted by a fit of the others.
 
-    Every fifth line is left out, then its neighbor, and so on, so that each line is once predicted.  Lines that noise
-    leaves open by more than 30 % say nothing of a model and do not count.
+    Every fifth line is left out, then its neighbor, and so on, so that each line is predicted once. Lines that are
+    uncertain by more than 30 % because of noise do not count.
     """
     own, other = [], []
     for fold in range(_FOLDS):
@@ -129,7 +129,7 @@ def predicted(
 
 
 def _known(frf: FRF) -> np.ndarray:
-    """Lines that are more than noise; all of them if there are hardly any."""
+    """Lines above the noise; all lines if there are hardly any."""
     share = np.zeros(frf.frequency.size) if frf.variance is None else frf.variance / frf.magnitude**2
     known = share < _OPEN_LINE**2
     return known if np.count_nonzero(known) >= 2 * _FOLDS else np.ones(known.size, bool)
@@ -146,8 +146,8 @@ def advice(name: str, band: tuple[float, float], mass: float, error: float, unit
             below = error / (2.0 * np.pi * max(mass, 1e-300))
             return (
                 f"{known} {units.of('N s/m')}: inertia hides it above {below:.2g} Hz, and the lowest line is at "
-                f"{low:.3g} Hz; fix it, or take it from runs at constant speeds (a friction curve), which tell all "
-                f"viscous friction together"
+                f"{low:.3g} Hz; fix it, or take it from runs at constant speeds (a friction curve), which show the "
+                "total viscous friction"
             )
         case "damping" | "damping_ratio":
             return (
@@ -181,28 +181,29 @@ def beyond(resonance: Estimate, band: tuple[float, float]) -> list[str]:
         else f"from {0.5 * resonance.value:.3g} Hz"
     )
     return [
-        f"the resonance {where}lies beyond the lines ({low:.4g} to {high:.4g} Hz): its masses and its stiffness are "
-        f"told only by how the response bends towards it, which any further mode does, too; measure next {last}"
+        f"the resonance {where}lies beyond the lines ({low:.4g} to {high:.4g} Hz): its masses and its stiffness "
+        "follow only from the slope of the response towards it, which any further mode changes, too; measure next "
+        f"{last}"
     ]
 
 
 def entangled(names: Sequence[str], found: Refined) -> list[str]:
-    """Sentences on parameters of which the lines tell only a combination: by the singular values of the slopes.
+    """Remarks on parameters of which the lines determine only a combination: by the singular values of the slopes.
 
-    The slopes are scaled to columns of length one; a singular value near zero is a direction in which all parameters of
-    the row may move together and nothing is seen.
+    The slopes are scaled to columns of length one; a singular value near zero is a direction in which the parameters of
+    the row may change together without a visible effect.
     """
     return [
-        f"{', '.join(together)} are told apart only by {100.0 * share:.2g} % of what each does to the "
-        f"responses: fix one of them, or measure over a wider band"
+        f"{', '.join(together)} are distinguished only by {100.0 * share:.2g} % of the effect of each on the "
+        "responses: fix one of them, or measure over a wider band"
         for share, together in _combinations(names, found)
     ]
 
 
 def blind(estimates: Sequence[Estimate], found: Refined) -> dict[str, str]:
-    """Parameters of a combination that is all but invisible, known to no better than a tenth: why they do not count.
+    """Parameters of a nearly invisible combination, with errors above a tenth: the reason why they do not count.
 
-    A standard error there holds only as long as the model lacks nothing, to a hundredth of what each parameter does.
+    Their standard errors are valid only if the model is exact to a hundredth of the effect of each parameter.
     """
     gone: dict[str, str] = {}
     for share, together in _combinations([each.name for each in estimates], found):
@@ -211,15 +212,16 @@ def blind(estimates: Sequence[Estimate], found: Refined) -> dict[str, str]:
                 others = ", ".join(name for name in together if name != each.name)
                 gone.setdefault(
                     each.name,
-                    f"it is told from {others} by {100.0 * share:.2g} % of what it does to the responses, less than a "
-                    f"model is right, and its standard error is {each.error:.2g} {each.unit}; fix one of them (--fix), "
+                    f"it is distinguished from {others} by {100.0 * share:.2g} % of its effect on the responses, "
+                    f"less than the accuracy of a model, and its standard error is {each.error:.2g} {each.unit}; "
+                    "fix one of them (--fix), "
                     f"from a data sheet",
                 )
     return gone
 
 
 def _combinations(names: Sequence[str], found: Refined) -> list[tuple[float, list[str]]]:
-    """Parameters of which the lines tell only a combination, and the share of their effect that tells them apart."""
+    """Parameters of which the lines determine only a combination, and the independent share of their effects."""
     loose = [i for i in range(len(names)) if not found.bound[i]]
     size = np.linalg.norm(found.slopes[:, loose], axis=0)
     seen = [i for i, s in zip(loose, size, strict=True) if s > 0.0]

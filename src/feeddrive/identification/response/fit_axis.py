@@ -21,7 +21,7 @@ from feeddrive.language.table import Result, Table
 from feeddrive.loop.frequency_response import FRF
 
 _AS_GOOD = 1.1  # times the least error on unused lines that counts as equally good
-_NOISE = 0.3  # autocorrelation from line to line below which nothing is left to model
+_NOISE = 0.3  # autocorrelation from line to line below which the residual counts as noise
 _DECIBEL = 20.0 / np.log(10.0)
 
 
@@ -30,7 +30,7 @@ class AxisFits(Result):
     """Fits of several structures to the same lines, and the one to use.
 
     fits     by structure; `chosen` is the name of the one to use
-    refused  structures that could not be fitted, with why, or that were not needed
+    refused  structures that could not be fitted, with the reason, or that were not needed
     wrong_sign  a mode or the free motion has a sign at an encoder that none of them can have
     """
 
@@ -74,16 +74,16 @@ def fit_axis(
     """Fit the structures that an axis may have, from the simple to the rich, and take the one that predicts best.
 
     plant      of a machine file: its structure is tried too, from its values, if it is not rigid
-    actuator   of that file: with a current loop in it, that of the lines is found too
-    modes      how many, for modes in parallel; None: as many as unused lines tell
+    actuator   of that file: if it has a current loop, its bandwidth is identified too
+    modes      how many, for modes in parallel; None: as many as unused lines support
     fixed      parameters that are known; structures that lack one of them are not tried
-    structure  "rigid", "machine", "two-mass" or "modal": that one alone
+    structure  "rigid", "machine", "two-mass" or "modal": only this one
     progress   reports the name of each structure when it begins
 
-    The rest is as in `fit_plant`.  Each structure predicts lines that its fit lacked; of those within a tenth of the
-    least error the one with the fewest parameters is taken.  Modes in parallel are tried only where the residuals of
-    the others are still correlated from line to line.
-    Raises ParameterError if no structure can be fitted, with why for each.
+    The rest is as in `fit_plant`.  Each structure predicts lines that were left out of its fit; of those within a tenth
+    of the least error the one with the fewest parameters is taken.  Modes in parallel are tried only where the
+    residuals of the others are still correlated from line to line.
+    Raises ParameterError if no structure can be fitted, with the reason for each.
     """
     ways = _ways(motor, load, plant, actuator, modes, dict(fixed or {}), held, band, force_per_unit, travel_per_unit)
     if structure is not None and structure not in ways:
@@ -96,7 +96,7 @@ def fit_axis(
             continue
         white = [other for other, fit in found.items() if abs(fit.agreement.autocorrelation()) < _NOISE]
         if white and name == "modal":
-            refused[name] = f"not tried: nothing regular is left by {white[-1]}"
+            refused[name] = f"not tried: no systematic residual is left by {white[-1]}"
             continue
         if progress is not None:
             progress.step(name)
@@ -126,7 +126,7 @@ def _ways(
     force_per_unit: float | None,
     travel_per_unit: float | None,
 ) -> dict[str, Callable[[], PlantFit]]:
-    """The fits that make sense for these parameters that are known, in the order in which they are tried."""
+    """The fits that are possible with these known parameters, in the order in which they are tried."""
     corner = None if actuator is None else actuator.current_loop
     common: dict[str, Any] = {
         "held": held, "band": band, "force_per_unit": force_per_unit, "travel_per_unit": travel_per_unit,

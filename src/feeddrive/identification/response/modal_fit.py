@@ -20,10 +20,10 @@ from feeddrive.loop.frequency_response import FRF
 
 _MOST_ASKED = 40
 MOST = 8  # modes that are tried by default
-_GAIN = 0.9  # what a mode more must bring the error down to
-_FURTHER = 3  # modes that are tried beyond a number that is good enough so far
-_GOOD = 0.1  # mean |ln(fitted/measured)|: above it the count goes on, however little the next modes bring
-_STARTS = 3  # that are followed further
+_GAIN = 0.9  # ratio to which a further mode must lower the error
+_FURTHER = 3  # modes that are tried beyond the best number so far
+_GOOD = 0.1  # mean |ln(fitted/measured)|: above it further modes are tried, even if the last ones gained little
+_STARTS = 3  # starts that are followed further
 _FIRST = 20  # steps after which the best of several starts is chosen
 
 
@@ -42,11 +42,11 @@ class FittedMode(Result):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ModalFit(Result):
-    """What was found in frequency responses; `values` and `covariance` in the order of `unknowns`.
+    """Result of a modal fit; `values` and `covariance` in the order of `unknowns`.
 
-    modes      by frequency, only those that ring, within the lines; all other terms stand in `beyond`
+    modes      by frequency, only oscillating ones within the lines; all other terms are in `beyond`
     estimates  every parameter that was sought, with its standard errors
-    remarks    what the residuals and the errors say, in sentences
+    remarks    remarks that follow from the residuals and the errors
     """
 
     modes: tuple[FittedMode, ...]
@@ -95,11 +95,11 @@ def fit_modes(
         x/f = e^(-s·dead_time) [ free/(s (s + corner)) + Σ (residue + skew s/ω)/(s² + 2ζωs + ω²) + rest ]
 
     responses     position, velocity or acceleration over force or current; their unit says which
-    modes         how many; None: as many as lines that were not used can tell (at most 8)
+    modes         how many; None: as many as lines that were not used support (at most 8)
     band          Hz, lowest and highest line that counts
     rigid         whether the axis moves freely at low frequencies
-    proportional  residues are real, skew = 0: all of a mode swings in step, as an undamped structure does.  Friction
-                  and damping in single places break that
+    proportional  residues are real, skew = 0: all points of a mode move in phase, as in an undamped structure. Friction
+                  and local dampers violate this
     rest          a constant for all modes above the band
     progress      reports the number of modes that are tried
     dead_time     s; None: it is found
@@ -136,7 +136,7 @@ def fit_modes(
     best = _simplest(found)
     if best is None:
         raise ParameterError(
-            f"the responses do not hold {modes} resonances: ask for fewer, or give a band in which they stand out"
+            f"the responses do not hold {modes} resonances: take fewer modes, or give a band in which they stand out"
         )
     _, model, sought, begun_at = best
     progress.step(f"{model.modes} modes, to the end")
@@ -156,7 +156,7 @@ def _named(responses: FRF | Sequence[FRF] | Mapping[str, FRF]) -> dict[str, FRF]
 
 
 def _simplest(found: Sequence[tuple[float, ModalResponse, list[Unknown], Refined]]) -> Any:
-    """The one with the fewest modes that no larger one beats by a tenth a mode."""
+    """The one with the fewest modes, if no larger one is better by a tenth per mode."""
     for i, (error, *_) in enumerate(found):
         rest = found[i + 1 :]
         if not any(other < error * _GAIN ** (more + 1) for more, (other, *_) in enumerate(rest)):
@@ -244,17 +244,17 @@ def _result(
     if lags:
         places = ", ".join(f"{mode.frequency.value:.4g}" for mode in lags)
         said.append(
-            f"terms at {places} Hz do not ring (damping ratio of 1 or more): they stand for a lag, as that of the "
-            f"current loop, or for friction, and are no modes"
+            f"terms at {places} Hz do not oscillate (damping ratio of 1 or more): they represent a lag, such as "
+            "that of the current loop, or friction, and are not modes"
         )
     if len(beyond) > len(lags):
         places = ", ".join(f"{mode.frequency.value:.4g}" for mode in beyond if mode not in lags)
         said.append(
-            f"resonances at {places} Hz stand for what lies beyond the lines ({low:.4g} to {high:.4g} Hz): not "
+            f"resonances at {places} Hz represent the response beyond the lines ({low:.4g} to {high:.4g} Hz): not "
             f"identifiable; measure next up to {2.0 * high:.4g} Hz"
         )
     if not refined.settled:
-        said.append("the descent did not settle: cut the band to where the coherence is high, or ask for fewer modes")
+        said.append("the minimization did not converge: limit the band to high coherence, or take fewer modes")
     estimates = tuple(e for e, each in zip(every, sought, strict=True) if not each.fixed)
     return ModalFit(
         tuple(inside),

@@ -17,9 +17,9 @@ def common_poles(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Poles of `pairs` resonances, those with positive imaginary part, and the height of each peak above the response.
 
-    Each response is brought onto Σ c/(s - p) + d with the same poles, in least squares weighted by |G|^-power: 1 for
+    Each response is fitted by Σ c/(s - p) + d with the same poles, in least squares weighted by |G|^-power: 1 for
     equal shares of peaks and valleys, 0.5 where valleys are all noise.  Poles move to the zeros of
-    σ(s) = Σ c̃/(s - p) + d̃ until σ is one; those that come out unstable are mirrored.
+    σ(s) = Σ c̃/(s - p) + d̃ until σ is one; unstable poles are mirrored.
     Sources: Gustavsen & Semlyen 1999; Gustavsen 2006 (relaxed); Deschrijver et al. 2008 (one QR a response).
     """
     low, high = min(float(abs(each[0])) for each in s), max(float(abs(each[-1])) for each in s)
@@ -95,7 +95,7 @@ class ModalResponse:
 
     for each output, with common ω, ζ, corner and dead time; the parameters are stacked as
     [frequency ..., damping ..., corner, dead_time, then for each output: free, residue ..., skew ..., rest].
-    A `skew` of zero is damping in proportion, all of a mode swinging in step.
+    A `skew` of zero is proportional damping: all points of a mode move in phase.
     """
 
     s: tuple[np.ndarray, ...]
@@ -107,12 +107,12 @@ class ModalResponse:
 
     @property
     def common(self) -> int:
-        """How many parameters all outputs share."""
+        """The number of parameters that all outputs share."""
         return 2 * self.modes + 2
 
     @property
     def own(self) -> int:
-        """How many each output has for itself."""
+        """The number of separate parameters of each output."""
         return 2 * self.modes + 2
 
     def shapes(self, s: np.ndarray, parameters: np.ndarray) -> np.ndarray:
@@ -163,7 +163,7 @@ class Poles:
         self.found: dict[tuple[int, float], tuple[np.ndarray, np.ndarray]] = {}
 
     def most(self, wanted: int, pairs: int, power: float) -> np.ndarray | None:
-        """Of `pairs` resonances the `wanted` ones that stand out most, by frequency; None if there are fewer."""
+        """The `wanted` most pronounced of `pairs` resonances, by frequency; None if there are fewer."""
         if wanted == 0:
             return np.zeros(0, complex)
         if (pairs, power) not in self.found:

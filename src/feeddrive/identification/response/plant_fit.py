@@ -23,19 +23,19 @@ from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.hold import Port, Rows, Timing, rate
 from feeddrive.loop.traced_model import LinearModel, TracedModel
 
-UNKNOWN = 0.5  # standard error over value from which a parameter counts as not identifiable
-_IDEAL = 20.0  # times the highest line: a current loop beyond is ideal
+UNKNOWN = 0.5  # standard error over value above which a parameter counts as not identifiable
+_IDEAL = 20.0  # times the highest line: a faster current loop counts as ideal
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class PlantFit(Result):
-    """A plant with the actuator before it, brought onto measured responses.
+    """A plant and its actuator, fitted to measured responses.
 
     estimates         every parameter that was sought, with its standard errors; `covariance` in their order
-    derived           what follows from them: antiresonance, resonance, inertia ratio, total mass
-    not_identifiable  by parameter: why, and what to measure next; it has the value in `plant`
-    agreement         how well the responses are met, on lines that were used and on lines that were not
-    remarks           what else the residuals and the errors say
+    derived           quantities that follow from them: antiresonance, resonance, inertia ratio, total mass
+    not_identifiable  by parameter: the reason, and what to measure next; its value is the one in `plant`
+    agreement         agreement with the responses, on lines that were used and on lines that were not
+    remarks           further remarks that follow from the residuals and the errors
     """
 
     plant: Plant
@@ -129,7 +129,7 @@ class Task:
             declared = tree.declaration(self.plant, name)
             unit, value = self.units.of(declared.unit), float(leaves[name])
             if declared.above == 0.0 and value > 0.0:
-                # a resonance stays near its line; nothing need run far beyond what the lines can tell
+                # a resonance stays near its line, and no parameter leaves the range that the lines can determine
                 reach = 3.0 if declared.unit == "Hz" else 1e6
                 found.append(Unknown(name, unit, value, positive=True, least=value / reach, most=value * reach))
             else:
@@ -160,10 +160,10 @@ def solve(task: Task, names: Sequence[str], *, logarithmic: bool, steps: int = S
 def finished(
     task: Task, names: Sequence[str], neutral: Sequence[str] = (), known: Mapping[str, float] | None = None
 ) -> PlantFit:
-    """Fit to the end, fix what of `neutral` the lines do not tell, and say what they do not tell else.
+    """Fit until convergence, fix those of `neutral` that the lines do not determine, and report the others.
 
-    `neutral` names parameters, in the order in which they are given up, that a plant can do without; they are fixed at
-    zero, or at a value that is `known` of them before.  The errors of all others count them as unknown.
+    `neutral` names parameters that a plant can do without, in the order in which they are fixed: at zero, or at their
+    `known` value.  The errors of all others count them as unknown.
     """
     kept = {name: (known or {}).get(name, 0.0) for name in neutral}
     names, gone = list(names), {}
@@ -180,8 +180,9 @@ def finished(
             if bound or e > UNKNOWN * abs(value)
         }
         if "current_loop" in weak and (task.actuator.current_loop or 0.0) > _IDEAL * task.band[1]:
-            # faster than the lines can tell: it would stand for nothing, and no drive has such a one
-            gone["current_loop"] = f"it is faster than {_IDEAL:g} times the highest line; left out, it acts at once"
+            # faster than the lines can show: it would represent nothing, and no drive has such a current loop
+            gone["current_loop"] = f"it is faster than {_IDEAL:g} times the highest line; it is left out, and the "
+            "force acts at once"
             names.remove("current_loop")
             task = replace(task, actuator=replace(task.actuator, current_loop=None))
             task, found = solve(task, names, logarithmic=True)
@@ -209,7 +210,7 @@ def finished(
     fit = agreement(model, unknowns, task.frfs, found, task.units.order)
     said = [*fit.remarks(), *entangled(names, found)]
     if not found.settled:
-        said.append("the descent did not settle: cut the band to where the coherence is high")
+        said.append("the minimization did not converge: limit the band to high coherence")
     late = next((e for e in estimates if e.name == "dead_time"), None)
     if late is not None and late.value < -3.0 * late.error:
         said.append(
@@ -223,7 +224,7 @@ def finished(
 def _covariance(
     task: Task, names: Sequence[str], found: Refined, weighted: bool, gone: Mapping[str, float]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Robust and plain, of all that was sought; what was given up, at its value, counts as unknown."""
+    """Robust and plain covariance of all parameters that were sought; those that were fixed count as unknown."""
     every = [*names, *gone]
     at = np.concatenate([found.values, [*gone.values()]])
     both = covariances_at(
@@ -274,7 +275,7 @@ class SensorLines:
     frequency: np.ndarray
     sensor: str  # "motor" or "load"
     order: int = 0
-    sample_time: float | None = None  # s, of a response from a held command to samples of the position
+    sample_time: float | None = None  # s, for a response from a held command to samples of the position
 
 
 class TracedPlant:

@@ -14,8 +14,8 @@ from feeddrive.loop.frequency_response import FRF
 # from the parameters to each response, shape (lines,), and its slope, shape (lines, parameters)
 Model = Callable[[np.ndarray], "list[tuple[np.ndarray, np.ndarray]]"]
 
-_FAR = 2.0  # deviations of a residual from which it counts less and less
-_OPEN = 1.0  # standard error of a logarithm from which its start says more than the lines do
+_FAR = 2.0  # standard deviations above which a residual is weighted less
+_OPEN = 1.0  # standard error of a logarithm above which its start value is more reliable than the lines
 _ROUNDING = 3e-7  # of a singular value of unit columns: its square is still well above that of doubles
 STEPS = 100
 _FLAT = 1e-7  # share of the cost by which a step must still lower it: far less than a standard error moves it
@@ -24,7 +24,7 @@ _LITTLE = 1e-3  # of a squared residual: two steps in a row that lower the cost 
 
 @dataclass(frozen=True)
 class Unknown:
-    """A parameter that is sought. A positive one is sought by its logarithm; any other in steps of `scale`."""
+    """An unknown parameter. A positive one is varied by its logarithm; any other in steps of `scale`."""
 
     name: str
     unit: str
@@ -41,7 +41,8 @@ class Measured:
     """One response with the standard deviation of its lines, `relative` ones if no variance was measured.
 
     With a variance the residual is (G - Gm)/σ, σ² = variance + (model error · |Gm|)²; without one it is ln(G/Gm), which
-    gives peaks and valleys the same weight, divided by 1 or by what the coherence says of each line.
+    gives peaks and valleys the same weight, divided by 1 or by the deviation that follows from the coherence of each
+    line.
     """
 
     frf: FRF
@@ -143,9 +144,9 @@ def _near_its_start(
     begin: np.ndarray,
     steps: int,
 ) -> Refined:
-    """Where noise leaves logarithms undetermined: the equally good point closest to the start.
+    """If noise leaves logarithms undetermined: the equally good point closest to the start.
 
-    A free descent ends anywhere in such a valley, by its rounding, and the errors there are as arbitrary.
+    An unconstrained descent ends anywhere in such a valley because of rounding, and the errors there are arbitrary.
     """
     inner = np.array([each.positive and not each.fixed for each in unknowns])
     loose = np.array([not each.fixed for each in unknowns]) & ~found.bound
@@ -158,14 +159,14 @@ def _near_its_start(
         _cost(np.concatenate([part for r in each.residuals for part in (np.real(r), np.imag(r))]), far)
         for each in (found, near)
     )
-    # a chi-square of four: no more than noise does
+    # a chi-square of four: not more than noise
     return replace(near, model_error=found.model_error) if other <= low + 4.0 * found.spread**2 else found
 
 
 def _told(normal: np.ndarray, inner: np.ndarray, noise: float) -> np.ndarray:
-    """Directions, one a column, that leave out those in which noise of this size leaves the logarithms open.
+    """Directions, one per column, without those in which noise of this size leaves the logarithms undetermined.
 
-    Of the logarithms' own part of the normal equations, with all other parameters left to follow:  H₁₁ - H₁₂ H₂₂⁻¹ H₂₁.
+    From the normal equations of the logarithms, reduced by all other parameters: H₁₁ - H₁₂ H₂₂⁻¹ H₂₁.
     """
     if not np.any(inner):
         return np.eye(inner.size)
@@ -221,7 +222,7 @@ def _cost(r: np.ndarray, far: float) -> float:
 
 
 def _spread(r: np.ndarray) -> float:
-    """Of residuals that are mostly alike, as a standard deviation."""
+    """Robust standard deviation of residuals, by their median."""
     return 1.4826 * float(np.median(np.abs(r))) + 1e-12
 
 
@@ -234,7 +235,7 @@ def _descend(
     steps: int,
     noise: float | None = None,
 ) -> Refined:
-    """From `u`; with the size of the noise only along directions in which the residuals tell the parameters."""
+    """From `u`; with a noise level only along directions in which the residuals determine the parameters."""
     lower, upper = (
         np.array([getattr(each, side) / (1.0 if each.positive else each.scale) for each in unknowns])
         for side in ("least", "most")
@@ -250,7 +251,7 @@ def _descend(
     loose = np.array([not each.fixed for each in unknowns])
     free = loose
     for step in range(steps):
-        if step % 5 == 4:  # what counts as far off follows the fit, not each step of it
+        if step % 5 == 4:  # the outlier limit is updated for each fit, not for each step
             far = _FAR * _spread(r)
             cost = _cost(r, far)
         weight = 1.0 / np.sqrt(1.0 + (r / far) ** 2)
@@ -325,7 +326,7 @@ def _covariances(
 
     With noise alone s² is p on average.
     """
-    # a parameter that moves nothing has no error to speak of; its bound says the rest
+    # a parameter without effect has no defined error; its bound is reported instead
     free = free & (np.linalg.norm(slopes, axis=0) > 0.0)
     moving = np.ix_(free, free)
     robust_whole, plain_whole = (np.zeros((free.size, free.size)) for _ in range(2))
@@ -353,9 +354,10 @@ def _covariances(
 
 
 def _independent(columns: np.ndarray) -> np.ndarray:
-    """The columns, moved as little as makes them independent in doubles: what nothing tells has an error without end.
+    """The columns, changed as little as makes them independent in doubles.
 
-    Of exactly dependent ones rounding alone would give errors of any size, small ones too.
+    An undetermined parameter then gets a very large error. For exactly dependent columns rounding alone would give
+    errors of any size, small ones too.
     """
     size = np.linalg.norm(columns, axis=0)
     left, values, right = np.linalg.svd(columns / size, full_matrices=False)
@@ -363,7 +365,7 @@ def _independent(columns: np.ndarray) -> np.ndarray:
 
 
 def _model_error(found: Refined, data: Sequence[Measured], use: Sequence[np.ndarray], now: float) -> float:
-    """The share that makes residuals of known variance as large as their weights say; `now` if they are."""
+    """The model error with which residuals of known variance agree with their weights; `now` if they do already."""
     parts = [
         (np.abs(r * each.sigma[kept]) ** 2, each.frf.variance[kept], each.frf.magnitude[kept] ** 2)
         for r, each, kept in zip(found.residuals, data, use, strict=True)

@@ -57,8 +57,8 @@ def fit_plant(
 
     motor, load        position (or velocity, acceleration, by their unit) over the drive's force, one of them or both
     fixed              parameters that are known, by name; they keep that value
-    absent             parameters, as friction, that keep the value of `plant` where the lines do not tell them
-    dead_time          s; None: it is found.  Of a sampled response, one with a sample time, the hold is no part of it
+    absent             parameters, such as friction, that keep the value of `plant` if the lines do not determine them
+    dead_time          s; None: it is found.  For a response with a sample time the hold is not part of it
     held               whether the input of a sampled response is a command, held over each sample; False for a current
                        or force that was measured
     current_loop       Hz; None: the force follows at once, unless `find_current_loop`
@@ -67,7 +67,7 @@ def fit_plant(
                        unit of their output (lead/2π for rad).  Without them a result is in the responses' own units
 
     The cost is that of `refine`: weighted by the variances where they are known, else the complex logarithmic ratio.
-    Raises ParameterError for units that differ, a name that is not there and too few lines.
+    Raises ParameterError for units that differ, an unknown name and too few lines.
     When not: far from the start; `fit_two_mass` and `fit_modal_axis` find their own.
     """
     responses, units = taken({"motor": motor, "load": load}, band, force_per_unit, travel_per_unit)
@@ -101,19 +101,19 @@ def fit_two_mass(
         (m1 s² + (b1 + c) s + k) x1 - (c s + k) x2 = e^(-s·dead_time) f,   (m2 s² + (b2 + c) s + k) x2 = (c s + k) x1
 
     Arguments as in `fit_plant`; no start is needed, it follows from a modal fit:  m2/m1 = residue/free at the motor,
-    k = ω² m1 m2/(m1 + m2).  Viscous friction that the lines do not tell is fixed at zero and said to be not
+    k = ω² m1 m2/(m1 + m2).  Viscous friction that the lines do not determine is fixed at zero and reported as not
     identifiable.  Derived: antiresonance √(k/m2), resonance √(k (m1 + m2)/(m1 m2)), inertia ratio m2/m1, total mass.
 
-    Raises NotIdentifiableError if only the load's response is there and no mass is fixed: it holds the total mass and
-    the resonance, and any split of the masses fits it.
+    Raises NotIdentifiableError if only the load's response is given and no mass is fixed: it determines the total mass
+    and the resonance, but not the split of the masses.
     When not: for an axis with further modes in the band; cut the band, or take `fit_modal_axis`.
     """
     responses, units = taken({"motor": motor, "load": load}, band, force_per_unit, travel_per_unit)
     known = dict(fixed or {})
     if "motor" not in responses and not {"mass_motor", "mass_load", "stiffness"} & set(known):
         raise NotIdentifiableError(
-            "mass_motor and mass_load are not identifiable from the load's response alone: it tells their sum and the "
-            "resonance; measure next the motor's encoder too, or fix one of them"
+            "mass_motor and mass_load are not identifiable from the load's response alone: it determines their sum "
+            "and the resonance; measure next the motor's encoder too, or fix one of them"
         )
     every = ("mass_motor", "mass_load", "stiffness", "damping", "viscous_motor", "viscous_load")
     names = [name for name in every if name not in known]
@@ -149,7 +149,8 @@ def _check_driven(modal: ModalFit, frequency: float, residue: float) -> None:
     if residue < -3.0 * error:
         raise WrongSignError(
             f"the mode at {frequency:.4g} Hz has the wrong sign at the motor's encoder (residue {residue:.3g} ± "
-            f"{error:.1g}): the force does not act where this encoder sits, and no masses can be told; give the "
+            f"{error:.1g}): the force does not act where this encoder sits, and the masses cannot be determined; "
+            "give the "
             f"response as `load` alone, or take fit_modes"
         )
 
@@ -176,9 +177,9 @@ def fit_modal_axis(
 
         x/f = e^(-s·dead_time) [ 1/(M s² + b s) + Σ shapeᵢ / (mᵢ (s² + 2ζᵢωᵢs + ωᵢ²)) ],   shape 1 at the motor
 
-    Arguments as in `fit_plant`; modes None: as many as unused lines can tell.  Modal masses are positive, as those of a
-    driven point are: a mode that has the wrong sign at the motor ends with a very large mass and is said to be not
-    identifiable.  With the load's response alone a mode's shape at the load is ±1 and its mass what fits.
+    Arguments as in `fit_plant`; modes None: as many as unused lines support. Modal masses are positive, as those of a
+    driven point are: a mode with the wrong sign at the motor ends with a very large mass and is reported as not
+    identifiable.  With the load's response alone the shape of a mode at the load is ±1 and its mass is fitted.
     When not: where residues are far from real, see `fit_modes` with proportional=False.
     """
     responses, units = taken({"motor": motor, "load": load}, band, force_per_unit, travel_per_unit)
@@ -212,7 +213,7 @@ def fit_modal_axis(
 def starts(responses: Mapping[str, FRF], units: ResponseUnits, dead_time: float | None) -> list[TwoMass]:
     """From modal fits, with one mode and with the most pronounced of several, and from the grid.
 
-    The grid is for resonances at the edge of the lines or beyond, of which a modal fit sees no top.
+    The grid is for resonances at the edge of the lines or beyond, whose peak a modal fit does not see.
     """
     found: list[TwoMass] = []
     plain = {name: replace(frf, variance=None) for name, frf in responses.items()}
@@ -228,7 +229,7 @@ def starts(responses: Mapping[str, FRF], units: ResponseUnits, dead_time: float 
 
 
 def _of_grid(responses: Mapping[str, FRF], units: ResponseUnits) -> list[TwoMass]:
-    """The few of a grid of resonances and mass ratios whose magnitudes, each with its best total mass, fit best."""
+    """The best points of a grid of resonances and mass ratios, by magnitude, each with its best total mass."""
     frfs = list(responses.values())
     lines = [SensorLines(frf.frequency, sensor, units.order) for sensor, frf in responses.items()]
     model = TracedPlant(_scaled(1.0, 1.0, 1.0, 0.03, 0.0), (), lines, {})
@@ -279,6 +280,6 @@ def check_signs(modal: ModalFit) -> None:
         if free.value < -5.0 * free.error:
             raise WrongSignError(
                 f"the response to '{name}' has the wrong sign: a positive force moves it to smaller positions "
-                f"(its free motion is {free.value:.3g} {free.unit}); turn it, -frf, after a look at the "
-                f"encoder's direction"
+                f"(its free motion is {free.value:.3g} {free.unit}); check the direction of the encoder and invert "
+                "the response (-frf)"
             )

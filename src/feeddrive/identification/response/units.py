@@ -54,7 +54,7 @@ def response_units(frf: FRF) -> ResponseUnits:
 
 
 def _known(unit: str) -> tuple[str, float] | None:
-    """A unit in SI, and the factor to it; None for one of something else, or of names of its own."""
+    """A unit in SI, and the factor to it; None for a unit of another quantity or an unknown name."""
     try:
         return units.response(unit) if unit else None
     except ParameterError:
@@ -76,11 +76,11 @@ def taken(
     force_per_unit: float | None,
     travel_per_unit: float | None,
 ) -> tuple[dict[str, FRF], ResponseUnits]:
-    """The responses that are there, cut to a band in Hz and in SI, with what they lead from and to.
+    """The responses that are there, cut to a band in Hz and in SI, with their input and output quantities.
 
     force_per_unit    N for each unit of the input, as the force constant of a motor in N/A
     travel_per_unit   m for each unit of the output, as lead/2π for an angle in rad
-    Raises ParameterError if none is there, if one is 0, if their units differ or if too few lines are left.
+    Raises ParameterError if there is none, if one is 0, if their units differ or if too few lines are left.
     """
     there = {name: _in_si(as_frf(frf)) for name, frf in responses.items() if frf is not None}
     if not there:
