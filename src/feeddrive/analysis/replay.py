@@ -23,6 +23,7 @@ from feeddrive.loop.loop import UNITS, Loop
 from feeddrive.loop.simulate import Run, simulate
 from feeddrive.loop.trace import Carried, Program, numbers
 
+INJECTED = ("load_force", "added_force")
 FITTED = 50  # samples from which position and velocity at the start are estimated
 
 
@@ -31,11 +32,13 @@ class Replay(Result):
     """A predicted run and the measured signals of the same names, over the same samples.
 
     `skipped` samples at the start do not count in the errors: there the state of the real loop is not known.
+    `contained` says that the logged force held the injected one, which is taken off in `measured`.
     """
 
     run: Run
     measured: Mapping[str, np.ndarray]
     skipped: int
+    contained: bool = False
 
     def residual(self, signal: str) -> np.ndarray:
         """Predicted - measured, after the skipped samples."""
@@ -70,8 +73,11 @@ def replay(loop: Loop, measured: Mapping[str, np.ndarray], *, skip: int = 0, nam
     """Run the recorded reference through the loop, from the position and velocity at which the log starts.
 
     measured  `set_position` and `position_load` in m, optionally `force` in N and `load_force` in N (a known extra
-              force, which is applied to the model too); all of shape (n,), one row a sample of the loop
+              force on the table, which is applied to the model too) and `added_force` in N (one that an experiment
+              added at the drive, behind the limit); all of shape (n,), one row a sample of the loop
     skip      samples at the start that do not count
+
+    A drive may log its command before or after such a force is added: the nearer one to the model's force is taken.
 
     Raises LogError for a log too short to estimate its start.
     """
@@ -81,18 +87,43 @@ def replay(loop: Loop, measured: Mapping[str, np.ndarray], *, skip: int = 0, nam
             f"the log has {position.size} samples; {max(FITTED, skip) + 1} are needed to estimate how it starts"
         )
     T = float(loop.sample_time)
-    load = measured.get("load_force")
+    injected = {name: measured[name] for name in INJECTED if name in measured}
+    forces = {name: RecordedForce(force=force, sample_time=T) for name, force in injected.items()}
     run = simulate(
         loop,
         Recorded(position=setpoint, sample_time=T),
-        load=None if load is None else RecordedForce(force=load, sample_time=T),
+        load=forces.get("load_force"),
+        added_force=forces.get("added_force"),
         start=estimate_start(position, T),
         name=name,
     )
     signals = {"position_load": position, "following_error": setpoint - position}
+    contained = False
     if "force" in measured:
-        signals["force"] = measured["force"]
-    return Replay(run, signals, skip)
+        own = measured["force"]
+        bare = own - sum(injected.values(), np.zeros(own.size))
+        apart = [float(np.mean((run["force"] - each)[skip:] ** 2)) for each in (own, bare)]
+        contained = apart[1] < apart[0]
+        signals["force"] = bare if contained else own
+    return Replay(run, signals, skip, contained)
+
+
+def injected_scale(loop: Loop, measured: Mapping[str, np.ndarray], found: Replay) -> tuple[float, Replay]:
+    """The factor of the injected forces with which the model meets the log best, and the run with it; about 1 if right.
+
+        c = -e₀ · d / (d · d),   e₀ the position residual without them, d what they change in it
+
+    `found` is the run with them as they are.
+    """
+    without = {name: values for name, values in measured.items() if name not in INJECTED}
+    bare = replay(loop, without, skip=found.skipped).residual("position_load")
+    change = found.residual("position_load") - bare
+    size = float(change @ change)
+    if size == 0.0:
+        return 1.0, found
+    scale = -float(bare @ change) / size
+    scaled = {name: scale * values if name in INJECTED else values for name, values in measured.items()}
+    return scale, replay(loop, scaled, skip=found.skipped)
 
 
 def estimate_start(position: np.ndarray, T: float) -> tuple[float, float]:

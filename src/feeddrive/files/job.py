@@ -28,12 +28,13 @@ from typing import Any, ClassVar, TypeAlias
 from feeddrive.blocks.families import Load, Reference
 from feeddrive.files.blocks_from_toml import read_block
 from feeddrive.files.columns import ROLES, Column
+from feeddrive.files.formats import OpenedFile
 from feeddrive.files.log import Log
 from feeddrive.files.machine import MachineFile, found, read_machine
-from feeddrive.files.read_log import read_log
+from feeddrive.files.read_log import read_log, unit_at_the_end
 from feeddrive.files.toml_file import Section, TomlFile, read_toml
 from feeddrive.language import tree, units
-from feeddrive.language.errors import FeeddriveError, FileError, ParameterError, nearest, plain
+from feeddrive.language.errors import FeeddriveError, FileError, LogError, ParameterError, nearest, plain
 from feeddrive.language.table import Result, Table
 from feeddrive.loop.control import Control
 from feeddrive.loop.loop import Loop
@@ -53,8 +54,26 @@ class LogRequest:
     sample_time: float | None = None
 
     def read(self) -> Log:
-        """The log, with those optional channels that it really has. Raises FileError or LogError as `read_log`."""
-        return read_log(self.path, self.channels, optional=self.optional, sample_time=self.sample_time)
+        """The log, with those optional channels that it really has.
+
+        Raises FileError or LogError as `read_log`, and for a force from outside whose unit nobody said.
+        """
+        file = OpenedFile(self.path)
+        log = read_log(file, self.channels, optional=self.optional, sample_time=self.sample_time)
+        named = self.named("load_force")
+        told = named is None or named.unit or named.factor is not None or file.columns.units.get(named.name)
+        if named is None or told or "load_force" not in log.channels or unit_at_the_end(named.name, "load_force"):
+            return log
+        raise LogError(
+            f"{self.path}: '{named.name}' (load_force) states no unit, and an injected signal is logged in N, in V or "
+            f"in percent: say which, as load_force = {{ column = '{named.name}', unit = 'N' }}, or give factor = the N "
+            f"at the table for each unit of it; a signal that is added to the drive's command, in the command's unit, "
+            f"is excitation = '{named.name}'"
+        )
+
+    def named(self, role: str) -> Column | None:
+        """The column that has a role."""
+        return self.channels.get(role) or self.optional.get(role)
 
 
 @dataclass(frozen=True)

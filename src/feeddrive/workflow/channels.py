@@ -51,11 +51,12 @@ def column(text: str, role: str = "") -> Column:
 
 @dataclass(frozen=True)
 class Mapped:
-    """A log with its roles, which column has which, and whether its sizes are those of a feed drive."""
+    """A log with its roles, which column has which, whether it is one of a feed drive, and what is not used."""
 
     log: Log
     columns: dict[str, Column]
     doubt: Doubt
+    unused: tuple[str, ...] = ()
 
 
 def mapped(
@@ -90,7 +91,8 @@ def mapped(
     log = read_log(path, whole, optional=optional, sample_time=sample_time)
     sure = {role for role, each in whole.items() if each != mapping[role]}
     sure |= {role for role, each in told.items() if each.unit or each.factor is not None}
-    return Mapped(log, whole, doubt_of(path, log, whole, sure, steady=steady))
+    unused = tuple(f"{role} ('{each.name}')" for role, each in told.items() if role not in (*wanted, "time"))
+    return Mapped(log, whole, doubt_of(path, log, whole, sure, steady=steady), unused)
 
 
 def _guessed_roles(

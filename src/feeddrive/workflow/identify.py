@@ -5,7 +5,7 @@ Identified values are written into an existing machine file, whose comments are 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import fields, replace
 from html import escape
 from pathlib import Path
@@ -71,14 +71,16 @@ def _identify_motion(request: IdentifyRequest, source: OpenedFile | MotionLog, p
     loop = None if given is None else given.loop(request.axis)
     if isinstance(source, MotionLog):
         channels: dict[str, Any] = {each.name: getattr(source, each.name) for each in fields(source)}
-        doubt, mapping = doubt_of_motion(source), {}
+        doubt, mapping, unused = doubt_of_motion(source), {}, ()
     else:
         read = mapped(source, request.named(), request.channels, _WANTED, request.sample_time, progress, request.unit)
         channels = _channels(source.path, read.log, loop, request.force_constant)
-        doubt, mapping = read.doubt, read.columns
+        doubt, mapping, unused = read.doubt, read.columns, read.unused
     channels["turning"] = _turning(request, loop, channels)
     progress.step("fitting")
     found = _identified(channels, loop, request, doubt, mapping, progress)
+    if unused:
+        found = replace(found, remarks=(*found.remarks, _not_used(unused)))
     why = found.unusable or ("" if found.loop is not None else _NO_LAW)
     text = None if why else machine_text(found, given, axis_name(loop, request.axis))
     files: dict[str, Path] = {}
@@ -109,6 +111,16 @@ def _turning(request: IdentifyRequest, loop: Loop | None, channels: Mapping[str,
             f"'theta:deg' and --torque 'm:Nm'"
         )
     return turns
+
+
+def _not_used(columns: Sequence[str]) -> str:
+    """A remark on columns that were named and have no part in the fit."""
+    outside = any(each.startswith(("load_force", "excitation")) for each in columns)
+    why = (
+        ": what was injected there counts as error of the fit, so identify from a run without it, or add it to the "
+        "column of the force if the command does not hold it"
+    )
+    return f"named and not used: {', '.join(columns)}{why if outside else ''}"
 
 
 _NO_LAW = "the law that ran is not known; give it with --machine"

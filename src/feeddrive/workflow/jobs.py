@@ -18,7 +18,7 @@ from feeddrive.blocks.reference.linear_move import LinearMove
 from feeddrive.files.job import Job, Other
 from feeddrive.files.log import Log
 from feeddrive.files.run_files import versions
-from feeddrive.language.errors import FeeddriveError, LogError
+from feeddrive.language.errors import FeeddriveError
 from feeddrive.language.progress import Progress
 from feeddrive.language.table import Result, Table, frame_of, picture_of
 from feeddrive.loop.linearize import compliance, loop_gain, tracking
@@ -28,6 +28,7 @@ from feeddrive.loop.simulate import Run, samples, simulate
 from feeddrive.report import Entry, Study
 from feeddrive.report.page import RESPONSE_LINES, ShownTable
 from feeddrive.report.sentences import block_sentence, described
+from feeddrive.workflow.job_log import load_said, measured_signals, of_channels, of_injected, without_answer
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -74,7 +75,7 @@ class JobResult(Result):
             "Source of its numbers": job.machine.source or "not stated",
             "Sample time": f"{1e3 * loop.sample_time:g} ms, {loop.axis.substeps} substep(s) of exact hold",
             "Work": _work(job, self.log),
-            "Load": "none" if job.load is None else block_sentence(job.load),
+            "Load": load_said(job, self.log),
             **_couplings(job),
             "Noise": f"seed {job.seed}",
             "Linear model": f"sliding at {1e3 * self.velocity:.4g} mm/s",
@@ -162,14 +163,21 @@ def run_laws(job: Job, progress: Progress | None = None) -> JobResult:
     LogError for a log that does not fit the job.
     """
     log = _log(job)
-    measured = None if log is None else _measured(job, log)
+    said: list[str] = [] if log is None else of_channels(job, log)
+    measured = None
+    if log is not None and "position_load" in log.channels:
+        measured = measured_signals(job, log)
+    elif log is not None:
+        job = without_answer(job, log)
     velocity = _velocity(job.reference, measured, next(iter(job.loops.values())).sample_time)
     rows = []
     for name, loop in job.loops.items():
         if progress is not None:
             progress.step(name)
         rows.append(_row(job, name, loop, measured, velocity))
-    return JobResult(job, tuple(rows), log, velocity, tuple(_remarks(rows)), versions())
+    if measured is not None and rows[0].replay is not None:
+        said += of_injected(rows[0].loop, measured, rows[0].replay)
+    return JobResult(job, tuple(rows), log, velocity, (*said, *_remarks(rows)), versions())
 
 
 def _row(job: Job, name: str, loop: Loop, measured: Mapping[str, np.ndarray] | None, velocity: float) -> Entry:
@@ -230,34 +238,6 @@ def _of_axis(together: Run, axis: str) -> Run:
 def _log(job: Job) -> Log | None:
     """The job's log, with those optional channels that it really has."""
     return None if job.log is None else job.log.read()
-
-
-def _measured(job: Job, log: Log) -> dict[str, np.ndarray]:
-    """The log's channels under the names of the loop's signals, in SI."""
-    loop = next(iter(job.loops.values()))
-    channels = log.channels
-    for role in ("setpoint_position", "position_load"):
-        if role not in channels:
-            raise LogError(f"{log.name}: the job needs the channel {role}: name its column under [log.channels]")
-    if abs(log.sample_time / loop.sample_time - 1.0) > 1e-4:
-        raise LogError(
-            f"{log.name}: one sample takes {log.sample_time:g} s, but the machine's control runs every "
-            f"{loop.sample_time:g} s: resample the log, or set sample_time in {job.machine.file.name}"
-        )
-    found = {"set_position": channels["setpoint_position"], "position_load": channels["position_load"]}
-    if "force" in channels:
-        found["force"] = channels["force"]
-    elif "command" in channels:
-        motor = loop.axis.actuator.motor
-        if motor is None:
-            raise LogError(
-                f"{log.name}: the channel command needs axis.*.actuator.motor in {job.machine.file.name}, "
-                f"which turns the drive's unit into N"
-            )
-        found["force"] = motor.force_per_unit() * channels["command"]
-    if "load_force" in channels:
-        found["load_force"] = channels["load_force"]
-    return found
 
 
 def _velocity(reference: Reference | None, measured: Mapping[str, np.ndarray] | None, T: float) -> float:

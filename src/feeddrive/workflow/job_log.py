@@ -1,0 +1,120 @@
+"""The log of a job: its columns as signals of the loop, its injected forces, and what of it is not used."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+
+import numpy as np
+
+from feeddrive.analysis.replay import INJECTED, Replay, injected_scale
+from feeddrive.blocks.load.recorded_force import RecordedForce
+from feeddrive.blocks.reference.recorded import Recorded
+from feeddrive.files.job import Job
+from feeddrive.files.log import Log
+from feeddrive.language.errors import LogError
+from feeddrive.loop.loop import Loop
+from feeddrive.report.sentences import block_sentence
+
+_USED = ("setpoint_position", "position_load", "force", "command", "load_force", "excitation")
+_SCALED = 0.8  # of the residual: with another scale of an injected force it must be less to be worth a word
+_NEAR = 0.1  # of the motor's force per unit of the command
+
+
+def measured_signals(job: Job, log: Log) -> dict[str, np.ndarray]:
+    """The log's channels under the names of the loop's signals, in SI."""
+    channels = log.channels
+    found = {"set_position": _setpoint(job, log), "position_load": channels["position_load"]}
+    if "force" in channels:
+        found["force"] = channels["force"]
+    elif "command" in channels:
+        found["force"] = _per_unit(job, log, "command") * channels["command"]
+    if "load_force" in channels:
+        found["load_force"] = channels["load_force"]
+    if "excitation" in channels:
+        known = log.units.get("excitation") == "N"
+        found["added_force"] = (1.0 if known else _per_unit(job, log, "excitation")) * channels["excitation"]
+    return found
+
+
+def _setpoint(job: Job, log: Log) -> np.ndarray:
+    """The set positions, with the clock of the control."""
+    T = next(iter(job.loops.values())).sample_time
+    if "setpoint_position" not in log.channels:
+        raise LogError(f"{log.name}: the job needs the channel setpoint_position: name its column under [log.channels]")
+    if abs(log.sample_time / T - 1.0) > 1e-4:
+        raise LogError(
+            f"{log.name}: one sample takes {log.sample_time:g} s, but the machine's control runs every "
+            f"{T:g} s: resample the log, or set sample_time in {job.machine.file.name}"
+        )
+    return log["setpoint_position"]
+
+
+def _per_unit(job: Job, log: Log, role: str) -> float:
+    """N at the table for each unit of the drive."""
+    motor = next(iter(job.loops.values())).axis.actuator.motor
+    if motor is None:
+        raise LogError(
+            f"{log.name}: the channel {role} needs axis.*.actuator.motor in {job.machine.file.name}, "
+            f"which turns the drive's unit into N"
+        )
+    return float(motor.force_per_unit())
+
+
+def without_answer(job: Job, log: Log) -> Job:
+    """The job with the set positions of a log as its reference, since the log has no measured position."""
+    T = float(next(iter(job.loops.values())).sample_time)
+    outside = log.channels.get("load_force")
+    load = job.load if outside is None else RecordedForce(force=outside, sample_time=T)
+    return dataclasses.replace(job, reference=Recorded(position=_setpoint(job, log), sample_time=T), load=load)
+
+
+def of_channels(job: Job, log: Log) -> list[str]:
+    """Which named columns are not used, and why."""
+    assert job.log is not None
+    used = set(_USED) - ({"command"} if "force" in log.channels else set())
+    said: list[str] = []
+    if "position_load" not in log.channels:
+        used &= {"setpoint_position", "load_force"}
+        said.append(f"{log.name} has no measured position: its set positions are the reference, nothing is compared.")
+    names = [(role, job.log.named(role)) for role in log.channels if role not in used]
+    listed = ", ".join(role if named is None else f"{role} ('{named.name}')" for role, named in names)
+    return [*said, *([f"Named and not used: {listed}."] if listed else [])]
+
+
+def of_injected(loop: Loop, measured: Mapping[str, np.ndarray], found: Replay) -> list[str]:
+    """Where an injected force is taken to act, whether the logged command holds it, and whether its scale is right."""
+    names = [name for name in INJECTED if name in measured]
+    if not names:
+        return []
+    said: list[str] = []
+    if "added_force" in names:
+        limit = loop.control.force_limit
+        most = float(np.max(np.abs(found.run["requested"] + measured["added_force"])))
+        place = "behind the limit of the force, which the log does not tell from before it"
+        if limit is not None and most > float(limit):
+            place = f"behind the limit of the force: before it, {most:.3g} N would be cut to {float(limit):.3g} N"
+        said.append(f"The excitation acts at the drive, {place}.")
+    if found.contained:
+        said.append("The logged force holds the injected one, which is taken off before it is compared.")
+    scale, better = injected_scale(loop, measured, found)
+    off, least = (1e6 * each.rms("position_load") for each in (found, better))
+    if least < _SCALED * off:
+        motor = loop.axis.actuator.motor
+        near = motor is not None and abs(scale / float(motor.force_per_unit()) - 1.0) < _NEAR
+        why = " (the motor's force per unit of the command: it is logged in that unit)" if near else ""
+        said.append(
+            f"The injected force is met best {scale:.3g} times as large{why}: position residual {least:.3g} um RMS in "
+            f"place of {off:.3g} um. Check its unit and sign."
+        )
+    return said
+
+
+def load_said(job: Job, log: Log | None) -> str:
+    """What acts on the table, or was injected at the drive."""
+    parts = [] if job.load is None else [block_sentence(job.load)]
+    for role in ("load_force", "excitation"):
+        named = None if job.log is None else job.log.named(role)
+        if log is not None and named is not None and role in log.channels:
+            parts.append(f"{role} of the log, column '{named.name}'")
+    return "; ".join(parts) or "none"
