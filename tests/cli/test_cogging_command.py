@@ -155,7 +155,7 @@ def test_what_runs_cannot_tell_is_said_and_nothing_is_written(tmp_path: Path) ->
     assert "there are: column_1, column_2, column_3" in str(refused(tmp_path, str(tmp_path / "nameless.npy")))
     assert "--map" in str(refused(tmp_path, str(tmp_path / "nameless.npy"), "--current", "column_1"))
     assert "--backward is for maps" in str(refused(tmp_path, log, *NAMED, "--period", "24:mm", "--backward", log))
-    assert "no force" in str(refused(tmp_path, log, "--position", "position_mm:mm", "--period", "24:mm", "--time",
+    assert "for its force" in str(refused(tmp_path, log, "--position", "position_mm:mm", "--period", "24:mm", "--time",
                                      "time_s", "--channels", str(only_position(tmp_path, log))))  # fmt: skip
 
 

@@ -216,7 +216,7 @@ def test_a_wrong_sign_diverges_with_a_sentence(foreign: Path) -> None:
         ({"names": {"reading": "table.x"}}, FmuError, "the control needs force.*inputs are: motor.F"),
         ({"names": NAMES | {"force": "table.x"}}, FmuError, "is output, but force needs an input"),
         ({"names": NAMES | {"reading": "motor.F"}}, FmuError, "is input, but reading needs an output"),
-        ({"names": NAMES | {"reading": "count"}}, FmuError, "no single number of 64 bits"),
+        ({"names": NAMES | {"reading": "count"}}, FmuError, "not a scalar of 64 bits"),
         ({"names": NAMES | {"reading": "table.x:kN"}}, ParameterError, "'kN' does not measure the same thing as 'm'"),
         ({"names": NAMES | {"reading": "table.x:furlong"}}, ParameterError, "'furlong'"),
         ({"names": NAMES | {"reading": "heat"}}, ParameterError, "unit 'degC' does not measure"),
@@ -245,19 +245,19 @@ def test_files_that_are_no_fmu_for_this_machine(foreign: Path, tmp_path: Path) -
 
     text = tmp_path / "text.fmu"
     text.write_text("no archive")
-    refused(text, FmuError, "is no sound FMU: File is not a zip file")
+    refused(text, FmuError, "is damaged or not an FMU: File is not a zip file")
     refused(tmp_path / "none.fmu", FileError, "no such file")
     refused(tmp_path, FileError, "directory")
     refused(other("a.fmu", **{"modelDescription.xml": None}), FmuError, "holds no modelDescription.xml")
-    refused(other("b.fmu", **{"modelDescription.xml": b"<fmi"}), FmuError, "is no sound FMU")
-    refused(other("c.fmu", **{"modelDescription.xml": b"<a/>"}), FmuError, "is no sound FMU")
+    refused(other("b.fmu", **{"modelDescription.xml": b"<fmi"}), FmuError, "is damaged or not an FMU")
+    refused(other("c.fmu", **{"modelDescription.xml": b"<a/>"}), FmuError, "is damaged or not an FMU")
     refused(other("d.fmu", **{"../outside": b"x"}), FmuError, "outside its folder")
     assert not (tmp_path / "outside").exists()
     here = Path.cwd()
     one = DESCRIPTION.replace('fmiVersion="2.0"', 'fmiVersion="1.0"')
-    refused(other("e.fmu", **{"modelDescription.xml": one.encode()}), FmuError, "FMI 1.0|is no sound FMU")
+    refused(other("e.fmu", **{"modelDescription.xml": one.encode()}), FmuError, "FMI 1.0|is damaged or not an FMU")
     exchange = re.sub("<CoSimulation[^>]*>", '<ModelExchange modelIdentifier="slide"/>', DESCRIPTION)
-    refused(other("f.fmu", **{"modelDescription.xml": exchange.encode()}), FmuError, "no solver of its own")
+    refused(other("f.fmu", **{"modelDescription.xml": exchange.encode()}), FmuError, "it has no solver")
     token = DESCRIPTION.replace("a-foreign-guid", "another")
     refused(other("g.fmu", **{"modelDescription.xml": token.encode()}), FmuError, "cannot be started")
     (tmp_path / "away").mkdir()

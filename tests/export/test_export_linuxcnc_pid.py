@@ -283,7 +283,7 @@ class TestBadInput:
 
     def test_a_sample_time_that_is_no_whole_number_of_nanoseconds(self, tmp_path: Path) -> None:
         design = changed(tmp_path, "linear_motor", (("sample_time_us = 100", "sample_time_us = 100.00003"),))
-        with pytest.raises(ParameterError, match="no whole number of nanoseconds"):
+        with pytest.raises(ParameterError, match="not a whole number of nanoseconds"):
             write_linuxcnc_pid(design, tmp_path / "out")
 
     def test_a_name_that_is_too_long_for_hal(self, tmp_path: Path) -> None:

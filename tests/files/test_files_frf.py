@@ -442,7 +442,7 @@ def test_controllers_of_ast_xml(tmp_path: Path) -> None:
     assert others["m_szAxisName"] == "X1"
     assert others["m_SpeedPlantMeasurementList.SpeedPlantMeasurement[2].m_szTimeStamp"] == "2014-05-06 07:08:09"
     assert found["m_PositionControllerList"] == {"m_dUpdateTimeSeconds": 0.002}
-    with pytest.raises(LogError, match="is no XML of a tuning tool"):
+    with pytest.raises(LogError, match="is not the XML of a tuning tool"):
         read_controllers(write(tmp_path, "f_Hz,re,im\n1,2,3\n", "a.csv"))
 
 

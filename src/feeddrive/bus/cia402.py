@@ -71,7 +71,7 @@ OBJECTS: Mapping[str, Object] = {
         Object("revision", 0x1018, 3, "u32", "revision"),
         Object("serial", 0x1018, 4, "u32", "serial number"),
         Object("error_code", 0x603F, 0, "u16", "of the last fault"),
-        Object("controlword", 0x6040, 0, "u16", "what the drive is asked to do"),
+        Object("controlword", 0x6040, 0, "u16", "commanded mode of operation"),
         Object("statusword", 0x6041, 0, "u16", "state of the drive"),
         Object("quick_stop_option", 0x605A, 0, "i16", "what a quick stop does"),
         Object("mode", 0x6060, 0, "i8", "mode of operation that is wanted"),
@@ -105,7 +105,7 @@ OBJECTS: Mapping[str, Object] = {
 }
 AT: Mapping[tuple[int, int], Object] = {(each.index, each.subindex): each for each in OBJECTS.values()}
 DEVICE_NAME = (0x1008, 0)  # a text, and so none of the above
-VIRTUAL = "feeddrive virtual drive"  # what a virtual drive has there
+VIRTUAL = "feeddrive virtual drive"  # the values of a virtual drive
 
 # what goes in every cycle, by process data objects of at most 8 bytes, so that CAN takes the same as EtherCAT
 SENT = (

@@ -8,14 +8,14 @@ from feeddrive.bus.transport import RefusedError, Transport, has_object, read_ob
 from feeddrive.language.errors import BusError
 
 _PROFILE = 402
-_NEAR = 5e-3  # share by which what the drive says may differ from what was declared
+_NEAR = 5e-3  # share by which the data of the drive may differ from the declared ones
 
 
 def identify(transport: Transport, drive: BusDrive) -> dict[str, int | str]:
     """Numbers and name of the drive. Raises BusError for a device of another profile, or without the wanted mode."""
     profile = read_object(transport, "device_type") & 0xFFFF
     if profile != _PROFILE:
-        raise BusError(f"{transport.where}: is no drive by CiA 402 but a device of profile {profile}")
+        raise BusError(f"{transport.where}: is not a CiA 402 drive but a device of profile {profile}")
     found: dict[str, int | str] = {
         name: read_object(transport, name)
         for name in ("vendor", "product", "revision", "serial")
@@ -38,7 +38,7 @@ def identify(transport: Transport, drive: BusDrive) -> dict[str, int | str]:
 
 
 def check_scaling(transport: Transport, scaling: DriveScaling) -> list[str]:
-    """Rated torque, counts and gear against what the drive says; remarks on what it does not say.
+    """Declared rated torque, counts and gear against the data of the drive; remarks on data that it does not have.
 
     Raises BusError for a difference, with both numbers.
     """

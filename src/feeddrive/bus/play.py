@@ -185,7 +185,7 @@ def _halt(client: DriveClient) -> str:
         return f"; the drive could not be stopped over the bus ({error}): its own watchdog must do it, look at the axis"
     state = client.state
     if state in (PowerState.FAULT, PowerState.FAULT_REACTION):
-        return "; the drive stops by itself, as it is set up to: many take the force away at once, and friction brakes"
+        return "; the drive stops by itself, by its settings: many switch off the force, and friction brakes it"
     return f"; the axis was stopped and is in '{'unknown' if state is None else state.words}'"
 
 

@@ -38,7 +38,7 @@ def read_profile(path: str | Path, drive: BusDrive, *, share: float = 1.0, ramp:
     share  of the excitation that is played
     ramp   s over which the excitation swells and fades, for a profile that does not do so by itself
 
-    Raises LogError for a file that is none, ParameterError for one that does not fit drive, mode or limits.
+    Raises LogError for a file that is not a log, ParameterError for one that does not fit drive, mode or limits.
     """
     log = read_log(path)
     known = {"excitation", "set_position"} & set(log.channels)
@@ -78,7 +78,7 @@ def read_profile(path: str | Path, drive: BusDrive, *, share: float = 1.0, ramp:
 
 
 def _check_band(path: str, excitation: np.ndarray, every: int, step: float) -> None:
-    """What lies above half the rate of the bus would come out as something else."""
+    """Frequencies above half the rate of the bus would be aliased."""
     if every == 1 or not np.any(excitation):
         return
     power = np.abs(np.fft.rfft(excitation)) ** 2

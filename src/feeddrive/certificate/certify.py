@@ -141,8 +141,8 @@ def certify_loop(
     plants       by name: a loop or an axis (a model), a response in m/N (a model is fitted to its lines), or a row of
                  them: (axis, response), (response of the load, of the motor), (axis, load, motor).
                  None: the loop's own axis
-    radius       r of models: a number, or points (Hz, r); 0.2 if nothing is said.  For measured plants r follows from
-                 lines and variances, and this is the least that it may be; 0.05 if nothing is said
+    radius       r of models: a number, or points (Hz, r); 0.2 if it is not given. For measured plants r follows from
+                 lines and variances, and this is its least value; 0.05 if it is not given
     beyond       least r above the last measured line
     arithmetic   of the coefficients: float64, float32, or fixedN with N binary places
     confidence   that the responses at all measured lines together lie in their discs

@@ -265,7 +265,7 @@ def parse(content: bytes) -> dict[str, Any]:
         return dict(pairs)
 
     def refuse(text: str) -> None:
-        raise RefusedError(f"it holds {text}, which is no number")
+        raise RefusedError(f"it holds {text}, which is not a number")
 
     try:
         document = json.loads(content.decode(), object_pairs_hook=once, parse_constant=refuse)

@@ -69,7 +69,7 @@ def deployed(control: Control, sample_time: float, arithmetic: str = "float64", 
             f"the law '{law.kind}' repeats itself only every {law.period()} samples: it has no response at the "
             f"actuator and cannot be certified; set position_every = 1"
         )
-    swings = 0.1 / sample_time  # rad/s of an axis that is there only to be read
+    swings = 0.1 / sample_time  # rad/s of an axis that only provides readings
     axis = Axis(plant=TwoMass(mass_motor=1.0, mass_load=1.0, stiffness=0.5 * swings * swings))
     bare = replace(control, guard=None, force_limit=None)
     numbers: dict[str, float] = {}
@@ -97,7 +97,7 @@ def deployed(control: Control, sample_time: float, arithmetic: str = "float64", 
     )  # fmt: skip
     used = [i for i in range(2) if np.any(model.B[:, i]) or np.any(model.D[:, i])]
     if not used:
-        raise ParameterError(f"the law '{law.kind}' answers to no reading: there is no loop to certify")
+        raise ParameterError(f"the law '{law.kind}' does not use any reading: there is no loop to certify")
     model = replace(model, B=model.B[:, used], D=model.D[:, used], inputs=tuple(READINGS[i] for i in used))
     sizes = np.abs(np.concatenate([each.ravel() for each in (model.A, model.B, model.C, model.D)]))
     wrong = sizes[(sizes != 0.0) & ((sizes < _KEPT[0]) | (sizes > _KEPT[1]))]

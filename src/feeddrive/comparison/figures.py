@@ -66,7 +66,7 @@ def ranks(criterion: Criterion, figures: Sequence[Mapping[str, float | None]]) -
 
 
 def beats(criterion: Criterion, a: float, b: float) -> bool:
-    """Whether a is better than b by more than a tie; what is infinite is neither better nor worse than its like."""
+    """Whether a is better than b by more than a tie; two infinite values are equal."""
     better, worse = (b, a) if criterion.higher else (a, b)
     if math.isinf(better) or math.isinf(worse):
         return better < worse

@@ -129,8 +129,8 @@ def _tuning(found: Comparison) -> ShownTable:
             rows.append([*cells, each.held_by, str(each.tuned.evaluations), proof])
     heads = ["law", "Ms", "delay margin samples", "noise N/nm", "crossover Hz", "held back by", "loops judged", "proof"]
     title = (
-        f"Robustness: {found.rule}. Proof: poles, limits on lines of its own, and the rope-snap error by a run of the "
-        "loop with its friction, counts and limits, all computed anew."
+        f"Robustness: {found.rule}. Proof: poles, limits on other frequency lines, and the rope-snap error by a "
+        "run of the loop with its friction, counts and limits, all computed independently of the search."
     )
     return ShownTable(Table(title, heads, rows))
 

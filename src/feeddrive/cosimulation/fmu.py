@@ -62,7 +62,7 @@ def opened(path: str | Path) -> Generator[Archive]:
         except FmuError:
             raise
         except Exception as error:  # a ZIP or an XML file can be broken in ways that only their readers know
-            raise FmuError(f"{path}: is no sound FMU: {_first_line(error)}") from None
+            raise FmuError(f"{path}: is damaged or not an FMU: {_first_line(error)}") from None
         yield _checked(str(path), description, Path(folder))
 
 
@@ -95,7 +95,7 @@ def _checked(name: str, description: Any, folder: Path) -> Archive:
     if description.fmiVersion == "1.0":
         raise FmuError(f"{name}: is of FMI 1.0; FMI 2.0 and 3.0 can be run")
     if description.coSimulation is None:
-        raise FmuError(f"{name}: is no FMU for co-simulation (it has no solver of its own): export it as one that is")
+        raise FmuError(f"{name}: is not an FMU for co-simulation (it has no solver): export it for co-simulation")
     three = str(description.fmiVersion).startswith("3.")
     here = fmpy.platform_tuple if three else fmpy.platform
     file = f"{description.coSimulation.modelIdentifier}{fmpy.sharedLibraryExtension}"
@@ -166,7 +166,7 @@ def _port(archive: Archive, known: Mapping[str, Any], signal: str, text: str, co
     if variable.causality not in causalities:
         raise FmuError(f"{archive.name}: '{name}' is {variable.causality}, but {signal} needs an {causalities[0]}")
     if variable.type not in _REALS or variable.dimensions:
-        raise FmuError(f"{archive.name}: '{name}' is no single number of 64 bits, which {signal} needs")
+        raise FmuError(f"{archive.name}: '{name}' is not a scalar of 64 bits, which {signal} needs")
     if signal == "command" and command_unit is None:
         raise ParameterError("command: the machine file names no motor, so that there is no command in a drive's unit")
     declared = (command_unit or "") if signal == "command" else _unit(signal)
@@ -282,7 +282,7 @@ class Instance:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        # what an FMU says at its end, or whether it is there at all, changes nothing any more
+        # messages and errors of an FMU at its end have no effect on the results
         if error is None:
             with contextlib.suppress(Exception):
                 self.fmu.terminate()
@@ -312,7 +312,7 @@ class Instance:
                 raise FmuError(f"{self.archive.name}: has no variable '{name}'{nearest(name, list(known))}")
             setter = _SETTERS.get(known[name].type)
             if setter is None:
-                raise FmuError(f"{self.archive.name}: '{name}' is of type {known[name].type}, which is no number")
+                raise FmuError(f"{self.archive.name}: '{name}' is of type {known[name].type}, which is not a number")
             number = float(value) if "Real" in setter or "Float" in setter else int(value)
             self._call(f"{name} = {value:g}", getattr(self.fmu, setter), [known[name].valueReference], [number])
         self.give(values)

@@ -225,7 +225,7 @@ def cosimulate(
     """
     if job.reference is None:
         raise ParameterError(
-            f"{job.file.name}: replays a log, which tells nothing of another plant: give a [reference]"
+            f"{job.file.name}: replays a log, which is valid only for its own plant: give a [reference]"
         )
     if job.machines:
         raise ParameterError(

@@ -184,8 +184,8 @@ def require_guard(loop: Loop) -> None:
     if loop.control.guard is None:
         held = float(weight(loop.axis))
         raise StructureError(
-            f"the control of axis {loop.name} has no guard, so that nothing says what a target does with a broken "
-            f"reading. Add these lines, with the limits of your machine, simulate, and export again:\n\n"
+            f"the control of axis {loop.name} has no guard, so that the reaction of a target to a broken reading "
+            "is not defined. Add these lines, with the limits of your machine, simulate, and export again:\n\n"
             f"    [axis.{loop.name}.control.guard]\n"
             f"    following_error_limit_mm = 1    # trips beyond it\n"
             f"    velocity_limit = 1              # m/s, trips beyond it\n"

@@ -64,7 +64,7 @@ def read_manifest(directory: Path) -> Manifest:
     """The manifest of an export. Raises FileError if it is not there, malformed, or of another kind."""
     file = directory / FILE
     if not directory.is_dir():
-        raise FileError(f"{directory}: is no directory; give the one that `feeddrive export` wrote")
+        raise FileError(f"{directory}: is not a directory; give the one that `feeddrive export` wrote")
     if not file.exists():
         raise FileError(f"{directory}: holds no {FILE}; give a directory that `feeddrive export` wrote")
     try:
@@ -99,7 +99,7 @@ def _digest(content: bytes | str) -> str:
 
 def _text(value: Any) -> str:
     if not isinstance(value, str):
-        raise TypeError(f"{value!r} is no text")
+        raise TypeError(f"{value!r} is not a text")
     return value
 
 

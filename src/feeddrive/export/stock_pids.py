@@ -68,7 +68,7 @@ OUTSIDE = {
         "a pid that runs carries the weight by its bias, but one that is disabled gives 0",
         "the brake must hold before the joint is disabled",
     ),
-    "velocity_limit": ("LinuxCNC limits what it commands, not what is measured", ""),
+    "velocity_limit": ("LinuxCNC limits the commanded, not the measured velocity", ""),
     "broken_readings": (
         "a pid computes with whatever it reads",
         "a NaN stays in the integral until the axis is disabled: let the encoder's fault disable it",
@@ -154,7 +154,9 @@ def biquad(block: Filter, T: float) -> StockBiquad:
         return StockBiquad(n0=made.b0, n1=made.b1, n2=made.b2, d1=made.b1 if made.a1 is None else made.a1, d2=made.a2)
     if isinstance(made, LowPass.Prepared):
         return StockBiquad(n0=made.b, n1=made.b, d1=made.a)
-    raise StructureError(f"control.filters: {block.kind} is no biquad of LinuxCNC; take the target linuxcnc")
+    raise StructureError(
+        f"control.filters: {block.kind} cannot be represented by a biquad of LinuxCNC; take the target linuxcnc"
+    )
 
 
 def period(loop: Loop) -> float:
@@ -242,8 +244,8 @@ def require_stable_pids(cascade: Cascade, stock: Loop, route: str, units: float)
             )
             break
     raise UnstableError(
-        f"LinuxCNC's pid does not hold this axis, though the design does: {found.sentence()}{hint}; see what it cannot "
-        f"hold, or export with the target linuxcnc, which computes the design itself"
+        f"LinuxCNC's pid does not hold this axis, although the design does: {found.sentence()}{hint}; see which "
+        "parts it cannot represent, or export with the target linuxcnc, which computes the design itself"
     )
 
 

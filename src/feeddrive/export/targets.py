@@ -52,7 +52,7 @@ def write_export(
     plant: bool = False,
     **options: Any,
 ) -> tuple[Design, Path]:
-    """Write the control of an axis, or with `plant` the axis, for a target; what was written, and what to read first.
+    """Write the control of an axis, or with `plant` the axis, for a target; returns the design and the file to read first.
 
     source     a machine file, or the name of a bundled machine; `axis` if it has several
     plant      without an `axis` all axes of the file, with their couplings, are one plant
@@ -132,7 +132,7 @@ def _planned(
 
 def _chosen(target: str) -> Target:
     if target not in TARGETS:
-        raise ParameterError(f"--target = '{target}' is no target{nearest(target, TARGETS)}")
+        raise ParameterError(f"--target = '{target}' is not a target{nearest(target, TARGETS)}")
     return TARGETS[target]
 
 

@@ -15,7 +15,7 @@ from feeddrive.loop.routine import Routine, Variable
 from feeddrive.loop.routine_trace import controller_of
 
 _DRAWS = 5  # until a change is one that the block allows
-BROKEN = (np.nan, np.inf, -np.inf, 1e300, -1e200, 5e-324, 1e-310)  # what no encoder should say, and what few do
+BROKEN = (np.nan, np.inf, -np.inf, 1e300, -1e200, 5e-324, 1e-310)  # readings that no encoder should give, and some do
 
 
 @dataclass(frozen=True, eq=False)

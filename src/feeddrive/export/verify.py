@@ -82,7 +82,7 @@ class Verified(Result):
             ["worst difference", worst],
             ["result", self._result()],
         ]
-        return Table(f"what runs against what was simulated: {self.name}", ["", ""], rows)
+        return Table(f"exported code against simulation: {self.name}", ["", ""], rows)
 
 
 def verify_export(
@@ -100,7 +100,7 @@ def verify_export(
 
     What runs is the export, in the program of its target; what it must answer comes from its machine file by this
     feeddrive's simulator, and in single precision from the same operations in Python, each rounded to it.
-    Raises FileError for a directory that is no export or whose text does not compile, MissingProgramError or
+    Raises FileError for a directory that is not an export or whose code does not compile, MissingProgramError or
     MissingExtraError without that program, and ParameterError for a target that nothing here can run.
     """
     directory = Path(directory)
@@ -122,7 +122,7 @@ def verify_export(
 def _design(directory: Path, manifest: Manifest) -> Design:
     """What the export says that it is of."""
     if manifest.what != CONTROL:
-        raise ParameterError(f"{directory}: is the export of an axis; it is tried by running it beside `simulate`")
+        raise ParameterError(f"{directory}: is the export of an axis; compare its run with one of `simulate`")
     file = directory / MACHINE_FILE
     if not file.is_file():
         raise FileError(f"{file}: is missing; export again")

@@ -71,7 +71,7 @@ def read_whole(path: str | Path, most: int) -> bytes:
                 "is it the right file?"
             )
         with open(path, "rb") as file:
-            return file.read(min(most, status.st_size + 1))  # read takes the memory for all that it is asked for
+            return file.read(min(most, status.st_size + 1))  # read allocates the memory for the whole requested size
     except OSError as error:
         raise refusal(path, "read", error) from None
 
@@ -171,7 +171,7 @@ def check_directory(path: str | Path) -> None:
 
 
 def _seen(name: object, temporary: Path, target: Path) -> Path | None:
-    """The file of an error under the name that it would have had."""
+    """An error that names the final file instead of the temporary one."""
     if not isinstance(name, str | Path):
         return None
     file = Path(name)

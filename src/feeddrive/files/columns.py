@@ -68,7 +68,7 @@ Named: TypeAlias = Column | str | tuple[str, float] | tuple[str, str]
 MOST_BYTES = 2_000_000_000  # of a log file; a reader may allow less
 MOST_NUMBERS = 400_000_000  # of all columns that are read: 3.2 GB in memory
 
-# what a packed file may hold, beside itself: a bomb of 1 MB may not fill the memory
+# limit of the size of an unpacked file: a decompression bomb of 1 MB must not fill the memory
 FREE_BYTES = 100_000_000
 MOST_TIMES = 100
 
@@ -157,7 +157,7 @@ def check_size(name: str, columns: int, rows: int) -> None:
 
 
 def most_unpacked(packed: int) -> int:
-    """How many bytes may come out of a file of that many: 100 times as many, and 100 MB in any case."""
+    """Largest unpacked size in bytes of a file of this size: 100 times as much, and at least 100 MB."""
     return min(FREE_BYTES + MOST_TIMES * packed, MOST_BYTES)
 
 

@@ -30,7 +30,7 @@ from feeddrive.files.readers.uff import read_uff
 from feeddrive.files.run_files import read_parquet
 from feeddrive.language.errors import LogError
 
-_PIECE = 10_000_000  # bytes that gzip unpacks at a time: a bomb is noticed one piece beyond what is read
+_PIECE = 10_000_000  # bytes that gzip unpacks at a time: a decompression bomb is detected one piece beyond the limit
 _LEAST = 256  # bytes that a member of a gzip file is given first
 _PAD = 65536  # bytes of zeros between members that are skipped at a time
 _HDF5 = b"\x89HDF\r\n\x1a\n"

@@ -81,7 +81,7 @@ def read_controllers(path: str | Path | OpenedFile) -> dict[str, dict[str, float
     """
     file = _opened(path)
     if not ast_xml.is_xml(file.unpacked):
-        raise LogError(f"{path}: is no XML of a tuning tool; controllers are read from that only")
+        raise LogError(f"{path}: is not the XML of a tuning tool; controllers can be read only from such a file")
     known, others = ast_xml.controllers(str(file), file.unpacked)
     return {**known, **({"": others} if others else {})}
 
@@ -204,7 +204,7 @@ def _check_frequency(where: str, label: str, frequency: np.ndarray, table: Colum
 
 
 def _complex(where: str, response: Response, table: Columns) -> np.ndarray:
-    """The complex numbers of a response, none of which is beyond all measure."""
+    """The complex numbers of a response, all of plausible size."""
     values = _from_parts(where, response, table)
     size = np.abs(values)
     if (most := float(np.max(size))) > _LARGEST:

@@ -231,7 +231,7 @@ def _laws(root: Section, today: Loop, machine: Machine | None) -> dict[str, Syst
 
 
 def _replaced(section: Section, today: Loop) -> Loop:
-    """The loop under another control; what a row says nothing of, guard and limit, is that of today."""
+    """The loop under another control; guard and limit that a row does not state are those of today."""
     control = read_block(Control, section)
     guard = today.control.guard if control.guard is None else control.guard
     limit = today.control.force_limit if control.force_limit is None else control.force_limit
@@ -283,7 +283,7 @@ def _log(root: Section, place: Path, given: str | Path | None) -> LogRequest | N
     section = root.optional("log")
     if section is None:
         if given is not None:
-            raise root.error("a log was given, but the job has no section [log] that says what its columns are")
+            raise root.error("a log was given, but the job has no section [log] that assigns its columns")
         return None
     step = [key for key in section.values if key == "sample_time" or key.startswith("sample_time_")]
     section.refuse_unknown(("file", "channels", "optional", "skip_samples", "sample_time", *step))

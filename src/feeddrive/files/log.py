@@ -123,7 +123,7 @@ def remarks(channels: Mapping[str, np.ndarray]) -> tuple[str, ...]:
         if values.size < 2:
             continue
         if np.ptp(values) == 0.0:
-            found.append(f"'{name}' is constant, {values[0]:.6g}: it says nothing, or it was not connected")
+            found.append(f"'{name}' is constant, {values[0]:.6g}: it contains no information, or it was not connected")
             continue
         found += [sentence for sentence in (_clipped(name, values), _slow(name, values)) if sentence]
     return tuple(found)
@@ -144,8 +144,8 @@ def _clipped(name: str, values: np.ndarray) -> str:
         if np.count_nonzero(long) >= _TIMES and np.median(steps[starts[long] - 2]) > _ABRUPT * usual:
             share = 100.0 * np.mean(values == limit)
             return (
-                f"'{name}' is clipped: it stands at its {word} value {limit:.6g} {np.count_nonzero(long)} times for "
-                f"{_LONG} samples or more, and in {share:.2g} % of the log; what is fitted there is wrong"
+                f"'{name}' is clipped: it stays at its {word} value {limit:.6g} {np.count_nonzero(long)} times for "
+                f"{_LONG} samples or more, and in {share:.2g} % of the log; fits to these samples are wrong"
             )
     return ""
 

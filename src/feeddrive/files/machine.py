@@ -58,7 +58,7 @@ class MachineFile(Result):
         return f"a machine file holds a loop for each axis: give .loop('{first}'); fd.compare(file) puts all laws on it"
 
     def table(self) -> Table:
-        """One row for each axis: what it is, what controls it."""
+        """One row for each axis: its plant and its control."""
         rows = [
             [name, loop.axis.plant.kind, getattr(loop.axis.friction_load or loop.axis.friction_motor, "kind", "-"),
              loop.control.law.kind, ", ".join(each.kind for each in loop.control.filters) or "-",
@@ -190,6 +190,6 @@ def _text(section: Section, name: str) -> str:
         raise section.error(f'{section.dotted(name)} must be a text in quotes ("...")', name)
     if name == "name" and not value.isprintable():
         raise section.error(
-            f"{section.dotted(name)} must be one line of plain text: it goes into files of others", name
+            f"{section.dotted(name)} must be one line of plain text: it is written into files of other programs", name
         )
     return value

@@ -368,7 +368,8 @@ def _check_plausible(name: str, sample_time: float) -> None:
         likely = f"; likeliest are {' and '.join(read)} from one row to the next" if read else ""
         raise LogError(
             f"{name}: a sample time of {sample_time:.6g} s is not one of a servo loop, {_FASTEST:g} to {_SLOWEST:g} s; "
-            f"is the time in another unit{likely}? Then say so: --time t:ms, or  time = {{ column = 't', unit = 'ms' }}"
+            f"is the time in another unit{likely}? Then state it: --time t:ms, or  time = "
+            f"{{ column = 't', unit = 'ms' }}"
         )
 
 

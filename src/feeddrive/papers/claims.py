@@ -50,7 +50,7 @@ class Claim:
 
     @property
     def holds(self) -> bool:
-        """Whether the figure lies within its bounds; what is not a number holds nothing."""
+        """Whether the figure lies within its bounds; NaN is never within them."""
         above = self.least is None or self.got >= self.least
         below = self.most is None or self.got <= self.most
         return above and below and not math.isnan(self.got)
@@ -210,7 +210,7 @@ def _reproduced(paper: str) -> Reproduced:
 
 
 def _heard(told: Any, futures: Sequence[Future[Reproduced]], progress: Progress) -> Iterator[tuple[str, str]]:
-    """What the processes tell until all are done; the first error ends it."""
+    """The progress of the processes until all are done; the first error ends it."""
     while not all(future.done() for future in futures):
         if any(future.done() and future.exception() for future in futures):
             return

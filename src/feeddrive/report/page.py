@@ -155,7 +155,7 @@ RESPONSE_LINES = 1500  # of the frequency responses of an entry, from 1 Hz to Ny
 
 @dataclass(frozen=True)
 class Shown:
-    """A picture that is drawn when asked for: a key of letters, a headline, how to read it, what is seen."""
+    """A picture that is drawn on demand: a key of letters, a headline, how to read it, a description."""
 
     key: str
     title: str

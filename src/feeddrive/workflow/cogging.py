@@ -149,7 +149,7 @@ def _passes(request: CoggingRequest, drive: Drive, orders: Sequence[int] | None,
         period = _period(request.period, ROLES[moving], drive)
         units_there = log.units.get(role, "")
         try:
-            found += cogging_passes(log[moving] / period, log[role], highest=max(orders or (128,)), name=path.path.name)
+            found += cogging_passes(log[moving] / period, log[role], highest=max(orders or (128,)), name=path.name)
         except NotIdentifiableError as error:
             unit = ROLES[moving]
             raise NotIdentifiableError(f"{path}: with a period of {period:.4g} {unit} {error}") from None

@@ -295,7 +295,7 @@ _SYNC_TYPES = 0x1C00  # what each sync manager is for: mailbox out, mailbox in, 
 
 
 def answer(message: bytes, objects: PdoMap) -> bytes | None:
-    """What comes back for a mailbox message; None for one that is no CoE request."""
+    """What comes back for a mailbox message; None for a message that is not a CoE request."""
     length, _, _, kind = struct.unpack_from("<HHBB", message)
     body = message[6 : 6 + length]
     if kind & 0x0F != _COE or len(body) < 10:

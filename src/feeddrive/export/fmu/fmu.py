@@ -64,7 +64,7 @@ def fmu(layout: Layout, version: int, *, title: str, made_by: str, binary: bool 
     """
     routine = layout.routine
     if version not in VERSIONS:
-        raise ParameterError(f"there is no export to FMI {version}: take 2 or 3")
+        raise ParameterError(f"FMI {version} is not supported: take 2 or 3")
     if layout.precision != "double":
         raise ParameterError("an FMU computes in double precision: leave --precision out")
     if routine.name.lower() in _TAKEN:

@@ -68,7 +68,7 @@ def pins(routine: Routine) -> list[Item]:
         pin("trip-code", "s32", "out", "trip of the guard now, 0 none; it ends when enable goes off"),
         pin("fault", "bit", "out", "on from a trip or fault until the next rising edge of enable or reset"),
         pin("fault-code", "s32", "out", f"why: 0 none; {codes}"),
-        pin("ok", "bit", "out", "the opposite of fault, for a chain of what must be well"),
+        pin("ok", "bit", "out", "the opposite of fault, for an emergency stop chain"),
         pin("heartbeat", "bit", "out", "changes at every call while there is no fault: for a watchdog or charge pump"),
         pin("parameter-bad", "bit", "out", "the parameters break a rule: no change acts until they are mended"),
         pin("parameter-rule", "s32", "out", "code of the rule that they break, 0 none; the README has its sentence"),
@@ -82,7 +82,7 @@ def settings(routine: Routine) -> dict[Item, float]:
     return {
         Item("units-per-m", "float", "rw", "length units of the machine in a metre: 1000 for mm, "
              "39.37007874015748 for inch; read at the first call"): 1000.0,
-        Item("period-tolerance", "u32", "rw", f"by how much the period of the thread may differ from {T} ns, ns"):
+        Item("period-tolerance", "u32", "rw", f"largest deviation of the period of the thread from {T} ns, in ns"):
              tolerance(routine),
         Item("late-limit", "u32", "rw", "longest time from call to call, ns; 0: not watched"): LATE * T,
     }  # fmt: skip
@@ -193,12 +193,12 @@ def filled(name: str, /, **values: object) -> str:
 
 # Components of LinuxCNC 2.9: one of the same name would take their place on the user's machine, or not load.
 STOCK = frozenset(text("stock.txt").split())
-FASTEST, SLOWEST = 10_000, 100_000_000  # ns; what a PC keeps up with at best, and slower than any servo loop
+FASTEST, SLOWEST = 10_000, 100_000_000  # ns; shortest period of a PC at best, and a period slower than any servo loop
 MEASURED = ("time", "tmax", "tmax-increased")  # pins that HAL adds to every function
 
 
 class Item(NamedTuple):
-    """A pin or a parameter: what the .comp file declares."""
+    """A pin or a parameter that the .comp file declares."""
 
     name: str
     type: str  # "float", "bit", "s32" or "u32"
@@ -262,8 +262,8 @@ def period(routine: Routine) -> int:
     whole = round(exact)
     if abs(exact - whole) > 1e-3:
         raise ParameterError(
-            f"sample_time = {routine.sample_time:.12g} s is no whole number of nanoseconds, in which LinuxCNC gives "
-            f"the period of a thread; the nearest one is {max(whole, FASTEST) * 1e-9:.9g} s"
+            f"sample_time = {routine.sample_time:.12g} s is not a whole number of nanoseconds, the unit of thread "
+            f"periods in LinuxCNC; the nearest is {max(whole, FASTEST) * 1e-9:.9g} s"
         )
     if not FASTEST <= whole <= SLOWEST:
         raise ParameterError(

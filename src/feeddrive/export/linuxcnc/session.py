@@ -36,7 +36,7 @@ _PACKAGES = {
 
 
 class HalError(FeeddriveError):
-    """LinuxCNC did not take a component, failed, or did not end; the message holds what it said."""
+    """LinuxCNC refused a component, failed, or did not end; the message holds its output."""
 
 
 def check_programs() -> None:
@@ -130,7 +130,7 @@ for each in {components}; do halcompile --install $each; done
 export RTAPI_FIFO_PATH={modules}/socket HOME=$PWD
 {user} bash run.sh
 """
-_NOBODY = "RTAPI_UID=65534"  # LinuxCNC does not run as root: it is told whom to be
+_NOBODY = "RTAPI_UID=65534"  # LinuxCNC does not run as root: the user id is passed to it
 _USER = "unshare --user --map-user=1000"  # and the root of these namespaces can only become a user again
 
 

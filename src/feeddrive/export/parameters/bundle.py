@@ -194,7 +194,7 @@ _MEANINGS = {
     "position.FF1": ("(mm/s)/(mm/s)", "share of the set velocity", "control.law.velocity_feedforward"),
     "velocity.Pgain": ("output/(mm/s)", "velocity gain", "control.law.Kp"),
     "velocity.Igain": ("output/mm", "velocity gain over integral time", "control.law.Kp / control.law.Tn"),
-    "velocity.FF0": ("output/(mm/s)", "what the law gives back of the viscous friction", "control.law.viscous"),
+    "velocity.FF0": ("output/(mm/s)", "compensation of the viscous friction by the law", "control.law.viscous"),
     "velocity.maxoutput": ("output", "limit of the output", "control.force_limit"),
 }
 

@@ -85,7 +85,8 @@ def read_cascade(loop: Loop) -> Cascade:
     law = loop.control.law
     if not isinstance(law, CascadePPI):
         raise StructureError(
-            f"control.law: {law.kind} is no P-PI cascade, and there are no parameters for anything else: export it "
+            f"control.law: {law.kind} is not a P-PI cascade, and only a P-PI cascade has parameters in drives: "
+            "export it "
             f"with the target c or linuxcnc, which carry the law itself, or give the axis a cascade_ppi"
         )
     mass, viscous = _fed(loop)
@@ -150,7 +151,9 @@ def drive_train(loop: Loop, lead: float | None = None, gear: float | None = None
     if lead is not None:
         return DriveTrain(lead, gear or 1.0, "given with the export")
     if gear is not None:
-        raise ParameterError("gear is given without lead: a gear alone says nothing; give the lead of the screw too")
+        raise ParameterError(
+            "gear is given without lead: a gear alone is not sufficient; give the lead of the screw too"
+        )
     if isinstance(motor, Screw):
         return DriveTrain(motor.lead, motor.gear, "axis.actuator.motor")
     found = getattr(plant, "lead", None)
@@ -208,7 +211,7 @@ CONSEQUENCES: Mapping[str, str] = {
     "velocity_encoder": "the velocity loop closes on another encoder than it was designed with",
     "position_every": "the position loop runs at the target's own rate",
     "viscous": "the damping of the velocity loop grows by this number; following errors that the law took out remain",
-    "back_calculation": "behind a limit the integral comes back in another way: overshoot after saturation differs",
+    "back_calculation": "behind a limit the integral recovers in another way: overshoot after saturation differs",
     "inertia": "following errors in acceleration grow",
     "viscous_feedforward": "following errors at speed grow until the integral has settled",
     "half_sample": "the force comes half a sample late: an error of mass · jerk · T/2 in N",
@@ -218,12 +221,13 @@ CONSEQUENCES: Mapping[str, str] = {
     "feedforward": "its force is missing",
     "compensation": "disturbances and modes that it took out remain",
     "prefilter": "the set motion is not shaped: tracking differs from the simulation",
-    "filters": "resonances that the filter held down come back: gains that are stable with it may be unstable without",
+    "filters": "resonances that the filter suppressed remain: gains that are stable with it may be unstable without it",
     "force_limit": "the force is limited by the drive's own setting alone",
     "following_error_limit": "the axis does not stop at this following error",
     "velocity_limit": "the axis does not stop at this speed",
     "travel": "the axis does not stop at the ends of its travel",
-    "broken_readings": "a reading that is no number is not replaced: see what the target does with an encoder fault",
+    "broken_readings": "a reading that is not a number is not replaced: check the reaction of the target to an "
+    "encoder fault",
     "safe_force": "a hanging axis sinks until its brake holds",
     "alignment": "the offset between two encoders acts at enable",
 }

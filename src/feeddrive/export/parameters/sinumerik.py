@@ -114,7 +114,7 @@ SINUMERIK = Maker(
         ),
         Lost(
             "control.filters", "", "current setpoint filters stand behind the sum of feedback and precontrol",
-            "what is fed forward passes the filters and comes later",
+            "the feedforward passes the filters and is delayed by them",
         ),
     ),
 )  # fmt: skip

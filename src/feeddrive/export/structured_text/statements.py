@@ -191,7 +191,7 @@ class Statements:
         return frozenset().union(*(self._reads.get(i, frozenset({i})) for i in values))
 
     def _add(self, statement: Assignment) -> None:
-        """Behind what is there; before the choice at the end if that is none of its business, so that choices meet."""
+        """Append after the present statements, or before an independent choice at their end, to merge choices."""
         last = self.done[-1] if self.done else None
         place = (
             len(self.done) - 1 if isinstance(last, Choice) and not (statement.needs & last.makes) else len(self.done)

@@ -75,7 +75,7 @@ def friction() -> Part:
         Claim("2.e rms", "Friction feedforward takes most of the error under pole placement", rule,
               gain(smooth, PLACED, rms), 2.5, None, "", "RMS 0.446 -> 0.136 µm"),
         Claim("2.e peak", "And of its peak", rule, gain(smooth, PLACED, peak), 2.5, None, "", "peak 3.84 -> 0.96 µm"),
-        Claim("2.e P-PI", "It takes little of that of P-PI, which is none of friction", rule,
+        Claim("2.e P-PI", "It reduces the error of P-PI little, since that error is not caused by friction", rule,
               gain(smooth, CASCADE, peak), 1.1, 1.5, "", "peak 13.9 -> 11.4 µm"),
         Claim("2.e set-valued", "The order is the same with set-valued friction", beside, gain(exact, PLACED, rms),
               1.5, None, "", "ordering only"),
@@ -174,7 +174,8 @@ def other_axis() -> Part:
     claims = [
         Claim("2.g heavy table", "Pole placement keeps its advantage with a table it does not know", rule,
               found[CASCADE][0] / found[PLACED][0], 2.5, None, "", "peak 19.6 / 5.7 µm"),
-        Claim("2.g prefilter", "The prefilter finds what the model missed", rule, found[PLACED][0] / found[PLACED][1],
+        Claim("2.g prefilter", "The prefilter corrects the errors of the "
+        "model", rule, found[PLACED][0] / found[PLACED][1],
               2.0, None, "", "peak 5.7 -> 2.5 µm"),
         Claim("2.g prefilter, P-PI", "It finds less of that of P-PI", rule, found[CASCADE][0] / found[CASCADE][1],
               1.2, 2.0, "", "peak 19.6 -> 14.4 µm"),
