@@ -52,7 +52,7 @@ def write_export(
     plant: bool = False,
     **options: Any,
 ) -> tuple[Design, Path]:
-    """Write the control of an axis, or with `plant` the axis, for a target; returns the design and the file to read first.
+    """Write the control of an axis, or with `plant` the axis, for a target; returns design and README.
 
     source     a machine file, or the name of a bundled machine; `axis` if it has several
     plant      without an `axis` all axes of the file, with their couplings, are one plant
