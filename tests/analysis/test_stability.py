@@ -14,7 +14,8 @@ from feeddrive.blocks.plant.rigid import Rigid
 from feeddrive.language.errors import UnstableError
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.control import Control
-from feeddrive.loop.linearize import StateSpace, loop_gain
+from feeddrive.loop.lifting import loop_gain
+from feeddrive.loop.linearize import StateSpace
 from feeddrive.loop.loop import Loop
 
 T = 1e-3

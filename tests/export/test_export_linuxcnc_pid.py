@@ -22,7 +22,7 @@ from feeddrive.export.linuxcnc_pid import write_linuxcnc_pid
 from feeddrive.export.parameters.quantities import Cascade, read_cascade
 from feeddrive.export.stock_pids import ROUTES, difference, moves, require_stable_pids, stock_law, stock_loop
 from feeddrive.language.errors import FileError, ParameterError, StructureError, UnstableError
-from feeddrive.loop.linearize import loop_gain
+from feeddrive.loop.lifting import loop_gain
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.routine_trace import plant_routine
 from feeddrive.loop.simulate import simulate

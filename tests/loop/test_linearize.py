@@ -20,7 +20,8 @@ from feeddrive.blocks.signals import Setpoint
 from feeddrive.language.errors import ParameterError
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.control import Control
-from feeddrive.loop.linearize import compliance, linearize, loop_gain, tracking
+from feeddrive.loop.lifting import compliance, loop_gain, tracking
+from feeddrive.loop.linearize import linearize
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import simulate
 
@@ -153,14 +154,6 @@ def test_a_slow_position_loop_is_judged_over_its_whole_period(every: int, edge: 
 
     assert stable(0.98 * edge)
     assert not stable(1.02 * edge)
-
-
-def test_a_slow_position_loop_has_no_loop_gain() -> None:
-    loop = ball_screw()
-    law = CascadePPI(Kv=60, Kp=4e4, Tn=0.01, position_every=4)
-    slow = dataclasses.replace(loop, control=dataclasses.replace(loop.control, law=law))
-    with pytest.raises(ParameterError, match="repeats itself only every 4 samples"):
-        loop_gain(slow, np.array([10.0]))
 
 
 def test_the_force_limit_is_left_out() -> None:

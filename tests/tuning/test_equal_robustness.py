@@ -34,7 +34,7 @@ from feeddrive.files.machine import read_machine
 from feeddrive.language import tree
 from feeddrive.language.block import parameter
 from feeddrive.language.errors import ParameterError, StructureError, UnstableError
-from feeddrive.loop.linearize import loop_gain
+from feeddrive.loop.lifting import loop_gain
 from feeddrive.loop.loop import Loop
 from feeddrive.tuning.candidates import axis_model, candidates
 from feeddrive.tuning.limits import Limits

@@ -10,8 +10,8 @@ from scipy.linalg import matrix_balance, schur
 
 from feeddrive.analysis.margins import margins
 from feeddrive.analysis.stiffness import rope_snap
-from feeddrive.language.errors import ParameterError
 from feeddrive.loop.frequency_response import FRF
+from feeddrive.loop.lifting import Lifted, gain_of, lifted
 from feeddrive.loop.linearize import StateSpace, linearize
 from feeddrive.loop.loop import Loop
 
@@ -27,16 +27,20 @@ class LoopModel:
 
     open    the loop cut between control and actuator
     closed  the same model with cut = force
+
+    Of a law that repeats itself only after several samples both are lifted, and the loop gain is that which a sine
+    meets (`loop_gain`).
     """
 
-    open: StateSpace
-    closed: StateSpace
+    open: StateSpace | Lifted
+    closed: StateSpace | Lifted
 
     def lines(self, per_decade: int = _LINES) -> np.ndarray:
         """Frequencies in Hz up to Nyquist, spread evenly over ln f and denser around each resonance."""
         nyquist = 0.5 / self.open.sample_time
         spread = np.geomspace(_LOWEST * nyquist, nyquist, round(-np.log10(_LOWEST) * per_decade))
-        poles = np.concatenate([self.open.poles(), self.closed.poles()])
+        one = [each if isinstance(each, StateSpace) else each.samples[-1] for each in (self.open, self.closed)]
+        poles = np.concatenate([each.poles() for each in one])
         poles = poles[(np.abs(poles) > 0.1) & (np.abs(poles.imag) > 0.0)]
         s = np.log(poles) / self.open.sample_time
         beside = np.abs(s.imag)[:, None] + np.abs(s.real)[:, None] * _BESIDE
@@ -52,6 +56,8 @@ class LoopModel:
         frequency, and ten times as quick.
         """
         model = self.open
+        if isinstance(model, Lifted):
+            return gain_of(model, frequency)[0]
         row, column = model.outputs.index("force"), model.inputs.index("cut")
         z = np.exp(2j * np.pi * frequency * model.sample_time)
         # m and N differ by ten powers of ten: unbalanced, the rounding of the large ones would swallow the small ones
@@ -72,32 +78,75 @@ def loop_model(loop: Loop, *, velocity: float = 0.05) -> LoopModel:
     """The linear model of a loop that moves with `velocity` (m/s), opened at the actuator.
 
     Its inputs are `cut`, `load_force` and both readings.
-    Raises ParameterError for a law whose period is several samples (multirate): it has no loop gain at the actuator.
+    Raises ParameterError for a law whose period is more than 64 samples where a loop gain is asked for.
     """
-    if loop.control.law.period() > 1:
-        raise ParameterError(
-            f"the law '{loop.control.law.kind}' repeats itself only every {loop.control.law.period()} samples: its "
-            f"loop has no gain at the actuator, and no margins"
-        )
     inputs = ("cut", "load_force", "reading_motor", "reading_load")
+    if loop.control.law.period() > 1:
+        samples = lifted(loop, inputs, ("force", "position_load"), velocity=velocity)
+        return LoopModel(samples, Lifted(tuple(close(each) for each in samples.samples)))
     model = linearize(loop, inputs, ("force", "position_load"), velocity=velocity)
     return LoopModel(model, close(model))
 
 
-def close(model: StateSpace) -> StateSpace:
-    """The model with its input `cut` fed by its output `force`; the other inputs and outputs stay.
+def close(model: StateSpace, gain: float = 1.0) -> StateSpace:
+    """The model with its input `cut` fed by its output `force` times a gain; the other inputs and outputs stay.
 
     x' = A x + b f + B u,  f = c x + d u  gives  x' = (A + b c) x + (B + b d) u: the command of a sample never depends
     on the actuator's force in the same sample.
     """
     place, row = model.inputs.index("cut"), model.outputs.index("force")
     kept = [i for i in range(len(model.inputs)) if i != place]
-    b, c, d = model.B[:, [place]], model.C[[row]], model.D[[row]][:, kept]
-    through = model.D[:, [place]]
+    b, c, d = gain * model.B[:, [place]], model.C[[row]], model.D[[row]][:, kept]
+    through = gain * model.D[:, [place]]
     return StateSpace(
         model.A + b @ c, model.B[:, kept] + b @ d, model.C + through @ c, model.D[:, kept] + through @ d,
         model.sample_time, model.states, tuple(model.inputs[i] for i in kept), model.outputs,
     )  # fmt: skip
+
+
+_HIGHEST, _STEPS = 1e3, 120  # up to which gain the first edge is looked for, and in how many steps
+_LATEST = 400  # samples of dead time likewise
+
+
+def gain_edge(model: Lifted) -> float | None:
+    """The factor above 1 by which the force may be larger until the loop is at its edge, by its poles over a period.
+
+    Exact for a gain that is common to all samples, where the loop gain that a sine meets takes one frequency alone.
+    None if there is none up to 1000.  The loop itself must be stable.
+    """
+
+    def stable(gain: float) -> bool:
+        return abs(Lifted(tuple(close(each, gain) for each in model.samples)).poles()[0]) < 1.0
+
+    steps = np.geomspace(1.0, _HIGHEST, _STEPS)
+    first = next((i for i, gain in enumerate(steps) if i > 0 and not stable(gain)), None)
+    if first is None:
+        return None
+    low, high = float(steps[first - 1]), float(steps[first])
+    while high / low - 1.0 > 1e-7:
+        middle = float(np.sqrt(low * high))
+        low, high = (middle, high) if stable(middle) else (low, middle)
+    return low
+
+
+def delay_edge(model: Lifted) -> int | None:
+    """The most whole samples of dead time more with which, and with all fewer, the loop is stable by its poles.
+
+    None if 400 are not too many.
+    """
+    N, place, row = len(model.samples), model.inputs.index("cut"), model.outputs.index("force")
+    n = model.samples[0].A.shape[0]
+    for count in range(1, _LATEST + 1):
+        product = np.eye(n + count)
+        for k in range(N):  # the forces on their way, the oldest first
+            each, step = model.samples[k], np.zeros((n + count, n + count))
+            step[:n, :n], step[:n, n] = each.A, each.B[:, place]
+            step[n:-1, n + 1 :] = np.eye(count - 1)
+            step[-1, :n], step[-1, n] = each.C[row], each.D[row, place]
+            product = step @ product
+        if np.max(np.abs(np.linalg.eigvals(product))) >= 1.0:
+            return count - 1
+    return None
 
 
 _EDGE = 1e-9  # of |z|: what eigenvalues of a small matrix are uncertain by
@@ -120,7 +169,7 @@ class Robustness(NamedTuple):
 def robustness(loop: Loop, *, velocity: float = 0.05, per_decade: int = 40) -> Robustness:
     """The figures of a loop that moves with `velocity` (m/s), opened at the actuator."""
     both = loop_model(loop, velocity=velocity)
-    poles = both.closed.poles()
+    poles = both.closed.poles()  # over a period
     growth = float(abs(poles[0])) if poles.size else 0.0
     if not Robustness(growth).stable:
         return Robustness(growth)

@@ -14,6 +14,7 @@ from feeddrive.analysis.margins import least
 from feeddrive.language.errors import ParameterError, UnstableError
 from feeddrive.language.table import Result, Table
 from feeddrive.loop.frequency_response import FRF
+from feeddrive.loop.lifting import Lifted
 from feeddrive.loop.linearize import StateSpace
 
 _DOUBLINGS = 64  # 2^64 samples: longer than any run
@@ -146,15 +147,24 @@ def static_stiffness(model: StateSpace) -> float:
     return float("inf") if abs(compliance) <= _ROUNDING * max(scale, cancelled) else 1.0 / abs(compliance)
 
 
-def rope_snap(model: StateSpace) -> float:
+def rope_snap(model: StateSpace | Lifted) -> float:
     """ISE^½ of a force step of 1 N, in m s^½/N: the L2 norm of the position's response; infinite if an offset remains.
 
         ISE^½ = [∫ |C|²/ω² dω/π]^½ = [T Σ y(k)²]^½,   y the response of a model from `load_force` to `position_load`
 
     From the sum over all samples (`summed`): C x(k) = C A^k (x(0) - x(∞)), x(∞) = (1 - A)⁻¹ B.
-    Without integral action the axis does not come back, and the figure is infinite.
+    Without integral action the axis does not come back, and the figure is infinite.  Of a lifted model over all samples
+    of its periods, for a step at the beginning of one.
     Raises UnstableError for a model that is not stable.
     """
+    if isinstance(model, Lifted):
+        A, B, C, D = model.stacked(["load_force"], ["position_load"])
+        rest = np.linalg.solve(np.eye(A.shape[0]) - A, np.sum(B, axis=1))
+        left = C @ rest + np.sum(D, axis=1)
+        scale = np.abs(C) @ np.abs(rest) + np.sum(np.abs(D), axis=1) + np.linalg.norm(B) * np.linalg.norm(C)
+        if np.any(np.abs(left) > _ROUNDING * scale):
+            return float("inf")
+        return float(np.sqrt(max(rest @ summed(A, C.T @ C) @ rest, 0.0) * model.sample_time))
     column, row = model.inputs.index("load_force"), model.outputs.index("position_load")
     A, B, C, D = model.A, model.B[:, column], model.C[row], model.D[row, column]
     P = summed(A, np.outer(C, C))
@@ -193,15 +203,23 @@ def rope_snap_of_run(displacement: np.ndarray, force: float, T: float) -> float:
     return float(np.sqrt(T * np.sum(displacement**2))) / force
 
 
-def force_noise(model: StateSpace, motor: float, load: float, *, shared: bool = False) -> float:
+def force_noise(model: StateSpace | Lifted, motor: float, load: float, *, shared: bool = False) -> float:
     """RMS of the commanded force in N, from white errors of the readings with standard deviations in m.
 
     motor, load  of the two readings, independent of each other
     shared       one encoder gives both readings: its error, `load`, is in both
 
-    A count of q has an error of q/√12, white as long as the axis moves by a count or more each sample.
+    A count of q has an error of q/√12, white as long as the axis moves by a count or more each sample.  Of a lifted
+    model the mean over the samples of a period.
     Raises UnstableError for a model that is not stable.
     """
+    if isinstance(model, Lifted):
+        N = len(model.samples)
+        A, B, C, D = model.stacked(["reading_motor", "reading_load"], ["force"])
+        mixed = np.kron(np.array([[load], [load]]) if shared else np.diag([motor, load]), np.eye(N))
+        into, through = B @ mixed, D @ mixed
+        power = np.trace(into.T @ summed(A, C.T @ C) @ into) + np.sum(through * through)
+        return float(np.sqrt(max(power, 0.0) / N))
     row = model.outputs.index("force")
     first, second = (model.inputs.index(name) for name in ("reading_motor", "reading_load"))
     B, D = model.B[:, [first, second]], model.D[row, [first, second]]

@@ -33,6 +33,7 @@ from feeddrive.files.run_files import versions
 from feeddrive.language.errors import FeeddriveError, ParameterError, UnstableError
 from feeddrive.language.progress import Progress
 from feeddrive.language.table import Result, Table, frame_of, picture_of
+from feeddrive.loop.lifting import MOST
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import Run, simulate
 from feeddrive.tuning.candidates import PLAIN, Candidate, Refusal, candidates
@@ -285,7 +286,7 @@ def _judged(name: str, loop: Loop, tuned: Tuned | None, remark: str, duty: Duty,
     if not verdict.stable:
         return Competitor(name, loop, tuned, remark, effort_of(loop), unfit=verdict.sentence())
     both, figures = None, dict[str, float | None](effort_of(loop))
-    if loop.control.law.period() == 1:
+    if loop.control.law.period() <= MOST:
         both = loop_model(loop, velocity=velocity)
         figures = linear(loop, both)
     rest = duty.begin + duty.rest

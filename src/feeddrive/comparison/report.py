@@ -20,7 +20,7 @@ from feeddrive.files.run_files import file_names
 from feeddrive.language import tree
 from feeddrive.language.table import Table
 from feeddrive.loop.control import Control
-from feeddrive.loop.linearize import compliance, tracking
+from feeddrive.loop.lifting import compliance, tracking
 from feeddrive.report import build
 from feeddrive.report.page import RESPONSE_LINES, Entry, Shown, ShownTable, Study
 from feeddrive.report.sentences import block_sentence, described, number
@@ -76,8 +76,7 @@ def _entry(found: Comparison, each: Competitor) -> Entry:
     """A competitor as a law of a report."""
     assert each.move is not None
     loop_gain = track = None
-    period = each.loop.control.law.period()
-    nyquist = 0.5 / (each.loop.sample_time * period)
+    nyquist = 0.5 / each.loop.sample_time
     frequency = np.geomspace(min(1.0, 0.01 * nyquist), nyquist, RESPONSE_LINES)
     if each.model is not None:
         loop_gain = each.model.loop_gain(frequency)

@@ -19,7 +19,7 @@ from feeddrive.language.block import Number
 from feeddrive.language.errors import ParameterError, StructureError
 from feeddrive.language.graph import ELEMENTARY
 from feeddrive.loop.axis import Axis
-from feeddrive.loop.linearize import loop_gain
+from feeddrive.loop.lifting import MOST, loop_gain, period_of
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.machine import System
 from feeddrive.loop.routine import Routine
@@ -117,7 +117,7 @@ class Design:
 
     def _robustness(self) -> list[str]:
         """A word where the loop is close to its edge."""
-        if any(loop.control.law.period() > 1 for loop in self.system.loops().values()):
+        if period_of(self.system) > MOST:
             return []
         nyquist = 0.5 / self.routine.sample_time
         frequency = np.geomspace(1e-4 * nyquist, nyquist, 2000)

@@ -37,7 +37,7 @@ from feeddrive.export.parameters.quantities import Cascade, Lost, lost
 from feeddrive.language import tree
 from feeddrive.language.errors import DivergedError, ParameterError, StructureError, UnstableError
 from feeddrive.loop.control import Control
-from feeddrive.loop.linearize import loop_gain
+from feeddrive.loop.lifting import loop_gain
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import Run, simulate
 

@@ -7,7 +7,7 @@ import math
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -24,6 +24,7 @@ from feeddrive.loop.trace import lengths, node_values
 from feeddrive.loop.traced_model import push
 
 # names of the numbers that a controller stores
+_OF_MEMORY = re.compile(r"(axis\.\w+\.)?control\.memory\.")  # states of laws, filters and observers
 _OF_CONTROL = re.compile(r"(axis\.\w+\.)?control\.|prepared\.control\.|sample_time$")
 
 INPUT_UNITS = {
@@ -66,11 +67,7 @@ class StateSpace(Result):
         row = 0 if output is None else _place(self.outputs, output, "output")
         column = 0 if input is None else _place(self.inputs, input, "input")
         frequency = np.asarray(frequency, dtype=float)
-        if frequency.size and frequency.max() > 0.5 / self.sample_time * (1 + 1e-9):
-            raise ParameterError(
-                f"frequency {frequency.max():g} Hz is beyond Nyquist, {0.5 / self.sample_time:g} Hz: "
-                f"a sampled loop has no response there"
-            )
+        check_below_nyquist(frequency, self.sample_time)
         z = np.exp(2j * np.pi * frequency * self.sample_time)
         n = self.A.shape[0]
         matrix = z[:, None, None] * np.eye(n) - self.A
@@ -112,13 +109,30 @@ class StateSpace(Result):
         return Table(title, ["pole z", "|z|", "Hz", "damping"], rows)
 
 
+def check_below_nyquist(frequency: np.ndarray, sample_time: float) -> None:
+    """Raise ParameterError for a frequency in Hz beyond half the sample rate."""
+    if frequency.size and frequency.max() > 0.5 / sample_time * (1 + 1e-9):
+        raise ParameterError(
+            f"frequency {frequency.max():g} Hz is beyond Nyquist, {0.5 / sample_time:g} Hz: "
+            f"a sampled loop has no response there"
+        )
+
+
 def _place(names: Sequence[str], name: str, what: str) -> int:
     if name not in names:
         raise ParameterError(f"there is no {what} '{name}'; there are {', '.join(names)}")
     return list(names).index(name)
 
 
-def linearize(
+class Samples(NamedTuple):
+    """The Jacobians [A B; C D] of the samples of one period, over all states by name, at the sample time in s."""
+
+    jacobians: list[np.ndarray]
+    names: list[str]
+    sample_time: float
+
+
+def samples_of_a_period(
     loop: System,
     inputs: Sequence[str],
     outputs: Sequence[str],
@@ -127,26 +141,8 @@ def linearize(
     position: float | Mapping[str, float] = 0.0,
     settle: int = 0,
     stored: Callable[[str, float], float] | None = None,
-) -> StateSpace:
-    """The linear model of a loop from any inputs to any signals, exact: the Jacobian of the step that is simulated.
-
-    inputs    of `set_position` ... `set_snap`, `load_force`, and the probes: `added_force` behind the limit,
-              `reading_motor` and `reading_load` on top of the encoders, and `cut`: the loop is then open, the axis
-              obeys `cut` and not the control, and `force` is what the control answers
-    outputs   names of `Signals`; of a machine inputs and outputs have the axis before them: `x.load_force`
-    velocity  m/s at which the axis moves: friction is then its slope there.  0: the axis sticks
-    position  m, for forces that depend on it; of a machine both are for all axes, or by axis
-    settle    samples that the loop runs along constant velocity first, for friction with memory
-    stored    what becomes of a number of the control, parameter or prepared, by name, where it is stored with fewer
-              digits
-
-    A law that repeats itself only after n samples gives the model from period to period: sample time nT, inputs held
-    over a period, outputs at its first sample.
-    The quantizers count as straight lines; guard and limits of the force are left out: inside them they do nothing.
-    A part that blends in after the start counts as fully active.
-    Raises ParameterError for a name that is not known, an input that is named twice, and parameters with which the
-    model overflows.
-    """
+) -> Samples:
+    """Each sample of a period, linearized as in `linearize`, one after the other along constant velocity."""
     check_system(loop)
     given = {axis: _unlimited(each) for axis, each in loop.loops().items()}
     if any(given[axis] is not each for axis, each in loop.loops().items()) or isinstance(loop, Machine):
@@ -177,8 +173,7 @@ def linearize(
     eye, places = np.eye(n + m), list[str]()
     for state, size in zip(program.states, sizes, strict=True):
         places += [state.name] if size is None else [f"{state.name}[{i}]" for i in range(size)]
-    lifted = np.eye(n + m, n + m)[:n]
-    seen = np.zeros((len(outputs), n + m))
+    found: list[np.ndarray] = []
     for k in range(period):
         leaves = {
             **numbers,
@@ -208,11 +203,53 @@ def linearize(
                 "the linear model of the loop holds numbers that are not finite: a parameter of axis or control is so "
                 "large or so small that it overflows; check masses, stiffnesses, gains and the sample time"
             )
-        if k == 0:
-            seen = jacobian[n:]
-        lifted = jacobian[:n, :n] @ lifted + np.hstack([np.zeros((n, n)), jacobian[:n, n:]])
+        found.append(jacobian)
         first = after
-    return _trimmed(np.vstack([lifted, seen]), n, places, tuple(inputs), tuple(outputs), period * T)
+    return Samples(found, places, T)
+
+
+def linearize(
+    loop: System,
+    inputs: Sequence[str],
+    outputs: Sequence[str],
+    *,
+    velocity: float | Mapping[str, float] = 0.05,
+    position: float | Mapping[str, float] = 0.0,
+    settle: int = 0,
+    stored: Callable[[str, float], float] | None = None,
+) -> StateSpace:
+    """The linear model of a loop from any inputs to any signals, exact: the Jacobian of the step that is simulated.
+
+    inputs    of `set_position` ... `set_snap`, `load_force`, and the probes: `added_force` behind the limit,
+              `reading_motor` and `reading_load` on top of the encoders, and `cut`: the loop is then open, the axis
+              obeys `cut` and not the control, and `force` is what the control answers
+    outputs   names of `Signals`; of a machine inputs and outputs have the axis before them: `x.load_force`
+    velocity  m/s at which the axis moves: friction is then its slope there.  0: the axis sticks
+    position  m, for forces that depend on it; of a machine both are for all axes, or by axis
+    settle    samples that the loop runs along constant velocity first, for friction with memory
+    stored    what becomes of a number of the control, parameter or prepared, by name, where it is stored with fewer
+              digits
+
+    A law that repeats itself only after n samples gives the model from period to period: sample time nT, inputs held
+    over a period, outputs at its first sample (`lifted` has all).  Where no output sees that law, as with `cut`,
+    the model is that of one sample.
+    The quantizers count as straight lines; guard and limits of the force are left out: inside them they do nothing.
+    A part that blends in after the start counts as fully active.
+    Raises ParameterError for a name that is not known, an input that is named twice, and parameters with which the
+    model overflows.
+    """
+    found = samples_of_a_period(
+        loop, inputs, outputs, velocity=velocity, position=position, settle=settle, stored=stored
+    )
+    n, T = len(found.names), found.sample_time
+    lifted = np.eye(n, n + len(inputs))
+    for jacobian in found.jacobians:
+        lifted = jacobian[:n, :n] @ lifted + np.hstack([np.zeros((n, n)), jacobian[:n, n:]])
+    first = found.jacobians[0]
+    period = len(found.jacobians)
+    if period > 1 and not any(_OF_MEMORY.match(found.names[i]) for i in kept_states(found.jacobians, n)):
+        lifted, period = first[:n], 1
+    return _trimmed(np.vstack([lifted, first[n:]]), n, found.names, tuple(inputs), tuple(outputs), period * T)
 
 
 def _ages(state: Mapping[str, Any], name: str, size: int) -> np.ndarray:
@@ -307,53 +344,15 @@ def _trimmed(
 ) -> StateSpace:
     """Without states that no input reaches or no output sees."""
     A, B, C, D = jacobian[:n, :n], jacobian[:n, n:], jacobian[n:, :n], jacobian[n:, n:]
-    links = A != 0.0
-    reached, seen = np.any(B != 0.0, axis=1), np.any(C != 0.0, axis=0)
-    for _ in range(n):
-        reached = reached | np.any(links[:, reached], axis=1)
-        seen = seen | np.any(links[seen, :], axis=0)
-    keep = [int(i) for i in np.flatnonzero(reached & seen)]
+    keep = kept_states([jacobian], n)
     return StateSpace(A[np.ix_(keep, keep)], B[keep], C[:, keep], D, T, tuple(names[i] for i in keep), inputs, outputs)
 
 
-def loop_gain(loop: System, frequency: np.ndarray, *, velocity: float = 0.05, axis: str | None = None) -> FRF:
-    """L = -force/cut: the loop opened at the actuator, with all delays, sampled. 1 + L = 0 is the edge of stability.
-
-    Of a machine it is that of an `axis`, with the loops of all others closed.
-    Raises ParameterError for a law that repeats itself only after several samples: it has no loop gain at the actuator.
-    """
-    port, own = _port(loop, axis)
-    period = math.lcm(*(each.control.law.period() for each in loop.loops().values()))
-    if period > 1:
-        raise ParameterError(
-            f"the law '{own.control.law.kind}' repeats itself only every {period} samples, so that "
-            f"its loop has no gain and no margins at the actuator: judge it by its poles, or run it every sample"
-        )
-    return -linearize(loop, [f"{port}cut"], [f"{port}force"], velocity=velocity).response(frequency)
-
-
-def tracking(loop: System, frequency: np.ndarray, *, velocity: float = 0.05, axis: str | None = None) -> FRF:
-    """Table position over set position, with the set velocity ... snap as exact derivatives: Σ Hₙ (j2πf)ⁿ."""
-    port, _ = _port(loop, axis)
-    model = linearize(loop, [f"{port}{name}" for name in SETPOINT], [f"{port}position_load"], velocity=velocity)
-    s = 2j * np.pi * np.asarray(frequency, dtype=float)
-    total = model.response(frequency)
-    for order, name in enumerate(SETPOINT[1:], start=1):
-        total = total + s**order * model.response(frequency, input=f"{port}{name}").response
-    return total
-
-
-def compliance(loop: System, frequency: np.ndarray, *, velocity: float = 0.05, axis: str | None = None) -> FRF:
-    """Table position over force on the table, closed loop, m/N: the inverse of the dynamic stiffness."""
-    port, _ = _port(loop, axis)
-    return linearize(loop, [f"{port}load_force"], [f"{port}position_load"], velocity=velocity).response(frequency)
-
-
-def _port(loop: System, axis: str | None) -> tuple[str, Loop]:
-    """The prefix of the signals of an axis, which a machine needs the name of, and its loop alone."""
-    check_system(loop)
-    ports = dict(zip(loop.loops(), loop.ports(), strict=True))
-    name = next(iter(ports)) if axis is None and len(ports) == 1 else axis
-    if name not in ports:
-        raise ParameterError(f"axis = {axis!r} must be one of {', '.join(ports)}")
-    return ports[name], loop.loops()[name]
+def kept_states(jacobians: Sequence[np.ndarray], n: int) -> list[int]:
+    """Of n states those that an input reaches and an output sees, in any of the samples."""
+    there = np.any([jacobian != 0.0 for jacobian in jacobians], axis=0)
+    links, reached, seen = there[:n, :n], np.any(there[:n, n:], axis=1), np.any(there[n:, :n], axis=0)
+    for _ in range(n):
+        reached = reached | np.any(links[:, reached], axis=1)
+        seen = seen | np.any(links[seen, :], axis=0)
+    return [int(i) for i in np.flatnonzero(reached & seen)]

@@ -146,6 +146,9 @@ def encircles(answer: Answer) -> bool:
     pole or a response of the wrong sign 180°.
     """
     f, values = answer.point.frequency, 1.0 + answer.gain
+    if answer.response.rest is not None:  # det(1 + L) of the lifted loop, up to its own Nyquist
+        own = f <= 0.5 / (answer.point.sample_time * answer.response.period)
+        f, values = f[own], (values * answer.response.rest)[own]
     low = np.arange(min(max(int(np.searchsorted(f, _LOWEST * f[0])), _FEWEST), f.size))
     steps = np.angle(values[:-1] * np.conj(values[1:]))
     phase = np.angle(values[-1]) + np.cumsum(steps[::-1])[::-1][low[low < steps.size]]

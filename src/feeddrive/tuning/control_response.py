@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple, cast
 
@@ -14,12 +14,15 @@ from feeddrive.language.block import Number
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.graph import Graph, Symbol
 from feeddrive.loop.control import Control
+from feeddrive.loop.lifting import MOST, images_turn
 from feeddrive.loop.trace import node_values
 from feeddrive.loop.traced_model import push, resolved
 
 _SPEED = 0.05  # m/s of the operating point
 _AT_ONE = 1e-5  # of |z|: a pole this near counts as 1, since a double pole is known only to the square root of rounding
 _READINGS = ("reading_motor", "reading_load")
+_BLOCK = 2**18  # entries of the matrices of all images that are made at once
+Axis = Callable[[np.ndarray], np.ndarray]  # frequency in Hz -> readings of motor and load over the command, m/N
 
 
 class Response(NamedTuple):
@@ -28,6 +31,8 @@ class Response(NamedTuple):
     value: np.ndarray
     slope: np.ndarray
     unstable: np.ndarray  # |ln z|/T in rad/s of each pole of the control itself that is outside of the unit circle
+    rest: np.ndarray | None = None  # det(1 + L) of the images of each line, of a control with two rates
+    period: int = 1  # samples after which the control repeats itself
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,6 +46,7 @@ class Traced:
     entries: tuple[tuple[int, int, int], ...]  # row, column, node
     inputs: Mapping[str, int]  # parameters by name
     states: tuple[str, ...]
+    after: tuple[int, ...]  # nodes of the states after a sample
 
 
 _traced: dict[Any, Traced] = {}
@@ -72,7 +78,8 @@ def _trace(control: Control, begun: Any) -> Traced:
                 node = graph.symbol(tangent).index
                 if graph.nodes[node] != ("const", (0.0).hex()):
                     entries.append((i, j, node))
-    return Traced(graph, tuple(entries), {name: graph.input(name).index for name in names}, states)
+    places = {name: graph.input(name).index for name in names}
+    return Traced(graph, tuple(entries), places, states, tuple(ends[:-1]))
 
 
 class ControlResponse:
@@ -83,14 +90,23 @@ class ControlResponse:
 
     A, B, c, d are the slopes of the step to states and readings, and ∂ their slopes to the tunables, both by the
     forward rules on the law's own lines.  Guard and force limit are left out, and parts that are blended in count as
-    fully active, as in `linearize`. Raises ParameterError for a law whose period is several samples.
+    fully active, as in `linearize`.
+
+    Of a law with a period of N samples it is the response at f while the images f + k/(NT) run round the loop that the
+    same control closes with the axis. With the harmonics C_mk of the lifted control, X the axis and L = -C X (sums over
+    both readings, index 0 the line itself, i and k its images):
+
+        C(f) = C₀₀ + C₀ᵢ X R Cᵢ₀,   R = (1 + Lᵢᵢ)⁻¹,   ∂C(f) = [1, C₀ᵢ X R] ∂C [1; X R Cᵢ₀]
+
+    Source: lifting as in `Lifted`.  Raises ParameterError for a period of more than 64 samples.
     """
 
     def __init__(self, control: Control, sample_time: float, tunables: Sequence[str], velocity: float = _SPEED) -> None:
-        if control.law.period() > 1:
+        self.period = control.law.period()
+        if self.period > MOST:
             raise ParameterError(
-                f"the law '{control.law.kind}' repeats itself only every {control.law.period()} samples: it has no "
-                f"response at the actuator; set position_every = 1"
+                f"the period of the law '{control.law.kind}' is {self.period} samples: its response is computed for at "
+                f"most {MOST}; set position_every <= {MOST}"
             )
         settled = tuple(block.settled() for block in control.compensation)
         control = replace(control, compensation=settled, guard=None, force_limit=None)
@@ -112,23 +128,47 @@ class ControlResponse:
         with np.errstate(all="ignore"):
             return control.start(control.prepare(self.T), setpoint, before, before, np.float64(self.velocity))
 
+    def images(self, axis: Axis | None, frequency: np.ndarray) -> np.ndarray | None:
+        """The axis at the images f + k/(NT) of lines in Hz, shape (2, lines, N - 1); None for a law with one rate."""
+        if self.period == 1 or axis is None:
+            return None
+        rate = 1.0 / self.T
+        there = (frequency[:, None] + rate / self.period * np.arange(1, self.period)) % rate
+        beyond = there > 0.5 * rate
+        found = axis(np.where(beyond, rate - there, there).ravel()).reshape(2, *there.shape)
+        return np.where(beyond, np.conj(found), found)
+
     def model(self, values: Sequence[float] | np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """[A B; c d] of shape (n + 1, n + 2) at values of the tunables, and slopes (n + 1, n + 2, tunables)."""
-        traced = self._traced
+        """[A B; c d] of shape (n + 1, n + 2) at values of the tunables, and slopes (n + 1, n + 2, tunables).
+
+        Of the first sample of a period.
+        """
+        return self._samples(values, 1)[0]
+
+    def _samples(self, values: Sequence[float] | np.ndarray, count: int) -> list[tuple[np.ndarray, np.ndarray]]:
+        """`model` of some samples that follow each other."""
+        traced, leaves = self._traced, self._leaves([*map(np.float64, values)])
         nodes = [node for _, _, node in traced.entries]
-        found = node_values(traced.graph, nodes, self._leaves([*map(np.float64, values)]))
-        count, eye = len(self.tunables), np.eye(len(self.tunables))
-        seeds = {traced.inputs[name]: eye[i] for i, name in enumerate(self.tunables) if traced.inputs[name] in found}
-        with np.errstate(all="ignore"):
-            tangents = push(traced.graph, nodes, found, seeds)
+        ends = nodes if count == 1 else [*nodes, *traced.after]
+        tunables, eye = len(self.tunables), np.eye(len(self.tunables))
         n = len(traced.states)
-        matrix, slopes = np.zeros((n + 1, n + 2)), np.zeros((n + 1, n + 2, count))
-        for (i, j, node), tangent in zip(traced.entries, tangents, strict=True):
-            matrix[i, j] = found[node]
-            if tangent is not None:
-                slopes[i, j] = tangent
         keep, wide = self._kept()
-        return matrix[np.ix_(keep, wide)], slopes[np.ix_(keep, wide)]
+        made: list[tuple[np.ndarray, np.ndarray]] = []
+        for _ in range(count):
+            found = node_values(traced.graph, ends, leaves)
+            places = [traced.inputs[name] for name in self.tunables]
+            seeds = {place: eye[i] for i, place in enumerate(places) if place in found}
+            with np.errstate(all="ignore"):
+                tangents = push(traced.graph, nodes, found, seeds)
+            matrix, slopes = np.zeros((n + 1, n + 2)), np.zeros((n + 1, n + 2, tunables))
+            for (i, j, node), tangent in zip(traced.entries, tangents, strict=True):
+                matrix[i, j] = found[node]
+                if tangent is not None:
+                    slopes[i, j] = tangent
+            made.append((matrix[np.ix_(keep, wide)], slopes[np.ix_(keep, wide)]))
+            if count > 1:
+                leaves |= {f"state.{name}": found[node] for name, node in zip(traced.states, traced.after, strict=True)}
+        return made
 
     def models(self, values: np.ndarray) -> np.ndarray:
         """[A B; c d] at many values of the tunables (points, tunables), in one walk, without slopes."""
@@ -157,17 +197,65 @@ class ControlResponse:
 
     def integrates(self, values: Sequence[float] | np.ndarray) -> bool:
         """Whether the control has a pole at z = 1: it then compensates a constant force completely."""
-        matrix, _ = self.model(values)
-        poles = np.linalg.eigvals(matrix[:-1, :-2])
+        product = np.eye(len(self._live))
+        for matrix, _ in self._samples(values, self.period):
+            product = matrix[:-1, :-2] @ product
+        poles = np.linalg.eigvals(product)
         return bool(np.any(np.abs(poles - 1.0) < _AT_ONE))
 
-    def at(self, values: Sequence[float] | np.ndarray, frequency: np.ndarray) -> Response:
-        """The response and its slopes on lines in Hz up to Nyquist. Raises ParameterError if it is not finite."""
+    def at(
+        self, values: Sequence[float] | np.ndarray, frequency: np.ndarray, images: np.ndarray | None = None
+    ) -> Response:
+        """The response and its slopes on lines in Hz up to Nyquist. Raises ParameterError if it is not finite.
+
+        images  of the axis on these lines (`images`), for a law with two rates; without them its images are not closed
+                by an axis, which makes no difference far below its own rate
+        """
+        if self.period > 1:
+            return self._over_a_period(values, frequency, images)
         return _response(*self.model(values), np.exp(2j * np.pi * frequency * self.T), self.T)
 
     def of_model(self, matrix: np.ndarray, frequency: np.ndarray) -> Response:
         """The response of one of `models` on lines in Hz, without slopes. Raises ParameterError as `at` does."""
         return _response(matrix, np.zeros((*matrix.shape, 0)), np.exp(2j * np.pi * frequency * self.T), self.T)
+
+    def _over_a_period(
+        self, values: Sequence[float] | np.ndarray, frequency: np.ndarray, images: np.ndarray | None
+    ) -> Response:
+        """`at` for a control with a slow part, some lines at a time."""
+        big, slopes = self._lifted(values)
+        N, n = self.period, big.shape[0] - self.period
+        if not (np.all(np.isfinite(big)) and np.all(np.isfinite(slopes))):
+            raise ParameterError("the linear model of the control holds numbers that are not finite")
+        count = max(1, _BLOCK // (N * N))
+        parts: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
+        for first in range(0, frequency.size, count):
+            own = slice(first, first + count)
+            axis = np.zeros((2, frequency[own].size, N - 1)) if images is None else images[:, own]
+            parts.append(_closed_by(big, slopes, images_turn(frequency[own], N, self.T), frequency[own] * self.T, axis))
+        poles = np.linalg.eigvals(big[:n, :n]) if n else np.zeros(0)
+        unstable = np.abs(np.log(poles[np.abs(poles) > 1.0 + 1e-7])) / (N * self.T)
+        value, slope = (np.concatenate([part[i] for part in parts], axis=1) for i in range(2))
+        return Response(value, slope, unstable, np.concatenate([part[2] for part in parts]), N)
+
+    def _lifted(self, values: Sequence[float] | np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """[A B; C D] from period to period: states and forces of all samples over states and readings of all samples.
+
+        And its slopes: by the product rule, sample by sample.
+        """
+        N, n, count = self.period, len(self._live), len(self.tunables)
+        through, moved = np.eye(n, n + 2 * N), np.zeros((n, n + 2 * N, count))
+        big, slopes = np.zeros((n + N, n + 2 * N)), np.zeros((n + N, n + 2 * N, count))
+        for k, (matrix, change) in enumerate(self._samples(values, N)):
+            after = matrix[:, :n] @ through
+            shifted = np.einsum("ab,bjp->ajp", matrix[:, :n], moved) + np.einsum("abp,bj->ajp", change[:, :n], through)
+            own = slice(n + 2 * k, n + 2 * k + 2)
+            after[:, own] += matrix[:, n:]
+            shifted[:, own] += change[:, n:]
+            through, moved = after[:n], shifted[:n]
+            big[n + k], slopes[n + k] = after[n], shifted[n]
+        big[:n], slopes[:n] = through, moved
+        return big, slopes
 
 
 def _response(matrix: np.ndarray, slopes: np.ndarray, z: np.ndarray, T: float) -> Response:
@@ -188,6 +276,34 @@ def _response(matrix: np.ndarray, slopes: np.ndarray, z: np.ndarray, T: float) -
     poles = np.linalg.eigvals(A) if n else np.zeros(0)
     outside = poles[(np.abs(poles) > 1.0 + 1e-7) & np.isfinite(poles)].astype(complex)
     return Response(value, slope, np.abs(np.log(outside)) / T)
+
+
+def _closed_by(
+    big: np.ndarray, slopes: np.ndarray, turns: np.ndarray, cycles: np.ndarray, axis: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """C(f) and its slopes by the axis at the images, and det(1 + L) of them; `cycles` f T of the lines."""
+    N = turns.shape[1]
+    n = big.shape[0] - N
+    A, B, C, D = big[:n, :n], big[:n, n:], big[n:, :n], big[n:, n:]
+    x, w = resolved(A, B, C, np.exp(2j * np.pi * cycles * N))
+    answered = np.conj(turns).transpose(0, 2, 1) @ (C @ x + D) / N  # (lines, images, samples and readings)
+    split = answered.reshape(*answered.shape[:2], N, 2)
+    harmonics = np.einsum("lmjr,ljk->lmrk", split, turns, optimize=True)
+    gain = -np.einsum("lmrk,rlk->lmk", harmonics[:, :, :, 1:], axis)
+    others = np.eye(N - 1) + gain[:, 1:]
+    back = np.linalg.solve(others, harmonics[:, 1:, :, 0])  # forces at the images by the readings at the line
+    ahead = -np.linalg.solve(others.transpose(0, 2, 1), gain[:, 0, :, None])[:, :, 0]
+    value = harmonics[:, 0, :, 0] - np.einsum("lk,lkr->lr", gain[:, 0], back)
+    # the line and its images in time: readings, and how each force counts
+    read = np.einsum("ljk,qlk,lkr->ljqr", turns[:, :, 1:], axis, back, optimize=True)
+    for r in range(2):
+        read[:, :, r, r] += turns[:, :, 0]
+    read = read.reshape(turns.shape[0], 2 * N, 2)
+    counts = (np.conj(turns[:, :, 0]) + np.einsum("lm,ljm->lj", ahead, np.conj(turns[:, :, 1:]))) / N
+    right = np.concatenate([x @ read, read], axis=1)
+    left = np.concatenate([(counts[:, None] @ w)[:, 0], counts], axis=1)
+    slope = np.einsum("la,abp,lbr->rlp", left, slopes, right, optimize=True)
+    return value.T, slope, np.linalg.det(others)
 
 
 def _needed(traced: Traced) -> list[int]:

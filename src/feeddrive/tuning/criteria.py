@@ -47,6 +47,7 @@ class Criteria:
         every = [part.frequency for pair in zip(self._below, points, strict=True) for part in pair]
         self._lines, places = np.unique(np.concatenate(every), return_inverse=True)
         self._places = np.split(places, np.cumsum([part.size for part in every])[:-1])
+        self._images = [control.images(point.by_force_at, point.frequency) for point in points]
 
     @property
     def count(self) -> int:
@@ -56,6 +57,15 @@ class Criteria:
     def answers(self, x: np.ndarray) -> list[Answer]:
         """The closed loops at logarithms of the tunables; slopes are to the logarithms."""
         values = np.exp(x)
+        if self.control.period > 1:  # its response depends on the axis as well
+            return [
+                answer(
+                    point,
+                    _to_logarithms(self.control.at(values, point.frequency, images), values),
+                    below.recovery(_to_logarithms(self.control.at(values, below.frequency), values)),
+                )
+                for point, images, below in zip(self.points, self._images, self._below, strict=True)
+            ]
         return self._answers(self.control.at(values, self._lines), values)
 
     def _answers(self, whole: Response, values: np.ndarray) -> list[Answer]:
@@ -71,13 +81,23 @@ class Criteria:
     def looked(self, x: np.ndarray) -> Iterator[Evaluation | None]:
         """The figures at many points (points, tunables), without slopes; None where there are none.
 
-        The control is computed once for all of them, so that a look costs a fraction of a step of the search.
+        The control is computed once for all of them, so that a look costs a fraction of a step of the search; but not
+        with two rates, where each is computed by itself.
         """
+        if self.control.period > 1:
+            yield from map(self._looked, x)
+            return
         for each, matrix in zip(x, self.control.models(np.exp(x)), strict=True):
             try:
                 yield self.judged(each, self._answers(self.control.of_model(matrix, self._lines), np.zeros(0)))
             except (FeeddriveError, ArithmeticError, np.linalg.LinAlgError):
                 yield None
+
+    def _looked(self, x: np.ndarray) -> Evaluation | None:
+        try:
+            return self.judged(x, self.answers(x))
+        except (FeeddriveError, ArithmeticError, np.linalg.LinAlgError):
+            return None
 
     def __call__(self, x: np.ndarray) -> Evaluation:
         """The figures at a point; each is computed once."""
@@ -126,6 +146,11 @@ class Criteria:
             case _:
                 own = _bandwidth(each)
         return own[0] + _BESIDE * snap[0], own[1] + _BESIDE * snap[1], own[2] + _BESIDE * snap[2]
+
+
+def _to_logarithms(response: Response, values: np.ndarray) -> Response:
+    """With slopes to the logarithms of the tunables."""
+    return response._replace(slope=response.slope * values)
 
 
 def _band_weights(frequency: np.ndarray, inside: np.ndarray) -> np.ndarray:

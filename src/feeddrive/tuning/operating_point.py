@@ -9,10 +9,11 @@ from typing import NamedTuple
 import numpy as np
 
 from feeddrive.language.errors import ParameterError
+from feeddrive.loop.control import Control
 from feeddrive.loop.frequency_response import AVERAGES, FRF
 from feeddrive.loop.linearize import linearize
 from feeddrive.loop.loop import Loop
-from feeddrive.tuning.control_response import ControlResponse
+from feeddrive.tuning.control_response import Axis, ControlResponse, Response
 from feeddrive.tuning.smoothing import smoothed, stiff_ratio
 
 _LOWEST = 3e-5  # of Nyquist: where the lines of a model begin
@@ -41,6 +42,7 @@ class OperatingPoint:
                  uncertainty of the ratio
     loop         the loop of a model
     known_as     a loop that agrees with the measurement (`with_table_force`), on which the tuned control is run
+    by_force_at  by_force at any frequency, for the images of a control with two rates
     """
 
     name: str
@@ -55,6 +57,7 @@ class OperatingPoint:
     ratio: np.ndarray | None = None
     loop: Loop | None = None
     known_as: Loop | None = None
+    by_force_at: Axis | None = None
 
     def chosen(self, keep: np.ndarray) -> OperatingPoint:
         """The point on some of its lines, by index."""
@@ -82,6 +85,30 @@ class OperatingPoint:
         return np.union1d(keep, [0, x.size - 1])
 
 
+def response_on(point: OperatingPoint, control: Control, velocity: float = 0.05) -> Response:
+    """The response of a control on all lines of a point."""
+    made = ControlResponse(control, point.sample_time, (), velocity)
+    return made.at((), point.frequency, made.images(point.by_force_at, point.frequency))
+
+
+def position_loop(point: OperatingPoint, whole: Response, inner: Response) -> FRF:
+    """The position loop of a cascade, opened at its velocity command, around the closed velocity loop.
+
+    whole, inner  the responses of the control with and without position loop, on the lines of the point
+
+    With one rate (L - Lv)/(1 + Lv).  If the position loop runs every N-th sample it is a loop with one rate, NT, and
+    exactly det(1 + L)/det(1 + Lv) - 1 by the lifted determinants, up to its own Nyquist.
+    """
+    f, T = point.frequency, point.sample_time
+    L, Lv = (-np.einsum("kl,kl->l", each.value, point.by_force) for each in (whole, inner))
+    gain = (L - Lv) / (1.0 + Lv)
+    if whole.rest is not None and inner.rest is not None:
+        T = T * whole.period
+        gain = (1.0 + L) * whole.rest / ((1.0 + Lv) * inner.rest) - 1.0
+    own = f <= 0.5 / T
+    return FRF(f[own], gain[own], "velocity command", "velocity command", "", T)
+
+
 def modelled_point(loop: Loop, name: str = "model", *, velocity: float = 0.05) -> OperatingPoint:
     """The axis of a loop that moves with `velocity` (m/s), its dead time, current loop and encoders with it."""
     model = linearize(
@@ -102,6 +129,11 @@ def modelled_point(loop: Loop, name: str = "model", *, velocity: float = 0.05) -
         for source in model.inputs
     }
     readings = ("reading_motor", "reading_load")
+
+    def by_force_at(frequency: np.ndarray) -> np.ndarray:
+        there, places = np.unique(np.clip(frequency, 1e-6 * lines[0], nyquist), return_inverse=True)
+        return np.array([model.response(there, each, "cut").response[places] for each in readings])
+
     return OperatingPoint(
         name,
         lines,
@@ -111,6 +143,7 @@ def modelled_point(loop: Loop, name: str = "model", *, velocity: float = 0.05) -
         T,
         ratio=np.ones((2, lines.size)) if loop.axis.one_encoder() else None,
         loop=loop,
+        by_force_at=by_force_at,
     )
 
 
@@ -195,7 +228,22 @@ def measured_point(
         load_variance=_variances(made[1]) if len(made) > 1 else None,
         at_drive=len(made) == 1,
         ratio=ratio,
+        by_force_at=_between(lines, by_force),
     )
+
+
+def _between(lines: np.ndarray, by_force: np.ndarray) -> Axis:
+    """A measured response at any frequency: ln |X| and phase straight over ln f, beyond the lines a free mass, 1/f²."""
+    x = np.log(lines)
+    level, phase = np.log(np.abs(by_force)), np.unwrap(np.angle(by_force), axis=1)
+
+    def at(frequency: np.ndarray) -> np.ndarray:
+        there = np.log(np.maximum(frequency, 1e-6 * lines[0]))
+        beyond = 2.0 * (np.clip(there, x[0], x[-1]) - there)
+        rows = zip(level, phase, strict=True)
+        return np.array([np.exp(np.interp(there, x, a) + beyond + 1j * np.interp(there, x, b)) for a, b in rows])
+
+    return at
 
 
 def _thinned(frequency: np.ndarray, apart: float) -> np.ndarray:
@@ -248,7 +296,7 @@ def disagreement(point: OperatingPoint, loop: Loop, velocity: float = 0.05) -> f
     On the lines on which the loop gain of the loop's own control is 0.1 or more.
     """
     model = linearize(loop, ["cut"], READINGS, velocity=velocity)
-    C = ControlResponse(loop.control, point.sample_time, (), velocity).at((), point.frequency).value
+    C = response_on(point, loop.control, velocity).value
     gain = np.abs(np.einsum("kl,kl->l", C, point.by_force))
     lines = np.flatnonzero(gain >= _COUNTS)
     if lines.size < _FEWEST:

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from feeddrive.analysis.loop_model import LoopModel, loop_model
+from feeddrive.analysis.loop_model import LoopModel, delay_edge, gain_edge, loop_model
 from feeddrive.analysis.margins import Margins, margins
 from feeddrive.analysis.stability import stability
 from feeddrive.analysis.stiffness import force_noise, rope_snap, rope_snap_of_run, stiffness
@@ -19,6 +19,7 @@ from feeddrive.blocks.reference.recorded import Recorded
 from feeddrive.blocks.sensor.encoder import Encoder
 from feeddrive.language.errors import FeeddriveError
 from feeddrive.loop.control import Control
+from feeddrive.loop.lifting import Lifted
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import simulate
 from feeddrive.tuning.closed_loop import Figures
@@ -89,8 +90,24 @@ def of_model(name: str, loop: Loop, limits: Limits, velocity: float) -> tuple[Ch
     m = margins(both.loop_gain(lines))
     peak = 1.0 / stiffness(both.closed.response(lines, "position_load", "load_force")).minimum
     checks.append(_within(f"{name}: limits on {lines.size} other lines", limits, m, peak, _noise(loop, both, limits)))
+    if isinstance(both.open, Lifted):
+        checks.append(_of_two_rates(name, both.open, limits))
     checks.append(_run(name, loop, both, limits, velocity, poles.time_constant))
     return tuple(checks)
+
+
+def _of_two_rates(name: str, model: Lifted, limits: Limits) -> Checked:
+    """Gain and dead time until the edge by the poles over a period: exact where a sine meets one frequency alone."""
+    gain, delay = gain_edge(model), delay_edge(model)
+    least = 10.0 ** ((limits.gain_margin_dB or 0.0) * (1.0 - ROOM) / 20.0)
+    keeps = (gain is None or gain >= least) and (
+        delay is None or limits.delay_margin_samples is None or delay >= math.floor(limits.delay_margin_samples)
+    )
+    rises = "at will" if gain is None else f"by {20.0 * math.log10(gain):.4g} dB"
+    later = "however long" if delay is None else f"{delay} to {delay + 1} samples"
+    N, T = len(model.samples), model.sample_time
+    what = f"{name}: both rates, {1e3 * T:g} ms and {1e3 * N * T:g} ms"
+    return Checked(what, keeps, f"until the edge by poles over {N} samples: gain {rises}, dead time {later} more")
 
 
 def _noise(loop: Loop, both: LoopModel, limits: Limits) -> float | None:
@@ -116,6 +133,8 @@ def _run(name: str, loop: Loop, both: LoopModel, limits: Limits, velocity: float
         return Checked(what, None, "without integral action an offset remains")
     if 2 * settle > _LONGEST:
         return Checked(what, None, f"it would take {2 * settle} samples")
+    period = loop.control.law.period()
+    settle += -settle % period  # the force begins with a period, as in the model
     t = np.arange(2 * settle) * T
     slide = Recorded(position=velocity * t, velocity=np.full(t.size, velocity), sample_time=T)
     limit = loop.control.force_limit

@@ -17,10 +17,10 @@ from feeddrive.loop.control import Control
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.loop import Loop
 from feeddrive.tuning.closed_loop import Figures, figures
-from feeddrive.tuning.control_response import ControlResponse
+from feeddrive.tuning.control_response import ControlResponse, Response
 from feeddrive.tuning.criteria import Criteria
 from feeddrive.tuning.limits import Limits
-from feeddrive.tuning.operating_point import OperatingPoint, modelled_point
+from feeddrive.tuning.operating_point import OperatingPoint, modelled_point, position_loop, response_on
 
 _OFF = 1e-9  # a gain that counts as none
 _STRAIGHT = math.radians(30.0)  # lag of the phase up to which mass and lag are read off
@@ -66,7 +66,7 @@ class _Axis:
         if control is None:
             control = Control(law=CascadePPI(Kv=1.0, Kp=1.0))
         law = control.law if isinstance(control.law, CascadePPI) else CascadePPI(Kv=1.0, Kp=1.0)
-        self.point, self.law = point, replace(law, position_every=1, viscous=None)
+        self.point, self.law = point, replace(law, viscous=None)
         self.control = replace(control, law=self.law, compensation=())
         self.frequency = point.frequency
         self.unit = self.gain(replace(self.law, Kv=_OFF, Kp=1.0, Tn=None))
@@ -74,8 +74,11 @@ class _Axis:
 
     def gain(self, law: CascadePPI) -> np.ndarray:
         """The loop gain at the actuator with a law."""
-        response = ControlResponse(replace(self.control, law=law), self.point.sample_time, ())
-        return -np.einsum("kl,kl->l", response.at((), self.frequency).value, self.point.by_force)
+        return -np.einsum("kl,kl->l", self.response(law).value, self.point.by_force)
+
+    def response(self, law: CascadePPI) -> Response:
+        """Of the control with a law."""
+        return response_on(self.point, replace(self.control, law=law))
 
     def velocity_loop(self, Kp: float, Tn: float | None) -> FRF:
         """Of PI around the velocity."""
@@ -208,11 +211,10 @@ def margin_goals(point: OperatingPoint | Loop, control: Control | None = None, *
             f"no velocity gain keeps {least_gain:g} dB and {least_phase:g} deg: filter the resonances first"
         )
     Tn, rate = integral(Kp), Kp / axis.mass
-    inner = axis.velocity_loop(Kp, Tn).response
+    inner = axis.response(replace(axis.law, Kv=_OFF, Kp=Kp, Tn=Tn))
 
     def position(Kv: float) -> FRF:
-        whole = axis.gain(replace(axis.law, Kv=Kv, Kp=Kp, Tn=Tn))
-        return FRF(axis.frequency, (whole - inner) / (1.0 + inner), "command", "command", "", axis.point.sample_time)
+        return position_loop(axis.point, axis.response(replace(axis.law, Kv=Kv, Kp=Kp, Tn=Tn)), inner)
 
     Kv = _largest(lambda value: keeps(position(value)), 1e-3 * rate, rate / _CRITICAL)
     if Kv is None:

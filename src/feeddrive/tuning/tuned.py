@@ -17,9 +17,8 @@ from feeddrive.loop.control import Control
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.loop import Loop
 from feeddrive.tuning.closed_loop import FIGURES, LARGER, Figures
-from feeddrive.tuning.control_response import ControlResponse
 from feeddrive.tuning.limits import Limits, judged
-from feeddrive.tuning.operating_point import OperatingPoint
+from feeddrive.tuning.operating_point import OperatingPoint, position_loop, response_on
 from feeddrive.tuning.proof import Checked
 from feeddrive.tuning.tunables import readable
 
@@ -46,26 +45,15 @@ class CascadeLoops(Result):
 def cascade_loops(control: Control, point: OperatingPoint) -> CascadeLoops | None:
     """Velocity and position loop of a P-PI control; None for another law.
 
-    With Lv the gain at the actuator without position loop (Kv -> 0) and L the whole, the position loop opened at the
-    velocity command has the gain (L - Lv)/(1 + Lv).
+    Lv is the gain at the actuator without position loop (Kv -> 0); the position loop is opened at the velocity command.
     """
     law = control.law
     if not isinstance(law, CascadePPI):
         return None
-    gains: list[np.ndarray] = []
-    for Kv in (law.Kv, _OFF * law.Kv):
-        C = ControlResponse(replace(control, law=replace(law, Kv=Kv)), point.sample_time, ()).at((), point.frequency)
-        gains.append(-np.einsum("kl,kl->l", C.value, point.by_force))
-    whole, inner = gains
-    T = point.sample_time
-    found = [
-        margins(FRF(point.frequency, gain, source, answer, unit, T))
-        for gain, source, answer, unit in (
-            (inner, "cut", "force", "N/N"),
-            ((whole - inner) / (1.0 + inner), "velocity command", "velocity command", ""),
-        )
-    ]
-    return CascadeLoops(*found)
+    whole, inner = (response_on(point, replace(control, law=replace(law, Kv=Kv))) for Kv in (law.Kv, _OFF * law.Kv))
+    gain = -np.einsum("kl,kl->l", inner.value, point.by_force)
+    velocity = FRF(point.frequency, gain, "cut", "force", "N/N", point.sample_time)
+    return CascadeLoops(margins(velocity), margins(position_loop(point, whole, inner)))
 
 
 class Verdict(Enum):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -21,7 +20,7 @@ from feeddrive.files.run_files import versions
 from feeddrive.language.errors import FeeddriveError
 from feeddrive.language.progress import Progress
 from feeddrive.language.table import Result, Table, frame_of, picture_of
-from feeddrive.loop.linearize import compliance, loop_gain, tracking
+from feeddrive.loop.lifting import MOST, compliance, loop_gain, period_of, tracking
 from feeddrive.loop.loop import Loop, Signals
 from feeddrive.loop.machine import Machine, System
 from feeddrive.loop.simulate import Run, samples, simulate
@@ -195,18 +194,18 @@ def _row(job: Job, name: str, loop: Loop, measured: Mapping[str, np.ndarray] | N
             run = _of_axis(together, loop.name)
         else:
             run = _simulated(job, loop, name)
-        # a law with a slow part is linear from period to period only: it has no loop gain, and responses up to there
-        period = math.lcm(*(each.control.law.period() for each in whole.loops().values()))
-        nyquist = 0.5 / (loop.sample_time * period)
+        nyquist = 0.5 / loop.sample_time
         frequency = np.geomspace(min(1.0, 0.01 * nyquist), nyquist, RESPONSE_LINES)
+        known = period_of(whole) <= MOST
+        gain = loop_gain(whole, frequency, velocity=velocity, axis=loop.name) if known else None
         return Entry(
             name=name,
             description=described(loop.control),
             run=run,
             loop=loop,
-            loop_gain=loop_gain(whole, frequency, velocity=velocity, axis=loop.name) if period == 1 else None,
+            loop_gain=gain,
             compliance=compliance(whole, frequency, velocity=velocity, axis=loop.name),
-            tracking=tracking(whole, frequency, velocity=velocity, axis=loop.name) if period == 1 else None,
+            tracking=tracking(whole, frequency, velocity=velocity, axis=loop.name),
             replay=again,
             together=together,
         )
@@ -268,7 +267,10 @@ def _remarks(rows: list[Entry]) -> list[str]:
         if held > 0.0:
             remarks.append(f"'{row.name}': the force was at its limit for {100.0 * held:.3g} % of the samples.")
         if row.loop_gain is None:
-            remarks.append(f"'{row.name}' repeats itself every {row.loop.control.law.period()} samples: no margins.")
+            remarks.append(
+                f"'{row.name}' repeats itself every {row.loop.control.law.period()} samples: margins are known up to "
+                f"{MOST}."
+            )
     today = numbers(rows[0])
     for row in rows[1:]:
         now = numbers(row)

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from feeddrive.certificate.certificate import Certificate
 from feeddrive.files.machine import MachineLike, read_machine
-from feeddrive.language.errors import ParameterError, StructureError
+from feeddrive.language.errors import ParameterError
 from feeddrive.language.progress import Progress
 from feeddrive.loop.control import Control
 from feeddrive.loop.frequency_response import FRF
@@ -226,11 +226,5 @@ def _control(request: TuneRequest, loop: Loop | None, points: Sequence[Operating
         law = replace(margin_goals(points[0]).law, velocity_encoder="motor")
         return Control(law=law), "rule margins-robust"
     if request.law is None or request.law == loop.control.law.kind:
-        law = loop.control.law
-        if law.period() > 1 and law.kind == "cascade_ppi":
-            raise StructureError(
-                "the position loop runs only every few samples, so that the loop has no response at the actuator: set "
-                "position_every = 1 in the baseline"
-            )
         return loop.control, ""
     return control_with(loop, request.law), ""

@@ -20,7 +20,7 @@ from feeddrive.blocks.signals import Reading, Setpoint
 from feeddrive.language.table import Table
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.core import advance
-from feeddrive.loop.linearize import compliance
+from feeddrive.loop.lifting import compliance
 from feeddrive.loop.simulate import simulate
 from feeddrive.papers.altintas2009.testbed import (
     MASS,

@@ -12,7 +12,7 @@ import numpy as np
 from feeddrive.blocks.cutting.helical_cutter import HelicalCutter
 from feeddrive.language.progress import Progress
 from feeddrive.language.table import Table
-from feeddrive.loop.linearize import compliance
+from feeddrive.loop.lifting import compliance
 from feeddrive.loop.simulate import Run
 from feeddrive.papers.beltran2013 import mill
 from feeddrive.papers.beltran2013.mill import AXES, Case, disturbances, loop

@@ -19,7 +19,8 @@ from feeddrive.analysis.stiffness import rope_snap, stiffness
 from feeddrive.language import tree
 from feeddrive.language.table import Table
 from feeddrive.loop.frequency_response import FRF
-from feeddrive.loop.linearize import StateSpace, compliance, linearize, loop_gain, tracking
+from feeddrive.loop.lifting import compliance, loop_gain, tracking
+from feeddrive.loop.linearize import StateSpace, linearize
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import simulate
 from feeddrive.papers.claims import Claim

@@ -1,0 +1,220 @@
+"""Lifting of loops whose law repeats itself only after several samples, and responses of every loop over frequency."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from feeddrive.language.errors import ParameterError
+from feeddrive.loop.frequency_response import FRF
+from feeddrive.loop.linearize import (
+    INPUT_UNITS,
+    StateSpace,
+    check_below_nyquist,
+    kept_states,
+    linearize,
+    samples_of_a_period,
+)
+from feeddrive.loop.loop import SETPOINT, UNITS, Loop, quantity
+from feeddrive.loop.machine import System, check_system
+
+MOST = 64  # samples of a period: responses have as many images, and cost their square
+_BLOCK = 2**19  # entries of all matrices that are made at once
+
+
+@dataclass(frozen=True, eq=False)
+class Lifted:
+    """A loop that repeats itself after N samples, as N linear models that follow each other.
+
+        x(k+1) = A_i x(k) + B_i u(k),   y(k) = C_i x(k) + D_i u(k),   i = k mod N
+
+    Lifted: with all samples of a period as one input and one output it is a time-invariant system at the sample time NT
+    (Bamieh, Pearson, Francis & Tannenbaum 1991; Meyer 1990; Khargonekar, Poolla & Tannenbaum 1985).  It is stable if
+    all eigenvalues of A_{N-1} ... A_0 lie inside the unit circle.
+
+    A sine at f is answered at f and at its images f + k/(NT), k = 1 .. N-1.  What `response` gives is the part at f:
+    what a sweep with sines measures.  At N = 1 that is the ordinary response.
+    """
+
+    samples: tuple[StateSpace, ...]
+
+    @property
+    def sample_time(self) -> float:
+        """T of one sample, s."""
+        return self.samples[0].sample_time
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        """Names, with their units as in `linearize`."""
+        return self.samples[0].inputs
+
+    @property
+    def outputs(self) -> tuple[str, ...]:
+        """Names of signals."""
+        return self.samples[0].outputs
+
+    def poles(self) -> np.ndarray:
+        """Eigenvalues over a period, the largest first."""
+        product = np.eye(self.samples[0].A.shape[0])
+        for each in self.samples:
+            product = each.A @ product
+        found = np.linalg.eigvals(product)
+        return found[np.argsort(-np.abs(found))]
+
+    def stacked(self, inputs: Sequence[str], outputs: Sequence[str]) -> tuple[np.ndarray, ...]:
+        """A, B, C, D from period to period; of each input and output all samples follow each other."""
+        N, n = len(self.samples), self.samples[0].A.shape[0]
+        columns = [self.inputs.index(name) for name in inputs]
+        rows = [self.outputs.index(name) for name in outputs]
+        through = np.hstack([np.eye(n), np.zeros((n, N * len(columns)))])
+        seen = np.zeros((len(rows), N, through.shape[1]))
+        for k, each in enumerate(self.samples):
+            places = n + k + N * np.arange(len(columns))
+            seen[:, k] = each.C[rows] @ through
+            seen[:, k, places] += each.D[np.ix_(rows, columns)]
+            through = each.A @ through
+            through[:, places] += each.B[:, columns]
+        wide = seen.reshape(-1, through.shape[1])
+        return through[:, :n], through[:, n:], wide[:, :n], wide[:, n:]
+
+    def harmonics(self, frequency: np.ndarray, output: str, input: str) -> np.ndarray:  # noqa: A002
+        """H of shape (lines, N, N): from a sine at f + k/(NT) in column k to that at f + m/(NT) in row m."""
+        A, B, C, D = self.stacked([input], [output])
+        N, n = len(self.samples), A.shape[0]
+        turns = images_turn(frequency, N, self.sample_time)
+        z = np.exp(2j * np.pi * frequency * N * self.sample_time)
+        inner = np.linalg.solve(z[:, None, None] * np.eye(n) - A, np.broadcast_to(B.astype(complex), (z.size, n, N)))
+        return np.conj(turns).transpose(0, 2, 1) @ (C @ inner + D) @ turns / N
+
+    def response(self, frequency: np.ndarray, output: str, input: str) -> FRF:  # noqa: A002
+        """The answer at f itself to a sine at f in Hz, up to Nyquist of one sample."""
+        A, B, C, D = self.stacked([input], [output])
+        N, n = len(self.samples), A.shape[0]
+        frequency = np.asarray(frequency, dtype=float)
+        check_below_nyquist(frequency, self.sample_time)
+        turn = images_turn(frequency, N, self.sample_time)[:, :, 0]
+        z = np.exp(2j * np.pi * frequency * N * self.sample_time)
+        right = turn @ B.T
+        inner = np.linalg.solve(z[:, None, None] * np.eye(n) - A, right[:, :, None])[:, :, 0]
+        values = np.sum(np.conj(turn) * (inner @ C.T + turn @ D.T), axis=1) / N
+        unit = f"{UNITS[quantity(output)]}/{INPUT_UNITS[quantity(input)]}"
+        return FRF(frequency, values, input, output, unit, self.sample_time)
+
+
+def images_turn(frequency: np.ndarray, period: int, sample_time: float) -> np.ndarray:
+    """e^(j 2π (f + m/(NT)) i T) of shape (lines, samples i, images m)."""
+    i = np.arange(period)
+    turns = np.exp(2j * np.pi * frequency[:, None] * i * sample_time)
+    return turns[:, :, None] * np.exp(2j * np.pi * np.outer(i, i) / period)
+
+
+def images_closed(gain: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The loop gain that a sine meets while its images run round the closed loop, and det(1 + L) of the images alone.
+
+        L(f) = L₀₀ - L₀ᵢ (1 + Lᵢᵢ)⁻¹ Lᵢ₀,    1/(1 + L(f)) = [(1 + L)⁻¹]₀₀,    det(1 + L) = (1 + L(f)) det(1 + Lᵢᵢ)
+
+    gain  the harmonics of an opened loop, shape (lines, N, N), the sine itself first
+    """
+    others = np.eye(gain.shape[1] - 1) + gain[:, 1:, 1:]
+    back = np.linalg.solve(others, gain[:, 1:, :1])
+    return gain[:, 0, 0] - (gain[:, :1, 1:] @ back)[:, 0, 0], np.linalg.det(others)
+
+
+def period_of(loop: System) -> int:
+    """Samples after which a loop or machine repeats itself: the least common multiple of its laws' periods."""
+    return int(np.lcm.reduce([each.control.law.period() for each in loop.loops().values()]))
+
+
+def lifted(
+    loop: System, inputs: Sequence[str], outputs: Sequence[str], *, velocity: float | Mapping[str, float] = 0.05
+) -> Lifted:
+    """The linear models of all samples of a period, from any inputs to any signals, as in `linearize`.
+
+    Raises what `linearize` raises.
+    """
+    check_system(loop)
+    found = samples_of_a_period(loop, inputs, outputs, velocity=velocity)
+    n = len(found.names)
+    keep = kept_states(found.jacobians, n)
+    names = tuple(found.names[i] for i in keep)
+    return Lifted(
+        tuple(
+            StateSpace(
+                each[np.ix_(keep, keep)], each[keep, n:], each[n:, keep], each[n:, n:], found.sample_time, names,
+                tuple(inputs), tuple(outputs),
+            )
+            for each in found.jacobians
+        )
+    )  # fmt: skip
+
+
+def gain_of(model: Lifted, frequency: np.ndarray, output: str = "force", input: str = "cut") -> tuple[FRF, np.ndarray]:  # noqa: A002
+    """L of a loop opened from `output` to `input`, images closed, and det(1 + L) of the images (`images_closed`).
+
+    Raises ParameterError for a period of more than 64 samples.
+    """
+    N, T = len(model.samples), model.sample_time
+    if N > MOST:
+        raise ParameterError(
+            f"the loop repeats itself every {N} samples: loop gain and margins are computed for at most {MOST}; "
+            f"set position_every <= {MOST}, or take a longer sample time"
+        )
+    blocks = np.array_split(frequency, max(1, -(-frequency.size * N * N // _BLOCK)))
+    parts = [images_closed(-model.harmonics(block, output, input)) for block in blocks if block.size]
+    gain, rest = (np.concatenate([part[i] for part in parts]) for i in range(2))
+    return FRF(frequency, gain, input, output, "N/N", T), rest
+
+
+def loop_gain(loop: System, frequency: np.ndarray, *, velocity: float = 0.05, axis: str | None = None) -> FRF:
+    """L = -force/cut: the loop opened at the actuator, with all delays, sampled. 1 + L = 0 is the edge of stability.
+
+    Of a machine it is that of an `axis`, with the loops of all others closed.  Of a law that repeats itself only after
+    several samples it is the gain that a sine meets while its images run round the closed loop: 1/(1 + L) is what is
+    left of a sine added to the force (`images_closed`).
+    """
+    port, _ = _port(loop, axis)
+    if period_of(loop) > 1:
+        model = lifted(loop, [f"{port}cut"], [f"{port}force"], velocity=velocity)
+        return gain_of(model, np.asarray(frequency, dtype=float), f"{port}force", f"{port}cut")[0]
+    return -linearize(loop, [f"{port}cut"], [f"{port}force"], velocity=velocity).response(frequency)
+
+
+def tracking(loop: System, frequency: np.ndarray, *, velocity: float = 0.05, axis: str | None = None) -> FRF:
+    """Table position over set position, with the set velocity ... snap as exact derivatives: Σ Hₙ (j2πf)ⁿ.
+
+    Of a law that repeats itself only after several samples the part at the frequency itself, as of `compliance`.
+    """
+    port, _ = _port(loop, axis)
+    model = _any(loop, [f"{port}{name}" for name in SETPOINT], [f"{port}position_load"], velocity)
+    s = 2j * np.pi * np.asarray(frequency, dtype=float)
+    total = model.response(frequency, f"{port}position_load", f"{port}{SETPOINT[0]}")
+    for order, name in enumerate(SETPOINT[1:], start=1):
+        total = total + s**order * model.response(frequency, f"{port}position_load", f"{port}{name}").response
+    return total
+
+
+def compliance(loop: System, frequency: np.ndarray, *, velocity: float = 0.05, axis: str | None = None) -> FRF:
+    """Table position over force on the table, closed loop, m/N: the inverse of the dynamic stiffness.
+
+    Of a law that repeats itself only after several samples the part at the frequency itself, samples as fast as the
+    loop.
+    """
+    port, _ = _port(loop, axis)
+    model = _any(loop, [f"{port}load_force"], [f"{port}position_load"], velocity)
+    return model.response(frequency, f"{port}position_load", f"{port}load_force")
+
+
+def _any(loop: System, inputs: Sequence[str], outputs: Sequence[str], velocity: float) -> StateSpace | Lifted:
+    return (lifted if period_of(loop) > 1 else linearize)(loop, inputs, outputs, velocity=velocity)
+
+
+def _port(loop: System, axis: str | None) -> tuple[str, Loop]:
+    """The prefix of the signals of an axis, which a machine needs the name of, and its loop alone."""
+    check_system(loop)
+    ports = dict(zip(loop.loops(), loop.ports(), strict=True))
+    name = next(iter(ports)) if axis is None and len(ports) == 1 else axis
+    if name not in ports:
+        raise ParameterError(f"axis = {axis!r} must be one of {', '.join(ports)}")
+    return ports[name], loop.loops()[name]
