@@ -23,11 +23,11 @@ from feeddrive.blocks.controller.pole_placement import PolePlacement
 from feeddrive.blocks.load.recorded_force import RecordedForce
 from feeddrive.blocks.reference.recorded import Recorded
 from feeddrive.bus.cia402 import FAULT_RESET, OBJECTS
-from feeddrive.bus.client import DriveClient
+from feeddrive.bus.client import DriveClient, transport_of
 from feeddrive.bus.drive_file import DriveScaling
 from feeddrive.bus.play import listened, play_profile
 from feeddrive.bus.profile import Profile
-from feeddrive.bus.transport import write_object
+from feeddrive.bus.transport import read_object, write_object
 from feeddrive.bus.virtual import ethercat_slave
 from feeddrive.bus.virtual.driven_axis import DrivenAxis
 from feeddrive.bus.virtual.firmware import PdoMap
@@ -221,6 +221,27 @@ def silence(bus: str) -> dict[str, Any]:
         return {"trouble": trouble, "state": bench.state, "code": bench.error_code, "unreachable": unreachable}
 
 
+def held_up(bus: str) -> dict[str, Any]:
+    """The master, with a clock, is held up for 0.3 s in motion, which is less than its watchdog."""
+    with powered(bus) as bench:
+        with client(drive(bus), bench.interface) as before:
+            write_object(before.transport, "connection_option", 0)
+        described = drive(bus, late_cycles=200, lost_frames=100, watchdog=5.0)
+        master = DriveClient(transport_of(described, bench.interface, None), described)
+        with master:
+            found: dict[str, Any] = {"option": read_object(master.transport, "connection_option")}
+
+            class Hold(Progress):
+                """A pause at row 100."""
+
+                def show_step(self, what: str, done: int | None, of: int | None, part: str) -> None:
+                    if done == 100:
+                        time.sleep(0.3)
+
+            played = play_profile(master, profile(), progress=Hold())
+    return {**found, "aborted": played.aborted, "rows": len(played.log)}
+
+
 def kinds(bus: str) -> dict[str, Any]:
     """An excitation of the position, of the velocity and of the torque alone, against the axis without a bus."""
     found: dict[str, Any] = {}
@@ -329,7 +350,8 @@ def said(asked: Any) -> str:
     return ""
 
 
-SCENARIOS = (exact, torque, speed, losses, faults, limits, wrong, refusals, silence, kinds, second, hearing, mapping)
+SCENARIOS = (exact, torque, speed, losses, faults, limits, wrong, refusals, silence, kinds, second, hearing, mapping,
+             held_up)  # fmt: skip
 
 if __name__ == "__main__":
     results: dict[str, Any] = {}

@@ -18,7 +18,7 @@ from feeddrive.bus.cia402 import OBJECTS
 from feeddrive.bus.client import DriveClient, transport_of
 from feeddrive.bus.play import play_profile
 from feeddrive.bus.virtual.firmware import Firmware
-from feeddrive.language.errors import BusError
+from feeddrive.language.errors import BusError, ParameterError
 
 Scenario = Callable[[str], dict[str, Any]]
 
@@ -137,13 +137,14 @@ def test_a_drive_that_left_op_by_its_watchdog_is_named() -> None:
     found = over_ethercat("silence")
     assert "it is in SAFE-OP, Sync manager watchdog (0x001B)" in found["trouble"]
     assert (found["state"], found["code"]) == ("FAULT", 0x7500)
-    assert "emergency stop" in found["unreachable"]
+    assert "no frame came back for" in found["unreachable"]
+    assert "it is in SAFE-OP, Sync manager watchdog (0x001B)" in found["unreachable"]
 
 
 def test_with_a_clock_the_motion_is_the_same_and_its_lateness_is_told() -> None:
     """Nothing is asserted of how late a busy computer is; the positions are those of the simulation all the same."""
     with powered("canopen") as bench:
-        described = drive("canopen")
+        described = drive("canopen", late_cycles=1000)
         master = DriveClient(transport_of(described, bench.interface, None), described)
         master._timeout = 1.0  # so that nothing of a busy computer passes for a lost frame
         with master:
@@ -154,6 +155,26 @@ def test_with_a_clock_the_motion_is_the_same_and_its_lateness_is_told() -> None:
     assert 0.0 <= played.lateness.median <= played.lateness.often <= played.lateness.most
     assert played.log.constants["late_cycles"] == played.lateness.missed
     assert played.log["set_position"][-1] == pytest.approx(0.002, abs=SCALING.metre)
+
+
+@pytest.mark.parametrize("bus", ["canopen", "ethercat"])
+def test_a_late_cycle_ends_the_motion_with_a_quick_stop(bus: str) -> None:
+    """A master held up for 0.3 s, 300 cycles of 1 ms: the next thing that it sends is the stop, and no later target."""
+    found = bus_scenarios.held_up("canopen") if bus == "canopen" else over_ethercat("held_up")
+    assert "more than late_cycles = 200 of the drive file" in found["aborted"]
+    assert found["aborted"].endswith("the axis was stopped and is in 'switch on disabled'")
+    assert found["rows"] <= 100
+    assert found["option"] == 1  # 0x6007 was 0, with which the drive would not mind a lost connection
+
+
+def test_the_watchdog_of_the_drive_file_must_outlast_what_the_motion_allows() -> None:
+    with pytest.raises(
+        ParameterError, match=r"watchdog = 5 ms must be longer than late_cycles and lost_frames together, 6 cyc"
+    ):
+        drive("canopen", watchdog=5e-3)
+    assert drive("canopen").watchdog_time == 0.1
+    assert drive("canopen", late_cycles=500).watchdog_time == pytest.approx(1.006)
+    assert drive("canopen", watchdog=0.0).watchdog_time == 0.0
 
 
 def test_another_client_of_cia_402_brings_the_virtual_drive_up() -> None:

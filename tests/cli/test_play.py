@@ -133,6 +133,99 @@ def test_over_canopen_between_processes(call, tmp_path: Path) -> None:
     assert np.ptp(heard["reading_load"]) == 0.0
 
 
+# waits until a play drives the interface
+CLAIMED = """
+import socket, time
+for _ in range(400):
+    try:
+        socket.socket(socket.AF_UNIX).connect("\\0feeddrive play {name}")
+        break
+    except OSError:
+        time.sleep(0.05)
+"""
+# a play is held up in motion for a second and as long as another one takes to be refused; a third loses its cable
+ATTACK = """
+sed -i 's/^late_cycles.*/late_cycles = 300\\nlost_frames = 50\\nwatchdog_ms = {watchdog}/' drive.toml
+attack() {{
+    : > said.txt
+    {feeddrive} play sent.csv --drive drive.toml --yes --reset-fault --out $1 > said.txt 2>&1 &
+    played=$!
+    {python} -S claimed.py
+    sleep 3
+}}
+attack first
+kill -STOP $played; sleep 1
+{second}
+kill -CONT $played
+wait $played && echo "played to its end" || echo "ended with $?"
+cat said.txt
+attack third
+{pulled}
+began=$(date +%s%N)
+wait $played && echo "played to its end" || echo "ended with $?"
+echo "after $((($(date +%s%N) - began) / 1000000)) ms"
+cat said.txt
+{mended}
+"""
+
+
+def attacked(tmp_path: Path, bus: str, watchdog: int) -> tuple[str, str]:
+    """What was said of the play that was held up, with another one meanwhile, and of that whose cable was pulled."""
+    t = np.arange(12_000) * 1e-3
+    s = t / t[-1]
+    rows = np.column_stack([t, 0.05 * s**3 * (10.0 - 15.0 * s + 6.0 * s * s)])
+    np.savetxt(tmp_path / "sent.csv", rows, delimiter=",", header="time [s],set_position [m]", comments="", fmt="%.9f")
+    name = {"ethercat": "veth0", "canopen": "udp_multicast:239.74.163.2"}[bus]
+    (tmp_path / "claimed.py").write_text(CLAIMED.format(name=name))
+    words = {
+        "ethercat": ("--interface veth1 --master veth0", "ip link set veth0 down", "ip link set veth0 up", ""),
+        "canopen": ("--bus canopen --station 9 --interface udp_multicast:239.74.163.2", "kill -STOP $served",
+                    "kill -CONT $served", "ip link set lo up; ip route add 239.0.0.0/8 dev lo\n"),
+    }[bus]  # fmt: skip
+    second = f"{FEEDDRIVE} play sent.csv --drive drive.toml --yes --out second 2>&1 && exit 9 || true"
+    script = words[3] + WALK.format(
+        feeddrive=FEEDDRIVE, machine="emps", drive=words[0],
+        commands=ATTACK.format(feeddrive=FEEDDRIVE, python=sys.executable, watchdog=watchdog, second=second,
+                               pulled=words[1], mended=words[2]),
+    )  # fmt: skip
+    done = in_a_namespace("bash", "-c", script, cwd=tmp_path)
+    assert done.returncode == 0, done.stdout + done.stderr
+    held, _, pulled = done.stdout.partition("after ")
+    return held, pulled
+
+
+@pytest.mark.parametrize(
+    "bus",
+    [
+        "ethercat",
+        pytest.param("canopen", marks=pytest.mark.slow(reason="four processes and two motions, as over EtherCAT")),
+    ],
+)
+def test_a_play_that_is_held_up_stops_and_one_without_cable_ends(tmp_path: Path, bus: str) -> None:
+    """SIGSTOP for 1 s in motion; a second play meanwhile; a pulled cable (CANopen: a drive that falls silent)."""
+    held, pulled = attacked(tmp_path, bus, watchdog=5000)
+    assert "the interface is driven by another feeddrive (process" in held
+    assert not (tmp_path / "second").exists()
+    assert "ended with 1" in held
+    assert "late_cycles = 300 of the drive file" in held
+    assert (tmp_path / "first" / "aborted_1.parquet").is_file()
+    assert int(pulled.split()[0]) < 3000  # ms
+    assert "50 frames in a row were lost: it does not answer" in pulled
+    assert "its own watchdog must do it" in pulled
+
+
+@pytest.mark.slow(reason="four processes and two motions, once more with a short watchdog")
+@pytest.mark.parametrize(
+    ("bus", "left"), [("ethercat", "Sync manager watchdog (0x001B)"), ("canopen", "it may have left OPERATIONAL")]
+)
+def test_the_drive_stops_by_itself_when_its_master_is_held_up(tmp_path: Path, bus: str, left: str) -> None:
+    """The watchdog that was set at the start is shorter than the second for which the master stands still."""
+    held, _ = attacked(tmp_path, bus, watchdog=500)
+    assert "ended with 1" in held
+    assert "late_cycles = 300 of the drive file" in held
+    assert left in held
+
+
 def test_the_move_of_a_job_is_played_as_it_was_simulated(call, tmp_path: Path) -> None:
     """EMPS with friction under today's control, which the virtual drive has inside, too.
 

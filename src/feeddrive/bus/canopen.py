@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 import contextlib
-from threading import Condition
+import logging
+import time
+from threading import Condition, Event
 from typing import Any
 
 from feeddrive.bus.cia402 import Layout
-from feeddrive.bus.transport import RefusedError, write_mapping
+from feeddrive.bus.transport import Claim, RefusedError, write_mapping
 from feeddrive.language.errors import BusError, MissingExtraError
 
 _SYNC, _INVALID, _EVERY_SYNC = 0x80, 1 << 31, 1
+_CONSUMER, _BEAT, _OPERATING = 0x1016, 0x700, b"\x05"  # heartbeat: who listens for it, its message, what it says
+_LISTENING = 0.05  # s in which another master must have sent a SYNC
+_LOOKING = 0.3  # s for an answer of a node that is silent already
 
 
 class CANopen:
@@ -24,12 +29,19 @@ class CANopen:
         self._sent = self._told = Layout(())
         self._arrived: dict[int, bytes] = {}
         self._news = Condition()
+        self._claim = Claim()
+        self._master = 127 if station != 127 else 126  # whose heartbeat the drive listens for
+        self._beat: float | None = None  # s from one heartbeat to the next
+        self._beaten = 0.0
+        self._listened: bytes | None = None  # what the drive listened for before
         self._late = False  # whether answers to the last SYNC may still come
 
     def open(self) -> None:
         """To PRE-OPERATIONAL."""
         self._canopen = packages()
+        self._claim.take(self.where, self.interface)
         self._network = opened_network(self.interface, self._bitrate)
+        self._check_alone()
         self._node = self._network.add_node(self.station, self._canopen.ObjectDictionary())
         self._node.sdo.RESPONSE_TIMEOUT = 1.0
         self._node.nmt.state = "PRE-OPERATIONAL"
@@ -39,6 +51,17 @@ class CANopen:
             raise BusError(
                 f"{self.where}: does not answer; check cable, termination, bit rate and `station` in the drive file"
             ) from None
+
+    def _check_alone(self) -> None:
+        """Raise BusError if another master sends SYNC: drives would take two for one, and NMT would end its motion."""
+        heard = Event()
+        self._network.subscribe(_SYNC, lambda *_: heard.set())
+        if heard.wait(_LISTENING):
+            raise BusError(
+                f"{self.where}: another master sends SYNC on this bus: end it first, since it would lose its drives; "
+                "nothing was sent"
+            )
+        self._network.unsubscribe(_SYNC)
 
     def read(self, index: int, subindex: int) -> bytes:
         """By SDO."""
@@ -85,6 +108,26 @@ class CANopen:
             if len(self._arrived) == len(self._of_told):
                 self._news.notify()
 
+    def watch(self, seconds: float) -> None:
+        """The heartbeat of this master, which the drive listens for (0x1016:01) and which goes with the cycles."""
+        wanted = (self._master << 16 | max(1, round(1e3 * seconds))).to_bytes(4, "little")
+        try:
+            before = self.read(_CONSUMER, 1)
+            self.write(_CONSUMER, 1, wanted)
+        except RefusedError as error:
+            raise BusError(
+                f"{self.where}: has no watchdog over CANopen (object 0x1016:01, code 0x{error.code:08X}): without it "
+                "the axis runs on when this computer stops; write `watchdog_ms = 0` into the drive file if you "
+                "accept that"
+            ) from None
+        self._listened = before
+        if (got := self.read(_CONSUMER, 1)) != wanted:
+            raise BusError(
+                f"{self.where}: its watchdog (object 0x1016:01) was set to {wanted[::-1].hex()} and reads back as "
+                f"{got[::-1].hex()}: choose another `watchdog_ms` in the drive file"
+            )
+        self._beat = 0.2 * seconds
+
     def operate(self, content: bytes) -> None:
         """To OPERATIONAL."""
         self._node.nmt.state = "OPERATIONAL"
@@ -99,9 +142,10 @@ class CANopen:
             if self._late:  # they must not pass for answers to the next one
                 self._news.wait_for(lambda: len(self._arrived) == len(self._of_told), timeout)
             self._arrived.clear()
-        for k, message in enumerate(self._of_sent):
-            self._network.send_message(message, content[self._sent.part(k)])
-        self._network.send_message(_SYNC, b"")
+        try:
+            self._send(content)
+        except OSError:  # the bus is gone, or switched itself off: nothing will come back
+            return None
         with self._news:
             whole = self._news.wait_for(lambda: len(self._arrived) == len(self._of_told), timeout)
             self._late = not whole
@@ -109,8 +153,19 @@ class CANopen:
                 return None
             return b"".join(self._arrived[message] for message in self._of_told)
 
+    def _send(self, content: bytes) -> None:
+        """All messages and SYNC; before them a heartbeat if one is due, from here so that it stops with the motion."""
+        now = time.monotonic()
+        if self._beat is not None and now - self._beaten >= self._beat:
+            self._network.send_message(_BEAT + self._master, _OPERATING)
+            self._beaten = now
+        for k, message in enumerate(self._of_sent):
+            self._network.send_message(message, content[self._sent.part(k)])
+        self._network.send_message(_SYNC, b"")
+
     def state(self) -> str:
         """Whether it still answers."""
+        self._node.sdo.RESPONSE_TIMEOUT = _LOOKING
         try:
             self.read(0x1000, 0)
         except BusError:
@@ -118,11 +173,16 @@ class CANopen:
         return "it answers, but sends no process data: it may have left OPERATIONAL"
 
     def close(self) -> None:
-        """Back to PRE-OPERATIONAL."""
+        """Back to PRE-OPERATIONAL, and no heartbeat is listened for any more."""
+        self._claim.free()
         if self._network is None:
             return
         with contextlib.suppress(Exception):  # a bus that is gone must not hide the error that led here
-            self._node.nmt.state = "PRE-OPERATIONAL"
+            if self._node is not None:
+                self._node.nmt.state = "PRE-OPERATIONAL"
+            if self._listened is not None:
+                self._node.sdo.RESPONSE_TIMEOUT = _LOOKING
+                self.write(_CONSUMER, 1, self._listened)
         with contextlib.suppress(Exception):
             self._network.disconnect()
         self._network = None
@@ -134,6 +194,7 @@ def packages() -> Any:
         import canopen
     except ImportError as missing:
         raise MissingExtraError(missing.name or "canopen", "bus", "CANopen") from None
+    logging.getLogger("canopen").addHandler(logging.NullHandler())  # what it would print is an error of ours anyway
     return canopen
 
 

@@ -70,6 +70,13 @@ OBJECTS: Mapping[str, Object] = {
         Object("product", 0x1018, 2, "u32", "product code"),
         Object("revision", 0x1018, 3, "u32", "revision"),
         Object("serial", 0x1018, 4, "u32", "serial number"),
+        Object(
+            "connection_option",
+            0x6007,
+            0,
+            "i16",
+            "what a lost connection does: 0 nothing, 1 fault, 2 off, 3 quick stop",
+        ),
         Object("error_code", 0x603F, 0, "u16", "of the last fault"),
         Object("controlword", 0x6040, 0, "u16", "commanded mode of operation"),
         Object("statusword", 0x6041, 0, "u16", "state of the drive"),

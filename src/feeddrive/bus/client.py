@@ -24,13 +24,15 @@ from feeddrive.bus.cia402 import (
     PowerState,
     state_of,
 )
-from feeddrive.bus.commissioning import check_scaling, identify, write_cycle_time, write_limits
+from feeddrive.bus.commissioning import check_scaling, identify, set_watchdog, write_cycle_time, write_limits
 from feeddrive.bus.drive_file import BusDrive
 from feeddrive.bus.pace import Pace
 from feeddrive.bus.transport import Transport, has_object, write_object
 from feeddrive.language.errors import BusError
 
 _PATIENCE = 3.0  # s for a change of state, on the clock and in cycles
+_FIRST = 20  # cycles in which something must come back at the start
+_SILENCE = 0.5  # s without any answer, after which nothing more is asked of the drive
 _TARGETS = {CSP: "target_position", CST: "target_torque"}
 
 
@@ -66,6 +68,7 @@ class DriveClient:
         self._sent, self._back = Layout(SENT), Layout(TOLD)
         self._timeout = max(2e-3, 2.0 * drive.cycle_time) if paced else 1.0
         self._operating = self._unreachable = False
+        self._heard = 0.0  # when something came back, on the monotonic clock
 
     def __enter__(self) -> DriveClient:
         try:
@@ -119,22 +122,40 @@ class DriveClient:
         self._sent, self._back = (layout.keeping(sorted(there)) for layout in (self._sent, self._back))
         transport.map(self._sent, self._back)
         self._values["mode"] = self.mode
+        if self.pace.cycle_time is not None:  # else time is that of the frames, and stands still without them
+            self.remarks += set_watchdog(transport, self.drive)
         transport.operate(self._sent.pack(self._values))
         self._operating = True
-        for _ in range(self.drive.lag + 1):
+        for _ in range(_FIRST):  # the first ones may be lost on the way
+            if self._follow() is not None:
+                break
+        for _ in range(self.drive.lag):
             self._follow()
         if self.told is None:
             raise BusError(f"{transport.where}: {transport.state()}, but its process data are lost")
 
     def cycle(self) -> Told | None:
-        """One exchange with what was commanded; None for a lost frame."""
-        self.pace.wait()
+        """One exchange with what was commanded; None for a lost frame.
+
+        Raises BusError, and sends nothing, if the drive is in operation and the cycle began later than `late_cycles`:
+        the drive stood, or ran on, without a target meanwhile, and the next one would be a jump.
+        """
+        late, T = self.pace.wait(), self.drive.cycle_time
+        if late > self.drive.late_cycles * T and self.state is PowerState.ENABLED:
+            raise BusError(
+                f"{self.transport.where}: a cycle began {1e3 * late:.0f} ms late, {late / T:.0f} cycles, more than "
+                f"late_cycles = {self.drive.late_cycles} of the drive file: something held this "
+                "computer up; take a real-time kernel, or a longer cycle_time"
+            )
+        return self._exchange()
+
+    def _exchange(self) -> Told | None:
         answered = self.transport.exchange(self._sent.pack(self._values), self._timeout)
         if answered is None:
             self.lost += 1
             self.lost_in_row += 1
             return None
-        self.lost_in_row = 0
+        self.lost_in_row, self._heard = 0, time.monotonic()
         raw, scaling = self._back.unpack(answered), self.scaling
         error, second = raw.get("following_error"), raw.get("second_position")
         if "velocity" not in raw:  # of a drive without 0x606C
@@ -197,7 +218,8 @@ class DriveClient:
             self._values["controlword"] = controlword
         if self.told is not None:
             self.command()
-        return self.cycle()
+        self.pace.wait()
+        return self._exchange()
 
     def enable(self) -> None:
         """To operation enabled, where the axis stands."""
@@ -249,6 +271,11 @@ class DriveClient:
             if failed and PowerState.FAULT not in ending:
                 raise BusError(self._fault())
             cycles += 1
+            silent = time.monotonic() - max(began, self._heard)
+            if self.lost_in_row >= self.drive.lost_frames and silent > _SILENCE:
+                raise BusError(
+                    f"{self.transport.where}: no frame came back for {silent:.2g} s; {self.transport.state()}"
+                )
             if cycles * self.drive.cycle_time > _PATIENCE and time.monotonic() - began > _PATIENCE:
                 at = "unknown" if self.state is None else self.state.words
                 bus = f"; {self.transport.state()}" if self.lost_in_row else ""

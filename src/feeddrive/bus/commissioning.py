@@ -89,6 +89,23 @@ def write_cycle_time(transport: Transport, drive: BusDrive) -> None:
         ) from None
 
 
+def set_watchdog(transport: Transport, drive: BusDrive) -> list[str]:
+    """The drive's own watchdog, and that it acts; a remark if the drive file says that there is none.
+
+    Raises BusError if it cannot be set, or reads back as something else.
+    """
+    if drive.watchdog_time == 0.0:
+        return ["No watchdog (watchdog = 0 in the drive file): the axis runs on when this computer stops."]
+    if has_object(transport, "connection_option") and read_object(transport, "connection_option") == 0:
+        write_object(transport, "connection_option", 1)  # a fault, as the standard has it by default
+        if read_object(transport, "connection_option") != 1:
+            raise BusError(
+                f"{transport.where}: goes on when the connection is lost (object 0x6007 = 0 cannot be changed)"
+            )
+    transport.watch(drive.watchdog_time)
+    return []
+
+
 def write_limits(transport: Transport, drive: BusDrive) -> list[str]:
     """The limits into the drive itself; remarks on those that it does not take."""
     limits, scaling = drive.limits, drive.scaling

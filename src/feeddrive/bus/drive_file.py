@@ -27,6 +27,8 @@ from feeddrive.files.toml_file import read_toml
 from feeddrive.language.block import Block, Number, choice, parameter, part
 from feeddrive.language.errors import ParameterError
 
+MOST_WATCH = 6.5  # s that the registers of a watchdog hold
+
 
 class BusLimits(Block):
     """Where a motion over the bus is aborted. Every one must be stated, since none has a safe default.
@@ -52,6 +54,16 @@ class BusDrive(Block):
     mode: str = choice("mode of operation: csp, csv or cst", options=("csp", "csv", "cst"), default="csp")
     lag: int = choice("cycles from a target to the values that answer it", least=0, most=20, default=1)
     lost_frames: int = choice("so many in a row end the motion", least=1, most=1000, default=3)
+    late_cycles: int = choice(
+        "a cycle that begins later than so many cycles ends the motion", least=1, most=10_000, default=3
+    )
+    watchdog: Number | None = parameter(
+        "s",
+        "the drive stops by itself without frames for so long; 0: it has none",
+        least=0,
+        most=MOST_WATCH,
+        default=None,
+    )
     scaling: DriveScaling = part("increments and rated torque")
     limits: BusLimits = part("where a motion is aborted")
 
@@ -62,12 +74,30 @@ class BusDrive(Block):
                 f"limits.force = {self.limits.force:g} N is less than a thousandth of the rated torque, "
                 f"{self.scaling.newton:g} N: look at scaling.rated_torque or scaling.rated_force"
             )
+        if 0.0 < self.watchdog_time <= self._silent_at_most:
+            raise ParameterError(
+                f"watchdog = {1e3 * self.watchdog_time:g} ms must be longer than late_cycles and lost_frames together, "
+                f"{self.late_cycles + self.lost_frames} cycles or {1e3 * self._silent_at_most:g} ms, which the motion "
+                "allows"
+            )
         for name in ("travel", "following_error"):
             if getattr(self.limits, name) < self.scaling.metre:
                 raise ParameterError(
                     f"limits.{name} = {getattr(self.limits, name):g} m is less than one increment, "
                     f"{self.scaling.metre:g} m: look at scaling.counts_per_turn, lead and increment"
                 )
+
+    @property
+    def watchdog_time(self) -> float:
+        """What is set in the drive, s: as stated, else 0.1 s, or twice what the motion allows if that is longer."""
+        if self.watchdog is not None:
+            return self.watchdog
+        return min(MOST_WATCH, max(0.1, 2.0 * self._silent_at_most))
+
+    @property
+    def _silent_at_most(self) -> float:
+        """s without a frame that the motion allows."""
+        return (self.late_cycles + self.lost_frames) * self.cycle_time
 
 
 @dataclass(frozen=True)

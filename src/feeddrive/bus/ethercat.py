@@ -11,12 +11,15 @@ from collections.abc import Callable
 from typing import Any
 
 from feeddrive.bus.cia402 import Layout
-from feeddrive.bus.transport import RefusedError, holds_mapping, write_mapping
+from feeddrive.bus.transport import Claim, RefusedError, holds_mapping, write_mapping
 from feeddrive.language.errors import BusError, MissingExtraError
 
 _ATTEMPTS = 4  # for an object whose frame was lost, and for a mapping that was not heard whole
 _PATIENCE = 20_000  # us for a frame to come back while nothing moves; a busy computer may need them
 _STEP = 50_000  # us for a change of state
+_LISTENING = 0.05  # s in which another master must have sent a frame
+_EVERYTHING = 0x0003  # ETH_P_ALL: what is sent is seen, too
+_OUTPUTS_CONTROL, _FEEDS_WATCHDOG = 0x0814, 0x40  # of sync manager 2: its control, and the bit of its watchdog
 _TOWARDS_OP = 2.0  # s of process data until a slave must be in OP
 
 
@@ -29,6 +32,7 @@ class EtherCAT:
         self._sent = self._told = Layout(())
         self._master: Any = None
         self._slave: Any = None
+        self._claim = Claim()
 
     def open(self) -> None:
         """To PRE-OP."""
@@ -37,6 +41,8 @@ class EtherCAT:
         except ImportError:
             raise MissingExtraError("pysoem", "bus", "EtherCAT") from None
         check_interface(self.interface)
+        self._claim.take(self.where, self.interface)
+        _check_alone(self.where, self.interface)
         self._soem = pysoem
         pysoem.settings.always_release_gil = True  # other threads of the process go on while it waits for a frame
         pysoem.settings.timeouts.ret = _PATIENCE
@@ -125,6 +131,24 @@ class EtherCAT:
                     break
         raise BusError(f"{self.where}: {wrong}")
 
+    def watch(self, seconds: float) -> None:
+        """The process data watchdog of the slave controller, in steps of 0.1 ms, and the bit by which outputs feed it.
+
+        Registers 0x0400 and 0x0420 and bit 6 of the control of sync manager 2 by ETG.1000.4.
+        """
+        try:
+            self._slave.set_watchdog("processdata", 1e3 * seconds)
+            got = 1e-3 * float(self._slave.get_watchdog("processdata"))
+            control = int(self._slave._fprd(_OUTPUTS_CONTROL, 1)[0])
+        except (self._soem.WkcError, ValueError, TypeError, IndexError) as error:
+            raise BusError(f"{self.where}: its watchdog cannot be set ({type(error).__name__}: {error})") from None
+        if abs(got - seconds) > 1e-3 + 0.01 * seconds or not control & _FEEDS_WATCHDOG:
+            why = f"reads back as {1e3 * got:g} ms" if control & _FEEDS_WATCHDOG else "is switched off for its outputs"
+            raise BusError(
+                f"{self.where}: its watchdog was set to {1e3 * seconds:g} ms and {why}: without it the axis runs on "
+                "when this computer stops; choose another `watchdog_ms` in the drive file, or 0 if you accept that"
+            )
+
     def operate(self, content: bytes) -> None:
         """To SAFE-OP and OP; the exchange runs meanwhile, as drives watch for it."""
         if self._master.state_check(self._soem.SAFEOP_STATE, 10 * _STEP) != self._soem.SAFEOP_STATE:
@@ -161,6 +185,7 @@ class EtherCAT:
 
     def close(self) -> None:
         """Back to INIT."""
+        self._claim.free()
         if self._master is None:
             return
         with contextlib.suppress(Exception):  # a bus that is gone must not hide the error that led here
@@ -169,6 +194,29 @@ class EtherCAT:
         with contextlib.suppress(Exception):
             self._master.close()
         self._master = None
+
+
+def _check_alone(where: str, interface: str) -> None:
+    """Raise BusError if another master sends on the interface: to find drives takes them out of its operation."""
+    if not sys.platform.startswith("linux"):
+        return
+    try:
+        line = opened_socket(interface, _EVERYTHING)
+    except BusError:
+        return  # the master says what is not permitted
+    until = time.monotonic() + _LISTENING
+    with contextlib.closing(line):
+        while (left := until - time.monotonic()) > 0.0:
+            line.settimeout(left)
+            try:
+                frame, sender = line.recvfrom(2048)
+            except OSError:
+                return
+            if sender[2] == socket.PACKET_OUTGOING and frame[12:14] == b"\x88\xa4":
+                raise BusError(
+                    f"{where}: another EtherCAT master sends on {interface}: end it first, since it would lose its "
+                    "drives; nothing was sent"
+                )
 
 
 _FLAGS = 0x8913  # SIOCGIFFLAGS

@@ -31,7 +31,8 @@ class Pace:
     """Begins cycle k at start + k · cycle_time on the monotonic clock; without one, as fast as the drive answers.
 
     What is late by more than a cycle is not made up by sending faster, as a drive would be given jumps: the schedule
-    slips, the motion pauses for that long, and the count of such cycles stands in the log.
+    slips, the motion pauses for that long, and the count of such cycles stands in the log.  How late a cycle may be
+    in motion is `late_cycles` of the drive file; `DriveClient.cycle` keeps it.
     """
 
     def __init__(self, cycle_time: float | None) -> None:
@@ -44,10 +45,10 @@ class Pace:
         """Count from now on."""
         self._late, self._missed, self._slipped = [], 0, 0.0
 
-    def wait(self) -> None:
-        """Until the next cycle is due."""
+    def wait(self) -> float:
+        """Until the next cycle is due; by how much it is late all the same, s."""
         if self.cycle_time is None:
-            return
+            return 0.0
         now = time.monotonic()
         if self._next == 0.0:
             self._next = now
@@ -61,6 +62,7 @@ class Pace:
             self._slipped += late
             self._next = now
         self._next += self.cycle_time
+        return late
 
     def lateness(self) -> Lateness | None:
         """Since `begin`; None without a clock."""

@@ -81,10 +81,10 @@ def play_profile(client: DriveClient, profile: Profile, *, name: str = "", progr
             i = min(k, count - 1)
             try:
                 sent = _target(client, profile, i, start, rest=k >= count)
+                told = client.cycle()
             except BusError as error:
                 aborted = str(error).removeprefix(f"{client.transport.where}: ")
                 break
-            told = client.cycle()
             rows.add(sent, told)
             by_hand = interrupted() or (progress is not None and progress.cancelled)
             aborted = "stopped by hand" if by_hand else client.trouble() or _beyond(client, start, told, sent)

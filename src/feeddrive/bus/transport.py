@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
+import os
+import socket
+import struct
+import sys
 from typing import Protocol
 
 from feeddrive.bus.cia402 import OBJECTS, Layout
@@ -48,6 +53,9 @@ class Transport(Protocol):
     def map(self, sent: Layout, told: Layout) -> None:
         """Which objects go out and come back in each cycle."""
 
+    def watch(self, seconds: float) -> None:
+        """Set the drive's own watchdog, by which it stops without frames for so long, and read it back."""
+
     def operate(self, content: bytes) -> None:
         """Begin the exchange of process data, with this content."""
 
@@ -61,6 +69,50 @@ class Transport(Protocol):
 
     def close(self) -> None:
         """Leave the station as it was found; never raises."""
+
+
+class Claim:
+    """An interface is driven by one process: a second master would reset the drives of the first in motion.
+
+    A name in the network namespace of the interface, which the system frees when the process ends, however it ends.
+    There are such names on Linux only; elsewhere nothing is claimed, and frames of another master are all that tells.
+    """
+
+    def __init__(self) -> None:
+        self._held: socket.socket | None = None
+
+    def take(self, where: str, interface: str) -> None:
+        """Raise BusError if another process has it, or another client of this one."""
+        if not sys.platform.startswith("linux"):
+            return
+        name = f"\0feeddrive play {interface}".encode()[:100]
+        line = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        try:
+            line.bind(name)
+            line.listen(1)
+        except OSError:
+            line.close()
+            raise BusError(
+                f"{where}: the interface is driven by another feeddrive{_holder(name)}: wait for its end, or stop it; "
+                "nothing was sent"
+            ) from None
+        self._held = line
+
+    def free(self) -> None:
+        """Give it back; never raises."""
+        if self._held is not None:
+            self._held.close()
+            self._held = None
+
+
+def _holder(name: bytes) -> str:
+    """` (process 123)` of who listens there, if the system says so."""
+    with contextlib.suppress(OSError), socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as asking:
+        asking.settimeout(0.1)
+        asking.connect(name)
+        process, *_ = struct.unpack("3i", asking.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, 12))
+        return f" (process {process})" if process not in (0, os.getpid()) else " (this process)" if process else ""
+    return ""
 
 
 def read_object(transport: Transport, name: str) -> int:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 import time
 from collections.abc import Callable
 from typing import Any
@@ -10,7 +11,7 @@ from feeddrive.bus.canopen import opened_network, packages
 from feeddrive.bus.cia402 import Layout
 from feeddrive.bus.virtual.firmware import INVALID, Firmware, PdoMap, SdoAbortError
 
-_SYNC, _HEARTBEAT = 0x80, 0x1017
+_SYNC, _HEARTBEAT, _CONSUMER, _BEAT = 0x80, 0x1017, 0x1016, 0x700
 _PATIENCE = 0.05  # s between looks at `stopped`
 
 
@@ -30,6 +31,7 @@ def serve_canopen(
     bus that cannot be opened, MissingExtraError without the packages.
     """
     canopen = packages()
+    watch = _MasterWatch()
     objects = PdoMap(firmware, lambda: node.nmt.state == "PRE-OPERATIONAL", station)
 
     class Node(canopen.LocalNode):
@@ -38,6 +40,8 @@ def serve_canopen(
         def get_data(self, index: int, subindex: int, check_readable: bool = False) -> bytes:
             if index == _HEARTBEAT:
                 return super().get_data(index, subindex, check_readable)
+            if (index, subindex) == (_CONSUMER, 1):
+                return struct.pack("<I", watch.entry)
             try:
                 return objects.read(index, subindex)
             except SdoAbortError as refused:
@@ -46,6 +50,9 @@ def serve_canopen(
         def set_data(self, index: int, subindex: int, data: bytes, check_writable: bool = False) -> None:
             if index == _HEARTBEAT:
                 super().set_data(index, subindex, data, check_writable)
+                return
+            if (index, subindex) == (_CONSUMER, 1):
+                watch.set(int.from_bytes(data, "little"))
                 return
             try:
                 objects.write(index, subindex, bytes(data))
@@ -60,6 +67,9 @@ def serve_canopen(
         dictionary.add_object(heartbeat)
         node = Node(station, dictionary)
         network.add_node(node)
+        for master in range(1, 128):
+            if master != station:
+                network.subscribe(_BEAT + master, watch.beat)
         arrived: dict[int, bytes] = {}
 
         def operational() -> bool:
@@ -90,7 +100,31 @@ def serve_canopen(
         ready()
         while not stopped():
             time.sleep(_PATIENCE)
+            if operational() and watch.is_silent():
+                node.nmt.state = "PRE-OPERATIONAL"  # as 0x1029 has it by default
             if not operational():
                 firmware.lost()
     finally:
         network.disconnect()
+
+
+class _MasterWatch:
+    """The heartbeat that the drive listens for (0x1016:01): from the first beat on, it must not stay away."""
+
+    def __init__(self) -> None:
+        self.set(0)
+
+    def set(self, entry: int) -> None:
+        """Node in bits 16 to 22, ms in the low 16 bits; 0 ms: nobody."""
+        self.entry = entry
+        self._last: float | None = None
+
+    def beat(self, identifier: int, _content: bytearray, _stamp: float) -> None:
+        """A heartbeat of any node."""
+        if identifier - _BEAT == self.entry >> 16 & 0x7F:
+            self._last = time.monotonic()
+
+    def is_silent(self) -> bool:
+        """Whether it has stayed away for too long."""
+        last, limit = self._last, 1e-3 * (self.entry & 0xFFFF)
+        return last is not None and limit > 0.0 and time.monotonic() - last > limit

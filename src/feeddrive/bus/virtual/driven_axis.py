@@ -139,6 +139,9 @@ def scaling_of(loop: Loop) -> DriveScaling:
     )  # fmt: skip
 
 
+_HELD_UP = 0.02  # s by which a computer that is no real-time system may be late
+
+
 def drive_text(loop: Loop, scaling: DriveScaling, bus: str, interface: str, station: int, cycle_time: float) -> str:
     """A drive file for the virtual drive; its limits are those of the machine's guard and control, if it has any."""
     guard, limits = loop.control.guard, loop.control.force_limit
@@ -155,7 +158,9 @@ def drive_text(loop: Loop, scaling: DriveScaling, bus: str, interface: str, stat
     return (
         f"# The virtual drive of feeddrive; for a drive of your own every number is to be looked up.\n"
         f'bus = "{bus}"\ninterface = "{interface}"\nstation = {station}\ncycle_time = {cycle_time!r}   # s\n'
-        f'mode = "csp"\n\n[scaling]\n{units}\n\n[limits]\ntravel = 0.5   # m, from where it starts, to both sides\n'
+        f'mode = "csp"\n'
+        f"late_cycles = {max(3, round(_HELD_UP / cycle_time))}   # an ordinary computer is held up; a real axis: 3\n\n"
+        f"[scaling]\n{units}\n\n[limits]\ntravel = 0.5   # m, from where it starts, to both sides\n"
         f"velocity = {1.0 if velocity is None else float(velocity)!r}   # m/s\nforce = {force!r}   # N\n"
         f"following_error = {5e-3 if following is None else float(following)!r}   # m\n"
     )

@@ -37,8 +37,9 @@ def serve_ethercat(
 ) -> None:
     """Serve until `stopped`; several drives are the stations of a segment, in their order.
 
-    watchdog  s without process data after which an enabled drive goes into fault, by the clock on the wall; None: the
-              time of the plant is that of the frames, and stands still without them
+    watchdog  s without process data after which an enabled drive goes into fault, by the clock on the wall; None: what
+              a master writes into the registers, and as long as it writes nothing, the time of the plant is that of
+              the frames, and stands still without them
     lose      whether the answer of a cycle (of the first drive) is swallowed, for tests of a client
 
     Raises BusError for an interface that is not there or not permitted.
@@ -47,10 +48,11 @@ def serve_ethercat(
     stations = [SlaveController(each) for each in drives]
     line = opened_socket(interface, ETHERTYPE)
     with contextlib.closing(line):
-        line.settimeout(_PATIENCE if watchdog is None else min(_PATIENCE, watchdog))
         ready()
         last = time.monotonic()
         while not stopped():
+            limits = [station.watchdog if watchdog is None else watchdog for station in stations]
+            line.settimeout(min([_PATIENCE, *(0.5 * limit for limit in limits if limit)]))
             with contextlib.suppress(socket.timeout):
                 frame: bytes | None = line.recv(2048)
                 for station in stations:
@@ -60,10 +62,9 @@ def serve_ethercat(
                 moved = [station.advance() for station in stations]  # every one of them, not up to the first
                 if any(moved):
                     last = time.monotonic()
-            if watchdog is not None and time.monotonic() - last > watchdog:
-                for station in stations:
-                    if station.state == OP:
-                        station.fall(_WATCHDOG)
+            for station, limit in zip(stations, limits, strict=True):
+                if limit and time.monotonic() - last > limit and station.state == OP:
+                    station.fall(_WATCHDOG)
 
 
 ETHERTYPE = 0x88A4
@@ -73,6 +74,7 @@ _ALLOWED = {INIT: (PREOP,), PREOP: (INIT, SAFEOP), SAFEOP: (INIT, PREOP, OP), OP
 _INVALID_CHANGE, _UNKNOWN_STATE, _NO_MAILBOX, _WRONG_OUTPUTS, _WRONG_INPUTS = 0x0011, 0x0012, 0x0016, 0x001D, 0x001E
 _STATION, _AL_CONTROL, _AL_STATUS, _AL_CODE = 0x0010, 0x0120, 0x0130, 0x0134
 _EEPROM_CONTROL, _EEPROM_ADDRESS, _EEPROM_DATA = 0x0502, 0x0504, 0x0508
+_DIVIDER, _WATCHDOG_TIME = 0x0400, 0x0420
 _FMMU, _SYNC = 0x0600, 0x0800
 _READ_ONLY = frozenset((*range(0x0010), *range(0x0110, 0x0112), *range(0x0130, 0x0136), *range(0x0140, 0x0142))) | {
     _SYNC + 8 * k + 5 for k in range(4)
@@ -96,6 +98,7 @@ class SlaveController:
         struct.pack_into("<BBHBBBBH", self._memory, 0x0000, 0x11, 0, 1, 4, 4, 4, 0x03, 0x0000)
         struct.pack_into("<H", self._memory, 0x0110, 0x5611)  # link on port 0, the others closed
         struct.pack_into("<H", self._memory, 0x0140, 0x0005)
+        struct.pack_into("<H", self._memory, _DIVIDER, 2498)  # 40 ns each, and two: 100 us
         self._outputs, self._inputs = self.objects.assigned(0x1600), self.objects.assigned(0x1A00)
         self._due = False
         self._enter(INIT)
@@ -104,6 +107,13 @@ class SlaveController:
     def state(self) -> int:
         """Of the AL, without the error bit."""
         return self._memory[_AL_STATUS] & 0x0F
+
+    @property
+    def watchdog(self) -> float:
+        """s without outputs after which it leaves OP, by its registers; 0: never."""
+        (divider,) = struct.unpack_from("<H", self._memory, _DIVIDER)
+        (time_,) = struct.unpack_from("<H", self._memory, _WATCHDOG_TIME)
+        return 40e-9 * (divider + 2) * time_ if self._memory[_SYNC + 8 * 2 + 4] & 0x40 else 0.0
 
     def _enter(self, state: int, code: int = 0) -> None:
         struct.pack_into("<H", self._memory, _AL_STATUS, state | (0x10 if code else 0))

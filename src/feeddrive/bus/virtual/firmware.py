@@ -45,8 +45,8 @@ _TRIPPED = {
 _NO_WINDOW = 0xFFFFFFFF
 _STANDSTILL = 0.2  # s that a quick stop holds the axis after its ramp
 _WRITABLE = {
-    "controlword", "quick_stop_option", "mode", "following_error_window", "target_torque", "max_torque",
-    "target_position", "position_least", "position_most", "quick_stop_deceleration", "velocity_offset",
+    "controlword", "connection_option", "quick_stop_option", "mode", "following_error_window", "target_torque",
+    "max_torque", "target_position", "position_least", "position_most", "quick_stop_deceleration", "velocity_offset",
     "torque_offset", "cycle_value", "cycle_exponent", "target_velocity",
 }  # fmt: skip
 
@@ -105,7 +105,7 @@ class Firmware:
         window = None if guard is None or guard.following_error_limit is None else guard.following_error_limit
         values |= {
             "device_type": 0x00020192, "vendor": VENDOR, "product": PRODUCT, "revision": REVISION, "serial": 1,
-            "quick_stop_option": 2, "max_torque": 0xFFFF, "rated_torque": scaling.rated_milli,
+            "connection_option": 1, "quick_stop_option": 2, "max_torque": 0xFFFF, "rated_torque": scaling.rated_milli,
             "following_error_window": _NO_WINDOW if window is None else scaling.increments(window),
             "position_least": -(1 << 31), "position_most": (1 << 31) - 1,
             "quick_stop_deceleration": min(scaling.increments(5.0), _NO_WINDOW),
@@ -162,7 +162,9 @@ class Firmware:
         self.values.update(sent)
 
     def lost(self) -> None:
-        """The bus stopped: an enabled drive goes into fault."""
+        """The bus stopped: an enabled drive goes into fault, unless 0x6007 says that it shall not mind."""
+        if self.values["connection_option"] == 0:
+            return
         if self.state in (PowerState.ENABLED, PowerState.QUICK_STOP):
             self._fault(0x7500)
 
