@@ -78,7 +78,7 @@ def test_every_law_on_a_measurement(screw: fd.Loop, point: OperatingPoint, name:
 def test_what_a_law_cannot_keep_is_refused_with_what_it_can(screw: fd.Loop) -> None:
     """The other tuner, on poles and sums, finds the same law soft: 66 nm √s/N with Ms <= 2 alone."""
     loop = design_of(screw, REFUSED).loop
-    with pytest.raises(UnstableError, match=r"at odds with .*within reach.*Ms <= "):
+    with pytest.raises(UnstableError, match=r"in conflict with .*reachable.*Ms <= "):
         tune_control(loop.control, loop, limits=Limits(2.0, compliance_peak=0.2e-6), filters="kept", starts=1)
 
 

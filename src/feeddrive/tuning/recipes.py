@@ -22,8 +22,8 @@ from feeddrive.tuning.criteria import Criteria
 from feeddrive.tuning.limits import Limits
 from feeddrive.tuning.operating_point import OperatingPoint, modelled_point, position_loop, response_on
 
-_OFF = 1e-9  # a gain that counts as none
-_STRAIGHT = math.radians(30.0)  # lag of the phase up to which mass and lag are read off
+_OFF = 1e-9  # a gain that counts as zero
+_STRAIGHT = math.radians(30.0)  # phase lag up to which lines are used for mass and lag
 _CRITICAL = 4.0  # Kv = ωv/4 damps a position loop around a first-order velocity loop critically
 _SLOW = 4.0  # Tn = 4/ωv: the integral takes 14° of the phase at the crossover
 GOALS = {"robust": (12.0, 60.0), "dynamic": (7.0, 45.0)}  # gain margin in dB and phase margin in deg
@@ -31,7 +31,7 @@ GOALS = {"robust": (12.0, 60.0), "dynamic": (7.0, 45.0)}  # gain margin in dB an
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Recipe(Result):
-    """What a rule gives: a law, how it came about, and what the rule was read off from.
+    """Result of a rule: a law, its derivation, and the data of the axis that the rule used.
 
     mass       kg, of the free axis, as the velocity loop sees it
     lag        s, of everything between force and velocity: computation, current loop, filters, difference
@@ -186,9 +186,11 @@ def half_antiresonance(point: OperatingPoint | Loop, control: Control | None = N
 def margin_goals(point: OperatingPoint | Loop, control: Control | None = None, *, goal: str = "robust") -> Recipe:
     """The highest velocity gain, and then the highest Kv, that keep gain and phase margin on the real loop.
 
-        robust: 12 dB and 60°,   dynamic: 7 dB and 45°,   Tn = 4/ωv;   Kv at most ωv/4, and less if the margins want it
+        robust: 12 dB and 60°,   dynamic: 7 dB and 45°,   Tn = 4/ωv;   Kv at most ωv/4, and less if the margins require
+        it
 
-    It goes like the automatic tuning of today's controllers, velocity loop first; the numbers of both goals are ours.
+    The sequence is that of the automatic tuning of present controllers, velocity loop first; the numbers of both goals
+    are ours.
     Raises NotIdentifiableError if no gain keeps them.
     """
     if goal not in GOALS:
@@ -230,7 +232,7 @@ def _by_crossover(axis: _Axis, rate: float) -> float:
 
 
 def _largest(admits: Callable[[float], bool], low: float, high: float) -> float | None:
-    """The largest value up to which all of a ladder are admitted, refined by halving; None if not even the lowest."""
+    """The largest of rising values up to which all are admissible, refined by halving; None if the lowest is not."""
     if not admits(low):
         return None
     steps = np.geomspace(low, high, 40)

@@ -23,7 +23,8 @@ def least_quadratic(H: np.ndarray, g: np.ndarray, A: np.ndarray, b: np.ndarray) 
     inverse = np.linalg.inv(np.linalg.cholesky(H))
     shift, G = inverse @ g, A @ inverse.T
     h = b + G @ shift
-    scale = np.maximum(np.sqrt(np.sum(G * G, axis=1)), 1e-300)  # rows of one length: all bounds are seen alike
+    # rows scaled to equal length, so that all bounds have equal weight
+    scale = np.maximum(np.sqrt(np.sum(G * G, axis=1)), 1e-300)
     E = np.vstack([(G / scale[:, None]).T, h / scale])
     f = np.zeros(E.shape[0])
     f[-1] = 1.0
@@ -39,17 +40,21 @@ def least_quadratic(H: np.ndarray, g: np.ndarray, A: np.ndarray, b: np.ndarray) 
 
 
 _FIRST, _LARGEST, _SMALLEST = 0.25, 0.6, 2e-3  # of a logarithm: how far a step may go
-_AGAIN = 0.1  # the same after a new look
+_AGAIN = 0.1  # the same after a restart
 _STEPS = 60
-_ENOUGH = 1e-4  # of the goal's logarithm: less progress ends it
-_PENALTY, _DEARER, _DEAREST = 5.0, 6.0, 1e3  # for a bound that is broken by one; it grows while one stays broken
+_ENOUGH = 1e-4  # of the goal's logarithm: less progress ends the search
+_PENALTY, _DEARER, _DEAREST = (
+    5.0,
+    6.0,
+    1e3,
+)  # penalty of a bound that is violated by one; it grows while a bound stays violated
 _CROSSED = 0.9  # of the tunables of a trial come from the others
-_FLAT = 1e-2  # curvature of what has none of its own
-_ROOM = 1e-3  # of a logarithm: what the search keeps to every bound for what its lines miss
+_FLAT = 1e-2  # least curvature of a direction
+_ROOM = 1e-3  # of a logarithm: distance to every bound, for peaks between the lines of the search
 
 
 class End(NamedTuple):
-    """Where a search ended: the point, its figures, and the force of each bound there, by key."""
+    """End of a search: the point, its figures, and the multiplier of each bound there, by key."""
 
     x: np.ndarray
     judged: Evaluation
@@ -65,7 +70,7 @@ class Search:
         self.penalty = _PENALTY
 
     def judge(self, x: np.ndarray) -> Evaluation | None:
-        """The figures, or None where the loop is unstable or has none."""
+        """The figures, or None if the loop is unstable or has no figures."""
         try:
             found = self.criteria(x)
         except (FeeddriveError, ArithmeticError, np.linalg.LinAlgError):
@@ -104,7 +109,7 @@ class Search:
         return points[order], merits[order]
 
     def broken(self, found: Evaluation) -> float:
-        """By how much the worst bound is broken; negative if all keep."""
+        """Violation of the worst bound; negative if all bounds hold."""
         return max((self.room(b) - b.slack for b in found.bounds), default=-1.0)
 
     def room(self, bound: Bound) -> float:
@@ -112,13 +117,13 @@ class Search:
         return _ROOM + self.sure * bound.deviation
 
     def merit(self, found: Evaluation | None) -> float:
-        """What a step must lower."""
+        """The merit function that a step must lower."""
         if found is None:
             return np.inf
         return float(np.max(found.goal)) + self.penalty * max(self.broken(found), 0.0)
 
     def descend(self, x: np.ndarray, size: float = _FIRST) -> End:
-        """The end of the way down from a point that is stable, with all bounds kept if that can be reached."""
+        """The end of the descent from a stable point, with all bounds kept if that is possible."""
         end = self._descend(x, size)
         while end.broken > _ROOM and self.penalty < _DEAREST:
             # if the goal falls faster than the penalty rises, the search would leave the limits
@@ -144,14 +149,14 @@ class Search:
             if promised < _ENOUGH * 0.3:
                 if fresh:
                     break
-                # what was learned of the curvature on the way may be what holds it: look again without it
+                # the estimated curvature may stop the search: restart without it
                 curvature, fresh, size = _definite(here.curvature), True, max(size, _AGAIN)
                 continue
             fresh = False
             there = self.judge(x + move)
             gained = self.merit(here) - self.merit(there)
             if there is not None and gained < 0.1 * promised and self.broken(there) > 0.0:
-                # bounds are curved: solve once more with what they really are at the end of the step
+                # bounds are curved: solve once more with their true values at the end of the step
                 again = self._step(x, here, curvature, size, self._curved(here, there, move))
                 other = None if again is None else self.judge(x + again[0])
                 if again is not None and self.merit(here) - self.merit(other) > max(gained, 0.0):
@@ -176,7 +181,7 @@ class Search:
         return End(x, here, force, self.broken(here))
 
     def _curved(self, here: Evaluation, there: Evaluation, move: np.ndarray) -> dict[tuple[str, int, int], float]:
-        """By how much each bound has less slack after a move than its slope says."""
+        """The difference of the slack of each bound after a move and its linear prediction."""
         after = {bound.key: bound.slack for bound in there.bounds}
         return {c.key: c.slack + float(c.slope @ move) - after[c.key] for c in here.bounds if c.key in after}
 
@@ -250,6 +255,6 @@ class Search:
 
 
 def _definite(H: np.ndarray, least: float = 0.05) -> np.ndarray:
-    """The nearest matrix with eigenvalues of at least a small size, and none that is huge."""
+    """The nearest matrix whose eigenvalues are neither too small nor too large."""
     values, vectors = np.linalg.eigh(0.5 * (H + H.T))
     return (vectors * np.clip(values, least, 1e4)) @ vectors.T

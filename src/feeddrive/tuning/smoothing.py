@@ -8,11 +8,11 @@ from scipy.special import chdtri
 from feeddrive.identification.excitation.nonperiodic import UNKNOWNS, local_rational
 
 _HALF_WIDTHS = (4, 7, 12, 20, 34)  # neighboring lines used for each line
-_REACH = 0.3  # of ln f: how far a window may go, since what is fitted is local whatever the residuals say
+_REACH = 0.3  # of ln f: largest width of a window, since the fitted function is local even if the residuals allow more
 _SURE = 0.99  # a window whose residuals are larger than noise with this probability is too wide
 _SURE_OF_RATIO = 0.999  # the same for the ratio, which is tested often
-_FIT = 1.2  # by which both ends may move differently where their ratio is fitted: up to the antiresonance
-_STIFF = 0.25  # by which both ends may move differently where their ratio is used
+_FIT = 1.2  # relative difference of both motions up to which their ratio is fitted: up to the antiresonance
+_STIFF = 0.25  # relative difference of both motions up to which their ratio is used
 _VARIANCE = 4  # lines on both sides over which the measured variance is averaged
 
 
@@ -77,11 +77,11 @@ def stiff_ratio(
 
         r = 1 + a1 s + a2 s² + a3 s³ + a4 s⁴,   s = jω,   real coefficients
 
-    Both ends move as one when nothing moves fast, whatever the axis: a guided body has no other place to go.  How much
-    they differ decides about stiffness, and it would drown where the responses are large and the spring hardly bends.
-    Fitted to raw lines from the lowest one up to the highest below the antiresonance at which the residuals still look
-    like noise, by χ² on 99.9 %; used where |r - 1| is at most a quarter, which is up to half of the first
-    antiresonance, and on at most half of the lines of the fit, which bends away first at its end.
+    At low frequencies both ends of any guided axis move as one. The stiffness follows from their small difference,
+    which noise would hide where the responses are large and the spring hardly deflects. Fitted to raw lines from the
+    lowest one up to the highest below the antiresonance at which the residuals still look like noise, by χ² on 99.9 %;
+    used where |r - 1| is at most a quarter, which is up to half of the first antiresonance, and on at most half of the
+    lines of the fit, which bends away first at its end.
     """
     ratio, variance = np.full(frequency.size, np.nan, dtype=complex), np.zeros(frequency.size)
     if variances is None:

@@ -19,15 +19,15 @@ from feeddrive.tuning.trial import differenced
 
 REGRESSORS = ("velocity", "acceleration", "jerk", "snap")
 _UNITS = ("s", "s2", "s3", "s4")
-REST = 1e-9  # of a regressor's largest value: where all are below it the sample says nothing
-LEAST_SAMPLES = 25  # in motion, for each regressor: fewer are a fit through noise
-LARGEST_CONDITION = 1e3  # of columns of equal size: beyond it parameters take each other's part
-LIMIT_CLOCK = 1e-6  # share by which two clocks may differ
+REST = 1e-9  # of a regressor's largest value: a sample where all are below it is not used
+LEAST_SAMPLES = 25  # in motion, for each regressor: with fewer the fit would follow the noise
+LARGEST_CONDITION = 1e3  # of columns of equal size: beyond it the parameters cannot be separated
+LIMIT_CLOCK = 1e-6  # largest relative difference of two clocks
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class PrefilterFit(Result):
-    """What of a tracking error the derivatives of its reference explain: e = θ1 v + θ2 a + θ3 j + θ4 s + remainder.
+    """Part of a tracking error due to the derivatives of its reference: e = θ1 v + θ2 a + θ3 j + θ4 s + remainder.
 
     theta             by regressor, in s, s², s³, s⁴
     standard_error    of theta, with remainders that last from sample to sample
@@ -222,12 +222,13 @@ def _check_clock(name: str, found: float, wanted: float) -> None:
 
 
 def _check_follows(name: str, set_position: np.ndarray, position: np.ndarray) -> None:
-    """A prefilter corrects small errors; an error of half the travel means a dead encoder or a wrong unit."""
+    """Refuse an error of half the travel: it means a dead encoder or a wrong unit."""
     travel, off = float(np.ptp(set_position)), float(np.max(np.abs(set_position - position), initial=0.0))
     if travel > 0.0 and not off < 0.5 * travel:
         raise LogError(
             f"{name}: the position is up to {off:.4g} m away from the set position, less than half the travel, "
-            f"{0.5 * travel:.4g} m, is admitted: it does not follow; check the columns, their units and their offset"
+            f"{0.5 * travel:.4g} m, is allowed: the axis does not follow; check the columns, their units and their "
+            "offset"
         )
 
 

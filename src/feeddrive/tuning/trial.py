@@ -14,7 +14,7 @@ from feeddrive.language.table import Result, Table
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import Run
 
-LARGEST_ROUNDING = 0.05  # of a derivative's RMS in motion: what its differences may hold of rounding
+LARGEST_ROUNDING = 0.05  # of a derivative's RMS in motion: largest share of rounding in its differences
 
 # weights over samples k-2 .. k+2, and the power of T below them; each is of second order
 _WEIGHTS = {
@@ -105,7 +105,7 @@ class Trial(Result):
 
     @property
     def starts_moving(self) -> bool:
-        """Whether the first sample moves faster than two samples of the largest acceleration make of rest."""
+        """Whether the first sample is faster than the largest acceleration could make it in two samples from rest."""
         first = abs(float(np.asarray(self.setpoint.velocity)[0]))
         return first > 2.0 * self.sample_time * float(np.max(np.abs(self.setpoint.acceleration)))
 
@@ -115,7 +115,7 @@ class Trial(Result):
         return np.arange(self.following_error.size) * self.sample_time
 
     def table(self) -> Table:
-        """How long, how far, how fast, how good."""
+        """Duration, travel, speed, acceleration and error."""
         x, v, a = (np.asarray(each) for each in self.setpoint[:3])
         row = [
             self.name, f"{self.following_error.size}", f"{1e3 * np.ptp(x):.4g}", f"{1e3 * np.max(np.abs(v)):.4g}",

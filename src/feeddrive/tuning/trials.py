@@ -36,7 +36,7 @@ class Convergence(Result):
 
     @property
     def rate(self) -> float:
-        """ρ: by what the error of the parameters is multiplied from trial to trial in the long run."""
+        """ρ: the factor of the error of the parameters from trial to trial in the long run."""
         return float(np.max(np.abs(np.linalg.eigvals(self.matrix)), initial=0.0))
 
     @property
@@ -62,7 +62,7 @@ def convergence(
     plant: Plant | None = None,
     least_mass: float = 0.0,
 ) -> Convergence:
-    """The rate at which `iterate` converges on a loop whose axis is known, with a tuner that assumes another one.
+    """The rate at which `iterate` converges on a loop whose axis is known, with a tuner that assumes another axis.
 
         Ψ = G_d φ of the loop,   Ψ̂ = Ĝ_d φ of the believed one,   ρ = largest |eigenvalue| of I - gamma Ψ̂⁺ Ψ
 
@@ -94,10 +94,10 @@ _RECORDED = ("following_error", "tracking_error", "force", "requested", "trip")
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Trials(Result):
-    """Trials one after another; trial j ran with the parameters that trial j - 1 taught.
+    """Trials one after another; trial j ran with the parameters learned from trial j - 1.
 
-    trials      what each showed
-    iterations  what each but the last taught, so one fewer
+    trials      the data of each
+    iterations  the result of each except the last, so one fewer
     loops       the loop of each trial
     """
 
@@ -159,7 +159,7 @@ def iterate_trials(
     load: Callable[[int], Load] | Load | None = None,
     seed: int = 0,
 ) -> Trials:
-    """Simulate trials, each with the parameters that the last one taught (`iterate` has the law and its arguments).
+    """Simulate trials, each with the parameters learned from the one before (`iterate` has the law and its arguments).
 
     references  one motion, or several that take turns from trial to trial
     trials      how many, >= 2
@@ -199,7 +199,7 @@ _REGULAR = 0.01  # of the largest |Ĝ_d|: where it is smaller its inverse is bou
 
 @dataclass(frozen=True, eq=False, repr=False)
 class SignalTrials(Result):
-    """Trials one after another, each with the force that the one before taught.
+    """Trials one after another, each with the force learned from the one before.
 
     forces  learned force of each trial in N; the first is 0
     rate    largest |Q (1 - gain L G_d)| from 1 Hz on: < 1, and the learned force converges.  Towards 0 Hz integral

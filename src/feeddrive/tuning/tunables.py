@@ -15,12 +15,12 @@ from feeddrive.language.block import declarations
 from feeddrive.language.errors import ParameterError
 from feeddrive.loop.control import Control
 
-_RANGE = math.log(1e3)  # how far a gain may move from where the search begins
-_FILTER = math.log(4.0)  # and the frequency of a filter
+_RANGE = math.log(1e3)  # largest factor between a gain and its start value
+_FILTER = math.log(4.0)  # the same for the frequency of a filter
 _RATIOS = {"damping_zero": (0.02, 1.0), "damping_pole": (0.05, 1.5), "damping": (0.3, 1.5)}
 _RATIO = (0.02, 20.0)  # of a law
 _TOLD = ("mass", "viscous")  # a law's model of the axis is not tuned
-_HIGHEST = 0.45  # of the sample rate: no filter is put beyond
+_HIGHEST = 0.45  # of the sample rate: upper limit of filter frequencies
 
 
 def law_tunables(control: Control) -> tuple[str, ...]:
@@ -40,7 +40,7 @@ def law_tunables(control: Control) -> tuple[str, ...]:
     found = tuple(dict.fromkeys(name for name in names if name in there))
     if not found:
         raise ParameterError(
-            f"the law '{law.kind}' names no tunables: say which parameters are to be tuned (tunables=...)"
+            f"the law '{law.kind}' names no tunables: state which parameters are to be tuned (tunables=...)"
         )
     return found
 
@@ -64,13 +64,13 @@ def logarithms(control: Control, names: Sequence[str]) -> np.ndarray:
     for name in names:
         value = tree.get(control, name)
         if not isinstance(value, (int, float)) or not value > 0.0:
-            raise ParameterError(f"{name} = {value!r} is no tunable: it must be a number > 0 where the search begins")
+            raise ParameterError(f"{name} = {value!r} is not a tunable: its start value must be a number > 0")
         found.append(math.log(value))
     return np.array(found)
 
 
 def box(control: Control, names: Sequence[str], x: np.ndarray, sample_time: float) -> tuple[np.ndarray, np.ndarray]:
-    """How low and how high each tunable may go."""
+    """Lower and upper limit of each tunable."""
     low, high = x - _RANGE, x + _RANGE
     for i, name in enumerate(names):
         unit, last = tree.declaration(control, name).unit, name.rpartition(".")[2]
@@ -85,7 +85,7 @@ def box(control: Control, names: Sequence[str], x: np.ndarray, sample_time: floa
 
 
 def speeds(control: Control, names: Sequence[str]) -> np.ndarray:
-    """To which power of a common factor each tunable of the law changes when the whole loop becomes faster by it."""
+    """The exponent of each tunable of the law when the whole loop is made faster by a common factor."""
     return np.array(
         [
             0.0 if name.startswith("filters.") else float(POWERS.get(tree.declaration(control, name).unit, (0, 0))[1])

@@ -64,7 +64,7 @@ def tune_control(
     friction, encoder counts and limits (`Tuned.holds`).  If the searches from different starts do not agree, more are
     made (`Tuned.settled`).
     Raises UnstableError if nothing is found within the limits, NotIdentifiableError if the measurement is too poor to
-    tune on, with the band in which to measure again, ParameterError for what does not fit.
+    tune on, with the band in which to measure again, ParameterError for arguments that do not match.
     """
     if points is None:
         if not isinstance(control, Loop):
@@ -136,8 +136,8 @@ def _tuner(
     tuner = Tuner(made, goal, limits or Limits(), band, confidence, starts, seed, velocity, progress or Progress())
     if goal == "rope-snap" and not ControlResponse(control, made[0].sample_time, (), velocity).integrates(()):
         raise ParameterError(
-            f"goal = 'rope-snap' needs a control with integral action: without it ('{control.law.kind}' as it is) the "
-            f"table stays off under a force for ever; give it one, such as law.Tn, or take the goal stiffness"
+            f"goal = 'rope-snap' needs a control with integral action: without it ('{control.law.kind}' as it is) "
+            "a force causes a permanent offset of the table; give it one, such as law.Tn, or take the goal stiffness"
         )
     return tuner
 
@@ -156,7 +156,7 @@ _MUCH = 0.02  # of the goal, by a tenth of a sample
 
 
 def result(tuner: Tuner, best: Best, today: Control, tried: tuple[str, ...], recipe: str = "") -> Tuned:
-    """Figures before and after, what holds the goal back, what would help, and the proof."""
+    """Figures before and after, the active limits, advice, and the proof."""
     values = dict(zip(best.names, np.exp(best.end.x).tolist(), strict=True))
     control = tree.vary(best.control, values)
     before = _figures(tuner, today)
@@ -230,7 +230,7 @@ def _held(tuner: Tuner, best: Best) -> tuple[HeldBack, ...]:
 
 
 def _advice(tuner: Tuner, best: Best) -> tuple[str, ...]:
-    """What less dead time would bring, by the multipliers of the optimum; and what the noise costs."""
+    """Gain by less dead time, from the multipliers of the optimum, and loss by the noise."""
     found: list[str] = []
     step = 0.1 * tuner.points[0].sample_time
 
@@ -245,7 +245,7 @@ def _advice(tuner: Tuner, best: Best) -> tuple[str, ...]:
     other = Criteria(points, best.criteria.control, tuner.goal, tuner.limits, tuner.band)(best.end.x)
     gained = _gain(best.end.judged, other, best.end)
     if gained > 1e-4:
-        # by slopes: a whole sample where it says little, a tenth where it says much
+        # by slopes: for a whole sample where the effect is small, for a tenth where it is large
         small = gained < _MUCH
         how = f"one sample ({10e6 * step:g} us)" if small else f"a tenth of a sample ({1e6 * step:g} us)"
         found.append(
@@ -277,10 +277,10 @@ def _edges(tuner: Tuner, best: Best) -> list[str]:
         if name.startswith("filters.") and unit == "Hz" and end == "upper":
             reason = f", {100.0 * size / nyquist:.3g} % of half the sample rate: as good as no filter"
             if tuner.limits.force_noise is None:
-                reason += ", which no limit on the noise in the force speaks against"
-        found.append(f"{shown} = {size:.4g} {unit}".rstrip() + f" is the {end} end of what was searched{reason}")
+                reason += ", since no limit on the force noise prevents it"
+        found.append(f"{shown} = {size:.4g} {unit}".rstrip() + f" is the {end} end of the range of the search{reason}")
     found += [
-        f"filters.{bound.key[1]} (notch) would rather raise than lower, which is no notch's tuner: it is flat"
+        f"filters.{bound.key[1]} (notch) would amplify instead of attenuate, so it is flat"
         for bound in best.end.judged.bounds
         if bound.kind == NOTCH and best.end.force.get(bound.key, 0.0) > 1e-3 and bound.slack < 0.02
     ]
@@ -288,7 +288,7 @@ def _edges(tuner: Tuner, best: Best) -> list[str]:
 
 
 def _gain(here: Evaluation, there: Evaluation, end: End) -> float:
-    """By how much the goal would fall, by the Lagrangian, if the axis were the other one."""
+    """The decrease of the goal, by the Lagrangian, with the other axis."""
     slack = {bound.key: bound.slack for bound in there.bounds}
     eased = sum(
         end.force.get(bound.key, 0.0) * (slack[bound.key] - bound.slack) for bound in here.bounds if bound.key in slack

@@ -85,8 +85,8 @@ class Tuned(Result):
 
     tunables, started    values by dotted name of the control, new and today's (NaN: new filter)
     before, after     figures at each point; before is empty if today's control has none
-    held              the bounds that hold the goal back, the strongest first
-    advice            what else would help, in plain words
+    held              the bounds that limit the goal, the strongest first
+    advice            advice on further improvements
     notches           the notches that were tried, and their effect on the goal
     sure, confidence  standard deviations kept to every bound, and with which probability all of them hold at once
     spread, settled   by which share the worst end of the searches is above the best; whether two ended near the best
@@ -161,7 +161,7 @@ class Tuned(Result):
         return recommendation(self)
 
     def table(self) -> Table:
-        """Old against new, what holds it back, and the proof."""
+        """Old and new figures, active limits, and the proof."""
         rows = [
             [
                 readable(self.control, name),
@@ -201,8 +201,8 @@ def _figure(each: Figures, read: Callable[[Figures], float | None]) -> str:
     return "-" if value is None else f"{value:.4g}"
 
 
-_NOT_WORTH = 2.0  # percent: less gain is no reason to change anything
-_WORSE = 0.03  # of a figure that counts as worse
+_NOT_WORTH = 2.0  # percent: a smaller gain does not justify a change
+_WORSE = 0.03  # relative change of a figure that counts as worse
 _WHAT = {
     "rope-snap": "rope-snap error",
     "stiffness": "dynamic stiffness",
@@ -236,13 +236,14 @@ def _of_the_table(found: Tuned) -> str:
     if not found.at_drive:
         return ""
     return (
-        " Nothing is known of a force on the table, which may well become softer there: strike the table or give a "
+        " The response to a force on the table is not known, and the table may become softer: strike the table or "
+        "give a "
         "machine with its plant before cutting with it."
     )
 
 
 def _advised(found: Tuned) -> str:
-    limit = f"; {found.held[0].what} holds it back" if found.held else ""
+    limit = f"; {found.held[0].what} is the limit" if found.held else ""
     gained = found.gained()
     limits, new = found.limits.sentence(), _new_values(found)
     if gained is None:
@@ -270,7 +271,7 @@ def _change(found: Tuned, gained: float) -> float:
 
 
 def _new_values(found: Tuned) -> str:
-    """Taken without reserve only where a force on the table is known."""
+    """Recommended without reservation only if the response to a force on the table is known."""
     if not found.at_drive:
         return "Take the new values: they"
     return "The new values" if found.goal == "bandwidth" else "Against a force at the drive the new values"

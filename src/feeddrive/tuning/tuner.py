@@ -21,11 +21,11 @@ from feeddrive.tuning.search import End, Search
 from feeddrive.tuning.tunables import box, logarithms, scattered, speeds
 
 _LADDER = np.log(2.0) * np.arange(2.0, -11.5, -0.5)  # factors 4 ... 1/2048
-_NEAR = 0.3  # a start that breaks its bounds by less is near enough
-_PAYS = 0.02  # of the goal: what a notch must bring
+_NEAR = 0.3  # a start that violates its bounds by less is good enough
+_PAYS = 0.02  # of the goal: least gain by a notch
 _NOTCHES = 3  # that are tried
 _LOUD, _APART = 0.15, 0.12  # |L| of a resonance that is worth a notch; of ln f from a notch that is there
-_TURNS = 6  # in which the standard deviations to keep are settled
+_TURNS = 6  # rounds for the number of standard deviations to keep
 _CUTS = 3  # rounds in which lines that the search had left out are added
 _AGREE = 0.05  # of the goal: ends of searches this near the best agree with it
 _MORE = 3  # searches with still other populations, where only one ended near the best
@@ -34,7 +34,7 @@ _COSTLY = 0.5  # of the goal: when noise costs more, the measurement is too poor
 
 
 class Best(NamedTuple):
-    """A control with the tunables that were turned and where they ended."""
+    """A control with the tunables that were varied and their final values."""
 
     control: Control
     names: tuple[str, ...]
@@ -116,13 +116,13 @@ class Tuner:
         return Best(control, names, end, search.criteria, sure, cost, max(costs) - min(costs), settled, (low, high))
 
     def as_it_is(self, control: Control, names: tuple[str, ...]) -> Best:
-        """A control that is not searched any further, with the tunables it names."""
+        """A control without a further search, with the tunables it names."""
         x = logarithms(control, names)
         criteria = self.criteria(control, names, whole=True)
         search = Search(criteria, x, x)
         found = search.judge(x)
         if found is None:
-            raise UnstableError("the loop is unstable with these gains: take another rule, or let the goal search")
+            raise UnstableError("the loop is unstable with these gains: take another rule, or search with a goal")
         answers = criteria.answers(x)
         require_covered(answers)
         if self.noisy:
@@ -133,7 +133,7 @@ class Tuner:
         )
 
     def _begin(self, search: Search, x: np.ndarray, powers: np.ndarray) -> np.ndarray:
-        """Where a search begins: at the values given if they are near, else at the best point as all gets slower."""
+        """Start of a search: the given values if they are good enough, else the best point of a slower loop."""
         here = search.judge(x)
         if here is not None and search.broken(here) < _NEAR:
             return x
@@ -191,7 +191,7 @@ class Tuner:
         return end
 
     def _refuse(self, search: Search, end: End) -> None:
-        """Say which bounds are at odds, and what can be reached."""
+        """Raise UnstableError with the conflicting bounds and the values that can be reached."""
         worst = min(end.judged.bounds, key=lambda b: b.slack - search.sure * b.deviation)
         noise = ""
         if search.sure * worst.deviation > 0.5 * abs(worst.slack - search.sure * worst.deviation):
@@ -199,10 +199,10 @@ class Tuner:
         beyond = 100.0 * (search.sure * worst.deviation - worst.slack)
         where = f" at {worst.frequency:.4g} Hz" if worst.frequency > 0.0 else ""
         others = {b.kind for b in end.judged.bounds if search.room(b) - b.slack > 0.5 * search.broken(end.judged)}
-        against = f", at odds with {', '.join(sorted(others - {worst.kind}))}" if others - {worst.kind} else ""
+        against = f", in conflict with {', '.join(sorted(others - {worst.kind}))}" if others - {worst.kind} else ""
         found = [self._reachable(search, end, kind) for kind in (worst.kind, *sorted(others - {worst.kind}))]
         reached = [each for each in found if each]
-        best = f"; within reach, each with the other limits kept: {' or '.join(reached)}" if reached else ""
+        best = f"; reachable, each with the other limits kept: {' or '.join(reached)}" if reached else ""
         raise UnstableError(
             f"no setting was found that keeps {self.limits.sentence()}: {worst.kind}{where} "
             f"('{self.points[worst.point].name}'){noise} stays {beyond:.3g} % beyond its limit{against}{best}; ease a "
@@ -246,7 +246,7 @@ class Tuner:
         )
 
     def with_notches(self, best: Best, tried: list[str]) -> Best:
-        """Notches at resonances that are still loud, one after the other, as long as each pays."""
+        """Notches at the remaining large resonances, one after the other, as long as each improves the goal."""
         for frequency in self._loud(best)[:_NOTCHES]:
             self.progress.step(f"a notch at {frequency:.4g} Hz")
             # nearly without effect, so that the search begins where the last one ended
@@ -270,7 +270,7 @@ class Tuner:
         return best
 
     def _loud(self, best: Best) -> list[float]:
-        """Frequencies of the resonances above the crossover that are loudest in the loop gain."""
+        """Frequencies of the largest resonances of the loop gain above the crossover."""
         names = dict(zip(best.names, np.exp(best.end.x), strict=True))
         taken = [
             names.get(f"filters.{i}.frequency", each.frequency)
@@ -290,7 +290,7 @@ class Tuner:
 
 
 def _agreeing(search: Search, ends: Sequence[End]) -> int:
-    """How many searches ended near the best."""
+    """Number of searches that ended near the best."""
     costs = [search.merit(each.judged) for each in ends]
     return sum(cost < min(costs) + _AGREE for cost in costs)
 

@@ -115,9 +115,7 @@ def _said(found: Tuned) -> str:
     said += [sentence(text) for text in found.advice]
     said += [f"Notch {text}." for text in found.notches]
     listed = "".join(f"<li>{escape(text)}</li>" for text in said)
-    return (
-        f'<div class="remarks"><h3>What holds it back, and what would help</h3><ul>{listed}</ul></div>' if said else ""
-    )
+    return f'<div class="remarks"><h3>Active limits, and what would help</h3><ul>{listed}</ul></div>' if said else ""
 
 
 def tables(found: Tuned, story: Story) -> list[Table]:
