@@ -55,10 +55,8 @@ class Below:
         return Recovery(self.frequency, y, (self.by_load * S * twist)[:, None] * dC - (y * S)[:, None] * dloop)
 
 
-_LOWEST, _FEWEST = (
-    2.5,
-    5,
-)  # lines for the count of integrators: up to so many times the first one, at least so many
+# lines for the count of integrators: up to so many times the first one, at least so many
+_LOWEST, _FEWEST = 2.5, 5
 
 
 @dataclass(frozen=True, eq=False)

@@ -43,11 +43,7 @@ _FIRST, _LARGEST, _SMALLEST = 0.25, 0.6, 2e-3  # of a logarithm: how far a step 
 _AGAIN = 0.1  # the same after a restart
 _STEPS = 60
 _ENOUGH = 1e-4  # of the goal's logarithm: less progress ends the search
-_PENALTY, _DEARER, _DEAREST = (
-    5.0,
-    6.0,
-    1e3,
-)  # penalty of a bound that is violated by one; it grows while a bound stays violated
+_PENALTY, _DEARER, _DEAREST = 5.0, 6.0, 1e3  # for a bound violated by one; it grows while one stays violated
 _CROSSED = 0.9  # of the tunables of a trial come from the others
 _FLAT = 1e-2  # least curvature of a direction
 _ROOM = 1e-3  # of a logarithm: distance to every bound, for peaks between the lines of the search
