@@ -69,7 +69,7 @@ def test_a_channel_that_is_wrong_is_named_and_its_line(call, command: str, chang
     Path("logs").mkdir()
     Path("logs/log.csv").write_text(log(change))
     code, text = call(command, "logs/log.csv")
-    assert code == 2
+    assert code == (1 if (command, change) == ("identify", "constant") else 2)  # a log that reads, and says nothing
     assert "feeddrive: error: logs/log.csv: " in text
     assert said in text
 
@@ -78,7 +78,7 @@ def test_a_saturated_channel_is_named(call) -> None:
     """A rigid drive is not fitted through it; a response is, and the reader is told."""
     Path("log.csv").write_text(log("saturated"))
     code, text = call("identify", "log.csv")
-    assert code == 2
+    assert code == 1
     assert "error: log.csv: the force sits at 30 N in" in text
     code, text = call("frf", "log.csv", "--method", "h1")
     assert code == 0
@@ -88,7 +88,7 @@ def test_a_saturated_channel_is_named(call) -> None:
 def test_channels_of_two_clocks_are_named(call) -> None:
     Path("log.csv").write_text(log("shifted"))
     code, text = call("identify", "log.csv")
-    assert code == 2
+    assert code == 1
     assert "error: log.csv: force and position are not synchronised" in text
     assert "record both channels with one recorder and one trigger" in text
 

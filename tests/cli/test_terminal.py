@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import importlib
+import pkgutil
+import re
 import sys
 from pathlib import Path
 
@@ -9,8 +12,11 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+import feeddrive
+from feeddrive import cli
 from feeddrive.cli.commands import app
 from feeddrive.cli.terminal import open_console
+from feeddrive.language.errors import FeeddriveError
 
 RUN = CliRunner(env={"COLUMNS": "40"})
 
@@ -67,3 +73,41 @@ def test_a_terminal_breaks_lines_at_its_width(monkeypatch: pytest.MonkeyPatch) -
     monkeypatch.setenv("COLUMNS", "60")
     monkeypatch.setattr(sys.stdout, "isatty", lambda: True)
     assert open_console().width == 60
+
+
+def error_classes() -> dict[str, type[FeeddriveError]]:
+    """Every error that a user can cause, of all modules, by name."""
+    for each in pkgutil.walk_packages(feeddrive.__path__, "feeddrive."):
+        file = Path(str(each.module_finder.path), f"{each.name.rpartition('.')[2]}.py")  # pyright: ignore
+        if file.exists() and re.search(r"^class \w+Error\(", file.read_text(encoding="utf-8"), re.MULTILINE):
+            importlib.import_module(each.name)
+    found, rest = {}, [FeeddriveError]
+    while rest:
+        one = rest.pop()
+        found[one.__name__] = one
+        rest += [each for each in one.__subclasses__() if each.__module__.startswith("feeddrive.")]
+    return found
+
+
+def test_every_error_has_the_code_of_the_table_and_ends_with_it(monkeypatch, capsys) -> None:
+    """The table of the docs names every class once, under the code with which `main` ends."""
+    page = (Path(__file__).parents[2] / "docs/files.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| (\d+) \| [^|]* \| ([^|]*) \|$", page, re.MULTILINE)
+    told = {name: int(code) for code, names in rows for name in re.findall(r"`(\w+)`", names)}
+    classes = error_classes()
+    assert told == {name: one.exit_code for name, one in classes.items()}
+    for name, one in classes.items():
+        error = one.__new__(one)
+        Exception.__init__(error, "the reason")
+
+        def app(error: FeeddriveError = error) -> None:
+            raise error
+
+        monkeypatch.setattr("feeddrive.cli.commands.app", app)
+        with pytest.raises(SystemExit) as ended:
+            cli.main()
+        assert ended.value.code == told[name]
+        said = capsys.readouterr().err
+        assert said == (
+            "feeddrive: stopped; nothing was written\n" if told[name] == 130 else "feeddrive: error: the reason\n"
+        )

@@ -10,7 +10,7 @@ from typing import Any
 
 from feeddrive.bus.cia402 import Layout
 from feeddrive.bus.transport import Claim, RefusedError, write_mapping
-from feeddrive.language.errors import BusError, MissingExtraError
+from feeddrive.language.errors import BusError, MissingExtraError, ParameterError
 
 _SYNC, _INVALID, _EVERY_SYNC = 0x80, 1 << 31, 1
 _CONSUMER, _BEAT, _OPERATING = 0x1016, 0x700, b"\x05"  # heartbeat: who listens for it, its message, what it says
@@ -199,13 +199,13 @@ def packages() -> Any:
 
 
 def opened_network(interface: str, bitrate: int | None) -> Any:
-    """A canopen network on the bus. Raises BusError for one that cannot be opened."""
+    """A canopen network on the bus. ParameterError for a misnamed one, BusError if it cannot be opened."""
     canopen = packages()
     import can
 
     kind, _, channel = interface.partition(":")
     if kind not in can.VALID_INTERFACES or not channel:
-        raise BusError(
+        raise ParameterError(
             f"interface '{interface}' must name what python-can calls interface and channel, as socketcan:can0; "
             f"it knows {', '.join(sorted(can.VALID_INTERFACES))}"
         )

@@ -12,7 +12,7 @@ from typing import Any
 
 from feeddrive.bus.cia402 import Layout
 from feeddrive.bus.transport import Claim, RefusedError, holds_mapping, write_mapping
-from feeddrive.language.errors import BusError, MissingExtraError
+from feeddrive.language.errors import BusError, MissingExtraError, ParameterError
 
 _ATTEMPTS = 4  # for an object whose frame was lost, and for a mapping that was not heard whole
 _PATIENCE = 20_000  # us for a frame to come back while nothing moves; a busy computer may need them
@@ -223,10 +223,12 @@ _FLAGS = 0x8913  # SIOCGIFFLAGS
 
 
 def check_interface(name: str) -> None:
-    """Raise BusError for an interface that is not there or not up, with those that are."""
+    """Raise ParameterError for an interface that is not there, with those that are, BusError for one that is down."""
     there = sorted(each for _, each in socket.if_nameindex())
     if name not in there:
-        raise BusError(f"interface '{name}' is not there; there are: {', '.join(there) or 'none'} (ip link shows them)")
+        raise ParameterError(
+            f"interface '{name}' is not there; there are: {', '.join(there) or 'none'} (ip link shows them)"
+        )
     if not _is_up(name):
         raise BusError(f"interface '{name}' is down: run  ip link set {name} up")
 
@@ -243,7 +245,7 @@ def _is_up(name: str) -> bool:
 
 
 def opened_socket(interface: str, ethertype: int) -> socket.socket:
-    """A raw Ethernet socket. Raises BusError for an interface that is not there, or that may not be opened so."""
+    """A raw Ethernet socket. ParameterError for an interface that is not there, BusError if it cannot be opened."""
     if not sys.platform.startswith("linux"):
         raise BusError("a virtual EtherCAT drive needs the packet sockets of Linux; use  --bus canopen")
     check_interface(interface)

@@ -1,7 +1,7 @@
 """The command line program `feeddrive`.
 
-Every error that a user can cause ends in one line on the error stream and a nonzero exit code: 2 for wrong input (a
-file, a key, a value), 1 for a failed computation or motion (a loop that diverges, an aborted motion), 130 for Ctrl-C.
+Every error that a user can cause ends in one line on the error stream and the exit code that its class declares
+(`FeeddriveError.exit_code`): 2 for wrong usage or input, 1 for an outcome that is not good, 130 for Ctrl-C.
 """
 
 from __future__ import annotations
@@ -10,10 +10,10 @@ import os
 import sys
 from typing import NoReturn
 
-from feeddrive.language.errors import AbortedError, CancelledError, DivergedError, FeeddriveError, UnstableError
+from feeddrive.language.errors import CancelledError, FeeddriveError
 from feeddrive.language.table import visible
 
-STOPPED = 130
+STOPPED = CancelledError.exit_code
 
 
 def _stopped() -> NoReturn:
@@ -33,7 +33,7 @@ def main() -> None:
         _stopped()
     except FeeddriveError as error:
         sys.stderr.write(visible(f"feeddrive: error: {error}\n"))
-        sys.exit(1 if isinstance(error, (AbortedError, DivergedError, UnstableError)) else 2)
+        sys.exit(error.exit_code)
     except MemoryError:
         sys.stderr.write("feeddrive: error: more memory is needed than there is: shorten the work, or sample slower\n")
         sys.exit(1)

@@ -199,6 +199,8 @@ PATIENCE = 300.0  # s, for a build and a run
 class EmulatorError(FeeddriveError):
     """A bundle did not build, did not end, or its self-test found a difference; the message holds what was printed."""
 
+    exit_code = 1
+
 
 @dataclass(frozen=True)
 class Cost:

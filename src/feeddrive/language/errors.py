@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from difflib import get_close_matches
-from typing import Any
+from typing import Any, ClassVar
 
 
 def nearest(name: str, allowed: Iterable[str]) -> str:
@@ -19,7 +19,13 @@ def nearest(name: str, allowed: Iterable[str]) -> str:
 
 
 class FeeddriveError(Exception):
-    """Base of all errors that a user can cause; the command line prints it without a traceback."""
+    """Base of all errors that a user can cause; the command line prints it without a traceback.
+
+    `exit_code` is the code with which the command line ends: 2 if what was given is wrong or missing, 1 if it was
+    understood and the answer is no, 130 after Ctrl-C.
+    """
+
+    exit_code: ClassVar[int] = 2
 
 
 class ParameterError(FeeddriveError):
@@ -41,21 +47,31 @@ class LogError(FeeddriveError):
 class NotIdentifiableError(LogError):
     """A valid log without enough information for the requested parameters; the message says what to measure next."""
 
+    exit_code = 1
+
 
 class DivergedError(FeeddriveError):
     """A simulated loop left its bounds; the message names the sample at which it did."""
+
+    exit_code = 1
 
 
 class UnstableError(FeeddriveError):
     """A closed loop that is not stable where a stable one is required."""
 
+    exit_code = 1
+
 
 class NotCertifiedError(FeeddriveError):
     """A loop that cannot be certified; the message says at which frequency, by how much, and what to do."""
 
+    exit_code = 1
+
 
 class BusError(FeeddriveError):
     """A drive on a field bus that is missing, differs from its declaration, or does not follow a command."""
+
+    exit_code = 1
 
 
 class AbortedError(BusError):
@@ -68,6 +84,8 @@ class WrongSignError(ParameterError):
 
 class CancelledError(FeeddriveError):
     """Work that was canceled on request; nothing was written."""
+
+    exit_code = 130
 
 
 class MissingExtraError(FeeddriveError):

@@ -15,7 +15,7 @@ from feeddrive.blocks.signals import Setpoint
 from feeddrive.identification.regression import solve, standard_errors
 from feeddrive.language import tree
 from feeddrive.language.block import declarations
-from feeddrive.language.errors import LogError, ParameterError, StructureError
+from feeddrive.language.errors import LogError, NotIdentifiableError, ParameterError, StructureError
 from feeddrive.language.table import Result, Table
 from feeddrive.loop.loop import Loop
 from feeddrive.tuning.error_model import condition, decay, error_model, filtered, not_excited, reasons
@@ -185,7 +185,7 @@ def next_iteration(
     frozen |= not_excited(names, phi[rows], seen[rows], velocity[rows], float(block.dead_band))
     active = [i for i, name in enumerate(names) if name not in frozen]
     if not active:
-        raise LogError(f"{trial.name}: identifies no parameter. {reasons({n: frozen[n] for n in names})}")
+        raise NotIdentifiableError(f"{trial.name}: identifies no parameter. {reasons({n: frozen[n] for n in names})}")
     left, needed = int(np.count_nonzero(rows)), _LEAST_ROWS * len(active)
     if left < needed:
         raise LogError(

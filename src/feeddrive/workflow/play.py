@@ -15,7 +15,7 @@ from feeddrive.bus.play import Played, listened, play_profile
 from feeddrive.bus.profile import Profile, read_profile
 from feeddrive.files.atomic_io import new_directory
 from feeddrive.files.log import write_log
-from feeddrive.language.errors import AbortedError, BusError, FeeddriveError
+from feeddrive.language.errors import AbortedError, BusError, FeeddriveError, ParameterError
 from feeddrive.language.progress import Progress
 from feeddrive.language.table import Table
 from feeddrive.workflow.command import Outcome, command
@@ -120,11 +120,13 @@ def _client(file: DriveFile, unpaced: bool) -> DriveClient:
 
 @contextlib.contextmanager
 def _named(file: DriveFile) -> Generator[None]:
-    """An error of the bus begins with the drive file."""
+    """An error of the bus, or of what the drive file says of it, begins with the name of that file."""
     try:
         yield
     except BusError as error:
         raise BusError(f"{file.name}: {error}") from None
+    except ParameterError as error:
+        raise ParameterError(f"{file.name}: {error}") from None
 
 
 def _greet(progress: Progress, client: DriveClient) -> None:

@@ -42,7 +42,7 @@ def serve_ethercat(
               the frames, and stands still without them
     lose      whether the answer of a cycle (of the first drive) is swallowed, for tests of a client
 
-    Raises BusError for an interface that is not there or not permitted.
+    Raises ParameterError for an interface that is not there, BusError for one that is not permitted.
     """
     drives = [firmwares] if isinstance(firmwares, Firmware) else list(firmwares)
     stations = [SlaveController(each) for each in drives]

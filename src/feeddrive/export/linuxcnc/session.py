@@ -38,6 +38,8 @@ _PACKAGES = {
 class HalError(FeeddriveError):
     """LinuxCNC refused a component, failed, or did not end; the message holds its output."""
 
+    exit_code = 1
+
 
 def check_programs() -> None:
     """Raise MissingProgramError, with the packages, unless LinuxCNC and what compiles for it are installed."""
