@@ -60,7 +60,7 @@ class Paper:
 
 
 def test_a_device_of_another_profile_is_no_drive() -> None:
-    with pytest.raises(BusError, match="is no drive by CiA 402 but a device of profile 401"):
+    with pytest.raises(BusError, match="is not a CiA 402 drive but a device of profile 401"):
         identify(Paper(device_type=401), drive("ethercat"))
 
 

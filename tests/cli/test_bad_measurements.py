@@ -82,7 +82,7 @@ def test_a_saturated_channel_is_named(call) -> None:
     assert "error: log.csv: the force sits at 30 N in" in text
     code, text = call("frf", "log.csv", "--method", "h1")
     assert code == 0
-    assert "'force' is clipped: it stands at its largest value 30" in text
+    assert "'force' is clipped: it stays at its largest value 30" in text
 
 
 def test_channels_of_two_clocks_are_named(call) -> None:

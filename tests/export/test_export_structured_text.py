@@ -288,7 +288,7 @@ def test_the_same_design_gives_the_same_bytes_and_a_readme_that_says_what_to_min
     files = structured_text_files(read_design("mill", "z", name="hanging"))
     assert files == structured_text_files(read_design("mill", "z", name="hanging"))
     said = files["README.md"]
-    for word in ("Existing Item", "PLCopenXML", "Floating Point Exceptions", "cycle_wrong", "safety", "export anew"):
+    for word in ("Existing Item", "PLCopenXML", "Floating Point Exceptions", "cycle_wrong", "safety", "export again"):
         assert word in said
     assert "| fixed | `axis.z.control.law.observer.omega_o` |" in said
     assert "500 µs" in said or "µs**" in said

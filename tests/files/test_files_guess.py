@@ -214,6 +214,6 @@ def test_constant_clipped_and_slow_channels_are_named() -> None:
     said = {remark.split("'")[1]: remark for remark in found}
     assert set(said) == {"dead", "clipped", "low", "held"}
     assert "is constant, 3.5" in said["dead"]
-    assert "stands at its largest value 0.8 25 times" in said["clipped"]  # 5 s of 5 Hz
-    assert "stands at its smallest value -0.7 25 times" in said["low"]
+    assert "stays at its largest value 0.8 25 times" in said["clipped"]  # 5 s of 5 Hz
+    assert "stays at its smallest value -0.7 25 times" in said["low"]
     assert "changes only at every 4th sample" in said["held"]

@@ -230,7 +230,7 @@ def test_a_position_that_does_not_follow_is_refused(read: str) -> None:
     x = run["reading_load"]
     position = {"dead encoder": 0.0 * x, "another unit": 1e3 * x, "another axis' zero": x + 1.0}[read]
     with pytest.raises(
-        LogError, match=r"away from the set position, less than half the travel, 0\.[0-9]+ m, is admitted"
+        LogError, match=r"away from the set position, less than half the travel, 0\.[0-9]+ m, is allowed"
     ):
         fd.tuning.fit_prefilter_to_log(run.time, run["set_position"], position, T)
 
