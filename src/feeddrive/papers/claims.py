@@ -32,11 +32,12 @@ from feeddrive.report.page import Shown, render
 class Claim:
     """One statement that can fail: it holds if  least <= got <= most  (a bound may be absent).
 
-    key       of the row, as "1.d"
-    claim     what is stated, as a sentence
-    rule      by what the two sides are comparable; plant, noise and seed
-    got       the figure that came out, in `unit`
-    expected  what was expected, in words; absent: the bounds
+    key        of the row, as "1.d"
+    claim      what is stated, as a sentence
+    rule       by what the two sides are comparable; plant, noise and seed
+    got        the figure that came out, in `unit`
+    expected   what was expected, in words; absent: the bounds
+    equations  of shipped blocks, as "DADSC (4)", a change of which must break the claim
     """
 
     key: str
@@ -47,6 +48,7 @@ class Claim:
     most: float | None = None
     unit: str = ""
     expected: str = ""
+    equations: tuple[str, ...] = ()
 
     @property
     def holds(self) -> bool:
