@@ -256,6 +256,7 @@ def _figures(reproduced: Sequence[Reproduced]) -> dict[str, object]:
                 "got": claim.got if math.isfinite(claim.got) else None,
                 "unit": claim.unit,
                 "holds": claim.holds,
+                "equations": list(claim.equations),
             }
             for claim in each.claims
         ]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from feeddrive.language.progress import Progress
+from feeddrive.papers.altintas2009 import shipped, together
 from feeddrive.papers.altintas2009.equations import equations
 from feeddrive.papers.altintas2009.recovery import estimation, machine_modes
 from feeddrive.papers.altintas2009.rigidity import delays, motion, rigidity
@@ -14,6 +15,8 @@ def altintas2009(progress: Progress) -> Experiment:
     """All rows; `progress` reports each step."""
     progress.step("equations in the ideal loop")
     algebra, poles = equations()
+    progress.step("shipped blocks beside their equations")
+    beside = [claim for row in (*shipped.ROWS, *together.ROWS) for claim in row()]
     progress.step("stiffness under four rules")
     stiff, stiff_pictures = rigidity()
     progress.step("disturbance recovery")
@@ -29,7 +32,7 @@ def altintas2009(progress: Progress) -> Experiment:
         title="DADSC with disturbance recovery on a linear motor",
         citation="Y. Altintas, C. E. Okwudire: Dynamic stiffness enhancement of direct-driven machine tools using "
         "sliding mode control with disturbance recovery. CIRP Annals 58 (2009).",
-        claims=[*algebra, *stiff, *seen, *modes, *moved, *late],
+        claims=[*algebra, *stiff, *seen, *modes, *moved, *late, *beside],
         tables=[*seen_tables, *mode_tables, *late_tables],
         pictures=[*poles, *stiff_pictures, *seen_pictures, *mode_pictures, *moved_pictures, *late_pictures],
         facts={

@@ -19,9 +19,9 @@ from feeddrive.papers.altintas2009.testbed import (
     cascade,
     cascade_column,
     closed_form_poles,
-    continuous,
     dadsc,
     dadsc_column,
+    ideal_model,
     run_ideal,
     transfer,
 )
@@ -205,11 +205,10 @@ def _pole_map() -> tuple[list[Claim], list[Shown]]:
     ours, theirs = [], []
     for r2, r4 in SWEEP:
         K = r2 / MASS
-        law = DADSC(mass=MASS, tracking_rate=200.0, reaching_rate=K, adaptation_rate=r4 / (MASS * (1.0 + K * T)))
-        ours.append(continuous(closed_form_poles(law, T), T))
-        cascaded = transfer(cascade_column(200.0, r2, r2 * T / r4, T), MASS, T)
-        theirs.append(continuous(np.roots(cascaded.denominator), T))
-    rule = "poles of (8), s = ln z / T; λ = Kv = 200 1/s; (r2, r4) = (56000, 168), (56000, 840), (56000, 16000), "
+        law = DADSC(mass=MASS, viscous=VISCOUS, tracking_rate=200.0, reaching_rate=K, adaptation_rate=r4 / (MASS * (1.0 + K * T)))
+        ours.append(ideal_model(law).poles())
+        theirs.append(ideal_model(CascadePPI(Kv=200.0, Kp=r2, Tn=r2 * T / r4, viscous=VISCOUS)).poles())
+    rule = "poles of the ideal loop with the laws as shipped, s = ln z / T; λ = Kv = 200 1/s; (r2, r4) = (56000, 168), (56000, 840), (56000, 16000), "
     rule += "(112000, 64000), (224000, 256000)"
     swing = [float(np.max(np.abs(poles.imag))) for poles in theirs]
     largest = theirs[-1][np.argmax(theirs[-1].imag)]

@@ -92,7 +92,6 @@ def estimation() -> tuple[list[Claim], list[Table], list[Shown]]:
         Claim("1.e", "the Kalman filter is the best without a scale's steps", rule,
               errors["Kalman"][0] / min(each[0] for name, each in errors.items() if name != "Kalman"), None, 1.0),
         *_table_claims(errors, rule),
-        *_bandwidths(),
     ]  # fmt: skip
     claims += _steps()
     rows = []
@@ -113,21 +112,6 @@ def _table_claims(errors: dict[str, tuple[float, ...]], rule: str) -> list[Claim
         for name, expected in EXPECTED.items()
         for i, with_scale in enumerate((", continuous reading", ", 10 nm scale"))
     ]  # fmt: skip
-
-
-def _bandwidths() -> list[Claim]:
-    """-3 dB of F̂d/F_d in the continuous limit, at equal velocity gain and real poles."""
-    lines = np.geomspace(1.0, 500.0, 40_000)
-    s = 2j * np.pi * lines
-    a, K, c = 3.0 * RATE, 4.0 * RATE / 9.0, 4.0 * RATE / 9.0
-    theirs = a * c * (s + K) / (s**3 + a * s**2 + a * (K + c) * s + a * K * c)
-    found = [float(lines[np.argmax(np.abs(each) < np.sqrt(0.5))]) for each in (RATE / (s + RATE), theirs)]
-    rule = "-3 dB of F̂d/F_d at equal velocity gain and real poles, continuous limit: ω_d/(s + ω_d) against "
-    rule += "a c (s + Kv)/(s³ + a s² + a (Kv + c) s + a Kv c), a = Kp/m, c = 1/Tn; p = 300 1/s"
-    return [
-        Claim("1.e", "bandwidth of the estimate of DADSC", rule, found[0], 47.6, 47.9, "Hz", "47.7"),
-        Claim("1.e", "bandwidth of the integral of P-PI", rule, found[1], 25.9, 26.2, "Hz", "26.0"),
-    ]
 
 
 def _steps() -> list[Claim]:

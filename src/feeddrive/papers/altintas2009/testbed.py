@@ -23,6 +23,7 @@ from feeddrive.blocks.plant.rigid import Rigid
 from feeddrive.blocks.reference.polynomial7 import Polynomial7
 from feeddrive.blocks.sensor.encoder import Encoder
 from feeddrive.blocks.signals import Reading, Setpoint
+from feeddrive.language import tree
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.control import Control
 from feeddrive.loop.loop import Loop
@@ -231,3 +232,52 @@ def _solved(
     # with x = before + T v and F = here + slope (x - at)
     v = (mass * speed / T + here + slope * (before - at) + load) / (inertia - slope * T)
     return before + T * v, v
+
+
+@dataclass(frozen=True, eq=False)
+class IdealModel:
+    """The ideal loop with a law as shipped, from F_d(k) to all its states: z(k) = A z(k-1) + b F_d(k), at rest before.
+
+    names   of the states: x, v, and those of the law
+    """
+
+    A: np.ndarray
+    b: np.ndarray
+    names: tuple[str, ...]
+
+    def poles(self) -> np.ndarray:
+        """ln z / T in rad/s, but for the states that only hold a last reading."""
+        found = np.linalg.eigvals(self.A)
+        return continuous(found[np.abs(found) > 1e-6], T)
+
+    def response(self, frequency: np.ndarray, name: str, sample_time: float = T) -> np.ndarray:
+        """Of a state over F_d, at z = e^(j2πfT)."""
+        z = np.exp(2j * np.pi * np.asarray(frequency) * sample_time)
+        size = self.A.shape[0]
+        states = np.linalg.solve(z[:, None, None] * np.eye(size) - self.A, np.broadcast_to(self.b, (z.size, size))[..., None])
+        return z * states[:, self.names.index(name), 0]
+
+
+def ideal_model(law: Law, sample_time: float = T, mass: float = MASS, viscous: float = VISCOUS) -> IdealModel:
+    """By one sample of the law's own step from every state, since the law is affine."""
+    prepared = law.prepare(sample_time)
+    template = law.start(prepared, Setpoint(0.0), Reading(0.0, 0.0))
+    leaves = [(name, value) for name, value in tree.leaves(template)]
+
+    def after(z: Sequence[float], load: float) -> np.ndarray:
+        held = tree.rebuild(template, iter(z[2:]))
+
+        def answer(x: float) -> tuple[Any, float]:
+            return law.step(prepared, held, Setpoint(0.0), Reading(x, x), sample_time)
+
+        x, v = _solved(answer, z[0], z[1], mass, viscous, sample_time, load)
+        return np.array([x, v, *(value for _, value in tree.leaves(answer(x)[0]))])
+
+    still = [0.0, 0.0, *(value for _, value in leaves)]
+    rest = after(still, 0.0)
+    columns = []
+    for i in range(len(still)):
+        moved = list(still)
+        moved[i] += 1.0
+        columns.append(after(moved, 0.0) - rest)
+    return IdealModel(np.column_stack(columns), after(still, 1.0) - rest, ("x", "v", *(name for name, _ in leaves)))

@@ -57,6 +57,7 @@ class Case:
     gain      true over believed input gain, a M̂ / (a M)
     friction  "tanh", or "set" for Coulomb friction with a true standstill
     chip      "actual": what tool and table really did over the last tooth period; "constant" as in the paper's table
+    radial_depth  of the cut in m, absent in a slot
     opposite  the second leg of the cut runs towards -x, as far as y feels it
     """
 
@@ -70,6 +71,7 @@ class Case:
     friction: str = "tanh"
     chip: str = "actual"
     leg: float = LEG
+    radial_depth: float | None = None
     opposite: bool = False
 
 
@@ -121,9 +123,14 @@ def legs(kind: str, leg: float) -> dict[str, Reference]:
     }
 
 
+def tool(case: Case) -> HelicalCutter:
+    """The paper's, in a slot or in side milling."""
+    return dataclasses.replace(HelicalCutter.beltran2013(), radial_depth=case.radial_depth)
+
+
 def cutting(axis: str, case: Case) -> Load:
     """The cutting force on an axis, in N."""
-    cutter = HelicalCutter.beltran2013()
+    cutter = tool(case)
     if case.opposite:
         time = case.leg / FEED
         first, second = (0.0, 0.5 * np.pi, time), (time, np.pi, 2.0 * time)
@@ -143,7 +150,7 @@ def cutting(axis: str, case: Case) -> Load:
 def machine(case: Case, *, dry: bool = True) -> Machine:
     """The three axes, with the cut between them where its chip is the actual motion."""
     cut = MillingCut(
-        cutter=HelicalCutter.beltran2013(), spindle_speed=SPINDLE, along_z="z", remembered=256
+        cutter=tool(case), spindle_speed=SPINDLE, along_z="z", remembered=256
     )  # fmt: skip
     return Machine.of({axis: loop(axis, case, dry=dry) for axis in AXES}, (cut,) if case.chip == "actual" else ())
 

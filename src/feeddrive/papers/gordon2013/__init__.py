@@ -9,7 +9,7 @@ from dataclasses import replace
 from feeddrive.blocks.plant.two_bodies import Gains
 from feeddrive.language.progress import Progress
 from feeddrive.papers.claims import Claim, Experiment
-from feeddrive.papers.gordon2013 import disturbance, frequency, motion
+from feeddrive.papers.gordon2013 import disturbance, frequency, motion, shipped
 from feeddrive.papers.gordon2013.testbed import DESIGN, TRUTH, Part
 
 _PARTS: tuple[tuple[str, Callable[[], Part]], ...] = (
@@ -23,6 +23,10 @@ _PARTS: tuple[tuple[str, Callable[[], Part]], ...] = (
     ("tooth passing", frequency.tooth_passing),
     ("robustness", frequency.robustness),
     ("another table, a clock that jitters", disturbance.other_axis),
+    ("gains and poles", shipped.gains),
+    ("force, commands and feedforward", shipped.commands),
+    ("filter pack", shipped.filter_pack),
+    ("damping of the axial mode", shipped.damping),
 )
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from feeddrive.language.progress import Progress
 from feeddrive.papers.claims import Experiment
+from feeddrive.papers.wu2017 import shipped
 from feeddrive.papers.wu2017.learning import contouring, learning, signals
 from feeddrive.papers.wu2017.rates import rates
 from feeddrive.papers.wu2017.testbed import PLANT
@@ -15,6 +16,8 @@ def wu2017(progress: Progress) -> Experiment:
     learned, learned_tables, learned_pictures, _ = learning()
     progress.step("rates of convergence, noise")
     rated, rated_tables, rated_pictures = rates()
+    progress.step("shipped blocks beside their equations")
+    beside = [claim for row in (*shipped.ROWS, shipped.believed_gains) for claim in row()]
     progress.step("circle of two axes")
     drawn, drawn_tables, drawn_pictures = contouring()
     progress.step("signal-based learning beside it")
@@ -24,7 +27,7 @@ def wu2017(progress: Progress) -> Experiment:
         title="Iterative tuning of feedforward and disturbance compensator",
         citation="J. Wu, Y. Han, Z. Xiong, H. Ding: Servo performance improvement through iterative tuning feedforward "
         "controller with disturbance compensator. International Journal of Machine Tools and Manufacture 117 (2017).",
-        claims=[*learned, *rated, *drawn, *signal],
+        claims=[*learned, *rated, *drawn, *signal, *beside],
         tables=[*learned_tables, *rated_tables, *drawn_tables, *signal_tables],
         pictures=[*learned_pictures, *rated_pictures, *drawn_pictures, *signal_pictures],
         facts={

@@ -1,0 +1,285 @@
+"""Rows 3.zc to 3.zh: law, observer, cutter and reference as shipped beside an independent evaluation."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from feeddrive.analysis.replay import observe
+from feeddrive.blocks.controller.active_disturbance_rejection import ActiveDisturbanceRejection
+from feeddrive.blocks.cutting.helical_cutter import HelicalCutter
+from feeddrive.blocks.load.step_force import StepForce
+from feeddrive.blocks.observer.gpi_observer import GpiObserver
+from feeddrive.blocks.reference.bezier10 import Bezier10
+from feeddrive.loop.linearize import linearize
+from feeddrive.loop.loop import Loop
+from feeddrive.loop.simulate import Run, simulate
+from feeddrive.papers.beltran2013 import mill
+from feeddrive.papers.beltran2013.mill import CHIP, LEG, OMEGA_C, OMEGA_O, RIGID, SKIPPED, SPINDLE, ZETA, Case, T, law, legs, loop, mass
+from feeddrive.papers.beside import RANDOM, SAMPLES, Read, Way, apart, driven
+from feeddrive.papers.claims import Claim
+
+RULE = f"{RANDOM}; M = 139 kg, T = 0.1 ms; largest difference over the largest value"
+# first row of F, and the columns of u (kg/N times) and of the reading, from an independent program
+GOLDEN_F = (0.6664821314, 0.05794469090, 2.164193531e-3, 5.211723395e-5, 9.292755985e-7, 1.317209555e-8, 1.550357223e-10)
+GOLDEN_U = (4.416721e-9, 1.414096e-7, -2.199453e-9, -2.185826e-9, -1.418463e-9, -5.595083e-10, -1.063617e-10)
+# λ6 to λ0 of (18) at 700 rad/s and a damping ratio of 0.7071
+GOLDEN_GAINS = (3669.82, 6.488818e6, 6.967507e9, 4.877255e12, 2.225664e15, 6.167866e17, 8.23543e19)
+
+
+def _roots(taylor_states: int) -> np.ndarray:
+    """Roots of (18): the real pole and the pairs, rad/s."""
+    pair = np.roots([1.0, 2.0 * ZETA * OMEGA_O, OMEGA_O**2])
+    order = 2 + taylor_states
+    return np.concatenate([np.tile(pair, order // 2), [-OMEGA_O] * (order % 2)])
+
+
+def _observed(taylor_states: int, y: np.ndarray, force: np.ndarray, believed: float) -> np.ndarray:
+    """Position, velocity and disturbance by (13) to (15), u held and y straight between its samples, by scipy."""
+    from scipy.linalg import expm
+
+    order = 2 + taylor_states
+    gains = np.poly(_roots(taylor_states)).real[1:] / OMEGA_O ** np.arange(1, order + 1)
+    A = np.zeros((order + 3, order + 3))  # states over ω^i, then u/ω², y and its slope over ω
+    A[:order, :order] = OMEGA_O * np.eye(order, k=1)
+    A[:order, 0] -= OMEGA_O * gains
+    A[1, order] = OMEGA_O
+    A[:order, order + 1] = OMEGA_O * gains
+    A[order + 1, order + 2] = OMEGA_O
+    made = expm(A * T)
+    z = np.zeros(order)
+    z[0] = y[0]
+    found = []
+    for k in range(1, y.size):
+        inputs = [force[k] / believed / OMEGA_O**2, y[k - 1], (y[k] - y[k - 1]) / T / OMEGA_O]
+        z = (made @ np.concatenate([z, inputs]))[:order]
+        found.append([z[0], OMEGA_O * z[1], believed * OMEGA_O**2 * z[2]])
+    return np.array(found)
+
+
+def _gpi(taylor_states: int) -> GpiObserver:
+    return GpiObserver(mass=mass("x"), omega_o=OMEGA_O, zeta_o=ZETA, taylor_states=taylor_states)
+
+
+def observer() -> list[Claim]:
+    """Polynomial (18) and the observer (13) to (15), sampled."""
+    t = T * np.arange(SAMPLES)
+    way = Way()
+    read = Read(way, t)
+    claims = []
+    for states in (5, 3, 1, 4):
+        block = _gpi(states)
+        prepared, readings = block.prepare(T), read.readings()
+        state, rows = block.start(prepared, readings[0]), []
+        for reading in readings[1:]:
+            state, estimate = block.step(prepared, state, reading, T)
+            rows.append(list(estimate))
+        found, expected = np.array(rows), _observed(states, read.load, read.applied, mass("x"))
+        claims += [
+            Claim("3.zc", f"Estimated {name} of the shipped observer, {states} Taylor states, beside scipy", RULE,
+                  apart(found[:, i], expected[:, i]), None, 1e-8, equations=("GPI observer (13)-(15)",))
+            for i, name in enumerate(("position", "velocity", "disturbance"))
+        ]  # fmt: skip
+        wanted = np.poly(_roots(states)).real[1:]
+        claims.append(
+            Claim("3.zd", f"Its gains are the coefficients of (18), {states} Taylor states", "700 rad/s, ζ 0.7071",
+                  max(abs(a / b - 1.0) for a, b in zip(block.gains(), wanted, strict=True)), None, 1e-10,
+                  equations=("polynomial (18)",))
+        )  # fmt: skip
+    five = _gpi(5)
+    slower = np.poly([-500.0, *_roots(5)[:-1]]).real[1:]
+    made = five.prepare(T)
+    # z_0 is kept as its distance from the reading, which does not change the other columns
+    return [
+        *claims,
+        Claim("3.zd", "With a real pole of its own they are those of (18)", "p0 = 500 1/s, five Taylor states",
+              max(abs(a / b - 1.0) for a, b in zip(replace(five, p0=500.0).gains(), slower, strict=True)), None, 1e-10,
+              equations=("polynomial (18)",)),
+        Claim("3.zd", "They are 3670, 6.489e6, ... 8.235e19", "700 rad/s, ζ 0.7071, five Taylor states",
+              max(abs(a / b - 1.0) for a, b in zip(five.gains(), GOLDEN_GAINS, strict=True)), None, 5e-6,
+              expected="to the digits that were printed", equations=("polynomial (18)",)),
+        Claim("3.zc", "First row of F as an independent program has it", "five Taylor states, T = 0.1 ms",
+              apart(made.F[0], np.array(GOLDEN_F)), None, 1e-9, expected="to ten digits",
+              equations=("GPI observer (13)-(15)", "polynomial (18)")),
+        Claim("3.zc", "Column of u as an independent program has it", "five Taylor states, T = 0.1 ms",
+              apart(np.array(made.Gu) * mass("x"), np.array(GOLDEN_U)), None, 1e-6, expected="to seven digits",
+              equations=("GPI observer (13)-(15)", "polynomial (18)")),
+    ]  # fmt: skip
+
+
+def _free(taylor_states: int = 5) -> Loop:
+    """The x axis without friction of any kind."""
+    made = loop("x", replace(RIGID, taylor_states=taylor_states), dry=False)
+    return replace(made, axis=replace(made.axis, plant=replace(mill.plant("x"), c_b=0.0, c_t=0.0)))
+
+
+def _near(found: np.ndarray, expected: np.ndarray) -> float:
+    return max(float(np.min(np.abs(found - each)) / abs(each)) for each in expected)
+
+
+def errors() -> list[Claim]:
+    """The force (9), and the dynamics (10) and (11) of both errors by their polynomials (12) and (18)."""
+    t = T * np.arange(SAMPLES)
+    way = Way()
+    read = Read(way, t)
+    shipped = law("x", RIGID)
+    shipped = replace(shipped, share=0.8)
+    assert isinstance(shipped, ActiveDisturbanceRejection)
+    _, force = driven(shipped, T, way.setpoints(t), read.readings())
+    estimate = _observed(5, read.load, read.applied, mass("x"))
+    u = way(2, t + 0.5 * T)[1:] - 2.0 * ZETA * OMEGA_C * (estimate[:, 1] - way(1, t)[1:])
+    u = u - OMEGA_C**2 * (read.load - way(0, t))[1:]
+    poles = linearize(_free(1), ["set_position", "load_force"], ["position_load"]).poles()
+    found = np.log(poles[np.abs(poles) > 1e-3].astype(complex)) / T
+    run = simulate(_free(), legs("linear", LEG)["z"], start=(1e-3, 0.0), duration=0.5, record=("position_load",))
+    w = OMEGA_C * np.sqrt(1.0 - ZETA**2)
+    decay = np.exp(-ZETA * OMEGA_C * run.time)
+    free = 1e-3 * decay * (np.cos(w * run.time) + ZETA * OMEGA_C / w * np.sin(w * run.time))
+    rule = "x axis without friction, running loop at 0.1 ms, ln z / T; largest relative distance"
+    both = ("ADR (9)", "GPI observer (13)-(15)", "polynomial (18)")
+    return [
+        Claim("3.ze", "The force of the law is (9), with the estimate of the observer beside scipy", RULE,
+              apart(force, mass("x") * u - 0.8 * estimate[:, 2]), None, 1e-8, equations=("ADR (9)",)),
+        Claim("3.zf", "The tracking error has the poles of (12), 12 rad/s", rule,
+              _near(found, np.roots([1.0, 2.0 * ZETA * OMEGA_C, OMEGA_C**2])), None, 1e-3, equations=("ADR (9)",)),
+        Claim("3.zf", "The error of the estimate has the poles of (18), one Taylor state, 700 rad/s", rule,
+              _near(found, _roots(1)), None, 2e-3, equations=both),
+        Claim("3.zf", "Released 1 mm beside its set position the error follows e'' + α1 e' + α0 e = 0, (10)",
+              "x axis without friction, 0.5 s; largest difference over 1 mm", apart(run["position_load"], free), None,
+              1e-3, equations=("ADR (9)",)),
+    ]  # fmt: skip
+
+
+def settling() -> list[Claim]:
+    """How long the estimate takes to a step of force, in the running loop and by 1 - H."""
+    from scipy.signal import lti
+
+    run = simulate(_free(), legs("linear", LEG)["z"], load=StepForce(force=200.0, start=0.05), duration=0.12)
+    seen = observe(law("x", RIGID).observer, run["reading_load"], run["force"], T)
+    first = round(0.05 / T)
+    off = np.abs(seen.disturbance[first:] - 200.0) > 0.02 * 200.0
+    measured = 1e3 * T * float(np.flatnonzero(off)[-1] + 1)
+    denominator = np.poly(_roots(5)).real
+    time = np.arange(0.0, 0.07, 1e-5)
+    _, left = lti(np.concatenate([denominator[:3], np.zeros(5)]), denominator).step(T=time)
+    computed = 1e3 * float(time[np.flatnonzero(np.abs(left) > 0.02)[-1]])
+    rule = "force step of 200 N on x, five Taylor states at 700 rad/s; until the estimate stays within 2 %"
+    names = ("GPI observer (13)-(15)", "polynomial (18)")
+    return [
+        Claim("3.zg", "The estimate of a step settles", rule, measured, 0.98 * computed, 1.02 * computed + 0.2, "ms",
+              f"{computed:.1f} ms by the continuous 1 - H", equations=names),
+    ]  # fmt: skip
+
+
+def _slices(cutter: HelicalCutter, angle: float, pieces: int = 20_000) -> np.ndarray:
+    """The forces and the torque (N, N m) added up over thin slices of each edge between entry and exit."""
+    width = cutter.diameter if cutter.radial_depth is None else cutter.radial_depth
+    arc = float(np.arccos(1.0 - 2.0 * width / cutter.diameter))
+    entry = 0.0 if cutter.milling == "up" else np.pi - arc
+    height = (np.arange(pieces) + 0.5) / pieces * cutter.axial_depth
+    total = np.zeros(4)
+    for tooth in range(cutter.teeth):
+        v = angle + 2.0 * np.pi * tooth / cutter.teeth - 2.0 * np.tan(cutter.helix_angle) / cutter.diameter * height
+        around = np.mod(v, 2.0 * np.pi)
+        chip = np.where((around >= entry) & (around <= entry + arc), CHIP * np.sin(v), 0.0)
+        along = cutter.specific_energy * chip * cutter.axial_depth / pieces
+        radial = cutter.radial_ratio * along
+        total += [-np.sum(along * np.cos(v) + radial * np.sin(v)), np.sum(along * np.sin(v) - radial * np.cos(v)),
+                  cutter.axial_ratio * np.sum(along), 0.5 * cutter.diameter * np.sum(along)]  # fmt: skip
+    return total
+
+
+def cutter() -> list[Claim]:
+    """The closed form (4) in a slot and in side milling, and the reference."""
+    slot = HelicalCutter.beltran2013()
+    side = {way: replace(slot, radial_depth=0.003, milling=way) for way in ("up", "down")}
+    claims = [
+        Claim("3.zh", "Forces at five angles as an independent program has them", "slot, N", mill.golden_error(slot),
+              None, 5.1e-5, "N", equations=("cutting force (4)",)),
+    ]  # fmt: skip
+    angles = 2.0 * np.pi * np.arange(12) / 12.0 + 0.01
+    for name, each in {"a slot": slot, **{f"side milling, {way}": made for way, made in side.items()}}.items():
+        closed = np.array([[*each.forces(a, CHIP), each.torque(a, CHIP)] for a in angles], dtype=float)
+        summed = np.array([_slices(each, a) for a in angles])
+        claims.append(
+            Claim("3.zh", f"Forces and torque of {name} are the sum over thin slices",
+                  "20000 slices an edge, 12 angles; largest difference in N (N m)",
+                  float(np.max(np.abs(closed - summed))), None, 0.05, "N", equations=("cutting force (4)",))
+        )  # fmt: skip
+        width = each.diameter if each.radial_depth is None else each.radial_depth
+        around: Any = 2.0 * np.pi * (np.arange(7200) + 0.5) / 7200
+        power = float(np.mean(each.torque(around, CHIP))) * SPINDLE / 60.0 * 2.0 * np.pi
+        removed = each.specific_energy * CHIP * each.teeth * SPINDLE / 60.0 * width * each.axial_depth
+        claims.append(
+            Claim("3.zh", f"Mean torque times speed is the work of removing the chip in {name}", "7200 angles",
+                  abs(power / removed - 1.0), None, 1e-5, equations=("cutting force (4)",))
+        )  # fmt: skip
+    move = Bezier10(distance=1.0, travel_time=1.0)
+    tau = np.linspace(0.0, 1.0, 9 * 2000 + 1)
+    at = move.at(tau)
+    names = ("reference (19)-(22)",)
+    psi = np.array([-126.0, 700.0, -1575.0, 1800.0, -1050.0, 252.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+    return [
+        *claims,
+        Claim("3.zi", "The Bezier reference peaks at 2.601824 times the mean velocity", "at τ = 4/9",
+              float(np.max(at.velocity)), 2.601823, 2.601825, equations=names),
+        Claim("3.zi", "It does so at τ = 4/9", "18001 points", float(tau[np.argmax(at.velocity)]), 0.4443, 0.4446,
+              equations=names),
+        Claim("3.zi", "and has a largest acceleration of 11.058 distance / time²", "18001 points",
+              float(np.max(np.abs(at.acceleration))), 11.0575, 11.0585, equations=names),
+        *(Claim("3.zi", f"The {name} is that of τ⁵(252 - 1050τ + 1800τ² - 1575τ³ + 700τ⁴ - 126τ⁵)", "18001 points; "
+                "largest difference over the largest value", apart(np.asarray(at[i]), np.polyval(np.polyder(psi, i), tau)),
+                None, 1e-9, equations=names)
+          for i, name in enumerate(("position", "velocity", "acceleration", "jerk", "snap"))),
+        Claim("3.zi", "It ends where it should", "m", float(at.position[-1]), 1.0 - 1e-12, 1.0 + 1e-12, "m",
+              equations=names),
+    ]  # fmt: skip
+
+
+ROWS: tuple[Callable[[], list[Claim]], ...] = (observer, errors, settling, cutter)
+
+
+SIDE = 3e-3  # m, width of the cut in side milling
+
+
+def side_claims(without: Mapping[str, Run], compensated: Mapping[str, Run]) -> list[Claim]:
+    """Runs in side milling, without and with the estimate."""
+    rule = f"up milling, {1e3 * SIDE:g} mm of the 10 mm tool, constant chip load; M = 139, 179, 119 kg, 10 kHz, tanh friction; first 0.3 s left out"
+    return [
+        Claim("3.zj", f"Side milling: the estimate makes the RMS error of {axis} smaller", rule,
+              mill.errors(without[axis])[1] / mill.errors(compensated[axis])[1], least=least, unit="times")
+        for axis, least in (("x", 50.0), ("y", 35.0), ("z", 1000.0))
+    ] + [
+        Claim("3.zj", f"Side milling: RMS error of {axis} with the estimate", rule, mill.errors(compensated[axis])[1],
+              *bounds, unit="µm")
+        for axis, bounds in (("x", (40.0, 46.0)), ("y", (41.0, 47.0)), ("z", (1.0, 1.5)))
+    ]  # fmt: skip
+
+
+def velocity_claims(linear: Mapping[str, Run], case: Case) -> list[Claim]:
+    """How far the observer's velocity is off along a run of a case."""
+    claims = []
+    for axis, bounds in (("x", (520.0, 580.0)), ("y", (450.0, 510.0)), ("z", (180.0, 220.0))):
+        run = linear[axis]
+        counted = run.time >= SKIPPED
+        seen = observe(law(axis, case).observer, run["reading_load"], run["force"], T)
+        off = 1e6 * float(np.sqrt(np.mean((seen.velocity - run["velocity_load"])[counted] ** 2)))
+        claims.append(
+            Claim("3.zk", f"RMS error of the estimated velocity of {axis}, set to 3 mm/s", "constant chip load; M = 139, 179, 119 kg, 10 kHz, tanh friction; first 0.3 s left out", off,
+                  *bounds, unit="µm/s")
+        )  # fmt: skip
+    return claims
+
+
+def numbered(claims: Sequence[Claim]) -> list[Claim]:
+    """With keys of their own: 3.zc.1, 3.zc.2, ..."""
+    count: Counter[str] = Counter()
+    found = []
+    for claim in claims:
+        count[claim.key] += 1
+        found.append(dataclasses.replace(claim, key=f"{claim.key}.{count[claim.key]}"))
+    return found

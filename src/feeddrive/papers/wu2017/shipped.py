@@ -1,0 +1,185 @@
+"""Rows 4.o to 4.r: compensator, error model and update as shipped beside an independent evaluation, and G = 1."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Mapping
+
+import numpy as np
+
+from feeddrive.blocks.feedforward.disturbance_compensator import DisturbanceCompensator
+from feeddrive.blocks.plant.rigid import Rigid
+from feeddrive.blocks.signals import Setpoint
+from feeddrive.language import tree
+from feeddrive.loop.linearize import tracking
+from feeddrive.loop.loop import Loop
+from feeddrive.loop.simulate import simulate
+from feeddrive.papers.beside import RANDOM, SAMPLES, Way, apart
+from feeddrive.papers.claims import Claim
+from feeddrive.papers.wu2017.rates import TRUE, ideal_axis, ideal_run
+from feeddrive.papers.wu2017.testbed import FORCE_CONSTANT, SAME, move
+from feeddrive.tuning.error_model import error_model, filtered
+from feeddrive.tuning.iterative_feedforward import compensated, next_iteration
+from feeddrive.tuning.trial import simulated_trial
+from feeddrive.tuning.trials import convergence
+
+T = 2.5e-4
+KV, KP, TN = 40.0, 150.0 * FORCE_CONSTANT, 15e-3  # 1/s, N s/m, s: the gains of the machine file
+SHORT = move(0.02, 0.1, 3.0, 60.0)
+# powers of 1/z of G_d with a = 0.4 A s²/m, b = 4/3 A s/m, from an independent program
+GOLDEN_TOP = (0.0, 7.810330294e-8, -2.169220359e-11, -7.808161073e-8)
+GOLDEN_BOTTOM = (1.0, -2.951047569, 2.951466492, -1.047252271, 0.046848966)
+OFF = {"mass": 6.0, "viscous": 30.0, "coulomb_positive": 5.0, "coulomb_negative": -4.0}  # of θ0, for a start
+
+
+def columns(v: np.ndarray, a: np.ndarray) -> np.ndarray:
+    """φ of (7) from velocity and acceleration: a, v and the two Coulomb levels."""
+    return np.column_stack([a, v, np.where(v > 1e-9, 1.0, 0.0), np.where(v < -1e-9, -1.0, 0.0)])
+
+
+def inverse(kp: float = KP) -> tuple[np.ndarray, np.ndarray]:
+    """Δ/C in powers of 1/z, C = Kp (1 + T/Tn - 1/z)(Kv + (1 - 1/z)/T)."""
+    pi = np.array([1.0 + T / TN, -1.0])
+    return np.array([1.0, -1.0]), kp * np.polymul(pi, [KV + 1.0 / T, -1.0 / T])
+
+
+def feedforward() -> list[Claim]:
+    """φᵀ θ of all columns, along a motion through standstill."""
+    t = T * np.arange(SAMPLES)
+    way = Way(3)
+    middle = t + 0.5 * T
+    slower = 1e-2
+    v0 = way(1, middle[40:41])
+    v = slower * (way(1, middle) - v0)
+    theta = {**TRUE, "stribeck": 35.0, "jerk_feedforward": 0.02, "snap_feedforward": 1e-5}
+    block = DisturbanceCompensator(**theta, stribeck_velocity=6e-3)
+    found = []
+    for k in range(t.size):
+        x, vk, *rest = (float(slower * way(i, t[k : k + 1])[0]) for i in range(5))
+        found.append(block.step(None, Setpoint(x, vk - slower * float(v0[0]), *rest), T)[1])
+    phi = columns(v, slower * way(2, middle))
+    expected = phi @ np.array(list(TRUE.values()))
+    expected = expected + 35.0 * np.sign(v) * np.exp(-((v / 6e-3) ** 2))
+    expected = expected + 0.02 * slower * way(3, middle) + 1e-5 * slower * way(4, middle)
+    return [
+        Claim("4.o", "The force of the shipped compensator is φᵀ θ in the middle of the sample",
+              f"{RANDOM.split(' of random')[0]} along a motion of the fourth degree through standstill, all columns",
+              apart(found, expected), None, 1e-9, equations=("compensator (6), (7)",)),
+    ]  # fmt: skip
+
+
+def _exact() -> Loop:
+    """The x axis without friction but the viscous one, quantizer and dead time, with the true parameters."""
+    return tree.vary(ideal_axis(TRUE), {"axis.x.actuator.dead_time": 0.0})
+
+
+def models() -> list[Claim]:
+    """Ĝ_d model-free and model-based, beside difference equations."""
+    from scipy.signal import lfilter, lfilter_zi
+
+    loop = _exact()
+    push = np.zeros((400, 1))
+    push[0] = 1.0
+    free = filtered(error_model(loop, "model_free"), push)[:, 0]
+    based = filtered(error_model(loop, "model_based", plant=Rigid(mass=120.0, viscous=400.0)), push)[:, 0]
+    # as if the first value had been there for ever
+    steps = np.concatenate([np.full((50, 1), 2.0), np.full((350, 1), -1.0)])
+    moving = filtered(error_model(loop, "model_free"), steps, moving=True)[:, 0]
+    top, bottom = inverse()
+    kept, _ = lfilter(top, bottom, steps[:, 0], zi=2.0 * lfilter_zi(top, bottom))
+    rule = "impulse response over 400 samples; x axis without dead time; largest difference over the largest value"
+    return [
+        Claim("4.p", "The model-free Ĝ_d is the inverse of the P-PI law", rule, apart(free, lfilter(*inverse(), push[:, 0])),
+              None, 1e-8, equations=("error model, model-free",)),
+        Claim("4.p", "and goes on from a motion that lasted", rule.replace("impulse response", "two steps"),
+              apart(moving, kept), None, 1e-8, equations=("error model, model-free",)),
+        Claim("4.p", "G_d with the axis's mass is that of an independent program", rule,
+              apart(based, lfilter(GOLDEN_TOP, GOLDEN_BOTTOM, push[:, 0]) / FORCE_CONSTANT), None, 2e-5, expected=
+              "to the ten digits of its coefficients", equations=("error model, model-based",)),
+    ]  # fmt: skip
+
+
+def _step(loop: Loop, believed: Loop, theta: Mapping[str, float], gamma: float) -> dict[str, float]:
+    """The parameters after a trial of the loop with these, by a tuner that takes `believed` for the loop."""
+    run = ideal_run(compensated(loop, DisturbanceCompensator(**theta)), SHORT)
+    tuner = compensated(believed, DisturbanceCompensator(**theta))
+    after = next_iteration(tuner, simulated_trial(run, SHORT), gamma=gamma, mu=0.0).after
+    return {name: float(value) for name, value in after.parameters().items()}
+
+
+def update() -> list[Claim]:
+    """One step is the least-squares step, and what convergence says is what it does."""
+    from scipy.signal import lfilter
+
+    loop = ideal_axis(TRUE)
+    start = {name: TRUE[name] + off for name, off in OFF.items()}
+    run = ideal_run(compensated(loop, DisturbanceCompensator(**start)), SHORT)
+    trial = simulated_trial(run, SHORT)
+    after = next_iteration(compensated(loop, DisturbanceCompensator(**start)), trial, gamma=0.7, mu=0.0).after
+    at = SHORT.at(run.time + 0.5 * T)
+    psi = lfilter(*inverse(), columns(np.asarray(at.velocity), np.asarray(at.acceleration)), axis=0)
+    step = np.linalg.lstsq(psi, run["following_error"], rcond=None)[0]
+    expected = np.array(list(start.values())) + 0.7 * step
+    rule = "x axis, friction along the set velocity, 20 mm at 0.1 m/s, model-free, gamma 0.7"
+    one, other = (_step(loop, loop, {name: TRUE[name] + sign * off for name, off in OFF.items()}, 1.0)
+                  for sign in (1.0, -1.0))  # fmt: skip
+    moved = np.array([one[name] - other[name] for name in TRUE])
+    sizes = np.linalg.norm(psi, axis=0)
+    apart_first = 2.0 * np.array(list(OFF.values())) * sizes
+    said = convergence(loop, SHORT).matrix @ apart_first
+    return [
+        Claim("4.q", "One step is gamma times the least-squares step through Δ/C", rule,
+              float(np.max(np.abs(np.array(list(after.parameters().values())) / expected - 1.0))), None, 1e-6,
+              equations=("update", "error model, model-free")),
+        Claim("4.q", "What is left of two starts after a step is what `convergence` says", "largest difference over "
+              f"the distance of the starts; {rule.replace('0.7', '1')}",
+              float(np.max(np.abs(moved * sizes - said)) / np.linalg.norm(apart_first)), None, 1e-6, equations=("update", "convergence")),
+    ]  # fmt: skip
+
+
+def believed_gains() -> list[Claim]:
+    """The rates of two tuners that take the gain for half and twice what it is, over four trials each."""
+    loop = ideal_axis(TRUE)
+    claims = []
+    for factor, gamma, least, most in ((0.5, 1.0, 0.45, 0.55), (2.0, 1.0, 1.02, 1.15), (2.0, 0.5, 0.0, 0.1), (0.5, 0.5, 0.7, 0.8)):
+        believed = tree.vary(loop, {"axis.x.control.law.Kp": factor * KP})
+        here = {name: TRUE[name] + off for name, off in OFF.items()}
+        there = {name: TRUE[name] - off for name, off in OFF.items()}
+        sizes = []
+        for _ in range(4):
+            sizes.append(sum(((here[name] - there[name]) / TRUE[name]) ** 2 for name in TRUE) ** 0.5)
+            here, there = _step(loop, believed, here, gamma), _step(loop, believed, there, gamma)
+        sizes.append(sum(((here[name] - there[name]) / TRUE[name]) ** 2 for name in TRUE) ** 0.5)
+        verb = "diverges" if least > 1.0 else "converges"
+        claims.append(
+            Claim("4.i", f"gains believed x {factor:g}, gamma {gamma:g}: {verb}, two starts move together by",
+                  "x axis, friction along the set velocity, 20 mm at 0.1 m/s, model-free, columns a, b, Coulomb; "
+                  "ratio of their distance in the fourth trial to that in the third", sizes[4] / sizes[3], least, most,
+                  "", {(0.5, 1.0): "0.52", (2.0, 1.0): "1.04"}.get((factor, gamma), ""),
+                  equations=("update", "error model, model-free"))
+        )  # fmt: skip
+    return claims
+
+
+def unity() -> list[Claim]:
+    """G = 1 by (4), (6) and (7): the exact inverse and the set velocity leave no error of a set motion."""
+    loop = _exact()
+    lines = np.geomspace(1.0, 30.0, 200)
+    off = float(np.max(np.abs(tracking(loop, lines).response - 1.0)))
+    heavy = compensated(loop, DisturbanceCompensator(**{**TRUE, "mass": 1.05 * TRUE["mass"], "coulomb_positive": 0.0,
+                                                        "coulomb_negative": 0.0}))  # fmt: skip
+    plain = compensated(loop, DisturbanceCompensator(mass=TRUE["mass"], viscous=TRUE["viscous"]))
+    still = simulate(plain, SAME, record=("tracking_error",))["tracking_error"]
+    wrong = simulate(heavy, SAME, record=("tracking_error",))["tracking_error"]
+    rule = "x axis without friction but the viscous one, quantizer and dead time; a and b exact"
+    return [
+        Claim("4.r", "G = 1: largest |G - 1| from 1 to 30 Hz", f"linear; {rule}", off, None, 1e-4, "", "1 by (4), (6), (7)",
+              equations=("compensator (6), (7)",)),
+        Claim("4.r", "G = 1: largest error on the 100 mm move", rule, 1e9 * float(np.max(np.abs(still))), None, 5.0,
+              "nm", "0", equations=("compensator (6), (7)",)),
+        Claim("4.r", "5 % of the mass undo it: largest error over that", rule,
+              float(np.max(np.abs(wrong)) / np.max(np.abs(still))), 100.0),
+    ]  # fmt: skip
+
+
+ROWS: tuple[Callable[[], list[Claim]], ...] = (feedforward, models, update, unity)
