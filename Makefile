@@ -6,12 +6,13 @@ VENV := .venv
 BIN := $(VENV)/bin
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test slow slow-share bench docs format clean
+.PHONY: help demo test slow slow-share mutate bench docs format clean
 
 help:
 	@echo "make demo    install into $(VENV), run the bundled job, name the report to open"
 	@echo "make test    install into $(VENV), then ruff, pyright and the tests without the slow proofs"
 	@echo "make slow    the slow proofs, each with its reason (pytest -m slow --collect-only names them)"
+	@echo "make mutate  change each equation of the shipped laws a little: a claim of its paper must break; writes docs/mutants.md"
 	@echo "make bench   all benchmarks; they print their tables (needs gcc, takes long)"
 	@echo "make docs    build the documentation into site/"
 	@echo "make format  let ruff format and mend the sources"
@@ -32,6 +33,9 @@ slow: $(VENV)/installed-dev
 # what .ci/run adds to `make test`: 100 s of the slow proofs, drawn by the hash of the commit
 slow-share: $(VENV)/installed-dev
 	$(BIN)/python -m pytest -n 2 --slow-share 100
+
+mutate: $(VENV)/installed-dev
+	$(BIN)/python tests/mutants.py
 
 bench: $(VENV)/installed-dev
 	@for each in $$(grep -l '__name__ == "__main__"' benchmarks/*.py); do \

@@ -238,8 +238,8 @@ def _skipped(words: str) -> bool:
 
 # states, tuples and places; and the `output` of a filter that only a live change of it reads
 _NO_NUMBERS = {"state", "after", "bodies", "middle", "lead", "positions", "interpolator", "held", "made", "reading",
-               "prepared.section[0]", "delayed", "self.Lead", "output", "state.z", "row", "moved", "names", "n", "columns.shape[1]",
-               "whole.sample_time"}  # fmt: skip
+               "prepared.section[0]", "delayed", "self.Lead", "output", "state.z", "row", "moved", "names", "n",
+               "columns.shape[1]", "whole.sample_time"}  # fmt: skip
 
 
 def mutants(place: Place) -> list[Mutant]:
@@ -292,10 +292,14 @@ def apply(mutant: Mutant) -> None:
     tree = ast.parse(mutant.source)
     made: dict[str, Any] = {}
     tree.body[0].decorator_list = [  # type: ignore[attr-defined]
-        each for each in tree.body[0].decorator_list if ast.unparse(each) in ("classmethod", "staticmethod", "property")  # type: ignore[attr-defined]
+        each
+        for each in tree.body[0].decorator_list
+        if ast.unparse(each) in ("classmethod", "staticmethod", "property")  # type: ignore[attr-defined]
     ]
-    code = compile(ast.Module([ast.parse("from __future__ import annotations").body[0], *tree.body], []), "mutant", "exec")
-    exec(code, function.__globals__, made)  # noqa: S102 - the source is this repository's own
+    code = compile(
+        ast.Module([ast.parse("from __future__ import annotations").body[0], *tree.body], []), "mutant", "exec"
+    )
+    exec(code, function.__globals__, made)
     new = made[name]
     type.__setattr__(owner, name, new) if isinstance(owner, type) else setattr(owner, name, new)
     for module in list(sys.modules.values()):
@@ -314,12 +318,12 @@ def claims_of(row: Callable[[], Any]) -> list[Any]:
     return list(getattr(found, "claims", found))
 
 
-def broken_by(mutant: Mutant, named: dict[str, tuple[str, ...]]) -> list[str]:
-    """The claims that name the equation and no longer hold; `named` says which equations a row's claims name."""
+def broken_by(mutant: Mutant, named: dict[str, tuple[str, ...]] | None = None) -> list[str]:
+    """The claims that name the equation and no longer hold; `named`: what each row's claims name."""
     apply(mutant)
     found = []
     for row in rows(mutant.place.paper):
-        if mutant.place.equation not in named[row.__name__]:
+        if named is not None and mutant.place.equation not in named[row.__name__]:
             continue
         try:
             found += [each.key.split()[0] for each in claims_of(row)
@@ -347,12 +351,14 @@ def _work(job: tuple[str, Any, Any]) -> Any:
         return equations(first)
     try:
         return broken_by(first, second)
-    except Exception as error:  # noqa: BLE001 - told in the table: such a mutant is none
+    except Exception as error:
         return f"{type(error).__name__}: {error}"
 
 
 def run(papers: tuple[str, ...] = PAPERS, processes: int = 2) -> list[tuple[Mutant, Any]]:
     """All mutants of the papers with what they break, each in a process of its own."""
+    for name in ("scipy.linalg", "scipy.signal"):  # the rows' own, once for all processes
+        import_module(name)
     for paper in papers:
         rows(paper)
     context = multiprocessing.get_context("fork")
@@ -365,20 +371,19 @@ def run(papers: tuple[str, ...] = PAPERS, processes: int = 2) -> list[tuple[Muta
     return found
 
 
-INTRODUCTION = """# Mutants of the shipped laws
-
-What a claim of a paper is worth is what it notices. `make mutate` changes the equations of the shipped laws one at a time, in memory: a sign is turned, a term is multiplied by 1.05, or a value is
-taken one sample late. Each change must break at least one claim of its own paper that names the equation; the table says which row of `feeddrive reproduce` breaks first. Claims run only as
-far as the first row that breaks.
-
-A mutant that refuses to run (a rule of the block finds it unstable) counts as noticed. Four cannot be told from the original and are named below.
-"""
+PAGE = Path(__file__).parents[1] / "docs" / "mutants.md"
+BELOW = "<!-- below this line written by make mutate -->"
 
 
 def page(found: list[tuple[Mutant, Any]]) -> str:
     """The table as Markdown."""
     noticed = sum(bool(result) for _, result in found)
-    lines = [INTRODUCTION, f"{noticed} of {len(found)} mutants break a claim; the others:", ""]
+    lines = [
+        PAGE.read_text(encoding="utf-8").split(BELOW)[0] + BELOW,
+        "",
+        f"{noticed} of {len(found)} mutants break a claim; the others:",
+        "",
+    ]
     lines += ["| mutant | why nothing breaks |", "|---|---|"]
     for mutant, result in found:
         if not result:
@@ -407,5 +412,5 @@ if __name__ == "__main__":
     out = run(tuple(sys.argv[1:]) or PAPERS)
     left = unnoticed(out)
     if len(sys.argv) == 1 and not left:
-        (Path(__file__).parents[1] / "docs" / "mutants.md").write_text(page(out), encoding="utf-8")
+        PAGE.write_text(page(out), encoding="utf-8")
     sys.exit("\n".join([*left, f"{len(out)} mutants, {len(left)} not noticed"]) if left else 0)

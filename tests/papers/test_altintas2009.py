@@ -28,6 +28,7 @@ from feeddrive.papers.altintas2009.testbed import (
     transfer,
 )
 from feeddrive.papers.claims import Experiment, build
+from mutants import PLACES
 
 
 @pytest.fixture(scope="module")
@@ -40,11 +41,16 @@ def test_every_claim_holds(experiment: Experiment) -> None:
 
 
 def test_every_row_is_there_and_those_that_the_cascade_wins(experiment: Experiment) -> None:
-    assert {claim.key for claim in experiment.claims} == {f"1.{row}" for row in "abcdefghi"}
+    assert {claim.key for claim in experiment.claims} == {f"1.{row}" for row in "abcdefghijklmnop"}
     assert all(claim.rule for claim in experiment.claims)
     lost = [claim.claim for claim in experiment.claims if "P-PI wins" in claim.claim or "P-PI is the" in claim.claim]
     assert len(lost) >= 4
     assert any("loses" in claim.claim for claim in experiment.claims)
+
+
+def test_every_equation_that_is_mutated_is_named_by_a_claim(experiment: Experiment) -> None:
+    named = {name for claim in experiment.claims for name in claim.equations}
+    assert {place.equation for place in PLACES if place.paper == "altintas2009"} <= named
 
 
 def test_the_page_is_built_with_all_pictures(experiment: Experiment) -> None:

@@ -7,6 +7,7 @@ import pytest
 from feeddrive.language.progress import Progress
 from feeddrive.papers.beltran2013 import beltran2013, mill
 from feeddrive.papers.claims import Experiment
+from mutants import PLACES
 
 
 @pytest.fixture(scope="module")
@@ -17,6 +18,11 @@ def found() -> Experiment:
 def test_every_claim_holds(found: Experiment) -> None:
     assert not found.broken, found.table()
     assert len({claim.key for claim in found.claims}) == len(found.claims)
+
+
+def test_every_equation_that_is_mutated_is_named_by_a_claim(found: Experiment) -> None:
+    named = {name for claim in found.claims for name in claim.equations}
+    assert {place.equation for place in PLACES if place.paper == "beltran2013"} <= named
 
 
 @pytest.mark.parametrize(

@@ -13,15 +13,16 @@ from feeddrive.papers.gordon2013 import gordon2013
 from feeddrive.papers.gordon2013.frequency import EXPECTED, NAMED, Linear
 from feeddrive.papers.gordon2013.testbed import CASCADE, PLACED, cascade, placed
 from heard import Heard
+from mutants import PLACES
 
-LETTERS = {"a": 12, "b": 4, "c": 12, "d": 7, "e": 5, "f": 5, "g": 8}  # claims of each group
+LETTERS = {"a": 12, "b": 4, "c": 12, "d": 7, "e": 5, "f": 5, "g": 8, "h": 20, "i": 12}  # claims of each group
 
 
 @cache
 def experiment() -> Experiment:
     heard = Heard()
     found = gordon2013(heard)
-    assert len(heard.steps) == 10
+    assert len(heard.steps) == 14
     return found
 
 
@@ -30,6 +31,11 @@ def test_claims_hold(letter: str) -> None:
     claims = [claim for claim in experiment().claims if claim.key.startswith(f"2.{letter}")]
     assert len(claims) == LETTERS[letter]
     assert not [claim.cells() for claim in claims if not claim.holds]
+
+
+def test_every_equation_that_is_mutated_is_named_by_a_claim() -> None:
+    named = {name for claim in experiment().claims for name in claim.equations}
+    assert {place.equation for place in PLACES if place.paper == "gordon2013"} <= named
 
 
 def test_every_claim_names_its_rule_and_what_was_expected() -> None:

@@ -46,7 +46,9 @@ class Read:
         return [Reading(*row) for row in rows]
 
 
-def driven(law: Law, T: float, setpoints: Sequence[Setpoint], readings: Sequence[Reading]) -> tuple[list[Any], np.ndarray]:
+def driven(
+    law: Law, T: float, setpoints: Sequence[Setpoint], readings: Sequence[Reading]
+) -> tuple[list[Any], np.ndarray]:
     """States and forces of a law that starts at the first reading; both of the samples from the second on."""
     prepared = law.prepare(T)
     state = law.start(prepared, setpoints[0], readings[0])

@@ -205,10 +205,17 @@ def _pole_map() -> tuple[list[Claim], list[Shown]]:
     ours, theirs = [], []
     for r2, r4 in SWEEP:
         K = r2 / MASS
-        law = DADSC(mass=MASS, viscous=VISCOUS, tracking_rate=200.0, reaching_rate=K, adaptation_rate=r4 / (MASS * (1.0 + K * T)))
+        law = DADSC(
+            mass=MASS,
+            viscous=VISCOUS,
+            tracking_rate=200.0,
+            reaching_rate=K,
+            adaptation_rate=r4 / (MASS * (1.0 + K * T)),
+        )
         ours.append(ideal_model(law).poles())
         theirs.append(ideal_model(CascadePPI(Kv=200.0, Kp=r2, Tn=r2 * T / r4, viscous=VISCOUS)).poles())
-    rule = "poles of the ideal loop with the laws as shipped, s = ln z / T; λ = Kv = 200 1/s; (r2, r4) = (56000, 168), (56000, 840), (56000, 16000), "
+    rule = "poles of the ideal loop with the laws as shipped, s = ln z / T; λ = Kv = 200 1/s; "
+    rule += "(r2, r4) = (56000, 168), (56000, 840), (56000, 16000), "
     rule += "(112000, 64000), (224000, 256000)"
     swing = [float(np.max(np.abs(poles.imag))) for poles in theirs]
     largest = theirs[-1][np.argmax(theirs[-1].imag)]

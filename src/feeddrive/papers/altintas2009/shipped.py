@@ -104,7 +104,7 @@ def recoveries() -> list[Claim]:
     from scipy.linalg import expm, solve_discrete_are
     from scipy.signal import butter, lfilter
 
-    t, _, read = _signals()
+    _, _, read = _signals()
     x, F = read.load, read.applied
     v = np.concatenate([[0.0], np.diff(x) / T])
     exact = MASS * np.diff(v) / T + VISCOUS * v[1:] - F[1:]

@@ -254,7 +254,9 @@ class IdealModel:
         """Of a state over F_d, at z = e^(j2πfT)."""
         z = np.exp(2j * np.pi * np.asarray(frequency) * sample_time)
         size = self.A.shape[0]
-        states = np.linalg.solve(z[:, None, None] * np.eye(size) - self.A, np.broadcast_to(self.b, (z.size, size))[..., None])
+        states = np.linalg.solve(
+            z[:, None, None] * np.eye(size) - self.A, np.broadcast_to(self.b, (z.size, size))[..., None]
+        )
         return z * states[:, self.names.index(name), 0]
 
 

@@ -19,13 +19,36 @@ from feeddrive.loop.linearize import linearize
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import Run, simulate
 from feeddrive.papers.beltran2013 import mill
-from feeddrive.papers.beltran2013.mill import CHIP, LEG, OMEGA_C, OMEGA_O, RIGID, SKIPPED, SPINDLE, ZETA, Case, T, law, legs, loop, mass
+from feeddrive.papers.beltran2013.mill import (
+    CHIP,
+    LEG,
+    OMEGA_C,
+    OMEGA_O,
+    RIGID,
+    SKIPPED,
+    SPINDLE,
+    ZETA,
+    Case,
+    T,
+    law,
+    legs,
+    loop,
+    mass,
+)
 from feeddrive.papers.beside import RANDOM, SAMPLES, Read, Way, apart, driven
 from feeddrive.papers.claims import Claim
 
 RULE = f"{RANDOM}; M = 139 kg, T = 0.1 ms; largest difference over the largest value"
-# first row of F, and the columns of u (kg/N times) and of the reading, from an independent program
-GOLDEN_F = (0.6664821314, 0.05794469090, 2.164193531e-3, 5.211723395e-5, 9.292755985e-7, 1.317209555e-8, 1.550357223e-10)
+# first row of F, and the column of u times kg/N, from an independent program
+GOLDEN_F = (
+    0.6664821314,
+    0.05794469090,
+    2.164193531e-3,
+    5.211723395e-5,
+    9.292755985e-7,
+    1.317209555e-8,
+    1.550357223e-10,
+)
 GOLDEN_U = (4.416721e-9, 1.414096e-7, -2.199453e-9, -2.185826e-9, -1.418463e-9, -5.595083e-10, -1.063617e-10)
 # λ6 to λ0 of (18) at 700 rad/s and a damping ratio of 0.7071
 GOLDEN_GAINS = (3669.82, 6.488818e6, 6.967507e9, 4.877255e12, 2.225664e15, 6.167866e17, 8.23543e19)
@@ -232,8 +255,8 @@ def cutter() -> list[Claim]:
         Claim("3.zi", "and has a largest acceleration of 11.058 distance / time²", "18001 points",
               float(np.max(np.abs(at.acceleration))), 11.0575, 11.0585, equations=names),
         *(Claim("3.zi", f"The {name} is that of τ⁵(252 - 1050τ + 1800τ² - 1575τ³ + 700τ⁴ - 126τ⁵)", "18001 points; "
-                "largest difference over the largest value", apart(np.asarray(at[i]), np.polyval(np.polyder(psi, i), tau)),
-                None, 1e-9, equations=names)
+                "largest difference over the largest value",
+                apart(np.asarray(at[i]), np.polyval(np.polyder(psi, i), tau)), None, 1e-9, equations=names)
           for i, name in enumerate(("position", "velocity", "acceleration", "jerk", "snap"))),
         Claim("3.zi", "It ends where it should", "m", float(at.position[-1]), 1.0 - 1e-12, 1.0 + 1e-12, "m",
               equations=names),
@@ -243,12 +266,13 @@ def cutter() -> list[Claim]:
 ROWS: tuple[Callable[[], list[Claim]], ...] = (observer, errors, settling, cutter)
 
 
+RUNS = "constant chip load; M = 139, 179, 119 kg, 10 kHz, tanh friction; first 0.3 s left out"
 SIDE = 3e-3  # m, width of the cut in side milling
 
 
 def side_claims(without: Mapping[str, Run], compensated: Mapping[str, Run]) -> list[Claim]:
     """Runs in side milling, without and with the estimate."""
-    rule = f"up milling, {1e3 * SIDE:g} mm of the 10 mm tool, constant chip load; M = 139, 179, 119 kg, 10 kHz, tanh friction; first 0.3 s left out"
+    rule = f"up milling, {1e3 * SIDE:g} mm of the 10 mm tool, {RUNS}"
     return [
         Claim("3.zj", f"Side milling: the estimate makes the RMS error of {axis} smaller", rule,
               mill.errors(without[axis])[1] / mill.errors(compensated[axis])[1], least=least, unit="times")
@@ -269,7 +293,7 @@ def velocity_claims(linear: Mapping[str, Run], case: Case) -> list[Claim]:
         seen = observe(law(axis, case).observer, run["reading_load"], run["force"], T)
         off = 1e6 * float(np.sqrt(np.mean((seen.velocity - run["velocity_load"])[counted] ** 2)))
         claims.append(
-            Claim("3.zk", f"RMS error of the estimated velocity of {axis}, set to 3 mm/s", "constant chip load; M = 139, 179, 119 kg, 10 kHz, tanh friction; first 0.3 s left out", off,
+            Claim("3.zk", f"RMS error of the estimated velocity of {axis}, set to 3 mm/s", RUNS, off,
                   *bounds, unit="µm/s")
         )  # fmt: skip
     return claims
@@ -281,5 +305,5 @@ def numbered(claims: Sequence[Claim]) -> list[Claim]:
     found = []
     for claim in claims:
         count[claim.key] += 1
-        found.append(dataclasses.replace(claim, key=f"{claim.key}.{count[claim.key]}"))
+        found.append(replace(claim, key=f"{claim.key}.{count[claim.key]}"))
     return found

@@ -196,7 +196,8 @@ def _fed(way: Way, t: np.ndarray) -> list[Claim]:
           for said, found, expected in (
               ("Friction feedforward is the Stribeck curve of the set velocity", smooth, curve),
               ("Without a curve it is the Coulomb level of the direction", hard, level * np.sign(v)),
-              ("The curve falls with e^-|v/v_s| if that is asked for", linear, 70.0 + 40.0 * np.exp(-np.abs(v) / 4e-4)))),
+              ("The curve falls with e^-|v/v_s| if that is asked for", linear,
+               70.0 + 40.0 * np.exp(-np.abs(v) / 4e-4)))),
     ]  # fmt: skip
 
 
@@ -248,7 +249,7 @@ def damping() -> Part:
         Claim("2.i damping", "Closed by pole placement the mode is at least five times as stiff", f"{GAINS}; {rule}",
               peak_open / peak, 5.8, 6.2, "", "0.99 / 0.179 µm/N", equations=names),
         Claim("2.i filter pack", "Without the filter pack the loop is not stable", f"{GAINS}; growth in a sample",
-              stability(bare).growth, 1.0005, None, "", "the pack is there for stability", equations=("pole placement",)),
+              stability(bare).growth, 1.0005, None, "", "the pack is for stability", equations=("pole placement",)),
     ]  # fmt: skip
     for share, (sensitivity, compliance) in PEAKS.items():
         linear = Linear(placed(replace(SOFTER, axial_damping=share)))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable, Mapping
 
 import numpy as np
@@ -89,8 +88,8 @@ def models() -> list[Claim]:
     kept, _ = lfilter(top, bottom, steps[:, 0], zi=2.0 * lfilter_zi(top, bottom))
     rule = "impulse response over 400 samples; x axis without dead time; largest difference over the largest value"
     return [
-        Claim("4.p", "The model-free Ĝ_d is the inverse of the P-PI law", rule, apart(free, lfilter(*inverse(), push[:, 0])),
-              None, 1e-8, equations=("error model, model-free",)),
+        Claim("4.p", "The model-free Ĝ_d is the inverse of the P-PI law", rule,
+              apart(free, lfilter(*inverse(), push[:, 0])), None, 1e-8, equations=("error model, model-free",)),
         Claim("4.p", "and goes on from a motion that lasted", rule.replace("impulse response", "two steps"),
               apart(moving, kept), None, 1e-8, equations=("error model, model-free",)),
         Claim("4.p", "G_d with the axis's mass is that of an independent program", rule,
@@ -133,7 +132,8 @@ def update() -> list[Claim]:
               equations=("update", "error model, model-free")),
         Claim("4.q", "What is left of two starts after a step is what `convergence` says", "largest difference over "
               f"the distance of the starts; {rule.replace('0.7', '1')}",
-              float(np.max(np.abs(moved * sizes - said)) / np.linalg.norm(apart_first)), None, 1e-6, equations=("update", "convergence")),
+              float(np.max(np.abs(moved * sizes - said)) / np.linalg.norm(apart_first)), None, 1e-6,
+              equations=("update", "convergence")),
     ]  # fmt: skip
 
 
@@ -141,7 +141,12 @@ def believed_gains() -> list[Claim]:
     """The rates of two tuners that take the gain for half and twice what it is, over four trials each."""
     loop = ideal_axis(TRUE)
     claims = []
-    for factor, gamma, least, most in ((0.5, 1.0, 0.45, 0.55), (2.0, 1.0, 1.02, 1.15), (2.0, 0.5, 0.0, 0.1), (0.5, 0.5, 0.7, 0.8)):
+    for factor, gamma, least, most in (
+        (0.5, 1.0, 0.45, 0.55),
+        (2.0, 1.0, 1.02, 1.15),
+        (2.0, 0.5, 0.0, 0.1),
+        (0.5, 0.5, 0.7, 0.8),
+    ):
         believed = tree.vary(loop, {"axis.x.control.law.Kp": factor * KP})
         here = {name: TRUE[name] + off for name, off in OFF.items()}
         there = {name: TRUE[name] - off for name, off in OFF.items()}
@@ -173,7 +178,8 @@ def unity() -> list[Claim]:
     wrong = simulate(heavy, SAME, record=("tracking_error",))["tracking_error"]
     rule = "x axis without friction but the viscous one, quantizer and dead time; a and b exact"
     return [
-        Claim("4.r", "G = 1: largest |G - 1| from 1 to 30 Hz", f"linear; {rule}", off, None, 1e-4, "", "1 by (4), (6), (7)",
+        Claim("4.r", "G = 1: largest |G - 1| from 1 to 30 Hz", f"linear; {rule}", off, None, 1e-4, "",
+              "1 by (4), (6), (7)",
               equations=("compensator (6), (7)",)),
         Claim("4.r", "G = 1: largest error on the 100 mm move", rule, 1e9 * float(np.max(np.abs(still))), None, 5.0,
               "nm", "0", equations=("compensator (6), (7)",)),
