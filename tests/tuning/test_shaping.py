@@ -10,6 +10,7 @@ from scipy.optimize import minimize
 
 import feeddrive as fd
 from feeddrive.analysis.loop_model import Robustness, loop_model, robustness
+from feeddrive.analysis.margins import margins
 from feeddrive.language import tree
 from feeddrive.language.errors import NotIdentifiableError, ParameterError, UnstableError
 from feeddrive.loop.lifting import compliance, loop_gain
@@ -22,7 +23,8 @@ from feeddrive.tuning.operating_point import OperatingPoint, measured_point, mod
 from feeddrive.tuning.search import least_quadratic
 from feeddrive.tuning.smoothing import smoothed
 from feeddrive.tuning.tunables import law_tunables
-from feeddrive.tuning.tune import tune_control
+from feeddrive.tuning.tune import assess, tune_control
+from feeddrive.tuning.tuned import two_digits
 from random_drives import outcome
 
 LINES = np.geomspace(2.0, 9000.0, 120)
@@ -465,3 +467,26 @@ def test_a_tuning_of_two_rates_holds(screw: fd.Loop) -> None:
     assert both[1].control.law.position_every == 16
     assert both[1].after[0].rope_snap > both[0].after[0].rope_snap
     assert both[1].cascade[1].position.loop_gain.sample_time == pytest.approx(8e-4)
+
+
+def test_a_recommendation_leads_with_what_gets_worse_in_two_digits(screw: fd.Loop) -> None:
+    """Half of the error at a twentieth of Kv; and a velocity loop at 99 % of the gain at which it is unstable."""
+    as_it_is = assess(screw.control, screw, rule="", today=screw.control)
+    (before,) = as_it_is.after
+    Kv = float(screw.control.law.Kv)  # type: ignore[attr-defined]
+    found = replace(
+        as_it_is, recipe="", before=(before,), after=(replace(before, rope_snap=0.5 * before.rope_snap),),
+        tunables={"law.Kv": 0.05 * Kv}, started={"law.Kv": Kv},
+    )  # fmt: skip
+    said = found.recommendation()
+    assert said.startswith(f"Worse than today: Kv {two_digits(Kv)} -> {two_digits(0.05 * Kv)} 1/s")
+    assert "Take the new values: they give 50 % less rope-snap error" in said
+    worse = replace(as_it_is, recipe="rule", before=(replace(before, rope_snap=before.rope_snap / 569.1),))
+    assert "this rule gives 570 times the rope-snap error" in worse.recommendation()
+
+    alone = found.cascade[0].velocity
+    assert alone.gain_increase_dB is not None
+    near = margins(0.99 * 10.0 ** (alone.gain_increase_dB / 20.0) * alone.loop_gain)
+    ringing = replace(found, cascade=(replace(found.cascade[0], velocity=near),)).recommendation()
+    assert ringing.startswith("The velocity loop alone is next to unstable, with a phase margin of")
+    assert two_digits(0.0123) == "0.012"

@@ -77,6 +77,7 @@ def test_what_is_given_on_the_command_line_reaches_the_request_in_si(monkeypatch
 def test_every_field_of_a_request_is_an_argument_or_an_option(name: str) -> None:
     command: Any = get_command(app)
     shown = {each.name: each for each in command.commands[name].params if each.name != "help"}
+    assert "--verbose" in shown.pop("verbose").opts
     fields = {each.name: each for each in fields_of(load(name).request)}
     assert set(shown) == set(fields)
     for key, field in fields.items():

@@ -104,13 +104,19 @@ def _function(command: Command[Any, Any, Any]) -> Any:
     """What typer makes a command from: a function with a parameter for each field of the request."""
     fields = {field.name: field for field in fields_of(command.request)}  # type: ignore[arg-type]
 
-    def perform(**values: Any) -> None:
-        _perform(command, {name: _entered(fields[name], value) for name, value in values.items()})
+    def perform(verbose: bool, **values: Any) -> None:
+        _perform(command, {name: _entered(fields[name], value) for name, value in values.items()}, verbose)
 
-    parameters = [_parameter(field) for field in fields.values()]
+    parameters = [*(_parameter(field) for field in fields.values()), _VERBOSE]
     perform.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
     perform.__annotations__ = {each.name: each.annotation for each in parameters}
     return perform
+
+
+_VERBOSE = inspect.Parameter(
+    "verbose", inspect.Parameter.KEYWORD_ONLY, default=False,
+    annotation=Annotated[bool, typer.Option("--verbose", help="Show the details too.", show_default=False)],
+)  # fmt: skip
 
 
 def _parameter(field: Field) -> inspect.Parameter:
@@ -146,7 +152,7 @@ def _entered(field: Field, value: Any) -> Any:
     return units.scaled(value, field.factor)
 
 
-def _perform(command: Command[Any, Any, Any], values: dict[str, Any]) -> None:
+def _perform(command: Command[Any, Any, Any], values: dict[str, Any], verbose: bool) -> None:
     """Do the work and show what it came to; exit code 1 if that is not what it should be."""
     request = command.request(**values)
     usual = request.usual_out()
@@ -155,7 +161,7 @@ def _perform(command: Command[Any, Any, Any], values: dict[str, Any]) -> None:
     console = open_console()
     with TerminalProgress(console) as progress:
         found = command.run(request, progress)
-    for each in found.said():
+    for each in found.said(verbose=verbose):
         show(console, each)
     for line in found.written():
         show(console, line, soft_wrap=True)

@@ -61,8 +61,9 @@ def of_known(point: OperatingPoint, control: Control, limits: Limits, velocity: 
     The limits hold for the measurement.  The model agrees with it to some percent only, so they are not checked here.
     """
     if point.known_as is None:
-        said = "no loop is known that agrees with the response: give the machine file that identify writes as "
-        "--baseline"
+        said = (
+            "no loop is known that agrees with the response: give the machine file that identify writes as --baseline"
+        )
         return (Checked(f"{point.name}: {_RUN}", None, said),)
     loop, name = replace(point.known_as, control=control), f"{point.name}, on the baseline's axis"
     poles = stability(loop, velocity=velocity)

@@ -203,6 +203,8 @@ def _figure(each: Figures, read: Callable[[Figures], float | None]) -> str:
 
 _NOT_WORTH = 2.0  # percent: a smaller gain does not justify a change
 _WORSE = 0.03  # relative change of a figure that counts as worse
+TIMES = 3.0  # from which a figure is said as so many times, not as percent more
+_LEAST_PHASE, _MOST_PEAK = 15.0, 5.0  # deg and Ms of a velocity loop alone that are a headline
 _WHAT = {
     "rope-snap": "rope-snap error",
     "stiffness": "dynamic stiffness",
@@ -229,7 +231,26 @@ def recommendation(found: Tuned) -> str:
         failed = [line for line in found.proof if line.holds is False]
         return f"Do not use this tuning: {failed[0].what} does not hold ({failed[0].said})."
     worse = _worse(found)
-    return _advised(found) + (f" Worse than today: {worse}." if worse else "") + _of_the_table(found)
+    price = f"Worse than today: {worse}." if worse else ""
+    first, then = (_advised(found), price) if found.verdict is Verdict.LEAVE else (price, _advised(found))
+    return " ".join(each for each in (_of_the_velocity_loop(found), first, then) if each) + _of_the_table(found)
+
+
+def _of_the_velocity_loop(found: Tuned) -> str:
+    """A headline if the new velocity loop alone is next to unstable, which the margins of the whole may hide."""
+    if not found.cascade or found.verdict is Verdict.LEAVE:
+        return ""
+    alone = found.cascade[-1].velocity
+    phase, peak = alone.phase_margin_deg, alone.sensitivity_peak
+    if (phase is None or abs(phase) >= _LEAST_PHASE) and peak <= _MOST_PEAK:
+        return ""
+    margin = "" if phase is None else f"a phase margin of {two_digits(phase)} deg and "
+    return f"The velocity loop alone is next to unstable, with {margin}Ms {two_digits(peak)}: it rings in manual mode."
+
+
+def two_digits(value: float) -> str:
+    """Two digits, without an exponent up to a million."""
+    return f"{float(f'{value:.2g}'):g}"
 
 
 def _of_the_table(found: Tuned) -> str:
@@ -249,20 +270,25 @@ def _advised(found: Tuned) -> str:
     if gained is None:
         state = "there is no control to compare with" if not found.before else "today's loop is unstable"
         return f"{new} keep {limits}, and {state}{limit}."
-    less = found.goal == "rope-snap"
-    change = _change(found, gained)
-    word = ("less" if less else "more") if change >= 0.0 else ("more" if less else "less")
-    what = _WHAT[found.goal]
+    change, said = _change(found, gained), _gain_said(found, gained)
     broken = broken_limits(found.before, found.limits)
     if broken:
-        return f"{new} keep {limits} with {abs(change):.3g} % {word} {what}, and today's {broken}{limit}."
+        return f"{new} keep {limits} with {said}, and today's {broken}{limit}."
     drive = " against a force at the drive" if found.at_drive and found.goal != "bandwidth" else ""
     if found.recipe and change < 0.0:
-        return f"Leave the control as it is: this rule gives {abs(change):.3g} % {word} {what}{drive}{limit}."
+        return f"Leave the control as it is: this rule gives {said}{drive}{limit}."
     if found.verdict is Verdict.LEAVE:
         best = "this rule" if found.recipe else "the best that was found"
-        return f"Leave the control as it is: {best} has only {change:.2g} % {word} {what}{drive}{limit}."
-    return f"{new} give {change:.3g} % {word} {what} within {limits}{limit}."
+        return f"Leave the control as it is: {best} has only {said}{drive}{limit}."
+    return f"{new} give {said} within {limits}{limit}."
+
+
+def _gain_said(found: Tuned, gained: float) -> str:
+    """`50 % more dynamic stiffness`, `570 times the dynamic stiffness`."""
+    ratio = 1.0 / gained if found.goal == "rope-snap" else gained
+    if ratio >= TIMES:
+        return f"{two_digits(ratio)} times the {_WHAT[found.goal]}"
+    return f"{two_digits(100.0 * abs(ratio - 1.0))} % {'more' if ratio >= 1.0 else 'less'} {_WHAT[found.goal]}"
 
 
 def _change(found: Tuned, gained: float) -> float:
@@ -282,6 +308,9 @@ def _worse(found: Tuned) -> str:
     if not found.before or not all(each.stable for each in found.before):
         return ""
     said: list[str] = []
+    for name, now in found.tunables.items():
+        if name.rpartition(".")[2] == "Kv" and found.started[name] > (1.0 + _WORSE) * now:
+            said.append(f"Kv {two_digits(found.started[name])} -> {two_digits(now)} 1/s")
     for head, unit, read in FIGURES:
         if head not in LARGER:
             continue
@@ -293,7 +322,7 @@ def _worse(found: Tuned) -> str:
         ]
         if fell and max(fell)[0] > 1.0 + _WORSE:
             _, a, b = max(fell)
-            said.append(f"{head} {a:.3g} -> {b:.3g} {unit}".rstrip())
+            said.append(f"{head} {two_digits(a)} -> {two_digits(b)} {unit}".rstrip())
     return ", ".join(said)
 
 

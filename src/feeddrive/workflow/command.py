@@ -38,6 +38,7 @@ class Outcome(Generic[T]):
     notes     what follows from the verdict
     section   text to be pasted into a file
     files     what was written, by what it is
+    details   what is shown on request (--verbose) after the remarks; reports have it too
     failure   None if all is well; else why the result is not what it should be, empty if the verdict says it
     error     what ended the work early, after something was done that is worth keeping
     """
@@ -49,13 +50,18 @@ class Outcome(Generic[T]):
     notes: Sequence[str] = ()
     section: str = ""
     files: Mapping[str, str | Path] = field(default_factory=dict[str, str | Path])
+    details: Sequence[Table | str] = ()
     failure: str | None = None
     error: FeeddriveError | None = None
 
-    def said(self) -> Iterator[Table | str]:
-        """What a person reads of the result, in order."""
+    def said(self, *, verbose: bool = True) -> Iterator[Table | str]:
+        """What a person reads of the result, in order; without the details unless `verbose`."""
         yield from self.tables
         yield from (f"- {remark}" for remark in self.remarks)
+        if verbose:
+            yield from (each if isinstance(each, Table) else f"- {each}" for each in self.details)
+        elif self.details:
+            yield f"- {len(self.details)} more with --verbose"
         if self.verdict:
             yield self.verdict
         yield from (f"- {note}" for note in self.notes)

@@ -94,9 +94,11 @@ def _identify_motion(request: IdentifyRequest, source: OpenedFile | MotionLog, p
         progress.step("report")
         files = written(write_identified(found, text, request.out, facts), text)
     notes = [f"No machine file was written: {why}."] if why else []
+    shown = [narrow(each) for each in tables(found)]
+    first = 1 if found.refinement is None else 2  # the estimates of the inverse dynamics, and of the closed loop
     return Outcome(
-        found, [narrow(each) for each in tables(found)], [sentence(each) for each in found.remarks],
-        found.recommendation, notes, files=files,
+        found, shown[:first], [sentence(each) for each in found.remarks],
+        found.recommendation, notes, files=files, details=shown[first:],
     )  # fmt: skip
 
 

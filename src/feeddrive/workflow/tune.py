@@ -125,12 +125,16 @@ def tune(request: TuneRequest, progress: Progress) -> Outcome[Tuned]:
             files["Certificate"] = report.parent / "certificate.json"
         files["Report"] = report
     verdict = {None: "not proven", True: "holds", False: "DOES NOT HOLD"}
-    remarks = [f"proof, {line.what}: {verdict[line.holds]} ({line.said})" for line in found.proof]
+    proof = [(line.holds, f"proof, {line.what}: {verdict[line.holds]} ({line.said})") for line in found.proof]
+    remarks = [said for holds, said in proof if not holds]
     remarks += [*story.said, *(f"held back by {h.sentence()}" for h in found.held), *found.advice]
-    remarks += [f"notch {each}" for each in found.notches]
+    shown = tables(found, story)[:-1]
+    first = 1 + len(found.after)  # the values, and the figures at each point
+    details = [*shown[first:], *(said for holds, said in proof if holds), *(f"notch {each}" for each in found.notches)]
     failure = None if found.holds else "the tuning violates a limit or its proof failed; no machine file was written"
     return Outcome(
-        found, tables(found, story)[:-1], remarks, found.recommendation(), files=files, failure=failure
+        found, shown[:first], remarks, found.recommendation(), files=files, details=details,
+        failure=failure,
     )  # fmt: skip
 
 

@@ -29,7 +29,7 @@ from feeddrive.tuning.limits import Limits
 from feeddrive.tuning.proof import ROOM
 from feeddrive.tuning.recipes import JudgedRecipe
 from feeddrive.tuning.tunables import readable
-from feeddrive.tuning.tuned import Tuned, broken_limits
+from feeddrive.tuning.tuned import TIMES, Tuned, broken_limits, two_digits
 from feeddrive.workflow.certify import write_certificate
 
 _LISTS = ("filters", "feedforward", "compensation")
@@ -190,7 +190,11 @@ def _number(value: float | None) -> str:
 
 
 def _change(before: float, after: float) -> str:
-    return "-" if math.isnan(before) else f"{100.0 * (after / before - 1.0):+.3g} %"
+    if math.isnan(before) or before == 0.0:
+        return "-"
+    return (
+        f"{two_digits(after / before)} times" if after / before >= TIMES else f"{100.0 * (after / before - 1.0):+.2g} %"
+    )
 
 
 def _rows(found: Tuned, today: str) -> Sequence[tuple[str, Figures]]:
