@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import pkgutil
 import re
+import subprocess
 import sys
 from pathlib import Path
 
@@ -111,3 +112,34 @@ def test_every_error_has_the_code_of_the_table_and_ends_with_it(monkeypatch, cap
         assert said == (
             "feeddrive: stopped; nothing was written\n" if told[name] == 130 else "feeddrive: error: the reason\n"
         )
+
+
+NOISY = """
+import logging, sys, warnings
+import numpy as np
+from feeddrive.cli import main
+from feeddrive.workflow import force as command
+work = command.work
+def noisy(request, progress):
+    np.ones(1) / np.zeros(1)
+    warnings.warn("an old name", DeprecationWarning)
+    logging.getLogger("canopen").error("aborted")
+    progress.remark("our own remark")
+    return work(request, progress)
+command.work = noisy
+sys.argv = ["feeddrive", "force", "percent", "--column", "trq", "--rated", "3.2:Nm", "--lead", "0.01"]
+main()
+"""
+
+
+def test_what_libraries_warn_of_is_not_seen_and_our_remarks_are() -> None:
+    """A RuntimeWarning of numpy, a DeprecationWarning of the program itself and a log line without a handler."""
+    done = subprocess.run([sys.executable, "-c", NOISY], capture_output=True, text=True, timeout=120, check=False)
+    assert done.returncode == 0, done.stderr
+    assert done.stderr == ""
+    assert "our own remark" in done.stdout
+    asked = subprocess.run(
+        [sys.executable, "-W", "always", "-c", NOISY], capture_output=True, text=True, timeout=120, check=False
+    )
+    assert "divide by zero" in asked.stderr
+    assert "an old name" in asked.stderr

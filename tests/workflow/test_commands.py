@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 import re
+import shlex
 import types
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 from typer.main import get_command
+from typer.testing import CliRunner
 
 import feeddrive as fd
 from feeddrive.cli.commands import app
@@ -83,6 +85,43 @@ def test_every_field_of_a_request_is_an_argument_or_an_option(name: str) -> None
     for key, field in fields.items():
         assert field.declared.meaning
         assert field.flag == "" or field.flag in shown[key].opts
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_the_examples_of_a_command_are_shown_and_make_its_request(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each is read as the command line reads it, and the request checks names, units and bounds."""
+    made: list[Request] = []
+
+    def seen(_: object, request: Request, progress: Progress) -> None:
+        made.append(request)
+        raise CancelledError("enough")
+
+    monkeypatch.setattr(Command, "run", seen)
+    command: Any = get_command(app)
+    shown = CliRunner().invoke(app, [name, "--help"]).output.splitlines()
+    examples = COMMANDS[name].examples
+    assert examples
+    for each in examples:
+        assert f"  feeddrive {name} {each}" in shown
+        with pytest.raises(CancelledError):
+            command.main([name, *shlex.split(each)], standalone_mode=False)
+    assert len(made) == len(examples)
+
+
+def test_help_has_every_command_once_under_what_a_user_does() -> None:
+    said = CliRunner().invoke(app, ["--help"]).output
+    held: dict[str, list[str]] = {}
+    for line in said.splitlines():
+        if head := re.fullmatch(r"(\w[\w ]*):", line):
+            held[head[1]] = []
+        elif held and (row := re.match(r"  ([a-z][\w-]*) ", line)):
+            held[list(held)[-1]].append(row[1])
+    held.pop("Options")
+    assert held == {
+        group: [name for name, each in COMMANDS.items() if each.group == group]
+        for group in dict.fromkeys(each.group for each in COMMANDS.values())
+    }
+    assert 4 <= len(held) <= 8
 
 
 @pytest.mark.parametrize("name", COMMANDS)

@@ -26,9 +26,12 @@ def main() -> None:
     # Before numpy is there: its threads share out matrices that are too small for it, and wait longer than they work.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     try:
-        from feeddrive.cli.commands import app
+        from feeddrive.cli.terminal import own_words
 
-        app()
+        with own_words():
+            from feeddrive.cli.commands import app
+
+            app()
     except CancelledError:
         _stopped()
     except FeeddriveError as error:

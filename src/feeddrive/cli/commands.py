@@ -30,7 +30,9 @@ class _Later(TyperCommand):
     def real(self) -> Any:
         """The command itself."""
         app = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=self.rich_markup_mode)
-        app.command(self.name, help=self.help)(_function(load(str(self.name))))
+        examples = [f"feeddrive {self.name} {each}" for each in COMMANDS[str(self.name)].examples]
+        said = "\n\n".join(["Example:" if len(examples) == 1 else "Examples:", *examples])
+        app.command(self.name, help=self.help, epilog=said)(_function(load(str(self.name))))
         return get_command(app)
 
     @property
@@ -53,8 +55,17 @@ class Commands(TyperGroup):
     def __init__(self, **settings: Any) -> None:
         super().__init__(**settings)
         mode = self.rich_markup_mode
-        self.later = [_Later(name, help=said, rich_markup_mode=mode) for name, (_, said) in COMMANDS.items()]
+        self.later = [
+            _Later(name, help=each.said, rich_help_panel=each.group, rich_markup_mode=mode)
+            for name, each in COMMANDS.items()
+        ]
         self.commands = {str(each.name): each for each in self.later}
+
+    def format_commands(self, ctx: Any, formatter: Any) -> None:
+        """The commands under the headings of what a user does; boxes on a terminal take them from the panels."""
+        for group in dict.fromkeys(each.group for each in COMMANDS.values()):
+            with formatter.section(group):
+                formatter.write_dl([(name, each.said) for name, each in COMMANDS.items() if each.group == group])
 
     def main(
         self,

@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
+import logging
+import os
 import sys
+import warnings
+from collections.abc import Generator
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, Self
 
 import typer
@@ -15,6 +20,26 @@ if TYPE_CHECKING:
 
 UNBROKEN = 1_000_000
 """Columns of an output that is no terminal: wider than any sentence with its paths."""
+
+
+@contextmanager
+def own_words() -> Generator[None]:
+    """Only what feeddrive says reaches the terminal: no warning and no log line of a library, also in workers.
+
+    `python -W` and PYTHONWARNINGS show warnings as usual.
+    """
+    asked, silent = bool(sys.warnoptions), logging.NullHandler()
+    logging.getLogger().addHandler(silent)
+    try:
+        with warnings.catch_warnings():
+            if not asked:
+                warnings.simplefilter("ignore")
+                os.environ["PYTHONWARNINGS"] = "ignore"
+            yield
+    finally:
+        logging.getLogger().removeHandler(silent)
+        if not asked:
+            os.environ.pop("PYTHONWARNINGS", None)
 
 
 def open_console() -> Console:

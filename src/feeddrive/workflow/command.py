@@ -3,7 +3,7 @@
 The same object serves Python (`fd.tune("ball_screw", goal="stiffness")`, which gives the result), the command line,
 which shows the outcome, and, later, a page.  What a command reads from a file may also be the object that was read.
 
-`COMMANDS` lists the module and the one-line description of every command.  The descriptions are kept here so that
+`COMMANDS` lists module, one-line description, group and examples of every command.  They are kept here so that
 `--help` need not import the modules of the commands.  `from feeddrive.workflow.MODULE import NAME` gives the command
 (with _ for -), and so does `fd.workflow.NAME`.
 """
@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
-from typing import Any, Generic, ParamSpec, TypeVar
+from typing import Any, Generic, NamedTuple, ParamSpec, TypeVar
 
 from feeddrive.language.errors import FeeddriveError, ParameterError, nearest
 from feeddrive.language.progress import Progress
@@ -124,93 +124,157 @@ def command(request: Callable[P, R]) -> Callable[[Callable[[R, Progress], Outcom
     return lambda work: Command(request, work)
 
 
-COMMANDS: dict[str, tuple[str, str]] = {
-    "run": ("run_job", "Run the laws of a job over the same work and write a report, a summary and the signals."),
-    "demo": (
-        "run_job",
-        "Run the bundled example: a real ball-screw axis under today's control and under three better ones.",
-    ),
-    "reproduce": (
-        "reproduce",
-        "Run a paper's experiments and write what it claims, by which rule, and what came out; 1 if a claim fails.",
-    ),
-    "prefilter": (
-        "prefilter",
-        "Fit the prefilter that cancels what a loop leaves of its tracking error, from one log.",
-    ),
-    "compare": (
-        "compare",
-        "Put all laws on one axis, tuned to equal robustness, beside today's gains, and rank them by criterion.",
-    ),
-    "iterate": (
-        "iterate",
-        "Learn mass, viscous and dry friction to feed forward from the error of a trial: a log, or simulated ones.",
-    ),
-    "frf": (
-        "frf",
-        "Estimate a frequency response with coherence, variance, noise and distortion from measured logs.",
-    ),
-    "excite": (
-        "excite",
-        "Design a multisine, check travel, speed and force by simulation, and write it to be sent to the drive.",
-    ),
-    "identify": (
-        "identify",
-        "Find mass, friction and dead time in a log, or masses and modes in frequency responses; with errors.",
-    ),
-    "channels": (
+class Listed(NamedTuple):
+    """A command as `--help` shows it: its module, one sentence, under which heading, and what may follow its name."""
+
+    module: str
+    said: str
+    group: str
+    examples: tuple[str, ...]
+
+
+COMMANDS: dict[str, Listed] = {
+    "channels": Listed(
         "channels",
         "Guess which column of a log is what, and write it as a short TOML to correct and give with --channels.",
+        "Measure",
+        ("run.csv --out roles.toml",),
     ),
-    "force": (
+    "force": Listed(
         "force",
         "Find the factor from percent, A, V or pid.output to N or N m by data sheets; print the line that says so.",
+        "Measure",
+        ("percent --column trq --rated 3.2:Nm --lead 0.01",),
     ),
-    "friction": (
-        "friction",
-        "Find the friction curve in runs of constant speed: models compared by evidence, parameters with errors.",
+    "excite": Listed(
+        "excite",
+        "Design a multisine, check travel, speed and force by simulation, and write it to be sent to the drive.",
+        "Measure",
+        ("ball_screw --band 5..1000 --amplitude 400 --out sent",),
     ),
-    "cogging": (
-        "cogging",
-        "Find the cogging of a motor in slow runs: its orders, with errors, and what changes sign with the direction.",
-    ),
-    "tune": (
-        "tune",
-        "Tune gains and filters of an axis within limits; write a machine file and a report before against after.",
-    ),
-    "certify": (
-        "certify",
-        "Prove a loop, as it will run, stable for plants with a disc around each; write a certificate and a report.",
-    ),
-    "check": (
-        "check",
-        "Check a certificate in exact arithmetic: 0 if it is proven, 1 with the reason if refused.",
-    ),
-    "export": (
-        "export",
-        "Write the control of an axis for a target: what is written computes what was simulated, bit for bit.",
-    ),
-    "verify": (
-        "verify",
-        "Run the equality proof of an export again, with this machine's compiler; 1 if anything differs.",
-    ),
-    "play": (
+    "play": Listed(
         "play",
         "Move an axis: play an excitation on a drive over EtherCAT or CANopen, within limits, and log what it did.",
+        "Measure",
+        ("sent/excitation_1.csv --drive drive.toml --share 0.1",),
     ),
-    "listen": ("play", "Log a drive over its bus without switching it on."),
-    "virtual-drive": (
-        "virtual_drive",
-        "Be a CiA 402 drive with the plant and the control of a machine file inside, until Ctrl-C.",
+    "listen": Listed(
+        "play",
+        "Log a drive over its bus without switching it on.",
+        "Measure",
+        ("--drive drive.toml --seconds 2",),
     ),
-    "cosimulate": (
+    "frf": Listed(
+        "frf",
+        "Estimate a frequency response with coherence, variance, noise and distortion from measured logs.",
+        "Measure",
+        ("run_1.csv run_2.csv --channels roles.toml --out response",),
+    ),
+    "identify": Listed(
+        "identify",
+        "Find mass, friction and dead time in a log, or masses and modes in frequency responses; with errors.",
+        "Model",
+        (
+            "log.csv --machine emps",
+            "frf.csv --motor reading_motor --load reading_load --machine mine.toml",
+        ),
+    ),
+    "friction": Listed(
+        "friction",
+        "Find the friction curve in runs of constant speed: models compared by evidence, parameters with errors.",
+        "Model",
+        ("runs.csv --velocity v:mm/s --force f:N",),
+    ),
+    "cogging": Listed(
+        "cogging",
+        "Find the cogging of a motor in slow runs: its orders, with errors, and what changes sign with the direction.",
+        "Model",
+        ("slow.csv --position x:mm --current iq:A --period 24:mm --force-constant 40",),
+    ),
+    "tune": Listed(
+        "tune",
+        "Tune gains and filters of an axis within limits; write a machine file and a report before against after.",
+        "Tune and compare",
+        (
+            "ball_screw --goal stiffness",
+            "response/frf.csv --law cascade_ppi --sample-time 1e-3",
+        ),
+    ),
+    "compare": Listed(
+        "compare",
+        "Put all laws on one axis, tuned to equal robustness, beside today's gains, and rank them by criterion.",
+        "Tune and compare",
+        ("tuned/machine.toml --keep started",),
+    ),
+    "prefilter": Listed(
+        "prefilter",
+        "Fit the prefilter that cancels what a loop leaves of its tracking error, from one log.",
+        "Tune and compare",
+        ("run.csv --out prefilter.toml",),
+    ),
+    "iterate": Listed(
+        "iterate",
+        "Learn mass, viscous and dry friction to feed forward from the error of a trial: a log, or simulated ones.",
+        "Tune and compare",
+        ("run.csv --controller xy_table --axis x --out next.toml",),
+    ),
+    "run": Listed(
+        "run_job",
+        "Run the laws of a job over the same work and write a report, a summary and the signals.",
+        "Simulate",
+        ("job.toml",),
+    ),
+    "demo": Listed(
+        "run_job",
+        "Run the bundled example: a real ball-screw axis under today's control and under three better ones.",
+        "Simulate",
+        ("--out demo",),
+    ),
+    "reproduce": Listed(
+        "reproduce",
+        "Run a paper's experiments and write what it claims, by which rule, and what came out; 1 if a claim fails.",
+        "Simulate",
+        ("gordon2013",),
+    ),
+    "cosimulate": Listed(
         "cosimulate",
         "Run the laws of a job against somebody else's model of the machine: an FMU in place of the plant.",
+        "Simulate",
+        ("job.toml press.fmu --variable force=motor.F --variable reading=table.x:mm",),
+    ),
+    "virtual-drive": Listed(
+        "virtual_drive",
+        "Be a CiA 402 drive with the plant and the control of a machine file inside, until Ctrl-C.",
+        "Simulate",
+        ("ball_screw --interface veth1 --drive-file drive.toml",),
+    ),
+    "certify": Listed(
+        "certify",
+        "Prove a loop, as it will run, stable for plants with a disc around each; write a certificate and a report.",
+        "Prove and deploy",
+        ("tuned/machine.toml --measured frf.csv",),
+    ),
+    "check": Listed(
+        "check",
+        "Check a certificate in exact arithmetic: 0 if it is proven, 1 with the reason if refused.",
+        "Prove and deploy",
+        ("tuned/certificate.json",),
+    ),
+    "export": Listed(
+        "export",
+        "Write the control of an axis for a target: what is written computes what was simulated, bit for bit.",
+        "Prove and deploy",
+        ("tuned/machine.toml --axis x --target c --out axis_x",),
+    ),
+    "verify": Listed(
+        "verify",
+        "Run the equality proof of an export again, with this machine's compiler; 1 if anything differs.",
+        "Prove and deploy",
+        ("axis_x",),
     ),
 }
 
 
 def load(name: str) -> Command[Any, Any, Any]:
     """The command of a name."""
-    module, _ = COMMANDS[name]
-    return getattr(import_module(f"feeddrive.workflow.{module}"), name.replace("-", "_"))
+    return getattr(import_module(f"feeddrive.workflow.{COMMANDS[name].module}"), name.replace("-", "_"))
