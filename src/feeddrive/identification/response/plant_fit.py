@@ -181,8 +181,9 @@ def finished(
         }
         if "current_loop" in weak and (task.actuator.current_loop or 0.0) > _IDEAL * task.band[1]:
             # faster than the lines can show: it would represent nothing, and no drive has such a current loop
-            gone["current_loop"] = f"it is faster than {_IDEAL:g} times the highest line; it is left out, and the "
-            "force acts at once"
+            gone["current_loop"] = (
+                f"it is faster than {_IDEAL:g} times the highest line; it is left out, and the force acts at once"
+            )
             names.remove("current_loop")
             task = replace(task, actuator=replace(task.actuator, current_loop=None))
             task, found = solve(task, names, logarithmic=True)
