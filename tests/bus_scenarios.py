@@ -9,6 +9,7 @@ import json
 import os
 import signal
 import struct
+import subprocess
 import sys
 import time
 import traceback
@@ -242,6 +243,29 @@ def held_up(bus: str) -> dict[str, Any]:
     return {**found, "aborted": played.aborted, "rows": len(played.log)}
 
 
+def pulled(bus: str) -> dict[str, Any]:
+    """The interface of the master is taken down in motion (EtherCAT): why it ended, and after how many seconds."""
+    began = 0.0
+    with powered(bus) as bench:
+        described = drive(bus, late_cycles=1000)
+
+        class Pull(Progress):
+            """At row 100."""
+
+            def show_step(self, what: str, done: int | None, of: int | None, part: str) -> None:
+                nonlocal began
+                if done == 100:
+                    subprocess.run(["ip", "link", "set", bench.interface, "down"], check=True)
+                    began = time.monotonic()
+
+        with DriveClient(transport_of(described, bench.interface, None), described) as master:
+            master._timeout = 0.02
+            played = play_profile(master, profile(), progress=Pull())
+        seconds = time.monotonic() - began
+        subprocess.run(["ip", "link", "set", bench.interface, "up"], check=True)
+    return {"aborted": played.aborted, "seconds": seconds}
+
+
 def kinds(bus: str) -> dict[str, Any]:
     """An excitation of the position, of the velocity and of the torque alone, against the axis without a bus."""
     found: dict[str, Any] = {}
@@ -351,7 +375,7 @@ def said(asked: Any) -> str:
 
 
 SCENARIOS = (exact, torque, speed, losses, faults, limits, wrong, refusals, silence, kinds, second, hearing, mapping,
-             held_up)  # fmt: skip
+             held_up, pulled)  # fmt: skip
 
 if __name__ == "__main__":
     results: dict[str, Any] = {}

@@ -167,6 +167,14 @@ def test_a_late_cycle_ends_the_motion_with_a_quick_stop(bus: str) -> None:
     assert found["option"] == 1  # 0x6007 was 0, with which the drive would not mind a lost connection
 
 
+def test_a_dead_bus_ends_the_motion_within_three_seconds() -> None:
+    """A cable that is pulled in motion: from there to the end of the client, by the clock; it took 29 s."""
+    found = over_ethercat("pulled")
+    assert "3 frames in a row were lost: it does not answer" in found["aborted"]
+    assert "its own watchdog must do it" in found["aborted"]
+    assert found["seconds"] < 3.0
+
+
 def test_the_watchdog_of_the_drive_file_must_outlast_what_the_motion_allows() -> None:
     with pytest.raises(
         ParameterError, match=r"watchdog = 5 ms must be longer than late_cycles and lost_frames together, 6 cyc"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import shutil
 import subprocess
@@ -117,18 +118,74 @@ def test_what_nothing_here_can_run_says_so(tmp_path: Path, capsys: pytest.Captur
 
 
 @needs_gcc
-def test_another_number_in_the_c_is_found(machine: Path, tmp_path: Path) -> None:
-    """A changed text is named, and its command differs; the exit status says so too."""
+def test_altered_c_is_refused(machine: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A changed text is named and not compiled, also with a renewed digest; the simulator's answers differ besides."""
     out = tmp_path / "c"
     exported(out, str(machine), "--target", "c")
     source = out / "axis_x_configure.c"
     source.write_text(
         source.read_text(encoding="utf-8").replace("law_Kp = 1000.0", "law_Kp = 1000.25"), encoding="utf-8"
     )
-    result = CliRunner().invoke(app, ["verify", str(out), "--samples", "2000"])
+    touched = tmp_path / "PWNED"
+    with source.open("a", encoding="utf-8") as file:
+        file.write(
+            "#include <stdlib.h>\n__attribute__((constructor)) static void own(void)"
+            f'{{ if (system("touch {touched}")) exit(1); }}\n'
+        )
+    words = "Nothing was compiled or run. It was written by feeddrive"
+    text = said(capsys, "verify", str(out), "--samples", "2000")
+    assert "axis_x_configure.c (edited)" in text
+    assert words in text
+    renewed(out, "axis_x_configure.c")
+    text = said(capsys, "verify", str(out), "--samples", "2000")
+    assert "axis_x_configure.c (not what this feeddrive writes)" in text
+    assert words in text
+    found = json.loads((out / "export.json").read_text(encoding="utf-8"))
+    (out / "export.json").write_text(json.dumps(found | {"made_by": "feeddrive 0.0.7"}), encoding="utf-8")
+    text = said(capsys, "verify", str(out), "--samples", "2000")
+    assert "It was written by feeddrive 0.0.7, and this is feeddrive 0.1.0: verify it there" in text
+    assert not touched.exists()
+
+
+def renewed(out: Path, name: str) -> None:
+    """The digest of a file in export.json as somebody would forge it."""
+    found = json.loads((out / "export.json").read_text(encoding="utf-8"))
+    found["files"][name] = hashlib.sha256((out / name).read_bytes()).hexdigest()
+    (out / "export.json").write_text(json.dumps(found), encoding="utf-8")
+
+
+@needs_gcc
+def test_a_link_a_stranger_and_another_version_are_said(machine: Path, tmp_path: Path) -> None:
+    """A text that is not run does not stop the proof; what is odd stands in the certificate, and its status is 1."""
+    out = tmp_path / "c"
+    exported(out, str(machine), "--target", "c")
+    (tmp_path / "README.md").write_bytes((out / "README.md").read_bytes())
+    (out / "README.md").unlink()
+    (out / "README.md").symlink_to(tmp_path / "README.md")
+    (out / "math.h").write_text("#error 'this would be included'\n", encoding="utf-8")
+    result = CliRunner().invoke(app, ["verify", str(out), "--samples", "500"])
     assert result.exit_code == 1
-    assert "no: axis_x_configure.c" in result.output
-    assert "NOT EQUAL" in result.output
+    assert "files as written         no: README.md (a symbolic link)\n" in result.output
+    assert "EQUAL, bit for bit, but CHANGED SINCE THE EXPORT" in result.output
+    assert "files besides            math.h\n" in result.output
+    assert "written by               feeddrive 0.1.0" in result.output
+
+
+def test_an_edit_is_kept_when_it_is_exported_again(machine: Path, tmp_path: Path) -> None:
+    """The wiring that its README says to write stays, and the new file stands beside it, every time and in words."""
+    out = tmp_path / "linuxcnc"
+    exported(out, str(machine), "--target", "linuxcnc")
+    wiring, fresh = out / "axis_x.hal", (out / "axis_x.hal").read_text(encoding="utf-8")
+    mine = fresh + "net card axis-x.force => hm2.0.pwmgen.00.value\n"
+    wiring.write_text(mine, encoding="utf-8")
+    for _ in range(2):
+        text = " ".join(exported(out, str(machine), "--target", "linuxcnc").split())
+        assert "axis_x.hal: was edited since the last export and is kept; the new file is axis_x.hal.new" in text
+        assert wiring.read_text(encoding="utf-8") == mine
+        assert (out / "axis_x.hal.new").read_text(encoding="utf-8") == fresh
+    wiring.write_text(fresh, encoding="utf-8")  # taken over: there is nothing to keep any more
+    assert "is kept" not in exported(out, str(machine), "--target", "linuxcnc")
+    assert not (out / "axis_x.hal.new").exists()
 
 
 @needs_gcc
@@ -241,8 +298,8 @@ def test_a_table_that_no_flash_holds_is_refused(tmp_path: Path, capsys: pytest.C
             "is not what `feeddrive export` writes",
         ),
         (lambda out: (out / "machine.toml").unlink(), "machine.toml: is missing"),
-        (lambda out: (out / "axis_x.h").unlink(), "axis_x.h: is missing"),
-        (lambda out: (out / "axis_x.c").write_text("int main", encoding="utf-8"), "refuses"),
+        (lambda out: (out / "axis_x.h").unlink(), "axis_x.h (missing)"),
+        (lambda out: (out / "axis_x.c").write_text("int main", encoding="utf-8"), "axis_x.c (edited)"),
     ],
 )
 @needs_gcc

@@ -209,7 +209,8 @@ def test_a_play_that_is_held_up_stops_and_one_without_cable_ends(tmp_path: Path,
     assert "ended with 1" in held
     assert "late_cycles = 300 of the drive file" in held
     assert (tmp_path / "first" / "aborted_1.parquet").is_file()
-    assert int(pulled.split()[0]) < 3000  # ms
+    # 2.2 s on two busy cores, most of it for the log; 29 s when every frame of a stop was waited for
+    assert int(pulled.split()[0]) < 10_000  # ms: a machine that does much else needs longer
     assert "50 frames in a row were lost: it does not answer" in pulled
     assert "its own watchdog must do it" in pulled
 

@@ -32,7 +32,7 @@ from feeddrive.language.errors import BusError
 
 _PATIENCE = 3.0  # s for a change of state, on the clock and in cycles
 _FIRST = 20  # cycles in which something must come back at the start
-_SILENCE = 0.5  # s without any answer, after which nothing more is asked of the drive
+_ASKED, _SILENCE = 10, 0.3  # cycles, and s, without any answer, after which nothing more is asked of the drive
 _TARGETS = {CSP: "target_position", CST: "target_torque"}
 
 
@@ -272,7 +272,8 @@ class DriveClient:
                 raise BusError(self._fault())
             cycles += 1
             silent = time.monotonic() - max(began, self._heard)
-            if self.lost_in_row >= self.drive.lost_frames and silent > _SILENCE:
+            given_up = silent > _PATIENCE or (cycles >= _ASKED and silent > _SILENCE)
+            if self.lost_in_row >= self.drive.lost_frames and given_up:
                 raise BusError(
                     f"{self.transport.where}: no frame came back for {silent:.2g} s; {self.transport.state()}"
                 )

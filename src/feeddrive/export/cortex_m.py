@@ -9,11 +9,10 @@ from feeddrive.export.c.bundle import c_files
 from feeddrive.export.c.header import mark
 from feeddrive.export.c.statements import number
 from feeddrive.export.cortex_m_builds import FLAGS, PACKAGES, Core, cmake_lists, find_core, makefile, toolchain
-from feeddrive.export.design import CONTROL, MACHINE_FILE, Design
+from feeddrive.export.design import CONTROL, Design
 from feeddrive.export.layout import Layout
 from feeddrive.export.layout_run import LayoutRun
-from feeddrive.export.manifest import FILE, manifest_text, readme
-from feeddrive.files.atomic_io import new_directory
+from feeddrive.export.manifest import readme, write_bundle
 from feeddrive.language.errors import ParameterError
 from feeddrive.loop.routine import Variable
 
@@ -52,13 +51,7 @@ def write_cortex_m(design: Design, out: Path, *, core: str | None = None) -> Pat
         raise ParameterError("cortex-m: a microcontroller runs the control; export an axis as fmu2, fmu3 or c")
     chosen = find_core(core, design.layout.precision)
     files = cortex_m_files(design, chosen)
-    files[MACHINE_FILE] = design.machine.file.text
-    files[FILE] = manifest_text(design, "cortex-m", files, core=chosen.name)
-    with new_directory(out) as folder:
-        (folder / "selftest").mkdir()
-        for name, content in files.items():
-            (folder / name).write_text(content, encoding="utf-8")
-    return out / "README.md"
+    return write_bundle(design, "cortex-m", out, files, core=chosen.name)
 
 
 def _readme(design: Design, core: Core) -> str:

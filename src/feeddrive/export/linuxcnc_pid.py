@@ -8,13 +8,12 @@ from pathlib import Path
 from feeddrive.blocks.controller.linuxcnc_pid import LinuxcncPid
 from feeddrive.blocks.controller.stock_biquad import StockBiquad
 from feeddrive.blocks.controller.stock_pid import StockPid
-from feeddrive.export.design import MACHINE_FILE, Design, require_alone
+from feeddrive.export.design import Design, require_alone
 from feeddrive.export.identifiers import HAL_LENGTH
 from feeddrive.export.linuxcnc import component
-from feeddrive.export.manifest import FILE, manifest_text, readme
+from feeddrive.export.manifest import readme, write_bundle
 from feeddrive.export.parameters.quantities import SAFETY, Cascade, Lost, kv_lines, numbers, read_cascade
 from feeddrive.export.stock_pids import Difference, difference, left_out, require_stable_pids, stock_law, stock_loop
-from feeddrive.files.atomic_io import new_directory
 from feeddrive.language.block import declarations
 from feeddrive.language.errors import ParameterError
 
@@ -51,16 +50,11 @@ def write_linuxcnc_pid(design: Design, out: Path, *, route: str = "two", units: 
     files = {
         f"{name}.hal": hal_fragment(cascade, law, name, joint, head),
         f"{name}.ini": ini_fragment(cascade, law, joint, head),
-        MACHINE_FILE: design.machine.file.text,
     }
     files["README.md"] = _readme(
         design, name, law, cascade.law.Kv, difference(cascade, stock), left_out(cascade, route)
     )
-    files[FILE] = manifest_text(design, "linuxcnc-pid", files, route=route, units=units, joint=joint)
-    with new_directory(out) as folder:
-        for each, content in files.items():
-            (folder / each).write_text(content, encoding="utf-8")
-    return out / "README.md"
+    return write_bundle(design, "linuxcnc-pid", out, files, route=route, units=units, joint=joint)
 
 
 def _checked(name: str) -> str:

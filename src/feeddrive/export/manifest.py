@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
@@ -17,7 +18,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from feeddrive.export.design import CONTROL, MACHINE_FILE, Design
-from feeddrive.files.atomic_io import read_whole
+from feeddrive.files.atomic_io import new_directory, read_whole
 from feeddrive.language.errors import FileError
 from feeddrive.loop.guard import TRIPS
 from feeddrive.version import __version__
@@ -26,12 +27,13 @@ if TYPE_CHECKING:
     from jinja2 import Environment
 
 FILE = "export.json"
-_MOST = 10_000_000
+NEW = ".new"  # behind the name of a file whose older edit was kept
+MOST_BYTES = 10_000_000  # of a file
 
 
 @dataclass(frozen=True)
 class Manifest:
-    """What `export.json` holds; `files` are SHA-256 digests by name."""
+    """What `export.json` holds; `source` is the name of the machine file, `files` are SHA-256 digests by name."""
 
     target: str
     axis: str
@@ -39,6 +41,7 @@ class Manifest:
     name: str
     precision: str
     machine: str
+    source: str
     digest: str
     version: str
     options: Mapping[str, Any]
@@ -52,12 +55,56 @@ def manifest_text(design: Design, target: str, files: Mapping[str, bytes | str],
             "target": target, "axis": design.axis, "what": design.what, "name": design.name,
             "precision": design.layout.precision, "options": options,
         },
-        "machine": {"name": design.machine.name, "file": MACHINE_FILE, "sha256": design.digest},
+        "machine": {
+            "name": design.machine.name, "file": MACHINE_FILE, "source": Path(design.machine.file.name).name,
+            "sha256": design.digest,
+        },
         "rules": {str(code): sentence for code, sentence in design.routine.sentences.items()},
         "made_by": f"feeddrive {__version__}",
         "files": {name: _digest(content) for name, content in sorted(files.items())},
     }  # fmt: skip
     return json.dumps(content, indent=2, ensure_ascii=False) + "\n"
+
+
+def write_bundle(design: Design, target: str, out: Path, files: Mapping[str, bytes | str], **options: Any) -> Path:
+    """Write an export, whole or not at all: `files`, the machine file and `export.json`; the README is returned.
+
+    What somebody edited in an older export at the same place, by the digests of its `export.json`, stays as it is, and
+    the new file stands beside it under its name with `.new` behind: `edits_kept` finds them.
+
+    Raises FileError as `new_directory`, and for a directory whose `export.json` does not say what was written there.
+    """
+    whole: dict[str, bytes | str] = {**files, MACHINE_FILE: design.machine.file.text}
+    whole[FILE] = manifest_text(design, target, whole, **options)
+    with new_directory(out) as folder:
+        for name, content in (_beside_edits(out, whole) if (out / FILE).exists() else whole).items():
+            file = folder / name
+            file.parent.mkdir(exist_ok=True)
+            file.write_bytes(content.encode() if isinstance(content, str) else content)
+    return out / "README.md"
+
+
+def _beside_edits(out: Path, files: Mapping[str, bytes | str]) -> dict[str, bytes | str]:
+    """The files of a new export, and those edits of the older one that they would destroy."""
+    found = dict(files)
+    for name in changed_files(out, read_manifest(out)):
+        if not (out / name).is_file():
+            continue
+        edit = read_whole(out / name, MOST_BYTES)
+        if name in files and _digest(files[name]) != _digest(edit):
+            found[f"{name}{NEW}"] = files[name]
+        found[name] = edit
+    return found
+
+
+def edits_kept(directory: Path) -> list[str]:
+    """What to say of an export: which files were kept as they had been edited, and what stands beside them."""
+    kept = sorted(str(file.relative_to(directory))[: -len(NEW)] for file in directory.rglob(f"*{NEW}"))
+    return [
+        f"{directory / name}: was edited since the last export and is kept; the new file is {name}{NEW} beside it: "
+        "take over what you need, and remove one of the two"
+        for name in kept
+    ]
 
 
 def read_manifest(directory: Path) -> Manifest:
@@ -68,12 +115,12 @@ def read_manifest(directory: Path) -> Manifest:
     if not file.exists():
         raise FileError(f"{directory}: holds no {FILE}; give a directory that `feeddrive export` wrote")
     try:
-        found = json.loads(read_whole(file, _MOST))
+        found = json.loads(read_whole(file, MOST_BYTES))
         said, machine = found["export"], found["machine"]
         manifest = Manifest(
             target=_text(said["target"]), axis=_text(said["axis"]), what=_text(said["what"]), name=_text(said["name"]),
-            precision=_text(said["precision"]), machine=_text(machine["name"]), digest=_text(machine["sha256"]),
-            version=_text(found["made_by"]), options=dict(said["options"]),
+            precision=_text(said["precision"]), machine=_text(machine["name"]), source=_text(machine["source"]),
+            digest=_text(machine["sha256"]), version=_text(found["made_by"]), options=dict(said["options"]),
             files={_text(name): _text(digest) for name, digest in found["files"].items()},
         )  # fmt: skip
     except (ValueError, KeyError, TypeError, AttributeError) as error:
@@ -86,9 +133,9 @@ def changed_files(directory: Path, manifest: Manifest) -> list[str]:
     wrong = []
     for name, digest in manifest.files.items():
         file = directory / name
-        if not file.resolve().is_relative_to(directory.resolve()):
+        if not Path(os.path.abspath(file)).is_relative_to(os.path.abspath(directory)):
             raise FileError(f"{directory / FILE}: names the file '{name}' outside the export: export again")
-        if not file.is_file() or _digest(read_whole(file, _MOST)) != digest:
+        if file.is_symlink() or not file.is_file() or _digest(read_whole(file, MOST_BYTES)) != digest:
             wrong.append(name)
     return wrong
 

@@ -100,6 +100,16 @@ def write_all(
     return [(design, write(design, place)) for design, place, write in planned]
 
 
+def write_again(design: Design, target: str, out: Path, options: Mapping[str, Any]) -> None:
+    """An export once more, by the options that its `export.json` holds: the same design gives the same bytes.
+
+    Raises as the function of the target, and TypeError for options that it does not have.
+    """
+    chosen = _chosen(target)
+    write = getattr(import_module(f"{_HERE}.{chosen.module}"), chosen.function)
+    write(design, out, **{**options, **chosen.fixed})
+
+
 def _planned(
     source: MachineLike, target: str, out: str | Path | None, axis: str | None, name: str | None, precision: str | None,
     plant: bool, options: Mapping[str, Any],

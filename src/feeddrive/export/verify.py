@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import platform
+import re
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 
 from feeddrive.export.c.programs import FLAGS, stepped, streamed
 from feeddrive.export.design import CONTROL, MACHINE_FILE, Design, read_design
-from feeddrive.export.manifest import Manifest, changed_files, read_manifest
+from feeddrive.export.manifest import FILE, MOST_BYTES, NEW, Manifest, changed_files, read_manifest
+from feeddrive.export.targets import write_again
 from feeddrive.export.trial import Trial, trial
+from feeddrive.files.atomic_io import files_of, read_whole
 from feeddrive.language.errors import FileError, ParameterError
 from feeddrive.language.table import Result, Table
 from feeddrive.loop.routine_run import run
@@ -29,7 +32,9 @@ class Verified(Result):
 
     worst      largest difference of an output, by its name, in its unit; 0 where all bits agree
     differing  how many outputs have other bits
-    altered    files of the export that are missing or not as they were written
+    altered    files of the export that are missing, not as they were written, or links
+    strangers  files that are not of the export: built from it, or put there; they are neither read nor run
+    written_by feeddrive that made the export
     """
 
     name: str
@@ -47,7 +52,9 @@ class Verified(Result):
     differing: int
     worst: Mapping[str, float]
     against: str
+    written_by: str = ""
     altered: Sequence[str] = field(default=())
+    strangers: Sequence[str] = field(default=())
 
     @property
     def holds(self) -> bool:
@@ -72,6 +79,8 @@ class Verified(Result):
             ["export", f"{self.name}, target {self.target}, {self.precision} precision"],
             ["machine file", f"{self.machine}, SHA-256 {self.digest[:16]}..."],
             ["files as written", "yes" if not self.altered else "no: " + ", ".join(self.altered)],
+            *([["files besides", ", ".join(self.strangers)]] if self.strangers else []),
+            ["written by", self.written_by],
             ["run by", self.program],
             ["built with", self.how],
             ["on", f"{platform.machine()}, {platform.system()}, feeddrive {__version__}"],
@@ -100,17 +109,76 @@ def verify_export(
 
     What runs is the export, in the program of its target; what it must answer comes from its machine file by this
     feeddrive's simulator, and in single precision from the same operations in Python, each rounded to it.
-    Raises FileError for a directory that is not an export or whose code does not compile, MissingProgramError or
-    MissingExtraError without that program, and ParameterError for a target that nothing here can run.
+    A file that would be compiled or run is refused first if it is not that of a fresh export, byte for byte.
+
+    Raises FileError for such a file, for a directory that is not an export or whose code does not compile,
+    MissingProgramError or MissingExtraError without that program, and ParameterError for a target that nothing here
+    can run.
     """
     directory = Path(directory)
     manifest = read_manifest(directory)
     if manifest.target not in PROOFS:
         why = WITHOUT.get(manifest.target, "is of a target that this feeddrive does not know")
         raise ParameterError(f"{directory}: what the target {manifest.target} writes {why.format(name=manifest.name)}")
-    altered = changed_files(directory, manifest)
     proof = PROOFS[manifest.target]
     design = _design(directory, manifest)
+    with tempfile.TemporaryDirectory(prefix="feeddrive-") as folder:
+        fresh = Path(folder) / "export"
+        _write_fresh(fresh, directory, manifest, design)
+        altered = _altered(directory, manifest, fresh)
+        found = _proven(fresh, design, manifest, altered, proof, samples, seed, flags, command)
+        return replace(found, strangers=[name for name in files_of(directory) if not (fresh / name).exists()])
+
+
+def _write_fresh(fresh: Path, directory: Path, manifest: Manifest, design: Design) -> None:
+    try:
+        write_again(design, manifest.target, fresh, manifest.options)
+    except TypeError as error:
+        raise FileError(f"{directory / FILE}: is not what `feeddrive export` writes ({error}): export again") from None
+
+
+def _altered(directory: Path, manifest: Manifest, fresh: Path) -> list[str]:
+    """Files that are not those of a fresh export, in words; FileError for one that would be compiled or run.
+
+    The digests in `export.json` can be renewed with a file; an export of the same machine file has the same bytes.
+    """
+    changed, said, run = set(changed_files(directory, manifest)), list[str](), list[str]()
+    wanted = {name: (fresh / name).read_bytes() for name in files_of(fresh) if name != FILE}
+    for name in files_of(directory):
+        file = directory / name
+        if name == FILE:
+            continue
+        if name not in wanted:
+            continue
+        if file.is_symlink():
+            said.append(f"{name} (a symbolic link)")
+        elif read_whole(file, MOST_BYTES) != wanted.pop(name):
+            said.append(f"{name} ({'edited' if name in changed else 'not what this feeddrive writes'})")
+        else:
+            continue
+        if not name.endswith(_NOT_RUN):
+            run.append(said[-1])
+    said += [f"{name} (missing)" for name in wanted if not (directory / name).exists()]
+    run += [f"{name} (missing)" for name in wanted if not (directory / name).exists() and not name.endswith(_NOT_RUN)]
+    here = f"feeddrive {__version__}"
+    if run:
+        other = "" if manifest.version == here else f", and this is {here}: verify it there, or export again here"
+        raise FileError(
+            f"{directory}: {', '.join(run)}: altered since the export, or another state of feeddrive wrote it. Nothing "
+            f"was compiled or run. It was written by {manifest.version}{other or '; export again'}"
+        )
+    return said
+
+
+_PLAIN = re.compile(r"""[^\x00-\x1f*"\\/]+""")
+_NOT_RUN = (".md", ".hal", ".ini", NEW)  # texts for people, and what they wire by
+
+
+def _proven(
+    directory: Path, design: Design, manifest: Manifest, altered: list[str], proof: Proof, samples: int | None,
+    seed: int, flags: Sequence[str], command: str | None,
+) -> Verified:  # fmt: skip
+    """What runs is the fresh export, whose bytes are those of the directory: nothing can be changed in between."""
     single = design.layout.precision == "float"
     count = samples or (min(SINGLE, proof.samples) if single else proof.samples)
     tried = trial(design.routine, count, seed, changes=proof.changes, broken=max(2e-4, 10.0 / count))
@@ -126,7 +194,11 @@ def _design(directory: Path, manifest: Manifest) -> Design:
     file = directory / MACHINE_FILE
     if not file.is_file():
         raise FileError(f"{file}: is missing; export again")
-    return read_design(file, manifest.axis, name=manifest.name, precision=manifest.precision)
+    found = read_design(file, manifest.axis, name=manifest.name, precision=manifest.precision)
+    if not _PLAIN.fullmatch(manifest.source):  # it stands in comments of the code
+        raise FileError(f"{directory / FILE}: the machine file cannot have been '{manifest.source!r}': export again")
+    named = replace(found.machine, file=replace(found.machine.file, name=manifest.source))
+    return replace(found, machine=named)
 
 
 def _compared(
@@ -155,6 +227,7 @@ def _compared(
         changes=len(tried.changes), trips=trips, limited=limited, seed=seed,
         differing=int(bits.sum()), worst=dict(zip(names, apart.tolist(), strict=True)),
         against="the simulator" if double else "the same operations in Python, in single precision", altered=altered,
+        written_by=manifest.version,
     )  # fmt: skip
 
 

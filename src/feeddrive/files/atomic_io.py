@@ -178,7 +178,8 @@ def _seen(name: object, temporary: Path, target: Path) -> Path | None:
     return target / file.relative_to(temporary) if file.is_relative_to(temporary) else file
 
 
-def _files(directory: Path) -> list[str]:
+def files_of(directory: Path) -> list[str]:
+    """Names of all files in a directory and below, without the marker, in order."""
     return sorted(
         str((Path(folder) / name).relative_to(directory))
         for folder, _, names in os.walk(directory)
@@ -188,7 +189,7 @@ def _files(directory: Path) -> list[str]:
 
 
 def _sign(directory: Path) -> None:
-    statement = {"written_by": f"feeddrive {__version__}", "files": _files(directory)}
+    statement = {"written_by": f"feeddrive {__version__}", "files": files_of(directory)}
     write_whole(directory / MARKER, json.dumps(statement, indent=1) + "\n")
 
 
@@ -205,7 +206,7 @@ def _check_replaceable(path: str | Path, target: Path) -> None:
         if not any(target.iterdir()):
             return
         raise FileError(f"{path}: exists and was not written by feeddrive; choose another name or remove it") from None
-    strangers = [name for name in _files(target) if name not in written]
+    strangers = [name for name in files_of(target) if name not in written]
     if strangers:
         raise FileError(
             f"{path}: holds '{strangers[0]}', which feeddrive did not write; choose another name or move that file away"

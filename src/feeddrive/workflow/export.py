@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from feeddrive.export.design import Design
+from feeddrive.export.manifest import edits_kept
 from feeddrive.export.targets import write_all
 from feeddrive.files.machine import MachineLike
 from feeddrive.language.progress import Progress
@@ -55,5 +56,6 @@ def export(request: ExportRequest, progress: Progress) -> Outcome[tuple[Design, 
         for design in designs
         for remark in design.remarks
     ]
+    remarks += [said for _, readme in written for said in edits_kept(readme.parent)]
     first = {f"Read first{f', axis {design.axis}' if len(designs) > 1 else ''}": readme for design, readme in written}
     return Outcome(designs, said, remarks, files=first)

@@ -6,9 +6,8 @@ from pathlib import Path
 
 from feeddrive.export.c.programs import SAMPLES, self_test
 from feeddrive.export.c.text import header_only, texts
-from feeddrive.export.design import CONTROL, MACHINE_FILE, Design
-from feeddrive.export.manifest import FILE, manifest_text, readme
-from feeddrive.files.atomic_io import new_directory
+from feeddrive.export.design import CONTROL, Design
+from feeddrive.export.manifest import readme, write_bundle
 
 FLAGS = "-std=c99 -O2 -ffp-contract=off"
 WARNINGS = "-Wall -Wextra -Wconversion -Wdouble-promotion"
@@ -34,12 +33,7 @@ def c_files(design: Design, *, single_header: bool = False) -> dict[str, str]:
 def write_c(design: Design, out: str | Path, *, single_header: bool = False) -> Path:
     """Write the export, whole or not at all; the README is returned. Raises FileError as `new_directory`."""
     files = c_files(design, single_header=single_header)
-    files[MACHINE_FILE] = design.machine.file.text
-    files[FILE] = manifest_text(design, "c", files, single_header=single_header)
-    with new_directory(out) as folder:
-        for name, content in files.items():
-            (folder / name).write_text(content, encoding="utf-8")
-    return Path(out) / "README.md"
+    return write_bundle(design, "c", Path(out), files, single_header=single_header)
 
 
 def _makefile(P: str, sources: list[str]) -> str:

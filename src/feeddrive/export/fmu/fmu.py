@@ -18,12 +18,12 @@ import numpy as np
 from feeddrive.cosimulation.fmu import Archive, Instance, opened
 from feeddrive.export.c.programs import compiler
 from feeddrive.export.c.text import texts
-from feeddrive.export.design import MACHINE_FILE, Design
+from feeddrive.export.design import Design
 from feeddrive.export.fmu.description import FmuVariable, build_description, model_description, model_header, variables
 from feeddrive.export.layout import Layout
-from feeddrive.export.manifest import FILE, manifest_text, readme
+from feeddrive.export.manifest import readme, write_bundle
 from feeddrive.export.trial import Trial
-from feeddrive.files.atomic_io import check_directory, new_directory
+from feeddrive.files.atomic_io import check_directory
 from feeddrive.language.errors import FileError, ParameterError
 from feeddrive.loop.routine import Routine
 from feeddrive.version import __version__
@@ -127,13 +127,8 @@ def write_fmu(design: Design, out: Path, *, version: int = 2, binary: bool = Tru
     content = fmu(design.layout, version, title=design.title, made_by=design.made_by, binary=binary)
     files: dict[str, bytes | str] = {
         f"{design.name}.fmu": content, "README.md": _readme(design, version, binary),
-        MACHINE_FILE: design.machine.file.text,
     }  # fmt: skip
-    files[FILE] = manifest_text(design, f"fmu{version}", files, binary=binary)
-    with new_directory(out) as folder:
-        for name, each in files.items():
-            (folder / name).write_bytes(each.encode() if isinstance(each, str) else each)
-    return out / "README.md"
+    return write_bundle(design, f"fmu{version}", out, files, binary=binary)
 
 
 def _readme(design: Design, version: int, binary: bool) -> str:

@@ -10,13 +10,13 @@ import numpy as np
 
 from feeddrive.blocks.reference.trapezoidal_move import TrapezoidalMove
 from feeddrive.export.c.text import texts
-from feeddrive.export.design import CONTROL, MACHINE_FILE, Design, require_alone
+from feeddrive.export.design import CONTROL, Design, require_alone
 from feeddrive.export.identifiers import check_name
 from feeddrive.export.layout import layout
 from feeddrive.export.linuxcnc import component
 from feeddrive.export.linuxcnc.component import controller_comp, core, filled, hal, plant_comp
-from feeddrive.export.manifest import FILE, manifest_text, readme
-from feeddrive.files.atomic_io import check_directory, new_directory
+from feeddrive.export.manifest import readme, write_bundle
+from feeddrive.files.atomic_io import check_directory
 from feeddrive.language.errors import DivergedError, ParameterError
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.routine import Routine
@@ -63,12 +63,7 @@ def write_linuxcnc(design: Design, out: str | Path, *, joint: int | None = None)
         "desk.ini": desk_ini(routine, number, letter),
         "README.md": _readme(design, plant.routine, number, limit),
     }
-    files[MACHINE_FILE] = design.machine.file.text
-    files[FILE] = manifest_text(design, "linuxcnc", files, joint=number)
-    with new_directory(out) as folder:
-        for name, text in files.items():
-            (folder / name).write_text(text, encoding="utf-8")
-    return out / "README.md"
+    return write_bundle(design, "linuxcnc", out, files, joint=number)
 
 
 def _readme(design: Design, plant: Routine, joint: int, limit: Limits) -> str:

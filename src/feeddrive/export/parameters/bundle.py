@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import NamedTuple, TypeVar
 
 from feeddrive.analysis.stability import stability
-from feeddrive.export.design import MACHINE_FILE, Design
+from feeddrive.export.design import Design
 from feeddrive.export.linuxcnc_pid import COEFFICIENTS, GAINS
-from feeddrive.export.manifest import FILE, manifest_text, readme
+from feeddrive.export.manifest import readme, write_bundle
 from feeddrive.export.parameters.maker import NOT_CHECKED, ODRIVE, Line, Maker, csv_text, lines_of
 from feeddrive.export.parameters.quantities import (
     SAFETY,
@@ -26,7 +26,6 @@ from feeddrive.export.parameters.quantities import (
 from feeddrive.export.parameters.sinumerik import SINUMERIK
 from feeddrive.export.parameters.twincat import TWINCAT
 from feeddrive.export.stock_pids import left_out, period, stock_law, stock_loop
-from feeddrive.files.atomic_io import new_directory
 from feeddrive.language import tree
 from feeddrive.language.errors import ParameterError
 from feeddrive.loop.loop import Loop
@@ -113,16 +112,11 @@ def write_parameters(
             parts.append(Part(title, "linuxcnc.txt", warning, lines, missing))
         else:
             files["parameters.csv"] = csv_text(cascade, train, _head(design, cascade, train))
-    files[MACHINE_FILE] = design.machine.file.text
     files["README.md"] = readme(
         "parameters.md.j2", design, head=_head(design, cascade, train), parts=parts,
         not_checked=NOT_CHECKED.split(":")[0],
     )  # fmt: skip
-    files[FILE] = manifest_text(design, "parameters", files, makers=wanted, lead=lead, gear=gear)
-    with new_directory(out) as folder:
-        for each, content in files.items():
-            (folder / each).write_text(content, encoding="utf-8")
-    return out / "README.md"
+    return write_bundle(design, "parameters", out, files, makers=wanted, lead=lead, gear=gear)
 
 
 def _in_paths(loop: Loop, rows: Sequence[Row]) -> list[Row]:

@@ -13,10 +13,10 @@ from pathlib import Path
 import numpy as np
 
 from feeddrive.export.c.programs import stepped
-from feeddrive.export.design import CONTROL, MACHINE_FILE, Design
+from feeddrive.export.design import CONTROL, Design
 from feeddrive.export.identifiers import bare
 from feeddrive.export.layout import Layout
-from feeddrive.export.manifest import FILE, manifest_text, readme
+from feeddrive.export.manifest import readme, write_bundle
 from feeddrive.export.structured_text.controller import Program, program
 from feeddrive.export.structured_text.units import (
     CONSTANTS,
@@ -32,7 +32,6 @@ from feeddrive.export.structured_text.units import (
     literal,
 )
 from feeddrive.export.trial import Trial, trial
-from feeddrive.files.atomic_io import new_directory
 from feeddrive.language.errors import ParameterError
 from feeddrive.loop.routine_run import run
 from feeddrive.version import __version__
@@ -61,13 +60,7 @@ def write_structured_text(design: Design, out: Path) -> Path:
     Raises as `structured_text_files`, and FileError as `new_directory`.
     """
     files = structured_text_files(design)
-    files[MACHINE_FILE] = design.machine.file.text
-    files[FILE] = manifest_text(design, "st", files)
-    with new_directory(out) as folder:
-        (folder / "twincat").mkdir()
-        for name, content in files.items():
-            (folder / name).write_text(content, encoding="utf-8")
-    return out / "README.md"
+    return write_bundle(design, "st", out, files)
 
 
 def header(design: Design) -> str:
