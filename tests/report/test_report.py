@@ -367,6 +367,11 @@ def drawn(path: str) -> list[tuple[float, float]]:
 def test_the_first_sentence_names_the_best_law_and_its_price() -> None:
     said = result(compared())
     assert said[0].startswith("Of 2 laws 'with feedforward' follows best")
+    first, best = compared().entries
+    ringing = replace(best, loop_gain=best.loop_gain * np.exp(-0.8j))  # 46 deg less phase
+    priced = result(replace(compared(), entries=(first, ringing)))
+    assert priced[0].startswith("What 'with feedforward' costs: its sensitivity peak is")
+    assert priced[1] == said[0]
     turned = replace(compared(), entries=compared().entries[::-1])
     assert result(turned)[0].startswith("None of the others follows better than 'with feedforward'")
     alone = result(replace(compared(), entries=compared().entries[:1]))

@@ -56,14 +56,12 @@ def _compared(study: Study) -> list[str]:
         return [said]
     ratio = first.rms("following_error") / (best.rms("following_error") or 1.0)
     better = f"{number(ratio, 2)} times less" if ratio >= 3.0 else f"{percent(1.0 - 1.0 / ratio)} less"
-    said = [
+    better_of = (
         f"Of {len(study.entries)} laws {_quoted(best)} follows best: {_errors(best)}, {better} RMS than "
         f"{_quoted(first)} ({_errors(first)})."
-    ]
+    )
     prices = [price for price in (_price_of_robustness(first, best), _price_of_stiffness(first, best)) if price]
-    if prices:
-        said.append(f"What it costs: {'; '.join(prices)}.")
-    return said
+    return [*([f"What {_quoted(best)} costs: {'; '.join(prices)}."] if prices else []), better_of]
 
 
 def _price_of_robustness(first: Entry, best: Entry) -> str:
