@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from fractions import Fraction
 
 import numpy as np
@@ -263,6 +264,9 @@ def test_what_cannot_be_certified_says_where_by_how_much_and_what_to_do() -> Non
         fd.certificate.certify_loop(loop, radius=0.6)
     with pytest.raises(NotCertifiedError, match=r"not stable: an oscillation of .* Hz grows"):
         fd.certificate.certify_loop(fd.vary(loop, {"axis.x.control.law.Kp": 4e5}))
+    two_rates = replace(loop.control, law=replace(loop.control.law, position_every=16))
+    with pytest.raises(ParameterError, match=r"two rates, 0\.05 ms and 0\.8 ms"):
+        deployed(two_rates, 5e-5)
     with pytest.raises(ParameterError, match="needs its sample_time"):
         fd.certificate.certify_loop(loop.control, {"x": loop})
     with pytest.raises(ParameterError, match=r"every 1 ms, not 0\.05 ms"):

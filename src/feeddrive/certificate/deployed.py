@@ -66,8 +66,9 @@ def deployed(control: Control, sample_time: float, arithmetic: str = "float64", 
     law = control.law
     if law.period() > 1:
         raise ParameterError(
-            f"the law '{law.kind}' repeats itself only every {law.period()} samples: it has no response at the "
-            f"actuator and cannot be certified; set position_every = 1"
+            f"the law '{law.kind}' has two rates, {1e3 * sample_time:g} ms and "
+            f"{1e3 * law.period() * sample_time:g} ms, and a certificate proves loops with one rate only: take poles "
+            f"and margins from tune, or set position_every = 1"
         )
     swings = 0.1 / sample_time  # rad/s of an axis that only provides readings
     axis = Axis(plant=TwoMass(mass_motor=1.0, mass_load=1.0, stiffness=0.5 * swings * swings))

@@ -120,6 +120,7 @@ class ControlResponse:
             _traced[key] = _trace(self.control, self._begun)
         self._traced = _traced[key]
         self._live = _needed(self._traced)
+        self._states: dict[str, np.ndarray] | None = None
 
     def _start(self, control: Control) -> Any:
         zero = np.float64(0.0)
@@ -143,32 +144,53 @@ class ControlResponse:
 
         Of the first sample of a period.
         """
-        return self._samples(values, 1)[0]
-
-    def _samples(self, values: Sequence[float] | np.ndarray, count: int) -> list[tuple[np.ndarray, np.ndarray]]:
-        """`model` of some samples that follow each other."""
-        traced, leaves = self._traced, self._leaves([*map(np.float64, values)])
+        traced = self._traced
         nodes = [node for _, _, node in traced.entries]
-        ends = nodes if count == 1 else [*nodes, *traced.after]
-        tunables, eye = len(self.tunables), np.eye(len(self.tunables))
+        found = node_values(traced.graph, nodes, self._leaves([*map(np.float64, values)]))
+        count, eye = len(self.tunables), np.eye(len(self.tunables))
+        seeds = {traced.inputs[name]: eye[i] for i, name in enumerate(self.tunables) if traced.inputs[name] in found}
+        with np.errstate(all="ignore"):
+            tangents = push(traced.graph, nodes, found, seeds)
         n = len(traced.states)
+        matrix, slopes = np.zeros((n + 1, n + 2)), np.zeros((n + 1, n + 2, count))
+        for (i, j, node), tangent in zip(traced.entries, tangents, strict=True):
+            matrix[i, j] = found[node]
+            if tangent is not None:
+                slopes[i, j] = tangent
         keep, wide = self._kept()
-        made: list[tuple[np.ndarray, np.ndarray]] = []
-        for _ in range(count):
-            found = node_values(traced.graph, ends, leaves)
-            places = [traced.inputs[name] for name in self.tunables]
-            seeds = {place: eye[i] for i, place in enumerate(places) if place in found}
-            with np.errstate(all="ignore"):
-                tangents = push(traced.graph, nodes, found, seeds)
-            matrix, slopes = np.zeros((n + 1, n + 2)), np.zeros((n + 1, n + 2, tunables))
-            for (i, j, node), tangent in zip(traced.entries, tangents, strict=True):
-                matrix[i, j] = found[node]
-                if tangent is not None:
-                    slopes[i, j] = tangent
-            made.append((matrix[np.ix_(keep, wide)], slopes[np.ix_(keep, wide)]))
-            if count > 1:
+        return matrix[np.ix_(keep, wide)], slopes[np.ix_(keep, wide)]
+
+    def _samples(self, values: Sequence[float] | np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """`model` of all samples of a period, in one walk: (N, n + 1, n + 2), and slopes."""
+        traced, N, n = self._traced, self.period, len(self._traced.states)
+        nodes = [node for _, _, node in traced.entries]
+        found = node_values(traced.graph, nodes, self._leaves([*map(np.float64, values)]) | self._followed())
+        count, eye = len(self.tunables), np.eye(len(self.tunables))[:, :, None]
+        seeds = {traced.inputs[name]: eye[i] for i, name in enumerate(self.tunables) if traced.inputs[name] in found}
+        with np.errstate(all="ignore"):
+            tangents = push(traced.graph, nodes, found, seeds)
+        matrices, slopes = np.zeros((N, n + 1, n + 2)), np.zeros((N, n + 1, n + 2, count))
+        for (i, j, node), tangent in zip(traced.entries, tangents, strict=True):
+            matrices[:, i, j] = found[node]
+            if tangent is not None:
+                slopes[:, i, j] = np.broadcast_to(tangent, (count, N)).T
+        keep, wide = self._kept()
+        return matrices[:, keep][:, :, wide], slopes[:, keep][:, :, wide]
+
+    def _followed(self) -> dict[str, np.ndarray]:
+        """The states before each sample of a period: what differs among them is where in the period they are."""
+        if self._states is None:
+            traced, leaves = (
+                self._traced,
+                self._leaves([dict(tree.leaves(self.control))[name] for name in self.tunables]),
+            )
+            rows: list[list[Any]] = []
+            for _ in range(self.period):
+                rows.append([leaves[f"state.{name}"] for name in traced.states])
+                found = node_values(traced.graph, traced.after, leaves)
                 leaves |= {f"state.{name}": found[node] for name, node in zip(traced.states, traced.after, strict=True)}
-        return made
+            self._states = {f"state.{name}": np.array([row[i] for row in rows]) for i, name in enumerate(traced.states)}
+        return self._states
 
     def models(self, values: np.ndarray) -> np.ndarray:
         """[A B; c d] at many values of the tunables (points, tunables), in one walk, without slopes."""
@@ -198,7 +220,7 @@ class ControlResponse:
     def integrates(self, values: Sequence[float] | np.ndarray) -> bool:
         """Whether the control has a pole at z = 1: it then compensates a constant force completely."""
         product = np.eye(len(self._live))
-        for matrix, _ in self._samples(values, self.period):
+        for matrix in self.model(values)[:1] if self.period == 1 else self._samples(values)[0]:
             product = matrix[:-1, :-2] @ product
         poles = np.linalg.eigvals(product)
         return bool(np.any(np.abs(poles - 1.0) < _AT_ONE))
@@ -246,7 +268,7 @@ class ControlResponse:
         N, n, count = self.period, len(self._live), len(self.tunables)
         through, moved = np.eye(n, n + 2 * N), np.zeros((n, n + 2 * N, count))
         big, slopes = np.zeros((n + N, n + 2 * N)), np.zeros((n + N, n + 2 * N, count))
-        for k, (matrix, change) in enumerate(self._samples(values, N)):
+        for k, (matrix, change) in enumerate(zip(*self._samples(values), strict=True)):
             after = matrix[:, :n] @ through
             shifted = np.einsum("ab,bjp->ajp", matrix[:, :n], moved) + np.einsum("abp,bj->ajp", change[:, :n], through)
             own = slice(n + 2 * k, n + 2 * k + 2)

@@ -35,7 +35,9 @@ class CascadeLoops(Result):
     def table(self) -> Table:
         """Crossover and margins of both."""
         rows: list[list[str]] = []
-        for name, m in (("velocity loop", self.velocity), ("position loop", self.position)):
+        fast, slow = (each.loop_gain.sample_time for each in (self.velocity, self.position))
+        ran = "" if fast is None or slow is None or fast == slow else f", every {1e3 * slow:g} ms"
+        for name, m in (("velocity loop", self.velocity), (f"position loop{ran}", self.position)):
             cells = (m.crossover, m.phase_margin_deg, m.gain_increase_dB, m.sensitivity_peak)
             rows.append([name, *("-" if cell is None else f"{cell:.4g}" for cell in cells)])
         heads = ["loop", "crossover Hz", "phase margin deg", "gain may rise dB", "Ms"]
