@@ -291,11 +291,10 @@ def apply(mutant: Mutant) -> None:
     owner, name, function = _owner(mutant.place)
     tree = ast.parse(mutant.source)
     made: dict[str, Any] = {}
-    tree.body[0].decorator_list = [  # type: ignore[attr-defined]
-        each
-        for each in tree.body[0].decorator_list
-        if ast.unparse(each) in ("classmethod", "staticmethod", "property")  # type: ignore[attr-defined]
-    ]
+    kept = ("classmethod", "staticmethod", "property")
+    definition = tree.body[0]
+    assert isinstance(definition, ast.FunctionDef)
+    definition.decorator_list = [each for each in definition.decorator_list if ast.unparse(each) in kept]
     code = compile(
         ast.Module([ast.parse("from __future__ import annotations").body[0], *tree.body], []), "mutant", "exec"
     )
