@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import ast
 import inspect
 import re
 import shlex
+import subprocess
+import sys
 import types
 from pathlib import Path
 from typing import Any
@@ -241,3 +244,47 @@ def test_identify_parses_its_log_once(words: dict[str, str], tmp_path: Path, mon
     found = identify(tmp_path / "log.csv", **words)
     assert found.rigid is not None
     assert len(parsed) == 1
+
+
+FOREIGN = {
+    "export/cortex_m_builds.py": "--specs --gc-sections",  # of gcc and its linker
+    "export/linuxcnc/bundle.py": "--install",  # of halcompile
+    "export/linuxcnc/component.py": "--install",
+    "export/linuxcnc/session.py": "--install --user --map-user --ipc --mount --net --pid --fork --kill-child "
+    "--mount-proc --map-root-user",  # of halcompile and unshare
+    "export/verify.py": "--install",  # of halcompile
+    "report/page.py": "--ink --muted --paper --alert --font --curve-",  # variables of the style sheet
+}
+
+
+def test_hints_name_options_that_exist() -> None:
+    """Every `--option` in a text of the program is one of some command, or of another program that is named here."""
+    declared = {field.flag for name in COMMANDS for field in fields_of(load(name).request)}
+    declared |= {each for one in get_command(app).params for each in one.opts} | {"--help"}
+    source = Path(fd.__file__).parent
+    wrong, used = [], set()
+    for file in sorted(source.rglob("*.py")):
+        name = file.relative_to(source).as_posix()
+        own = FOREIGN.get(name, "").split()
+        own_cli = {"--verbose", "--version"} if name in ("cli/commands.py", "workflow/command.py") else set()
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+            if not (isinstance(node, ast.Constant) and isinstance(node.value, str)):
+                continue
+            for flag in re.findall(r"(?<![\w-])--[a-z][\w-]*", node.value):
+                if flag in own:
+                    used.add((name, flag))
+                elif flag not in declared | own_cli:
+                    wrong.append(f"{name}:{node.lineno}: {flag}")
+    assert not wrong
+    assert used == {(name, flag) for name, flags in FOREIGN.items() for flag in flags.split()}, (
+        "an exemption of nothing"
+    )
+
+
+@pytest.mark.parametrize("name", ["channels", "check", "verify", "export"])
+def test_an_everyday_command_does_not_load_what_it_does_not_need(name: str) -> None:
+    """Their time is that of their imports, see docs/speed.md."""
+    heavy = "scipy.optimize scipy.stats scipy.signal scipy.ndimage scipy.linalg pandas pyarrow matplotlib"
+    code = f"import sys; from feeddrive.workflow.command import load; load({name!r}); print(*sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120, check=True)
+    assert not set(heavy.split()) & set(done.stdout.split())

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import matrix_balance, schur
 
 from feeddrive.analysis.margins import margins
 from feeddrive.analysis.stiffness import rope_snap
@@ -55,6 +54,8 @@ class LoopModel:
         (z - A)⁻¹ by the Schur form of the balanced A, from its last row up: unitary, so as safe as solving for each
         frequency, and ten times as quick.
         """
+        from scipy.linalg import matrix_balance, schur  # not for commands that only read
+
         model = self.open
         if isinstance(model, Lifted):
             return gain_of(model, frequency)[0]

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from scipy.optimize import least_squares
 
 from feeddrive.blocks.actuator.actuator import Actuator
 from feeddrive.blocks.plant.modal import Modal
@@ -99,6 +98,8 @@ def _solved(columns: np.ndarray, G: np.ndarray, weight: np.ndarray) -> tuple[np.
 
 def _refined(f: np.ndarray, G: np.ndarray, weight: np.ndarray, T: float, count: int) -> tuple[float, np.ndarray]:
     """Modes from vector fitting at several dead times, the best of them brought to the least misfit."""
+    from scipy.optimize import least_squares  # not for commands that only read
+
     s = 2j * np.pi * f
     low = 2.0 * np.pi * f[0]
     # s² takes the free motion away; what of dead time and hold is left needs a few poles of its own

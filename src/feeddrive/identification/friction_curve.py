@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from scipy.optimize import minimize_scalar
 
 from feeddrive.blocks.families import Friction
 from feeddrive.blocks.force.gravity import Gravity
@@ -274,6 +273,8 @@ def _fitted(runs: SteadyRuns, model: Candidate) -> tuple[Compared, Candidate, di
 
 def _values(v: np.ndarray, force: np.ndarray, model: Candidate) -> dict[str, float] | None:
     """Least squares; the Stribeck velocity by a search between the slowest and the fastest run."""
+    from scipy.optimize import minimize_scalar  # not for commands that only read
+
     if not model.stribeck:
         found = np.linalg.lstsq(model.columns(v), force, rcond=None)[0]
         values = dict(zip(model.parameters, map(float, found), strict=True))

@@ -9,8 +9,6 @@ from itertools import pairwise
 from typing import Any, Generic, TypeVar, cast
 
 import numpy as np
-from scipy.ndimage import maximum_filter, median_filter
-from scipy.optimize import lsq_linear
 
 from feeddrive.blocks.families import Friction
 from feeddrive.language import tree
@@ -42,6 +40,8 @@ def strays(values: np.ndarray) -> np.ndarray:
     noise; the quantum is the least step of the values.  Steps, ramps, and stick and slip hold none.
     Source: Hampel 1974 (the median and its deviation); the windows and the other bounds are ours.
     """
+    from scipy.ndimage import maximum_filter, median_filter  # not for commands that only read
+
     if values.size < _NEAR:
         return np.zeros(values.size, bool)
     away = np.abs(values - median_filter(values, _NEAR, mode="nearest"))
@@ -333,6 +333,8 @@ def solve(
 
     Ψ has shape (samples, columns).  Without an active bound it is (ΨᵀΨ + mu S²)⁻¹ Ψᵀ e.
     """
+    from scipy.optimize import lsq_linear  # not for commands that only read
+
     if not seen.shape[1]:
         return np.zeros(0), np.zeros(0, dtype=bool)
     sizes = np.linalg.norm(seen, axis=0)

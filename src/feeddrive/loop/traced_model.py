@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.linalg import matrix_balance, schur
 
 from feeddrive.language import ops
 from feeddrive.language.graph import Graph, arguments, reachable
@@ -109,6 +108,8 @@ def resolved(A: np.ndarray, B: np.ndarray, C: np.ndarray, z: np.ndarray) -> tupl
 
     By the Schur form of the balanced A, row by row over all points at once: as safe as solving for each point.
     """
+    from scipy.linalg import matrix_balance, schur  # not for commands that only read
+
     if not A.size:
         return np.zeros((z.size, 0, B.shape[1]), complex), np.zeros((z.size, C.shape[0], 0), complex)
     balanced, (scale, _) = matrix_balance(A, permute=False, separate=True)

@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
-from scipy.optimize import nnls
 
 from feeddrive.language.errors import FeeddriveError
 from feeddrive.tuning.criteria import Criteria, Evaluation
@@ -18,6 +17,8 @@ def least_quadratic(H: np.ndarray, g: np.ndarray, A: np.ndarray, b: np.ndarray) 
 
     Source: Lawson & Hanson 1974, chapter 23 (least distance programming).
     """
+    from scipy.optimize import nnls  # not for commands that only read
+
     # a few tunables, hundreds of bounds: products with the small inverse do not wake the threads of the BLAS, as a
     # triangular solve does
     inverse = np.linalg.inv(np.linalg.cholesky(H))
