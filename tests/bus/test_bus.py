@@ -167,6 +167,16 @@ def test_a_late_cycle_ends_the_motion_with_a_quick_stop(bus: str) -> None:
     assert found["option"] == 1  # 0x6007 was 0, with which the drive would not mind a lost connection
 
 
+def test_a_second_client_of_an_interface_sends_nothing() -> None:
+    with powered("canopen") as bench, client(drive("canopen"), bench.interface) as master:
+        master.enable()
+        with pytest.raises(BusError, match="the interface is driven by another feeddrive"):
+            client(drive("canopen"), bench.interface).__enter__()
+        for _ in range(5):
+            assert master.cycle() is not None
+        assert bench.state == "ENABLED"
+
+
 def test_a_dead_bus_ends_the_motion_within_three_seconds() -> None:
     """A cable that is pulled in motion: from there to the end of the client, by the clock; it took 29 s."""
     found = over_ethercat("pulled")

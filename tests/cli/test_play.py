@@ -194,13 +194,8 @@ def attacked(tmp_path: Path, bus: str, watchdog: int) -> tuple[str, str]:
     return held, pulled
 
 
-@pytest.mark.parametrize(
-    "bus",
-    [
-        "ethercat",
-        pytest.param("canopen", marks=pytest.mark.slow(reason="four processes and two motions, as over EtherCAT")),
-    ],
-)
+@pytest.mark.slow(reason="four processes and two motions by the clock: 64 s beside much other work")
+@pytest.mark.parametrize("bus", ["ethercat", "canopen"])
 def test_a_play_that_is_held_up_stops_and_one_without_cable_ends(tmp_path: Path, bus: str) -> None:
     """SIGSTOP for 1 s in motion; a second play meanwhile; a pulled cable (CANopen: a drive that falls silent)."""
     held, pulled = attacked(tmp_path, bus, watchdog=5000)

@@ -180,7 +180,7 @@ class CANopen:
         with contextlib.suppress(Exception):  # a bus that is gone must not hide the error that led here
             if self._node is not None:
                 self._node.nmt.state = "PRE-OPERATIONAL"
-            if self._listened is not None:
+            if self._node is not None and self._listened is not None:
                 self._node.sdo.RESPONSE_TIMEOUT = _LOOKING
                 self.write(_CONSUMER, 1, self._listened)
         with contextlib.suppress(Exception):
