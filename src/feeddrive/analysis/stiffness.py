@@ -158,13 +158,13 @@ def rope_snap(model: StateSpace | Lifted) -> float:
     Raises UnstableError for a model that is not stable.
     """
     if isinstance(model, Lifted):
-        A, B, C, D = model.stacked(["load_force"], ["position_load"])
-        rest = np.linalg.solve(np.eye(A.shape[0]) - A, np.sum(B, axis=1))
-        left = C @ rest + np.sum(D, axis=1)
-        scale = np.abs(C) @ np.abs(rest) + np.sum(np.abs(D), axis=1) + np.linalg.norm(B) * np.linalg.norm(C)
+        a, b, c, d = model.stacked(["load_force"], ["position_load"])
+        rest = np.linalg.solve(np.eye(a.shape[0]) - a, np.sum(b, axis=1))
+        left = c @ rest + np.sum(d, axis=1)
+        scale = np.abs(c) @ np.abs(rest) + np.sum(np.abs(d), axis=1) + np.linalg.norm(b) * np.linalg.norm(c)
         if np.any(np.abs(left) > _ROUNDING * scale):
             return float("inf")
-        return float(np.sqrt(max(rest @ summed(A, C.T @ C) @ rest, 0.0) * model.sample_time))
+        return float(np.sqrt(max(rest @ summed(a, c.T @ c) @ rest, 0.0) * model.sample_time))
     column, row = model.inputs.index("load_force"), model.outputs.index("position_load")
     A, B, C, D = model.A, model.B[:, column], model.C[row], model.D[row, column]
     P = summed(A, np.outer(C, C))
@@ -215,10 +215,10 @@ def force_noise(model: StateSpace | Lifted, motor: float, load: float, *, shared
     """
     if isinstance(model, Lifted):
         N = len(model.samples)
-        A, B, C, D = model.stacked(["reading_motor", "reading_load"], ["force"])
+        a, b, c, d = model.stacked(["reading_motor", "reading_load"], ["force"])
         mixed = np.kron(np.array([[load], [load]]) if shared else np.diag([motor, load]), np.eye(N))
-        into, through = B @ mixed, D @ mixed
-        power = np.trace(into.T @ summed(A, C.T @ C) @ into) + np.sum(through * through)
+        into, through = b @ mixed, d @ mixed
+        power = np.trace(into.T @ summed(a, c.T @ c) @ into) + np.sum(through * through)
         return float(np.sqrt(max(power, 0.0) / N))
     row = model.outputs.index("force")
     first, second = (model.inputs.index(name) for name in ("reading_motor", "reading_load"))

@@ -178,10 +178,11 @@ class CANopen:
         if self._network is None:
             return
         with contextlib.suppress(Exception):  # a bus that is gone must not hide the error that led here
-            if self._node is not None:
-                self._node.nmt.state = "PRE-OPERATIONAL"
-            if self._node is not None and self._listened is not None:
-                self._node.sdo.RESPONSE_TIMEOUT = _LOOKING
+            node = self._node
+            if node is not None:
+                node.nmt.state = "PRE-OPERATIONAL"
+            if node is not None and self._listened is not None:
+                node.sdo.RESPONSE_TIMEOUT = _LOOKING
                 self.write(_CONSUMER, 1, self._listened)
         with contextlib.suppress(Exception):
             self._network.disconnect()

@@ -99,14 +99,14 @@ def position_loop(point: OperatingPoint, whole: Response, inner: Response) -> FR
     With one rate (L - Lv)/(1 + Lv).  If the position loop runs every N-th sample it is a loop with one rate, NT, and
     exactly det(1 + L)/det(1 + Lv) - 1 by the lifted determinants, up to its own Nyquist.
     """
-    f, T = point.frequency, point.sample_time
+    f, step = point.frequency, point.sample_time
     L, Lv = (-np.einsum("kl,kl->l", each.value, point.by_force) for each in (whole, inner))
     gain = (L - Lv) / (1.0 + Lv)
     if whole.rest is not None and inner.rest is not None:
-        T = T * whole.period
+        step = step * whole.period
         gain = (1.0 + L) * whole.rest / ((1.0 + Lv) * inner.rest) - 1.0
-    own = f <= 0.5 / T
-    return FRF(f[own], gain[own], "velocity command", "velocity command", "", T)
+    own = f <= 0.5 / step
+    return FRF(f[own], gain[own], "velocity command", "velocity command", "", step)
 
 
 def modelled_point(loop: Loop, name: str = "model", *, velocity: float = 0.05) -> OperatingPoint:

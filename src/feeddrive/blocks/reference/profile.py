@@ -111,7 +111,7 @@ class Profile:
         """
         check_duration(kind, self.duration)
         _, spans, states = self._pieces
-        ends = np.stack(moved(states, spans))
+        ends = np.stack(moved(states, spans))  # type: ignore[arg-type]
         after = np.zeros((5, spans.size))
         after[:, :-1], after[0, -1] = states[:, 1:], self.distance
         order = len(self.lengths)

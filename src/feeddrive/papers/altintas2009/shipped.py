@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from feeddrive.blocks.compensation.disturbance_rejection import DisturbanceRejection
@@ -76,9 +78,9 @@ def ideal_poles() -> list[Claim]:
     """Poles of the ideal loop with the law as shipped."""
     law, w = dadsc(300.0), 300.0
     law = DADSC(mass=law.mass, viscous=law.viscous, tracking_rate=200.0, reaching_rate=350.0, adaptation_rate=w)
-    poles = np.sort(ideal_model(law).poles().real)
+    poles = np.sort(np.real(ideal_model(law).poles()))
     rates = np.array([200.0, 350.0, w])
-    expected = np.sort(continuous(1.0 / (1.0 + rates * 1e-4), 1e-4).real)
+    expected = np.sort(np.real(continuous(1.0 / (1.0 + rates * 1e-4), 1e-4)))
     ppi = cascade(300.0)
     lines = np.geomspace(5.0, 500.0, 8000)
     step = 1e-5
@@ -111,8 +113,9 @@ def recoveries() -> list[Claim]:
     late = MASS * np.diff(v) / T + VISCOUS * v[1:] - np.concatenate([[0.0, 0.0], F])[1:SAMPLES]
     corner = 400.0
     pole = np.exp(-2.0 * np.pi * corner * T)
-    one = lfilter([1.0 - pole], [1.0, -pole], exact)
-    two = lfilter(*butter(2, corner, fs=1.0 / T), exact)
+    one = np.asarray(lfilter([1.0 - pole], [1.0, -pole], exact))
+    butterworth: Any = butter(2, corner, fs=1.0 / T)
+    two = np.asarray(lfilter(butterworth[0], butterworth[1], exact))
 
     resolution, walk = 1e-7, 8.0
     made = expm(T * np.array([[0, 1, 0, 0], [0, -VISCOUS / MASS, 1 / MASS, 1 / MASS], [0] * 4, [0] * 4]))
@@ -138,7 +141,7 @@ def recoveries() -> list[Claim]:
             found.append(estimate[what])
         return found
 
-    made_of = {"mass": MASS, "viscous": VISCOUS}
+    made_of: dict[str, Any] = {"mass": MASS, "viscous": VISCOUS}
     kinds: list[tuple[str, Observer, np.ndarray, float, str]] = [
         ("the exact recovery is the inverse of the axis", DisturbanceRecovery(**made_of, form="exact"), exact, 1e-9,
          "recovery from (6)"),

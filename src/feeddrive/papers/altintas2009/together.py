@@ -13,7 +13,7 @@ from feeddrive.blocks.families import Compensation, Law
 from feeddrive.blocks.friction.coulomb import Coulomb
 from feeddrive.blocks.load.recorded_force import RecordedForce
 from feeddrive.blocks.reference.polynomial7 import Polynomial7
-from feeddrive.loop.linearize import compliance, loop_gain
+from feeddrive.loop.lifting import compliance, loop_gain
 from feeddrive.loop.simulate import Run, simulate
 from feeddrive.papers.altintas2009.recovery import OBSERVERS, RECOVERY, adaptation, mode, swing
 from feeddrive.papers.altintas2009.testbed import MASS, PLANT, REST, T, cascade, dadsc, loop, milling

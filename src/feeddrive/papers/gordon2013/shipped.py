@@ -219,10 +219,10 @@ def filter_pack() -> Part:
         for each in push.tolist():
             state, out = block.step(prepared, state, each)
             found.append(out)
-        expected = lfilter(numbers[:3], [1.0, *numbers[3:]], push)
+        expected = np.asarray(lfilter(numbers[:3], [1.0, *numbers[3:]], push))
         claims.append(
             Claim("2.h filter pack", f"The {said} is that of an independent program", "20 kHz; response to one "
-                  "sample, largest difference over the largest value", apart(found, np.asarray(expected)), None, 1e-7,
+                  "sample, largest difference over the largest value", apart(found, expected), None, 1e-7,
                   "", "to the eight digits of its coefficients", equations=("filter pack",))
         )  # fmt: skip
     return Part(claims)
