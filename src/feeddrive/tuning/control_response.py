@@ -120,6 +120,7 @@ class ControlResponse:
             _traced[key] = _trace(self.control, self._begun)
         self._traced = _traced[key]
         self._live = _needed(self._traced)
+        self._last: tuple[tuple[bytes, bool], tuple[np.ndarray, np.ndarray]] | None = None
         self._states: dict[str, np.ndarray] | None = None
 
     def _start(self, control: Control) -> Any:
@@ -160,15 +161,17 @@ class ControlResponse:
         keep, wide = self._kept()
         return matrix[np.ix_(keep, wide)], slopes[np.ix_(keep, wide)]
 
-    def _samples(self, values: Sequence[float] | np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """`model` of all samples of a period, in one walk: (N, n + 1, n + 2), and slopes."""
+    def _samples(self, values: Sequence[float] | np.ndarray, with_slopes: bool) -> tuple[np.ndarray, np.ndarray]:
+        """`model` of all samples of a period, in one walk: (N, n + 1, n + 2), and slopes if they are wanted."""
         traced, N, n = self._traced, self.period, len(self._traced.states)
         nodes = [node for _, _, node in traced.entries]
         found = node_values(traced.graph, nodes, self._leaves([*map(np.float64, values)]) | self._followed())
-        count, eye = len(self.tunables), np.eye(len(self.tunables))[:, :, None]
+        count, eye = len(self.tunables) if with_slopes else 0, np.eye(len(self.tunables))[:, :, None]
         seeds = {traced.inputs[name]: eye[i] for i, name in enumerate(self.tunables) if traced.inputs[name] in found}
-        with np.errstate(all="ignore"):
-            tangents = push(traced.graph, nodes, found, seeds)
+        tangents: Sequence[Any] = [None] * len(nodes)
+        if with_slopes:
+            with np.errstate(all="ignore"):
+                tangents = push(traced.graph, nodes, found, seeds)
         matrices, slopes = np.zeros((N, n + 1, n + 2)), np.zeros((N, n + 1, n + 2, count))
         for (i, j, node), tangent in zip(traced.entries, tangents, strict=True):
             matrices[:, i, j] = found[node]
@@ -220,13 +223,18 @@ class ControlResponse:
     def integrates(self, values: Sequence[float] | np.ndarray) -> bool:
         """Whether the control has a pole at z = 1: it then compensates a constant force completely."""
         product = np.eye(len(self._live))
-        for matrix in self.model(values)[:1] if self.period == 1 else self._samples(values)[0]:
+        for matrix in self.model(values)[:1] if self.period == 1 else self._samples(values, with_slopes=False)[0]:
             product = matrix[:-1, :-2] @ product
         poles = np.linalg.eigvals(product)
         return bool(np.any(np.abs(poles - 1.0) < _AT_ONE))
 
     def at(
-        self, values: Sequence[float] | np.ndarray, frequency: np.ndarray, images: np.ndarray | None = None
+        self,
+        values: Sequence[float] | np.ndarray,
+        frequency: np.ndarray,
+        images: np.ndarray | None = None,
+        *,
+        with_slopes: bool = True,
     ) -> Response:
         """The response and its slopes on lines in Hz up to Nyquist. Raises ParameterError if it is not finite.
 
@@ -234,7 +242,7 @@ class ControlResponse:
                 by an axis, which makes no difference far below its own rate
         """
         if self.period > 1:
-            return self._over_a_period(values, frequency, images)
+            return self._over_a_period(values, frequency, images, with_slopes)
         return _response(*self.model(values), np.exp(2j * np.pi * frequency * self.T), self.T)
 
     def of_model(self, matrix: np.ndarray, frequency: np.ndarray) -> Response:
@@ -242,10 +250,17 @@ class ControlResponse:
         return _response(matrix, np.zeros((*matrix.shape, 0)), np.exp(2j * np.pi * frequency * self.T), self.T)
 
     def _over_a_period(
-        self, values: Sequence[float] | np.ndarray, frequency: np.ndarray, images: np.ndarray | None
+        self,
+        values: Sequence[float] | np.ndarray,
+        frequency: np.ndarray,
+        images: np.ndarray | None,
+        with_slopes: bool,
     ) -> Response:
         """`at` for a control with a slow part, some lines at a time."""
-        big, slopes = self._lifted(values)
+        key = (np.asarray(values, float).tobytes(), with_slopes)
+        if self._last is None or self._last[0] != key:  # the lines of the goal and those below it come in turns
+            self._last = key, self._lifted(values, with_slopes)
+        big, slopes = self._last[1]
         N, n = self.period, big.shape[0] - self.period
         if not (np.all(np.isfinite(big)) and np.all(np.isfinite(slopes))):
             raise ParameterError("the linear model of the control holds numbers that are not finite")
@@ -260,15 +275,15 @@ class ControlResponse:
         value, slope = (np.concatenate([part[i] for part in parts], axis=1) for i in range(2))
         return Response(value, slope, unstable, np.concatenate([part[2] for part in parts]), N)
 
-    def _lifted(self, values: Sequence[float] | np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _lifted(self, values: Sequence[float] | np.ndarray, with_slopes: bool) -> tuple[np.ndarray, np.ndarray]:
         """[A B; C D] from period to period: states and forces of all samples over states and readings of all samples.
 
         And its slopes: by the product rule, sample by sample.
         """
-        N, n, count = self.period, len(self._live), len(self.tunables)
+        N, n, count = self.period, len(self._live), len(self.tunables) if with_slopes else 0
         through, moved = np.eye(n, n + 2 * N), np.zeros((n, n + 2 * N, count))
         big, slopes = np.zeros((n + N, n + 2 * N)), np.zeros((n + N, n + 2 * N, count))
-        for k, (matrix, change) in enumerate(zip(*self._samples(values), strict=True)):
+        for k, (matrix, change) in enumerate(zip(*self._samples(values, with_slopes), strict=True)):
             after = matrix[:, :n] @ through
             shifted = np.einsum("ab,bjp->ajp", matrix[:, :n], moved) + np.einsum("abp,bj->ajp", change[:, :n], through)
             own = slice(n + 2 * k, n + 2 * k + 2)

@@ -57,16 +57,21 @@ class Criteria:
     def answers(self, x: np.ndarray) -> list[Answer]:
         """The closed loops at logarithms of the tunables; slopes are to the logarithms."""
         values = np.exp(x)
-        if self.control.period > 1:  # its response depends on the axis as well
-            return [
-                answer(
-                    point,
-                    _to_logarithms(self.control.at(values, point.frequency, images), values),
-                    below.recovery(_to_logarithms(self.control.at(values, below.frequency), values)),
-                )
-                for point, images, below in zip(self.points, self._images, self._below, strict=True)
-            ]
+        if self.control.period > 1:
+            return self._of_two_rates(values)
         return self._answers(self.control.at(values, self._lines), values)
+
+    def _of_two_rates(self, values: np.ndarray, *, with_slopes: bool = True) -> list[Answer]:
+        """The closed loops of a control with two rates, whose response depends on the axis as well."""
+
+        def response(frequency: np.ndarray, images: np.ndarray | None) -> Response:
+            found = self.control.at(values, frequency, images, with_slopes=with_slopes)
+            return _to_logarithms(found, values if with_slopes else np.zeros(0))
+
+        return [
+            answer(point, response(point.frequency, images), below.recovery(response(below.frequency, None)))
+            for point, images, below in zip(self.points, self._images, self._below, strict=True)
+        ]
 
     def _answers(self, whole: Response, values: np.ndarray) -> list[Answer]:
         """The closed loops of a control whose response on all lines is given."""
@@ -84,20 +89,16 @@ class Criteria:
         The control is computed once for all of them, so that a look costs a fraction of a step of the search; but not
         with two rates, where each is computed by itself.
         """
-        if self.control.period > 1:
-            yield from map(self._looked, x)
-            return
-        for each, matrix in zip(x, self.control.models(np.exp(x)), strict=True):
+        models = self.control.models(np.exp(x)) if self.control.period == 1 else [None] * len(x)
+        for each, matrix in zip(x, models, strict=True):
             try:
-                yield self.judged(each, self._answers(self.control.of_model(matrix, self._lines), np.zeros(0)))
+                if matrix is None:
+                    answers = self._of_two_rates(np.exp(each), with_slopes=False)
+                else:
+                    answers = self._answers(self.control.of_model(matrix, self._lines), np.zeros(0))
+                yield self.judged(each, answers)
             except (FeeddriveError, ArithmeticError, np.linalg.LinAlgError):
                 yield None
-
-    def _looked(self, x: np.ndarray) -> Evaluation | None:
-        try:
-            return self.judged(x, self.answers(x))
-        except (FeeddriveError, ArithmeticError, np.linalg.LinAlgError):
-            return None
 
     def __call__(self, x: np.ndarray) -> Evaluation:
         """The figures at a point; each is computed once."""
