@@ -49,7 +49,7 @@ def design(law: Law, precision: str = "double", filters: tuple[fd.blocks.Notch, 
     machine = read_machine("ball_screw")
     control = fd.Control(law=law, filters=filters, force_limit=LIMIT, guard=fd.Guard())
     loop = replace(machine.loop("x"), control=control)
-    return Design(machine, "x", loop, CONTROL, layout(controller_routine(loop, "axis_x"), precision))
+    return Design(machine, "x", CONTROL, layout(controller_routine(loop, "axis_x"), precision))
 
 
 def motion(count: int) -> np.ndarray:

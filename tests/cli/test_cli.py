@@ -246,7 +246,7 @@ def test_ctrl_c_ends_with_one_line_and_nothing_written(tmp_path) -> None:
         ("frf._read", ("frf", "a.csv")),
         ("excite.design_excitation", ("excite", "emps", "--band", "5..50", "--amplitude", "1")),
         ("tune._tuned", ("tune", "ball_screw")),
-        ("reproduce.papers.reproduce", ("reproduce", "all")),
+        ("reproduce.claims.reproduce", ("reproduce", "all")),
     ],
 )
 def test_ctrl_c_within_a_command_says_that_it_stopped(run, monkeypatch, place, words) -> None:

@@ -240,7 +240,7 @@ def test_two_exports_are_the_same_to_the_byte(machine: Path, tmp_path: Path) -> 
 @pytest.mark.parametrize(
     ("words", "parts"),
     [
-        (["--target", "matlab"], ["--target = 'matlab'", "no target", "c, linuxcnc"]),
+        (["--target", "matlab"], ["--target = 'matlab'", "is not a target", "c, linuxcnc"]),
         (["--target", "c", "--name", "float"], ["--name", "'float'", "word of"]),
         (["--target", "c", "--name", "my axis"], ["--name", "'my axis'", "letters"]),
         (["--target", "c", "--name", "a" * 60], ["--name", "60 characters", "47"]),

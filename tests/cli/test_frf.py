@@ -64,7 +64,7 @@ def test_what_is_sent_comes_back_as_the_model(call) -> None:
 def test_a_limit_that_breaks_ends_the_command(call) -> None:
     code, _, err = call(*EXCITED, "--travel", "0.005")
     assert code == 2
-    assert "travel comes to" in err
+    assert "travel reaches" in err
     assert not Path("sent").exists()
 
 

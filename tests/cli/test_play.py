@@ -112,6 +112,7 @@ def test_the_afternoon_with_two_encoders_gives_the_masses_back(call, tmp_path: P
     assert axis.actuator.dead_time == pytest.approx(50e-6, abs=0.2e-6)
 
 
+@pytest.mark.slow(reason="two processes that move an axis in real time")
 def test_over_canopen_between_processes(call, tmp_path: Path) -> None:
     """The same profile over UDP multicast in a namespace of its own, and a log of the drive at rest after it."""
     assert call("excite", "emps", "--band", "10..100", "--amplitude", "20", "--resolution", "10", "--periods", "2",

@@ -271,7 +271,7 @@ class TestBadInput:
             write_linuxcnc_pid(design, tmp_path / "out", route="one")
 
     def test_a_law_that_is_no_cascade(self, tmp_path: Path) -> None:
-        with pytest.raises(StructureError, match=r"no P-PI cascade.*target c or linuxcnc"):
+        with pytest.raises(StructureError, match=r"is not a P-PI cascade.*target c or linuxcnc"):
             write_linuxcnc_pid(read_design("mill", "x"), tmp_path / "out")
 
     def test_a_route_and_a_joint_that_are_none(self, tmp_path: Path) -> None:

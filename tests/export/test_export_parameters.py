@@ -243,7 +243,7 @@ class TestBadInput:
     """Named, with what to do, and nothing is written."""
 
     def test_a_law_that_is_no_cascade(self, tmp_path: Path) -> None:
-        with pytest.raises(StructureError, match=r"active_disturbance_rejection is no P-PI.*target c or linuxcnc"):
+        with pytest.raises(StructureError, match=r"active_disturbance_rejection is not a P-PI.*target c or linuxcnc"):
             write_parameters(read_design("mill", "x"), tmp_path / "out")
         assert not (tmp_path / "out").exists()
 

@@ -110,11 +110,11 @@ def test_grids_leave_the_lines_empty_that_they_promise() -> None:
 
 
 def test_a_limit_that_breaks_is_named_with_what_keeps_it() -> None:
-    with pytest.raises(ParameterError, match=r"force, peak comes to .* may be 4000 N, .* % too much: an amplitude of"):
+    with pytest.raises(ParameterError, match=r"force, peak reaches .* limit is 4000 N, .* % too much: an amplitude of"):
         designed(loop(), amplitude=6000.0)
-    with pytest.raises(ParameterError, match=r"travel comes to .* mm .* may be 2 mm, .* smaller offset"):
+    with pytest.raises(ParameterError, match=r"travel reaches .* mm .* limit is 2 mm, .* smaller offset"):
         designed(loop(friction=True), travel=2e-3)
-    with pytest.raises(ParameterError, match="speed, peak comes to"):
+    with pytest.raises(ParameterError, match="speed, peak reaches"):
         designed(loop(), speed=1e-3)
     with pytest.raises(ParameterError, match=r"below Nyquist, 1000 Hz"):
         designed(loop(), band=(10.0, 1200.0))
@@ -122,7 +122,7 @@ def test_a_limit_that_breaks_is_named_with_what_keeps_it() -> None:
     control = replace(guarded.control, guard=fd.Guard(following_error_limit=1e-6))
     with pytest.raises(ParameterError, match="the guard trips by the following error at t = "):
         designed(replace(guarded, control=control))
-    with pytest.raises(ParameterError, match=r"may be 10 um, 5\.\d+e\+03 times as much: take a smaller offset"):
+    with pytest.raises(ParameterError, match=r"limit is 10 um, 5\.\d+e\+03 times as much: take a smaller offset"):
         designed(loop(friction=True), travel=1e-5)
     with pytest.raises(ParameterError, match="amplitude = -1 N must be finite and > 0 N"):
         designed(loop(), amplitude=-1.0)

@@ -343,7 +343,7 @@ def test_what_does_not_fit_is_refused():
         simulate(machine, {"x": loops.Sway()})
     with pytest.raises(ParameterError, match="no axis 'z'"):
         machine.loop("z")
-    with pytest.raises(ParameterError, match=r"no signal 'force'; there are x\.set_position"):
+    with pytest.raises(ParameterError, match=r"no signal 'force'; did you mean y.force or x.force"):
         simulate(machine, PATH, record=["force"])
     with pytest.raises(ParameterError, match=r"remembered = 8 .* at least 51"):
         Machine.of(loops_, (replace(dry().couplings[-1], remembered=8),))

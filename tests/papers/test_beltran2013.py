@@ -9,6 +9,8 @@ from feeddrive.papers.beltran2013 import beltran2013, mill
 from feeddrive.papers.claims import Experiment
 from mutants import PLACES
 
+pytestmark = pytest.mark.slow(reason="the whole paper: seventeen runs of a machine of three axes")
+
 
 @pytest.fixture(scope="module")
 def found() -> Experiment:

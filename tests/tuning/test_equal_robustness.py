@@ -148,6 +148,7 @@ def test_what_is_no_knob_is_refused(motor: Loop) -> None:
         tune_control(motor.control)
 
 
+@pytest.mark.slow(reason="a search over the whole range that finds nothing")
 def test_no_robust_setting_is_an_error_that_says_how_near_it_came(motor: Loop) -> None:
     """With Ms <= 1.3 alone the best law has a peak compliance of 0.102 um/N, twice what is asked for."""
     with pytest.raises(UnstableError, match=r"% beyond its limit, in conflict with .*; reachable.*Ms <= "):

@@ -67,5 +67,6 @@ def test_the_noise_in_the_force_is_judged_too() -> None:
     """It was a limit of the search alone."""
     limits = Limits(force_noise=2.0, reading_noise=(1e-8, 1e-8))
     assert broken_limits([figures(60.0, 1.9)], limits) == ""
-    assert broken_limits([figures(60.0, 2.2)], limits) == "have force noise 2.2 N RMS, not force noise <= 2 N RMS"
+    said = "have force noise 2.2 N RMS, not force noise <= 2 N RMS at 10 nm of white noise in the readings"
+    assert broken_limits([figures(60.0, 2.2)], limits) == said
     assert of_measurement([figures(60.0, 2.2)], limits)[-1].holds is False

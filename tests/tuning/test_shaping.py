@@ -218,6 +218,7 @@ def test_the_optimum_of_a_model_is_that_of_another_search() -> None:
     assert found.held[0].what == "Ms"
 
 
+@pytest.mark.slow(reason="many searches of one loop")
 def test_every_start_ends_at_the_same_place(screw: fd.Loop) -> None:
     ends = [tune_control(screw.control, screw, limits=BARS, starts=1 + seed, seed=seed) for seed in range(3)]
     snaps = [end.after[0].rope_snap for end in ends]
@@ -225,7 +226,13 @@ def test_every_start_ends_at_the_same_place(screw: fd.Loop) -> None:
     assert all(end.holds for end in ends)
 
 
-@pytest.mark.parametrize(("share", "seed"), [(0.005, 0), (0.005, 1), (0.01, 2)])
+ONCE_MORE = pytest.mark.slow(reason="the same search from other noise")
+
+
+@pytest.mark.parametrize(
+    ("share", "seed"),
+    [pytest.param(0.005, 0, marks=ONCE_MORE), pytest.param(0.005, 1, marks=ONCE_MORE), (0.01, 2)],
+)
 def test_the_ball_screw_from_a_noisy_response(screw: fd.Loop, placement: fd.Loop, share: float, seed: int) -> None:
     """9.1e-9 for P-PI, 8.9e-9 with free filters, 7.1e-9 for pole placement, on the true plant and within the limits."""
     point = struck_point(screw, share, seed)
@@ -240,6 +247,7 @@ def test_the_ball_screw_from_a_noisy_response(screw: fd.Loop, placement: fd.Loop
         assert np.max(fd.compliance(true, loop_model(true).lines(400)).magnitude) <= 0.202e-6
 
 
+@pytest.mark.slow(reason="searches with up to three notches")
 def test_notches_come_where_they_pay(screw: fd.Loop) -> None:
     bare = replace(screw.control, filters=(fd.blocks.LowPass2(frequency=2500.0),))
     free = tune_control(bare, screw, limits=BARS, filters="free", today=screw.control)
@@ -345,6 +353,7 @@ def test_a_poor_measurement_is_refused_with_the_band(screw: fd.Loop) -> None:
         tune_control(screw.control, point, limits=Limits(2.0), filters="kept", starts=1)
 
 
+@pytest.mark.slow(reason="searches that end at a limit")
 def test_what_cannot_be_reached_says_what_stands_against_it(screw: fd.Loop) -> None:
     with pytest.raises(UnstableError, match="peak compliance at"):
         tune_control(

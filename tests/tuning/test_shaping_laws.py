@@ -83,4 +83,6 @@ def test_what_a_law_cannot_keep_is_refused_with_what_it_can(screw: fd.Loop) -> N
 
 
 def test_all_laws_are_here(screw: fd.Loop) -> None:
-    assert {each.name for each in candidates(screw)[0] if not each.prefilter} == {*SNAP, REFUSED}
+    """Those with an observer of another law are proven with the published table of the comparison."""
+    others = {f"{law} + {observer} recovery" for law in ("P-PI", "DADSC") for observer in ("Kalman", "GPI")}
+    assert {each.name for each in candidates(screw)[0] if not each.then} == {*SNAP, REFUSED, *others}

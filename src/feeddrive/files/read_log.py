@@ -341,8 +341,8 @@ def checked_clock(name: str, time: np.ndarray, place: Callable[[int], str], samp
 
 
 def _grow(time: np.ndarray) -> bool:
-    """Whether the stamps rise by a constant factor, as frequencies do."""
-    if time.size < 10 or not time[0] > 0.0:
+    """Whether the stamps rise by a constant factor, over an octave at least, as frequencies do."""
+    if time.size < 10 or not time[0] > 0.0 or time[-1] < 2.0 * time[0]:
         return False
     ratio = np.diff(np.log(time))
     return bool(np.ptp(ratio) < 0.1 * np.mean(ratio))
