@@ -134,6 +134,6 @@ def test_every_line_of_a_step_runs_in_the_tests_and_every_rule_is_broken(name: s
     """The 400 samples that go with the export, one refusal of each rule, and a control that was never configured."""
     found = covered(name, tmp_path)
     assert found["axis_x"][0] == 100.0, found
-    # of ADRC one refusal is not reached, as an earlier rule refuses the same sets: 99.85 %
+    # ADRC with two Taylor states reaches 99.85 %; which lines are left, and why, has not been found out
     assert found["axis_x_configure"][0] > 99.5, found
     assert found["axis_x"][1] > 80.0, found
