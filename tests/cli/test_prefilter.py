@@ -44,7 +44,7 @@ def test_the_section_is_the_fit_of_the_run(call, tmp_path: Path) -> None:
     fit = fd.tuning.fit_prefilter(fd.simulate(placed(), LONG), LONG).prefilter
     assert isinstance(made, fd.blocks.TrajectoryPrefilter)
     for name in ("theta1", "theta2", "theta3", "theta4"):
-        assert getattr(made, name) == pytest.approx(getattr(fit, name), rel=0.03)  # 2.2 % since times in us are exact
+        assert getattr(made, name) == pytest.approx(getattr(fit, name), rel=0.03)  # measured: 2.2 %
 
 
 def test_a_job_gives_exact_derivatives(call, tmp_path: Path) -> None:
