@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 from pathlib import Path
 
@@ -41,10 +42,12 @@ def test_the_section_is_the_fit_of_the_run(call, tmp_path: Path) -> None:
     assert "central differences" in out
     section = read_toml(tmp_path / "section.toml").root().section("axis").section("x")
     made = read_block(Prefilter, section.section("control").section("prefilter"))  # type: ignore[type-abstract]
-    fit = fd.tuning.fit_prefilter(fd.simulate(placed(), LONG), LONG).prefilter
+    fit = fd.tuning.fit_prefilter(fd.simulate(placed(), LONG), LONG)
     assert isinstance(made, fd.blocks.TrajectoryPrefilter)
-    for name in ("theta1", "theta2", "theta3", "theta4"):
-        assert getattr(made, name) == pytest.approx(getattr(fit, name), rel=0.03)  # measured: 2.2 %
+    for number, regressor in enumerate(("velocity", "acceleration", "jerk", "snap"), start=1):
+        # differences of the set position for its exact derivatives: they matter far less than what the run tells of them
+        error = 0.1 * fit.standard_error[regressor]
+        assert getattr(made, f"theta{number}") == pytest.approx(fit.theta[regressor], abs=error)
 
 
 def test_a_job_gives_exact_derivatives(call, tmp_path: Path) -> None:
@@ -64,7 +67,10 @@ def test_named_columns_in_other_units(call, tmp_path: Path) -> None:
     np.savetxt(tmp_path / "own.csv", rows, delimiter=",", header="t,soll_mm,ist_mm", comments="", fmt="%.17g")
     code, out, errors = call("own.csv", "--set-position", "soll_mm", "--position", "ist_mm")
     assert (code, errors) == (0, "")
-    assert "error 0.22" in out
+    in_si = call("run.csv")[1]
+    first = next(line for line in in_si.splitlines() if "samples in motion" in line)
+    assert re.search(r"error 0\.22\d* um RMS", first)
+    assert first in out
 
 
 @pytest.mark.parametrize(
