@@ -17,7 +17,7 @@ EXAMPLES = Path(__file__).parents[1] / "examples"
 
 
 def said(name: str, capsys: pytest.CaptureFixture[str]) -> str:
-    runpy.run_path(str(EXAMPLES / name))
+    runpy.run_path(str(EXAMPLES / name), run_name="__main__")
     return capsys.readouterr().out
 
 
@@ -26,6 +26,12 @@ def test_every_example_is_in_the_readme_and_tested() -> None:
     assert listed == {path.name for path in EXAMPLES.glob("*.py")}
     text = Path(__file__).read_text(encoding="utf-8")
     assert all(f'said("{name}"' in text for name in listed)
+
+
+def test_a_law_without_a_slope_is_simulated_and_has_no_margins(capsys: pytest.CaptureFixture[str]) -> None:
+    text = said("super_twisting.py", capsys)
+    assert 0.1 < float(re.findall(r"super-twisting: ([0-9.]+) um", text)[0]) < 10.0  # 100 counts of 10 nm: it follows
+    assert "a square root of 0 has no finite slope (super_twisting, super_twisting.py, line" in text
 
 
 def test_the_best_gains_keep_the_sensitivity_peak(capsys: pytest.CaptureFixture[str]) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 
 import numpy as np
 import pytest
@@ -10,8 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from feeddrive.language import ops
-from feeddrive.language.errors import StructureError
-from feeddrive.language.graph import ARITY, Graph, Symbol, arguments, reachable
+from feeddrive.language.errors import LanguageError, StructureError
+from feeddrive.language.graph import ARITY, SPELLED, Graph, Symbol, arguments, reachable
 from feeddrive.loop.trace import evaluate
 
 
@@ -42,6 +43,12 @@ REFUSED = {
     "numpy array": lambda x: np.array([1.0, 2.0]) * x,
     "index": lambda x: [1.0, 2.0][x],
     "hash": hash,
+    "remainder": lambda x: x % 2.0,
+    "whole division": lambda x: 2.0 // x,
+    "divmod": lambda x: divmod(x, 2.0),
+    "round": round,
+    "&": lambda x: (x > 0.0) & (x < 1.0),
+    "~": lambda x: ~(x > 0.0),
 }
 
 
@@ -58,6 +65,51 @@ def test_the_refusal_says_what_to_write_instead(x: Symbol):
         x == 1.0  # noqa: B015
     with pytest.raises(TypeError, match=r"x\*x"):
         x**2
+
+
+INSTEAD = {
+    "ops.sqrt": lambda x: 1.0 + math.sqrt(2.0 * x),
+    "ops.absolute": lambda x: math.fabs(x),
+    "ops.exp": lambda x: [math.exp(0.0), math.exp(x)],
+    "ops.atan2": lambda x: math.atan2(x, 1.0),
+    "ops.sqrt(x*x + y*y)": lambda x: math.hypot(x, 1.0),
+    "ops.tanh": np.tanh,
+    "ops.maximum": lambda x: np.maximum(x, 0.0),
+    "ops.atan(x)": np.arctan,
+    "-ops.floor(-x)": math.ceil,
+    "ops.floor(x + 0.5)": round,
+    "ops.floor(x / y)": lambda x: np.float64(3.0) // x,
+    "ops.power": lambda x: np.float64(3.0) ** x,
+    "ops.minimum": lambda x: min(x, 1.0),
+    "ops.both": lambda x: (x > 0.0) & (x < 1.0),
+    "ops.equal": lambda x: np.float64(1.0) == x,
+}
+
+
+@pytest.mark.parametrize("word", INSTEAD)
+def test_a_function_of_another_library_is_refused_with_what_stands_for_it(word: str, x: Symbol):
+    """`math.sqrt` of a symbol said that a law uses `ops`, and not which of its functions."""
+    with pytest.raises(LanguageError, match=re.escape(word)):
+        INSTEAD[word](x)
+
+
+def test_the_refusal_names_the_line(x: Symbol):
+    with pytest.raises(LanguageError, match=r"test_graph\.py, line \d+: .*math\.sqrt\(x\)"):
+        math.sqrt(x)
+
+
+def test_what_is_named_for_other_functions_is_in_ops():
+    assert {each for text in SPELLED.values() for each in re.findall(r"ops\.(\w+)", text)} <= set(ops.__all__)
+
+
+def test_abs_is_that_of_ops_and_numbers_of_numpy_take_part(x: Symbol):
+    """`abs(x)` was "bad operand type"."""
+    assert abs(x).index == ops.absolute(x).index
+    pairs = [
+        (np.float64(2.0) * x, 2.0 * x), (np.float64(2.0) - x, 2.0 - x), (x / np.float64(2.0), x / 2.0),
+        (np.float64(2.0) > x, x < 2.0), (np.float64(2.0) <= x, x >= 2.0),
+    ]  # fmt: skip
+    assert all(one.index == other.index for one, other in pairs)
 
 
 def test_two_traces_do_not_mix(x: Symbol):

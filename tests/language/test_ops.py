@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -63,3 +65,9 @@ def test_every_public_operation_has_a_sentence():
     for name in ops.__all__:
         if callable(getattr(ops, name)):
             assert getattr(ops, name).__doc__, name
+
+
+def test_contributing_lists_every_operation() -> None:
+    text = (Path(__file__).parents[2] / "CONTRIBUTING.md").read_text(encoding="utf-8")
+    listed = set(re.findall(r"`(\w+)", "".join(re.findall(r"^  \|(.*)\|$", text, re.MULTILINE))))
+    assert set(ops.__all__) == listed & set(ops.__all__)

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from feeddrive.analysis.conversion import as_frf
+from feeddrive.blocks.families import Law
 from feeddrive.language import tree
 from feeddrive.language.errors import FeeddriveError, ParameterError, UnstableError
 from feeddrive.language.table import Result, Table
@@ -94,7 +95,7 @@ def require_stable(system: StateSpace | System, *, velocity: float = 0.05, where
         return found
     law = system.control.law if isinstance(system, Loop) else None
     nyquist = 0.5 / found.model.sample_time
-    tunables = "Kp and Kv, or lengthen Tn" if law is None or law.kind == "cascade_ppi" else " and ".join(law.tunables)
+    tunables = "Kp and Kv, or lengthen Tn" if law is None else _slower(law)
     if found.frequency == 0.0:
         remedy = "check the signs of the gains and that the position loop is closed"
     elif found.frequency > 0.45 * nyquist:
@@ -113,11 +114,20 @@ def require_stable(system: StateSpace | System, *, velocity: float = 0.05, where
     )
 
 
+def _slower(law: Law) -> str:
+    """Which parameters of a law to lower, and which times to lengthen: `Kp and Kv, or lengthen Tn`."""
+    there = dict(tree.leaves(law))
+    units = {name: tree.declaration(law, name).unit for name in law.to_tune() if name in there}
+    gains = [name for name, unit in units.items() if unit not in ("", "s")]
+    times = [name for name, unit in units.items() if unit == "s"]
+    return (" and ".join(reversed(gains)) or "the gains") + (f", or lengthen {' and '.join(times)}" if times else "")
+
+
 def _nearest_stable(loop: Loop, velocity: float) -> str:
     """The gains of the law slowed down in one proportion until the loop is stable, as a clause; empty if none is."""
     law = loop.control.law
     values = dict(tree.leaves(law))
-    units = {name: tree.declaration(law, name).unit for name in law.tunables if isinstance(values.get(name), float)}
+    units = {name: tree.declaration(law, name).unit for name in law.to_tune() if isinstance(values.get(name), float)}
     # a time constant is made longer; a ratio such as a damping stays
     powers = {name: -1.0 if unit == "s" else 1.0 for name, unit in units.items() if unit}
 

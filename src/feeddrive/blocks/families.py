@@ -13,6 +13,7 @@ A block is final: it implements the abstract methods and overrides no method wit
 
 from __future__ import annotations
 
+import dataclasses
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from typing import Any, ClassVar, NamedTuple, Self
@@ -23,7 +24,7 @@ from feeddrive.blocks.axis_model import AxisModel, Beside, Start, begun
 from feeddrive.blocks.reference.stretches import Stretch
 from feeddrive.blocks.signals import Estimate, Motion, Noise, Reading, Setpoint
 from feeddrive.language import matrix
-from feeddrive.language.block import Block, Number, Rule
+from feeddrive.language.block import Block, Number, Rule, declarations
 from feeddrive.language.matrix import Matrix, Row
 
 
@@ -149,6 +150,9 @@ class Sensor(Block, ABC):
         """The new state and the reading in m, from the true position (m) and velocity (m/s) at t = kT."""
 
 
+_MODEL = ("mass", "viscous")  # parameters by which a law is told of the axis
+
+
 class Law(Block, ABC):
     """A feedback law: one paper's controller, one file. A command is a force in N at the load.
 
@@ -164,6 +168,14 @@ class Law(Block, ABC):
     encoders: ClassVar[int] = 1
     tunables: ClassVar[tuple[str, ...]] = ()
     title: ClassVar[str] = ""
+
+    @classmethod
+    def to_tune(cls) -> tuple[str, ...]:
+        """`tunables`; of a law that names none its parameters > 0 without a default, but not its model of the axis."""
+        if cls.tunables:
+            return cls.tunables
+        bare = [spec.name for spec in dataclasses.fields(cls) if spec.default is dataclasses.MISSING]  # type: ignore[arg-type]
+        return tuple(name for name in bare if declarations(cls)[name].above == 0.0 and name not in _MODEL)
 
     @classmethod
     def begin(cls, axis: AxisModel, present: Law) -> tuple[Start, ...]:

@@ -16,7 +16,7 @@ from feeddrive.export.layout import Field, Layout, layout
 from feeddrive.export.layout_run import LayoutRun
 from feeddrive.files.machine import MachineFile, MachineLike, read_machine
 from feeddrive.language.block import Number
-from feeddrive.language.errors import ParameterError, StructureError
+from feeddrive.language.errors import NoSlopeError, ParameterError, StructureError
 from feeddrive.language.graph import ELEMENTARY
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.lifting import MOST, loop_gain, period_of
@@ -121,7 +121,10 @@ class Design:
             return []
         nyquist = 0.5 / self.routine.sample_time
         frequency = np.geomspace(1e-4 * nyquist, nyquist, 2000)
-        found = margins(loop_gain(self.system, frequency, axis=self.axis))
+        try:
+            found = margins(loop_gain(self.system, frequency, axis=self.axis))
+        except NoSlopeError as error:
+            return [f"whether the loop is stable was not decided: {error}"]
         if found.sensitivity_peak <= LARGEST_MS:
             return []
         return [

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import partial
 from importlib import import_module
@@ -12,7 +13,7 @@ from typing import Any
 from feeddrive.analysis.stability import require_stable
 from feeddrive.export.design import CONTROL, PLANT, Design, read_design
 from feeddrive.files.machine import MachineLike, read_machine
-from feeddrive.language.errors import ParameterError, nearest
+from feeddrive.language.errors import NoSlopeError, ParameterError, nearest
 
 
 @dataclass(frozen=True)
@@ -133,7 +134,8 @@ def _planned(
     what = PLANT if plant else CONTROL
     design = read_design(source, axis, name=name, what=what, precision=precision or chosen.precisions[0])
     if not plant:
-        require_stable(design.system)
+        with suppress(NoSlopeError):  # an export needs no slope; the remarks of the design say that nothing is proven
+            require_stable(design.system)
     stem, said = Path(design.machine.file.name).stem, "all" if design.together else design.axis
     place = Path("results") / f"export_{stem}_{said}_{target}" if out is None else Path(out)
     write = getattr(import_module(f"{_HERE}.{chosen.module}"), chosen.function)

@@ -36,6 +36,16 @@ class StructureError(FeeddriveError):
     """Blocks that do not fit each other, or a block class that breaks the rules of blocks."""
 
 
+class LanguageError(StructureError, TypeError):
+    """A law that leaves plain arithmetic and `ops`; the message says what to write instead, and where."""
+
+
+class NoSlopeError(ParameterError):
+    """A step without a finite slope where a linear model is needed; the message names the line that is too steep."""
+
+    exit_code = 1
+
+
 class FileError(FeeddriveError):
     """A file that cannot be read, understood or written; the message starts with the file's name."""
 

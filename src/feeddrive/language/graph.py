@@ -13,12 +13,17 @@ of `where` all would need workarounds, and it takes 277 MB; this module is suffi
 
 from __future__ import annotations
 
+import linecache
+import os
+import re
+import sys
 from collections.abc import Callable, Sequence
-from typing import Any, NoReturn, TypeAlias
+from types import FrameType
+from typing import Any, NamedTuple, NoReturn, TypeAlias
 
 import numpy as np
 
-from feeddrive.language.errors import StructureError
+from feeddrive.language.errors import LanguageError, StructureError, plain
 
 # Operations on numbers by name, and how many arguments they take.  "select" takes a truth value first;
 # "lt", "le", "eq", "and", "or" and "not" return one.  "table", "ring" and "input" are leaves; "get" reads
@@ -35,8 +40,47 @@ LEAVES = frozenset({"const", "truth", "input", "table", "ring"})
 TRUTH = frozenset({"lt", "le", "eq", "and", "or", "not", "decays"})
 # Functions with an own implementation in `mathematics.py`; everything else maps to one machine operation or a few.
 ELEMENTARY = frozenset({"exp", "expm1", "log", "sin", "cos", "tanh", "atan"})
+STEEP = frozenset({"sqrt", "log"})  # may have a finite value and an infinite slope: the graph keeps their lines
+# What other libraries have, and what stands for it in a law; functions of `ops` with the same name are not listed.
+SPELLED = {
+    "abs": "ops.absolute(x)", "absolute": "ops.absolute(x)", "fabs": "ops.absolute(x)", "arctan": "ops.atan(x)",
+    "arctan2": "ops.atan2(y, x)", "ceil": "-ops.floor(-x)", "copysign": "ops.where(y < 0.0, -abs(x), abs(x))",
+    "floor_divide": "ops.floor(x / y)", "fmax": "ops.maximum(x, y)", "fmin": "ops.minimum(x, y)",
+    "hypot": "ops.sqrt(x*x + y*y)", "isfinite": "nothing: the guard of the loop replaces broken readings",
+    "isnan": "nothing: the guard of the loop replaces broken readings", "log10": "ops.log(x) / 2.302585092994046",
+    "log2": "ops.log(x) / 0.6931471805599453", "max": "ops.maximum(x, y)", "min": "ops.minimum(x, y)",
+    "pow": "ops.power(x, y) for x > 0, or x*x", "round": "ops.floor(x + 0.5)", "square": "x*x",
+    "trunc": "ops.where(x < 0.0, -ops.floor(-x), ops.floor(x))",
+}  # fmt: skip
+_NAMED = ("atan2", "clip", "power", "minimum", "maximum", "sign", "tan", "where")  # operations of `ops` made of others
 
 Node: TypeAlias = tuple[Any, ...]
+
+
+class Line(NamedTuple):
+    """A line of the text of a block: its file, its number, and the kind of the block whose method it is."""
+
+    file: str
+    number: int
+    kind: str
+
+    def __str__(self) -> str:
+        code = plain(linecache.getline(self.file, self.number).strip())
+        code = code if len(code) <= 100 else code[:97] + "..."
+        return f"{f'{self.kind}, ' if self.kind else ''}{os.path.basename(self.file)}, line {self.number}: {code}"
+
+
+def _frame() -> FrameType | None:
+    """The innermost frame that runs and is neither of the language itself nor of numpy."""
+    frame = sys._getframe(1)  # pyright: ignore[reportPrivateUsage]
+    while frame is not None and str(frame.f_globals.get("__name__", "")).startswith((f"{__package__}.", "numpy.")):
+        frame = frame.f_back
+    return frame
+
+
+def _line(frame: FrameType) -> Line:
+    kind = getattr(frame.f_locals.get("self"), "kind", "")
+    return Line(frame.f_code.co_filename, frame.f_lineno, kind if isinstance(kind, str) else "")
 
 
 class Graph:
@@ -49,6 +93,7 @@ class Graph:
         """`counted` bounds the number that ends a loop of fixed count (`ops.most`); None: not known."""
         self.counted = counted
         self.nodes: list[Node] = []
+        self.lines: dict[int, Line] = {}
         self._index: dict[Node, int] = {}
 
     def _store(self, node: Node) -> int:
@@ -84,7 +129,12 @@ class Graph:
     def apply(self, name: str, *arguments: Any) -> Symbol:
         """One operation on symbols and plain numbers."""
         symbols = [self.symbol(argument) for argument in arguments]
-        return Symbol(self, self._store((name, *(symbol.index for symbol in symbols))))
+        index = self._store((name, *(symbol.index for symbol in symbols)))
+        if name in STEEP and index not in self.lines:
+            frame = _frame()
+            if frame is not None:
+                self.lines[index] = _line(frame)
+        return Symbol(self, index)
 
     def symbol(self, value: Any) -> Symbol:
         """A plain number as a constant; a symbol of this graph unchanged."""
@@ -108,10 +158,9 @@ class Graph:
 
 
 class Symbol:
-    """A number that is not known yet. Supports + - * / and comparisons; everything else stands in `ops`."""
+    """A number that is not known yet. Supports + - * /, abs() and comparisons; everything else stands in `ops`."""
 
     __slots__ = ("graph", "index")
-    __array_ufunc__ = None  # numpy must not take symbols apart
 
     def __init__(self, graph: Graph, index: int) -> None:
         self.graph = graph
@@ -162,23 +211,100 @@ class Symbol:
     def __ge__(self, other: Any) -> Symbol:
         return self.graph.apply("le", other, self)
 
+    def __abs__(self) -> Symbol:
+        return self.graph.apply("abs", self)
+
     __hash__ = None  # type: ignore[assignment]
 
     def __eq__(self, other: object) -> NoReturn:
-        raise TypeError("a law compares with `ops.equal(a, b)`, not with ==")
+        raise _refused("a law compares with `ops.equal(a, b)`, not with ==")
 
     def __bool__(self) -> NoReturn:
-        raise TypeError("a law cannot branch on a signal: use `ops.where(condition, a, b)`")
+        raise _refused(
+            "a law cannot branch on a signal: use `ops.where(condition, a, b)`, or `ops.both`, `ops.either`, `ops.no` "
+            "for and, or, not, and `ops.minimum`, `ops.maximum` for min, max"
+        )
 
     def __float__(self) -> NoReturn:
-        raise TypeError("a law uses `ops`, not `math`, `numpy` or float(): the value is not known yet")
+        raise _refused(f"the value is not known yet: {_instead(_called())}")
 
     def __pow__(self, other: Any) -> NoReturn:
-        raise TypeError("a law writes x*x, or `ops.power(x, y)`, instead of x**y")
+        raise _refused("a law writes x*x, or `ops.power(x, y)`, instead of x**y")
+
+    def __mod__(self, other: Any) -> NoReturn:
+        raise _refused(
+            "a law writes `ops.floor(x / y)` instead of x // y, and `x - y*ops.floor(x / y)` instead of x % y"
+        )
+
+    def __and__(self, other: Any) -> NoReturn:
+        raise _refused("a law writes `ops.both(a, b)`, `ops.either(a, b)`, `ops.no(a)` instead of a & b, a | b, ~a")
+
+    def __round__(self, digits: Any = None) -> NoReturn:
+        raise _refused(_instead("round"))
+
+    def __floor__(self) -> NoReturn:
+        raise _refused(_instead("floor"))
+
+    def __ceil__(self) -> NoReturn:
+        raise _refused(_instead("ceil"))
+
+    def __trunc__(self) -> NoReturn:
+        raise _refused(_instead("trunc"))
 
     __rpow__ = __pow__
+    __rmod__ = __floordiv__ = __rfloordiv__ = __divmod__ = __rdivmod__ = __mod__
+    __rand__ = __or__ = __ror__ = __and__
     __int__ = __float__
     __index__ = __float__
+
+    def __invert__(self) -> NoReturn:
+        self.__and__(self)
+
+    def __array_ufunc__(self, ufunc: Any, method: str, *inputs: Any, **settings: Any) -> Symbol:
+        """Arithmetic with a number of numpy, such as np.float64(2.0) * x; numpy's own functions are refused."""
+        name = _OF_NUMPY.get(ufunc.__name__)
+        if name is None or method != "__call__" or settings or any(getattr(each, "ndim", 0) for each in inputs):
+            if ufunc.__name__ in ("equal", "not_equal"):
+                raise _refused("a law compares with `ops.equal(a, b)`, not with ==")
+            if name is not None:
+                raise _refused("a law does not put signals into arrays of numpy: keep them in tuples")
+            raise _refused(f"a law does not use numpy.{ufunc.__name__}: {_instead(ufunc.__name__)}")
+        return self.graph.apply(name, *(reversed(inputs) if ufunc.__name__.startswith("greater") else inputs))
+
+
+# names of numpy's functions for the operators that a symbol has
+_OF_NUMPY = {
+    "add": "add", "subtract": "sub", "multiply": "mul", "divide": "div", "less": "lt", "less_equal": "le",
+    "greater": "lt", "greater_equal": "le",
+}  # fmt: skip
+
+
+def _refused(why: str) -> LanguageError:
+    """The error for what would mean something else on symbols, with the line of the law."""
+    frame = _frame()
+    return LanguageError(why if frame is None else f"{_line(frame)}: {why}")
+
+
+def _called() -> str:
+    """The name of the function whose call is being computed, such as `sqrt` in `math.sqrt(x)`; empty if not known."""
+    frame = _frame()
+    if frame is None:
+        return ""
+    first, last, begin, end = list(frame.f_code.co_positions())[frame.f_lasti // 2]
+    if first is None or first != last:
+        return ""
+    text = linecache.getline(frame.f_code.co_filename, first).encode()[begin:end].decode(errors="replace")
+    called = re.match(r"(?:\w+\.)*(\w+)\(", text)
+    return called[1] if called else ""
+
+
+def _instead(name: str) -> str:
+    """What a law writes instead of a function of another library."""
+    if name in SPELLED:
+        return f"a law writes {SPELLED[name]}"
+    if name in ARITY or name in _NAMED:
+        return f"a law writes ops.{name}"
+    return "a law uses `ops`, not `math`, `numpy` or float()"
 
 
 def reachable(graph: Graph, outputs: Sequence[int]) -> list[int]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, cast
@@ -11,7 +12,7 @@ import numpy as np
 from feeddrive.blocks.families import Load, Reference
 from feeddrive.language import tree
 from feeddrive.language.block import Number
-from feeddrive.language.errors import ParameterError
+from feeddrive.language.errors import NoSlopeError, ParameterError
 from feeddrive.language.graph import Graph, Symbol, arguments
 from feeddrive.language.recent import Recent
 from feeddrive.language.ring import Ring
@@ -81,7 +82,8 @@ def gradient(
     is differentiated in its present state, stuck or sliding, with the instants of sticking held fixed: tune with
     `Regularised` friction, and verify with the real one.
     The slope to a dead time of whole substeps is that to its right.
-    Raises ParameterError for a name that is not known, and for `sample_time`, which is a constant of the design.
+    Raises ParameterError for a name that is not known, and for `sample_time`, which is a constant of the design;
+    NoSlopeError if a root or logarithm at 0 in the run leaves no finite gradient.
     """
     check_system(loop)
     known(loop, (), arithmetic)
@@ -120,6 +122,12 @@ def gradient(
         cost = float(memory[places[COST], 0]) / count
         row = memory[places[f"d.{COST}"]] if f"d.{COST}" in places else np.zeros(LANES)
         slopes.extend(row[: part.stop - part.start] / count)
+    if math.isfinite(cost) and not np.all(np.isfinite(slopes)) and program.graph.lines:
+        lines = "; ".join(sorted({str(line) for line in program.graph.lines.values()}))
+        raise NoSlopeError(
+            f"the cost of this run has no finite gradient: a root or logarithm came to 0 in it, where it has no finite "
+            f"slope ({lines}). Take differences of runs, or give it a finite slope at 0"
+        )
     given = {name: float(tree.get(loop, name)) for name in parameters}
     return Gradient(cost, dict(zip(parameters, map(float, slopes), strict=True)), given)
 

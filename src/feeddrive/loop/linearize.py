@@ -21,7 +21,7 @@ from feeddrive.loop.loop import SETPOINT, UNITS, Loop, Probe, Signals, quantity
 from feeddrive.loop.machine import Machine, System, check_system
 from feeddrive.loop.runner import Prepared
 from feeddrive.loop.trace import lengths, node_values
-from feeddrive.loop.traced_model import push
+from feeddrive.loop.traced_model import push, require_slopes
 
 # names of the numbers that a controller stores
 _OF_MEMORY = re.compile(r"(axis\.\w+\.)?control\.memory\.")  # states of laws, filters and observers
@@ -192,13 +192,15 @@ def samples_of_a_period(
             seeds[state.before] = own[0] if size is None else Ring(size, own[_ages(first, state.name, size)])
             row += size or 1
         with np.errstate(all="ignore"):
-            tangents = push(program.graph, ends, values, {node: seed for node, seed in seeds.items() if node in values})
+            seeds = {node: seed for node, seed in seeds.items() if node in values}
+            tangents = push(program.graph, ends, values, seeds)
         rows = [_row(tangent, n + m) for tangent in tangents[len(sizes) :]]
         states = zip(tangents, program.states, sizes, strict=False)
         jacobian = np.vstack(
             [*(_after(tangent, after, state.name, size, n + m) for tangent, state, size in states), *rows]
         )
         if not np.all(np.isfinite(jacobian)):
+            require_slopes(program.graph, ends, values, seeds)
             raise ParameterError(
                 "the linear model of the loop holds numbers that are not finite: a parameter of axis or control is so "
                 "large or so small that it overflows; check masses, stiffnesses, gains and the sample time"
@@ -236,7 +238,7 @@ def linearize(
     The quantizers count as straight lines; guard and limits of the force are left out: inside them they do nothing.
     A part that blends in after the start counts as fully active.
     Raises ParameterError for a name that is not known, an input that is named twice, and parameters with which the
-    model overflows.
+    model overflows; NoSlopeError, with the line, for a law without a finite slope there, such as √|s| at s = 0.
     """
     found = samples_of_a_period(
         loop, inputs, outputs, velocity=velocity, position=position, settle=settle, stored=stored

@@ -9,7 +9,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from feeddrive.language import ops
-from feeddrive.language.graph import Graph, arguments, reachable
+from feeddrive.language.errors import NoSlopeError
+from feeddrive.language.graph import STEEP, Graph, Line, arguments, reachable
 from feeddrive.language.ring import Ring
 from feeddrive.loop.trace import node_values
 
@@ -211,6 +212,14 @@ def push(graph: Graph, outputs: Sequence[int], values: Mapping[int, Any], seeds:
     `values` holds the value of every node: numbers, or the nodes' own symbols, whose tangents are then symbols of the
     same graph.
     """
+    found = _tangents(graph, outputs, values, seeds)
+    return [found.get(index) for index in outputs]
+
+
+def _tangents(
+    graph: Graph, outputs: Sequence[int], values: Mapping[int, Any], seeds: Mapping[int, Any]
+) -> dict[int, Any]:
+    """Those of all nodes that depend on the seeds."""
     found: dict[int, Any] = dict(seeds)
     for index in reachable(graph, outputs):
         node = graph.nodes[index]
@@ -219,4 +228,41 @@ def push(graph: Graph, outputs: Sequence[int], values: Mapping[int, Any], seeds:
             tangents = [found.get(i) for i in inner]
             if any(tangent is not None for tangent in tangents):
                 found[index] = rule(node[0], [values[i] for i in inner], values[index], tangents)
-    return [found.get(index) for index in outputs]
+    return found
+
+
+def require_slopes(graph: Graph, outputs: Sequence[int], values: Mapping[int, Any], seeds: Mapping[int, Any]) -> None:
+    """Raise NoSlopeError, with its line, if an operation on finite numbers has no finite slope there, as √x at 0.
+
+    Returns if the outputs have finite slopes, and if the numbers themselves are not finite.
+    """
+    with np.errstate(all="ignore"):
+        found = _tangents(graph, outputs, values, seeds)
+    stack, seen = [index for index in outputs if not _finite(found.get(index))], set[int]()
+    while stack:
+        index = stack.pop()
+        if index in seen:
+            continue
+        seen.add(index)
+        node = graph.nodes[index]
+        inner = arguments(node)
+        if node[0] == "select":  # the branch that is taken
+            inner = inner[1:2] if values[inner[0]] else inner[2:3]
+        steep = [i for i in inner if not _finite(found.get(i))]
+        if not steep and node[0] in STEEP and index in graph.lines and _finite(values[inner[0]]):
+            raise NoSlopeError(_no_slope(graph.lines[index], node[0]))
+        stack += steep
+
+
+def _finite(number: Any) -> bool:
+    held = number.cells if isinstance(number, Ring) else number
+    return held is None or bool(np.all(np.isfinite(held)))
+
+
+def _no_slope(line: Line, operation: str) -> str:
+    root = "a square root" if operation == "sqrt" else "a logarithm"
+    return (
+        f"there is no linear model at this operating point: {root} of 0 has no finite slope ({line}). "
+        "Poles, margins, tuning by them and certificates need one; simulation and export do not. Judge the law by "
+        "simulated runs, or give it a finite slope at 0: for √|s| sign(s) write s / ops.sqrt(ops.absolute(s) + small)"
+    )

@@ -182,7 +182,8 @@ class Entry:
     """One law of the comparison: its loop, its run, and what the frequency domain says about it.
 
     The loop is stable: check it before (`require_stable`).  The run has all signals recorded.  With a `replay` it is
-    the prediction, and the samples that the replay skips do not count.
+    the prediction, and the samples that the replay skips do not count.  `no_model` says why the law has no linear
+    model, if it has none; then nothing proves that it is stable.
     """
 
     name: str
@@ -192,6 +193,7 @@ class Entry:
     loop_gain: FRF | None = None
     compliance: FRF | None = None
     tracking: FRF | None = None
+    no_model: str = ""
     replay: Replay | None = None
     together: Run | None = None  # all axes of a machine in the same run
 

@@ -16,7 +16,7 @@ from feeddrive.language.graph import Graph, Symbol
 from feeddrive.loop.control import Control
 from feeddrive.loop.lifting import MOST, images_turn
 from feeddrive.loop.trace import node_values
-from feeddrive.loop.traced_model import push, resolved
+from feeddrive.loop.traced_model import push, require_slopes, resolved
 
 _SPEED = 0.05  # m/s of the operating point
 _AT_ONE = 1e-5  # of |z|: a pole this near counts as 1, since a double pole is known only to the square root of rounding
@@ -47,6 +47,7 @@ class Traced:
     inputs: Mapping[str, int]  # parameters by name
     states: tuple[str, ...]
     after: tuple[int, ...]  # nodes of the states after a sample
+    force: int  # node of the command
 
 
 _traced: dict[Any, Traced] = {}
@@ -79,7 +80,7 @@ def _trace(control: Control, begun: Any) -> Traced:
                 if graph.nodes[node] != ("const", (0.0).hex()):
                     entries.append((i, j, node))
     places = {name: graph.input(name).index for name in names}
-    return Traced(graph, tuple(entries), places, states, tuple(ends[:-1]))
+    return Traced(graph, tuple(entries), places, states, tuple(ends[:-1]), ends[-1])
 
 
 class ControlResponse:
@@ -158,8 +159,18 @@ class ControlResponse:
             matrix[i, j] = found[node]
             if tangent is not None:
                 slopes[i, j] = tangent
+        if not np.all(np.isfinite(matrix)):
+            self._require_slopes(values)
         keep, wide = self._kept()
         return matrix[np.ix_(keep, wide)], slopes[np.ix_(keep, wide)]
+
+    def _require_slopes(self, values: Sequence[float] | np.ndarray) -> None:
+        """Raise NoSlopeError, with the line of the law, if that is why a model is not finite."""
+        traced, columns = self._traced, [*(f"state.{name}" for name in self._traced.states), *_READINGS]
+        ends, eye = [*traced.after, traced.force], np.eye(len(columns))
+        found = node_values(traced.graph, ends, self._leaves([*map(np.float64, values)]))
+        places = (traced.graph.input(name).index for name in columns)
+        require_slopes(traced.graph, ends, found, {node: eye[i] for i, node in enumerate(places) if node in found})
 
     def _samples(self, values: Sequence[float] | np.ndarray, with_slopes: bool) -> tuple[np.ndarray, np.ndarray]:
         """`model` of all samples of a period, in one walk: (N, n + 1, n + 2), and slopes if they are wanted."""

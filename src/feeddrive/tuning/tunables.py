@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
 from feeddrive.blocks.axis_model import POWERS
-from feeddrive.blocks.families import Law, Observer
+from feeddrive.blocks.families import Observer
 from feeddrive.language import tree
-from feeddrive.language.block import declarations
 from feeddrive.language.errors import ParameterError
 from feeddrive.loop.control import Control
 
@@ -19,7 +17,6 @@ _RANGE = math.log(1e3)  # largest factor between a gain and its start value
 _FILTER = math.log(4.0)  # the same for the frequency of a filter
 _RATIOS = {"damping_zero": (0.02, 1.0), "damping_pole": (0.05, 1.5), "damping": (0.3, 1.5)}
 _RATIO = (0.02, 20.0)  # of a law
-_TOLD = ("mass", "viscous")  # a law's model of the axis is not tuned
 _HIGHEST = 0.45  # of the sample rate: upper limit of filter frequencies
 
 
@@ -30,8 +27,7 @@ def law_tunables(control: Control) -> tuple[str, ...]:
     Raises ParameterError for a law that has none of these either.
     """
     law, there = control.law, dict(tree.leaves(control))
-    own = law.tunables or tuple(_without_default(type(law)))
-    names = [f"law.{name}" for name in own]
+    names = [f"law.{name}" for name in law.to_tune()]
     blocks = [("law", law), *((f"compensation.{i}", each) for i, each in enumerate(control.compensation))]
     for where, block in blocks:
         observer = getattr(block, "observer", None)
@@ -43,13 +39,6 @@ def law_tunables(control: Control) -> tuple[str, ...]:
             f"the law '{law.kind}' names no tunables: state which parameters are to be tuned (tunables=...)"
         )
     return found
-
-
-def _without_default(law: type[Law]) -> Iterator[str]:
-    declared = declarations(law)
-    for spec in dataclasses.fields(law):  # type: ignore[arg-type]
-        if spec.default is dataclasses.MISSING and declared[spec.name].above == 0.0 and spec.name not in _TOLD:
-            yield spec.name
 
 
 def filter_tunables(control: Control) -> tuple[str, ...]:

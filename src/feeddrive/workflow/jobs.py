@@ -17,7 +17,7 @@ from feeddrive.blocks.reference.linear_move import LinearMove
 from feeddrive.files.job import Job, Other
 from feeddrive.files.log import Log
 from feeddrive.files.run_files import versions
-from feeddrive.language.errors import FeeddriveError
+from feeddrive.language.errors import FeeddriveError, NoSlopeError
 from feeddrive.language.progress import Progress
 from feeddrive.language.table import Result, Table, frame_of, picture_of
 from feeddrive.loop.lifting import MOST, compliance, loop_gain, period_of, tracking
@@ -183,7 +183,11 @@ def _row(job: Job, name: str, loop: Loop, measured: Mapping[str, np.ndarray] | N
     """One law, analyzed and simulated; errors name the job and the law."""
     where = f"{job.file.name}: law '{name}'"
     whole: System = job.machines.get(name, loop)
-    require_stable(whole, velocity=velocity, where=where)
+    why = ""
+    try:
+        require_stable(whole, velocity=velocity, where=where)
+    except NoSlopeError as error:
+        why = str(error)
     try:
         again, together = None, None
         if measured is not None:
@@ -196,7 +200,7 @@ def _row(job: Job, name: str, loop: Loop, measured: Mapping[str, np.ndarray] | N
             run = _simulated(job, loop, name)
         nyquist = 0.5 / loop.sample_time
         frequency = np.geomspace(min(1.0, 0.01 * nyquist), nyquist, RESPONSE_LINES)
-        known = period_of(whole) <= MOST
+        known = not why and period_of(whole) <= MOST
         gain = loop_gain(whole, frequency, velocity=velocity, axis=loop.name) if known else None
         return Entry(
             name=name,
@@ -204,8 +208,9 @@ def _row(job: Job, name: str, loop: Loop, measured: Mapping[str, np.ndarray] | N
             run=run,
             loop=loop,
             loop_gain=gain,
-            compliance=compliance(whole, frequency, velocity=velocity, axis=loop.name),
-            tracking=tracking(whole, frequency, velocity=velocity, axis=loop.name),
+            compliance=compliance(whole, frequency, velocity=velocity, axis=loop.name) if not why else None,
+            tracking=tracking(whole, frequency, velocity=velocity, axis=loop.name) if not why else None,
+            no_model=why,
             replay=again,
             together=together,
         )
@@ -266,7 +271,9 @@ def _remarks(rows: list[Entry]) -> list[str]:
         held = float(np.mean(row.run["force"] != row.run["requested"]))
         if held > 0.0:
             remarks.append(f"'{row.name}': the force was at its limit for {100.0 * held:.3g} % of the samples.")
-        if row.loop_gain is None:
+        if row.no_model:
+            remarks.append(f"'{row.name}': no margins, and that it is stable is not proven: {row.no_model}.")
+        elif row.loop_gain is None:
             remarks.append(
                 f"'{row.name}' repeats itself every {row.loop.control.law.period()} samples: margins are known up to "
                 f"{MOST}."
