@@ -45,7 +45,7 @@ def test_the_section_is_the_fit_of_the_run(call, tmp_path: Path) -> None:
     fit = fd.tuning.fit_prefilter(fd.simulate(placed(), LONG), LONG)
     assert isinstance(made, fd.blocks.TrajectoryPrefilter)
     for number, regressor in enumerate(("velocity", "acceleration", "jerk", "snap"), start=1):
-        # differences of the set position for its exact derivatives: they matter far less than what the run tells of them
+        # differences of the set position for its exact derivatives: they matter less than what the run tells of them
         error = 0.1 * fit.standard_error[regressor]
         assert getattr(made, f"theta{number}") == pytest.approx(fit.theta[regressor], abs=error)
 
