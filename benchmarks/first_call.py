@@ -25,6 +25,7 @@ def child(what: str) -> None:
     import llvmlite.binding  # noqa: F401
     import workload
 
+    from feeddrive.language.machine_code import target
     from feeddrive.loop.engine import native, time_loop
     from feeddrive.loop.engine.plan import plan
     from feeddrive.loop.runner import Prepared
@@ -40,7 +41,7 @@ def child(what: str) -> None:
         now = time.process_time()
         marks[name], last = now - last, now
 
-    native.target()
+    target()
     mark("processor")
     loop, reference = workload.loop(), workload.reference()
     mark("blocks")
@@ -56,7 +57,7 @@ def child(what: str) -> None:
         mark("trace")
         made = plan(program.keeping(workload.RECORD))
         mark("plan")
-        text = time_loop.text(made, "feeddrive_run", native.target()[0])
+        text = time_loop.text(made, "feeddrive_run", target()[0])
         mark("text")
         native.Native(made, text)
         mark("machine code")

@@ -15,12 +15,11 @@ import pytest
 
 from feeddrive.blocks.families import Load
 from feeddrive.blocks.signals import Noise, Setpoint
-from feeddrive.language import tree
+from feeddrive.language import machine_code, tree
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.graph import ELEMENTARY, Graph
 from feeddrive.language.recent import Recent
 from feeddrive.loop import groups, runner
-from feeddrive.loop.engine import native as machine
 from feeddrive.loop.engine import plan as lazy_branches
 from feeddrive.loop.engine.native import native
 from feeddrive.loop.engine.plan import plan
@@ -426,7 +425,7 @@ def test_what_stays_the_same_costs_nothing_in_the_loop():
 def fresh(tmp_path, monkeypatch):
     """An empty folder for machine code, and nothing in memory."""
     monkeypatch.setenv("FEEDDRIVE_CACHE", str(tmp_path))
-    monkeypatch.setattr(machine, "_engines", Recent(8))
+    monkeypatch.setattr(machine_code, "_kept", Recent(8))
     return tmp_path
 
 
@@ -447,7 +446,7 @@ def test_machine_code_is_kept_on_disk_and_read_back(fresh, monkeypatch):
     kept = list(fresh.iterdir())
     assert len(kept) == 1
     before = kept[0].stat().st_mtime_ns
-    monkeypatch.setattr(machine, "_engines", Recent(8))
+    monkeypatch.setattr(machine_code, "_kept", Recent(8))
     assert result(small()) == 6.0
     assert [path.stat().st_mtime_ns for path in fresh.iterdir()] == [before]
     assert result(small(5.0)) == 10.0
@@ -462,26 +461,38 @@ def test_damaged_machine_code_is_made_anew(fresh, monkeypatch, damage: str):
     if damage == "flip":
         held[len(held) // 2] ^= 1
     path.write_bytes({"cut": held[: len(held) // 2], "flip": held, "empty": b""}[damage])
-    monkeypatch.setattr(machine, "_engines", Recent(8))
+    monkeypatch.setattr(machine_code, "_kept", Recent(8))
     assert result(small()) == 6.0
+
+
+def test_code_that_is_deleted_while_it_is_loaded_is_not_replaced_by_nothing(fresh, monkeypatch):
+    """Read once: the module without its body, which is enough with code from the disk, is never compiled and kept."""
+    assert result(small()) == 6.0
+    (path,) = fresh.iterdir()
+    kept = [machine_code._stored(path.stem)]
+    monkeypatch.setattr(machine_code, "_kept", Recent(8))
+    monkeypatch.setattr(machine_code, "_stored", lambda _: kept.pop() if kept else None)
+    before = path.read_bytes()
+    assert result(small()) == 6.0
+    assert path.read_bytes() == before
 
 
 def test_a_folder_that_others_can_write_to_is_not_used(fresh):
     fresh.chmod(0o777)
-    assert machine.cache_directory() is None
+    assert machine_code.cache_directory() is None
     assert result(small()) == 6.0
     assert list(fresh.iterdir()) == []
 
 
 def test_the_cache_can_be_switched_off_and_a_wrong_place_is_no_error(monkeypatch, tmp_path):
-    monkeypatch.setattr(machine, "_engines", Recent(8))
+    monkeypatch.setattr(machine_code, "_kept", Recent(8))
     monkeypatch.setenv("FEEDDRIVE_CACHE", "")
-    assert machine.cache_directory() is None
+    assert machine_code.cache_directory() is None
     assert result(small(7.0)) == 14.0
     blocked = tmp_path / "file"
     blocked.write_text("not a folder")
     monkeypatch.setenv("FEEDDRIVE_CACHE", str(blocked / "cache"))
-    monkeypatch.setattr(machine, "_engines", Recent(8))
+    monkeypatch.setattr(machine_code, "_kept", Recent(8))
     assert result(small(9.0)) == 18.0
 
 

@@ -4,5 +4,5 @@ plan.py       the graph in plain arithmetic, the order of everything in memory, 
               between lanes, and what only one branch of a choice needs
 llvm.py       operations as LLVM text; lanes are vectors
 time_loop.py  the loop around them, as an LLVM module
-native.py     machine code, in memory and on disk
+native.py     the machine code of a plan; `language/machine_code.py` compiles and keeps it
 """

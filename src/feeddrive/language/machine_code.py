@@ -1,0 +1,141 @@
+"""LLVM text to machine code that is called by address, with a cache in memory and on disk.
+
+The only file that knows LLVM's compiler in memory (MCJIT): the engine of the loop and the kernels hand over text.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import os
+import stat
+import sys
+import tempfile
+from collections.abc import Sequence
+from functools import lru_cache
+from pathlib import Path
+from threading import Lock
+from typing import Any, NamedTuple
+
+from feeddrive.language.recent import Recent
+
+# How LLVM orders instructions for few registers: from both ends of a block, which is 2 to 10 % faster here than from
+# its end.  The option is one of the whole process; no program depends on it.  LLVM 20, 21 and 22 know it.
+_ORDER = "-misched-prera-direction=bidirectional"
+
+
+class MachineCode(NamedTuple):
+    """Functions in memory, as long as this is held."""
+
+    key: str  # of the cache
+    engine: Any  # owns the code
+    addresses: tuple[int, ...]  # of the entries
+
+
+_kept: Recent[MachineCode] = Recent(512)  # who calls the code keeps it alive
+_lock = Lock()
+
+
+@lru_cache(maxsize=1)
+def target() -> tuple[str, str, str]:
+    """Triple, processor and its features."""
+    import llvmlite.binding as binding
+
+    binding.set_option("feeddrive", _ORDER)
+    binding.initialize_native_target()
+    binding.initialize_native_asmprinter()
+    return binding.get_process_triple(), binding.get_host_cpu_name(), binding.get_host_cpu_features().flatten()
+
+
+def machine_code(source: str, entries: Sequence[str], *, effort: int, passes: Sequence[str] = ()) -> MachineCode:
+    """The functions `entries` of an LLVM module whose first line is its triple.
+
+    effort  of the selection of instructions and registers, 0 to 3
+    passes  of the optimizer before that, in order, by their names in llvmlite: `sroa` is its `add_sroa_pass`
+    """
+    import llvmlite
+    import llvmlite.binding as binding
+
+    triple, processor, features = target()
+    parts = [llvmlite.__version__, processor, features, _ORDER, str(effort), *passes, source]
+    key = hashlib.sha256("\n".join(parts).encode()).hexdigest()
+
+    def made() -> MachineCode:
+        machine = binding.Target.from_triple(triple).create_target_machine(
+            cpu=processor, features=features, opt=effort, jit=True
+        )
+        stored = _stored(key)
+        module = binding.parse_assembly(source if stored is None else _stubs(source, entries))
+        if stored is None and passes:
+            _optimize(module, machine, passes)
+        engine = binding.create_mcjit_compiler(module, machine)
+        engine.set_object_cache(lambda _, code: _store(key, code), lambda _: stored)
+        engine.finalize_object()
+        return MachineCode(key, engine, tuple(engine.get_function_address(name) for name in entries))
+
+    with _lock:
+        return _kept.get(key, made)
+
+
+def _optimize(module: Any, machine: Any, passes: Sequence[str]) -> None:
+    """Runs passes of LLVM over a module; none of them may change what an operation on floats gives."""
+    import llvmlite.binding as binding
+
+    manager = binding.create_new_module_pass_manager()
+    for name in passes:
+        getattr(manager, f"add_{name}_pass")()
+    manager.run(module, binding.create_pass_builder(machine, binding.create_pipeline_tuning_options()))
+
+
+def _stubs(source: str, entries: Sequence[str]) -> str:
+    """The module with nothing in its functions: enough when the code comes from the disk."""
+    return "\n".join([source.split("\n", 1)[0], *[f"define void @{name}() {{\n  ret void\n}}" for name in entries]])
+
+
+def cache_directory() -> Path | None:
+    """Where machine code is kept: FEEDDRIVE_CACHE, else the user's cache folder; None if it is not safely the user's.
+
+    Machine code read from there is run, so a folder that others could write to is not used.
+    """
+    named = os.environ.get("FEEDDRIVE_CACHE")
+    if named == "":
+        return None
+    if named:
+        place = Path(named)
+    elif sys.platform == "win32":
+        place = Path(os.environ.get("LOCALAPPDATA", Path.home())) / "feeddrive" / "cache"
+    else:
+        place = Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache")) / "feeddrive"
+    try:
+        place.mkdir(parents=True, exist_ok=True, mode=0o700)
+        status = place.stat()
+    except (OSError, RuntimeError):
+        return None
+    if sys.platform != "win32" and (status.st_uid != os.getuid() or status.st_mode & (stat.S_IWGRP | stat.S_IWOTH)):
+        return None
+    return place
+
+
+def _stored(key: str) -> bytes | None:
+    """Machine code from the disk, if it is whole."""
+    place = cache_directory()
+    if place is None:
+        return None
+    try:
+        kept = (place / f"{key}.o").read_bytes()
+    except OSError:
+        return None
+    digest, code = kept[:32], kept[32:]
+    return code if hashlib.sha256(code).digest() == digest else None
+
+
+def _store(key: str, code: bytes) -> None:
+    """Machine code to the disk, whole or not at all; a disk that refuses is no error."""
+    place = cache_directory()
+    if place is None:
+        return
+    with contextlib.suppress(OSError):
+        handle, name = tempfile.mkstemp(dir=place)
+        with os.fdopen(handle, "wb") as file:
+            file.write(hashlib.sha256(code).digest() + code)
+        os.replace(name, place / f"{key}.o")
