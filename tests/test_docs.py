@@ -238,7 +238,7 @@ def test_the_site_builds_without_a_warning(tmp_path: Path):
     assert "1/s" in page
 
 
-OUTSIDE = re.compile(r"\b(papers|peers|targets|style)\.md\b|/work/|https?://\d")
+OUTSIDE = re.compile(r"\b(papers|peers|targets|style)\.md\b|(?<![\w.])/(home|root|work|Users)/|https?://\d")
 
 
 def written() -> list[Path]:

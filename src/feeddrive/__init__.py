@@ -29,11 +29,11 @@ _RENAMED = {
 }
 
 
-def _load_views() -> object:
-    """Import what draws and frames results; the first `plot()` or `to_pandas()` of a result asks for it."""
-    from feeddrive import plot
+def _load_views(kind: type) -> None:
+    """Import what draws a type of result and makes its DataFrame, at its first `plot()` or `to_pandas()`."""
+    from feeddrive.plot.registry import register
 
-    return plot
+    register(kind)
 
 
 def _moved(name: str) -> Any:

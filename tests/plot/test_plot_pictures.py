@@ -7,6 +7,7 @@ import subprocess
 import sys
 from collections.abc import Callable
 from functools import cache
+from importlib import import_module
 from io import BytesIO
 from typing import Any
 
@@ -28,6 +29,7 @@ from feeddrive.blocks.sensor.encoder import Encoder
 from feeddrive.blocks.signals import Setpoint
 from feeddrive.language import tree
 from feeddrive.language.errors import MissingExtraError
+from feeddrive.language.table import Result
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.control import Control
 from feeddrive.loop.frequency_response import FRF
@@ -36,7 +38,7 @@ from feeddrive.loop.lifting import compliance, loop_gain, tracking
 from feeddrive.loop.linearize import linearize
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import Run, simulate, simulate_batch
-from feeddrive.plot import frames, style
+from feeddrive.plot import frames, registry, style
 
 T = 5e-4
 F = np.geomspace(1.0, 1000.0, 400)
@@ -181,6 +183,30 @@ def test_neither_pyplot_nor_a_global_setting_is_touched() -> None:
 
 def test_importing_the_pictures_does_not_import_matplotlib() -> None:
     code = "import sys, feeddrive.plot, feeddrive.report; assert 'matplotlib' not in sys.modules"
+    subprocess.run([sys.executable, "-c", code], check=True)
+
+
+def test_every_registered_name_is_a_result_and_its_function() -> None:
+    """The registry holds texts, so that a renamed class or function is found here."""
+    for table in (registry.PICTURES, {kind: f"frames:{name}" for kind, name in registry.FRAMES.items()}):
+        for kind, place in table.items():
+            module, name = kind.split(":")
+            assert issubclass(getattr(import_module(f"feeddrive.{module}"), name), Result), kind
+            module, name = place.split(":")
+            assert callable(getattr(import_module(f"feeddrive.plot.{module}"), name)), place
+
+
+def test_the_first_plot_imports_no_other_results() -> None:
+    """A plot of a response needs neither tuning nor identification nor their parts of scipy."""
+    code = (
+        "import sys, numpy as np\n"
+        "from feeddrive.loop.frequency_response import FRF\n"
+        "f = np.geomspace(1, 100, 50)\n"
+        "FRF(f, 1 / (1 + 1j * f)).plot()\n"
+        "rooms = ('tuning', 'identification', 'certificate', 'cosimulation', 'files')\n"
+        "found = [m for m in sys.modules if m.startswith(tuple(f'feeddrive.{room}' for room in rooms))]\n"
+        "assert not found, found\n"
+    )
     subprocess.run([sys.executable, "-c", code], check=True)
 
 

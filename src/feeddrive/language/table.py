@@ -1,7 +1,7 @@
 """The base class of results: a short table in a terminal and in a notebook, a plot, a DataFrame.
 
-Results import neither matplotlib nor pandas.  Plots and frames are registered by the type of the result, in `plot/`
-for all packages below it, and for the others in the module of the result.
+Results import neither matplotlib nor pandas.  Plots and frames are registered by the type of the result: by
+`plot/registry.py` for the packages below `plot/`, for the others in the module of the result.
 """
 
 from __future__ import annotations
@@ -74,11 +74,11 @@ def frame_of(result: Any) -> Any:
     raise ParameterError(f"{type(result).__name__} has no DataFrame: print it, or take its fields")
 
 
-_load_views: list[Callable[[], object]] = []
+_load_views: list[Callable[[type], object]] = []
 
 
-def views_from(load: Callable[[], object]) -> None:
-    """Set the function that is called before a plot or a frame is looked up; it imports the module that registers them.
+def views_from(load: Callable[[type], object]) -> None:
+    """Set the function that registers plot and frame of a type of result; it is called before they are looked up.
 
     The package `feeddrive` calls this once when it is imported, since it stands above all rooms.
     """
@@ -101,7 +101,7 @@ class Result(ABC):
     def plot(self) -> Any:
         """The picture of this type of result, a matplotlib figure. Raises ParameterError if it has none."""
         for load in _load_views:
-            load()
+            load(type(self))
         return picture_of(self)
 
     def to_pandas(self) -> Any:
@@ -110,7 +110,7 @@ class Result(ABC):
         Raises MissingExtraError without pandas, ParameterError if this type of result has none.
         """
         for load in _load_views:
-            load()
+            load(type(self))
         return frame_of(self)
 
 

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from feeddrive.certificate.certificate import Certificate
-from feeddrive.certificate.discs import LoopResponse
-from feeddrive.language.table import picture_of
 from feeddrive.plot import style
+
+if TYPE_CHECKING:
+    from feeddrive.certificate.certificate import Certificate
+    from feeddrive.certificate.discs import LoopResponse
 
 _MOST = 6  # rows of one picture
 _DECADES = 3.0  # below the nearest place that are shown
@@ -17,7 +18,6 @@ _DISCS = 500  # drawn in the complex plane
 _SHADE = "#f6dbc8"
 
 
-@picture_of.register(Certificate)
 def certificate(found: Certificate) -> Any:
     """|1 + L|/|L| of each plant over the certified radius, the plants with the smallest reserve first."""
     plants = sorted(found.document["plants"], key=lambda each: each["reserve"] or np.inf)[:_MOST]

@@ -2,21 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from feeddrive.analysis.margins import Margins
 from feeddrive.analysis.margins import margins as margins_of
-from feeddrive.analysis.stability import Encirclement, Stability
-from feeddrive.language.table import picture_of
-from feeddrive.loop.linearize import StateSpace
 from feeddrive.plot import style
-from feeddrive.tuning.placement import Placement
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from matplotlib.axes import Axes
+
+    from feeddrive.analysis.stability import Encirclement, Stability
+    from feeddrive.loop.linearize import StateSpace
+    from feeddrive.tuning.placement import Placement
 
 FINER = 4  # points drawn for each line of a modeled curve
 REACH = (-2.6, 1.4, -2.0, 2.0)  # of the Nyquist plot: what decides stability lies near -1
@@ -97,7 +98,6 @@ def _at(margins: Margins, frequency: float) -> complex:
     )
 
 
-@picture_of.register(StateSpace)
 def poles(model: StateSpace) -> Any:
     """Poles in the z plane with the unit circle, and the same as damping ratio over natural frequency in Hz."""
     from matplotlib.patches import Circle
@@ -135,16 +135,16 @@ def _crosses(ax: Axes, x: np.ndarray, y: np.ndarray, tint: str, name: str | None
     ax.plot(x, y, "x", color=tint, markersize=7, markeredgewidth=1.6, label=name)
 
 
-@picture_of.register
-def _stability(found: Stability) -> Any:
+def stability(found: Stability) -> Any:
+    """Poles of the loop."""
     return poles(found.model)
 
 
-@picture_of.register
-def _placement(found: Placement) -> Any:
+def placement(found: Placement) -> Any:
+    """Poles of the sampled loop."""
     return poles(found.stability.model)
 
 
-@picture_of.register
-def _encirclement(found: Encirclement) -> Any:
+def encirclement(found: Encirclement) -> Any:
+    """Nyquist plot of the measured or modelled loop gain."""
     return nyquist(margins_of(found.loop_gain))

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from feeddrive.plot import style
 from feeddrive.plot.style import envelope
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
 
 
 class Row(NamedTuple):

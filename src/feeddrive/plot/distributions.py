@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from feeddrive.analysis.effort import Effort
-from feeddrive.language.table import picture_of, shown
-from feeddrive.loop.gradient import Gradient
+from feeddrive.language.table import shown
 from feeddrive.loop.loop import UNITS
-from feeddrive.loop.simulate import Batch
 from feeddrive.plot import style
 
+if TYPE_CHECKING:
+    from feeddrive.analysis.effort import Effort
+    from feeddrive.loop.gradient import Gradient
+    from feeddrive.loop.simulate import Batch
 
-@picture_of.register(Batch)
+
 def batch(batch: Batch) -> Any:
     """How many variants have which RMS, for each signal; those that left their bounds are not counted."""
     from matplotlib.ticker import MaxNLocator
@@ -53,7 +54,6 @@ def batch(batch: Batch) -> Any:
     return figure
 
 
-@picture_of.register(Gradient)
 def gradient(found: Gradient) -> Any:
     """By how many percent the cost changes for +1 % of each parameter: falls to the left, rises to the right."""
     names = list(found.gradient)
@@ -71,7 +71,6 @@ def gradient(found: Gradient) -> Any:
     return figure
 
 
-@picture_of.register(Effort)
 def effort(found: Effort) -> Any:
     """Operations of one sample by kind."""
     names = sorted(found.operations, key=lambda name: found.operations[name])

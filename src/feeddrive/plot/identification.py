@@ -2,32 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from feeddrive.analysis.friction_map import FrictionMap
-from feeddrive.blocks.families import Friction
-from feeddrive.identification.cogging import CoggingFit, CoggingRun
 from feeddrive.identification.estimate import NORMAL
-from feeddrive.identification.friction_curve import FrictionCurve
-from feeddrive.identification.motion.control_law import ControlFit
-from feeddrive.identification.motion.delay import DelayFit
-from feeddrive.identification.motion.identify import Identified
-from feeddrive.identification.motion.rigid import RigidFit
-from feeddrive.identification.regression import Residuals, Validation
-from feeddrive.identification.steady_runs import SteadyRuns
-from feeddrive.language.table import picture_of
-from feeddrive.loop.loop import Loop
-from feeddrive.loop.simulate import Run
 from feeddrive.plot import style
 from feeddrive.plot.style import envelope
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from feeddrive.analysis.friction_map import FrictionMap
+    from feeddrive.blocks.families import Friction
+    from feeddrive.identification.cogging import CoggingFit, CoggingRun
+    from feeddrive.identification.friction_curve import FrictionCurve
+    from feeddrive.identification.motion.control_law import ControlFit
+    from feeddrive.identification.motion.delay import DelayFit
+    from feeddrive.identification.motion.identify import Identified
+    from feeddrive.identification.motion.rigid import RigidFit
+    from feeddrive.identification.regression import Residuals, Validation
+    from feeddrive.identification.steady_runs import SteadyRuns
+    from feeddrive.loop.loop import Loop
+    from feeddrive.loop.simulate import Run
 
 _LAGS = 40  # of an autocorrelation
 
 
-@picture_of.register(RigidFit)
 def rigid_fit(fit: RigidFit) -> Any:
     """Measured and fitted force over time, and the residual."""
     figure, axes = style.picture(2, height=3.8, ratios=(2, 1))
@@ -44,7 +45,6 @@ def rigid_fit(fit: RigidFit) -> Any:
     return figure
 
 
-@picture_of.register(Residuals)
 def residuals(found: Residuals) -> Any:
     """Residual by row, and its autocorrelation with the bounds of a white one."""
     figure, axes = style.picture(2, height=3.8, share=False)
@@ -62,7 +62,6 @@ def residuals(found: Residuals) -> Any:
     return figure
 
 
-@picture_of.register(Validation)
 def validation(found: Validation) -> Any:
     """Error of each stretch when it was not used."""
     figure, (ax,) = style.picture(1, height=2.6)
@@ -72,7 +71,6 @@ def validation(found: Validation) -> Any:
     return figure
 
 
-@picture_of.register(DelayFit)
 def delay_fit(found: DelayFit) -> Any:
     """Residual over the delay that was tried."""
     figure, (ax,) = style.picture(1, height=2.8)
@@ -85,7 +83,6 @@ def delay_fit(found: DelayFit) -> Any:
     return figure
 
 
-@picture_of.register(ControlFit)
 def control_fit(found: ControlFit) -> Any:
     """What each law that was tried leaves of the force, by its delay."""
     figure, (ax,) = style.picture(1, height=2.8)
@@ -100,7 +97,6 @@ def control_fit(found: ControlFit) -> Any:
     return figure
 
 
-@picture_of.register(SteadyRuns)
 def steady_runs(runs: SteadyRuns) -> Any:
     """Force over velocity."""
     figure, (ax,) = style.picture(1, height=3.2)
@@ -108,7 +104,6 @@ def steady_runs(runs: SteadyRuns) -> Any:
     return figure
 
 
-@picture_of.register(FrictionCurve)
 def identified_friction(curve: FrictionCurve) -> Any:
     """The runs, the curve with its 95 % band, and what it leaves."""
     figure, axes = style.picture(2, height=4.2, ratios=(2, 1))
@@ -137,7 +132,6 @@ def identified_friction(curve: FrictionCurve) -> Any:
     return figure
 
 
-@picture_of.register(CoggingFit)
 def cogging(fit: CoggingFit) -> Any:
     """Amplitudes by order, with twice their standard errors: cogging, and what changes sign with the direction."""
     figure, (ax,) = style.picture(1, height=3.2)
@@ -203,8 +197,8 @@ def _points(ax: Any, runs: SteadyRuns) -> None:
     ax.margins(x=0.03)
 
 
-@picture_of.register
-def _identified(found: Identified) -> Any:
+def identified(found: Identified) -> Any:
+    """Measured and fitted force of the fit to the moving mass."""
     return rigid_fit(found.rigid)
 
 
@@ -293,6 +287,6 @@ def _met(ax: Any, loop: Loop, run: Run) -> None:
         label = None
 
 
-@picture_of.register
-def _friction_map(found: FrictionMap) -> Any:
+def friction_map(found: FrictionMap) -> Any:
+    """Measured friction over velocity."""
     return friction({}, measured=found)

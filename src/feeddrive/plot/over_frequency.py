@@ -2,31 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from feeddrive.analysis.margin_intervals import MarginIntervals
 from feeddrive.analysis.margins import Margins, complementary_sensitivity, tracking_bandwidth
 from feeddrive.analysis.margins import sensitivity as sensitivity_of
-from feeddrive.analysis.measured_loop import MeasuredLoop
-from feeddrive.analysis.spectrum import Spectrum
-from feeddrive.analysis.stiffness import Stiffness
 from feeddrive.language.errors import ParameterError
-from feeddrive.language.table import picture_of, shown
-from feeddrive.loop.frequency_response import FRF
+from feeddrive.language.table import shown
 from feeddrive.plot import style
-from feeddrive.tuning.recipes import Recipe
-from feeddrive.tuning.tuned import CascadeLoops, Tuned
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from matplotlib.axes import Axes
+
+    from feeddrive.analysis.margin_intervals import MarginIntervals
+    from feeddrive.analysis.measured_loop import MeasuredLoop
+    from feeddrive.analysis.spectrum import Spectrum
+    from feeddrive.analysis.stiffness import Stiffness
+    from feeddrive.loop.frequency_response import FRF
+    from feeddrive.tuning.recipes import Recipe
+    from feeddrive.tuning.tuned import CascadeLoops, Tuned
 
 BANDS = 500  # over the whole axis: a line shows the largest amplitude in its band
 
 
-@picture_of.register(FRF)
 def bode(responses: FRF | Mapping[str, FRF]) -> Any:
     """Magnitude in dB and phase in degrees over Hz; with a third row if a response has a coherence."""
     chosen = style.named(responses)
@@ -100,7 +101,6 @@ def sensitivity(loops: Margins | Mapping[str, Margins]) -> Any:
     return figure
 
 
-@picture_of.register(Stiffness)
 def stiffness(stiffnesses: Stiffness | Mapping[str, Stiffness]) -> Any:
     """Dynamic stiffness in N/µm over Hz, log-log, with the minimum marked."""
     chosen = style.named(stiffnesses)
@@ -125,7 +125,6 @@ def stiffness(stiffnesses: Stiffness | Mapping[str, Stiffness]) -> Any:
     return figure
 
 
-@picture_of.register(Spectrum)
 def spectrum(spectra: Spectrum | Mapping[str, Spectrum]) -> Any:
     """Amplitude and cumulative RMS over Hz, log-log; dense lines show the largest amplitude of each band."""
     chosen = style.named(spectra)
@@ -181,8 +180,7 @@ def _span(frequencies: Any) -> tuple[float, float]:
     return min(low for low, _ in ends), max(high for _, high in ends)
 
 
-@picture_of.register
-def _tuned(found: Tuned) -> Any:
+def tuned(found: Tuned) -> Any:
     """Dynamic stiffness before and after at each point."""
     many = len(found.after) > 1
     curves = {
@@ -198,7 +196,6 @@ FAR = 60.0  # dB: a margin beyond it says nothing and is not drawn
 WRITTEN = 3  # crossovers of a kind that get their number written beside them, in a picture of one loop
 
 
-@picture_of.register(Margins)
 def open_loop(loops: Margins | Mapping[str, Margins]) -> Any:
     """Magnitude in dB and phase in degrees of loop gains, with every gain and phase crossover.
 
@@ -291,17 +288,16 @@ def _write(ax: Axes, x: float, y: float, text: str) -> None:
     )  # fmt: skip
 
 
-@picture_of.register(MarginIntervals)
-@picture_of.register(MeasuredLoop)
-def _margins_of(found: MarginIntervals | MeasuredLoop) -> Any:
+def measured_loop(found: MarginIntervals | MeasuredLoop) -> Any:
+    """Loop gain with its crossovers."""
     return open_loop(found.margins)
 
 
-@picture_of.register
-def _cascade_loops(found: CascadeLoops) -> Any:
+def cascade_loops(found: CascadeLoops) -> Any:
+    """Loop gains of both loops of a cascade."""
     return open_loop({"velocity loop": found.velocity, "position loop": found.position})
 
 
-@picture_of.register
-def _recipe(_found: Recipe) -> Any:
+def recipe(_found: Recipe) -> Any:
+    """Raise ParameterError: a recipe has no picture."""
     raise ParameterError("a recipe has no picture: give its law to `tune` or `measured_loop`, and draw that")

@@ -8,13 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from feeddrive.analysis.friction_map import Window, set_velocity
-from feeddrive.analysis.replay import Replay
-from feeddrive.cosimulation.simulate_with_fmu import Cosimulation
-from feeddrive.files.guess import Guess
-from feeddrive.files.log import Log
-from feeddrive.identification.motion.output_error import Refinement
 from feeddrive.language.errors import ParameterError
-from feeddrive.language.table import picture_of, shown
+from feeddrive.language.table import shown
 from feeddrive.loop.simulate import Run
 from feeddrive.plot import style
 from feeddrive.plot.style import POINTS, envelope
@@ -22,12 +17,17 @@ from feeddrive.plot.style import POINTS, envelope
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+    from feeddrive.analysis.replay import Replay
+    from feeddrive.cosimulation.simulate_with_fmu import Cosimulation
+    from feeddrive.files.guess import Guess
+    from feeddrive.files.log import Log
+    from feeddrive.identification.motion.output_error import Refinement
+
 _LIMITS = ((0, (5, 2)), (0, (1.5, 1.5)), (0, (5, 1.5, 1, 1.5)))  # dashes of the force limits
 
 Runs = Run | Mapping[str, Run] | Sequence[Run]
 
 
-@picture_of.register(Run)
 def run(run: Run) -> Any:
     """Following error, force and velocity of one run."""
     figure, axes = style.picture(3, height=5.4)
@@ -187,15 +187,14 @@ def _peak(values: np.ndarray) -> float:
     return float(np.max(np.abs(values), initial=0.0))
 
 
-@picture_of.register
-def _cosimulation(found: Cosimulation) -> Any:
+def cosimulation(found: Cosimulation) -> Any:
+    """Following error of each law."""
     return following_error({row.name: row.run for row in found.rows})
 
 
 MOST = 12  # rows; a log with more channels shows the first ones
 
 
-@picture_of.register(Log)
 def log(log: Log) -> Any:
     """The channels of a log over time, each in the unit in which people read it."""
     chosen = dict(list(log.channels.items())[:MOST])
@@ -209,8 +208,8 @@ def log(log: Log) -> Any:
     return figure
 
 
-@picture_of.register
-def _guess(found: Guess) -> Any:
+def guess(found: Guess) -> Any:
+    """Raise ParameterError: a guess has no picture."""
     raise ParameterError(f"{found.name}: a guess of roles has no picture; plot the log itself")
 
 
@@ -222,7 +221,6 @@ _SHOWN = {
 }
 
 
-@picture_of.register(Replay)
 def replay(replay: Replay, points: int = POINTS) -> Any:
     """Measured over predicted for position, following error and force, each with its residual below."""
     signals = [name for name in _SHOWN if name in replay.measured and name in replay.run.signals]
@@ -255,6 +253,6 @@ def replay(replay: Replay, points: int = POINTS) -> Any:
     return figure
 
 
-@picture_of.register
-def _refinement(found: Refinement) -> Any:
+def refinement(found: Refinement) -> Any:
+    """Predicted and measured columns."""
     return replay(found.replay)

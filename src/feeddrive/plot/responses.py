@@ -2,25 +2,25 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from feeddrive.identification.excitation.excitation import Excitation
-from feeddrive.identification.excitation.frequency_estimate import FrequencyEstimate
-from feeddrive.identification.response.agreement import Agreement
-from feeddrive.identification.response.fit_axis import AxisFits
-from feeddrive.identification.response.modal_fit import ModalFit
-from feeddrive.identification.response.plant_fit import PlantFit
-from feeddrive.language.table import picture_of
-from feeddrive.loop.frequency_response import FRF
 from feeddrive.plot import style
 from feeddrive.plot.style import envelope
+
+if TYPE_CHECKING:
+    from feeddrive.identification.excitation.excitation import Excitation
+    from feeddrive.identification.excitation.frequency_estimate import FrequencyEstimate
+    from feeddrive.identification.response.agreement import Agreement
+    from feeddrive.identification.response.fit_axis import AxisFits
+    from feeddrive.identification.response.modal_fit import ModalFit
+    from feeddrive.identification.response.plant_fit import PlantFit
+    from feeddrive.loop.frequency_response import FRF
 
 _LEVELS = {"noise": "noise", "nonlinear": "scatter beyond noise", "odd": "odd distortion", "even": "even distortion"}
 
 
-@picture_of.register(FrequencyEstimate)
 def frequency_estimate(found: FrequencyEstimate, model: FRF | None = None) -> Any:
     """Magnitude with the 95 % band, noise and distortion; phase with its band; coherence. `model` is drawn behind."""
     frf = found.frf
@@ -62,7 +62,6 @@ def _beside(phase: np.ndarray, frequency: np.ndarray, frf: FRF) -> np.ndarray:
     return phase + 360.0 * round((float(frf.phase_deg[0]) - at) / 360.0)
 
 
-@picture_of.register(Excitation)
 def excitation(found: Excitation) -> Any:
     """What is sent in the first realization, and speed and force that the simulation answers, over time."""
     drawn = found.drawings[0]
@@ -88,7 +87,6 @@ def excitation(found: Excitation) -> Any:
 _BAND = np.sqrt(-np.log(0.05))  # radius of a 95 % disc, in roots of E|dG|²
 
 
-@picture_of.register(Agreement)
 def response_fit(found: Agreement) -> Any:
     """Magnitude and phase: the measurement as dots with its 95 % band, the model as a line; their distance; coherence.
 
@@ -207,12 +205,11 @@ def _frequency(ax: Any, found: Agreement) -> None:
     style.frequency_axis(ax, float(min(f[0] for f in lines)), float(max(f[-1] for f in lines)))
 
 
-@picture_of.register(PlantFit)
-@picture_of.register(ModalFit)
-def _fit(found: PlantFit | ModalFit) -> Any:
+def fitted(found: PlantFit | ModalFit) -> Any:
+    """Measured and fitted response."""
     return response_fit(found.agreement)
 
 
-@picture_of.register
-def _axis_fits(found: AxisFits) -> Any:
+def axis_fits(found: AxisFits) -> Any:
+    """Measured response and the chosen fit."""
     return response_fit(found.fit.agreement)

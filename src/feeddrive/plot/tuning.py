@@ -2,21 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from feeddrive.analysis.replay import Observation
 from feeddrive.language import tree
-from feeddrive.language.table import picture_of
 from feeddrive.plot import style
 from feeddrive.plot.style import POINTS, envelope
-from feeddrive.tuning.delay_map import DelayMap
-from feeddrive.tuning.iterative_feedforward import Iteration
-from feeddrive.tuning.trajectory_prefilter import PrefilterFit
-from feeddrive.tuning.trial import Trial
-from feeddrive.tuning.trials import Trials
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from feeddrive.analysis.replay import Observation
+    from feeddrive.tuning.delay_map import DelayMap
+    from feeddrive.tuning.iterative_feedforward import Iteration
+    from feeddrive.tuning.trajectory_prefilter import PrefilterFit
+    from feeddrive.tuning.trial import Trial
+    from feeddrive.tuning.trials import Trials
 
 _WORDS = {
     "mass": "mass", "viscous": "viscous", "coulomb_positive": "Coulomb +", "coulomb_negative": "Coulomb -",
@@ -24,7 +26,6 @@ _WORDS = {
 }  # fmt: skip
 
 
-@picture_of.register(Trial)
 def trial(trial: Trial) -> Any:
     """Following error over set velocity."""
     figure, axes = style.picture(2, height=3.6, ratios=(2, 1))
@@ -36,7 +37,6 @@ def trial(trial: Trial) -> Any:
     return figure
 
 
-@picture_of.register(Iteration)
 def iteration(iteration: Iteration) -> Any:
     """The error of the trial, and under it that which is predicted for the next along the same reference."""
     figure, axes = style.picture(2, height=3.8, ratios=(2, 1))
@@ -52,7 +52,6 @@ def iteration(iteration: Iteration) -> Any:
     return figure
 
 
-@picture_of.register(Trials)
 def trials(trials: Trials) -> Any:
     """RMS of the error over the trials on a logarithmic scale, and each parameter with its standard error."""
     return errors_and_parameters({"": trials})
@@ -103,7 +102,6 @@ def _velocity(ax: Any, trial: Trial) -> None:
     style.labels(ax, "time (s)", "set velocity\n(mm/s)")
 
 
-@picture_of.register(PrefilterFit)
 def prefilter_fit(fit: PrefilterFit, points: int = POINTS) -> Any:
     """Above: the error and what the derivatives explain of it. Below: what is predicted to remain."""
     figure, axes = style.picture(2, height=4.2)
@@ -121,7 +119,6 @@ def prefilter_fit(fit: PrefilterFit, points: int = POINTS) -> Any:
     return figure
 
 
-@picture_of.register(Observation)
 def disturbance(
     observations: Observation | Mapping[str, Observation],
     true: np.ndarray | None = None,
@@ -143,7 +140,6 @@ def disturbance(
     return figure
 
 
-@picture_of.register(DelayMap)
 def delay_map(maps: DelayMap | Mapping[str, DelayMap]) -> Any:
     """The first tunable at the edge of stability and where Ms reaches its bound, over the dead time in samples."""
     chosen = style.named(maps)
