@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.sparse import csr_array
-from scipy.special import chdtri
 
 from feeddrive.analysis.margins import Margins, margins
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.table import Result, Table
 from feeddrive.loop.frequency_response import FRF
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
 
 _HALVES = (2, 3, 4, 6, 8, 12, 16, 24, 32, 48)  # lines on each side that are tried
 _LEVEL = 0.999  # of the χ² test that a parabola explains the lines
@@ -44,6 +46,8 @@ def smoothers(frf: FRF) -> tuple[Smoother, Smoother]:
     Source: Goldenshluger & Nemirovski 1997 (windows as wide as the noise allows); Schoukens et al. 2009 (local
     polynomials of frequency responses).
     """
+    from scipy.special import chdtri
+
     if frf.variance is None:
         raise ParameterError(
             f"the response to {frf.output} has no variance: estimate it from several periods or averages, or give it"
@@ -79,6 +83,8 @@ def smoothers(frf: FRF) -> tuple[Smoother, Smoother]:
 
 def _smoother(n: int, maps: Sequence[tuple[np.ndarray, np.ndarray]], reach: np.ndarray) -> Smoother:
     """Each line smoothed by the map of its widest window; a line whose index is below 0 stays as it is."""
+    from scipy.sparse import csr_array
+
     stays = np.flatnonzero(reach < 0)
     rows, columns, weights = [stays], [stays], [np.ones(stays.size)]
     for i, (start, made) in enumerate(maps):

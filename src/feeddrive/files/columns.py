@@ -168,3 +168,13 @@ def check_unpacked(name: str, numbers: int, packed: int) -> None:
             f"{name}: has {packed:,} bytes and states {numbers:,} numbers, more than {MOST_TIMES} times its size and "
             f"more than {FREE_BYTES / 1e6:g} MB; it is damaged or a bomb: map only the columns that are needed"
         )
+
+
+def arrow_numbers(column: Any) -> np.ndarray:
+    """The numbers of a column of a pyarrow table; NaN for cells without one.
+
+    Its own `to_numpy` imports pandas, if that is installed, which takes longer than a log of 4,000 rows.
+    """
+    if column.null_count or not column.num_chunks or str(column.type) == "bool":
+        return column.to_numpy()
+    return np.concatenate([np.from_dlpack(piece) for piece in column.chunks])

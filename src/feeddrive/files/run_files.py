@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from feeddrive.files.atomic_io import written_whole
-from feeddrive.files.columns import Columns, check_size, check_unpacked, is_wanted
+from feeddrive.files.columns import Columns, arrow_numbers, check_size, check_unpacked, is_wanted
 from feeddrive.language.errors import LogError, ParameterError
 from feeddrive.version import __version__
 
@@ -61,11 +61,11 @@ def read_parquet(name: str, content: bytes, wanted: frozenset[str] | None) -> Co
             column = table.column(label)
             if arrow.types.is_timestamp(column.type):
                 ticks = column.cast(arrow.int64())
-                since = ticks.to_numpy() - (ticks[0].as_py() or 0) if len(ticks) else ticks.to_numpy()
+                since = arrow_numbers(ticks) - (ticks[0].as_py() or 0) if len(ticks) else arrow_numbers(ticks)
                 values[label] = since.astype(np.float64) * _SECONDS[column.type.unit]  # from the first row on
                 units[label] = "s"
             else:
-                values[label] = column.to_numpy().astype(np.float64)
+                values[label] = arrow_numbers(column).astype(np.float64)
     except LogError:
         raise
     except Exception:  # pyarrow hands every kind of error of its C++ library through

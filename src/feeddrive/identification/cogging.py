@@ -6,7 +6,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import fdtrc
 
 from feeddrive.blocks.force.cogging import Cogging
 from feeddrive.blocks.force.harmonic import Harmonic
@@ -222,6 +221,8 @@ def _between(off: np.ndarray, spreads: Sequence[np.ndarray]) -> float:
 
 def _order(n: int, place: int, sides: Mapping[int, _Side], unit: str, tried: int) -> CoggingOrder:
     """Amplitudes of an order by direction, and its significance."""
+    from scipy.special import fdtrc
+
     pairs = {sign: side.pairs[place] for sign, side in sides.items()}
     spreads = {sign: side.spreads[place] for sign, side in sides.items()}
     statistic = sum(float(pairs[sign] @ np.linalg.pinv(spreads[sign]) @ pairs[sign]) for sign in sides)

@@ -1,8 +1,5 @@
 """The report of a study: one self-contained HTML page. `build(study)` returns its text."""
 
-from __future__ import annotations
+from feeddrive.language.lazy_package import make_lazy
 
-from feeddrive.report.page import Entry, Study
-from feeddrive.report.study_page import build
-
-__all__ = ["Entry", "Study", "build"]
+make_lazy(__name__)

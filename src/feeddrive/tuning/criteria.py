@@ -6,7 +6,6 @@ from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import ndtr
 
 from feeddrive.analysis.margins import bandwidth_crossing
 from feeddrive.analysis.stiffness import rope_snap_weights, trapezoid_weights
@@ -207,7 +206,14 @@ def distances(bounds: Sequence[Bound]) -> np.ndarray:
 
 def chance(bounds: Sequence[Bound]) -> float:
     """The probability that all bounds hold: Π Φ(slack/σ), for noise that is normal and independent."""
-    return float(np.prod(ndtr(distances(bounds))))
+    return _all_below(distances(bounds))
+
+
+def _all_below(deviations: np.ndarray) -> float:
+    """The probability that as many independent normal numbers are each below theirs."""
+    from scipy.special import ndtr
+
+    return float(np.prod(ndtr(deviations)))
 
 
 def needed(bounds: Sequence[Bound], sure: float, confidence: float) -> float:
@@ -217,7 +223,7 @@ def needed(bounds: Sequence[Bound], sure: float, confidence: float) -> float:
         return sure
 
     def off(more: float) -> float:
-        return float(np.prod(ndtr(found + more))) - confidence
+        return _all_below(found + more) - confidence
 
     low, high = -5.0, 8.0
     if off(low) > 0.0 or off(high) < 0.0:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.special import chdtri
 
 from feeddrive.identification.excitation.nonperiodic import UNKNOWNS, local_rational
 
@@ -32,6 +31,8 @@ def smoothed(
     Source: McKelvey & Guérin 2012 (local rational models); Goldenshluger & Nemirovski 1997 (windows as wide as the data
     allow), with the rule above.
     """
+    from scipy.special import chdtri
+
     n = frequency.size
     flat = frequency**2
     out, left = response.copy(), _averaged(variance * flat**2) / flat**2
@@ -83,6 +84,8 @@ def stiff_ratio(
     used where |r - 1| is at most a quarter, which is up to half of the first antiresonance, and on at most half of the
     lines of the fit, which bends away first at its end.
     """
+    from scipy.special import chdtri
+
     ratio, variance = np.full(frequency.size, np.nan, dtype=complex), np.zeros(frequency.size)
     if variances is None:
         return ratio, variance

@@ -19,7 +19,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from feeddrive.files.columns import COUNTS, Columns, check_size, free_name, is_wanted, unit_of
+from feeddrive.files.columns import COUNTS, Columns, arrow_numbers, check_size, free_name, is_wanted, unit_of
 from feeddrive.language.errors import LogError
 
 _SAMPLE = 400  # lines
@@ -310,7 +310,7 @@ def _numbers_by_arrow(plain: str, layout: CsvLayout, chosen: list[int]) -> np.nd
         )
     except (arrow.ArrowException, UnicodeError, OverflowError):
         return None
-    return np.column_stack([table.column(k).to_numpy() for k in range(len(numeric))])
+    return np.column_stack([arrow_numbers(table.column(k)) for k in range(len(numeric))])
 
 
 def _numbers_by_loadtxt(plain: str, layout: CsvLayout, chosen: list[int]) -> np.ndarray | None:

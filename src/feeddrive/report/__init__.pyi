@@ -1,0 +1,5 @@
+"""Reports as HTML pages; editors read this file, and the package loads the names on first use."""
+
+from feeddrive.report.page import Entry as Entry
+from feeddrive.report.page import Study as Study
+from feeddrive.report.study_page import build as build
