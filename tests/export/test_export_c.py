@@ -13,13 +13,15 @@ import pytest
 from jinja2 import UndefinedError
 
 import feeddrive as fd
-from exported import LAWS, LOOPS, ONE, PPI, T
+from exported import LAWS, LOOPS, ONE, PPI, TWO, T
 from exported import loop as a_loop
 from feeddrive.export.c.programs import self_test, stepped, streamed
 from feeddrive.export.c.text import header_only, texts
 from feeddrive.export.design import read_design
+from feeddrive.export.fmu.description import model_description, variables
 from feeddrive.export.layout import Layout, layout
 from feeddrive.export.manifest import readme
+from feeddrive.export.structured_text.controller import program
 from feeddrive.export.trial import BROKEN, Trial, trial
 from feeddrive.loop.guard import TRIP_COMMAND, TRIP_READING
 from feeddrive.loop.routine_run import run
@@ -301,6 +303,61 @@ def test_two_axes_in_headers_alone_share_one_program(compiler: str, tmp_path: Pa
     flags = ["-Wall", "-Wextra", "-Werror", "-Wno-unused-function"]
     sources = [f"one.{suffix}", f"main.{suffix}"]
     subprocess.run([*command, *flags, *sources, "-o", "both", "-lm"], cwd=tmp_path, check=True)
+
+
+# what stands in the text of a target where the part of the guard is there, and nowhere else
+MARKS = {
+    "checks_setpoint": ("setpoint_size", "good_setpoint"),
+    "holds": ("hold_samples", "guard_set_position"),
+    "aligns": ("guard_offset", "guard_aligned"),
+    "starts_moving": ("guard_before",),
+}
+BOUNDS = {name: 2.0 for name in ("following_error_limit", "velocity_limit", "travel_most")} | {"travel_least": -2.0}
+
+
+def guarded_texts(guard: fd.Guard) -> dict[str, str]:
+    """Of P-PI on two encoders under a guard, by target, without comments."""
+    routine = controller_routine(a_loop(TWO, PPI, guard=guard), "axis_x")
+    found = {"c": "".join(files(layout(routine)).values())}
+    found["st"] = program(layout(routine), "made by a test").text()
+    found["fmi3"] = model_description(3, "axis_x", "t", "t", "t", T, variables(routine), ["axis_x.c"]).decode()
+    found["c"] = re.sub(r"/\*.*?\*/", "", found["c"], flags=re.DOTALL)
+    found["st"] = re.sub(r"\(\*.*?\*\)", "", found["st"], flags=re.DOTALL)
+    return found
+
+
+def test_a_part_of_the_guard_that_is_left_out_has_no_line_on_a_target() -> None:
+    whole = guarded_texts(fd.Guard(**BOUNDS))
+    for part, marks in MARKS.items():
+        without = guarded_texts(fd.Guard(**BOUNDS, **{part: False}))
+        for mark in marks:
+            assert mark in whole["c"]
+            assert mark in whole["st"]
+            assert all(mark not in text for text in without.values()), (part, mark)
+        assert len(without["c"]) < len(whole["c"])
+        assert len(without["st"]) < len(whole["st"])
+    assert "hold_samples" in whole["fmi3"]
+    for bound in BOUNDS:
+        assert all(bound in text for text in whole.values())
+        without = guarded_texts(fd.Guard(**{name: value for name, value in BOUNDS.items() if name != bound}))
+        assert all(bound not in text for text in without.values()), bound
+
+
+def test_an_export_names_the_parts_of_its_guard_that_are_off(tmp_path: Path) -> None:
+    text = fd.read_machine("ball_screw").file.text
+    assert text.count("[axis.x.control.guard]\n") == 1
+    file = tmp_path / "less.toml"
+    file.write_text(
+        text.replace("[axis.x.control.guard]\n", "[axis.x.control.guard]\nholds = false\n"), encoding="utf-8"
+    )
+    remarks = read_design(file, "x").remarks
+    assert (
+        "the guard has holds = false: the loop trips in the first broken sample, and hold_samples is not read"
+        in remarks
+    )
+    assert not any("starts_moving" in each for each in remarks)
+    fd.write_export(file, "c", tmp_path / "out", axis="x")
+    assert "holds = false" in (tmp_path / "out" / "README.md").read_text(encoding="utf-8")
 
 
 def test_a_hanging_axis_is_held_when_the_loop_is_off() -> None:

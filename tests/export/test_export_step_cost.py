@@ -74,6 +74,18 @@ BOUNDS = {"p_pi": (117, 156), "pole_placement": (149, 186), "gpi": (301, 337)}  
 
 
 @needs_core
+def test_parts_of_the_guard_that_are_left_out_are_not_paid_for() -> None:
+    """P-PI in float on an M4F: usual and most; 5 % as below, the figures of docs/step_cost.md."""
+    law = step_cost.LAWS["p_pi"]
+    bare = step_cost.core_cost(step_cost.design(law, "float", (), None))
+    least = step_cost.core_cost(step_cost.design(law, "float", (), step_cost.LEAST))
+    assert bare.least == bare.most <= 1.05 * 67
+    assert least.least <= 1.05 * 99
+    assert least.most <= 1.05 * 125
+    assert least.memory < 176  # bytes, of the default guard
+
+
+@needs_core
 @pytest.mark.parametrize("name", NAMES)
 def test_executed_instructions_on_a_cortex_m4f(name: str):
     """With the whole guard; a biquad costs at most 25 more."""

@@ -88,6 +88,27 @@ def test_ten_thousand_absurd_inputs_natively(control: Control, limit: float | No
 
 
 @every_control
+def test_without_every_part_that_may_be_left_out_no_command_is_broken(control: Control) -> None:
+    """Laws carry a NaN on to their command, so that it is seen there; what none reads is not seen, and does no harm."""
+    bare = guarded(control, 2000.0)
+    parts = {"checks_setpoint": False, "holds": False, "aligns": False, "starts_moving": False}
+    assert bare.guard is not None
+    routine = controller_routine(loop_of(replace(bare, guard=replace(bare.guard, **parts))), "axis_x")
+    names = [variable.name for variable in routine.inputs]
+    inputs = fuzzed(names, 2_000, seed=13)
+    found = dict(zip((v.name for v in routine.outputs), run(routine, inputs).T, strict=True))
+    force, enabled = found["force"], found["enabled"]
+    assert np.all(np.abs(force) <= 2000.0)
+    assert np.all(force[enabled == 0.0] == SAFE)
+    readings = [i for i, name in enumerate(names) if name.startswith("reading")]
+    broken = ~np.all(np.abs(inputs[:, readings]) <= LIMIT, axis=1)
+    assert np.all(enabled[broken] == 0.0)
+    if getattr(control.law, "position_every", 1) == 1:  # a slow position loop does not read it in every sample
+        assert np.all(enabled[np.isnan(inputs[:, names.index("set_position")])] == 0.0), "no law swallows a NaN"
+    assert 0.1 < np.mean(enabled) < 0.9
+
+
+@every_control
 def test_absurd_inputs_in_plain_python(control: Control) -> None:
     """And nothing that is no number stays in the guard, whatever the law remembers."""
     loop = loop_of(guarded(control, 2000.0))

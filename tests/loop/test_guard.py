@@ -281,3 +281,53 @@ def test_a_travel_without_length_is_refused(most: float) -> None:
     """A loop with such a guard would trip wherever the axis stands."""
     with pytest.raises(ParameterError, match=rf"travel_least = -0.2 m must be < guard.travel_most = {most:g} m"):
         Guard(travel_least=-0.2, travel_most=most)
+
+
+def test_without_the_hold_the_first_broken_sample_trips() -> None:
+    step = Stepped(holds=False, hold_samples=3, safe_force=70.0)
+    step(1e-6)
+    for reading, setpoint in ((np.nan, (0.0,) * 5), (1e-6, (0.0,) * 5)):
+        command = step(reading, setpoint)
+        assert (command.applied, command.requested, command.trip) == (70.0, 70.0, codes.TRIP_READING)
+        assert step.finite(), "nothing broken is remembered"
+    assert step(1e-6, enable=0.0).trip == codes.TRIP_NONE
+    assert step(1e-6).running == 1.0
+    assert step(1e-6, (np.inf, 0.0, 0.0, 0.0, 0.0)).trip == codes.TRIP_READING
+    assert step.finite()
+
+
+@pytest.mark.parametrize("broken", [np.nan, np.inf, -np.inf, 1e30])
+def test_without_the_check_of_the_setpoint_the_command_trips(broken: float) -> None:
+    """NaN detection remains: no command is a broken number, and the next enable starts as if nothing had been."""
+    step, fresh = Stepped(checks_setpoint=False, safe_force=70.0), Stepped(safe_force=70.0)
+    step(1e-6)
+    command = step(1e-6, (broken, 0.0, 0.0, 0.0, 0.0))
+    assert (command.applied, command.requested, command.trip) == (70.0, 70.0, codes.TRIP_COMMAND)
+    for each in (step, fresh):
+        each(2e-6, enable=0.0)
+        each(2e-6, enable=0.0)
+    assert step(2e-6, (1e-6, 0.0, 0.0, 0.0, 0.0)).applied == fresh(2e-6, (1e-6, 0.0, 0.0, 0.0, 0.0)).applied
+    assert step.finite()
+
+
+def test_without_alignment_and_moving_start_the_law_sees_readings_as_they_are() -> None:
+    def verdict(**parts: bool) -> Guard.Verdict:
+        guard, zero = Guard(**parts), np.float64(0.0)
+        prepared = guard.prepare(np.float64(T))
+        state = guard.start(prepared, Setpoint(*np.zeros(5)), np.float64(5e-3), zero, np.float64(0.1))
+        motor, load, enable = np.float64(5e-3 + 1e-4), np.float64(1e-4), np.float64(1.0)
+        return guard.step(prepared, state, Setpoint(*np.zeros(5)), motor, load, enable)[1]
+
+    whole, apart, resting = verdict(), verdict(aligns=False), verdict(starts_moving=False)
+    tiny = 1e-15  # m, rounding
+    assert whole.position_motor == pytest.approx(1e-4, abs=tiny)
+    assert whole.before_motor == pytest.approx(0.0, abs=tiny)
+    assert whole.velocity == pytest.approx(0.1)
+    assert (apart.position_motor, apart.before_motor) == (5e-3 + 1e-4, 5e-3)
+    assert (resting.before_motor, resting.before_load, resting.velocity) == (resting.position_motor, 1e-4, 0.0)
+
+
+def test_parts_that_are_left_out_change_no_bit_of_a_usual_run() -> None:
+    parts = {"checks_setpoint": False, "holds": False, "aligns": False, "starts_moving": False}
+    runs = [simulate(loop(following_error_limit=0.5, **each), Ramp(), start=(0.0, 0.0)) for each in ({}, parts)]
+    assert np.array_equal(runs[0]["force"], runs[1]["force"])

@@ -110,6 +110,7 @@ class Design:
             )
         if said.following_error_limit is None:
             found.append("the guard has no following_error_limit: a loop that runs away does not trip")
+        found += [f"the guard has {name} = false: {then}" for name, then in said.left_out().items()]
         found += self._robustness()
         if control.force_limit is None:
             found.append("the control has no force_limit: only the drive bounds the force")

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 from feeddrive.blocks.signals import Setpoint
 from feeddrive.language import ops
-from feeddrive.language.block import Block, Number, Rule, parameter
+from feeddrive.language.block import Block, Number, Rule, choice, parameter
 from feeddrive.language.tree import cases
 
 Memory = TypeVar("Memory")
@@ -17,6 +17,13 @@ TRIP_NONE, TRIP_READING, TRIP_FOLLOWING_ERROR, TRIP_VELOCITY, TRIP_TRAVEL, TRIP_
 TRIPS = {TRIP_READING: "a broken reading or setpoint", TRIP_FOLLOWING_ERROR: "the following error",
          TRIP_VELOCITY: "the velocity", TRIP_TRAVEL: "the travel",
          TRIP_COMMAND: "a command that is no number"}  # in words  # fmt: skip
+
+LEFT_OUT = {
+    "checks_setpoint": "a NaN or infinite number in a setpoint trips only when it makes the law's command one",
+    "holds": "the loop trips in the first broken sample, and hold_samples is not read",
+    "aligns": "the motor's reading goes to the law as it is, with the offset between the encoders",
+    "starts_moving": "law and observers start at rest, with a step of the force on an axis that moves at enable",
+}  # what happens where a part of the guard is left out
 
 SMOOTHING = 1.0 / 32.0  # of the velocity at enable: a count that toggles at standstill must not look like motion
 SETPOINT_LIMIT = 1e12  # of the sizes of a setpoint's five numbers in SI, summed: no axis comes near it, not in its snap
@@ -44,6 +51,11 @@ class Guard(Block):
 
         velocity T = travel(k) = travel(k-1) + (x(k) - x(k-1) - travel(k-1)) / 32
 
+    A part that a machine does not need can be left out, of the simulation as of every export: a bound by its absence,
+    and `checks_setpoint`, `holds`, `aligns` and `starts_moving` by `false`.  What remains always: a reading that is
+    NaN or beyond `reading_limit` and a command that is NaN or absurd trip the loop, a trip is latched, and a loop that
+    does not run commands the `safe_force`.
+
     Every conditional operation first tests `usual`: good numbers, enabled, running.  A compiler makes one branch of all
     these tests, so that nearly every sample is short; the others take a third longer.
     """
@@ -62,6 +74,18 @@ class Guard(Block):
     )
     safe_force: Number = parameter(
         "N", "commanded while the loop does not run: the weight of a hanging axis", default=0
+    )
+    checks_setpoint: bool = choice(
+        "whether a setpoint with a NaN, infinite or absurd number is broken", options=(True, False), default=True
+    )
+    holds: bool = choice(
+        "whether the command is held over `hold_samples` broken samples", options=(True, False), default=True
+    )
+    aligns: bool = choice(
+        "whether the motor's encoder is aligned to the load's at enable", options=(True, False), default=True
+    )
+    starts_moving: bool = choice(
+        "whether law and observers start in motion on an axis that moves", options=(True, False), default=True
     )
 
     class Prepared(NamedTuple):
@@ -126,6 +150,10 @@ class Guard(Block):
                 ),
             )
 
+    def left_out(self) -> dict[str, str]:
+        """What is `false`, and what then happens."""
+        return {name: then for name, then in LEFT_OUT.items() if not getattr(self, name)}
+
     def prepare(self, T: Number) -> Prepared:
         """The bound of the velocity as one of the motion in a sample."""
         return self.Prepared(T, () if self.velocity_limit is None else (self.velocity_limit * T,))
@@ -135,10 +163,12 @@ class Guard(Block):
         one = motor is load
         load = ops.where(ops.absolute(load) <= self.reading_limit, load, 0.0)
         motor = load if one else ops.where(ops.absolute(motor) <= self.reading_limit, motor, 0.0)
-        setpoint_size = _size(setpoint)
-        good_setpoint = setpoint_size <= SETPOINT_LIMIT
-        rest = (load, *(ops.zero(load) for _ in setpoint[1:]))
-        return Setpoint(*(ops.where(good_setpoint, x, y) for x, y in zip(setpoint, rest, strict=True))), motor, load
+        if self.checks_setpoint:
+            setpoint_size = _size(setpoint)
+            good_setpoint = setpoint_size <= SETPOINT_LIMIT
+            rest = (load, *(ops.zero(load) for _ in setpoint[1:]))
+            setpoint = Setpoint(*(ops.where(good_setpoint, x, y) for x, y in zip(setpoint, rest, strict=True)))
+        return setpoint, motor, load
 
     def start(self, prepared: Prepared, setpoint: Setpoint, motor: Number, load: Number, velocity: Number) -> State:
         """Disabled, without a trip, at the readings of one sample before the first step."""
@@ -154,45 +184,56 @@ class Guard(Block):
         # written so that NaN, which compares as false, is bad
         good_load = ops.absolute(load) <= self.reading_limit
         good_motor = good_load if one else ops.absolute(motor) <= self.reading_limit
-        setpoint_size = _size(setpoint)
-        good_setpoint = setpoint_size <= SETPOINT_LIMIT
-        good = ops.both(good_load if one else ops.both(good_motor, good_load), good_setpoint)
+        if self.checks_setpoint:
+            setpoint_size = _size(setpoint)
+            good_setpoint: Any = setpoint_size <= SETPOINT_LIMIT
+            good = ops.both(good_load if one else ops.both(good_motor, good_load), good_setpoint)
+        else:
+            good_setpoint = True
+            good = good_load if one else ops.both(good_motor, good_load)
         usual = ops.both(ops.both(good, enabled), ran)
 
-        load = cases((usual, load), (good_load, load), otherwise=state.position_load + state.travel)
+        load = cases((usual, load), (good_load, load), otherwise=self._went_on(state.position_load, state))
         if one:
             motor = load
         else:
-            motor = cases((usual, motor), (good_motor, motor), otherwise=state.position_motor + state.travel)
-        setpoint = cases(
-            (usual, setpoint),
-            (good_setpoint, setpoint),
-            otherwise=(state.set_position + state.travel, state.travel / prepared.T, 0.0, 0.0, 0.0),
-        )
-        mode = cases(
-            (usual, 1.0),
-            (
-                enabled,
-                cases(
-                    (state.mode < 0.0, state.mode),
-                    (good, 1.0),
-                    (ops.both(ran, state.mode <= self.hold_samples), state.mode + 1.0),
-                    otherwise=-TRIP_READING,
-                ),
-            ),
-            otherwise=0.0,
-        )
+            motor = cases((usual, motor), (good_motor, motor), otherwise=self._went_on(state.position_motor, state))
+        if self.checks_setpoint:
+            setpoint = cases(
+                (usual, setpoint), (good_setpoint, setpoint), otherwise=self._set_on(prepared, state, load)
+            )
+        latched = [(state.mode < 0.0, state.mode), (good, 1.0)]
+        if self.holds:
+            latched.append((ops.both(ran, state.mode <= self.hold_samples), state.mode + 1.0))
+        mode = cases((usual, 1.0), (enabled, cases(*latched, otherwise=-TRIP_READING)), otherwise=0.0)
         moved = load - state.position_load
         mode, usual = self._within_bounds(prepared, setpoint, load, moved, mode, usual)
         offset = state.offset
-        if not one:
+        if self.aligns and not one:
             offset = cases((usual, offset), (ran, offset), otherwise=motor - load)
-        travel = cases((usual, moved), (ran, moved), otherwise=state.travel + SMOOTHING * (moved - state.travel))
-        aligned = load if one else motor - offset
-        before = state.position_load if one else state.position_motor - offset
-        velocity = travel / prepared.T
+        travel = moved
+        if self.starts_moving:
+            travel = cases((usual, moved), (ran, moved), otherwise=state.travel + SMOOTHING * (moved - state.travel))
         after = self.State(mode, motor, load, offset, travel, setpoint.position)
-        return after, self.Verdict(usual, ran, good, setpoint, aligned, load, before, state.position_load, velocity)
+        aligned, before, before_load, velocity = load, state.position_load, state.position_load, ops.zero(load)
+        if not one:
+            aligned = motor - offset if self.aligns else motor
+            before = state.position_motor - offset if self.aligns else state.position_motor
+        if self.starts_moving:
+            velocity = travel / prepared.T
+        else:
+            before, before_load = aligned, load
+        return after, self.Verdict(usual, ran, good, setpoint, aligned, load, before, before_load, velocity)
+
+    def _went_on(self, last: Number, state: State) -> Number:
+        """Where a position that is broken in this sample went on to, or its last one where nothing is held."""
+        return last + state.travel if self.holds else last
+
+    def _set_on(self, prepared: Prepared, state: State, load: Number) -> tuple[Number, ...]:
+        """Where a setpoint that is broken in this sample went on to, or the present position where nothing is held."""
+        if not self.holds:
+            return load, 0.0, 0.0, 0.0, 0.0
+        return state.set_position + state.travel, state.travel / prepared.T, 0.0, 0.0, 0.0
 
     def _within_bounds(
         self, prepared: Prepared, setpoint: Setpoint, load: Number, moved: Number, mode: Number, usual: object
@@ -231,9 +272,10 @@ class Guard(Block):
             (usual_command, 1.0), (ops.both(after.mode > 0.5, ops.no(sound)), -TRIP_COMMAND), otherwise=after.mode
         )
         runs = next_mode > 0.5
+        fresh = applied, requested
         applied, requested = cases(
-            (usual_command, (applied, requested)),
-            (runs, cases((verdict.good, (applied, requested)), otherwise=(last, last))),
+            (usual_command, fresh),
+            (runs, cases((verdict.good, fresh), otherwise=(last, last)) if self.holds else fresh),
             otherwise=(self.safe_force, self.safe_force),
         )
         trip = cases((usual_command, TRIP_NONE), (next_mode < 0.0, -next_mode), otherwise=TRIP_NONE)
