@@ -86,7 +86,9 @@ LOOPS: dict[str, fd.Loop] = {
     **LAWS,
     "cascade_ppi, guard without bounds": loop(TWO, PPI, guard=fd.Guard()),
     "cascade_ppi, guard without parts": loop(
-        TWO, PPI, guard=fd.Guard(velocity_limit=2.0, checks_setpoint=False, holds=False, aligns=False, starts_moving=False)
+        TWO,
+        PPI,
+        guard=fd.Guard(velocity_limit=2.0, checks_setpoint=False, holds=False, aligns=False, starts_moving=False),
     ),
     "cascade_ppi, plain": loop(ONE, fd.blocks.CascadePPI(Kv=80.0, Kp=4e4), force_limit=None, guard=fd.Guard()),
     "cascade_ppi, slow position loop": loop(

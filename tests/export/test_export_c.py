@@ -312,7 +312,7 @@ MARKS = {
     "aligns": ("guard_offset", "guard_aligned"),
     "starts_moving": ("guard_before",),
 }
-BOUNDS = {name: 2.0 for name in ("following_error_limit", "velocity_limit", "travel_most")} | {"travel_least": -2.0}
+BOUNDS = dict.fromkeys(("following_error_limit", "velocity_limit", "travel_most"), 2.0) | {"travel_least": -2.0}
 
 
 def guarded_texts(guard: fd.Guard) -> dict[str, str]:
