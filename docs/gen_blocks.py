@@ -28,6 +28,7 @@ from feeddrive.language.lazy_package import public_names
 
 ROOT = Path(__file__).parent.parent
 WHOLE = ("GLOSSARY.md", "DESIGN.md", "CONTRIBUTING.md", "CHANGELOG.md")
+PUBLISHED = (".md", ".svg", ".png", ".json")  # what a page may link to
 LOOP = ("Loop", "Axis", "Control", "Guard")
 
 
@@ -52,9 +53,22 @@ def on_files(files: Any, config: Any) -> Any:
     return files
 
 
-def on_page_markdown(markdown: str, **_: Any) -> str:
-    """Links from docs/ to the files at the root, which are pages beside it in the site."""
+def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
+    """Links from docs/ to the files at the root, which are pages beside it in the site, and to files that are none."""
+    name = page.file.src_uri
+    folder = ROOT if name in WHOLE else (ROOT / "docs" / name).parent
+    markdown = re.sub(r"\[([^\]\n]+)\]\(([\w./-]+)\)", lambda found: _source(found, folder), markdown)
     return re.sub(r"\]\(\.\./((?:\.\./)*[A-Z]+\.md)", r"](\1", markdown)
+
+
+def _source(link: re.Match[str], folder: Path) -> str:
+    """A link to a file of the source, which the site does not have, as its path in the source."""
+    text, target = link.groups()
+    file = (folder / target).resolve()
+    if file.suffix in PUBLISHED or not file.is_file():
+        return link[0]
+    path = f"`{file.relative_to(ROOT).as_posix()}`"
+    return path if text.strip("`") == file.name else f"{text} ({path})"
 
 
 def families_of_blocks() -> Iterator[tuple[type[Block], list[type[Block]]]]:

@@ -238,6 +238,24 @@ def test_the_site_builds_without_a_warning(tmp_path: Path):
     assert "1/s" in page
 
 
+def test_a_link_of_the_site_that_leads_nowhere_is_found(tmp_path: Path):
+    """mkdocs does not look at what it leaves out of the site, and at what themes and generated pages link to."""
+    (tmp_path / "other").mkdir()
+    links = ("script.py", "other/", "other/#there", "other/#gone", "#top", "https://example.org/", "../above.html")
+    text = '<h1 id="top"></h1>' + "".join(f'<a href="{each}">x</a>' for each in links)
+    (tmp_path / "index.html").write_text(text, encoding="utf-8")
+    (tmp_path / "other/index.html").write_text('<h2 id="there"></h2><img src="a.svg">', encoding="utf-8")
+    asked = [sys.executable, "docs/check_links.py", str(tmp_path)]
+    done = subprocess.run(asked, cwd=ROOT, capture_output=True, text=True, timeout=60, check=False)
+    assert done.returncode == 1
+    assert done.stdout.splitlines() == [
+        "index.html: script.py leads nowhere",
+        "index.html: other/#gone leads to a place that other/index.html does not have",
+        "index.html: ../above.html leads nowhere",
+        "other/index.html: a.svg leads nowhere",
+    ]
+
+
 OUTSIDE = re.compile(r"\b(papers|peers|targets|style)\.md\b|(?<![\w.])/(home|root|work|Users)/|https?://\d")
 
 
