@@ -2,20 +2,32 @@
 
 from __future__ import annotations
 
+import html
+import json
+import re
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
+import feeddrive as fd
 from feeddrive.blocks.reference.snap_limited_move import SnapLimitedMove
 from feeddrive.files.machine import BUNDLED, machine_toml, read_machine
+from feeddrive.files.run_files import summary_text
 from feeddrive.language import tree
 from feeddrive.language.errors import ParameterError, StructureError
+from feeddrive.language.units import turning, turning_text
 from feeddrive.loop.machine import Machine
 from feeddrive.loop.simulate import simulate
+from feeddrive.workflow.certify import certify
+from feeddrive.workflow.command import Outcome
+from feeddrive.workflow.excite import excite
 from feeddrive.workflow.identify import identify, machine_text
+from feeddrive.workflow.run_job import run, summary
 from feeddrive.workflow.tune import tune
+from feeddrive.workflow.tune_sources import in_metres
 
 FILE = BUNDLED / "machines" / "rotary_table.toml"
 
@@ -38,6 +50,156 @@ def log(folder: Path) -> Path:
     heads = "t,set_angle [deg],angle [deg],torque [Nm]"
     np.savetxt(path, columns(), delimiter=",", fmt="%.12g", header=heads, comments="")
     return path
+
+
+JOB = """
+title = "pulled with 20 N m"
+rule = "as in the shop: 5 N more"
+machine = "rotary_table"
+[reference]
+kind = "snap_limited_move"
+distance_deg = 20
+velocity_rpm = 15
+acceleration = 20
+jerk = 400
+snap = 2e4
+[load]
+kind = "step_force"
+force_N_m = 20
+start = 0.1
+[[law]]
+name = "stiffer"
+set = { "axis.c.control.law.Kv" = 80.0 }
+"""
+# a unit of an axis that moves along, as a word of its own
+LINEAR = re.compile(r"(?<![\w./(])(?:[mnuµ]?m|N|kg)(?:/[a-zµ0-9]+)?(?![\w.])(?! m\b)(?! s?/?rad)(?! m2)(?! m s)")
+
+
+def spoken(page: Path) -> str:
+    """What a page says, without the files that it quotes."""
+    text = re.sub(r"<(pre|style|title)\b.*?</\1>", "", page.read_text(encoding="utf-8"), flags=re.DOTALL)
+    return html.unescape(re.sub(r"<[^>]*>", "\n", text)).replace("\u2060", "")
+
+
+def linear_units(text: str) -> list[str]:
+    """What in a text names m, N or kg, with what stands around it."""
+    text = re.sub(r"\bN m\b|\bkg m2\b", "", text)
+    return [text[max(0, found.start() - 30) : found.end() + 10] for found in LINEAR.finditer(text)]
+
+
+def shown(outcome: Outcome[Any]) -> str:
+    """All that a command shows."""
+    return "\n".join(str(each) for each in outcome.said())
+
+
+@pytest.mark.parametrize(
+    ("said", "turned"),
+    [
+        ("RMS um, peak 3.2 um at 5 N", "RMS urad, peak 3.2 urad at 5 N m"),
+        ("force\n(N)", "force\n(N m)"),
+        ("snap nm s^1/2/N", "snap nrad s^1/2/(N m)"),
+        ("stiffness N/µm", "stiffness N m/µrad"),
+        ("12 N m and 3 kg m2", "12 N m and 3 kg m2"),
+        ("in (m/s)/N, 1 N s/m", "in (rad/s)/(N m), 1 N m s/rad"),
+        ("at 5 N. So m = 2 kg of run.mm.csv", "at 5 N m. So m = 2 kg m2 of run.mm.csv"),
+        ("2 Hz, 3 ms, Ms 1.2", "2 Hz, 3 ms, Ms 1.2"),
+    ],
+)
+def test_words_of_an_axis_that_turns(said: str, turned: str) -> None:
+    assert turning_text(said) == turned
+    assert turning_text(turned) == turned  # once is enough
+
+
+def test_what_a_person_wrote_stays() -> None:
+    assert turning_text("table of 400 mm, at 5 N", ["table of 400 mm"]) == "table of 400 mm, at 5 N m"
+    assert [turning(each) for each in ("N2", "J/m3", "", "1/m")] == ["N2", "J/m3", "", "1/rad"]
+
+
+def test_a_run_says_its_units() -> None:
+    loop = read_machine("rotary_table").loop("c")
+    run_ = simulate(loop, fd.blocks.LinearMove(distance=0.1, travel_time=0.05))
+    assert [run_.units[each] for each in ("force", "set_position", "velocity_load")] == ["N m", "rad", "rad/s"]
+    assert "urad" in repr(run_)
+    assert not linear_units(repr(run_))
+    figure = run_.plot()
+    assert not linear_units("\n".join(each.get_text() for each in figure.findobj(lambda a: hasattr(a, "get_text"))))
+    together = simulate(Machine.of({"c": loop}), {"c": fd.blocks.LinearMove(distance=0.1, travel_time=0.05)})
+    assert together.units["c.force"] == "N m"
+    straight = simulate(read_machine("emps").loop(None), fd.blocks.LinearMove(distance=0.01, travel_time=0.05))
+    assert straight.units["force"] == "N"
+
+
+WRITTEN = "made up: inertia and torques of the size that catalogues give for direct-drive tables of 400 mm"
+
+
+def test_a_job_on_an_axis_that_turns(tmp_path: Path) -> None:
+    """Degrees and N m in the job; table and summary have no m and no N, but for what a person wrote."""
+    (tmp_path / "job.toml").write_text(JOB, encoding="utf-8")
+    done = run.run(run.request(tmp_path / "job.toml"))
+    assert done.result.job.reference is not None
+    assert done.result.job.reference.distance == pytest.approx(np.pi / 9.0)  # type: ignore[attr-defined]
+    assert "peak urad" in shown(done)
+    assert not linear_units(shown(done).replace("as in the shop: 5 N more", ""))
+    figures = json.loads(summary_text(summary(done.result), rotary=True, quoted=done.result.quoted))
+    assert figures["source"] == WRITTEN
+    names = set(figures["laws"]["today"])
+    assert {"force_peak_N_m", "following_error_rms_rad", "stiffness_least_N_m_per_rad"} <= names
+    assert not [each for each in names if re.search(r"(?<!_N)_m$|_N$", each)]
+    (tmp_path / "job.toml").write_text(JOB.replace("distance_deg = 20", "distance_mm = 20"), encoding="utf-8")
+    with pytest.raises(ParameterError, match="'mm' does not measure the same thing as 'rad'"):
+        run(tmp_path / "job.toml")
+
+
+def test_a_measured_response_in_mdeg_per_newton_meter() -> None:
+    """A pure inertia of 0.8 kg m2 in mdeg/(N m) is that in rad/(N m); on a linear axis it is refused."""
+    f = np.geomspace(5.0, 400.0, 60)
+    inertia = -1.0 / (0.8 * (2.0 * np.pi * f) ** 2)
+    measured = fd.FRF(f, np.degrees(1e3 * inertia), "torque", "angle", "mdeg/(N m)", 5e-4)
+    assert in_metres("table.csv", measured, None, turns=True).response == pytest.approx(inertia, rel=1e-12)
+    speed = fd.FRF(f, 2j * np.pi * f * inertia, "torque", "speed", "rad/s/(N m)", 5e-4)
+    assert in_metres("table.csv", speed, None, turns=True).response == pytest.approx(inertia, rel=1e-12)
+    with pytest.raises(ParameterError, match=r"must be position .*, or give the machine of an axis that turns"):
+        in_metres("table.csv", measured, None, turns=False)
+    with pytest.raises(ParameterError, match=r"must be angle .* over torque .*, since the axis turns"):
+        in_metres("table.csv", fd.FRF(f, inertia, unit="um/N"), None, turns=True)
+
+
+@pytest.mark.slow(reason="pages with all their pictures")
+def test_pages_of_an_axis_that_turns(tmp_path: Path) -> None:
+    (tmp_path / "job.toml").write_text(JOB, encoding="utf-8")
+    run(tmp_path / "job.toml", out=tmp_path / "out")
+    report = spoken(tmp_path / "out" / "report.html")
+    for each in ("as in the shop: 5 N more", WRITTEN):
+        assert each in report
+        report = report.replace(each, "")
+    assert not linear_units(report)
+    head = (tmp_path / "out" / "runs" / "today.csv").read_text(encoding="utf-8").splitlines()[0]
+    assert "force [N m]" in head
+    assert "set_position [rad]" in head
+    done = certify.run(certify.request("rotary_table", out=tmp_path / "certified"))
+    assert not linear_units(shown(done))
+    assert not linear_units(spoken(tmp_path / "certified" / "report.html"))
+    sent = excite.run(excite.request("rotary_table", band="5..200", amplitude=40.0, out=tmp_path / "sent"))
+    assert "peak 40 N m" in shown(sent)
+    assert not linear_units(shown(sent))
+    assert not linear_units(spoken(tmp_path / "sent" / "report.html"))
+    head = (tmp_path / "sent" / "excitation_1.csv").read_text(encoding="utf-8").splitlines()[0]
+    assert head == "time [s],excitation [N m],set_position [rad]"
+
+
+@pytest.mark.parametrize("target", ["c", "st"])
+def test_an_export_names_rad_and_newton_meters(tmp_path: Path, target: str) -> None:
+    fd.workflow.export("rotary_table", target=target, out=tmp_path / "out")
+    text = (tmp_path / "out" / "README.md").read_text(encoding="utf-8")
+    assert "N m s/rad" in text
+    assert not linear_units(text)
+
+
+@pytest.mark.parametrize("target", ["linuxcnc", "linuxcnc-pid", "parameters"])
+def test_a_target_in_mm_is_refused(tmp_path: Path, target: str) -> None:
+    with pytest.raises(ParameterError, match="axis c turns, and this target is written for axes that move along"):
+        fd.workflow.export("rotary_table", target=target, out=tmp_path / "out")
+    assert not (tmp_path / "out").exists()
 
 
 def test_units_of_a_file_are_those_of_an_axis_that_turns(tmp_path: Path) -> None:
@@ -106,7 +268,8 @@ def test_the_way_from_the_log_to_a_tuned_loop(tmp_path: Path) -> None:
     machine = tmp_path / "found" / "machine.toml"
     done = tune.run(tune.request(str(machine), starts=1, out=tmp_path / "tuned"))
     assert done.failure is None
-    assert any("the axis turns" in each for each in done.remarks)
+    assert not linear_units(shown(done))
+    assert not linear_units(spoken(tmp_path / "tuned" / "report.html").replace("table of 400 mm", ""))
     text = (tmp_path / "tuned" / "machine.toml").read_text(encoding="utf-8")
     after = read_machine(tmp_path / "tuned" / "machine.toml").loop("c")
     assert after.axis.rotary

@@ -117,6 +117,16 @@ class Comparison(Result):
         return found
 
     @property
+    def rotary(self) -> bool:
+        """Whether the axis turns."""
+        return self.machine.loops[self.axis].axis.rotary
+
+    @property
+    def quoted(self) -> tuple[str, ...]:
+        """What a person wrote in the machine file."""
+        return self.machine.quoted
+
+    @property
     def title(self) -> str:
         """Machine and axis."""
         return f"{self.machine.name}, axis {self.axis}: all laws at equal robustness"

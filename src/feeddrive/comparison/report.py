@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import io
-import json
 import math
 from pathlib import Path
 from typing import Any
@@ -16,9 +15,10 @@ from feeddrive.comparison.compare import PLAIN, TODAY, Comparison, Competitor
 from feeddrive.comparison.figures import CRITERIA, Criterion
 from feeddrive.files.atomic_io import new_directory
 from feeddrive.files.blocks_to_toml import to_toml
-from feeddrive.files.run_files import file_names
+from feeddrive.files.run_files import file_names, summary_text
 from feeddrive.language import tree
 from feeddrive.language.table import Table
+from feeddrive.language.units import turning_name
 from feeddrive.loop.control import Control
 from feeddrive.loop.lifting import compliance, tracking
 from feeddrive.report import build
@@ -50,6 +50,7 @@ def study(found: Comparison) -> Study:
         rule=found.rule,
         versions=found.versions,
         notes=found.remarks,
+        quoted=found.quoted,
         extras=(
             _ranked(found, CRITERIA[:5]),
             _ranked(found, CRITERIA[5:9]),
@@ -202,15 +203,16 @@ def write_comparison(found: Comparison, out: str | Path) -> Path:
     Raises FileError if `out` cannot be written, or is a directory that feeddrive did not write.
     """
     page = build(study(found))
+    figures = summary_text(summary(found), rotary=found.rotary, quoted=found.quoted)
     with new_directory(out) as folder:
         (folder / "report.html").write_text(page, encoding="utf-8")
-        (folder / "summary.json").write_text(json.dumps(summary(found), indent=2) + "\n", encoding="utf-8")
+        (folder / "summary.json").write_text(figures, encoding="utf-8")
         (folder / "figures.csv").write_text(figures_csv(found), encoding="utf-8")
         (folder / "machine.toml").write_text(found.machine.file.text, encoding="utf-8")
         controls = folder / "controls"
         controls.mkdir()
         for name, each in zip(file_names(found.competitors), found.competitors, strict=True):
-            text = to_toml(each.loop.control, f"axis.{found.axis}.control")
+            text = to_toml(each.loop.control, f"axis.{found.axis}.control", rotary=found.rotary)
             (controls / f"{name}.toml").write_text(text, encoding="utf-8")
     return Path(out) / "report.html"
 
@@ -268,7 +270,7 @@ def figures_csv(found: Comparison) -> str:
     keys = list(dict.fromkeys(key for each in found.competitors for key in each.figures))
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(["law", *keys])
+    writer.writerow(["law", *(map(turning_name, keys) if found.rotary else keys)])
     for each in found.competitors:
         cells = (each.figures.get(key) for key in keys)
         writer.writerow([each.name, *("" if cell is None else repr(float(cell)) for cell in cells)])

@@ -18,7 +18,10 @@ from feeddrive.language.errors import NoSlopeError, ParameterError, nearest
 
 @dataclass(frozen=True)
 class Target:
-    """Where a target is written, which options are its own, and in which precisions; the first one is the default."""
+    """Where a target is written, which options are its own, and in which precisions; the first one is the default.
+
+    linear  it is written for axes that move along: in mm, or in the units of a motor with its lead
+    """
 
     module: str
     function: str
@@ -26,19 +29,20 @@ class Target:
     precisions: tuple[str, ...] = ("double",)
     plants: bool = False
     fixed: Mapping[str, Any] = field(default_factory=dict[str, Any])
+    linear: bool = False
 
 
 _HERE = __name__.rpartition(".")[0]
 _BOTH = ("double", "float")
 TARGETS: dict[str, Target] = {
     "c": Target("c.bundle", "write_c", ("single_header",), _BOTH, plants=True),
-    "linuxcnc": Target("linuxcnc.bundle", "write_linuxcnc", ("joint",)),
-    "linuxcnc-pid": Target("linuxcnc_pid", "write_linuxcnc_pid", ("joint", "route", "units")),
+    "linuxcnc": Target("linuxcnc.bundle", "write_linuxcnc", ("joint",), linear=True),
+    "linuxcnc-pid": Target("linuxcnc_pid", "write_linuxcnc_pid", ("joint", "route", "units"), linear=True),
     "fmu2": Target("fmu.fmu", "write_fmu", plants=True, fixed={"version": 2}),
     "fmu3": Target("fmu.fmu", "write_fmu", plants=True, fixed={"version": 3}),
     "cortex-m": Target("cortex_m", "write_cortex_m", ("core",), ("float", "double")),
     "st": Target("structured_text.bundle", "write_structured_text", precisions=_BOTH),
-    "parameters": Target("parameters.bundle", "write_parameters", ("makers", "lead", "gear")),
+    "parameters": Target("parameters.bundle", "write_parameters", ("makers", "lead", "gear"), linear=True),
 }
 
 
@@ -133,6 +137,12 @@ def _planned(
         raise ParameterError(f"--precision = '{precision}': the target {target} has {', '.join(chosen.precisions)}")
     what = PLANT if plant else CONTROL
     design = read_design(source, axis, name=name, what=what, precision=precision or chosen.precisions[0])
+    if chosen.linear and any(loop.axis.rotary for loop in design.system.loops().values()):
+        fits = ", ".join(each for each, found in TARGETS.items() if not found.linear)
+        raise ParameterError(
+            f"--target = '{target}': axis {design.axis} turns, and this target is written for axes that move along, in "
+            f"mm or with a lead; {fits} are in rad and N m"
+        )
     if not plant:
         with suppress(NoSlopeError):  # an export needs no slope; the remarks of the design say that nothing is proven
             require_stable(design.system)

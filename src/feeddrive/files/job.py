@@ -147,6 +147,7 @@ def read_job(path: JobLike, log: str | Path | None = None) -> Job:
     except FeeddriveError as error:
         raise root.error(f"axis: {error}", "axis") from None
     others = _others(root, machine, name)
+    root = replace(root, turning=machine.loops[name].axis.rotary)
     together = machine.machine() if others or machine.coupled(name) else None
     rows = _laws(root, machine.loops[name], together)
     reference = root.optional("reference")
@@ -198,7 +199,7 @@ def _others(root: Section, machine: MachineFile, axis: str) -> dict[str, Other]:
             raise section.error(
                 f"{section.dotted(name)}: there is no other axis '{name}' beside '{axis}'{nearest(name, there)}", name
             )
-        own = section.section(name)
+        own = replace(section.section(name), turning=machine.loops[name].axis.rotary)
         own.refuse_unknown(("reference", "load"))
         reference, load = own.optional("reference"), own.optional("load")
         found[name] = Other(

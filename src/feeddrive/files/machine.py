@@ -52,6 +52,11 @@ class MachineFile(Result):
     couplings: tuple[Coupling, ...] = ()
 
     @property
+    def quoted(self) -> tuple[str, ...]:
+        """What a person wrote in it, in sentences."""
+        return self.name, self.source, self.remark
+
+    @property
     def instead(self) -> str:
         """What to give where a loop is needed."""
         first = next(iter(self.loops))

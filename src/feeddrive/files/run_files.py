@@ -22,12 +22,18 @@ import numpy as np
 
 from feeddrive.files.atomic_io import written_whole
 from feeddrive.files.columns import Columns, arrow_numbers, check_size, check_unpacked, is_wanted
+from feeddrive.language import units as of_axes
 from feeddrive.language.errors import LogError, ParameterError
 from feeddrive.version import __version__
 
 _KEY = b"feeddrive"
 _GROUP = 65536  # rows of a row group
 _SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+
+
+def summary_text(figures: Mapping[str, Any], *, rotary: bool = False, quoted: Sequence[str] = ()) -> str:
+    """Figures by name as JSON; of an axis that turns names and sentences have its units, but not what is quoted."""
+    return json.dumps(of_axes.turning_record(figures, quoted) if rotary else figures, indent=2) + "\n"
 
 
 def read_parquet(name: str, content: bytes, wanted: frozenset[str] | None) -> Columns:

@@ -218,16 +218,20 @@ Value: TypeAlias = Any
 
 @dataclass(frozen=True)
 class Section:
-    """A table in a TOML file, with the lines of its keys."""
+    """A table in a TOML file, with the lines of its keys.
+
+    turning  it belongs to an axis of another file that turns, as the motion of a job does
+    """
 
     file: TomlFile
     key: Key
     values: Mapping[str, Value]
+    turning: bool = False
 
     @property
     def rotary(self) -> bool:
-        """Whether this stands under an axis that turns, `[axis.c]` with `rotary = true`."""
-        return is_rotary(self.file.content, self.key)
+        """Whether this belongs to an axis that turns, as what stands under `[axis.c]` with `rotary = true`."""
+        return self.turning or is_rotary(self.file.content, self.key)
 
     def dotted(self, name: str | int | None = None) -> str:
         """The name of a key as people write it: `axis.x.plant.mass`."""
@@ -255,7 +259,7 @@ class Section:
             return None
         if not isinstance(value, dict):
             raise self.error(f"{self.dotted(name)} = {shown(value)} must be a section [{self.dotted(name)}]", name)
-        return Section(self.file, (*self.key, name), value)
+        return Section(self.file, (*self.key, name), value, self.turning)
 
     def named(self, name: str) -> dict[str, Section]:
         """The tables `[name.NAME]` by their own names. Raises ParameterError if there is none."""
@@ -271,7 +275,7 @@ class Section:
             raise self.error(
                 f"{self.dotted(name)} must be a list of sections, each under [[{self.dotted(name)}]]", name
             )
-        return tuple(Section(self.file, (*self.key, name, k), item) for k, item in enumerate(value))
+        return tuple(Section(self.file, (*self.key, name, k), item, self.turning) for k, item in enumerate(value))
 
     def refuse_unknown(self, known: Iterable[str]) -> None:
         """Raise ParameterError at the first key that is not known, with those that are near."""

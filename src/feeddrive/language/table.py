@@ -7,13 +7,14 @@ Results import neither matplotlib nor pandas.  Plots and frames are registered b
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass, replace
 from functools import singledispatch
 from html import escape
 from typing import Any
 
 from feeddrive.language.errors import ParameterError
+from feeddrive.language.units import turning, turning_text
 
 
 def visible(text: str) -> str:
@@ -51,6 +52,11 @@ class Table:
             return "  ".join(padded).rstrip()
 
         return "\n".join([self.title, line(self.heads), line(["-" * width for width in widths]), *map(line, self.rows)])
+
+    def turning(self, kept: Collection[str] = ()) -> Table:
+        """The same of an axis that turns: in rad, N m and kg m2; `kept` is what a person wrote."""
+        rows = [[turning_text(cell, kept) for cell in row] for row in self.rows]
+        return replace(self, title=turning_text(self.title, kept), heads=[*map(turning_text, self.heads)], rows=rows)
 
     def html(self) -> str:
         """The table as HTML."""
@@ -92,17 +98,33 @@ class Result(ABC):
     def table(self) -> Table:
         """The short table."""
 
+    @property
+    def rotary(self) -> bool:
+        """Whether it is about an axis that turns: table and picture then name rad, N m and kg m2."""
+        return False
+
+    @property
+    def quoted(self) -> Sequence[str]:
+        """Texts of a person that it shows as they are."""
+        return ()
+
+    def _shown(self) -> Table:
+        return self.table().turning(self.quoted) if self.rotary else self.table()
+
     def __repr__(self) -> str:
-        return str(self.table())
+        return str(self._shown())
 
     def _repr_html_(self) -> str:
-        return self.table().html()
+        return self._shown().html()
 
     def plot(self) -> Any:
         """The picture of this type of result, a matplotlib figure. Raises ParameterError if it has none."""
         for load in _load_views:
             load(type(self))
-        return picture_of(self)
+        figure = picture_of(self)
+        for text in figure.findobj(lambda each: hasattr(each, "set_text")) if self.rotary else ():
+            text.set_text(turning_text(text.get_text(), self.quoted))
+        return figure
 
     def to_pandas(self) -> Any:
         """The numbers of this result as a pandas DataFrame, in SI.
@@ -115,7 +137,8 @@ class Result(ABC):
 
 
 # what people of this field want to read, by SI unit: shown unit and factor
-SHOWN = {"m": ("um", 1e6), "m/s": ("mm/s", 1e3), "m/s2": ("m/s2", 1.0), "N": ("N", 1.0), "s": ("ms", 1e3)}
+_ALONG = {"m": ("um", 1e6), "m/s": ("mm/s", 1e3), "m/s2": ("m/s2", 1.0), "N": ("N", 1.0), "s": ("ms", 1e3)}
+SHOWN = _ALONG | {turning(unit): (turning(name), factor) for unit, (name, factor) in _ALONG.items()}
 
 
 def shown(unit: str) -> tuple[str, float]:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Collection
 from functools import cache, lru_cache
 from typing import Annotated, Any, NamedTuple, TypeAlias, get_args, get_origin, get_type_hints
 
@@ -163,19 +164,66 @@ def response(unit: str) -> tuple[str, float] | None:
     return None
 
 
-# of an axis that turns, in place of the units of one that moves along: a position in rad, a force in N m, a mass in
-# kg m2; what is not here is the same on both
-_TURNING = {
-    "m": "rad", "m/s": "rad/s", "m/s2": "rad/s2", "m/s3": "rad/s3", "m/s4": "rad/s4", "1/m": "1/rad", "N": "N m",
-    "N/m": "N m/rad", "N s/m": "N m s/rad", "N s2/m": "N m s2/rad", "N s3/m": "N m s3/rad", "N s4/m": "N m s4/rad",
-    "kg": "kg m2", "m/N": "rad/(N m)", "um": "urad", "um/s": "urad/s", "um/N": "urad/(N m)", "mm/s": "mrad/s",
-    "N/um": "N m/urad", "nm": "nrad", "nm s^½/N": "nrad s^½/(N m)",
-}  # fmt: skip
+# of an axis that turns each length is an angle, each force a torque and each mass an inertia; all numbers are the same
+_LENGTH, _FORCE = r"[kmunµ]?m", r"[kmun]?N"
+_WORD = rf"(?:{_LENGTH}|{_FORCE}|kg|[munµ]?rad|deg|rev|[munµ]?s(?:\^½|\^1/2)?|√s|min|Hz|A|V|1)[2-9²³⁴]?(?![\w^])"
+_JOINED = r"(?: |·|/(?:\u2060|&#8288;)?)"  # a page keeps N/µm on one line
+_PRODUCT = rf"(?:\({_WORD}(?:{_JOINED}{_WORD})*\)|{_WORD})"
+_UNIT = re.compile(rf"(?<![\w./^√-]){_PRODUCT}(?:{_JOINED}{_PRODUCT})*(?![\w/^]|\.\w| =)")
+# already of an axis that turns, or no quantity of an axis, as N/m2
+_OTHERS = re.compile(r"rad|deg|rev|N[ ·]m(?!\w)|m[2-9²³⁴]")
 
 
+@lru_cache(maxsize=1024)
 def turning(unit: str) -> str:
     """The unit of a quantity on a rotary axis that has `unit` on a linear one: N s/m is N m s/rad there."""
-    return _TURNING.get(unit, unit)
+    if _OTHERS.search(unit):
+        return unit
+    turned = re.sub(rf"(?<!\w){_LENGTH}(?!\w)", lambda found: f"{found[0][:-1]}rad", unit)
+    turned = re.sub(rf"(?<![\w/;\u2060])({_FORCE}|kg)(?!\w)", lambda found: _torque(found[1]), turned)
+    return re.sub(rf"(?<=[/;\u2060]){_FORCE}(?!\w)", lambda found: f"({_torque(found[0])})", turned)
+
+
+def _torque(unit: str) -> str:
+    return f"{unit} m2" if unit == "kg" else f"{unit} m"
+
+
+def turning_text(text: str, kept: Collection[str] = ()) -> str:
+    """A sentence, a head or a label with the units of an axis that turns: `RMS um` is `RMS urad`, `5 N` is `5 N m`.
+
+    kept  what a person wrote, which stays as it is where it is quoted
+    """
+    quoted = sorted((each for each in kept if len(each) >= _QUOTED), key=len, reverse=True)
+    for each in quoted:
+        before, found, after = text.partition(each)
+        if found:
+            return f"{turning_text(before, quoted)}{each}{turning_text(after, quoted)}"
+    return _UNIT.sub(lambda found: turning(found[0]), text)
+
+
+_QUOTED = 6  # letters of a text that is looked for: shorter ones are names, or a unit itself
+
+
+_SUFFIX = re.compile(r"(?<=_)[mN](?:_per_[mNs])?$")
+
+
+def turning_name(name: str) -> str:
+    """The name of a figure in a file that ends with its unit: force_peak_N is force_peak_N_m on an axis that turns."""
+
+    def named(found: re.Match[str]) -> str:
+        unit = turning(found[0].replace("_per_", "/"))
+        return unit.replace("/", "_per_").replace(" ", "_").replace("(", "").replace(")", "")
+
+    return _SUFFIX.sub(named, name)
+
+
+def turning_record(value: Any, kept: Collection[str] = ()) -> Any:
+    """Figures by name and what is said of them, as a summary has them, of an axis that turns."""
+    if isinstance(value, dict):
+        return {turning_name(name): turning_record(each, kept) for name, each in value.items()}
+    if isinstance(value, list | tuple):
+        return [turning_record(each, kept) for each in value]
+    return turning_text(value, kept) if isinstance(value, str) else value
 
 
 def factor(given: str, declared: str) -> float:

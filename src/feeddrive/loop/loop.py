@@ -10,6 +10,7 @@ from feeddrive.language import tree
 from feeddrive.language.block import Block, Number, Rule, label, parameter, part
 from feeddrive.language.errors import ParameterError, StructureError
 from feeddrive.language.units import Unit, units_of
+from feeddrive.language.units import turning as turned
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.control import Control
 from feeddrive.loop.core import advance
@@ -68,6 +69,13 @@ SETPOINT = tuple(f"set_{name}" for name in Setpoint._fields)
 def quantity(signal: str) -> str:
     """The name of a signal without the axis of a machine: `force` for `x.force`."""
     return signal.rpartition(".")[2]
+
+
+def unit_of(signal: str, turning: Collection[str], unit: str | None = None) -> str:
+    """The SI unit of a signal, or `unit`; `turning` are the prefixes of the signals of axes that turn, as `c.`."""
+    name = quantity(signal)
+    unit = UNITS[name] if unit is None else unit
+    return turned(unit) if signal.removesuffix(name) in turning else unit
 
 
 class Loop(Block):

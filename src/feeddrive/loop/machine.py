@@ -334,6 +334,12 @@ def _mean(held: Any, coupled: list[Any]) -> Any:
     return mean if held is None else held if mean is None else held + mean
 
 
+def turning_ports(system: System) -> frozenset[str]:
+    """The prefixes of the signals of those axes that turn."""
+    pairs = zip(system.loops().values(), system.ports(), strict=True)
+    return frozenset(port for loop, port in pairs if loop.axis.rotary)
+
+
 def check_system(system: Any) -> None:
     """Raise ParameterError, with what to give, for what is no loop and no machine."""
     if not isinstance(system, Loop | Machine):

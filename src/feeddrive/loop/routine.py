@@ -11,7 +11,7 @@ printer of code for a target starts from these graphs, so no law is written a se
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -21,7 +21,7 @@ from feeddrive.language.block import Block
 from feeddrive.language.declaration import Declaration
 from feeddrive.language.graph import Graph, reachable
 from feeddrive.language.naming import Name
-from feeddrive.loop.loop import Loop
+from feeddrive.loop.loop import Loop, quantity, unit_of
 from feeddrive.loop.machine import System
 
 MEANINGS = {
@@ -45,6 +45,12 @@ MEANINGS = {
     "start_position": ("m", "where the axis stands at a reset"),
     "sample": ("", "index of the sample, for noise and forces that depend on time"),
 }
+
+
+def meaning_of(name: str, turning: Collection[str]) -> tuple[str, str]:
+    """Unit and meaning of an input or output; `turning` are the prefixes of the names of axes that turn, as `c.`."""
+    unit, meaning = MEANINGS[quantity(name)]
+    return unit_of(name, turning, unit), meaning
 
 
 class Variable(NamedTuple):

@@ -19,12 +19,13 @@ from feeddrive.language.errors import StructureError
 from feeddrive.language.graph import Graph, Symbol, reachable
 from feeddrive.language.naming import Name, Names
 from feeddrive.language.ring import Ring, gathered, spread
+from feeddrive.language.units import turning_text
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.control import Control
 from feeddrive.loop.core import Acting, acting, advance
-from feeddrive.loop.loop import SETPOINT, Loop, quantity
-from feeddrive.loop.machine import Joint, Machine, System, named, noise_of
-from feeddrive.loop.routine import MEANINGS, Condition, Function, Retune, Routine, Variable, target_name
+from feeddrive.loop.loop import SETPOINT, Loop, quantity, unit_of
+from feeddrive.loop.machine import Joint, Machine, System, named, noise_of, turning_ports
+from feeddrive.loop.routine import MEANINGS, Condition, Function, Retune, Routine, Variable, meaning_of, target_name
 
 LONGEST_RING = 256  # cells
 _ABSENT = re.compile(r"; absent[^;]*$")  # what is there is not absent
@@ -208,6 +209,8 @@ class _Traced:
         symbolic = tree.rebuild(block, iter([symbol for _, symbol in self.parameters]))
         self.symbolic: Any = tree.with_tables(symbolic, rows)
         self.owners = tuple(_owners(self.symbolic))
+        self.turning = turning_ports(loop)
+        self.worded = turning_text if self.turning else str
         self.words = Names(self.graph, {id(each): path for path, each in self.owners})
 
     def given(self, name: str) -> Any:
@@ -258,11 +261,9 @@ class _Traced:
                 self._parameter(each, symbol.index, float(values[each]))
                 for each, symbol in (self.parameters[i] for i in used)
             ),
-            inputs=tuple(
-                Variable(target_name(each), each, *MEANINGS[quantity(each)], s.index) for each, s in inputs.items()
-            ),
+            inputs=tuple(Variable(target_name(i), i, *meaning_of(i, self.turning), s.index) for i, s in inputs.items()),
             outputs=tuple(
-                Variable(target_name(each), each, unit, meaning, node(value).index)
+                Variable(target_name(each), each, unit_of(each, self.turning, unit), meaning, node(value).index)
                 for each, (unit, meaning, value) in outputs.items()
             ),
             states=tuple(
@@ -281,7 +282,7 @@ class _Traced:
             names=self.words.found,
             makers=self.words.makers,
             memory="controller" if isinstance(self.block, Controller) else "plant",
-            said={**dict(_said(begun)), **{f"prepared.{name}": text for name, text in _said(made)}},
+            said={name: self.worded(text) for name, text in (*_said(begun), *_said(made, "prepared"))},
             blocks=tuple((path, each) for path, each in _owners(self.block)),
         )
 
@@ -289,12 +290,12 @@ class _Traced:
         """The path of a leaf in the loop, and its declaration."""
         is_axis = isinstance(self.block, Axis)
         path = f"{self.loop.place_of('axis')}.{name}" if is_axis else tree.path_of(self.block, name)
-        return path, tree.declaration(self.block, name if is_axis else path)
+        declared = tree.declaration(self.block, name if is_axis else path)
+        return path, declared.of_axis(bool(self.turning & {"", f"{path.split('.')[1]}."}))
 
     def _parameter(self, name: str, node: int, value: float) -> Variable:
         path, declared = self._declared(name)
-        meaning = _ABSENT.sub("", declared.meaning)
-        return Variable(self._word(name), path, declared.unit, meaning, node, value, declared)
+        return Variable(self._word(name), path, declared.unit, _ABSENT.sub("", declared.meaning), node, value, declared)
 
     def _word(self, name: str) -> str:
         """The name of a parameter on a target; of several axes it begins with that of the axis."""

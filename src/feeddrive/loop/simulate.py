@@ -18,8 +18,8 @@ from feeddrive.loop.changes import Changes, Course, changed_loops
 from feeddrive.loop.engine.native import Native
 from feeddrive.loop.engine.plan import ARITHMETIC
 from feeddrive.loop.groups import grouped
-from feeddrive.loop.loop import UNITS, Signals, quantity
-from feeddrive.loop.machine import System, check_system
+from feeddrive.loop.loop import UNITS, Signals, quantity, unit_of
+from feeddrive.loop.machine import System, check_system, turning_ports
 from feeddrive.loop.runner import Prepared, cores
 from feeddrive.loop.statistics import LEFT, gathered
 from feeddrive.loop.work import Work
@@ -59,7 +59,7 @@ class Run(Result):
     """A simulated run: signals over time. `run["force"]` is an array of shape (n,), in the unit `run.units["force"]`.
 
     Row k is the sample at `time[k]` = kT; see `loop.Signals` for what each signal is.  Of a machine each has the axis
-    before it: `run["x.force"]`.
+    before it: `run["x.force"]`.  `turning` names the axes that turn, as `c.`, or is one empty name for a single axis.
     """
 
     name: str
@@ -67,6 +67,7 @@ class Run(Result):
     sample_time: float
     samples: int
     first: int = 0
+    turning: frozenset[str] = frozenset()
 
     @cached_property
     def time(self) -> np.ndarray:
@@ -83,7 +84,12 @@ class Run(Result):
     @property
     def units(self) -> dict[str, str]:
         """SI unit of every signal."""
-        return {name: UNITS[quantity(name)] for name in self.signals}
+        return {name: unit_of(name, self.turning) for name in self.signals}
+
+    @property
+    def rotary(self) -> bool:
+        """Whether all its axes turn."""
+        return all(signal.removesuffix(quantity(signal)) in self.turning for signal in self.signals)
 
     def table(self) -> Table:
         """RMS and peak of every signal that is an error, a force or a velocity."""
@@ -330,4 +336,4 @@ def stream(
         size = min(chunk, count - first)
         rows = course.advance(made, work, states, first, size)
         _check_inside(states[left, 0], limit, work.T)
-        yield Run(name, Recorded(record, rows), work.T, size, first)
+        yield Run(name, Recorded(record, rows), work.T, size, first, turning_ports(loop))

@@ -66,7 +66,7 @@ def excitation(found: Excitation) -> Any:
     """What is sent in the first realization, and speed and force that the simulation answers, over time."""
     drawn = found.drawings[0]
     figure, axes = style.picture(3, height=5.2)
-    unit, factor = ("N", 1.0) if found.unit == "N" else ("µm", 1e6)
+    unit, factor = ("N", 1.0) if found.where == "force" else ("µm", 1e6)
     rows = (
         (factor * drawn.excitation, f"excitation ({unit})"),
         (1e3 * drawn.signals["velocity_load"], "speed (mm/s)"),

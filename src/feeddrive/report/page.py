@@ -22,6 +22,7 @@ from feeddrive.analysis.replay import Replay
 from feeddrive.analysis.spectrum import Spectrum, spectrum
 from feeddrive.analysis.stiffness import Stiffness, stiffness
 from feeddrive.language.table import Table
+from feeddrive.language.units import turning_text
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import Run
@@ -40,13 +41,25 @@ THEME = {
     **{color: f"var(--curve-{i})" for i, color in enumerate(style.COLORS)},
 }
 _DECIMALS = re.compile(r"\d+\.\d+")
+# of a page: a quoted file, a tag, or what is said between tags
+_PIECES = re.compile(r"<(pre|style|title)\b.*?</\1>|<[^>]*>|(?P<said>[^<]+)", re.DOTALL)
 # control characters, which no page may hold, apart from the ends of lines and tabs
 _CONTROL = dict.fromkeys([*range(9), *range(11, 32), *range(127, 160)])
 
 
-def render(template: str, **content: Any) -> str:
-    """A template of `templates/` with its content, as a whole page. Pure: the same content gives the same text."""
-    return _environment().get_template(template).render(**content).translate(_CONTROL)
+def render(template: str, *, rotary: bool = False, quoted: Sequence[str] = (), **content: Any) -> str:
+    """A template of `templates/` with its content, as a whole page. Pure: the same content gives the same text.
+
+    rotary  it is about an axis that turns: in rad, N m and kg m2
+    quoted  what a person wrote, which stays as it is
+    """
+    text = _environment().get_template(template).render(**content).translate(_CONTROL)
+    if not rotary:
+        return text
+    from markupsafe import escape
+
+    kept = [str(escape(each)) for each in quoted]
+    return _PIECES.sub(lambda found: turning_text(found[0], kept) if found["said"] else found[0], text)
 
 
 @cache
@@ -77,11 +90,11 @@ def _part(name: str, *content: Any) -> str:
     return str(getattr(_environment().get_template("parts.html").module, name)(*content))
 
 
-def page(title: str, parts: Sequence[str]) -> str:
+def page(title: str, parts: Sequence[str], *, rotary: bool = False, quoted: Sequence[str] = ()) -> str:
     """Sections, as HTML, on one page."""
     from markupsafe import Markup
 
-    return render("page.html", title=title, body=Markup("".join(parts)))
+    return render("page.html", rotary=rotary, quoted=quoted, title=title, body=Markup("".join(parts)))
 
 
 def header(kind: str, title: str, lead: Sequence[str], links: Sequence[tuple[str, str]]) -> str:
@@ -260,6 +273,7 @@ class Study:
     overview  pictures that stand before all tables
     extras    tables of its own, first in the result
     pictures  pictures of its own, before all others
+    quoted    what a person wrote in the machine file, among the facts
     """
 
     title: str
@@ -272,3 +286,4 @@ class Study:
     overview: Sequence[Shown] = ()
     extras: Sequence[ShownTable] = ()
     pictures: Sequence[Shown] = ()
+    quoted: Sequence[str] = ()

@@ -28,6 +28,8 @@ def build(study: Study) -> str:
     rule = [("Rule of comparison", study.rule)] if study.rule else []
     return render(
         "study.html",
+        rotary=study.entries[0].loop.axis.rotary,
+        quoted=(study.title, *study.quoted, *(each.name for each in study.entries)),
         title=study.title,
         lead=sentences.result(study),
         links=[

@@ -120,6 +120,11 @@ class Tuned(Result):
     recipe: str = ""
 
     @property
+    def rotary(self) -> bool:
+        """Whether the axis turns; False where only responses are known."""
+        return any(loop.axis.rotary for loop in self.loops)
+
+    @property
     def holds(self) -> bool:
         """Whether no line of the proof fails; a tuning that does not hold must not be used."""
         return all(line.holds is not False for line in self.proof)

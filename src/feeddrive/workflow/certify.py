@@ -31,7 +31,7 @@ from feeddrive.report.page import Shown, definitions, header, page, picture, tab
 from feeddrive.tuning.operating_point import OperatingPoint
 from feeddrive.workflow.command import Outcome, command
 from feeddrive.workflow.request import OUT, Request, argument, called, option, stem
-from feeddrive.workflow.tune_sources import loop_or_response
+from feeddrive.workflow.tune_sources import in_metres, loop_or_response
 
 FILE = "certificate.json"
 
@@ -42,7 +42,8 @@ class CertifyRequest(Request):
     source: MachineLike | Loop = argument("A machine file (TOML), or the name of a bundled machine")
     axis: str | None = option("its axis, if it has several", default=None)
     at: tuple[MachineLike | Loop | FRF, ...] = option(
-        "another plant: a machine, or a measured response in m/N; repeat", default=()
+        "another plant: a machine, or a measured response in m/N (of an axis that turns in rad/(N m)); repeat",
+        default=(),
     )
     measured: Path | FRF | None = option("response of this axis: its lines give the discs", default=None)
     motor: Path | FRF | None = option("response at the motor's encoder", default=None)
@@ -95,10 +96,10 @@ def certify(request: CertifyRequest, progress: Progress) -> Outcome[Certificate]
             "Sample time": f"{1e3 * float(loop.sample_time):g} ms",
             "Velocity of the axis": f"{request.velocity:g} m/s",
         }
-        report = write_certified(found, request.out, facts)
+        report = write_certified(found, request.out, facts, rotary=loop.axis.rotary)
         files = {"Certificate": report.parent / FILE, "Report": report}
     remarks = [found.document["claim"], *(f"Outside: {text}" for text in found.outside)]
-    return Outcome(found, [found.table()], remarks, files=files)
+    return Outcome(found, [found.table()], remarks, files=files, rotary=loop.axis.rotary)
 
 
 def certified(
@@ -159,7 +160,8 @@ def _responses(file: FrfLike, loop: Loop) -> list[FRF]:
 
 
 def _sampled(found: FRF, loop: Loop) -> FRF:
-    """A response that does not say how it was sampled counts as sampled with the loop."""
+    """In m/N, or rad/(N m) if the axis turns; without a sample time it counts as sampled with the loop."""
+    found = in_metres(found.output, found, None, loop.axis.rotary)
     return replace(found, sample_time=float(loop.sample_time)) if found.sample_time is None else found
 
 
@@ -172,15 +174,15 @@ def _unused(name: str, plants: dict[str, PlantLike]) -> str:
     return free
 
 
-def write_certified(found: Certificate, out: str | Path, facts: Mapping[str, str]) -> Path:
+def write_certified(found: Certificate, out: str | Path, facts: Mapping[str, str], *, rotary: bool = False) -> Path:
     """Write `certificate.json` and `report.html` into a directory; the path of the report. Raises FileError."""
     with new_directory(out) as folder:
         write_certificate(folder / FILE, found)
-        (folder / "report.html").write_text(build(found, facts), encoding="utf-8")
+        (folder / "report.html").write_text(build(found, facts, rotary=rotary), encoding="utf-8")
     return Path(out) / "report.html"
 
 
-def build(found: Certificate, facts: Mapping[str, str]) -> str:
+def build(found: Certificate, facts: Mapping[str, str], *, rotary: bool = False) -> str:
     """The page. Pure: the same certificate gives the same text."""
     drawn = list(_pictures(found))
     said = found.sentence()
@@ -199,7 +201,7 @@ def build(found: Certificate, facts: Mapping[str, str]) -> str:
         f'<section id="facts">\n<h2>What was certified</h2>\n'
         f"{definitions([*facts.items(), *_words(found.document)])}\n</section>\n",
     ]
-    return page(title, parts)
+    return page(title, parts, rotary=rotary)
 
 
 def _list(texts: Sequence[str]) -> str:

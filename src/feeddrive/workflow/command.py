@@ -19,7 +19,8 @@ from typing import Any, Generic, NamedTuple, ParamSpec, TypeVar
 
 from feeddrive.language.errors import FeeddriveError, ParameterError, nearest
 from feeddrive.language.progress import Progress
-from feeddrive.language.table import Table
+from feeddrive.language.table import Result, Table
+from feeddrive.language.units import turning_text
 from feeddrive.workflow.request import OUT, Request, fields_of
 
 P = ParamSpec("P")
@@ -39,6 +40,7 @@ class Outcome(Generic[T]):
     section   text to be pasted into a file
     files     what was written, by what it is
     details   what is shown on request (--verbose) after the remarks; reports have it too
+    rotary    it is about an axis that turns, and is shown in rad, N m and kg m2; a result may say so as well
     failure   None if all is well; else why the result is not what it should be, empty if the verdict says it
     error     what ended the work early, after something was done that is worth keeping
     """
@@ -51,11 +53,20 @@ class Outcome(Generic[T]):
     section: str = ""
     files: Mapping[str, str | Path] = field(default_factory=dict[str, str | Path])
     details: Sequence[Table | str] = ()
+    rotary: bool = False
     failure: str | None = None
     error: FeeddriveError | None = None
 
     def said(self, *, verbose: bool = True) -> Iterator[Table | str]:
         """What a person reads of the result, in order; without the details unless `verbose`."""
+        if not (self.rotary or getattr(self.result, "rotary", False)):
+            yield from self._said(verbose)
+            return
+        kept = self.result.quoted if isinstance(self.result, Result) else ()
+        for each in self._said(verbose):
+            yield each.turning(kept) if isinstance(each, Table) else turning_text(each, kept)
+
+    def _said(self, verbose: bool) -> Iterator[Table | str]:
         yield from self.tables
         yield from (f"- {remark}" for remark in self.remarks)
         if verbose:

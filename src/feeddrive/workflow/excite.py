@@ -19,9 +19,10 @@ from feeddrive.identification.excitation.estimate_frf import estimate_frf
 from feeddrive.identification.excitation.excitation import Excitation, said
 from feeddrive.identification.excitation.frequency_estimate import FrequencyEstimate
 from feeddrive.language.progress import Progress
+from feeddrive.language.units import turning
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.linearize import linearize
-from feeddrive.loop.loop import Loop
+from feeddrive.loop.loop import UNITS, Loop
 from feeddrive.plot.responses import frequency_estimate
 from feeddrive.report.page import Shown, definitions, header, page, picture, table
 from feeddrive.workflow.command import Outcome, command
@@ -84,7 +85,7 @@ def excite(request: ExciteRequest, progress: Progress) -> Outcome[Excitation]:
         facts = {"Machine": machine.name, "Source of its numbers": machine.source or "not stated"}
         report = write_excitation(found, loop, request.out, facts)
         files["Report"] = f"{report}, to be sent: {report.parent / 'excitation_1.csv'}"
-    return Outcome(found, [found.table()], [*found.remarks, WARNING], files=files)
+    return Outcome(found, [found.table()], [*found.remarks, WARNING], files=files, rotary=loop.axis.rotary)
 
 
 def write_excitation(found: Excitation, loop: Loop, out: str | Path, facts: Mapping[str, str]) -> Path:
@@ -93,15 +94,15 @@ def write_excitation(found: Excitation, loop: Loop, out: str | Path, facts: Mapp
     A file to be sent has time, excitation and the set position of the motion underneath.  A simulated log has all that
     `feeddrive frf` needs.  Raises FileError.
     """
+    of_axis = turning if found.rotary else str
     with new_directory(out) as folder:
         for i, drawn in enumerate(found.drawings, start=1):
             sent = {"excitation": drawn.excitation, "set_position": drawn.set_position}
-            units = {"excitation": found.unit, "set_position": "m"}
+            units = {"excitation": found.unit, "set_position": of_axis("m")}
             stamps = np.round(drawn.time, 12)  # 0.00015 and not 0.00015000000000000001, for readability of the file
             write_run_csv(folder / f"excitation_{i}.csv", stamps, sent, units)
             columns = {"excitation": drawn.excitation, **drawn.signals}
-            known = {"force": "N", "velocity_load": "m/s", "velocity_motor": "m/s", "excitation": found.unit}
-            units = {name: known.get(name, "m") for name in columns}
+            units = {name: of_axis(UNITS.get(name, "m")) for name in columns} | {"excitation": found.unit}
             write_run_parquet(folder / f"simulated_{i}.parquet", drawn.time, columns, units, found.sample_time)
         (folder / "report.html").write_text(build(found, loop, facts), encoding="utf-8")
     return Path(out) / "report.html"
@@ -170,4 +171,4 @@ def build(found: Excitation, loop: Loop, facts: Mapping[str, str]) -> str:
         f'<section id="pictures">\n<h2>Pictures</h2>\n{"".join(map(picture, pictures))}\n</section>\n',
         f'<section id="facts">\n<h2>What was designed</h2>\n{definitions(stated.items())}\n</section>\n',
     ]  # fmt: skip
-    return page("Excitation for a frequency response", parts)
+    return page("Excitation for a frequency response", parts, rotary=loop.axis.rotary)

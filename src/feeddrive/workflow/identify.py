@@ -322,7 +322,7 @@ def build(found: Identified, facts: Mapping[str, str]) -> str:
         f'<section id="pictures">\n<h2>Pictures</h2>\n{"".join(picture(each) for each in drawn)}</section>\n',
         f'<section id="facts">\n<h2>The log</h2>\n{definitions(facts.items())}\n</section>\n',
     ]
-    return page(f"Identified: {found.log.name}", parts)
+    return page(f"Identified: {found.log.name}", parts, rotary=found.rotary)
 
 
 def tables(found: Identified) -> list[Table]:

@@ -94,13 +94,14 @@ def iterate(request: IterateRequest, progress: Progress) -> Outcome[Iteration]:
     loop, axis = _loop(request)
     found, tables, remarks = (_simulated if request.controller is None else _measured)(request, loop, progress)
     key = f"axis.{axis}.control.feedforward"
-    text = to_toml(found.after, key).replace(f"[{key}]", f"[[{key}]]", 1)
+    text = to_toml(found.after, key, rotary=loop.axis.rotary).replace(f"[{key}]", f"[[{key}]]", 1)
     files: dict[str, Path] = {}
     if request.out is not None:
         progress.step("writing")
         write_whole(request.out, text)
         files["Written"] = request.out
-    return Outcome(found, tables, [*remarks, *_remarks(found, request)], section=text, files=files)
+    said = [*remarks, *_remarks(found, request)]
+    return Outcome(found, tables, said, section=text, files=files, rotary=loop.axis.rotary)
 
 
 def _measured(request: IterateRequest, loop: Loop, progress: Progress) -> tuple[Iteration, list[Table], list[str]]:

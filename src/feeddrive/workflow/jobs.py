@@ -44,6 +44,16 @@ class JobResult(Result):
     remarks: tuple[str, ...]
     versions: Mapping[str, str]
 
+    @property
+    def rotary(self) -> bool:
+        """Whether the axis of the rows turns."""
+        return self.rows[0].loop.axis.rotary
+
+    @property
+    def quoted(self) -> tuple[str, ...]:
+        """What a person wrote in job and machine file."""
+        return self.job.title, self.job.rule, *self.job.machine.quoted, *(row.name for row in self.rows)
+
     def table(self) -> Table:
         """Following error, force, margins and least dynamic stiffness by law."""
         heads = ["law", "RMS um", "peak um", "force N", "PM deg", "Ms", "N/um"]
@@ -89,6 +99,7 @@ class JobResult(Result):
             job=job.file.text,
             versions=self.versions,
             notes=self.remarks,
+            quoted=(job.rule, *job.machine.quoted),
             extras=[] if (others := self.others()) is None else [ShownTable(others)],
         )
 
@@ -236,7 +247,8 @@ def _together(job: Job, machine: Machine, axis: str, name: str) -> Run:
 def _of_axis(together: Run, axis: str) -> Run:
     """The signals of one axis, by the names that they have in a run of it alone."""
     signals = {name: together[f"{axis}.{name}"] for name in Signals._fields}
-    return dataclasses.replace(together, signals=signals)
+    turning = frozenset({""} if f"{axis}." in together.turning else ())
+    return dataclasses.replace(together, signals=signals, turning=turning)
 
 
 def _log(job: Job) -> Log | None:

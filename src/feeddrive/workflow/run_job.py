@@ -17,7 +17,7 @@ from typing import Any
 from feeddrive.files.atomic_io import new_directory
 from feeddrive.files.job import JobLike, read_job
 from feeddrive.files.log import write_log
-from feeddrive.files.run_files import file_names, write_run_csv, write_run_parquet
+from feeddrive.files.run_files import file_names, summary_text, write_run_csv, write_run_parquet
 from feeddrive.language import tree
 from feeddrive.language.progress import Progress
 from feeddrive.report import Entry, build
@@ -78,9 +78,10 @@ def write_results(result: JobResult, out: str | Path) -> Path:
     Raises FileError if `out` cannot be written, or is a directory that feeddrive did not write.
     """
     page = build(result.study())
+    figures = summary_text(summary(result), rotary=result.rotary, quoted=result.quoted)
     with new_directory(out) as folder:
         (folder / "report.html").write_text(page, encoding="utf-8")
-        (folder / "summary.json").write_text(json.dumps(summary(result), indent=2) + "\n", encoding="utf-8")
+        (folder / "summary.json").write_text(figures, encoding="utf-8")
         (folder / "job.toml").write_text(repeatable(result), encoding="utf-8")
         (folder / "machine.toml").write_text(result.job.machine.file.text, encoding="utf-8")
         runs = folder / "runs"

@@ -101,11 +101,6 @@ class TuneRequest(Request):
         return Path("results") / f"tune_{stem(self.source)}"
 
 
-_ROTARY = (
-    "the axis turns: numbers are in rad, N m and kg m2, also where tables and pictures still name m, N, kg (um: urad)"
-)
-
-
 @command(TuneRequest)
 def tune(request: TuneRequest, progress: Progress) -> Outcome[Tuned]:
     """Tune gains and filters of an axis within limits; machine file, certificate and report on request.
@@ -134,7 +129,7 @@ def tune(request: TuneRequest, progress: Progress) -> Outcome[Tuned]:
     failure = None if found.holds else "the tuning violates a limit or its proof failed; no machine file was written"
     return Outcome(
         found, shown[:first], remarks, found.recommendation(), files=files, details=details,
-        failure=failure,
+        failure=failure, rotary=story.rotary,
     )  # fmt: skip
 
 
@@ -151,8 +146,6 @@ def _tuned(request: TuneRequest, progress: Progress) -> tuple[Tuned, Story, str 
     limits = request.limits()
     name = axis_name(loop, request.axis)
     points, remarks = _points(request, loop, progress)
-    if loop is not None and loop.axis.rotary:
-        remarks = [_ROTARY, *remarks]
     control, begun = _control(request, loop, points)
     band = (0.0, math.inf) if request.band is None else frequencies(request.band)
     today = None if loop is None else loop.control
@@ -186,7 +179,9 @@ def _tuned(request: TuneRequest, progress: Progress) -> tuple[Tuned, Story, str 
     text = None if base is None or not found.holds else machine_text(base, name, found.control)
     progress.step("certificate")
     certificate, facts["Certificate"] = certified(found.control, points, text, name) if found.holds else (None, "")
-    story = Story(what, {k: v for k, v in facts.items() if v}, rules, tuple(remarks), begun or "today")
+    rotary = loop is not None and loop.axis.rotary
+    said = tuple(remarks)
+    story = Story(what, {k: v for k, v in facts.items() if v}, rules, said, begun or "today", rotary)
     return found, story, text, name, certificate
 
 

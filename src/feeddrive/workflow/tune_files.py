@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -17,6 +16,7 @@ from feeddrive.certificate.certificate import Certificate
 from feeddrive.files.atomic_io import new_directory
 from feeddrive.files.blocks_to_toml import to_toml
 from feeddrive.files.machine import MachineFile
+from feeddrive.files.run_files import summary_text
 from feeddrive.files.toml_edit import TomlEdit
 from feeddrive.language import tree, units
 from feeddrive.language.block import Block
@@ -40,7 +40,8 @@ _DIGITS = 7
 class Story:
     """What a report knows beside the tuning: what was tuned, how, the rules of the trade beside it, and remarks.
 
-    today  the name of the first row of each comparison
+    today   the name of the first row of each comparison
+    rotary  the axis turns
     """
 
     what: str
@@ -48,6 +49,7 @@ class Story:
     rules: tuple[JudgedRecipe, ...] = ()
     said: tuple[str, ...] = ()
     today: str = "today"
+    rotary: bool = False
 
 
 def write_tuned(
@@ -59,7 +61,7 @@ def write_tuned(
     """
     with new_directory(out) as folder:
         (folder / "report.html").write_text(build(found, story), encoding="utf-8")
-        (folder / "summary.json").write_text(json.dumps(summary(found, story), indent=2) + "\n", encoding="utf-8")
+        (folder / "summary.json").write_text(summary_text(summary(found, story), rotary=story.rotary), encoding="utf-8")
         if found.holds:
             (folder / "control.toml").write_text(to_toml(found.control, f"axis.{axis}.control"), encoding="utf-8")
             if machine is not None:
@@ -90,7 +92,7 @@ def build(found: Tuned, story: Story) -> str:
         f'<section id="pictures">\n<h2>Pictures</h2>\n{"".join(picture(each) for each in drawn)}</section>\n',
         f'<section id="facts">\n<h2>What was tuned</h2>\n{definitions(story.facts.items())}\n</section>\n',
     ]
-    return page(title, [_printed(part) if i != 2 else part for i, part in enumerate(parts)])
+    return page(title, [_printed(part) if i != 2 else part for i, part in enumerate(parts)], rotary=story.rotary)
 
 
 def _printed(text: str) -> str:

@@ -86,8 +86,9 @@ def point_of(
     progress: Progress,
 ) -> tuple[OperatingPoint, list[str]]:  # fmt: skip
     """The measured point, and what must be said of it. Raises ParameterError for what does not fit, with what to do."""
-    found = {key: _in_metres(given.name, frf, unit) for key, frf in read_frfs(given.load).items()}
-    load, motor = _roles(given, found, unit)
+    turns = loop is not None and loop.axis.rotary
+    found = {key: in_metres(given.name, frf, unit, turns) for key, frf in read_frfs(given.load).items()}
+    load, motor = _roles(given, found, unit, turns)
     remarks = [words for each in (load, motor) if each is not None and loop is None
                and (words := check_response(given.name, each, unit is not None, progress))]  # fmt: skip
     step = sample_time or load.sample_time or (None if loop is None else float(loop.sample_time))
@@ -98,12 +99,12 @@ def point_of(
         )
     struck = None
     if given.struck is not None:
-        back = None if given.struck_motor is None else _only(given.struck_motor, unit)
+        back = None if given.struck_motor is None else _only(given.struck_motor, unit, turns)
         if motor is not None and back is None:
             raise ParameterError(
                 "--disturbance with two encoders needs --disturbance-motor: the motor's answer to the hammer"
             )
-        struck = (_only(given.struck, unit), back)
+        struck = (_only(given.struck, unit, turns), back)
     for each in (load, motor):
         if each is not None:
             _check_sign(given.name, each)
@@ -123,7 +124,7 @@ def point_of(
     return point, remarks
 
 
-def _roles(given: Measurement, found: dict[str, FRF], unit: str | None) -> tuple[FRF, FRF | None]:
+def _roles(given: Measurement, found: dict[str, FRF], unit: str | None, turns: bool) -> tuple[FRF, FRF | None]:
     """Response of the load, and of the motor if there is one: from one file or from two."""
     by_output = {frf.output: key for key, frf in found.items()}
     names = {**by_output, **{key: key for key in found}}
@@ -145,32 +146,40 @@ def _roles(given: Measurement, found: dict[str, FRF], unit: str | None) -> tuple
         raise ParameterError(f"{given.name}: holds {len(found)} responses, {', '.join(found)}: a file for one encoder "
                              f"must hold one")  # fmt: skip
     load = next(iter(found.values()))
-    return load, None if given.motor in (None, _NONE) else _only(given.motor, unit)
+    return load, None if given.motor in (None, _NONE) else _only(given.motor, unit, turns)
 
 
-def _only(given: FrfLike, unit: str | None) -> FRF:
+def _only(given: FrfLike, unit: str | None, turns: bool) -> FRF:
     found, path = read_frfs(given), called(given)
     if len(found) != 1:
         raise ParameterError(f"{path}: holds {len(found)} responses, {', '.join(found)}: one is wanted here")
-    return _in_metres(path, next(iter(found.values())), unit)
+    return in_metres(path, next(iter(found.values())), unit, turns)
 
 
-def _in_metres(path: str, frf: FRF, unit: str | None) -> FRF:
-    """The response in m/N: other units of it are converted, a velocity is integrated."""
+def in_metres(path: str, frf: FRF, unit: str | None, turns: bool) -> FRF:
+    """The response in m/N, or the same number of rad/(N m) if the axis turns: other units are converted to it.
+
+    A velocity is integrated.  Raises ParameterError for what is no response of such an axis.
+    """
     stated = unit or frf.unit
-    if stated in ("", "m/N"):
-        return frf
     f = frf.frequency
+    by_order = {"m/N": 1.0 + 0.0 * f, "(m/s)/N": 1.0 / (2j * np.pi * f), "(m/s2)/N": -1.0 / (2.0 * np.pi * f) ** 2}
+    wanted = {units.turning(each) if turns else each: whole for each, whole in by_order.items()}
+    if stated in ("", "m/N"):  # responses of models are in m/N, also where the axis turns
+        return frf
     known = units.response(unit_of(stated) or stated)
-    by_order = {"m/N": 1.0, "(m/s)/N": 1.0 / (2j * np.pi * f), "(m/s2)/N": -1.0 / (2.0 * np.pi * f) ** 2}
-    if known is not None and known[0] in by_order:
-        whole = known[1] * by_order[known[0]]
+    if known is not None and known[0] in wanted:
+        whole = known[1] * wanted[known[0]]
         variance = None if frf.variance is None else np.abs(whole) ** 2 * frf.variance
         return replace(frf, response=whole * frf.response, variance=variance, unit="m/N")
-    raise ParameterError(
-        f"{path}: the response from {frf.input} to {frf.output} is in {stated}: it must be position (m, um, mm), "
-        f"velocity or acceleration over force (N); turn torque into force and angle into travel by the lead first"
-    )
+    if turns:
+        needed = "angle (rad, deg, mdeg), its velocity or acceleration over torque (N m), since the axis turns"
+    else:
+        needed = (
+            "position (m, um, mm), velocity or acceleration over force (N); turn torque into force and angle into "
+            "travel by the lead first, or give the machine of an axis that turns (rotary = true) with --baseline"
+        )
+    raise ParameterError(f"{path}: the response from {frf.input} to {frf.output} is in {stated}: it must be {needed}")
 
 
 def _check_sign(path: str, frf: FRF) -> None:

@@ -143,7 +143,7 @@ def _drawn(
         )
     return Excitation(
         name, where, amplitude, crest, T, period, periods, fade, times.first, lines, grid, offset, least,
-        tuple(drawings), tuple(checked), tuple(remarks),
+        tuple(drawings), tuple(checked), tuple(remarks), loop.axis.rotary,
     )  # fmt: skip
 
 

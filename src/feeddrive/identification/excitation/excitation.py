@@ -10,6 +10,7 @@ import numpy as np
 from feeddrive.identification.excitation.record import Record
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.table import Result, Table, shown
+from feeddrive.language.units import turning
 from feeddrive.loop.loop import Loop
 
 OUTPUTS = {"reading_load": "m", "reading_motor": "m"}
@@ -70,6 +71,7 @@ class Excitation(Result):
                      and out
     first            sample at which the first whole period begins
     offset_velocity  m/s under the excitation, so that the axis slides throughout
+    turns            the axis turns: torques in N m, angles in rad
     least_velocity   m/s, smallest speed towards the offset during the periods; below 0 the axis reversed
     """
 
@@ -89,6 +91,12 @@ class Excitation(Result):
     drawings: tuple[Drawing, ...]
     limits: tuple[Limit, ...]
     remarks: tuple[str, ...] = ()
+    turns: bool = False
+
+    @property
+    def rotary(self) -> bool:
+        """Whether the axis turns."""
+        return self.turns
 
     @property
     def frequency(self) -> np.ndarray:
@@ -98,7 +106,8 @@ class Excitation(Result):
     @property
     def unit(self) -> str:
         """Of the excitation."""
-        return "N" if self.where == "force" else "m"
+        unit = "N" if self.where == "force" else "m"
+        return turning(unit) if self.turns else unit
 
     def records(self, output: str = "reading_load") -> list[Record]:
         """The simulated measurements, cut to whole periods: `estimate_frf` of them predicts the measured result."""

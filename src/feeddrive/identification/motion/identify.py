@@ -54,6 +54,11 @@ class Identified(Result):
     remarks: tuple[str, ...]
     doubt: str = ""
 
+    @property
+    def rotary(self) -> bool:
+        """Whether the axis turns."""
+        return self.log.turning
+
     def table(self) -> Table:
         """Parameters of the inverse dynamics."""
         return self.rigid.table()
