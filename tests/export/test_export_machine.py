@@ -195,7 +195,7 @@ def test_uncoupled_axes_are_exported_at_once_too(tmp_path: Path) -> None:
         assert (design.axis, design.name, readme.parent.name) == (name, f"table_{name}", name)
     plant = read_design("mill", what=PLANT)
     assert [v.name for v in plant.routine.inputs[::3]] == ["x_force", "y_force", "z_force"]
-    with pytest.raises(ParameterError, match="--joint is that of one axis"):
+    with pytest.raises(ParameterError, match="--joint belongs to one axis"):
         write_all("xy_table", "linuxcnc", tmp_path / "hal", joint=1)
 
 

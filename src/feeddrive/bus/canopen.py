@@ -1,4 +1,4 @@
-"""CANopen by the canopen package: process data with every SYNC, on CAN buses that one text names."""
+"""CANopen by the canopen package: process data with every SYNC, on a CAN bus such as `socketcan:can0`."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from feeddrive.bus.transport import Claim, RefusedError, write_mapping
 from feeddrive.language.errors import BusError, MissingExtraError, ParameterError
 
 _SYNC, _INVALID, _EVERY_SYNC = 0x80, 1 << 31, 1
-_CONSUMER, _BEAT, _OPERATING = 0x1016, 0x700, b"\x05"  # heartbeat: who listens for it, its message, what it says
+_CONSUMER, _BEAT, _OPERATING = 0x1016, 0x700, b"\x05"  # heartbeat: consumer time, COB-ID, state byte
 _LISTENING = 0.05  # s in which another master must have sent a SYNC
 _LOOKING = 0.3  # s for an answer of a node that is silent already
 
@@ -30,10 +30,10 @@ class CANopen:
         self._arrived: dict[int, bytes] = {}
         self._news = Condition()
         self._claim = Claim()
-        self._master = 127 if station != 127 else 126  # whose heartbeat the drive listens for
+        self._master = 127 if station != 127 else 126  # node number of this master, whose heartbeat the drive monitors
         self._beat: float | None = None  # s from one heartbeat to the next
         self._beaten = 0.0
-        self._listened: bytes | None = None  # what the drive listened for before
+        self._listened: bytes | None = None  # heartbeat that the drive monitored before
         self._late = False  # whether answers to the last SYNC may still come
 
     def open(self) -> None:
@@ -53,7 +53,7 @@ class CANopen:
             ) from None
 
     def _check_alone(self) -> None:
-        """Raise BusError if another master sends SYNC: drives would take two for one, and NMT would end its motion."""
+        """Raise BusError if another master sends SYNC: drives would answer both, and NMT would stop its motion."""
         heard = Event()
         self._network.subscribe(_SYNC, lambda *_: heard.set())
         if heard.wait(_LISTENING):
@@ -85,7 +85,7 @@ class CANopen:
         return BusError(f"{self.where}: object 0x{index:04X}:{subindex:02X} was not answered")
 
     def map(self, sent: Layout, told: Layout) -> None:
-        """Each message is switched off, mapped, and switched on again, to go with every SYNC."""
+        """Each message is switched off, mapped, and switched on again, to be sent with every SYNC."""
         self._sent, self._told = sent, told
         self._of_sent = [0x200 + 0x100 * k + self.station for k in range(len(sent.groups))]
         self._of_told = [0x180 + 0x100 * k + self.station for k in range(len(told.groups))]
@@ -109,7 +109,7 @@ class CANopen:
                 self._news.notify()
 
     def watch(self, seconds: float) -> None:
-        """The heartbeat of this master, which the drive listens for (0x1016:01) and which goes with the cycles."""
+        """Let the drive monitor the heartbeat of this master (0x1016:01), which is sent with the cycles."""
         wanted = (self._master << 16 | max(1, round(1e3 * seconds))).to_bytes(4, "little")
         try:
             before = self.read(_CONSUMER, 1)
@@ -137,7 +137,7 @@ class CANopen:
         raise BusError(f"{self.where}: sends no process data in OPERATIONAL")
 
     def exchange(self, content: bytes, timeout: float) -> bytes | None:
-        """All messages, SYNC, and all answers; lost if one of them is missing."""
+        """Send all messages and SYNC, receive all answers; None if an answer is missing."""
         with self._news:
             if self._late:  # they must not pass for answers to the next one
                 self._news.wait_for(lambda: len(self._arrived) == len(self._of_told), timeout)
@@ -154,7 +154,7 @@ class CANopen:
             return b"".join(self._arrived[message] for message in self._of_told)
 
     def _send(self, content: bytes) -> None:
-        """All messages and SYNC; before them a heartbeat if one is due, from here so that it stops with the motion."""
+        """Send all messages and SYNC, and first a heartbeat if one is due; sent from here, it stops with the motion."""
         now = time.monotonic()
         if self._beat is not None and now - self._beaten >= self._beat:
             self._network.send_message(_BEAT + self._master, _OPERATING)
@@ -173,7 +173,7 @@ class CANopen:
         return "it answers, but sends no process data: it may have left OPERATIONAL"
 
     def close(self) -> None:
-        """Back to PRE-OPERATIONAL, and no heartbeat is listened for any more."""
+        """Back to PRE-OPERATIONAL, with the monitoring of the heartbeat as before."""
         self._claim.free()
         if self._network is None:
             return
@@ -195,7 +195,7 @@ def packages() -> Any:
         import canopen
     except ImportError as missing:
         raise MissingExtraError(missing.name or "canopen", "bus", "CANopen") from None
-    logging.getLogger("canopen").addHandler(logging.NullHandler())  # what it would print is an error of ours anyway
+    logging.getLogger("canopen").addHandler(logging.NullHandler())  # its errors are reported as BusError
     return canopen
 
 
@@ -219,6 +219,6 @@ def opened_network(interface: str, bitrate: int | None) -> Any:
             "(ip link set can0 up type can bitrate 1000000)?"
         ) from None
     network = canopen.Network(line)
-    network.NOTIFIER_CYCLE = 0.1  # s that its end may have to wait for
+    network.NOTIFIER_CYCLE = 0.1  # s until its thread ends
     network.connect()
     return network

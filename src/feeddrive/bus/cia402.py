@@ -22,7 +22,7 @@ class Object(NamedTuple):
     """One entry of an object dictionary."""
 
     name: str
-    index: int  # type: ignore[assignment]  # what a tuple calls so is not needed
+    index: int  # type: ignore[assignment]  # hides tuple.index, which is not used
     subindex: int
     type: str
     meaning: str
@@ -142,16 +142,16 @@ class Layout:
         return self._struct.size
 
     def part(self, group: int) -> slice:
-        """Where a group stands among the bytes of all."""
+        """The bytes of a group within those of all."""
         sizes = [sum(OBJECTS[name].bits for name in names) // 8 for names in self.groups]
         return slice(sum(sizes[:group]), sum(sizes[: group + 1]))
 
     def keeping(self, there: Sequence[str]) -> Layout:
-        """Without the objects that are not there."""
+        """The layout without the objects that are missing in the drive."""
         return Layout([[name for name in group if name in there] for group in self.groups])
 
     def pack(self, values: Mapping[str, int]) -> bytes:
-        """All groups. Raises struct.error for a value that does not fit."""
+        """The bytes of all groups. Raises struct.error for a value that does not fit."""
         return self._struct.pack(*[values[name] for name in self.names])
 
     def unpack(self, content: bytes) -> dict[str, int]:
@@ -173,7 +173,7 @@ class PowerState(Enum):
 
     @property
     def words(self) -> str:
-        """As the standard calls it."""
+        """The name in the standard."""
         return self.value[2]
 
     @property
@@ -183,7 +183,7 @@ class PowerState(Enum):
 
 
 def state_of(statusword: int) -> PowerState | None:
-    """The state, or None for bits that mean none."""
+    """The state, or None for undefined bits."""
     for state in PowerState:
         mask, value, _ = state.value
         if statusword & mask == value:
@@ -213,7 +213,7 @@ ERRORS = {
     0x8400: "velocity beyond its limit",
     0x8611: "following error too large",
     0x8612: "position beyond its limit",
-    0xFF01: "command that is no number",
+    0xFF01: "command that is NaN",
 }
 
 
@@ -252,7 +252,7 @@ _NEXT: dict[PowerState, dict[str, PowerState]] = {
 
 
 def answer(state: PowerState, controlword: int, before: int) -> PowerState:
-    """The state that a drive goes to; a command that a state does not know changes nothing.
+    """The next state; a command without a transition from the present state changes nothing.
 
     `before` is the controlword of the last cycle: a fault is reset by the rising edge of bit 7 only.
     """

@@ -31,13 +31,13 @@ from feeddrive.bus.transport import Transport, has_object, write_object
 from feeddrive.language.errors import BusError
 
 _PATIENCE = 3.0  # s for a change of state, on the clock and in cycles
-_FIRST = 20  # cycles in which something must come back at the start
-_ASKED, _SILENCE = 10, 0.3  # cycles, and s, without any answer, after which nothing more is asked of the drive
+_FIRST = 20  # cycles at the start within which the drive must answer
+_ASKED, _SILENCE = 10, 0.3  # cycles, and s, without any answer, after which the drive is given up
 _TARGETS = {CSP: "target_position", CST: "target_torque"}
 
 
-class Told(NamedTuple):
-    """What came back, in SI: positions m, velocity m/s, force N; None where the drive has no such object."""
+class ActualValues(NamedTuple):
+    """Actual values of the drive in SI: positions m, velocity m/s, force N; None where the drive has no such object."""
 
     status: int
     position: float
@@ -62,13 +62,13 @@ class DriveClient:
         self.remarks: list[str] = []
         self.identity: dict[str, int | str] = {}
         self.lost = self.lost_in_row = 0
-        self.told: Told | None = None
+        self.told: ActualValues | None = None
         self.mode = MODES[drive.mode]
         self._values = dict.fromkeys([name for group in SENT for name in group], 0)
         self._sent, self._back = Layout(SENT), Layout(TOLD)
         self._timeout = max(2e-3, 2.0 * drive.cycle_time) if paced else 1.0
         self._operating = self._unreachable = False
-        self._heard = 0.0  # when something came back, on the monotonic clock
+        self._heard = 0.0  # time of the last answer, on the monotonic clock
 
     def __enter__(self) -> DriveClient:
         try:
@@ -99,7 +99,7 @@ class DriveClient:
 
     @property
     def state(self) -> PowerState | None:
-        """By the last statusword."""
+        """The state by the last statusword."""
         return None if self.told is None else state_of(self.told.status)
 
     def open(self) -> None:
@@ -134,7 +134,7 @@ class DriveClient:
         if self.told is None:
             raise BusError(f"{transport.where}: {transport.state()}, but its process data are lost")
 
-    def cycle(self) -> Told | None:
+    def cycle(self) -> ActualValues | None:
         """One exchange with what was commanded; None for a lost frame.
 
         Raises BusError, and sends nothing, if the drive is in operation and the cycle began later than `late_cycles`:
@@ -149,7 +149,7 @@ class DriveClient:
             )
         return self._exchange()
 
-    def _exchange(self) -> Told | None:
+    def _exchange(self) -> ActualValues | None:
         answered = self.transport.exchange(self._sent.pack(self._values), self._timeout)
         if answered is None:
             self.lost += 1
@@ -160,7 +160,7 @@ class DriveClient:
         error, second = raw.get("following_error"), raw.get("second_position")
         if "velocity" not in raw:  # of a drive without 0x606C
             raw["velocity"] = 0 if self.told is None else round((raw["position"] - self._here) / self.drive.cycle_time)
-        self.told = Told(
+        self.told = ActualValues(
             raw["statusword"],
             raw["position"] * scaling.metre,
             raw["velocity"] * scaling.metre,
@@ -212,8 +212,8 @@ class DriveClient:
             return wanted["target_position"] * scaling.metre
         return self._here * scaling.metre if position is None else position
 
-    def _follow(self, controlword: int | None = None) -> Told | None:
-        """A cycle in which nothing is wanted but to stay."""
+    def _follow(self, controlword: int | None = None) -> ActualValues | None:
+        """A cycle that commands the present position."""
         if controlword is not None:
             self._values["controlword"] = controlword
         if self.told is not None:
@@ -222,7 +222,7 @@ class DriveClient:
         return self._exchange()
 
     def enable(self) -> None:
-        """To operation enabled, where the axis stands."""
+        """Switch to operation enabled, at the present position."""
         if self.state in (PowerState.FAULT, PowerState.FAULT_REACTION):
             raise BusError(f"{self._fault()}; look for its cause, then reset it (--reset-fault)")
         self._until(PowerState.ENABLED, TOWARDS_ENABLED)
@@ -232,7 +232,7 @@ class DriveClient:
             raise BusError(f"{self.transport.where}: runs mode {self._mode} and not {self.mode} ({self.drive.mode})")
 
     def reset_fault(self) -> None:
-        """Out of fault, if it is in it."""
+        """Reset a fault, if there is one."""
         if self.state is PowerState.FAULT_REACTION:
             self._until(PowerState.FAULT, {PowerState.FAULT_REACTION: DISABLE_VOLTAGE})
         if self.state is not PowerState.FAULT:
@@ -253,7 +253,7 @@ class DriveClient:
             self._switch_off()
 
     def disable(self) -> None:
-        """Without a quick stop: for an axis at rest."""
+        """Switch off without a quick stop: for an axis at rest."""
         self._switch_off()
 
     def _switch_off(self) -> None:
@@ -291,7 +291,7 @@ class DriveClient:
         return f"{self.transport.where}: fault 0x{code:04X}" + (f", {meaning}" if meaning else "")
 
     def trouble(self) -> str:
-        """Why the drive does not follow any more, in words; empty while it does."""
+        """Why the drive no longer follows, as text; empty while it follows."""
         if self.lost_in_row >= self.drive.lost_frames:
             return f"{self.lost_in_row} frames in a row were lost: {self.transport.state()}"
         if self.state is PowerState.ENABLED:

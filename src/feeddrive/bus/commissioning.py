@@ -70,12 +70,12 @@ def check_scaling(transport: Transport, scaling: DriveScaling) -> list[str]:
 
 
 def _turns(transport: Transport, name: str) -> int:
-    """The second half of a ratio; 1 where the drive has none."""
+    """The denominator of a ratio; 1 where the drive has none."""
     return max(1, read_object(transport, name)) if has_object(transport, name) else 1
 
 
 def write_cycle_time(transport: Transport, drive: BusDrive) -> None:
-    """Into 0x60C2, where the drive has it: the time over which it interpolates. Raises BusError if it is refused."""
+    """Write the cycle time into 0x60C2, over which a drive that has it interpolates. BusError if it refuses."""
     if not has_object(transport, "cycle_value"):
         return
     value, power = interpolation_time(drive.cycle_time)
@@ -90,9 +90,9 @@ def write_cycle_time(transport: Transport, drive: BusDrive) -> None:
 
 
 def set_watchdog(transport: Transport, drive: BusDrive) -> list[str]:
-    """The drive's own watchdog, and that it acts; a remark if the drive file says that there is none.
+    """Set the drive's own watchdog and check its reaction; a remark if the drive file switches it off.
 
-    Raises BusError if it cannot be set, or reads back as something else.
+    Raises BusError if it cannot be set, or reads back differently.
     """
     if drive.watchdog_time == 0.0:
         return ["No watchdog (watchdog = 0 in the drive file): the axis runs on when this computer stops."]
@@ -107,7 +107,7 @@ def set_watchdog(transport: Transport, drive: BusDrive) -> list[str]:
 
 
 def write_limits(transport: Transport, drive: BusDrive) -> list[str]:
-    """The limits into the drive itself; remarks on those that it does not take."""
+    """Write the limits into the drive; remarks on those that it does not take."""
     limits, scaling = drive.limits, drive.scaling
     wanted: dict[str, int] = {
         "max_torque": max(1, int(limits.force / scaling.newton)),

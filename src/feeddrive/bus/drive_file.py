@@ -31,9 +31,9 @@ MOST_WATCH = 6.5  # s that the registers of a watchdog hold
 
 
 class BusLimits(Block):
-    """Where a motion over the bus is aborted. Every one must be stated, since none has a safe default.
+    """Limits at which a motion over the bus is aborted. Each must be stated, since none has a safe default.
 
-    They are watched here in every cycle, and written into the drive as far as it has objects for them.
+    They are checked here in every cycle, and written into the drive as far as it has objects for them.
     """
 
     travel: Number = parameter("m", "farthest from where the axis stands at the start, to both sides", above=0)
@@ -53,13 +53,13 @@ class BusDrive(Block):
     cycle_time: Number = parameter("s", "from one exchange to the next", least=1e-5, most=1.0)
     mode: str = choice("mode of operation: csp, csv or cst", options=("csp", "csv", "cst"), default="csp")
     lag: int = choice("cycles from a target to the values that answer it", least=0, most=20, default=1)
-    lost_frames: int = choice("so many in a row end the motion", least=1, most=1000, default=3)
+    lost_frames: int = choice("lost frames in a row that end the motion", least=1, most=1000, default=3)
     late_cycles: int = choice(
-        "a cycle that begins later than so many cycles ends the motion", least=1, most=10_000, default=3
+        "lateness of a cycle, in cycles, above which the motion ends", least=1, most=10_000, default=3
     )
     watchdog: Number | None = parameter(
         "s",
-        "the drive stops by itself without frames for so long; 0: it has none",
+        "time without frames after which the drive stops by itself; 0: no watchdog",
         least=0,
         most=MOST_WATCH,
         default=None,
@@ -89,20 +89,20 @@ class BusDrive(Block):
 
     @property
     def watchdog_time(self) -> float:
-        """What is set in the drive, s: as stated, else 0.1 s, or twice what the motion allows if that is longer."""
+        """The watchdog time of the drive, s: as stated, else 0.1 s or, if longer, twice what the motion allows."""
         if self.watchdog is not None:
             return self.watchdog
         return min(MOST_WATCH, max(0.1, 2.0 * self._silent_at_most))
 
     @property
     def _silent_at_most(self) -> float:
-        """s without a frame that the motion allows."""
+        """Longest time without a frame that the motion allows, s."""
         return (self.late_cycles + self.lost_frames) * self.cycle_time
 
 
 @dataclass(frozen=True)
 class DriveFile:
-    """What a drive file says."""
+    """The content of a drive file."""
 
     name: str
     interface: str
@@ -131,7 +131,7 @@ def interpolation_time(cycle_time: float) -> tuple[int, int]:
 
 
 class DriveScaling(Block):
-    """What one increment and one thousandth of the rated torque are at the table.
+    """Length of one increment, and force of one thousandth of the rated torque, at the table.
 
         increment = lead / (gear · counts_per_turn)                       of a motor that turns
         force     = torque_per_mille / 1000 · rated_torque · gear · 2π / lead
@@ -148,7 +148,7 @@ class DriveScaling(Block):
     rated_torque: Number | None = parameter("N m", "rated torque of the motor, object 0x6076", above=0, default=None)
 
     def check(self) -> None:
-        """Either of the two descriptions, whole."""
+        """One of the two descriptions must be complete."""
         turning = {"counts_per_turn": self.counts_per_turn, "lead": self.lead, "rated_torque": self.rated_torque}
         linear = {"increment": self.increment, "rated_force": self.rated_force}
         missing = [name for name, value in (turning if self.turns else linear).items() if value is None]

@@ -14,11 +14,11 @@ from feeddrive.bus.cia402 import Layout
 from feeddrive.bus.transport import Claim, RefusedError, holds_mapping, write_mapping
 from feeddrive.language.errors import BusError, MissingExtraError, ParameterError
 
-_ATTEMPTS = 4  # for an object whose frame was lost, and for a mapping that was not heard whole
-_PATIENCE = 20_000  # us for a frame to come back while nothing moves; a busy computer may need them
+_ATTEMPTS = 4  # repetitions for an object whose frame was lost, and for an incomplete mapping
+_PATIENCE = 20_000  # us for a frame to come back at standstill, for a busy computer
 _STEP = 50_000  # us for a change of state
 _LISTENING = 0.05  # s in which another master must have sent a frame
-_EVERYTHING = 0x0003  # ETH_P_ALL: what is sent is seen, too
+_EVERYTHING = 0x0003  # ETH_P_ALL: sent frames are received, too
 _OUTPUTS_CONTROL, _FEEDS_WATCHDOG = 0x0814, 0x40  # of sync manager 2: its control, and the bit of its watchdog
 _TOWARDS_OP = 2.0  # s of process data until a slave must be in OP
 
@@ -91,11 +91,11 @@ class EtherCAT:
         raise BusError(f"{self.where}: object 0x{index:04X}:{subindex:02X} was not answered ({lost}); {self.state()}")
 
     def map(self, sent: Layout, told: Layout) -> None:
-        """Mapping, assignment, and the sync managers and FMMUs by what the drive says of its mapping.
+        """Write mapping and assignment, and set sync managers and FMMUs by the mapping that the drive reports.
 
-        The master asks the drive for each entry of its mapping, and leaves out without a word what is not answered in
+        The master reads each entry of the mapping from the drive, and silently leaves out what is not answered in
         time. So sizes are compared, the mapping is read back, and the drive is mapped again from INIT on; its mapping
-        is fixed only if it reads back twice as another one than was written.
+        counts as fixed only if it reads back twice differently from what was written.
         """
         self._sent, self._told = sent, told
         wrong = ""
@@ -188,7 +188,7 @@ class EtherCAT:
         self._claim.free()
         if self._master is None:
             return
-        with contextlib.suppress(Exception):  # a bus that is gone must not hide the error that led here
+        with contextlib.suppress(Exception):  # an error of a dead bus must not hide the first one
             self._master.state = self._soem.INIT_STATE
             self._master.write_state()
         with contextlib.suppress(Exception):
@@ -197,7 +197,7 @@ class EtherCAT:
 
 
 def _check_alone(where: str, interface: str) -> None:
-    """Raise BusError if another master sends on the interface: to find drives takes them out of its operation."""
+    """Raise BusError if another master sends on the interface: the scan for drives would stop their operation."""
     if not sys.platform.startswith("linux"):
         return
     try:

@@ -17,7 +17,7 @@ _PRIORITY = 60  # SCHED_FIFO, below the interrupts of a real-time kernel
 class Lateness(NamedTuple):
     """How late cycles began, in s: median, 99 %, most; how many by more than a cycle; and how much the clock slipped.
 
-    It is information on the computer, not on the drive.
+    It describes the computer, not the drive.
     """
 
     median: float
@@ -30,8 +30,8 @@ class Lateness(NamedTuple):
 class Pace:
     """Begins cycle k at start + k · cycle_time on the monotonic clock; without one, as fast as the drive answers.
 
-    What is late by more than a cycle is not made up by sending faster, as a drive would be given jumps: the schedule
-    slips, the motion pauses for that long, and the count of such cycles stands in the log.  How late a cycle may be
+    A cycle late by more than a cycle is not made up by sending faster, as the drive would get jumps: the schedule
+    slips, the motion pauses for that long, and the log counts such cycles.  How late a cycle may be
     in motion is `late_cycles` of the drive file; `DriveClient.cycle` keeps it.
     """
 
@@ -42,11 +42,11 @@ class Pace:
         self._missed, self._slipped = 0, 0.0
 
     def begin(self) -> None:
-        """Count from now on."""
+        """Start the schedule."""
         self._late, self._missed, self._slipped = [], 0, 0.0
 
     def wait(self) -> float:
-        """Until the next cycle is due; by how much it is late all the same, s."""
+        """Wait until the next cycle is due; its lateness in s."""
         if self.cycle_time is None:
             return 0.0
         now = time.monotonic()
@@ -74,9 +74,9 @@ class Pace:
 
 @contextlib.contextmanager
 def urgent(wanted: bool) -> Generator[bool]:
-    """Within it the process is scheduled in real time if that is permitted, and no garbage is collected.
+    """A context with real-time scheduling, if permitted, and without garbage collection.
 
-    Gives whether it was permitted.
+    Its value: whether it was permitted.
     """
     before = None
     if wanted and hasattr(os, "sched_setscheduler"):

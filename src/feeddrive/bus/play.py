@@ -12,7 +12,7 @@ from types import FrameType
 import numpy as np
 
 from feeddrive.bus.cia402 import PowerState
-from feeddrive.bus.client import DriveClient, Told
+from feeddrive.bus.client import ActualValues, DriveClient
 from feeddrive.bus.pace import Lateness, urgent
 from feeddrive.bus.profile import Profile
 from feeddrive.files.log import Log
@@ -24,7 +24,7 @@ _SETTLING = 0.1  # s that the last target is held before the drive is switched o
 
 @dataclass(frozen=True)
 class Played:
-    """The log, why it ended early (None: it did not), lost frames, lateness of the cycles, and what to know."""
+    """The log, why it ended early (None: it did not), lost frames, lateness of the cycles, and remarks."""
 
     log: Log
     aborted: str | None
@@ -39,7 +39,7 @@ ENDINGS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP"
 
 @contextlib.contextmanager
 def interruption() -> Generator[Callable[[], bool]]:
-    """Ctrl-C as a question, so that it never cuts a cycle in two; a second one changes nothing."""
+    """Ctrl-C as a flag that is read once a cycle, so that it interrupts no cycle; a second one changes nothing."""
     pressed = threading.Event()
     if threading.current_thread() is not threading.main_thread():
         yield pressed.is_set
@@ -59,10 +59,10 @@ def interruption() -> Generator[Callable[[], bool]]:
 def play_profile(client: DriveClient, profile: Profile, *, name: str = "", progress: Progress | None = None) -> Played:
     """Switch the drive on, play, hold, switch it off.
 
-    The motion is relative to where the axis stands.  Row k of the log holds what was sent in cycle k and what the drive
-    said of it, `lag` cycles later.  `progress` is told ten times in a second of the motion; a
-    cancel of it ends the motion as Ctrl-C does, with a controlled stop.  Raises BusError if the drive cannot be
-    switched on; whatever ends the motion later stands in `Played.aborted`.
+    The motion is relative to where the axis stands.  Row k of the log holds what was sent in cycle k and the drive's
+    answer to it, `lag` cycles later.  `progress` is updated ten times a second; cancelling it ends the motion as
+    Ctrl-C does, with a controlled stop.  Raises BusError if the drive cannot be
+    switched on; the reason of any later end is in `Played.aborted`.
     """
     if np.any(profile.excitation):
         client.excites(profile.unit)
@@ -91,7 +91,7 @@ def play_profile(client: DriveClient, profile: Profile, *, name: str = "", progr
             if aborted:
                 break
             if progress is not None and k % said == 0:
-                progress.show_step(profile.name, min(k, count), count, "")  # which never raises: a cycle must not end
+                progress.show_step(profile.name, min(k, count), count, "")  # never raises, so that no cycle breaks
         lateness = client.pace.lateness()
         if aborted:
             aborted += _halt(client)
@@ -111,14 +111,14 @@ def play_profile(client: DriveClient, profile: Profile, *, name: str = "", progr
     if lateness is not None and lateness.missed:
         remarks.append(
             f"{lateness.missed} cycles began more than a cycle late, {1e3 * lateness.slipped:.3g} ms in all; the "
-            "motion paused for as long, and the log takes no notice of it."
+            "motion paused for as long, and the times of the log do not show it."
         )
     log = rows.log(profile, name or profile.name, min(count, max(0, len(rows.told) - lag)), aborted, lateness)
     return Played(log, aborted or None, lost, lateness, tuple(remarks))
 
 
 def listened(client: DriveClient, seconds: float) -> Played:
-    """A log of the drive while it is switched off, moved by hand or not at all. Raises BusError if it falls silent."""
+    """A log of the drive while it is switched off, at rest or moved by hand. Raises BusError if it stops answering."""
     assert client.told is not None
     rows, zero = _Rows(client, client.told.position), np.zeros(0)
     count = max(1, round(seconds / client.drive.cycle_time))
@@ -139,10 +139,10 @@ def listened(client: DriveClient, seconds: float) -> Played:
 
 
 def _target(client: DriveClient, profile: Profile, i: int, start: float, *, rest: bool) -> Mapping[str, float]:
-    """Command row i, or hold the last position; what is sent, in SI.
+    """Command row i, or hold the last position; returns the setpoints in SI.
 
-    The excitation is that of the profile and not what rounding makes of it: its lines are those that were designed, and
-    what really acted is in the force.
+    The logged excitation is that of the profile, before it is rounded to increments, so that its lines are the
+    designed ones; the force that acted is in the column of the force.
     """
     excitation = 0.0 if rest else float(profile.excitation[i])
     position, velocity = start + float(profile.set_position[i]), 0.0 if rest else float(profile.velocity[i])
@@ -155,8 +155,8 @@ def _target(client: DriveClient, profile: Profile, i: int, start: float, *, rest
     return {"set_position": position, "excitation": excitation}
 
 
-def _beyond(client: DriveClient, start: float, told: Told | None, sent: Mapping[str, float]) -> str:
-    """The limit that is broken, in words; empty if none is."""
+def _beyond(client: DriveClient, start: float, told: ActualValues | None, sent: Mapping[str, float]) -> str:
+    """The limit that is exceeded, as text; empty if none is."""
     if told is None:
         return ""
     limits = client.drive.limits
@@ -178,7 +178,7 @@ def _beyond(client: DriveClient, start: float, told: Told | None, sent: Mapping[
 
 
 def _halt(client: DriveClient) -> str:
-    """Quick stop and switch off; what came of it, as the end of a sentence."""
+    """Quick stop and switch off; the result, as the end of a sentence."""
     try:
         client.stop()
     except BusError as error:
@@ -196,11 +196,11 @@ class _Rows:
         assert client.told is not None
         self.client, self.start = client, start
         self.sent: list[Mapping[str, float]] = []
-        self.told: list[Told] = []
+        self.told: list[ActualValues] = []
         self.lost: list[float] = []
         self._last = client.told
 
-    def add(self, sent: Mapping[str, float], told: Told | None) -> None:
+    def add(self, sent: Mapping[str, float], told: ActualValues | None) -> None:
         """One cycle; a lost one holds the last values."""
         self._last = told or self._last
         self.sent.append(sent)

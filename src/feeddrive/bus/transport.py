@@ -34,7 +34,7 @@ class RefusedError(BusError):
 class Transport(Protocol):
     """One drive on one bus.
 
-    `where` names bus, interface and station in errors.  The order is open, objects, `map`, `operate`, `exchange` ...,
+    `where` is bus, interface and station, for errors.  The order is open, objects, `map`, `operate`, `exchange` ...,
     close; all raise BusError.
     """
 
@@ -51,20 +51,20 @@ class Transport(Protocol):
         """Change an object. Raises RefusedError."""
 
     def map(self, sent: Layout, told: Layout) -> None:
-        """Which objects go out and come back in each cycle."""
+        """Set the objects that are sent and received in each cycle."""
 
     def watch(self, seconds: float) -> None:
-        """Set the drive's own watchdog, by which it stops without frames for so long, and read it back."""
+        """Set the time without frames after which the drive stops by itself, and read it back."""
 
     def operate(self, content: bytes) -> None:
         """Begin the exchange of process data, with this content."""
 
     def exchange(self, content: bytes, timeout: float) -> bytes | None:
-        """One cycle: send, and what came back within `timeout` s; None for a lost frame."""
+        """One cycle: send, and return what was received within `timeout` s; None for a lost frame."""
         ...
 
     def state(self) -> str:
-        """What the bus says of the station, in words, for an error that follows lost frames."""
+        """The state of the station on the bus, as text, for an error after lost frames."""
         ...
 
     def close(self) -> None:
@@ -75,7 +75,7 @@ class Claim:
     """An interface is driven by one process: a second master would reset the drives of the first in motion.
 
     A name in the network namespace of the interface, which the system frees when the process ends, however it ends.
-    There are such names on Linux only; elsewhere nothing is claimed, and frames of another master are all that tells.
+    There are such names on Linux only; elsewhere another master shows only by its frames.
     """
 
     def __init__(self) -> None:

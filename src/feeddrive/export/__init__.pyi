@@ -1,4 +1,4 @@
-"""What was designed, in the form that a target runs: C, LinuxCNC, FMU, microcontroller, PLC, parameter files."""
+"""Export of a control or an axis: C, LinuxCNC, FMU, microcontroller, PLC, parameter files of makers."""
 
 from feeddrive.export.targets import write_export as write_export
 from feeddrive.export.verify import Verified as Verified

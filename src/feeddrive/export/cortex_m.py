@@ -40,7 +40,7 @@ def cortex_m_files(design: Design, core: Core) -> dict[str, str]:
 
 
 def write_cortex_m(design: Design, out: Path, *, core: str | None = None) -> Path:
-    """Write the bundle, whole or not at all; its README is returned.
+    """Write the bundle, completely or not at all; returns its README.
 
     core  `m4f` or `m7` in single precision, `m7dp` in double; absent: the first that computes with the precision
 
@@ -69,14 +69,14 @@ def _named(variables: Sequence[Variable]) -> str:
 
 
 def _act(design: Design) -> str:
-    """The line that hands the command on: in the drive's unit, where the machine file has a motor."""
+    """The C line that passes the command to the drive, in the drive's unit if the machine file has a motor."""
     units = {v.name: v.unit for v in design.routine.outputs}
     name = "command" if "command" in units else "force"
     return f"{f'write_drive(outputs.{name});':<40}/* {units[name]} */"
 
 
 def count_program(layout: Layout) -> str:
-    """The stored samples once more, with a mark before and behind each step and nothing else between the marks."""
+    """A program that runs each stored step between two marks, for counting its instructions."""
     P = layout.routine.name
     filled = "\n".join(f"        inputs.{v.name} = samples[k][{i}];" for i, v in enumerate(layout.routine.inputs))
     return f"""\
@@ -122,11 +122,11 @@ int main(void)
 def answer_program(layout: Layout) -> str:
     """Reads samples from `samples.bin` on the host and writes the outputs to `answers.bin`.
 
-    A sample is a 32-bit number, 1 if all parameters as doubles follow and 0 if not, and then the inputs.
+    A sample is a 32-bit flag (1: all parameters follow, as doubles), then the inputs.
     """
     P = layout.routine.name
     return f"""\
-/* Reads samples from the host through semihosting, steps, and writes the answers: a proof with as many as are given. */
+/* Reads samples from the host through semihosting, and writes the outputs of each step to the host. */
 #include "{P}.h"
 
 #include <stdio.h>
@@ -219,7 +219,7 @@ void begin(void)
     exit(main());
 }
 
-/* A fault ends the program with another status than 0. */
+/* A fault ends the program with status 3. */
 static void stop(void)
 {
     exit(3);
@@ -228,7 +228,7 @@ static void stop(void)
 
 
 def linker_script(P: str) -> str:
-    """The memory of the emulated boards. `core` holds the step and all that it calls, so that it can be counted."""
+    """Linker script of the emulated boards; section `core` has the step and its functions, to be counted."""
     return f"""\
 /* The boards mps2-an386 and mps2-an500 of qemu, for the self-test only. */
 ENTRY(reset)
@@ -261,7 +261,7 @@ SECTIONS
 
 
 def prepared_files(layout: Layout) -> dict[str, str]:
-    """`P_prepared.h` and `P_prepared.c`; with it neither configure nor what it calls need to be linked."""
+    """`P_prepared.h` and `P_prepared.c`; they replace configure, which then need not be linked."""
     P, run = layout.routine.name, LayoutRun(layout)
     numbers = [f"        .{field.name} = {_text(run.design[field.node], layout.precision)}," for field in layout.design]
     parameters = [f"        .{v.name} = {number(v.value)}," for v in layout.routine.parameters]

@@ -75,7 +75,7 @@ selftest: selftest.elf | emulator
 answers.bin: answer.elf samples.bin | emulator
 \t$(RUN) -kernel $<
 
-# Every instruction between the two marks is a line of the log, those that a condition skips, too.
+# The log has a line for each instruction between the two marks, skipped conditional ones included.
 steps.log: count.elf | emulator
 \t$(RUN) -singlestep -d nochain,exec -D $@ \\
 \t    -dfilter $$($(PREFIX)nm count.elf | awk '/ core_begin$$/ {{b = $$1}} / core_end$$/ {{e = $$1}} \\
@@ -122,7 +122,7 @@ project({P} C)
 add_library({P} STATIC {P}.c {P}_configure.c {P}_prepared.c)
 target_include_directories({P} PUBLIC ${{CMAKE_CURRENT_SOURCE_DIR}})
 target_compile_features({P} PUBLIC c_std_99)
-# a product and a sum that are rounded once would give other bits than the simulation
+# a fused multiply-add rounds once and would give other bits than the simulation
 target_compile_options({P} PRIVATE -ffp-contract=off -fno-math-errno)
 """
 
@@ -197,18 +197,18 @@ PATIENCE = 300.0  # s, for a build and a run
 
 
 class EmulatorError(FeeddriveError):
-    """A bundle did not build, did not end, or its self-test found a difference; the message holds what was printed."""
+    """A bundle did not build, timed out, or its self-test found a difference; the message has the output."""
 
     exit_code = 1
 
 
 @dataclass(frozen=True)
 class Cost:
-    """What a step costs on a core, over the stored samples of a bundle.
+    """Cost of a step on a core, over the stored samples of a bundle.
 
-    least, most  executed instructions of a step, with all that it calls
+    least, most  executed instructions of a step, called functions included
     flash        bytes of reset and step
-    configure    bytes of what runs once, without the library's own;  prepared: bytes of the constants in its place
+    configure    bytes of the code that runs once, without library functions; prepared: of the constants instead
     memory       bytes of a controller in RAM
     """
 
@@ -228,7 +228,7 @@ def check_programs() -> None:
 
 
 def self_test(bundle: Path) -> str:
-    """What the self-test of a bundle prints. Raises MissingProgramError, or EmulatorError if it does not pass."""
+    """The output of a bundle's self-test. Raises MissingProgramError, or EmulatorError if it does not pass."""
     return _made(bundle, "selftest")[0]
 
 
@@ -256,7 +256,7 @@ def answers(
     """The outputs of an emulated core, shape (n, outputs), for inputs of shape (n, inputs), from a reset on.
 
     changes             other parameters, by sample and dotted name
-    optimise_configure  of the compiler, for what runs once: the bits are the same with all, the time to compile is not
+    optimise_configure  compiler option for the code that runs once; it changes the compile time, not the results
 
     Raises as `self_test`.
     """
@@ -280,7 +280,7 @@ def answers(
 
 
 def _made(bundle: Path, *targets: str, given: Mapping[str, bytes] | None = None, read: str = "") -> tuple[str, bytes]:
-    """What `make` prints in a copy of the bundle, and one of the files that it makes."""
+    """The output of `make` in a copy of the bundle, and one of the files that it builds."""
     check_programs()
     with tempfile.TemporaryDirectory(prefix="feeddrive-cortex-m-") as name:
         folder = Path(name) / "bundle"

@@ -33,7 +33,7 @@ MACHINE_FILE = "machine.toml"  # the copy of the machine file in an export
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Design:
-    """A control, an axis, or all axes with their couplings, as a routine that is laid out in some precision."""
+    """A control, an axis, or all axes with their couplings, as a routine with its memory layout."""
 
     machine: MachineFile
     axis: str
@@ -45,7 +45,7 @@ class Design:
 
     @property
     def routine(self) -> Routine:
-        """Its four functions."""
+        """The four functions of the design."""
         return self.layout.routine
 
     @property
@@ -65,7 +65,7 @@ class Design:
 
     @property
     def title(self) -> str:
-        """What it is, in a line."""
+        """One line that describes the design."""
         if self.together:
             couplings = ", ".join(each.kind for each in self.machine.couplings)
             coupled = f", coupled by {couplings}" if couplings else ""
@@ -75,7 +75,7 @@ class Design:
 
     @property
     def system(self) -> System:
-        """What runs: the loop, or all axes of a machine in which it is coupled."""
+        """What is simulated: the loop, or all axes of the machine if it is coupled."""
         return self.machine.machine() if self.machine.coupled(self.axis) else self.loop
 
     @property
@@ -85,19 +85,19 @@ class Design:
 
     @property
     def made_by(self) -> str:
-        """Who made it, from what."""
+        """Version of feeddrive, and the machine file with its digest."""
         file = Path(self.machine.file.name).name
         return f"Made by feeddrive {__version__} from {file}, SHA-256 {self.digest}."
 
     @property
     def period(self) -> str:
-        """The sample time as people write it."""
+        """The sample time with its unit, as text."""
         T = self.routine.sample_time
         return f"{1e6 * T:.6g} µs" if T < 1e-3 else f"{1e3 * T:.6g} ms" if T < 1.0 else f"{T:.6g} s"
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """What a person must know before this moves an axis, because the machine file does not say it."""
+        """Warnings before this moves an axis: gaps in the machine file, and a loop close to instability."""
         if self.what == PLANT:
             return ()
         said, control = self.loop.control.guard, self.loop.control
@@ -117,7 +117,7 @@ class Design:
         return tuple(found)
 
     def _robustness(self) -> list[str]:
-        """A word where the loop is close to its edge."""
+        """A warning if the loop is close to instability."""
         if period_of(self.system) > MOST:
             return []
         nyquist = 0.5 / self.routine.sample_time
@@ -129,8 +129,8 @@ class Design:
         if found.sensitivity_peak <= LARGEST_MS:
             return []
         return [
-            f"the loop is close to its edge: its sensitivity peak Ms is {found.sensitivity_peak:.3g}, and a tuned one "
-            f"has at most 2: tune it before it moves an axis"
+            f"the loop is close to instability: its sensitivity peak Ms is {found.sensitivity_peak:.3g}; a tuned loop "
+            f"has at most 2. Tune it before it moves an axis"
         ]
 
 
@@ -145,8 +145,8 @@ def read_design(
     what  "control" or "plant"
 
     Raises FileError and ParameterError as `read_machine`, ParameterError for a name that a target cannot have and for
-    the plant of a coupled axis alone, StructureError for a control without a guard and for a part that leaves the
-    language of `ops`, and both as `check_exportable`.
+    the plant of a coupled axis alone, StructureError for a control without a guard and for a part that uses other
+    operations than `ops`, and both as `check_exportable`.
     """
     machine = read_machine(source)
     together = what == PLANT and axis is None and len(machine.loops) > 1
@@ -170,7 +170,7 @@ def read_design(
 
 
 def require_alone(design: Design, target: str) -> None:
-    """Raise ParameterError for a control whose axis is coupled, of a target that simulates the axis alone."""
+    """Raise ParameterError if the axis is coupled with others, for a target that simulates a single axis."""
     coupled = design.machine.coupled(design.axis)
     if coupled:
         raise ParameterError(
@@ -183,7 +183,7 @@ def require_alone(design: Design, target: str) -> None:
 def require_guard(loop: Loop) -> None:
     """Raise StructureError, with what to add to the machine file, for a control without a guard.
 
-    What is exported is what was simulated, and a target must know what it does with a broken reading.
+    A target needs a defined reaction to broken readings, and it must be the one that was simulated.
     """
     if loop.control.guard is None:
         held = float(weight(loop.axis))
@@ -198,7 +198,7 @@ def require_guard(loop: Loop) -> None:
 
 
 def weight(axis: Axis) -> Number:
-    """The force in N that holds a hanging axis where it is: against the gravity of its forces."""
+    """The force in N that holds a hanging axis against gravity."""
     return -sum((force.force for force in axis.forces if isinstance(force, Gravity)), 0.0) + 0.0
 
 
@@ -230,11 +230,11 @@ def _check_operations(layout: Layout) -> None:
         if (node[0] not in _WORDS and node[0] not in _LEAVES) or (single and node[0] == "uniform"):
             owner = layout.makers.get(index, layout.routine.name)
             precision = " in single precision" if single else ""
-            raise StructureError(f"{owner}: uses '{node[0]}', for which an export has no word{precision}: leave it out")
+            raise StructureError(f"{owner}: uses '{node[0]}', which exports do not support{precision}: leave it out")
 
 
 def _check_numbers(layout: Layout) -> None:
-    """Every number that is stored in single precision must be one there too."""
+    """Every number stored in single precision must be within its range."""
     read = layout.moving_users
     for index, node in enumerate(layout.graph.nodes):
         if node[0] == "const" and read[index] and _too_large(float.fromhex(node[1])):
@@ -255,6 +255,6 @@ def _too_large(value: float) -> bool:
 
 
 def _said(layout: Layout, field: Field) -> str:
-    """A design number by its dotted name if it is a parameter, else by its word."""
+    """A design number by its dotted name if it is a parameter, else by its field name."""
     kind, place = layout.leaves.get(field.node, ("", 0))
     return layout.routine.parameters[place].path if kind == "parameter" else f"the design number {field.name}"

@@ -71,7 +71,7 @@ _PLAIN = re.compile(r"[A-Za-z][A-Za-z0-9]*(_[A-Za-z0-9]+)*", re.ASCII)
 def identifier(wanted: str, taken: set[str], reserved: frozenset[str]) -> str:
     """A legal name close to `wanted` that is neither reserved nor taken; it is added to `taken`.
 
-    `axis.law.Kv` becomes `axis_law_Kv`, `ω0` becomes `omega0`, and a name that is gone gets `_2`, `_3`, ... behind it.
+    `axis.law.Kv` becomes `axis_law_Kv`, `ω0` becomes `omega0`, and a name that is taken gets `_2`, `_3`, ... appended.
     Upper and lower case count as the same.  The same calls in the same order give the same names.
     """
     text = re.sub(r"[^A-Za-z0-9]+", "_", "".join(map(_plain, wanted))).strip("_")
@@ -99,7 +99,7 @@ def _plain(character: str) -> str:
 
 
 def check_name(name: str, where: str, longest: int = HAL_LENGTH) -> None:
-    """Raise ParameterError unless `name` can name an export in every target; `where` says who gave it, as `--name`."""
+    """Raise ParameterError unless `name` can name an export in every target; `where`: its option or key."""
     advice = "letters, digits and single underscores, a letter first, such as axis_x"
     if not _PLAIN.fullmatch(name):
         raise ParameterError(f"{where}: {name!r} cannot name a component, a function and a struct: take {advice}")
@@ -124,7 +124,7 @@ _RAISED = dict(zip("⁰¹²³⁴⁵⁶⁷⁸⁹⁻⁺ˣʸᵀⁱⁿᵏˢ", "01234
 def ascii_text(text: str) -> str:
     """The same text without any character beyond ASCII: `s²` is `s^2`, `ζ` is `zeta`, an unknown one is `?`.
 
-    No end of a C comment comes into being: `·/` is `* /`.
+    `·/` becomes `* /`, so that it does not end a C comment.
     """
     found: list[str] = []
     raised = lowered = False

@@ -23,7 +23,7 @@ PRECISIONS = ("double", "float")
 
 
 class Field(NamedTuple):
-    """A number that `configure` leaves behind: its name, its node, and whether it is a truth value."""
+    """A number that `configure` computes and stores: its name, its node, and whether it is a truth value."""
 
     name: str
     node: int
@@ -32,13 +32,13 @@ class Field(NamedTuple):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Layout:
-    """A routine in the operations that printers know.
+    """A routine in the operations that the code generators can print.
 
     leaves   node -> (kind, index): kind is "parameter", "sample_time", "input", "state" or "table"
     moving   whether a node changes from sample to sample; the others are computed by `configure`
     truth    whether a node is a truth value
-    design   what `configure` leaves for reset, step and retune
-    names    words of the law's text for nodes
+    design   numbers that `configure` stores for reset, step and retune
+    names    variable names in the source of the laws, by node
     makers   dotted names of the blocks that compute the nodes
     prepared the prepared numbers, in their order, as nodes
     conditions the truth nodes of the routine's conditions, in their order
@@ -131,7 +131,7 @@ def _lowered_retune(retune: Retune) -> Retune:
 
 
 def _moved(words: Mapping[int, Word], place: Mapping[int, int]) -> dict[int, Word]:
-    """What is said of nodes, said of where they went; of two that went to one place the first holds."""
+    """Properties of nodes, for the nodes that replace them; if two became one, the first counts."""
     return {place[node]: word for node, word in sorted(words.items(), reverse=True) if node in place}
 
 
@@ -156,7 +156,7 @@ def truths(graph: Graph) -> list[bool]:
 
 
 def _lowered(graph: Graph, roots: list[int]) -> tuple[Graph, dict[int, int]]:
-    """The graph below the roots in operations that printers know; elementary functions stay, since they are printed."""
+    """The graph below the roots in printable operations; elementary functions stay, each printed as a function."""
 
     def compose(made: Graph, name: str, values: list[Symbol]) -> Symbol:
         known = _known(made, name, values)
@@ -169,7 +169,7 @@ _FOLDED = {"add": lambda a, b: a + b, "sub": lambda a, b: a - b, "mul": lambda a
 
 
 def _known(graph: Graph, name: str, given: list[Symbol]) -> Symbol | None:
-    """What needs no operation: a result of two numbers of the text, and x · 1, with the bits that it would have."""
+    """The value if no operation is needed: two constants, or x · 1; the bits are the same."""
     numbers = [_number(graph, symbol) for symbol in given]
     if name in _FOLDED and None not in numbers:
         return graph.constant(_FOLDED[name](*numbers))
@@ -195,9 +195,9 @@ def _fields(
     truth: list[bool],
     moving: list[bool],
 ) -> tuple[Field, ...]:
-    """Names of the design numbers: those of parameters and prepared numbers, else the law's words.
+    """Names of the design numbers: those of parameters and prepared numbers, else the variable names in the law.
 
-    A number that the text does not name is called after the first named number that it makes: `law_integral_factor`.
+    A number without a name in the law is named after the first named number that depends on it: `law_integral_factor`.
     """
     taken: set[str] = set()
     found: list[Field] = []
@@ -221,7 +221,7 @@ def _fields(
 
 
 def _named_results(graph: Graph, nodes: list[int], names: Mapping[int, Name], moving: list[bool]) -> dict[int, str]:
-    """For nodes, the first named number that moves and is made from them."""
+    """By node, the first named number that changes from sample to sample and depends on it."""
     wanted, found = set(nodes), dict[int, str]()
     reaches: dict[int, set[int]] = {node: {node} for node in nodes}
     for index, node in enumerate(graph.nodes):

@@ -41,7 +41,7 @@ _OPERATIONS: dict[str, Callable[..., Any]] = {
 
 
 class LayoutRun:
-    """A controller or a plant that runs by its layout; see the module. Not fast: some 10 000 operations in 10 ms."""
+    """A controller or a plant executed from its layout; see the module. Slow: some 10 000 operations in 10 ms."""
 
     def __init__(self, layout: Layout, parameters: Mapping[str, float] | None = None, *, wide: bool = False) -> None:
         """`parameters` are other values than those of the machine file, by dotted name; `wide`: in double precision."""
@@ -53,7 +53,7 @@ class LayoutRun:
         self.design = self._configured()
 
     def _configured(self) -> dict[int, Any]:
-        """What `configure` leaves behind, by node, rounded once."""
+        """The numbers that `configure` stores, by node, rounded once."""
         nodes = [field.node for field in self.layout.design]
         found = self.values(nodes)
         kept = (value if isinstance(value, bool) else self._rounded(value) for value in found)
@@ -78,7 +78,7 @@ class LayoutRun:
         return {node: real(rows[i][2]) for node, (kind, i) in self.layout.leaves.items() if kind == "table"}
 
     def reset(self, inputs: Iterable[float]) -> list[Any]:
-        """The state where the axis is; the first outputs of a plant."""
+        """Start at the position of the axis; returns the first outputs of a plant."""
         return self._advance(self.layout.reset, inputs)
 
     def step(self, inputs: Iterable[float]) -> list[Any]:
@@ -97,7 +97,7 @@ class LayoutRun:
         return found[len(function.states) :]
 
     def retune(self, changes: Mapping[str, float]) -> None:
-        """Other parameters, by dotted name."""
+        """Change parameters, by dotted name."""
         layout, routine = self.layout, self.layout.routine
         before, design = dict(self.parameters), self.design
         self.parameters = before | dict(changes)
@@ -119,7 +119,7 @@ class LayoutRun:
 
 
 def evaluated(graph: Graph, ends: list[int], leaves: Mapping[int, Any], real: Any) -> list[Any]:
-    """The values of some nodes, each operation rounded to `real`; what is below the normal numbers is zero."""
+    """The values of some nodes, each operation rounded to `real`; subnormal numbers are zero."""
     values: dict[int, Any] = dict(leaves)
     least = np.finfo(real).tiny
     with np.errstate(all="ignore"):
@@ -138,14 +138,14 @@ def evaluated(graph: Graph, ends: list[int], leaves: Mapping[int, Any], real: An
 
 
 def _flushed(value: Any, least: Any) -> Any:
-    """A number below the normal ones as zero of its sign."""
+    """The number, or zero of its sign if it is subnormal."""
     if isinstance(value, (bool, np.ndarray)) or not abs(value) < least:
         return value
     return value * type(value)(0.0)
 
 
 def _needed(graph: Graph, ends: list[int], known: Mapping[int, Any]) -> list[int]:
-    """What must be computed, in its order; nothing below what is known."""
+    """The nodes to compute, in order, without known ones and their arguments."""
     found: set[int] = set()
     stack = [index for index in ends if index not in known]
     while stack:

@@ -22,14 +22,14 @@ _LONGEST = ".velocity.do-pid-calcs.tmax-increased"  # name behind the axis's
 
 
 def write_linuxcnc_pid(design: Design, out: Path, *, route: str = "two", units: float = 1000.0, joint: int = 0) -> Path:
-    """Write the fragments, whole or not at all; the README is returned.
+    """Write the fragments, completely or not at all; returns the README.
 
     route  "two" pids in cascade, or "one"
     units  machine units in a meter: 1000 for mm
     joint  number of the joint in LinuxCNC
 
-    Raises StructureError for a law that is no `cascade_ppi` and for a design that one pid cannot hold, ParameterError
-    for a sample time that no thread can have, UnstableError if the pids do not hold the axis, and FileError as
+    Raises StructureError for another law than `cascade_ppi` and for a design that one pid cannot hold, ParameterError
+    for a sample time that no thread can have, UnstableError if the loop with the pids is unstable, and FileError as
     `new_directory`.
     """
     if not 0 <= joint < JOINTS:
@@ -58,7 +58,7 @@ def write_linuxcnc_pid(design: Design, out: Path, *, route: str = "two", units: 
 
 
 def _checked(name: str) -> str:
-    """The name. Raises ParameterError if a name in HAL that begins with it is too long."""
+    """The name itself. Raises ParameterError if a HAL name that begins with it is too long."""
     most = HAL_LENGTH - len(_LONGEST)
     if len(name) > most:
         raise ParameterError(
@@ -88,7 +88,7 @@ def ini_fragment(cascade: Cascade, law: LinuxcncPid, joint: int, head: Sequence[
     if guard is not None and guard.following_error_limit is not None:
         limit = guard.following_error_limit * units
         lines += [
-            "# Following error that trips, at rest and at full speed the same, as in the design; machine units",
+            "# Following error that trips, in machine units: the limit of the design, at rest and at full speed",
             f"FERROR = {limit!r}",
             f"MIN_FERROR = {limit!r}",
         ]
@@ -109,12 +109,12 @@ def ini_fragment(cascade: Cascade, law: LinuxcncPid, joint: int, head: Sequence[
         lines += ["", f"# biquad {i}: {numbers(cascade.loop.control.filters[i])}"]
         lines += [f"FILTER_{i}_{name.upper()} = {getattr(block, name)!r}" for name in COEFFICIENTS]
     if law.filters:
-        lines += ["", "# limit of what filters and feedforward make together", f"LIMIT = {last.maxoutput or 1e20!r}"]
+        lines += ["", "# limit of filtered feedback plus feedforward", f"LIMIT = {last.maxoutput or 1e20!r}"]
     return "\n".join(lines) + "\n"
 
 
 def hal_fragment(cascade: Cascade, law: LinuxcncPid, name: str, joint: int, head: Sequence[str]) -> str:
-    """The components of an axis, their wires and settings; the pins of the drive are for the reader to connect."""
+    """The components of an axis, their wiring and settings; the user connects the pins of the drive."""
     two, encoders = law.velocity is not None, cascade.loop.axis.encoders()
     pids = [f"{name}.position", *[f"{name}.velocity"] * two]
     motor = cascade.loop.axis.actuator.motor
@@ -139,13 +139,13 @@ def hal_fragment(cascade: Cascade, law: LinuxcncPid, name: str, joint: int, head
     lines = [
         *(f"# {line}".rstrip() for line in head),
         "",
-        "# Of each component all instances of a machine are loaded at once: join these names with those of other axes.",
+        "# HAL loads all instances of a component by one command: join these names with those of other axes.",
         f"loadrt pid names={','.join(pids)}",
         *([f"loadrt ddt names={name}.speed"] if two else []),
         f"loadrt sum2 names={','.join(sums)}",
         *([f"loadrt biquad names={','.join(filters)}", f"loadrt limit1 names={name}.limit"] if filters else []),
         "",
-        "# In this order, after what reads the encoders and motion-controller, before what writes the drive:",
+        "# In this order: after reading the encoders and motion-controller, before writing to the drive:",
         *([f"addf {name}.speed servo-thread"] if two else []),
         f"addf {name}.forward servo-thread",
         *(f"addf {pid}.do-pid-calcs servo-thread" for pid in pids),
@@ -167,7 +167,7 @@ def hal_fragment(cascade: Cascade, law: LinuxcncPid, name: str, joint: int, head
 
 
 def _filter_wires(law: LinuxcncPid, name: str, last: str) -> Iterator[str]:
-    """The last pid less what is fed forward, through the filters, and what is fed forward again."""
+    """The output of the last pid without feedforward goes through the filters; then the feedforward is added."""
     if not law.filters:
         return
     ends = [f"{name}.feedback.out", *(f"{name}.filter{i}.out" for i in range(len(law.filters)))]
@@ -192,7 +192,7 @@ def _settings(law: LinuxcncPid, name: str, joint: int) -> Iterator[str]:
     for prefix, pid in _pids(law):
         whole = f"{name}.{prefix.lower()}"
         yield from (f"setp {whole}.{gain} [JOINT_{joint}]{prefix}_{gain.upper()}" for gain in GAINS)
-        yield "# 0: the error is taken against the command of now; on by default, it lags by one period"
+        yield "# 0: the error uses the present command; with 1, the default, that of the period before"
         yield f"setp {whole}.error-previous-target {int(pid.error_previous_target)}"
     yield f"setp {name}.forward.gain0 [JOINT_{joint}]FORWARD_ACCELERATION"
     yield f"setp {name}.forward.gain1 [JOINT_{joint}]FORWARD_VELOCITY"

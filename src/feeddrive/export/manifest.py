@@ -1,8 +1,8 @@
-"""What accompanies an export: the manifest `export.json`, and the README from its template.
+"""The manifest `export.json` of an export, and the README from its template.
 
 READMEs of exports: the Jinja2 templates of `templates/`, filled as plain text.
 
-A template that names what it was not given is an error; nothing is escaped but `|` in a cell of a table, by the filter
+A name that is not defined in a template is an error. Only `|` in a cell of a table is escaped, by the filter
 `cell`.
 """
 
@@ -33,7 +33,7 @@ MOST_BYTES = 10_000_000  # of a file
 
 @dataclass(frozen=True)
 class Manifest:
-    """What `export.json` holds; `source` is the name of the machine file, `files` are SHA-256 digests by name."""
+    """The content of `export.json`; `source` is the name of the machine file, `files` are SHA-256 digests by name."""
 
     target: str
     axis: str
@@ -67,10 +67,10 @@ def manifest_text(design: Design, target: str, files: Mapping[str, bytes | str],
 
 
 def write_bundle(design: Design, target: str, out: Path, files: Mapping[str, bytes | str], **options: Any) -> Path:
-    """Write an export, whole or not at all: `files`, the machine file and `export.json`; the README is returned.
+    """Write an export, completely or not at all: `files`, the machine file and `export.json`; returns the README.
 
-    What somebody edited in an older export at the same place, by the digests of its `export.json`, stays as it is, and
-    the new file stands beside it under its name with `.new` behind: `edits_kept` finds them.
+    A file of an older export there that was edited (its digest differs from `export.json`) is kept, and the new file
+    is written as NAME`.new`: `edits_kept` finds them.
 
     Raises FileError as `new_directory`, and for a directory whose `export.json` does not say what was written there.
     """
@@ -85,7 +85,7 @@ def write_bundle(design: Design, target: str, out: Path, files: Mapping[str, byt
 
 
 def _beside_edits(out: Path, files: Mapping[str, bytes | str]) -> dict[str, bytes | str]:
-    """The files of a new export, and those edits of the older one that they would destroy."""
+    """The files of a new export, and the edited files of the older one, which are kept."""
     found = dict(files)
     for name in changed_files(out, read_manifest(out)):
         if not (out / name).is_file():
@@ -98,7 +98,7 @@ def _beside_edits(out: Path, files: Mapping[str, bytes | str]) -> dict[str, byte
 
 
 def edits_kept(directory: Path) -> list[str]:
-    """What to say of an export: which files were kept as they had been edited, and what stands beside them."""
+    """Messages on an export: which edited files were kept, and the names of the new ones."""
     kept = sorted(str(file.relative_to(directory))[: -len(NEW)] for file in directory.rglob(f"*{NEW}"))
     return [
         f"{directory / name}: was edited since the last export and is kept; the new file is {name}{NEW} beside it: "
@@ -129,7 +129,7 @@ def read_manifest(directory: Path) -> Manifest:
 
 
 def changed_files(directory: Path, manifest: Manifest) -> list[str]:
-    """Files of an export that are missing or not as they were written."""
+    """Files of an export that are missing or were changed."""
     wrong = []
     for name, digest in manifest.files.items():
         file = directory / name
@@ -153,7 +153,7 @@ def _text(value: Any) -> str:
 def readme(template: str, design: Design, **content: Any) -> str:
     """The README of a design in Markdown. Pure: the same content gives the same text.
 
-    template  a file of `templates/`; beside `content` it has `design`, `routine`, `P` (the prefix of all names),
+    template  a file of `templates/`; besides `content` it gets `design`, `routine`, `P` (the prefix of all names),
               `title`, `made_by`, `control` (true for a control, false for an axis) and `trips`
     """
     return (

@@ -70,11 +70,11 @@ OUTSIDE = {
     ),
     "velocity_limit": ("LinuxCNC limits the commanded, not the measured velocity", ""),
     "broken_readings": (
-        "a pid computes with whatever it reads",
+        "a pid does not check its input",
         "a NaN stays in the integral until the axis is disabled: let the encoder's fault disable it",
     ),
     "alignment": (
-        "the pids read two encoders side by side",
+        "each pid reads its own encoder",
         "home both encoders to one zero, or the offset acts as a following error",
     ),
 }
@@ -90,7 +90,7 @@ def stock_law(cascade: Cascade, *, route: str = "two", units: float = 1000.0) ->
     route  "two" pids in cascade or "one"
     units  machine units in a meter: 1000 for mm, 1/0.0254 for inches
 
-    Raises ParameterError for an unknown route and for a law that gives back more friction than its velocity gain, and
+    Raises ParameterError for an unknown route and for a law whose `viscous` is above its velocity gain, and
     StructureError where one pid cannot hold the design.
     """
     if route not in ROUTES:
@@ -165,7 +165,7 @@ def period(loop: Loop) -> float:
 
 
 def _check_one(cascade: Cascade) -> None:
-    """One pid can hold the design. Raises StructureError that says why it cannot."""
+    """Raise StructureError, with the reason, if one pid cannot represent the design."""
     law = cascade.law
     if cascade.loop.axis.encoders() == 2:
         raise StructureError(
@@ -180,9 +180,9 @@ def _check_one(cascade: Cascade) -> None:
 
 
 def stock_loop(cascade: Cascade, law: LinuxcncPid) -> Loop:
-    """The loop with LinuxCNC's pids in the place of its control, on the same axis at HAL's period.
+    """The loop with LinuxCNC's pids instead of its control, on the same axis at HAL's period.
 
-    Its guard stays, but for the force on a disabled axis: a disabled pid gives 0.
+    Its guard stays, except that the force of a disabled axis is 0, as a disabled pid gives 0.
     """
     guard = cascade.loop.control.guard
     control = Control(law=law, guard=None if guard is None else replace(guard, safe_force=0.0))
@@ -190,7 +190,7 @@ def stock_loop(cascade: Cascade, law: LinuxcncPid) -> Loop:
 
 
 def left_out(cascade: Cascade, route: str = "two") -> tuple[Lost, ...]:
-    """What LinuxCNC's pids do not hold of a design."""
+    """The parts of a design that LinuxCNC's pids cannot represent."""
     late = route == "one" and not cascade.loop.control.filters
     outside = OUTSIDE | {"half_sample": _LATE} if late else OUTSIDE
     return tuple(row._replace(path=tree.in_paths(cascade.loop, row.path)) for row in lost(cascade, HELD, outside))
@@ -219,7 +219,7 @@ class Difference:
 
 
 def require_stable_pids(cascade: Cascade, stock: Loop, route: str, units: float) -> None:
-    """Raise UnstableError, with gains that would do, if the pids do not hold the axis."""
+    """Raise UnstableError, with stable gains if there are any, if the loop with the pids is unstable."""
     require_stable(cascade.loop, where="the design")
     found = stability(stock)
     if found.stable:
@@ -240,11 +240,11 @@ def require_stable_pids(cascade: Cascade, stock: Loop, route: str, units: float)
             hint = (
                 f"; with Kv = {law.Kv:.4g} 1/s, Kp = {law.Kp:.4g} N s/m"
                 + ("" if law.Tn is None else f" and Tn = {law.Tn:.4g} s")
-                + f" ({share:.0%}) it would be stable, at its edge"
+                + f" ({share:.0%}) it would be at the limit of stability"
             )
             break
     raise UnstableError(
-        f"LinuxCNC's pid does not hold this axis, although the design does: {found.sentence()}{hint}; see which "
+        f"this axis is unstable with LinuxCNC's pid, but not with the design: {found.sentence()}{hint}; see which "
         "parts it cannot represent, or export with the target linuxcnc, which computes the design itself"
     )
 
@@ -303,7 +303,7 @@ def moves(loop: Loop) -> tuple[JerkLimitedMove, JerkLimitedMove | None]:
 
 
 def _free(loop: Loop) -> Loop:
-    """Without the trip that a saturated axis would soon meet."""
+    """Without the limits of the guard, on which a saturated axis would trip."""
     guard = loop.control.guard
     if guard is None:
         return loop
@@ -311,7 +311,7 @@ def _free(loop: Loop) -> Loop:
 
 
 def _run(loop: Loop, move: JerkLimitedMove) -> Run | None:
-    """The run, or None if it leaves all bounds."""
+    """The run, or None if it diverges."""
     try:
         return simulate(loop, move, record=("set_velocity", "following_error", "force"))
     except DivergedError:

@@ -18,9 +18,9 @@ from feeddrive.language.errors import NoSlopeError, ParameterError, nearest
 
 @dataclass(frozen=True)
 class Target:
-    """Where a target is written, which options are its own, and in which precisions; the first one is the default.
+    """A target: the function that writes it, its options, and its precisions; the first one is the default.
 
-    linear  it is written for axes that move along: in mm, or in the units of a motor with its lead
+    linear  for axes that move along a line only: it uses mm, or the units of a motor with its lead
     """
 
     module: str
@@ -62,13 +62,13 @@ def write_export(
     source     a machine file, or the name of a bundled machine; `axis` if it has several
     plant      without an `axis` all axes of the file, with their couplings, are one plant
     target     of `TARGETS`
-    out        directory, written whole or not at all; absent: results/export_MACHINE_AXIS_TARGET
+    out        directory, written completely or not at all; absent: results/export_MACHINE_AXIS_TARGET
     name       prefix of all names on the target; absent: `axis_x`, or `plant_x`
     precision  "double" or "float", where the target has both
     options    of the target: `single_header`, `joint`, `route`, `units`, `core`, `makers`, `lead`, `gear`
 
-    Raises ParameterError for a target that is not there or an option that is not its own, and as `read_design` and
-    the function of the target do; UnstableError for a control that does not hold the axis of its own machine file.
+    Raises ParameterError for an unknown target or an option of another target, and as `read_design` and
+    the function of the target do; UnstableError for a loop that is unstable with the axis of its machine file.
     """
     design, place, write = _planned(source, target, out, axis, name, precision, plant, options)
     return design, write(design, place)
@@ -94,7 +94,7 @@ def write_all(
     if axis is not None or plant or len(axes) == 1:
         return [write_export(source, target, out, axis=axis, name=name, precision=precision, plant=plant, **options)]
     if options.get("joint") is not None:
-        raise ParameterError("--joint is that of one axis: name it by --axis, or leave both out")
+        raise ParameterError("--joint belongs to one axis: name the axis by --axis, or leave both out")
     planned = []
     for i, own in enumerate(axes):
         place = None if out is None else Path(out) / own
@@ -106,7 +106,7 @@ def write_all(
 
 
 def write_again(design: Design, target: str, out: Path, options: Mapping[str, Any]) -> None:
-    """An export once more, by the options that its `export.json` holds: the same design gives the same bytes.
+    """Repeat an export with the options in its `export.json`: the same design gives the same bytes.
 
     Raises as the function of the target, and TypeError for options that it does not have.
     """

@@ -20,7 +20,7 @@ BROKEN = (np.nan, np.inf, -np.inf, 1e300, -1e200, 5e-324, 1e-310)  # readings th
 
 @dataclass(frozen=True, eq=False)
 class Trial:
-    """Inputs (n, inputs), and other parameters, by sample and dotted name, that hold from that sample on."""
+    """Inputs of shape (n, inputs), and parameter changes by sample and dotted name."""
 
     inputs: np.ndarray
     changes: Mapping[int, Mapping[str, float]]
@@ -31,9 +31,9 @@ def trial(routine: Routine, count: int, seed: int = 0, *, changes: int = 50, bro
 
     The reading follows the set position with an error and a jitter whose sizes change every 40 samples, from less than
     a count of an encoder to more than any bound, so that a quiet loop, limits and trips all occur; `broken` is how
-    often a number turns into none, or an absurd one, for one to four samples.  Every 20 samples the enable may be taken
+    often a reading is NaN or absurdly large for one to four samples.  Every 20 samples the enable may be taken
     away for two of them, which clears trips.
-    At `changes` places up to three parameters move by up to a quarter, where their bounds and their block allow it.
+    At `changes` samples up to three parameters change by up to 25 %, within their bounds and the checks of their block.
     """
     random = np.random.default_rng(seed)
     T = routine.sample_time
@@ -75,7 +75,7 @@ def _ends(guard: Guard) -> tuple[tuple[float, Any], tuple[float, Any]]:
 
 
 def _changes(routine: Routine, places: list[int], random: np.random.Generator) -> dict[int, dict[str, float]]:
-    """Parameters that move by up to a quarter, where the block still holds together."""
+    """Parameters that change by up to 25 % and pass the check of their block."""
     both = controller_of(routine.loop)
     first = {variable.path: variable for variable in routine.parameters}
     found: dict[int, dict[str, float]] = {}

@@ -1,4 +1,4 @@
-"""Verification of an export: what runs on this computer is compared with the simulator bit for bit."""
+"""Verification of an export: its code runs on this computer and is compared with the simulator bit for bit."""
 
 from __future__ import annotations
 
@@ -28,12 +28,12 @@ SINGLE = 5_000  # samples in single precision, whose answers come from Python, o
 
 @dataclass(frozen=True, eq=False)
 class Verified(Result):
-    """What came out of a verification.
+    """The result of a verification.
 
     worst      largest difference of an output, by its name, in its unit; 0 where all bits agree
     differing  how many outputs have other bits
-    altered    files of the export that are missing, not as they were written, or links
-    strangers  files that are not of the export: built from it, or put there; they are neither read nor run
+    altered    files of the export that are missing, changed, or symbolic links
+    strangers  files in the directory that are not part of the export; they are neither read nor run
     written_by feeddrive that made the export
     """
 
@@ -107,18 +107,18 @@ def verify_export(
     samples  of the trial; absent: as many as take some seconds, a million for C in double precision
     flags    for the compiler of C besides -std=c99 -O2 -ffp-contract=off; `command` names another compiler
 
-    What runs is the export, in the program of its target; what it must answer comes from its machine file by this
-    feeddrive's simulator, and in single precision from the same operations in Python, each rounded to it.
+    The code of the export runs in the program of its target. The expected outputs come from the machine file of the
+    export and this feeddrive's simulator; in single precision from the same operations in Python, each rounded to it.
     A file that would be compiled or run is refused first if it is not that of a fresh export, byte for byte.
 
     Raises FileError for such a file, for a directory that is not an export or whose code does not compile,
-    MissingProgramError or MissingExtraError without that program, and ParameterError for a target that nothing here
-    can run.
+    MissingProgramError or MissingExtraError without that program, and ParameterError for a target that cannot run on
+    this computer.
     """
     directory = Path(directory)
     manifest = read_manifest(directory)
     if manifest.target not in PROOFS:
-        why = WITHOUT.get(manifest.target, "is of a target that this feeddrive does not know")
+        why = WITHOUT.get(manifest.target, "is of a target unknown to this version of feeddrive")
         raise ParameterError(f"{directory}: what the target {manifest.target} writes {why.format(name=manifest.name)}")
     proof = PROOFS[manifest.target]
     design = _design(directory, manifest)
@@ -178,7 +178,7 @@ def _proven(
     directory: Path, design: Design, manifest: Manifest, altered: list[str], proof: Proof, samples: int | None,
     seed: int, flags: Sequence[str], command: str | None,
 ) -> Verified:  # fmt: skip
-    """What runs is the fresh export, whose bytes are those of the directory: nothing can be changed in between."""
+    """Run the fresh export, whose bytes equal those of the directory, so that no file can change in between."""
     single = design.layout.precision == "float"
     count = samples or (min(SINGLE, proof.samples) if single else proof.samples)
     tried = trial(design.routine, count, seed, changes=proof.changes, broken=max(2e-4, 10.0 / count))
@@ -188,7 +188,7 @@ def _proven(
 
 
 def _design(directory: Path, manifest: Manifest) -> Design:
-    """What the export says that it is of."""
+    """The design that the manifest names."""
     if manifest.what != CONTROL:
         raise ParameterError(f"{directory}: is the export of an axis; compare its run with one of `simulate`")
     file = directory / MACHINE_FILE
@@ -242,7 +242,7 @@ class Answers:
 
 @dataclass(frozen=True)
 class Proof:
-    """How a target answers, how many samples take some seconds, and whether parameters can change in between."""
+    """How a target runs samples, how many take some seconds, and whether it allows parameter changes."""
 
     answer: Callable[[Path, Design, Trial, Sequence[str], str | None], Answers]
     samples: int
@@ -300,6 +300,6 @@ PROOFS: dict[str, Proof] = {
 }
 WITHOUT = {
     "st": "runs on a PLC: {name}_check.st, in the same directory, makes the same comparison there",
-    "linuxcnc-pid": "is numbers for LinuxCNC's own pid, which computes something else; its README says what",
+    "linuxcnc-pid": "is numbers for LinuxCNC's own pid, which computes something else; see its README",
     "parameters": "is numbers for a person to check; there is nothing to run",
 }

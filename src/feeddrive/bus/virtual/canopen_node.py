@@ -25,7 +25,7 @@ def serve_canopen(
     bitrate: int | None = None,
     lose: Callable[[int], bool] = lambda _cycle: False,
 ) -> None:
-    """Serve node `station` on a bus that python-can knows until `stopped`; `lose` swallows the answer of a cycle.
+    """Serve node `station` on a bus that python-can knows until `stopped`; `lose` drops the answer of a cycle.
 
     With a SYNC the values of the last cycle are sent, then the plant moves on by one bus cycle.  Raises BusError for a
     bus that cannot be opened, MissingExtraError without the packages.
@@ -35,7 +35,7 @@ def serve_canopen(
     objects = PdoMap(firmware, lambda: node.nmt.state == "PRE-OPERATIONAL", station)
 
     class Node(canopen.LocalNode):
-        """Its object dictionary is the firmware's, but for the heartbeat, which the package looks after."""
+        """Its object dictionary is that of the firmware; only the heartbeat is handled by the package."""
 
         def get_data(self, index: int, subindex: int, check_readable: bool = False) -> bytes:
             if index == _HEARTBEAT:
@@ -109,13 +109,13 @@ def serve_canopen(
 
 
 class _MasterWatch:
-    """The heartbeat that the drive listens for (0x1016:01): from the first beat on, it must not stay away."""
+    """The heartbeat that the drive monitors (0x1016:01): from the first beat on it must not fail."""
 
     def __init__(self) -> None:
         self.set(0)
 
     def set(self, entry: int) -> None:
-        """Node in bits 16 to 22, ms in the low 16 bits; 0 ms: nobody."""
+        """Node in bits 16 to 22, ms in the low 16 bits; 0 ms: off."""
         self.entry = entry
         self._last: float | None = None
 
@@ -125,6 +125,6 @@ class _MasterWatch:
             self._last = time.monotonic()
 
     def is_silent(self) -> bool:
-        """Whether it has stayed away for too long."""
+        """Whether the heartbeat has failed."""
         last, limit = self._last, 1e-3 * (self.entry & 0xFFFF)
         return last is not None and limit > 0.0 and time.monotonic() - last > limit

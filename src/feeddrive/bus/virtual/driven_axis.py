@@ -51,7 +51,7 @@ class DrivenAxis:
         self._closed = self._native(prepared, "added_force")
         self._open = self._native(prepared, "cut")
         if [s.name for s in self._closed.plan.states] != [s.name for s in self._open.plan.states]:
-            raise StructureError("the axis has other states when its loop is open: it cannot be driven by force")
+            raise StructureError("the axis has other states in an open loop: it cannot be driven by force")
         self._states = prepared.states(self._closed)
         self._constants = prepared.constants(self._closed)
         self._of_open = prepared.constants(self._open)
@@ -139,7 +139,7 @@ def scaling_of(loop: Loop) -> DriveScaling:
     )  # fmt: skip
 
 
-_HELD_UP = 0.02  # s by which a computer that is no real-time system may be late
+_HELD_UP = 0.02  # s by which an ordinary computer may be late
 
 
 def drive_text(loop: Loop, scaling: DriveScaling, bus: str, interface: str, station: int, cycle_time: float) -> str:
@@ -156,10 +156,10 @@ def drive_text(loop: Loop, scaling: DriveScaling, bus: str, interface: str, stat
     else:
         units = f"increment = {scaling.increment!r}\nrated_force = {scaling.rated_force!r}"
     return (
-        f"# The virtual drive of feeddrive; for a drive of your own every number is to be looked up.\n"
+        f"# The virtual drive of feeddrive; for your own drive look up every number.\n"
         f'bus = "{bus}"\ninterface = "{interface}"\nstation = {station}\ncycle_time = {cycle_time!r}   # s\n'
         f'mode = "csp"\n'
-        f"late_cycles = {max(3, round(_HELD_UP / cycle_time))}   # an ordinary computer is held up; a real axis: 3\n\n"
+        f"late_cycles = {max(3, round(_HELD_UP / cycle_time))}   # for an ordinary computer; a real axis: 3\n\n"
         f"[scaling]\n{units}\n\n[limits]\ntravel = 0.5   # m, from where it starts, to both sides\n"
         f"velocity = {1.0 if velocity is None else float(velocity)!r}   # m/s\nforce = {force!r}   # N\n"
         f"following_error = {5e-3 if following is None else float(following)!r}   # m\n"

@@ -2,8 +2,8 @@
 
 A virtual EtherCAT slave controller: registers, EEPROM, FMMUs, sync managers, AL states, and how frames pass through.
 
-By ETG.1000.4 and the register descriptions of the makers of such chips.  Not there: distributed clocks, redundancy,
-sync-manager events, and EEPROM writing; a master finds in the registers that they are not.
+By ETG.1000.4 and the register descriptions of the makers of such chips.  Not supported: distributed clocks,
+redundancy, sync-manager events and EEPROM writing; the registers say so.
 
 The mailbox of a virtual EtherCAT slave: CANopen over EtherCAT, SDO up and down.
 
@@ -37,10 +37,10 @@ def serve_ethercat(
 ) -> None:
     """Serve until `stopped`; several drives are the stations of a segment, in their order.
 
-    watchdog  s without process data after which an enabled drive goes into fault, by the clock on the wall; None: what
-              a master writes into the registers, and as long as it writes nothing, the time of the plant is that of
-              the frames, and stands still without them
-    lose      whether the answer of a cycle (of the first drive) is swallowed, for tests of a client
+    watchdog  s without process data after which an enabled drive goes into fault, in real time; None: the time that a
+              master writes into the registers; as long as it writes none, the plant moves on with the frames and
+              stands still without them
+    lose      whether the answer of a cycle (of the first drive) is dropped, for tests of a client
 
     Raises ParameterError for an interface that is not there, BusError for one that is not permitted.
     """
@@ -59,7 +59,7 @@ def serve_ethercat(
                     frame = None if frame is None else station.passed(frame)
                 if frame is not None and not lose(drives[0].cycles):
                     line.send(frame)
-                moved = [station.advance() for station in stations]  # every one of them, not up to the first
+                moved = [station.advance() for station in stations]  # all of them, not up to the first
                 if any(moved):
                     last = time.monotonic()
             for station, limit in zip(stations, limits, strict=True):

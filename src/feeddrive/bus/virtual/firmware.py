@@ -37,7 +37,7 @@ from feeddrive.bus.virtual.driven_axis import DrivenAxis
 from feeddrive.language.errors import ParameterError
 from feeddrive.loop.guard import TRIP_COMMAND, TRIP_FOLLOWING_ERROR, TRIP_READING, TRIP_TRAVEL, TRIP_VELOCITY
 
-VENDOR, PRODUCT, REVISION = 0, 0x66656564, 1  # vendor 0: nobody's
+VENDOR, PRODUCT, REVISION = 0, 0x66656564, 1  # vendor 0: not assigned
 _TRIPPED = {
     TRIP_READING: 0x7305, TRIP_FOLLOWING_ERROR: 0x8611, TRIP_VELOCITY: 0x8400, TRIP_TRAVEL: 0x8612,
     TRIP_COMMAND: 0xFF01,
@@ -162,7 +162,7 @@ class Firmware:
         self.values.update(sent)
 
     def lost(self) -> None:
-        """The bus stopped: an enabled drive goes into fault, unless 0x6007 says that it shall not mind."""
+        """The bus stopped: an enabled drive goes into fault, unless 0x6007 = 0."""
         if self.values["connection_option"] == 0:
             return
         if self.state in (PowerState.ENABLED, PowerState.QUICK_STOP):
@@ -232,7 +232,7 @@ class Firmware:
         target = counts * scaling.metre
         begin = target if fresh or self._target is None else self._target
         line = np.full(self.samples, target) if begin == target else begin + self._shares * (target - begin)
-        line[-1] = target  # not what rounding makes of it
+        line[-1] = target  # before it is rounded to increments
         self._target = target
         error = self._moved(line, values["velocity_offset"] * scaling.metre, offset, enable=True)
         far = abs(counts - values["position"])
@@ -340,7 +340,7 @@ class PdoMap:
         return [AT[word >> 16, word >> 8 & 0xFF].name for word in words]
 
     def assigned(self, first: int) -> Layout:
-        """Of all that 0x1C12 (`first` = 0x1600) or 0x1C13 (0x1A00) names, one behind the other."""
+        """All objects listed by 0x1C12 (`first` = 0x1600) or 0x1C13 (0x1A00), in order."""
         return Layout([self.names(index) for index in self._lists[_ASSIGNED[first]][: self._counts[_ASSIGNED[first]]]])
 
     def read(self, index: int, subindex: int) -> bytes:

@@ -148,7 +148,7 @@ def _variables(parent: Element, three: bool, variables: Sequence[FmuVariable]) -
 
 
 def _bound(value: float) -> str:
-    """The smallest normal number stands for "above zero", which no tool needs to see."""
+    """A bound as text; the smallest normal number means "above zero" and is written as 0."""
     return repr(0.0 if abs(value) == sys.float_info.min else value)
 
 
@@ -257,14 +257,14 @@ def _bounds(declared: Declaration | None) -> tuple[float, float]:
 
 
 def _beside(bound: float, towards: float) -> float:
-    """The next number; beside zero the smallest normal one, since a tool may count those below it as zero."""
+    """The next number; next to zero the smallest normal one, as tools may take subnormal numbers as zero."""
     return math.copysign(sys.float_info.min, towards) if bound == 0.0 else math.nextafter(bound, towards)
 
 
 _GROUPS = {"time": "TIME", "sample_time": "CLOCK", "parameter": "PARAMETER", "start": "START", "input": "INPUT"}
 _STRUCTS = {"parameter": "parameters", "start": "inputs", "input": "inputs", "output": "outputs"}
 _HEAD = """\
-/* What this FMU is made of: the model, its token and its variables in the order of their value references. */
+/* The model of this FMU: its token and its variables in the order of their value references. */
 #ifndef FMU_MODEL_H
 #define FMU_MODEL_H
 
@@ -294,7 +294,7 @@ struct variable {{
 static const struct variable VARIABLES[] = {{
 """
 _CONTROLLER = """
-/* What the outputs are before the first step: those of a sample in which the loop is off. */
+/* The outputs before the first step: those of a sample in which the loop is off. */
 static void model_first(MODEL_CORE *core, const MODEL(inputs) *inputs, MODEL(outputs) *outputs)
 {
     MODEL_CORE copy = *core;

@@ -41,7 +41,7 @@ _TAKEN = (
 
 # for any compiler and any processor
 _EXACT = """\
-/* A product and a sum that are rounded once would give other bits than the simulation. */
+/* A fused multiply-add rounds once and would give other bits than the simulation. */
 #if defined(__clang__)
 #pragma STDC FP_CONTRACT OFF
 #elif defined(__GNUC__)
@@ -97,7 +97,7 @@ def _read(folder: str, name: str) -> str:
 
 
 def _token(parts: list[bytes]) -> str:
-    """A digest of all that the model is, in the form of a GUID."""
+    """A digest of the complete model, in the form of a GUID."""
     digest = hashlib.sha256()
     for each in parts:
         digest.update(len(each).to_bytes(8, "little") + each)
@@ -106,7 +106,7 @@ def _token(parts: list[bytes]) -> str:
 
 
 def _packed(entries: dict[str, bytes]) -> bytes:
-    """A ZIP archive without clocks and owners."""
+    """A ZIP archive without time stamps and owners."""
     packed = io.BytesIO()
     with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as archive:
         for name, content in sorted(entries.items(), key=lambda each: (each[0] != "modelDescription.xml", each[0])):
@@ -119,7 +119,7 @@ def _packed(entries: dict[str, bytes]) -> bytes:
 
 
 def write_fmu(design: Design, out: Path, *, version: int = 2, binary: bool = True) -> Path:
-    """Write the export, whole or not at all; the README is returned.
+    """Write the export, completely or not at all; returns the README.
 
     Raises FileError as `new_directory` and what `fmu` raises.
     """
@@ -168,7 +168,7 @@ def library_place(version: int) -> str:
 def compiled(files: Mapping[str, str], sources: Sequence[str]) -> bytes:
     """The shared library made of some of the files.
 
-    What runs once, `*_configure.c`, is translated as it stands: to optimise its thousands of lines takes seconds.
+    The code that runs once, `*_configure.c`, is compiled without optimization, which would take seconds.
 
     Raises MissingProgramError without a compiler and FileError with its first message if it refuses.
     """
@@ -188,7 +188,7 @@ def compiled(files: Mapping[str, str], sources: Sequence[str]) -> bytes:
 def _run(words: Sequence[str], folder: str) -> None:
     done = subprocess.run(words, cwd=folder, capture_output=True, text=True, check=False)
     if done.returncode != 0:
-        first = (done.stderr.strip() or "it says nothing").splitlines()[0]
+        first = (done.stderr.strip() or "no message").splitlines()[0]
         raise FileError(f"the C compiler ({words[0]}) cannot make a shared library: {first}")
 
 

@@ -30,9 +30,9 @@ def write_linuxcnc(design: Design, out: str | Path, *, joint: int | None = None)
     joint  number of the joint in LinuxCNC; absent: the place of the axis in the machine file
 
     The directory holds `<name>.comp` with `<name>.h`, `<name>.hal`, `<name>.ini`, the axis as `<name>_plant.comp`,
-    `desk.ini` and `desk.hal`, and a README, which is returned.  It is written whole or not at all.
+    `desk.ini` and `desk.hal`, and a README, which is returned. It is written completely or not at all.
     Raises ParameterError for an axis instead of a control, for one that is coupled with others (the desk holds one
-    alone), for a name or a sample time that LinuxCNC cannot have, a precision other than double, a joint that is none,
+    alone), for a name or a sample time that LinuxCNC cannot have, a precision other than double, a wrong joint number,
     or a loop that cannot follow LinuxCNC's motion; FileError for a directory that cannot be written.
     """
     out = Path(out)
@@ -84,7 +84,7 @@ LETTERS = "XYZABCUVW"
 
 
 def axis_hal(routine: Routine, joint: int, title: str, made_by: str) -> str:
-    """Wiring of the controller: from the joint's commands to the force, without the lines of a card."""
+    """Wiring of the controller: from the joint's commands to the force, without the lines of the I/O card."""
     name, P = hal(routine.name), routine.name
     x = _prefix(routine)
     reading = component.reading(routine)
@@ -98,12 +98,12 @@ def axis_hal(routine: Routine, joint: int, title: str, made_by: str) -> str:
         f"loadrt {P}",
         "# Order in the thread: card read, motion-command-handler, motion-controller, this, card write.",
         f"addf {name} servo-thread", "",
-        "# What the planner wants. LinuxCNC 2.9 gives no jerk and no snap: their pins stay 0. With LinuxCNC 2.10:",
+        "# Commands of the planner. LinuxCNC 2.9 gives no jerk and no snap: their pins stay 0. With LinuxCNC 2.10:",
         f"#   net {x}-jerk-cmd joint.{joint}.jerk-cmd => {name}.jerk-cmd",
         f"net {x}-position-cmd joint.{joint}.motor-pos-cmd => {name}.position-cmd",
         f"net {x}-velocity-cmd joint.{joint}.vel-cmd => {name}.velocity-cmd",
         f"net {x}-acceleration-cmd joint.{joint}.acc-cmd => {name}.acceleration-cmd", "",
-        "# What the encoders read, in the unit of the machine.",
+        "# Positions of the encoders, in machine units.",
         f"net {x}-{reading} => {name}.{reading} joint.{joint}.motor-pos-fb",
         *([f"net {x}-motor-position-fb => {name}.motor-position-fb"] if two else []), "",
         "# Enable and fault: a trip switches the machine off, and the next F2 clears it.",
@@ -112,10 +112,10 @@ def axis_hal(routine: Routine, joint: int, title: str, made_by: str) -> str:
         f"net {x}-ok {name}.ok",
         f"net {x}-heartbeat {name}.heartbeat",
         f"net {x}-running {name}.running", "",
-        "# What the drive does.",
+        "# Command to the drive.",
         f"net {x}-force-cmd {name}.force-cmd",
         *([f"net {x}-drive-cmd {name}.drive-cmd"] if drive else []), "",
-        "# Your card: put its pins in, and take the comment away. Try signs and scales with the motor uncoupled.",
+        "# Your card: put its pins in and uncomment the lines. Try signs and scales with the motor uncoupled.",
         f"#   net {x}-{reading} <= CARD.encoder.0.position",
         *([f"#   net {x}-motor-position-fb <= CARD.encoder.1.position"] if two else []),
         f"# The command is in {unit or 'N'}; the heartbeat is for a charge pump or a watchdog.",
@@ -132,7 +132,7 @@ def axis_hal(routine: Routine, joint: int, title: str, made_by: str) -> str:
 def axis_ini(routine: Routine, joint: int, letter: str, limit: Limits, title: str, made_by: str) -> str:
     """Sections of the joint and of the axis; in mm, as LINEAR_UNITS of the desk."""
     velocity, acceleration, error = 1e3 * limit.velocity, 1e3 * limit.acceleration, 1e3 * limit.following_error
-    # inside the guard's travel: at its very end an overshoot of nothing would trip
+    # inside the guard's travel: at its very end the smallest overshoot would trip
     room = error if limit.travel_known else 0.0
     ends = [f"MIN_LIMIT = {1e3 * limit.least + room:.9g}", f"MAX_LIMIT = {1e3 * limit.most - room:.9g}"]
     moves = [f"MAX_VELOCITY = {velocity:.9g}", f"MAX_ACCELERATION = {acceleration:.9g}"]
@@ -146,7 +146,7 @@ def axis_ini(routine: Routine, joint: int, letter: str, limit: Limits, title: st
         f"# In a simulated move within these limits the following error was at most {1e3 * limit.peak_error:.3g} mm,",
         f"# the force {limit.peak_force:.3g} N. MIN_FERROR is as large: the error of a servo loop outlasts the motion.",
         f"FERROR = {error:.9g}", f"MIN_FERROR = {error:.9g}",
-        "# Home where the axis stands; put your switch or index in.",
+        "# Homing at the present position; enter your switch or index.",
         "HOME_SEARCH_VEL = 0", "HOME_LATCH_VEL = 0", "HOME_SEQUENCE = 0",
     ]  # fmt: skip
     return "\n".join(lines) + "\n"
@@ -158,12 +158,12 @@ def _unknown(limit: Limits) -> list[str]:
         return []
     return [
         "# THE TRAVEL IS NOT KNOWN: the machine file has no travel_least and travel_most in its guard.",
-        "# MIN_LIMIT and MAX_LIMIT are made up; put in yours before the axis moves.",
+        "# MIN_LIMIT and MAX_LIMIT are placeholders; enter yours before the axis moves.",
     ]
 
 
 def desk_hal(routine: Routine, plant: Routine, joint: int) -> str:
-    """The whole of HAL for a desk: the planner, the controller of this axis, and its physics in place of a card."""
+    """The HAL file for a desk: the planner, the controller of this axis, and its physics in place of a card."""
     x, p, name = _prefix(routine), hal(plant.name), hal(routine.name)
     readings = [r for r in ("motor-position-fb", "load-position-fb", "position-fb") if _has(routine, r)]
     lines = [
@@ -187,7 +187,7 @@ def desk_hal(routine: Routine, plant: Routine, joint: int) -> str:
 
 
 def desk_ini(routine: Routine, joint: int, letter: str) -> str:
-    """A LinuxCNC of this axis, `linuxcnc desk.ini`; joints before it follow their commands."""
+    """A LinuxCNC configuration with this axis, for `linuxcnc desk.ini`; joints before it follow their commands."""
     others = [each for each in LETTERS if each != letter][:joint]
     ideal = "".join(_IDEAL.format(letter=each, joint=i) for i, each in enumerate(others))
     return filled(
@@ -197,7 +197,7 @@ def desk_ini(routine: Routine, joint: int, letter: str) -> str:
 
 
 def _prefix(routine: Routine) -> str:
-    """Of the signals: unlike those of another axis."""
+    """Prefix of the signals, different for each axis."""
     return hal(routine.name)
 
 
@@ -228,10 +228,10 @@ _MARGIN = 2.0  # between the following error of the move and FERROR
 
 @dataclass(frozen=True)
 class Limits:
-    """Of an axis that LinuxCNC moves: velocity (m/s), acceleration (m/s2), following error (m), ends of the travel (m).
+    """Limits of an axis in LinuxCNC: velocity (m/s), acceleration (m/s2), following error (m), ends of the travel (m).
 
-    `peak_error` (m) and `peak_force` (N) are those of the move in which the axis was tried; `travel_known` says whether
-    the ends stand in the guard, or are made up.
+    `peak_error` (m) and `peak_force` (N) are those of the move in which the axis was tried; `travel_known`: the ends
+    are those of the guard, not placeholders.
     """
 
     velocity: float
@@ -278,7 +278,7 @@ def _travel(loop: Loop) -> tuple[float, float]:
 
 
 def _tried(loop: Loop, velocity: float, least: float, most: float) -> Limits | None:
-    """The limits if the axis can be moved like this."""
+    """The limits, or None if this move is too fast or too long."""
     acceleration = velocity / _RAMP
     distance = 2.0 * _RAMP * velocity
     if distance > most - least:

@@ -18,7 +18,7 @@ FAULT_PERIOD, FAULT_LATE, FAULT_PARAMETER = 11, 12, 13  # beside the trip codes 
 FAULTS = {int(code): word for code, word in TRIPS.items()} | {
     FAULT_PERIOD: "a thread with another period than the sample time",
     FAULT_LATE: "a call that came too late",
-    FAULT_PARAMETER: "parameters that broke a rule when enable came",
+    FAULT_PARAMETER: "parameters that break a rule when enable is set",
 }
 LATE = 10  # periods, the longest time from call to call
 # pin and meaning of each input of the law; lengths are in the unit of the machine
@@ -64,15 +64,15 @@ def pins(routine: Routine) -> list[Item]:
         found.append(pin("drive-cmd", "float", "out", outputs["command"].meaning))
     return [
         *found,
-        pin("running", "bit", "out", "on while the loop really runs: enabled, without trip or fault"),
+        pin("running", "bit", "out", "on while the loop runs: enabled, without trip or fault"),
         pin("trip-code", "s32", "out", "trip of the guard now, 0 none; it ends when enable goes off"),
         pin("fault", "bit", "out", "on from a trip or fault until the next rising edge of enable or reset"),
         pin("fault-code", "s32", "out", f"why: 0 none; {codes}"),
         pin("ok", "bit", "out", "the opposite of fault, for an emergency stop chain"),
         pin("heartbeat", "bit", "out", "changes at every call while there is no fault: for a watchdog or charge pump"),
-        pin("parameter-bad", "bit", "out", "the parameters break a rule: no change acts until they are mended"),
-        pin("parameter-rule", "s32", "out", "code of the rule that they break, 0 none; the README has its sentence"),
-        pin("retunes", "u32", "out", "how many changes of parameters have acted"),
+        pin("parameter-bad", "bit", "out", "the parameters break a rule: no change acts until they are corrected"),
+        pin("parameter-rule", "s32", "out", "code of the broken rule, 0 none; the README explains it"),
+        pin("retunes", "u32", "out", "number of parameter changes that have acted"),
     ]
 
 
@@ -143,7 +143,7 @@ _PLANT_INPUTS = {
 
 
 def plant_comp(routine: Routine, title: str, made_by: str) -> str:
-    """The text of the .comp file, which includes P.h; the functions `read` and `write` are those of a drive's card.
+    """The text of the .comp file, which includes P.h; `read` and `write` replace those of a card.
 
     Raises ParameterError and StructureError for names and sample times that LinuxCNC cannot have.
     """
@@ -283,10 +283,10 @@ _AS_IT_STANDS = """\
 
 
 def core(name: str, parts: Texts) -> str:
-    """The header that a component includes: all of a routine.
+    """The header that a component includes: the complete routine.
 
-    What runs once or at a change of parameters may be thousands of lines: it is compiled as it stands, in a tenth of
-    the time.
+    Code that runs once or at a change of parameters may have thousands of lines: it is compiled without optimization,
+    in a tenth of the time.
     """
     once = re.compile(
         rf"^static (?:inline bool {name}_retune|int {name}_designed)\([^;{{]*\)\n\{{.*?^\}}\n", re.DOTALL | re.MULTILINE
@@ -321,7 +321,7 @@ _TYPES = {"float": "float", "bit": "bit", "s32": "signed", "u32": "unsigned"}
 
 
 def _number(item: Item, value: float) -> str:
-    """A default as halcompile reads it: it knows no sign of an exponent's plus."""
+    """A default as halcompile reads it: without the `+` of an exponent."""
     return repr(float(value)).replace("e+", "e") if item.type == "float" else str(int(value))
 
 
@@ -336,5 +336,5 @@ def numbers(texts: Iterable[str]) -> str:
 
 
 def where(wanted: bool, text: str) -> str:
-    """The text, or nothing."""
+    """The text if it is wanted, else an empty one."""
     return text if wanted else ""

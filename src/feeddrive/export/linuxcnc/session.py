@@ -56,7 +56,7 @@ def check_session() -> None:
         [*_alone(), "mount", "-t", "tmpfs", "feeddrive", MODULES], capture_output=True, text=True, check=False
     )
     if tried.returncode != 0:
-        said = (tried.stderr.splitlines() or ["it says nothing."])[0]
+        said = (tried.stderr.splitlines() or ["no message."])[0]
         raise HalError(
             f"LinuxCNC cannot be run apart from the rest of this machine: {said} Run it as "
             f"root, outside of a container or in a privileged one, or allow user namespaces"

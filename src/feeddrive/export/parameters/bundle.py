@@ -37,7 +37,7 @@ Row = TypeVar("Row", Line, Lost)
 
 
 class Part(NamedTuple):
-    """What the README says of a maker: its file, what is in it and what is not, or why it is absent."""
+    """A section of the README: the file of a maker, what it has and lacks, or why it is absent."""
 
     title: str
     file: str = ""
@@ -48,7 +48,7 @@ class Part(NamedTuple):
 
     @property
     def unread(self) -> list[str]:
-        """Names that no manual was at hand for, or whose unit is only the one in common use."""
+        """Names without a manual, or whose unit is only the one in common use."""
         said = ("NOT CHECKED", "in common use")
         return [line.name for line in self.lines if line.name and any(each in line.source for each in said)]
 
@@ -61,13 +61,13 @@ def write_parameters(
     lead: float | None = None,
     gear: float | None = None,
 ) -> Path:
-    """Write the files, whole or not at all; the README is returned.
+    """Write the files, completely or not at all; returns the README.
 
     makers      of sinumerik, twincat, odrive, linuxcnc, csv; default: all that fit the axis
     lead, gear  of the screw (m, and turns of the motor in one turn of the screw), where the machine file does not
                 state them
 
-    Raises StructureError for a law that is no `cascade_ppi`; ParameterError for an unknown maker, for an axis whose
+    Raises StructureError for another law than `cascade_ppi`; ParameterError for an unknown maker, for an axis whose
     motor is not known where a maker's units are those of its shaft, and for a linear motor where a maker has none;
     FileError as `new_directory`.
     """
@@ -125,7 +125,7 @@ def _in_paths(loop: Loop, rows: Sequence[Row]) -> list[Row]:
 
 
 def _head(design: Design, cascade: Cascade, train: DriveTrain | None) -> list[str]:
-    """What stands at the head of each file: what it is, safety, Kv in four units, and the drive train."""
+    """The head of each file: what it is, safety, Kv in four units, and the drive train."""
     lines = [f"{design.title}.", design.made_by, "", *SAFETY, "", *kv_lines(cascade.law.Kv)]
     if train is not None and train.lead is not None:
         lines.append(
@@ -155,7 +155,7 @@ def _text(head: Sequence[str], lines: Sequence[Line], comment: str, key: str) ->
 
 
 def _lost(maker: Maker, cascade: Cascade) -> list[Lost]:
-    """What a maker does not hold: filters one by one, the rest by kind."""
+    """The parts of the design that a maker cannot represent: filters one by one, the rest by kind."""
     found = list(lost(cascade, (*maker.held, "filters"), maker.outside))
     for i, block in enumerate(cascade.loop.control.filters):
         why = maker.filters(block, i).why
@@ -169,7 +169,7 @@ def _lost(maker: Maker, cascade: Cascade) -> list[Lost]:
 
 
 def _warning(bare: Loop, whole: Loop) -> list[str]:
-    """What to know where the loop is stable as designed and not with the numbers of a file alone."""
+    """A warning if the loop is stable as designed but unstable with the numbers of a file alone."""
     if bare is whole or not stability(whole).stable:
         return []
     found = stability(bare)
@@ -194,7 +194,7 @@ _MEANINGS = {
 
 
 def halcmd_lines(cascade: Cascade) -> tuple[list[Line], list[Lost]]:
-    """The settings of two pids and what feeds their bias; zeros that are the default are left out."""
+    """The settings of the two pids and of their bias; zeros that are the default are left out."""
     law = stock_law(cascade, units=STOCK_UNITS)
     assert law.velocity is not None
     found = list(_gains(cascade, "position", law.position)) + list(_gains(cascade, "velocity", law.velocity))
@@ -227,11 +227,11 @@ def _gains(cascade: Cascade, name: str, pid: object) -> Iterator[Line]:
         if value and key in _MEANINGS:
             unit, meaning, path = _MEANINGS[key]
             yield Line(key, f"{value:.9g}", unit, meaning, path, _si(cascade, path), _SOURCE)
-    yield Line(f"{name}.error-previous-target", "0", "bit", "error against the command of now", "", "", _SOURCE)
+    yield Line(f"{name}.error-previous-target", "0", "bit", "error against the present command", "", "", _SOURCE)
 
 
 def _si(cascade: Cascade, path: str) -> str:
-    """What stands in the machine file, in SI."""
+    """The value in the machine file, in SI."""
     values = {
         "control.law.Kv": ("Kv", "1/s"),
         "control.law.velocity_feedforward": ("velocity_feedforward", ""),

@@ -21,7 +21,7 @@ class Row(NamedTuple):
     """A parameter of a maker.
 
     unit      as the maker writes it, and `measure` the same for `language.units`
-    source    manual and page that say so; empty where none was at hand
+    source    manual and page; empty if no manual was available
     linear    name, unit and measure for a linear motor, where they differ
     scale     on top of the unit: -1 for a lower limit
     decimals  that the control keeps, and `most` the largest value that it takes
@@ -40,7 +40,7 @@ class Row(NamedTuple):
 
 
 class Line(NamedTuple):
-    """A number as it stands in a file, and where it comes from in SI."""
+    """A number as a file has it, with its path in the machine file and its value in SI."""
 
     name: str
     text: str
@@ -63,8 +63,8 @@ class Maker:
     """A control or drive: its rows, its filters, and how its files are written.
 
     notes    lines at the head of its file: which loop is meant, how the integral is switched off, and the like
-    rotary   whether it knows no linear motor
-    held     kinds of items (cascade/beside.py) that it holds whole, `outside` why it does not hold others
+    rotary   whether it supports rotary motors only
+    held     kinds of items (`quantities.Item`) that it represents completely; `outside`: why not others
     filters  (filter, place among the filters, drive train) -> its lines
     """
 
@@ -159,24 +159,24 @@ ODRIVE = Maker(
         "filters": (_NO_FILTER, ""),
         "back_calculation": ("the integral leaks away while a limit acts", ""),
         "inertia": (
-            "with input_mode PASSTHROUGH the torque that goes with an acceleration is the sender's: input_torque",
+            "with input_mode PASSTHROUGH the sender must supply the torque for an acceleration: input_torque",
             "send mass · acceleration, as a torque, with every setpoint",
         ),
-        "viscous_feedforward": ("it is the sender's: input_torque", "send it with every setpoint"),
-        "half_sample": ("it is the sender's", "shift what is sent by half a period of the sender"),
-        "friction_feedforward": ("it is the sender's: input_torque", "send it with every setpoint"),
+        "viscous_feedforward": ("the sender must supply it: input_torque", "send it with every setpoint"),
+        "half_sample": ("the sender sets the timing", "shift the setpoints by half a period of the sender"),
+        "friction_feedforward": ("the sender must supply it: input_torque", "send it with every setpoint"),
         "velocity_limit": ("vel_limit bounds the command; vel_limit_tolerance times it trips", "check that factor"),
         "following_error_limit": ("it watches the velocity only", ""),
-        "travel": ("it has no software end positions in this mode", "watch them where the setpoints are made"),
+        "travel": ("it has no software end positions in this mode", "watch them in the sender of the setpoints"),
         "broken_readings": ("encoder faults disarm it", ""),
     },
     notes=(
         "turn: of the motor's shaft.  vel_integrator_gain is Kp/Tn, not 1/Tn; set it to 0 where there is no Tn.",
-        "Velocity feedforward is the sender's: send share times the set velocity as input_vel.",
+        "The sender supplies the velocity feedforward: the share times the set velocity, as input_vel.",
     ),
     always=(
         Lost(
-            "control.law.velocity_feedforward", "", "the set velocity is the sender's: input_vel",
+            "control.law.velocity_feedforward", "", "the sender must supply the set velocity: input_vel",
             "without it the following error is v/Kv",
         ),
         Lost(

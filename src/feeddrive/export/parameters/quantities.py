@@ -73,7 +73,7 @@ class DriveTrain:
 
 @dataclass(frozen=True)
 class Cascade:
-    """The design: its loop, the law, and its quantities in SI, seen at the table; None is one that it does not have."""
+    """The design: its loop, the law, and its quantities in SI, seen at the table; None where it has none."""
 
     loop: Loop
     law: CascadePPI
@@ -142,7 +142,7 @@ def _fed(loop: Loop) -> tuple[float, float]:
 def drive_train(loop: Loop, lead: float | None = None, gear: float | None = None) -> DriveTrain:
     """What connects motor and table: as given, else from the motor, else from the plant, else a linear motor.
 
-    Raises ParameterError for a lead or gear that is not positive, and where nothing says what moves the table.
+    Raises ParameterError for a lead or gear that is not positive, and if the drive train is not known.
     """
     for name, value in (("lead", lead), ("gear", gear)):
         if value is not None and not 0.0 < value < float("inf"):
@@ -189,7 +189,7 @@ def kv_lines(Kv: float) -> tuple[str, ...]:
 
 
 class Item(NamedTuple):
-    """Something that the control does: its kind, where it stands in the machine file, and its numbers."""
+    """An element of the control: its kind, its path in the machine file, and its numbers."""
 
     kind: str
     path: str
@@ -197,7 +197,7 @@ class Item(NamedTuple):
 
 
 class Lost(NamedTuple):
-    """What a target cannot hold: the item, why, and what happens without it."""
+    """An item that a target cannot represent, why, and the consequence."""
 
     path: str
     value: str
@@ -205,7 +205,7 @@ class Lost(NamedTuple):
     consequence: str
 
 
-# What happens where an item is left out, for targets that say nothing more special.
+# Consequence of leaving an item out, for targets that do not state their own.
 CONSEQUENCES: Mapping[str, str] = {
     "velocity_samples": "the velocity is noisier and its delay is smaller: margins are those of one sample, not these",
     "velocity_encoder": "the velocity loop closes on another encoder than it was designed with",
@@ -217,7 +217,7 @@ CONSEQUENCES: Mapping[str, str] = {
     "half_sample": "the force comes half a sample late: an error of mass · jerk · T/2 in N",
     "friction_feedforward": "reversal errors are those without friction compensation",
     "jerk_feedforward": "errors where the jerk is large grow",
-    "flexible_feedforward": "the spring of the drive train is not led: errors where jerk and snap are large grow",
+    "flexible_feedforward": "the spring of the drive train is not compensated: errors at large jerk and snap grow",
     "feedforward": "its force is missing",
     "compensation": "disturbances and modes that it took out remain",
     "prefilter": "the set motion is not shaped: tracking differs from the simulation",
@@ -231,7 +231,7 @@ CONSEQUENCES: Mapping[str, str] = {
     "safe_force": "a hanging axis sinks until its brake holds",
     "alignment": "the offset between two encoders acts at enable",
 }
-UNKNOWN = "the target has nothing like it"
+UNKNOWN = "the target has no such element"
 
 
 def items(cascade: Cascade) -> Iterator[Item]:
@@ -262,7 +262,7 @@ def items(cascade: Cascade) -> Iterator[Item]:
 
 
 def _fed_items(block: Block) -> Iterator[str]:
-    """What a feedforward does, in kinds of items."""
+    """The kinds of items of a feedforward."""
     if isinstance(block, Inertia | DisturbanceCompensator):
         if block.mass:
             yield "inertia"
@@ -306,11 +306,11 @@ def _guarded(cascade: Cascade) -> Iterator[Item]:
 
 
 def lost(cascade: Cascade, held: Sequence[str], outside: Mapping[str, tuple[str, str]]) -> tuple[Lost, ...]:
-    """The items that a target does not hold.
+    """The items that a target cannot represent.
 
-    held     kinds of items that it holds whole
-    outside  kind -> why it does not hold it, and the consequence; an empty one is the general one.  A kind in neither
-             is something that the target does not know
+    held     kinds of items that it represents completely
+    outside  kind -> why it cannot represent it, and the consequence; if empty, the general one. A kind in neither
+             is one that the target does not have
     """
     found = []
     for item in items(cascade):

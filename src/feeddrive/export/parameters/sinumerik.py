@@ -84,19 +84,19 @@ SINUMERIK = Maker(
     held=("inertia", "force_limit", "velocity_limit", "travel"),
     filters=filters,
     outside={
-        "filters": ("the drive's current setpoint filters are another", ""),
+        "filters": ("the drive's current setpoint filters have another form", ""),
         "back_calculation": ("the drive holds its integral at the torque limit in its own way", ""),
         "following_error_limit": (
             "MD36400 $MA_CONTOUR_TOL watches the error against a model of the axis, not the following error",
             "set it by hand, from the error at the highest speed",
         ),
-        "viscous_feedforward": ("torque precontrol knows an inertia only", ""),
+        "viscous_feedforward": ("torque precontrol takes an inertia only", ""),
         "half_sample": (
             "the control times its precontrol by MD32800 and MD32810 (equivalent times)",
             "measure them at the axis: too small ones overshoot, and axes that interpolate need equal ones",
         ),
         "friction_feedforward": (
-            "friction compensation of the control is another, and is learned at the machine",
+            "the control has another friction compensation, which learns at the machine",
             "run its friction or quadrant-error compensation after commissioning",
         ),
         "broken_readings": ("encoder faults are watched by the drive", "the reaction is the drive's: check it"),

@@ -77,7 +77,7 @@ TWINCAT = Maker(
     held=("following_error_limit",),
     filters=filters,
     outside={
-        "filters": ("the drive's current command filters are another", ""),
+        "filters": ("the drive's current command filters have another form", ""),
         "back_calculation": ("the drive holds its integral at the torque limit in its own way", ""),
         "inertia": (
             "acceleration feedforward of the drives is a share of an inertia that they know (AX8000: 0x3062:03 and "

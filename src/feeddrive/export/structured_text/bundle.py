@@ -55,7 +55,7 @@ def structured_text_files(design: Design) -> dict[str, str]:
 
 
 def write_structured_text(design: Design, out: Path) -> Path:
-    """Write the export, whole or not at all; its README is returned.
+    """Write the export, completely or not at all; returns its README.
 
     Raises as `structured_text_files`, and FileError as `new_directory`.
     """
@@ -64,7 +64,7 @@ def write_structured_text(design: Design, out: Path) -> Path:
 
 
 def header(design: Design) -> str:
-    """The comment above the function block: what it is, how it is called, and what its blocks say of themselves."""
+    """The comment above the function block: what it is, how it is called, and the docstrings of its blocks."""
     parts = [
         design.title,
         design.made_by,
@@ -206,7 +206,7 @@ SAMPLES = 100
 _SAID = """\
 Tries {name} on this PLC: call it in any task until done. It gives {samples} stored samples to the controller, with
 a live change of parameters in between, and compares every output with the simulator's, all bits.
-wrong = 0 says that this PLC computes what was simulated; where it is not, first_wrong is the first such sample."""
+wrong = 0 says that this PLC computes what was simulated; otherwise first_wrong is the first sample that differs."""
 
 
 def check(layout: Layout, program: Program, seed: int = 0) -> Unit:
@@ -247,7 +247,7 @@ def check(layout: Layout, program: Program, seed: int = 0) -> Unit:
         f"{name}_check", _SAID.format(name=name, samples=SAMPLES),
         sections={
             OUTPUTS: [
-                Declared("done", "BOOL", "FALSE"), Declared("wrong", "DINT", "0", "samples with another answer"),
+                Declared("done", "BOOL", "FALSE"), Declared("wrong", "DINT", "0", "samples that differ"),
                 Declared("first_wrong", "DINT", "-1"),
             ],
             VARIABLES: [

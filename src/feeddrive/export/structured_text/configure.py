@@ -34,7 +34,7 @@ MOST_OPERATIONS = 500  # behind one design number
 
 @dataclass(frozen=True)
 class Fixed:
-    """What is fixed by the export: design numbers with their values, and the parameters behind them.
+    """The parts fixed by the export: design numbers with their values, and the parameters behind them.
 
     nodes  values of the nodes that depend on fixed parameters alone and are read by rules on others
     """
@@ -65,7 +65,7 @@ def fixed(layout: Layout) -> Fixed:
 
 
 def _read_by_rules(layout: Layout, held: set[int]) -> dict[int, float]:
-    """What rules on other parameters read of fixed ones: the operations nearest to the rules, with their values."""
+    """Operations on fixed parameters that rules on other parameters read, with their values."""
     graph, leaves = layout.graph, layout.leaves
     free = [kind == "parameter" and node not in held for node, (kind, _) in leaves.items()]
     moving = {node for node, moves in zip(leaves, free, strict=True) if moves}
@@ -89,7 +89,7 @@ def reaches(graph: Graph, node: int, held: set[int]) -> bool:
 
 
 class Printing(Protocol):
-    """What prints the other blocks: its layout, legal names, and its way to statements."""
+    """The printer of the other blocks: its layout, legal names and statements."""
 
     layout: Layout
     fixed: Fixed

@@ -39,7 +39,7 @@ CYCLE_TOLERANCE = 1e-6  # of the sample time: a task's cycle is known better
 
 @dataclass(frozen=True)
 class Program:
-    """All that is printed, in the order in which it must be read; `names` are those of parameters by dotted name."""
+    """All units, in the order that a compiler needs; `names` are those of parameters by dotted name."""
 
     structures: tuple[Structure, ...]
     units: tuple[Unit, ...]
@@ -105,7 +105,7 @@ class Printer:
         )
 
     def _said_of_design(self) -> str:
-        """What is fixed stands above its numbers."""
+        """The comment on the design numbers: the parameters that are fixed by the export."""
         lines = ["Numbers that depend on parameters only."]
         if self.fixed.parameters:
             lines += ["", "Those with a value are fixed by the export. They were computed for these parameters:"]
@@ -213,7 +213,7 @@ class Printer:
         section = self._sampled([each.name for each in (*inputs, *more, *outputs, *own)])
         step = self.layout.step
         lines = self.computed(section, [*step.states, *step.outputs])
-        lines += ["", "(* what comes out, and what the next sample remembers *)"]
+        lines += ["", "(* the outputs, and the state for the next sample *)"]
         for variable, node in zip(self.routine.outputs, step.outputs, strict=True):
             lines += self._put(variable.name, section.statements.texts[node])
         lines += section.assign(self._targets(step.states))
@@ -232,7 +232,7 @@ class Printer:
         )  # fmt: skip
 
     def _off(self) -> list[str]:
-        """What comes out while there are no parameters to run with: the safe force of the machine file."""
+        """The outputs without valid parameters: the safe force of the machine file."""
         found: list[str] = []
         for name, value in off_outputs(self.routine).items():
             text = {"trip": "INT#0", "enabled": "FALSE"}.get(name) or bare(literal(value, self.real))
@@ -346,13 +346,13 @@ switched_on := enable AND (NOT cycle_wrong);
 
 
 def _legal(names: Iterable[tuple[str, str]]) -> dict[str, str]:
-    """Key -> a name that Structured Text takes."""
+    """By key a name that is legal in Structured Text."""
     taken: set[str] = set()
     return {key: identifier(name, taken, ST_WORDS) for key, name in names}
 
 
 def _grouped(fields: Iterable[tuple[Declared, str]]) -> list[Declared]:
-    """Fields with what is said of several in a row above the first of them."""
+    """Fields, with a comment on several in a row above the first of them."""
     found: list[Declared] = []
     last = ""
     for field, said in fields:
@@ -362,6 +362,6 @@ def _grouped(fields: Iterable[tuple[Declared, str]]) -> list[Declared]:
 
 
 def _meaning(variable: Variable) -> str:
-    """Unit and meaning; a parameter that is there is not absent."""
+    """Unit and meaning, without the remark on an absent parameter."""
     said = re.sub(r"; absent[^;]*$", "", variable.meaning)
     return f"{variable.unit}: {said}" if variable.unit else said

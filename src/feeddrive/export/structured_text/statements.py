@@ -64,7 +64,7 @@ def _indented(statements: Iterable[Assignment | Choice]) -> list[str]:
 
 
 def _append(done: list[Assignment | Choice], made: Assignment | Choice) -> None:
-    """Behind what is there; a choice goes into the one before if both are made on the same condition."""
+    """Append; a choice is merged with the one before if both have the same condition."""
     last = done[-1] if done else None
     if isinstance(last, Choice) and isinstance(made, Choice) and last.condition == made.condition:
         for branch, more in ((last.then, made.then), (last.otherwise, made.otherwise)):
@@ -82,8 +82,8 @@ def _no_array(size: int) -> str:
 class Statements:
     """The statements that compute some nodes of a graph.
 
-    `texts` holds how leaves, and nodes that were computed before, are written.  `declare(node, kind)` is asked for the
-    name of a new variable of a type, and may refuse by answering with the name of what holds it already.
+    `texts` has the text of leaves and of nodes that were computed before.  `declare(node, kind)` returns the name of
+    a new variable of a type, or of a variable that has the value already.
     """
 
     def __init__(
@@ -257,7 +257,7 @@ class Section:
         return name
 
     def _wanted(self, index: int) -> str:
-        """The law's word; that of the state for one that may have been reset; else a number."""
+        """The variable name in the law; that of the state for one that may have been reset; else a number."""
         if index in self.names:
             return word(self.names[index])
         node = self.graph.nodes[index]
@@ -283,7 +283,7 @@ class Section:
         self.statements.texts[node] = name
 
     def switch(self, node: int) -> None:
-        """Enable is a BOOL: its comparison with one half stands for it."""
+        """Enable is a BOOL, which replaces its comparison with one half."""
         for index, each in enumerate(self.graph.nodes):
             if each[0] == "lt" and each[2] == node and self.graph.nodes[each[1]] == ("const", (0.5).hex()):
                 self.statements.texts[index] = "switched_on"

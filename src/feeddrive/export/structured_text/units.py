@@ -44,7 +44,7 @@ class Structure:
     fields: Sequence[Declared]
 
     def declared(self) -> Sequence[Declared]:
-        """Its fields; a structure without any is not legal, so one stands there."""
+        """Its fields; a structure without any is not legal, so it gets one."""
         return self.fields or [Declared("none", "BOOL", "", "nothing is kept here")]
 
     def text(self) -> str:
