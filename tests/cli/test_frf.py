@@ -107,7 +107,8 @@ def test_units_by_name_by_option_and_by_nothing(call) -> None:
     """A response of mm that passed for one of m would be a thousand times off in the tuning."""
     rng = np.random.default_rng(3)
     t, force = np.arange(4000) * 1e-3, rng.standard_normal(4000)
-    write_run_csv("log.csv", t, {"force_N": force, "pos_act_mm": force.cumsum(), "p9": force.cumsum()}, {})
+    position = 1e-5 * force.cumsum()  # some 60 kg
+    write_run_csv("log.csv", t, {"force_N": force, "pos_act_mm": position, "p9": position}, {})
     asked = ("frf", "log.csv", "--method", "h1", "--input")
     code, _, err = call(*asked, "force_N", "--output", "pos_act_mm", "--out", "a")
     assert code == 0, err

@@ -17,7 +17,6 @@ from feeddrive.blocks.plant.two_mass import TwoMass
 from feeddrive.blocks.reference.recorded import Recorded
 from feeddrive.identification.motion.identify import identify_motion, own_viscous
 from feeddrive.identification.motion.motion_log import MotionLog
-from feeddrive.identification.plausibility import outside, sizes
 from feeddrive.language import tree
 from feeddrive.language.errors import ParameterError
 from feeddrive.loop.loop import Loop
@@ -115,8 +114,10 @@ def test_friction_on_both_bodies_stays_as_it_is() -> None:
 
 def test_a_travel_that_no_axis_has_and_a_log_of_another_kind_are_named() -> None:
     log = simulated(size=0.5)
-    for position, wrong in ((log.position, False), (1e5 * log.position, True)):
-        found = sizes(log.frame, log.sample_time, position, log.force)
-        assert ("travel" in [each.quantity for each in outside(log.frame, found)]) is wrong
+    assert not identify_motion(log, friction="symmetric").doubt
+    found = identify_motion(replace(log, position=1e5 * log.position, set_position=None), friction="symmetric")
+    assert any("check unit and factor of the position" in said for said in found.remarks)
+    assert "the speed is 1.26e+04 m/s, where feed drives have 0.01 um/s to 10 m/s" in found.doubt
+    assert found.recommendation.startswith("Check the units before anything is done with these values")
     with pytest.raises(ParameterError, match="takes a MotionLog"):
         identify_motion({"position": log.position})  # type: ignore[arg-type]

@@ -208,6 +208,27 @@ def test_a_response_without_a_unit_stops_too(unit: str, size: float, tmp_path: P
     assert FRF(frequency, response, "force", "position", unit).unit == unit
 
 
+def test_a_response_of_named_columns_in_a_wrong_unit_is_not_written(tmp_path: Path) -> None:
+    """A free mass of 95 kg under a random force; the file says m for numbers in mm."""
+    force_, T_ = np.random.default_rng(3).normal(0.0, 200.0, 20_000), 1e-3
+    velocity = np.cumsum(force_ - np.mean(force_)) * T_ / 95.0
+    position = np.cumsum(velocity - np.mean(velocity)) * T_
+    t = np.arange(force_.size) * T_
+    path = written(tmp_path, "t [s],x [m],f [N]", t, 1e3 * position, force_)
+    with pytest.raises(LogError) as caught:
+        frf((path,), input="f", output=("x",), reference=("none",), band="5..100", out=tmp_path / "out")
+    said = str(caught.value)
+    assert "read in m/N its mass is 0.09" in said
+    assert "--output 'x:mm' --input 'f:N'" in said
+    assert not (tmp_path / "out").exists()
+    told = frf.run(frf.request((path,), input="f:N", output=("x:mm",), reference=("none",), band="5..100"))
+    frequency, response = told.result[0].frf.frequency, told.result[0].frf.response
+    mass = 1.0 / ((2.0 * np.pi * frequency) ** 2 * np.abs(response))
+    assert np.median(mass) == pytest.approx(95.0, rel=0.02)  # the sums lag by a sample
+    insisted = frf.run(frf.request((path,), input="f:N", output=("x:m",), reference=("none",), band="5..100"))
+    assert any("as its unit was told" in each for each in insisted.remarks)
+
+
 def test_a_frequency_response_without_heads_is_named_as_one(tmp_path: Path) -> None:
     frequency = np.geomspace(5.0, 200.0, 60)
     table = np.column_stack([frequency, -1.0 / frequency**2, 1e-3 / frequency])

@@ -7,7 +7,7 @@ wide: a log outside of them has a wrong unit or is not from a feed drive.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -90,10 +90,17 @@ def spoken(value: float, unit: str) -> str:
     return f"{value:.3g} {unit}"
 
 
-def sizes(frame: Frame, sample_time: float, position: np.ndarray | None, force: np.ndarray | None) -> dict[str, float]:
+def sizes(
+    frame: Frame,
+    sample_time: float,
+    position: np.ndarray | None,
+    force: np.ndarray | None,
+    mass: float | None = None,
+) -> dict[str, float]:
     """Travel, speed, acceleration, largest force and, if the motion shows it, mass, by the names of `RANGES`.
 
     position  m or rad, shape (n,); force: N or N m
+    mass      kg or kg m2, if it is known already
     """
     names = [each.quantity for each in RANGES[frame]]
     found: dict[str, float] = {}
@@ -107,7 +114,7 @@ def sizes(frame: Frame, sample_time: float, position: np.ndarray | None, force: 
     if force is not None and force.size:
         found[names[3]] = float(np.max(np.abs(force)))
     if position is not None and force is not None:
-        mass = _mass(frame, sample_time, position, force)
+        mass = _mass(frame, sample_time, position, force) if mass is None else mass
         if mass is not None:
             found |= {names[4]: mass, names[5]: found[names[3]] / mass}
     return found
@@ -139,6 +146,23 @@ def outside(frame: Frame, found: Mapping[str, float]) -> list[Range]:
     """The ranges that the log exceeds, those by most decades first."""
     apart = [(each.apart(found[each.quantity]), each) for each in RANGES[frame] if each.quantity in found]
     return [each for decades, each in sorted(apart, key=lambda pair: -pair[0]) if decades > 0.0]
+
+
+def said(wrong: Sequence[Range], found: Mapping[str, float]) -> str:
+    """What lies outside, worst first; empty if nothing does."""
+    return "; ".join(
+        f"the {each.quantity} is {spoken(found[each.quantity], each.unit)}, where feed drives have {each.bounds()}"
+        for each in wrong[:3]
+    )
+
+
+def remedy(wrong: Sequence[Range]) -> str:
+    """Which channel's unit is to be looked at: the one that the worst quantity depends on."""
+    worst = wrong[0]
+    both = worst.position != 0 and worst.force != 0
+    return (
+        f"check unit and factor of {'position and force' if both else 'the force' if worst.force else 'the position'}"
+    )
 
 
 def unlikely(frame: Frame, found: Mapping[str, float]) -> tuple[float, float]:

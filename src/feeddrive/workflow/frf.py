@@ -28,7 +28,7 @@ from feeddrive.language.table import Table
 from feeddrive.report.page import Shown, definitions, header, page, picture, table
 from feeddrive.workflow.channels import column, requested, show, whole_log
 from feeddrive.workflow.command import Outcome, command
-from feeddrive.workflow.readings import doubt, units_first, with_units
+from feeddrive.workflow.readings import check_response, doubt, units_first, with_units
 from feeddrive.workflow.request import OUT, UNIT, Request, argument, called, frequencies, option
 
 # names that a column may have for each role, the first that is there is taken
@@ -79,6 +79,7 @@ def frf(request: FrfRequest, progress: Progress) -> Outcome[Sequence[FrequencyEs
     inside = None if request.band is None else frequencies(request.band)
     found: list[FrequencyEstimate] = []
     said: list[Table | str] = []
+    doubted: list[str] = []
     of_input = request.input or _input(read[0])
     outputs = request.output or _outputs(read[0])
     for k, output in enumerate(outputs):
@@ -88,6 +89,8 @@ def frf(request: FrfRequest, progress: Progress) -> Outcome[Sequence[FrequencyEs
             records, method=request.method.replace("-", "_"), band=inside, period=request.period, skip=request.skip,
             segment=request.segment,
         )  # fmt: skip
+        if request.channels is None and "blows" not in estimate.counts:  # a hammer finds modes, no mass
+            doubted.append(_check_mass(read[0].name, estimate, of_input, output, progress))
         found.append(estimate)
         said += [estimate.table(), *([levels(estimate)] if estimate.levels else [])]
         said += [f"- {text}" for text in (*sentences(estimate), *estimate.remarks)]
@@ -95,7 +98,7 @@ def frf(request: FrfRequest, progress: Progress) -> Outcome[Sequence[FrequencyEs
     remarks = [
         f"{log.name}: {remark}" for log in read for remark in log.remarks if any(f"'{name}'" in remark for name in used)
     ]
-    doubts = _doubts(read[0], {"input": [of_input], "output": outputs}, references)
+    doubts = [*filter(None, doubted), *_doubts(read[0], {"input": [of_input], "output": outputs}, references)]
     files: dict[str, str] = {}
     if request.out is not None:
         facts = {"Logs": ", ".join(str(log) for log in logs), "Input": found[0].frf.input,
@@ -140,6 +143,22 @@ def _check_sizes(
     found.stop(progress)
     if found.why:
         progress.remark(units_first([found.why]))
+
+
+def _check_mass(where: str, found: FrequencyEstimate, of_input: str, of_output: str, progress: Progress) -> str:
+    """Stop at a response in the units of the file whose mass is none of a feed drive; say so if they were told.
+
+    A response without a unit is in the numbers of the log, and is judged where it is used.
+    """
+    if not found.frf.unit:
+        return ""
+
+    def cure(unit: str) -> str:
+        output, _, force = unit.rpartition("/")
+        return f"--output '{_plain(of_output)}:{output.strip('()')}' --input '{_plain(of_input)}:{force}'"
+
+    told = all(_parts(each)[2] or _parts(each)[1] != 1.0 for each in (of_input, of_output))
+    return check_response(where, found.frf, told, progress, cure)
 
 
 def _by_roles(

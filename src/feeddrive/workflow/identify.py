@@ -37,7 +37,7 @@ from feeddrive.workflow.channels import mapped
 from feeddrive.workflow.command import Outcome, command
 from feeddrive.workflow.drive_logs import axis_name, columns_said, narrow, written
 from feeddrive.workflow.identify_responses import IdentifyRequest, identify_responses, responses_in
-from feeddrive.workflow.readings import Doubt, doubt_of_motion
+from feeddrive.workflow.readings import Doubt
 from feeddrive.workflow.request import called
 
 _POSITIONS = ("position_load", "position_motor")  # the first that is there is taken
@@ -71,7 +71,7 @@ def _identify_motion(request: IdentifyRequest, source: OpenedFile | MotionLog, p
     loop = None if given is None else given.loop(request.axis)
     if isinstance(source, MotionLog):
         channels: dict[str, Any] = {each.name: getattr(source, each.name) for each in fields(source)}
-        doubt, mapping, unused = doubt_of_motion(source), {}, ()
+        doubt, mapping, unused = Doubt(), {}, ()
     else:
         read = mapped(source, request.named(), request.channels, _WANTED, request.sample_time, progress, request.unit)
         channels = _channels(source.path, read.log, loop, request.force_constant)
@@ -154,7 +154,7 @@ def _identified(
                 f"them the other way round, as --position '{acting}:mm' --force '{moving}:N' with their units"
             ) from None
         raise
-    return replace(found, doubt=doubt.why)
+    return replace(found, doubt=doubt.why or found.doubt)
 
 
 def _channels(path: Path, log: Log, loop: Loop | None, force_constant: float | None) -> dict[str, Any]:

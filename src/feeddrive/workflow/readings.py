@@ -6,7 +6,7 @@ side, and nothing is written until the unit is told.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
 
@@ -17,8 +17,7 @@ from feeddrive.files.formats import OpenedFile
 from feeddrive.files.log import Log
 from feeddrive.files.read_log import unit_at_the_end
 from feeddrive.identification.estimate import SHAFT, TABLE, Frame
-from feeddrive.identification.motion.motion_log import MotionLog
-from feeddrive.identification.plausibility import RANGES, Range, outside, scaled, sizes, spoken, unlikely
+from feeddrive.identification.plausibility import RANGES, outside, said, scaled, sizes, spoken, unlikely
 from feeddrive.language import units
 from feeddrive.language.errors import LogError, ParameterError
 from feeddrive.language.progress import Progress
@@ -157,7 +156,7 @@ def doubt(
     readings = _readings(frame, found, motion, force, is_hal)
     if silent and force is not None and not wrong and not is_hal:
         return Doubt(_silent_torque(file, force, found), told=False)
-    why = _said(wrong, found)
+    why = said(wrong, found)
     open_ = [each for each in groups if each is not None and each.how != "told" and each in (motion, force)]
     if not open_:
         return Doubt(f"{file}: as its units were told, {why}")
@@ -173,21 +172,6 @@ def doubt(
         f"written",
         told=False, readings=_table(str(file), frame, best), moves=RANGES[frame][4].quantity in found,
     )  # fmt: skip
-
-
-def doubt_of_motion(log: MotionLog) -> Doubt:
-    """Whether a motion in SI is one of a feed drive; its units were told by whoever made it."""
-    found = sizes(log.frame, log.sample_time, log.position, log.force)
-    wrong = outside(log.frame, found)
-    return Doubt(f"{log.name}: {_said(wrong, found)}") if wrong else Doubt()
-
-
-def _said(wrong: Sequence[Range], found: Mapping[str, float]) -> str:
-    """What lies outside, worst first."""
-    return "; ".join(
-        f"the {each.quantity} is {spoken(found[each.quantity], each.unit)}, where feed drives have {each.bounds()}"
-        for each in wrong[:3]
-    )
 
 
 @dataclass(frozen=True)
@@ -318,10 +302,13 @@ def _table(name: str, frame: Frame, readings: Sequence[_Reading]) -> Table:
 _OUTPUTS = (("m", "mm", "um", "nm"), ("m/s", "mm/s"), ("m/s2", "mm/s2"))  # of a response, by its order
 
 
-def check_response(where: str, frf: FRF, told: bool, progress: Progress) -> str:
+def check_response(
+    where: str, frf: FRF, told: bool, progress: Progress, cure: Callable[[str], str] | None = None
+) -> str:
     """Raise LogError for a response whose mass is none of a feed drive, unless its unit was told: then a sentence.
 
     The mass is the median over the lines of |F / (ω² x)|; a response in another kind of unit is not judged.
+    cure  what to give on the command line for a unit of the response, as um/N
     """
     mass, unit = RANGES[TABLE][4], frf.unit or "m/N"
     try:
@@ -355,8 +342,9 @@ def check_response(where: str, frf: FRF, told: bool, progress: Progress) -> str:
     rows = [["mass", mass.bounds(), *(spoken(each[1], "kg") for each in read)]]
     heads = ["", "feed drives", *(each[0] for each in read)]
     progress.remark(Table(f"{where}: the two likeliest readings", heads, rows, sentences=2))
-    said = f"is in {unit}, as its file says" if frf.unit else "states no unit"
-    cures = " or ".join(f"{'--unit' if not frf.unit else 'a file that says'} '{each[0]}'" for each in read)
+    said = f"is in {unit} by what the file says" if frf.unit else "states no unit"
+    cure = cure or (lambda unit: f"{'--unit' if not frf.unit else 'a file that says'} '{unit}'")
+    cures = " or ".join(cure(each[0]) for each in read)
     likely = " or ".join(f"{each[0]} ({spoken(each[1], 'kg')})" for each in read)
     raise LogError(
         f"{where}: the response to {frf.output} {said}: {why}. Likeliest: {likely}. Say which with {cures}; nothing "

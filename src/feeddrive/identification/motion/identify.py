@@ -21,6 +21,7 @@ from feeddrive.identification.motion.motion_log import HOLD, MotionLog, Preparat
 from feeddrive.identification.motion.output_error import Refinement, refine
 from feeddrive.identification.motion.rigid import RigidFit, identify_rigid
 from feeddrive.language import tree
+from feeddrive.identification.plausibility import outside, remedy, said, sizes
 from feeddrive.language.errors import FeeddriveError
 from feeddrive.language.table import Result, Table
 from feeddrive.loop.axis import Axis
@@ -131,9 +132,10 @@ def identify_motion(
     late = 0 if closed or start is not None or not delay.clear else max(0, delay.nearest)
     rigid = _rigid(log, friction, how, known + late)
     if log.frame is SHAFT:
+        doubt = _doubt(log, rigid, remarks)
         rigid = rigid if lead is None else rigid.at_table(lead, gear)
         remarks += [*_about(rigid, late), _SHAFT if lead is None else _NO_LOOP]
-        return Identified(log, rigid, delay, None, None, None, None, tuple(remarks))
+        return Identified(log, rigid, delay, None, None, None, None, tuple(remarks), doubt)
     control = _attempted(lambda: identify_control(log), remarks) if start is None and closed else None
     loop = _loop(log, rigid, start, control)
     refinement = None
@@ -150,7 +152,19 @@ def identify_motion(
     remarks += _about(rigid, late)
     seen = friction_map(log.position, log.force, rigid["mass"].value, log.sample_time)
     final = loop if refinement is None else refinement.loop
-    return Identified(log, rigid, delay, control, refinement, seen, final, tuple(remarks))
+    doubt = _doubt(log, rigid, remarks)
+    return Identified(log, rigid, delay, control, refinement, seen, final, tuple(remarks), doubt)
+
+
+def _doubt(log: MotionLog, rigid: RigidFit, remarks: list[str]) -> str:
+    """Why the magnitudes are not those of a feed drive, with a remark on what to look at; empty if they are."""
+    found = sizes(log.frame, log.sample_time, log.position, log.force, rigid["mass"].value)
+    wrong = outside(log.frame, found)
+    if not wrong:
+        return ""
+    why = f"{log.name}: {said(wrong, found)}"
+    remarks.append(f"{why}: {remedy(wrong)}")
+    return why
 
 
 def swapped(channels: Mapping[str, Any]) -> bool:
