@@ -20,8 +20,8 @@ from feeddrive.identification.motion.delay import DelayFit, find_delay
 from feeddrive.identification.motion.motion_log import HOLD, MotionLog, Preparation
 from feeddrive.identification.motion.output_error import Refinement, refine
 from feeddrive.identification.motion.rigid import RigidFit, identify_rigid
-from feeddrive.language import tree
 from feeddrive.identification.plausibility import outside, remedy, said, sizes
+from feeddrive.language import tree
 from feeddrive.language.errors import FeeddriveError
 from feeddrive.language.table import Result, Table
 from feeddrive.loop.axis import Axis
