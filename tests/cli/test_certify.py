@@ -38,6 +38,7 @@ def test_a_machine_gets_a_certificate_and_a_report(tmp_path: Path) -> None:
     page = (out / "report.html").read_text()
     for word in ("Margin against the discs", "Discs in the complex plane", "What is outside", "Rouché", "Saturation"):
         assert word in page
+    assert "Green" not in page, "nothing was measured: the picture has no green"
     assert "PROVEN: plants: 1" in run("check", str(out / "certificate.json"))
     text = (out / "certificate.json").read_text().replace('"confidence": 0.95', '"confidence": 0.9')
     (tmp_path / "other.json").write_text(text)
@@ -64,6 +65,7 @@ def test_measured_responses_and_other_positions(tmp_path: Path) -> None:
     )  # fmt: skip
     assert "stable for 3 plants" in said
     assert said.count(" 600 ") == 2  # no value of the table is cut at 80 columns
+    assert "Green at the lower edge: where the plant was measured" in (tmp_path / "out" / "report.html").read_text()
     document = json.loads((tmp_path / "out" / "certificate.json").read_text())
     assert [each["name"] for each in document["plants"]] == ["axis", "ball_screw", "axis 2"]
     assert "fitted to 600 measured lines" in document["plants"][0]["source"]

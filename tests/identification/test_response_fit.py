@@ -121,6 +121,32 @@ def test_two_masses_from_both_encoders_with_noise() -> None:
     assert fit["resonance"].value == pytest.approx(131.6, rel=1e-3)
 
 
+@pytest.mark.parametrize("fitted", [fit_two_mass, fit_modes])
+def test_a_resonance_between_two_lines_is_drawn_as_a_circle(fitted) -> None:
+    """Its damping of 0.2 % is narrower than the lines are apart: a curve through the lines would be a triangle.
+
+    Velocity over force: the steps of the curve are at most 2 % of its size, it goes far beyond the lines, and passes
+    through the model on each of them; 1e-3 is what a chord of that length is off a circle.
+    """
+    sharp = replace(SCREW, damping=60.0)
+    lines = np.arange(8.5, 300.0, 6.0)  # the resonance, 131.6 Hz, is between two
+    motor, load = responses(sharp, lines, noise=1e-6)
+    fit = (fitted(motor, load) if fitted is fit_two_mass else fitted([motor, load], 1)).agreement
+    for measured, on_lines, curve in zip(fit.measured, fit.fitted, fit.drawn, strict=True):
+        circle = curve.response * 2j * np.pi * curve.frequency
+        size = float(np.max(np.abs(circle)))
+        assert np.max(np.abs(np.diff(circle))) < 0.021 * size
+        above = measured.frequency > 100.0  # the rigid motion is as large at the first line
+        top = np.max(np.abs(measured.response * 2j * np.pi * measured.frequency)[above])
+        assert size > 1.5 * top
+        there = np.interp(measured.frequency, curve.frequency, np.real(circle)) + 1j * np.interp(
+            measured.frequency, curve.frequency, np.imag(circle)
+        )
+        model = on_lines.response * 2j * np.pi * measured.frequency
+        assert np.max(np.abs(there - model)) < 1e-3 * size
+        assert curve.frequency.size < 3000
+
+
 def test_errors_hold_what_even_lines_say_otherwise_than_odd_ones() -> None:
     """A nonlinear axis: even lines see a stiffness 1 % higher than odd ones, five times what the noise leaves open.
 

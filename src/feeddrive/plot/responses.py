@@ -98,15 +98,19 @@ def response_fit(found: Agreement) -> Any:
     figure, axes = style.picture(len(ratios), height=6.8 if coherent else 5.8, ratios=ratios)
     lows, highs = [], []
     for i, (measured, fitted) in enumerate(every):
-        f, size = measured.frequency, measured.magnitude
+        f, size, curve = measured.frequency, measured.magnitude, found.drawn[i]
         dots = style.curve(i) | {"linestyle": "none", "marker": ".", "markersize": 3.0, "alpha": 0.6}
         name = measured.output if len(every) > 1 else ""
-        phase = fitted.phase_deg
-        beside = phase + np.degrees(np.angle(measured.response / fitted.response))
+        phase = curve.phase_deg
+        on_lines = np.degrees(np.angle(fitted.response))
+        on_lines += 360.0 * np.round((np.interp(f, curve.frequency, phase) - on_lines) / 360.0)
+        beside = on_lines + np.degrees(np.angle(measured.response / fitted.response))
         axes[0].plot(f, style.decibel(size), label=style.caption(name, "measured"), **dots)
-        axes[0].plot(f, style.decibel(fitted.magnitude), label=style.caption(name, "fitted"), **style.curve(i))
+        axes[0].plot(
+            curve.frequency, style.decibel(curve.magnitude), label=style.caption(name, "fitted"), **style.curve(i)
+        )
         axes[1].plot(f, beside, **dots)
-        axes[1].plot(f, phase, **style.curve(i))
+        axes[1].plot(curve.frequency, phase, **style.curve(i))
         axes[2].plot(f, style.decibel(np.abs(fitted.response / measured.response - 1.0)), **dots)
         radius = _radius(measured)
         if radius is not None:
@@ -164,7 +168,7 @@ def response_residuals(found: Agreement) -> Any:
 
 
 def response_nyquist(found: Agreement) -> Any:
-    """Responses in the complex plane, measured and fitted, as velocity over force: each mode is a circle.
+    """Responses in the complex plane, as velocity over force: each mode is a circle; dots measured, curves the model.
 
     Velocity, since a position's circles are lost beside its rigid motion.
     """
@@ -174,11 +178,10 @@ def response_nyquist(found: Agreement) -> Any:
     ax.axhline(0.0, color=style.MUTED, linewidth=0.8)
     ax.axvline(0.0, color=style.MUTED, linewidth=0.8)
     order, unit = 1 - found.order, found.measured[0].unit
-    for i, (measured, fitted) in enumerate(zip(found.measured, found.fitted, strict=True)):
+    for i, (measured, model) in enumerate(zip(found.measured, found.drawn, strict=True)):
         name = measured.output if len(found.measured) > 1 else ""
-        factor = (2j * np.pi * measured.frequency) ** order
-        points, curve = measured.response * factor, fitted.response * factor
-        dots = style.curve(i) | {"linestyle": "none", "marker": ".", "markersize": 3.5, "alpha": 0.6}
+        points, curve = (each.response * (2j * np.pi * each.frequency) ** order for each in (measured, model))
+        dots = {"color": style.color(i), "linestyle": "none", "marker": "o", "markersize": 4.0, "zorder": 3.0}
         ax.plot(np.real(points), np.imag(points), label=style.caption(name, "measured"), **dots)
         ax.plot(np.real(curve), np.imag(curve), label=style.caption(name, "fitted"), **style.curve(i))
     said = f" ({_velocity(unit)})" if unit else ""

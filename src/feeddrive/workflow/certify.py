@@ -241,18 +241,23 @@ def control_table(found: Certificate) -> Table:
 
 
 def _pictures(found: Certificate) -> Iterator[Shown]:
+    plants = found.document["plants"]
+    least = "" if all(each["reserve"] is None for each in plants) else " The dot is where the discs have least room."
+    seen = (
+        " Green at the lower edge: where the plant was measured." if any(any(each["lines"]) for each in plants) else ""
+    )
     yield Shown(
         "margin",
         "Margin against the discs",
-        "Proven: the blue curve lies above the orange one at every frequency. The dot is where the discs have least "
-        "room. Green: where the plant was measured.",
+        "Proven: the blue curve, the distance of L from -1 over |L|, lies above the dashed orange one, the radius of "
+        f"the discs, at every frequency; shaded orange is what the discs take.{least}{seen}",
         "Distance |1 + L|/|L| and the radius of the discs over frequency, for each plant.",
         found.plot,
     )
     yield Shown(
         "discs",
         "Discs in the complex plane",
-        "Every loop gain that a plant in the discs can have lies in the shaded area; -1 does not.",
+        "Every loop gain L that a plant in the discs can have lies in the shaded area; -1, the red cross, does not.",
         "Nyquist plot of the loop gain with the discs around it, near -1.",
         lambda: plot.certificate_discs(found),
     )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 
@@ -13,6 +14,9 @@ from feeddrive.identification.response.units import ResponseUnits
 from feeddrive.language.table import Result, Table
 from feeddrive.loop.frequency_response import FRF
 
+_COARSE = 300  # points of a drawn curve to begin with
+_STEP = 0.02  # of the largest velocity over force: the longest step of a drawn curve
+_MOST_HALVED = 12
 _FEW = 15  # steps where the start is a fit of nearly all lines
 _FOLDS = 5
 _OPEN_LINE = 0.3  # relative deviation from which a line is too uncertain
@@ -27,6 +31,7 @@ _SURE = 0.1  # standard error over value up to which a parameter of such a combi
 class Agreement(Result):
     """Measured and fitted responses, and the RMS of ln(fitted/measured) on used and on unused lines.
 
+    drawn        the model as a curve: so many frequencies between the lines that no step in the complex plane is long
     unused       each line was predicted by a fit without it and without every fifth line
     spread       standard deviation of the weighted residual; near 1 if variances were measured and the model agrees
                  within them
@@ -41,6 +46,7 @@ class Agreement(Result):
     unused: float
     spread: float
     model_error: float
+    drawn: tuple[FRF, ...]
     order: int = 0
 
     def autocorrelation(self, lag: int = 1) -> float:
@@ -88,14 +94,26 @@ class Agreement(Result):
         rows = [
             ["lines that were fitted", f"{_DECIBEL * self.used:.3f} dB", f"{np.degrees(self.used):.2f} deg"],
             ["lines that were not used", f"{_DECIBEL * self.unused:.3f} dB", f"{np.degrees(self.unused):.2f} deg"],
-            ["furthest off", f"{apart:.2f} dB", f"at {where:.4g} Hz"],
-            ["from line to line", f"{self.autocorrelation():.2f}", "autocorrelation"],
+            [f"furthest off, at {where:.4g} Hz", f"{apart:.2f} dB", ""],
+            ["autocorrelation from line to line", f"{self.autocorrelation():.2f}", ""],
         ]
-        return Table("agreement with the measurement, RMS", ["what", "", ""], rows)
+        return Table("agreement with the measurement, RMS", ["what", "magnitude", "phase"], rows)
+
+
+class LineModel(Protocol):
+    """A model that is refined, which can also be asked on other lines."""
+
+    def __call__(self, values: np.ndarray, /) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Each response and its slopes."""
+        ...
+
+    def on(self, frequencies: Sequence[np.ndarray], /) -> LineModel:
+        """The same on other lines in Hz, an array for each response."""
+        ...
 
 
 def agreement(
-    model: Model, unknowns: Sequence[Unknown], responses: Sequence[FRF], found: Refined, order: int = 0
+    model: LineModel, unknowns: Sequence[Unknown], responses: Sequence[FRF], found: Refined, order: int = 0
 ) -> Agreement:
     """Of a model that was refined."""
     used, unused = predicted(model, unknowns, responses, found)
@@ -103,7 +121,29 @@ def agreement(
         replace(frf, response=response, variance=None, coherence=None)
         for frf, (response, _) in zip(responses, model(found.values), strict=True)
     )
-    return Agreement(tuple(responses), fitted, found.residuals, used, unused, found.spread, found.model_error, order)
+    drawn = tuple(_curves(model, responses, found.values, order))
+    return Agreement(
+        tuple(responses), fitted, found.residuals, used, unused, found.spread, found.model_error, drawn, order
+    )
+
+
+def _curves(model: LineModel, responses: Sequence[FRF], values: np.ndarray, order: int) -> list[FRF]:
+    """The model between the first and the last line; steps are halved where velocity over force moves far in one."""
+    lines = [np.geomspace(frf.frequency[0], frf.frequency[-1], _COARSE) for frf in responses]
+    for _ in range(_MOST_HALVED):
+        found = [response for response, _ in model.on(lines)(values)]
+        finer: list[np.ndarray] = []
+        for f, response in zip(lines, found, strict=True):
+            place = response * (2j * np.pi * f) ** (1 - order)
+            far = np.flatnonzero(np.abs(np.diff(place)) > _STEP * np.max(np.abs(place)))
+            finer.append(np.insert(f, far + 1, np.sqrt(f[far] * f[far + 1])))
+        if all(new.size == old.size for new, old in zip(finer, lines, strict=True)):
+            break
+        lines = finer
+    return [
+        replace(frf, frequency=f, response=response, variance=None, coherence=None)
+        for frf, f, (response, _) in zip(responses, lines, model.on(lines)(values), strict=True)
+    ]
 
 
 def predicted(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -114,6 +114,10 @@ class ModalResponse:
     def own(self) -> int:
         """The number of separate parameters of each output."""
         return 2 * self.modes + 2
+
+    def on(self, frequencies: Sequence[np.ndarray], /) -> ModalResponse:
+        """The same model on other lines in Hz."""
+        return replace(self, s=tuple(2j * np.pi * f for f in frequencies))
 
     def shapes(self, s: np.ndarray, parameters: np.ndarray) -> np.ndarray:
         """The regressors of free motion, residues and remainder, without delay; shape (lines, 2 modes + 2)."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass, replace
 from typing import Any, cast
 
@@ -72,11 +73,15 @@ class PlantFit(Result):
         there = {row[0] for row in rows}
         held = dict(tree.leaves(self.plant))
         rows += [
-            [name, "", f"{float(held.get(name, 0.0)):.6g}", "", "", "not identifiable"]
+            [name, self._unit(name), f"{float(held.get(name, 0.0)):.6g}", "", "", "not identifiable"]
             for name in self.not_identifiable
             if name not in there
         ]
         return Table(title, found.heads, rows)
+
+    def _unit(self, name: str) -> str:
+        """Of a parameter of the plant or of the actuator."""
+        return self.units.of("Hz" if name == "current_loop" else tree.declaration(self.plant, name).unit)
 
 
 @dataclass(frozen=True)
@@ -298,6 +303,12 @@ class TracedPlant:
         known = {name: float(value) for name, value in tree.leaves(plant)} | {"dead_time": 0.0}
         self.known = {**known, **{name: float(value) for name, value in fixed.items()}}
         self.traced = _trace(plant, "current_loop" in (*self.names, *self.known))
+
+    def on(self, frequencies: Sequence[np.ndarray], /) -> TracedPlant:
+        """The same model on other lines in Hz."""
+        other = copy(self)
+        other.lines = tuple(replace(each, frequency=f) for each, f in zip(self.lines, frequencies, strict=True))
+        return other
 
     def values(self, parameters: np.ndarray) -> list[float]:
         """All leaves of the plant."""
