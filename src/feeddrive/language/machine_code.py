@@ -9,6 +9,7 @@ import contextlib
 import hashlib
 import os
 import stat
+import struct
 import sys
 import tempfile
 from collections.abc import Sequence
@@ -45,6 +46,11 @@ def target() -> tuple[str, str, str]:
     binding.initialize_native_target()
     binding.initialize_native_asmprinter()
     return binding.get_process_triple(), binding.get_host_cpu_name(), binding.get_host_cpu_features().flatten()
+
+
+def number(value: float) -> str:
+    """A double as LLVM writes it, by its bits."""
+    return f"0x{struct.unpack('>Q', struct.pack('>d', value))[0]:016X}"
 
 
 def machine_code(source: str, entries: Sequence[str], *, effort: int, passes: Sequence[str] = ()) -> MachineCode:

@@ -6,10 +6,10 @@ anything: LLVM only selects instructions and registers.
 
 from __future__ import annotations
 
-import struct
 from collections.abc import Callable
 
 from feeddrive.language.graph import ELEMENTARY, arguments
+from feeddrive.language.machine_code import number
 from feeddrive.language.primitives import MIX, STRIDES
 from feeddrive.loop.engine.plan import Branch, Plan, lazy_branches
 
@@ -19,11 +19,6 @@ _LOGIC = {"and": "and", "or": "or"}
 _INTRINSIC = {"abs": "fabs", "sqrt": "sqrt", "floor": "floor"}
 # x + 1.5·2⁵² holds the whole number x in its low bits
 _SHIFTER = 6755399441055744.0
-
-
-def number(value: float) -> str:
-    """A double as LLVM writes it, by its bits."""
-    return f"0x{struct.unpack('>Q', struct.pack('>d', value))[0]:016X}"
 
 
 class Printer:

@@ -1,0 +1,13 @@
+"""Kernels: plain Python functions with loops over numbers and arrays, run as machine code to the interpreter's bits.
+
+kernel.py       the decorator, a call from Python, and the same call as plain Python
+source.py       what a kernel is given as: its text, its types, the names that it uses
+text.py         lines and blocks of LLVM text, and the checks between them
+arithmetic.py   operations on numbers as LLVM text
+expressions.py  expressions: names, choices, arrays, calls
+assignments.py  variables, cells and rows
+statements.py   control flow; a kernel as a function
+module.py       all kernels of a file and those that they call, as one LLVM module
+remainder.py    `//` and `%` of floats, in the language of kernels
+plain.py        arrays as the interpreter sees them
+"""

@@ -1,0 +1,183 @@
+"""Variables and assignments of kernels as LLVM text."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Callable, Sequence
+
+from feeddrive.language.kernels.expressions import Expressions, Variable
+from feeddrive.language.kernels.plain import zeros
+from feeddrive.language.kernels.source import FLOAT, INT, Source, Type
+from feeddrive.language.kernels.text import Failure, Function, Value, shown
+
+_LARGEST_LOCAL = 256  # numbers in an array of `zeros`: it lies on the stack
+
+
+class Assignments(Expressions):
+    """Prints what gives a value to a name, a cell or a row."""
+
+    def __init__(self, source: Source, failures: list[Failure], callee: Callable[[Source], Function]) -> None:
+        super().__init__(source, failures, callee)
+        self.depth = 0  # loops and branches around a statement
+        self.memory: list[str] = []  # of variables, at the start of the function
+        self.count_of_slots = 0
+        self.taken_from: dict[str, set[str]] = {}  # array variable -> variables whose arrays it views
+
+    def store(self, name: str, value: Value, node: ast.AST) -> None:
+        """A value to a variable, which is made at its first assignment."""
+        held = self.variables.get(name)
+        if held is None:
+            place = len(self.variables)
+            kinds = [value.type.llvm, *["i64"] * len(value.sizes)]
+            held = Variable(value.type, tuple(f"%x{place}.{part}" for part in range(len(kinds))))
+            self.memory += [f"  {slot} = alloca {kind}" for slot, kind in zip(held.slots, kinds, strict=True)]
+            self.variables[name] = held
+        if held.type != value.type:
+            remedy = {FLOAT: "start it as 0.0, or write float(...)", INT: "start it as 0.0 if it is to be a float"}
+            what = f"'{name}' is of type {held.type} and is given {value.type}"
+            self.refuse(node, what, remedy.get(held.type, "take another name"))
+        for operand, slot, kind in zip(
+            [value.text, *value.sizes], held.slots, [value.type.llvm, *["i64"] * len(value.sizes)], strict=True
+        ):
+            self.add(f"store {kind} {operand}, ptr {slot}")
+        if value.root:
+            self.taken_from.setdefault(name, set()).add(value.root)
+        if self.assigned is not None:
+            self.assigned |= {name}
+
+    def assign(self, node: ast.Assign) -> None:
+        """A = b, a = b = c, a, b = c, d, row = m[k], m[k] = a, b, name = zeros(3)."""
+        if isinstance(node.value, ast.Call) and self.source.lookup(node.value.func) is zeros:
+            return self.local_array(node, node.value)
+        several = isinstance(node.value, ast.Tuple)
+        if not several and not any(isinstance(each, ast.Tuple) for each in node.targets):
+            value = self.expression(node.value)
+            for target in node.targets:
+                self.put(target, value)
+            return None
+        counts = {len(each.elts) for each in node.targets if isinstance(each, ast.Tuple)}
+        values = self.values(node.value, counts, node.targets[0])
+        for target in node.targets:
+            if isinstance(target, ast.Tuple):
+                for each, value in zip(target.elts, values, strict=True):
+                    self.put(each, value)
+            else:
+                self.fill(target, values)
+        return None
+
+    def values(self, node: ast.expr, counts: set[int], target: ast.AST) -> list[Value]:
+        """The numbers of a tuple, of a kernel with several results, or of a row."""
+        if isinstance(node, ast.Tuple):
+            found = [self.expression(each) for each in node.elts]
+        elif isinstance(node, ast.Call):
+            found = self.results(node)
+        else:
+            row = self.expression(node)
+            if len(row.sizes) != 1:
+                self.refuse(node, f"'{shown(node)}' is of type {row.type}", "assign a tuple or a row of an array")
+            (wanted,) = counts
+            good = self.emit(f"icmp eq i64 {row.sizes[0]}, {wanted}")
+            self.check(good, ValueError, f"a row of another length for {wanted} names", target)
+            return [self.entry(row, place) for place in range(wanted)]
+        if counts - {len(found)}:
+            self.refuse(target, f"{len(found)} values for {max(counts)} names", "give each name a value")
+        return found
+
+    def entry(self, row: Value, place: int) -> Value:
+        """A number of a row whose length is known."""
+        kind = Type(row.type.element)
+        address = self.emit(f"getelementptr inbounds {kind.llvm}, ptr {row.text}, i64 {place}")
+        return Value(kind, self.emit(f"load {kind.llvm}, ptr {address}"))
+
+    def put(self, target: ast.expr, value: Value) -> None:
+        """A value to a name or into a cell."""
+        if isinstance(target, ast.Name):
+            self.store(target.id, value, target)
+            return
+        if not isinstance(target, ast.Subscript):
+            self.refuse(target, f"'{shown(target)}' is assigned", "assign to names and cells")
+        place = self.place(target)
+        self.written_cell(target, place, value)
+
+    def written_cell(self, target: ast.Subscript, place: Value, value: Value) -> None:
+        """A number into a cell."""
+        if place.sizes:
+            self.refuse(target, f"'{shown(target)}' is a row", "assign a tuple, or copy cell by cell in a loop")
+        if place.type != value.type:
+            what = f"'{shown(target)}' is of type {place.type} and is given {value.type}"
+            self.refuse(target, what, "write float(...), int(...), or 0.0 for 0")
+        self.stored.add(place.root)
+        self.add(f"store {value.type.llvm} {value.text}, ptr {place.text}")
+
+    def fill(self, target: ast.expr, values: Sequence[Value]) -> None:
+        """The numbers of a tuple into a row."""
+        if not isinstance(target, ast.Subscript):
+            self.refuse(target, f"'{shown(target)}' is given a tuple", "give each number a name")
+        row = self.place(target)
+        if len(row.sizes) != 1:
+            self.refuse(target, f"'{shown(target)}' is no row", "assign a tuple to a row of numbers")
+        kind = Type(row.type.element)
+        if any(each.type != kind for each in values):
+            self.refuse(target, f"'{shown(target)}' has cells of type {kind}", "write 0.0 for 0, or float(...)")
+        self.stored.add(row.root)
+        good = self.emit(f"icmp eq i64 {row.sizes[0]}, {len(values)}")
+        self.check(good, ValueError, f"{len(values)} numbers for a row of another length", target)
+        for place, value in enumerate(values):
+            address = self.emit(f"getelementptr inbounds {kind.llvm}, ptr {row.text}, i64 {place}")
+            self.add(f"store {kind.llvm} {value.text}, ptr {address}")
+
+    def local_array(self, node: ast.Assign, call: ast.Call) -> None:
+        """Name = zeros(3, 2): memory of the function, made once a call."""
+        (target, *more), sizes = node.targets, list[int]()
+        for each in call.args:
+            found = each.value if isinstance(each, ast.Constant) else self.source.lookup(each)
+            if isinstance(found, bool) or not isinstance(found, int) or found < 1:
+                self.refuse(each, f"'{shown(each)}' is no fixed size", "write whole numbers, or give the array")
+            sizes.append(found)
+        count = 1
+        for size in sizes:
+            count *= size
+        if call.keywords or not 1 <= len(sizes) <= 3 or count > _LARGEST_LOCAL:
+            self.refuse(node, f"'{shown(call)}'", f"write one to three sizes, {_LARGEST_LOCAL} numbers at most")
+        if more or not isinstance(target, ast.Name) or self.depth or target.id in self.variables:
+            remedy = "write  name = zeros(3)  once, in the kernel's body, outside of loops and branches"
+            self.refuse(node, f"'{shown(node)}'", remedy)
+        place = f"%z{len(self.variables)}"
+        self.memory.append(f"  {place} = alloca [{count} x double]")
+        for at in range(count):
+            address = self.emit(f"getelementptr inbounds double, ptr {place}, i64 {at}")
+            self.add(f"store double 0.0, ptr {address}")
+        self.store(target.id, Value(Type("float", len(sizes)), place, tuple(map(str, sizes)), target.id), node)
+
+    def change(self, node: ast.AugAssign) -> None:
+        """A += b; the old value is read before b is computed."""
+        if isinstance(node.target, ast.Name):
+            old = self.number(ast.copy_location(ast.Name(node.target.id, ast.Load()), node.target))
+            new = self.operation(node.op, old, self.number(node.value), node)
+            self.store(node.target.id, new, node)
+            return
+        if not isinstance(node.target, ast.Subscript):
+            self.refuse(node, f"'{shown(node)}'", "assign to names and cells")
+        place = self.place(node.target)
+        if place.sizes:
+            self.refuse(node, f"'{shown(node.target)}' is a row", "loop over its cells")
+        old = Value(place.type, self.emit(f"load {place.type.llvm}, ptr {place.text}"))
+        self.written_cell(node.target, place, self.operation(node.op, old, self.number(node.value), node))
+
+    def slot(self, value: str) -> str:
+        """Memory of a whole number without a name."""
+        self.count_of_slots += 1
+        place = f"%r{self.count_of_slots}"
+        self.memory.append(f"  {place} = alloca i64")
+        self.add(f"store i64 {value}, ptr {place}")
+        return place
+
+    def written(self, parameters: Sequence[str]) -> frozenset[int]:
+        """Places of the parameters into whose arrays something is written, also by way of rows."""
+        reached, left = set[str](), [*self.stored]
+        while left:
+            name = left.pop()
+            if name not in reached:
+                reached.add(name)
+                left += self.taken_from.get(name, ())
+        return frozenset(place for place, name in enumerate(parameters) if name in reached)

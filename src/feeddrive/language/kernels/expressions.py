@@ -1,0 +1,352 @@
+"""Expressions of kernels as LLVM text: each operation gives the bits of Python, or a status where Python raises."""
+
+from __future__ import annotations
+
+import ast
+import math
+from collections.abc import Callable
+from typing import NamedTuple
+
+from feeddrive.language.kernels.arithmetic import LEAST, Arithmetic
+from feeddrive.language.kernels.plain import zeros
+from feeddrive.language.kernels.source import BOOL, FLOAT, INT, Source, Type, source_of
+from feeddrive.language.kernels.text import REMEDIES, Failure, Function, Value, shown, struct
+from feeddrive.language.machine_code import number
+
+
+class Variable(NamedTuple):
+    """A local name: its type, and the memory of its number, or of address and sizes of its array."""
+
+    type: Type
+    slots: tuple[str, ...]
+
+
+class Expressions(Arithmetic):
+    """Prints expressions. Statements (`statements.py`) keep `variables` and `assigned` up to date."""
+
+    def __init__(self, source: Source, failures: list[Failure], callee: Callable[[Source], Function]) -> None:
+        super().__init__(source, failures, callee)
+        self.names: frozenset[str] = frozenset()  # all that are local
+        self.given: dict[str, Value] = {}  # parameters that keep their value
+        self.variables: dict[str, Variable] = {}
+        self.assigned: frozenset[str] | None = frozenset()  # on every path to here; None where no path leads
+        self.stored: set[str] = set()  # variables into whose arrays something is written
+
+    def expression(self, node: ast.expr) -> Value:
+        """Any expression with one value."""
+        print_it = _PRINTERS.get(type(node))
+        if print_it is None:
+            kind = type(node).__name__
+            self.refuse(node, f"'{shown(node)}' ({kind})", REMEDIES.get(type(node), "kernels compute with numbers"))
+        return print_it(self, node)
+
+    def number(self, node: ast.expr) -> Value:
+        """An expression that gives a float or a whole number."""
+        value = self.expression(node)
+        if value.type not in (FLOAT, INT):
+            self.refuse(node, f"'{shown(node)}' is of type {value.type}", _as_number(value.type))
+        return value
+
+    def truth(self, node: ast.expr) -> str:
+        """An expression that gives a bool, as an operand."""
+        value = self.expression(node)
+        if value.type != BOOL:
+            self.refuse(node, f"'{shown(node)}' is of type {value.type}, not bool", "compare it: x != 0.0")
+        return value.text
+
+    def whole(self, node: ast.expr) -> Value:
+        """An expression that gives a whole number."""
+        value = self.expression(node)
+        if value.type != INT:
+            self.refuse(node, f"'{shown(node)}' is of type {value.type}, not int", "write int(...) or floor(...)")
+        return value
+
+    # names and constants
+
+    def constant(self, value: object, node: ast.expr) -> Value:
+        """A number that is known."""
+        if isinstance(value, bool):
+            return Value(BOOL, "true" if value else "false")
+        if isinstance(value, int):
+            if not LEAST <= value < -LEAST:
+                self.refuse(node, f"{shown(node)} is beyond 64 bits", "write it as a float")
+            return Value(INT, str(value), literal=value)
+        if not isinstance(value, float):
+            self.refuse(node, f"{shown(node)} is no number", "kernels compute with numbers and arrays of the caller")
+        return Value(FLOAT, number(value))
+
+    def name(self, node: ast.Name) -> Value:
+        """A local variable or a constant of the module."""
+        if node.id not in self.names:
+            found = self.source.lookup(node)
+            if found is None:
+                self.refuse(node, f"'{node.id}' is not known", "assign it, or define it in the file")
+            return self.constant(found, node)
+        if self.assigned is not None and node.id not in self.assigned:
+            self.refuse(node, f"'{node.id}' is read where a path has not assigned it", "assign it before")
+        if node.id in self.given:
+            return self.given[node.id]
+        held = self.variables.get(node.id)
+        if held is None:
+            self.refuse(node, f"'{node.id}' is read before it is assigned", "assign it before")
+        return self.load(node.id, held)
+
+    def load(self, name: str, held: Variable) -> Value:
+        """The value of a variable."""
+        text = self.emit(f"load {held.type.llvm}, ptr {held.slots[0]}")
+        sizes = tuple(self.emit(f"load i64, ptr {slot}") for slot in held.slots[1:])
+        return Value(held.type, text, sizes, name if held.type.dimensions else "")
+
+    def attribute(self, node: ast.Attribute) -> Value:
+        """A constant of a module."""
+        found = self.source.lookup(node)
+        if found is None:
+            self.refuse(node, f"'{shown(node)}' is not known", "kernels know arrays by len and their indices alone")
+        return self.constant(found, node)
+
+    # arithmetic
+
+    def unary(self, node: ast.UnaryOp) -> Value:
+        """-x, +x, not x."""
+        if isinstance(node.op, ast.Not):
+            return Value(BOOL, self.emit(f"xor i1 {self.truth(node.operand)}, true"))
+        if isinstance(node.op, ast.Invert):
+            self.refuse(node, f"'{shown(node)}'", "write -x - 1")
+        value = self.number(node.operand)
+        if isinstance(node.op, ast.UAdd):
+            return value
+        if value.literal is not None and value.literal != LEAST:
+            return Value(INT, str(-value.literal), literal=-value.literal)
+        if value.type == FLOAT:
+            return Value(FLOAT, self.emit(f"fneg double {value.text}"))
+        return self.overflowing("ssub", "0", value.text, node)
+
+    def binary(self, node: ast.BinOp) -> Value:
+        """A + b and the like."""
+        left = self.number(node.left)
+        return self.operation(node.op, left, self.number(node.right), node)
+
+    # comparisons and choices
+
+    def compare(self, node: ast.Compare) -> Value:
+        """A < b, also in a chain, of which the rest is not computed after the first that is false."""
+        left, ends = self.expression(node.left), list[tuple[str, str]]()
+        after = self.label()
+        for place, (op, other) in enumerate(zip(node.ops, node.comparators, strict=True)):
+            right = self.expression(other)
+            found = self.compared(op, left, right, node)
+            if place + 1 < len(node.ops):
+                onward = self.label()
+                ends.append(("false", self.block))
+                self.choose(found, onward, after)
+                self.begin(onward)
+                left = right
+            elif ends:
+                ends.append((found, self.block))
+                self.jump(after)
+                self.begin(after)
+                return Value(BOOL, self.phi("i1", ends))
+            else:
+                return Value(BOOL, found)
+        raise AssertionError("a comparison has two sides")
+
+    def logic(self, node: ast.BoolOp) -> Value:
+        """And, or; what follows is not computed where the first decides."""
+        ends, after = list[tuple[str, str]](), self.label()
+        for each in node.values[:-1]:
+            found, onward = self.truth(each), self.label()
+            conjunction = isinstance(node.op, ast.And)
+            ends.append(("false" if conjunction else "true", self.block))
+            self.choose(found, *((onward, after) if conjunction else (after, onward)))
+            self.begin(onward)
+        ends.append((self.truth(node.values[-1]), self.block))
+        self.jump(after)
+        self.begin(after)
+        return Value(BOOL, self.phi("i1", ends))
+
+    def choice(self, node: ast.IfExp) -> Value:
+        """A if c else b."""
+        labels = self.label(), self.label()
+        after = self.label()
+        self.choose(self.truth(node.test), *labels)
+        values: list[Value] = []
+        ends: list[tuple[str, str]] = []
+        for label, each in zip(labels, (node.body, node.orelse), strict=True):
+            self.begin(label)
+            values.append(self.expression(each))
+            ends.append((values[-1].text, self.block))
+            self.jump(after)
+        self.begin(after)
+        if values[0].type != values[1].type or values[0].type.dimensions:
+            types = f"{values[0].type} and {values[1].type}"
+            self.refuse(node, f"'{shown(node)}' chooses between {types}", "give both sides one type of number")
+        return Value(values[0].type, self.phi(values[0].type.llvm, ends))
+
+    # arrays
+
+    def place(self, node: ast.Subscript) -> Value:
+        """The address of a cell, with the type of its number, or of a row, with its type and sizes."""
+        array = self.expression(node.value)
+        indices = node.slice.elts if isinstance(node.slice, ast.Tuple) else [node.slice]
+        if not array.type.dimensions:
+            self.refuse(node, f"'{shown(node.value)}' is a {array.type} without indices", "index arrays alone")
+        if len(indices) > len(array.sizes):
+            self.refuse(node, f"'{shown(node)}' has {len(indices)} indices for {array.type}", "leave the last ones out")
+        wholes = [self.whole(each) for each in indices]
+        offset = ""
+        for level, size in enumerate(array.sizes):
+            if offset:
+                offset = self.emit(f"mul nsw i64 {offset}, {size}")
+            if level < len(wholes):
+                inside = self.inside(wholes[level], size, node)
+                offset = self.emit(f"add nsw i64 {offset}, {inside}") if offset else inside
+        address = self.emit(f"getelementptr inbounds {array.type.cell}, ptr {array.text}, i64 {offset}")
+        rest = array.sizes[len(wholes) :]
+        return Value(Type(array.type.element, len(rest)), address, rest, array.root)
+
+    def inside(self, index: Value, size: str, node: ast.AST) -> str:
+        """An index counted from the start, within the size."""
+        place = index.text
+        if index.literal is None:
+            behind = self.emit(f"icmp slt i64 {place}, 0")
+            shifted = self.emit(f"add i64 {place}, {size}")
+            place = self.emit(f"select i1 {behind}, i64 {shifted}, i64 {place}")
+        elif index.literal < 0:
+            place = self.emit(f"add i64 {place}, {size}")
+        self.check(self.emit(f"icmp ult i64 {place}, {size}"), IndexError, "index out of range", node)
+        return place
+
+    def subscript(self, node: ast.Subscript) -> Value:
+        """The number in a cell, or a row: a view of the same memory."""
+        place = self.place(node)
+        return place if place.sizes else Value(place.type, self.emit(f"load {place.type.llvm}, ptr {place.text}"))
+
+    # calls
+
+    def call(self, node: ast.Call) -> Value:
+        """A call with one result."""
+        found = self.results(node)
+        if len(found) != 1:
+            self.refuse(node, f"'{shown(node)}' gives {len(found)} numbers", "assign them to as many names")
+        return found[0]
+
+    def results(self, node: ast.Call) -> list[Value]:
+        """A call of a kernel or of a function of the language."""
+        function = self.source.lookup(node.func)
+        if isinstance(node.func, ast.Name) and node.func.id in self.names:
+            function = None
+        if node.keywords:
+            self.refuse(node, f"'{shown(node)}' names its arguments", "give them in their order")
+        if function is zeros:
+            remedy = "write  name = zeros(3)  in the kernel's body, outside of loops and branches"
+            self.refuse(node, f"'{shown(node)}' makes an array here", remedy)
+        called = source_of(function)
+        if called is not None:
+            return self.kernel(called, node)
+        printers = [print_it for each, print_it in _CALLS if function is each]
+        if not printers:
+            names = ", ".join(each.__name__ for each, _ in _CALLS)
+            self.refuse(node, f"'{shown(node.func)}' is no kernel", f"call kernels, {names} or zeros")
+        return [printers[0](self, node)]
+
+    def kernel(self, called: Source, node: ast.Call) -> list[Value]:
+        """A call of a kernel, of this file or another; its errors are handed up."""
+        wanted = called.signature
+        if len(node.args) != len(wanted.parameters):
+            numbers = f"{len(node.args)} arguments for {len(wanted.parameters)}"
+            self.refuse(node, f"'{shown(node)}' has {numbers}", f"give ({', '.join(wanted.names)})")
+        operands: list[str] = []
+        given = [self.expression(each) for each in node.args]
+        for value, name, kind in zip(given, wanted.names, wanted.parameters, strict=True):
+            if value.type != kind:
+                remedy = f"'{called.name}' takes {kind}: convert it by float(...) or int(...), or give another"
+                self.refuse(node, f"'{shown(node)}' gives {value.type} for '{name}'", remedy)
+            operands += [f"{kind.llvm} {value.text}", *[f"i64 {size}" for size in value.sizes]]
+        function = self.callee(called)
+        for place in function.written:
+            self.stored.add(given[place].root)
+        returned = struct(wanted.results)
+        made = self.emit(f"call {returned} @{function.name}({', '.join(operands)})")
+        if function.fails:
+            status = self.emit(f"extractvalue {returned} {made}, 0")
+            self.go_on_if(self.emit(f"icmp eq i64 {status}, 0"), status)
+        return [
+            Value(kind, self.emit(f"extractvalue {returned} {made}, {place}"))
+            for place, kind in enumerate(wanted.results, start=1)
+        ]
+
+    def one(self, node: ast.Call) -> ast.expr:
+        """The only argument of a call."""
+        if len(node.args) != 1 or isinstance(node.args[0], ast.Starred):
+            self.refuse(node, f"'{shown(node)}' has {len(node.args)} arguments", "give one")
+        return node.args[0]
+
+    def sqrt(self, node: ast.Call) -> Value:
+        """The root, rounded correctly; of a negative number an error."""
+        x = self.as_float(self.number(self.one(node)))
+        self.check(self.emit(f"fcmp uge double {x}, {number(0.0)}"), ValueError, "math domain error", node)
+        return Value(FLOAT, self.emit(f"call double @llvm.sqrt.f64(double {x})"))
+
+    def absolute(self, node: ast.Call) -> Value:
+        """|x|."""
+        x = self.number(self.one(node))
+        if x.type == FLOAT:
+            return Value(FLOAT, self.emit(f"call double @llvm.fabs.f64(double {x.text})"))
+        opposite = self.overflowing("ssub", "0", x.text, node).text
+        negative = self.emit(f"icmp slt i64 {x.text}, 0")
+        return Value(INT, self.emit(f"select i1 {negative}, i64 {opposite}, i64 {x.text}"))
+
+    def extreme(self, node: ast.Call) -> Value:
+        """The least or largest: a later one only if it is really less or more, which matters for NaN and -0.0."""
+        values = [self.number(each) for each in node.args]
+        kind = values[0].type if len(values) > 1 else None
+        if kind is None or any(each.type != kind for each in values):
+            self.refuse(node, f"'{shown(node)}'", "give two or more numbers of one type")
+        return self.best(values, ast.Lt if self.source.lookup(node.func) is min else ast.Gt)
+
+    def to_whole(self, node: ast.Call) -> Value:
+        """int, floor, ceil: towards zero, down, up."""
+        x = self.expression(self.one(node))
+        function = self.source.lookup(node.func)
+        if x.type == INT:
+            return x
+        if x.type == BOOL and function is int:
+            return Value(INT, self.emit(f"zext i1 {x.text} to i64"))
+        if x.type != FLOAT:
+            self.refuse(node, f"'{shown(node)}' is given {x.type}", "give a number")
+        return self.rounded(x.text, function, node)
+
+    def to_float(self, node: ast.Call) -> Value:
+        """The nearest float of a whole number."""
+        return Value(FLOAT, self.as_float(self.number(self.one(node))))
+
+    def length(self, node: ast.Call) -> Value:
+        """How many entries the first index of an array has."""
+        array = self.expression(self.one(node))
+        if not array.sizes:
+            self.refuse(node, f"'{shown(node)}' is given {array.type}", "give an array")
+        return Value(INT, array.sizes[0])
+
+
+def _as_number(kind: Type) -> str:
+    """How to make a number of something else."""
+    return "write int(...)" if kind == BOOL else "compute cell by cell, in a loop"
+
+
+_CALLS: list[tuple[Callable[..., object], Callable[[Expressions, ast.Call], Value]]] = [
+    (math.sqrt, Expressions.sqrt), (min, Expressions.extreme), (max, Expressions.extreme),
+    (abs, Expressions.absolute), (math.floor, Expressions.to_whole), (math.ceil, Expressions.to_whole),
+    (int, Expressions.to_whole), (float, Expressions.to_float), (len, Expressions.length),
+]  # fmt: skip
+_PRINTERS: dict[type[ast.AST], Callable[..., Value]] = {
+    ast.Constant: lambda self, node: self.constant(node.value, node),
+    ast.Name: Expressions.name,
+    ast.Attribute: Expressions.attribute,
+    ast.UnaryOp: Expressions.unary,
+    ast.BinOp: Expressions.binary,
+    ast.Compare: Expressions.compare,
+    ast.BoolOp: Expressions.logic,
+    ast.IfExp: Expressions.choice,
+    ast.Subscript: Expressions.subscript,
+    ast.Call: Expressions.call,
+}

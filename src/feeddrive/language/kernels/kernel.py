@@ -1,0 +1,203 @@
+"""The decorator of kernels, and their call: as machine code, or as the plain Python that they are."""
+
+from __future__ import annotations
+
+import ctypes
+import linecache
+import struct
+from collections.abc import Callable, Generator
+from contextlib import contextmanager
+from contextvars import ContextVar
+from functools import cached_property
+from threading import RLock
+from types import FunctionType
+from typing import Any, Generic, NamedTuple, NoReturn, ParamSpec, TypeVar, cast
+
+import numpy as np
+
+from feeddrive.language.kernels.module import Module
+from feeddrive.language.kernels.plain import Cells
+from feeddrive.language.kernels.source import BOOL, Source, Type
+from feeddrive.language.kernels.text import Failure
+from feeddrive.language.machine_code import MachineCode, machine_code, target
+
+# None of them contracts or reorders arithmetic on floats.
+PASSES = ("sroa", "simplify_cfg", "instruction_combine", "new_gvn", "simplify_cfg")
+EFFORT = 2  # of the selection of instructions
+_FORMATS = {"float": "d", "int": "q", "bool": "q"}
+_ADDRESS, _COUNT = "P", "q"
+_WORD = 8  # bytes
+
+_P = ParamSpec("_P")
+_R = TypeVar("_R")
+_mode: ContextVar[str] = ContextVar("mode", default="native")
+_lock = RLock()
+
+
+class _File:
+    """The kernels of a file, with those that they call in others: one module, compiled together when one is called."""
+
+    def __init__(self, kernels: list[Kernel[..., Any]]) -> None:
+        self.places = {each: place for place, each in enumerate(kernels)}
+        self.module = Module([each.source for each in kernels])
+
+    @cached_property
+    def code(self) -> MachineCode:
+        """The machine code of all of them."""
+        return machine_code(self.module.text(target()[0]), self.module.entries, effort=EFFORT, passes=PASSES)
+
+
+class _Compiled(NamedTuple):
+    """A kernel as machine code: the function, and how arguments and results lie in memory."""
+
+    code: MachineCode  # holds the memory of the function
+    call: Callable[[Any], int]
+    given: struct.Struct
+    returned: struct.Struct
+
+
+class Kernel(Generic[_P, _R]):
+    """A function over numbers and arrays that the interpreter and the processor run with the same bits and errors.
+
+    The first call of a kernel compiles all kernels of its file. A call checks types: int is taken for float, no array
+    is copied. `python` is the function that was decorated; `with interpreted():` runs it instead.
+    """
+
+    def __init__(self, python: Callable[_P, _R]) -> None:
+        self.python = python
+        self.source = Source(cast(FunctionType, python))
+        self.__name__, self.__doc__, self.__module__ = self.source.name, python.__doc__, python.__module__
+        self._file: _File | None = None
+
+    def __repr__(self) -> str:
+        return f"<kernel {self.__module__}.{self.__name__}>"
+
+    def __call__(self, *args: _P.args, **kwargs: _P.kwargs) -> _R:
+        """The function of its arguments."""
+        mode = _mode.get()
+        if mode == "inside":
+            return self.python(*args, **kwargs)
+        given = self._in_order(args, kwargs) if kwargs else args
+        if len(given) != len(self._types):
+            raise TypeError(f"{self.__name__}() takes {len(self._types)} arguments, not {len(given)}")
+        checked = [self._checked(place, value) for place, value in enumerate(given)]
+        return self._interpret(checked) if mode == "interpreted" else self._run(checked)
+
+    def _run(self, given: list[Any]) -> _R:
+        """The machine code of checked arguments."""
+        compiled, words = self._compiled, list[Any]()
+        for value in given:
+            if isinstance(value, np.ndarray):
+                words += [value.__array_interface__["data"][0], *value.shape]
+            else:
+                words.append(value)
+        memory = ctypes.create_string_buffer(max(compiled.given.size, compiled.returned.size, _WORD))
+        compiled.given.pack_into(memory, 0, *words)
+        status = compiled.call(memory)
+        if status:
+            _throw(self.file.module.failures[status - 1])
+        numbers = compiled.returned.unpack_from(memory)
+        kinds = self.source.signature.results
+        found = tuple(bool(each) if kind is BOOL else each for each, kind in zip(numbers, kinds, strict=True))
+        return cast(_R, found[0] if self.source.signature.single else found if kinds else None)
+
+    @property
+    def file(self) -> _File:
+        """The kernels of the file, printed when the first of them is called."""
+        if self._file is None:
+            with _lock:
+                names = cast(FunctionType, self.python).__globals__
+                beside = [each for each in names.values() if isinstance(each, Kernel)]
+                found = [each for each in beside if cast(FunctionType, each.python).__globals__ is names]
+                made = _File(list(dict.fromkeys([*found, self])))
+                for each in made.places:
+                    each._file = made
+        return cast(_File, self._file)
+
+    @cached_property
+    def _compiled(self) -> _Compiled:
+        with _lock:
+            code = self.file.code
+        address = code.addresses[self.file.places[self]]
+        words = [_FORMATS[kind.element] if not kind.dimensions else _ADDRESS + _COUNT * kind.dimensions
+                 for kind in self._types]  # fmt: skip
+        results = [_FORMATS[kind.element] for kind in self.source.signature.results]
+        call = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_void_p)(address)
+        return _Compiled(code, call, struct.Struct(f"@{''.join(words)}"), struct.Struct(f"@{''.join(results)}"))
+
+    @cached_property
+    def _types(self) -> tuple[Type, ...]:
+        return self.source.signature.parameters
+
+    @cached_property
+    def _written(self) -> frozenset[int]:
+        return self.file.module.functions[self.source].written
+
+    def _in_order(self, args: tuple[object, ...], named: dict[str, object]) -> list[object]:
+        """Arguments by position and by name, in their order."""
+        names = self.source.signature.names
+        if set(named) != set(names[len(args) :]):
+            raise TypeError(f"{self.__name__}() takes ({', '.join(names)}), each once")
+        return [*args, *[named[name] for name in names[len(args) :]]]
+
+    def _checked(self, place: int, value: object) -> Any:
+        """An argument of the type that its parameter has."""
+        kind = self._types[place]
+        if not kind.dimensions:
+            if kind.element == "float" and isinstance(value, (float, int, np.floating, np.integer)):
+                if not isinstance(value, bool):
+                    return float(cast(float, value))
+            elif kind.element == "int" and isinstance(value, (int, np.integer)) and not isinstance(value, bool):
+                if not -(2**63) <= value < 2**63:
+                    raise OverflowError(f"{self._named(place)} is beyond 64 bits")
+                return int(value)
+            elif kind.element == "bool" and isinstance(value, (bool, np.bool_)):
+                return bool(value)
+            raise TypeError(f"{self._named(place)} is {type(value).__name__}: give {kind}")
+        if not isinstance(value, np.ndarray):
+            raise TypeError(f"{self._named(place)} is {type(value).__name__}: give a numpy array")
+        array = cast("np.ndarray[Any, Any]", value)
+        wanted = np.dtype(np.float64 if kind.element == "float" else np.int64)
+        if array.dtype != wanted or array.ndim != kind.dimensions:
+            what = f"{self._named(place)} is an array of {array.dtype} with {array.ndim} indices"
+            raise TypeError(f"{what}: give {wanted} with {kind.dimensions}")
+        if not array.flags.c_contiguous or not array.flags.aligned:
+            raise TypeError(f"{self._named(place)} does not lie in C order: give np.ascontiguousarray(...)")
+        if place in self._written and not array.flags.writeable:
+            raise ValueError(f"{self._named(place)} is written to and is read-only: give a copy")
+        return array
+
+    def _named(self, place: int) -> str:
+        return f"{self.__name__}(): '{self.source.signature.names[place]}'"
+
+    def _interpret(self, given: list[Any]) -> _R:
+        """The same call by the interpreter, with all kernels below it."""
+        plain = [Cells(value) if isinstance(value, np.ndarray) else value for value in given]
+        token = _mode.set("inside")
+        try:
+            return cast(Callable[..., _R], self.python)(*plain)
+        finally:
+            _mode.reset(token)
+
+
+def _throw(failure: Failure) -> NoReturn:
+    """The error that Python raises there, with file and line."""
+    error, source = failure.kind(failure.text), failure.source
+    text = linecache.getline(source.file, failure.line).strip()
+    error.add_note(f"in kernel '{source.name}', file {source.file}, line {failure.line}: {text}")
+    raise error
+
+
+def kernel(python: Callable[_P, _R]) -> Kernel[_P, _R]:
+    """Makes a kernel of a plain Python function; `docs/kernels.md` has the language."""
+    return Kernel(python)
+
+
+@contextmanager
+def interpreted() -> Generator[None]:
+    """Runs all kernels as plain Python, in this thread: the oracle of tests, and for debuggers."""
+    token = _mode.set("interpreted")
+    try:
+        yield
+    finally:
+        _mode.reset(token)

@@ -1,0 +1,170 @@
+"""What a kernel is given as: the text of a Python function, the types of its annotations, the names that it uses."""
+
+from __future__ import annotations
+
+import ast
+import builtins
+import linecache
+from collections.abc import Callable
+from functools import cached_property, lru_cache
+from types import FunctionType, ModuleType
+from typing import Annotated, NamedTuple, NoReturn, TypeAlias, TypeVar, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from feeddrive.language.errors import FeeddriveError
+
+# Arrays in C order, with one, two and three indices.
+Floats: TypeAlias = Annotated[NDArray[np.float64], 1]
+Floats2: TypeAlias = Annotated[NDArray[np.float64], 2]
+Floats3: TypeAlias = Annotated[NDArray[np.float64], 3]
+Ints: TypeAlias = Annotated[NDArray[np.int64], 1]
+
+_LLVM = {"float": "double", "int": "i64", "bool": "i1"}
+
+
+class KernelError(FeeddriveError):
+    """A function that is not in the language of kernels; the message names file, line and what to write instead."""
+
+
+class Type(NamedTuple):
+    """A number, or an array of numbers with one to three indices."""
+
+    element: str
+    dimensions: int = 0
+
+    def __str__(self) -> str:
+        if not self.dimensions:
+            return self.element
+        return f"{self.element.capitalize()}s{self.dimensions if self.dimensions > 1 else ''}"
+
+    @property
+    def llvm(self) -> str:
+        """The type of a number, or of the address of an array."""
+        return "ptr" if self.dimensions else _LLVM[self.element]
+
+    @property
+    def cell(self) -> str:
+        """The type of a number of an array."""
+        return _LLVM[self.element]
+
+
+FLOAT, INT, BOOL = Type("float"), Type("int"), Type("bool")
+_TYPES: dict[object, Type] = {
+    float: FLOAT, int: INT, bool: BOOL,
+    Floats: Type("float", 1), Floats2: Type("float", 2), Floats3: Type("float", 3), Ints: Type("int", 1),
+}  # fmt: skip
+_KNOWN = "float, int, bool, Floats, Floats2, Floats3 or Ints"
+
+
+class Signature(NamedTuple):
+    """Names and types of what a kernel is given, and types of what it returns."""
+
+    names: tuple[str, ...]
+    parameters: tuple[Type, ...]
+    results: tuple[Type, ...]
+    single: bool  # one number is returned as it is, several as a tuple
+
+
+@lru_cache(maxsize=64)
+def _functions(text: str) -> dict[tuple[str, int], ast.FunctionDef]:
+    """The functions of a file at its top level, by name and first line (that of the decorator)."""
+    found = [node for node in ast.parse(text).body if isinstance(node, ast.FunctionDef)]
+    return {(node.name, min([node.lineno, *[each.lineno for each in node.decorator_list]])): node for node in found}
+
+
+class Source:
+    """A Python function as the compiler reads it."""
+
+    def __init__(self, python: FunctionType) -> None:
+        self.python = python
+        self.name = python.__name__
+        self.file = python.__code__.co_filename
+
+    @cached_property
+    def tree(self) -> ast.FunctionDef:
+        """The function's text, parsed."""
+        code = self.python.__code__
+        place = ast.Pass(lineno=code.co_firstlineno)
+        if self.python.__qualname__ != self.name or self.name == "<lambda>":
+            self.refuse(place, "a kernel stands at the top level of its file", "move it there, without a closure")
+        linecache.checkcache(self.file)
+        try:
+            tree = _functions("".join(linecache.getlines(self.file))).get((self.name, code.co_firstlineno))
+        except SyntaxError:
+            tree = None
+        given = [each.arg for each in [*tree.args.posonlyargs, *tree.args.args]] if tree else []
+        if tree is None or given != [*code.co_varnames[: code.co_argcount]]:
+            self.refuse(place, "its text is not in the file", "start Python again if the file has changed")
+        return tree
+
+    @cached_property
+    def signature(self) -> Signature:
+        """Types of parameters and results."""
+        given, tree = self.tree.args, self.tree
+        if len(tree.decorator_list) > 1:
+            self.refuse(tree, "a second decorator", "leave it out: a kernel has @kernel alone")
+        if given.vararg or given.kwarg or given.kwonlyargs or given.posonlyargs or given.defaults:
+            self.refuse(tree, "defaults, * or / among the parameters", "write plain parameters and give all of them")
+        parameters: list[Type] = []
+        for each in given.args:
+            if each.annotation is None:
+                self.refuse(each, f"the parameter '{each.arg}' has no type", f"annotate it as {_KNOWN}")
+            parameters.append(self._type(each.annotation))
+        results, single = self._results(tree.returns)
+        return Signature(tuple(each.arg for each in given.args), tuple(parameters), results, single)
+
+    def _type(self, node: ast.expr) -> Type:
+        """The type that an annotation names."""
+        try:
+            found = _TYPES.get(self.lookup(node))
+        except TypeError:  # not hashable
+            found = None
+        return found or self.refuse(node, f"'{ast.unparse(node)}' is no type of a kernel", f"write {_KNOWN}")
+
+    def _results(self, node: ast.expr | None) -> tuple[tuple[Type, ...], bool]:
+        """Types of what is returned, and whether it is one number."""
+        if node is None:
+            self.refuse(self.tree, "no type is said to be returned", "write -> float, -> tuple[float, int] or -> None")
+        if isinstance(node, ast.Constant) and node.value is None:
+            return (), False
+        single = not (isinstance(node, ast.Subscript) and self.lookup(node.value) is tuple)
+        if isinstance(node, ast.Subscript) and not single:
+            inner = node.slice.elts if isinstance(node.slice, ast.Tuple) else [node.slice]
+            found = tuple(self._type(each) for each in inner)
+        else:
+            found = (self._type(node),)
+        if any(each.dimensions for each in found):
+            self.refuse(node, "an array is returned", "let the caller give the array that is filled")
+        return found, single
+
+    def lookup(self, node: ast.expr) -> object:
+        """What a name outside of the function stands for, also within a module; None if it is not there."""
+        if isinstance(node, ast.Name):
+            names = self.python.__globals__
+            return names[node.id] if node.id in names else getattr(builtins, node.id, None)
+        if isinstance(node, ast.Attribute):
+            module = self.lookup(node.value)
+            return getattr(module, node.attr, None) if isinstance(module, ModuleType) else None
+        return None
+
+    def refuse(self, node: ast.AST, what: str, remedy: str) -> NoReturn:
+        """The error that something is not in the language."""
+        line = getattr(node, "lineno", self.python.__code__.co_firstlineno)
+        raise KernelError(f"{self.file}, line {line}, kernel '{self.name}': {what}; {remedy}")
+
+
+_Python = TypeVar("_Python", bound=Callable[..., object])
+
+
+def readable(function: _Python) -> _Python:
+    """Marks a function that only the compiler calls, as a part of kernels."""
+    vars(function)["source"] = Source(cast(FunctionType, function))
+    return function
+
+
+def source_of(value: object) -> Source | None:
+    """The source of a kernel; None for anything else."""
+    found = getattr(value, "source", None)
+    return found if isinstance(found, Source) else None

@@ -1,0 +1,150 @@
+"""Lines and blocks of LLVM text of one function, and the checks that end it with a status."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Callable, Sequence
+from typing import NamedTuple, NoReturn
+
+from feeddrive.language.kernels.source import Source, Type
+
+
+class Failure(NamedTuple):
+    """An error that Python would raise, and where."""
+
+    kind: type[Exception]
+    text: str
+    source: Source
+    line: int
+
+
+# What to write instead of what is not in the language.
+REMEDIES: dict[type[ast.AST], str] = {
+    ast.Pow: "write x * x, or sqrt(x)",
+    ast.Slice: "loop over the indices",
+    ast.List: "let the caller give an array, or write  row = zeros(3)",
+    ast.ListComp: "write a loop over an array that the caller gives",
+    ast.Dict: "use arrays and whole numbers",
+    ast.Lambda: "write another kernel",
+    ast.JoinedStr: "use numbers alone",
+    ast.NamedExpr: "assign in a line before",
+    ast.Is: "compare numbers by ==",
+    ast.In: "write a loop, or a chain of comparisons",
+    ast.Try: "test before, or let the error go to the caller",
+    ast.With: "leave it out",
+    ast.Assert: "write  if ...: raise ValueError('why')",
+    ast.FunctionDef: "write another kernel at the top level of the file",
+    ast.Global: "take the number as an argument and return it",
+    ast.Delete: "leave it out",
+    ast.Match: "write if and elif",
+    ast.Import: "import at the top of the file",
+    ast.ImportFrom: "import at the top of the file",
+    ast.AnnAssign: "leave the annotation out: a variable has the type of its first assignment",
+    ast.BitAnd: "use and, or, not on bools",
+    ast.BitOr: "use and, or, not on bools",
+}
+
+
+class Value(NamedTuple):
+    """A number, or an array: the address of its first cell and how many entries each index has."""
+
+    type: Type
+    text: str
+    sizes: tuple[str, ...] = ()
+    root: str = ""  # the variable in whose memory an array lies
+    literal: int | None = None
+
+
+class Function(NamedTuple):
+    """A printed kernel."""
+
+    name: str
+    text: str
+    written: frozenset[int]  # places of the parameters into whose arrays it writes
+    fails: bool  # whether its status can be other than 0
+
+
+class Text:
+    """Writes the lines of one function, block after block.
+
+    A function returns {status, results...}.  Status 0 is success; any other is the place of a
+    `Failure` in a list, from 1.
+    """
+
+    def __init__(self, source: Source, failures: list[Failure], callee: Callable[[Source], Function]) -> None:
+        self.source = source
+        self.callee = callee  # the function of another kernel
+        self.failures = failures
+        self.lines: list[str] = []
+        self.block = "entry"
+        self.count = 0
+        self.failed: list[tuple[str, str]] = []  # status and block from which it comes
+
+    def emit(self, text: str) -> str:
+        """A line that defines a new value."""
+        self.count += 1
+        name = f"%v{self.count}"
+        self.lines.append(f"  {name} = {text}")
+        return name
+
+    def add(self, text: str) -> None:
+        """A line that defines nothing."""
+        self.lines.append(f"  {text}")
+
+    def label(self) -> str:
+        """A new name of a block."""
+        self.count += 1
+        return f"b{self.count}"
+
+    def begin(self, label: str) -> None:
+        """A new block."""
+        self.block = label
+        self.lines.append(f"{label}:")
+
+    def jump(self, label: str) -> None:
+        """Go on in another block."""
+        self.lines.append(f"  br label %{label}")
+
+    def choose(self, condition: str, yes: str, no: str) -> None:
+        """Go on in one of two blocks."""
+        self.lines.append(f"  br i1 {condition}, label %{yes}, label %{no}")
+
+    def phi(self, kind: str, ends: list[tuple[str, str]]) -> str:
+        """The value that comes from one of several blocks."""
+        return self.emit(f"phi {kind} {', '.join(f'[ {value}, %{block} ]' for value, block in ends)}")
+
+    def check(self, good: str, kind: type[Exception], text: str, node: ast.AST) -> None:
+        """Goes on if `good`, else ends with the error."""
+        self.go_on_if(good, str(self.failure(kind, text, node)))
+
+    def failure(self, kind: type[Exception], text: str, node: ast.AST) -> int:
+        """The status of an error at a line."""
+        self.failures.append(Failure(kind, text, self.source, getattr(node, "lineno", 0)))
+        return len(self.failures)
+
+    def go_on_if(self, good: str, status: str) -> None:
+        """Goes on if `good`, else ends with the status."""
+        self.failed.append((status, self.block))
+        after = self.label()
+        self.lines.append(f"  br i1 {good}, label %{after}, label %fail, !prof !0")
+        self.begin(after)
+
+    def end_with(self, status: str) -> None:
+        """Ends with the status."""
+        self.failed.append((status, self.block))
+        self.jump("fail")
+
+    def refuse(self, node: ast.AST, what: str, remedy: str) -> NoReturn:
+        """The error that something is not in the language."""
+        self.source.refuse(node, what, remedy)
+
+
+def struct(results: Sequence[Type]) -> str:
+    """What a kernel returns: its status and its results."""
+    return f"{{ {', '.join(['i64', *[each.llvm for each in results]])} }}"
+
+
+def shown(node: ast.AST) -> str:
+    """The text of an expression for a message, shortened."""
+    text = " ".join(ast.unparse(node).split())
+    return text if len(text) <= 60 else text[:57] + "..."

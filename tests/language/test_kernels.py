@@ -1,0 +1,485 @@
+"""Kernels: machine code has the bits and the errors of the interpreter; what is not in the language is refused."""
+
+from __future__ import annotations
+
+import importlib.util
+import math
+import random
+import re
+import struct
+import threading
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import kernel_beside
+import kernel_constructs
+import numpy as np
+import pytest
+
+from feeddrive.language import machine_code
+from feeddrive.language.kernels.kernel import Kernel, interpreted
+from feeddrive.language.kernels.source import KernelError
+from feeddrive.language.recent import Recent
+
+CONSTRUCTS = [each for each in vars(kernel_constructs).values() if isinstance(each, Kernel)]
+ALL = [*CONSTRUCTS, kernel_beside.halves]
+SPECIAL = [
+    math.nan, math.inf, -math.inf, 0.0, -0.0, 5e-324, -5e-324, 2.2e-308, -1e-310, 1e308, -1.7e308, 1.0, -1.0, 0.5, 2.0,
+    -2.5, 3.0, 2.0**52 + 0.5, 2.0**53, 2.0**63, -(2.0**63), 2.0**63 - 1024.0, 9.3e18, 0.1, 0.3, 1.0 - 2.0**-53,
+]  # fmt: skip
+WHOLE = [0, 1, -1, 2, -2, 3, 7, -7, 10**9, 2**53, 2**53 + 1, -(2**53) - 1, 2**62, 2**63 - 1, -(2**63), 2**63 - 1024]
+DRAWS = 40
+SIZES = {"Floats": (3,), "Floats2": (4, 3), "Floats3": (4, 3, 3), "Ints": (3,)}
+
+
+def a_float(draw: random.Random) -> float:
+    return draw.choice(SPECIAL) if draw.random() < 0.5 else draw.uniform(-2.0, 2.0) * 10.0 ** draw.randint(-12, 12)
+
+
+def a_whole(draw: random.Random) -> int:
+    return draw.choice(WHOLE) if draw.random() < 0.6 else draw.randint(-(2**63), 2**63 - 1) >> draw.randint(0, 62)
+
+
+def arguments(kernel: Kernel[..., Any], draw: random.Random) -> list[Any]:
+    """Arguments of a kernel; whole numbers with the name of an index are small."""
+    given: list[Any] = []
+    for name, kind in zip(kernel.source.signature.names, map(str, kernel.source.signature.parameters), strict=True):
+        if kind == "float":
+            given.append(a_float(draw))
+        elif kind == "int":
+            given.append(draw.randint(-5, 5) if name in "ijkn" else a_whole(draw))
+        elif kind == "bool":
+            given.append(draw.random() < 0.5)
+        else:
+            sizes = SIZES[kind] if draw.random() < 0.9 else tuple(draw.randint(0, 4) for _ in SIZES[kind])
+            count = math.prod(sizes)
+            numbers = [draw.randint(-3, 3) if kind == "Ints" else a_float(draw) for _ in range(count)]
+            given.append(np.array(numbers, dtype=np.int64 if kind == "Ints" else np.float64).reshape(sizes))
+    return given
+
+
+def bits(value: Any) -> Any:
+    """A number by its bits, NaN as one."""
+    if isinstance(value, np.ndarray):
+        return value.shape, [bits(each) for each in value.ravel().tolist()]
+    if isinstance(value, tuple):
+        return [bits(each) for each in value]
+    if isinstance(value, float):
+        return "nan" if value != value else struct.pack(">d", value)
+    return type(value), value
+
+
+def line_of(error: Exception) -> int:
+    """The line of a kernel at which an error was raised, by the interpreter or by machine code."""
+    noted = [re.search(r"line (\d+):", note) for note in getattr(error, "__notes__", [])]
+    if noted and noted[0]:
+        return int(noted[0][1])
+    codes = {each.python.__code__ for module in (kernel_constructs, kernel_beside) for each in vars(module).values()
+             if isinstance(each, Kernel)}  # fmt: skip
+    trace, line = error.__traceback__, 0
+    while trace:
+        if trace.tb_frame.f_code in codes:
+            line = trace.tb_lineno
+        trace = trace.tb_next
+    return line
+
+
+def outcome(kernel: Callable[..., Any], given: list[Any]) -> Any:
+    """Results and arrays after a call, or the error, its text if a kernel raised it, and its line."""
+    held = [each.copy() if isinstance(each, np.ndarray) else each for each in given]
+    try:
+        found = kernel(*held)
+    except Exception as error:
+        written = "raise " in Path(kernel_constructs.__file__).read_text("utf-8").splitlines()[line_of(error) - 1]
+        return type(error), str(error) if written else "", line_of(error), bits(tuple(held))
+    results = found if isinstance(found, tuple) else (found,)
+    if any(isinstance(each, int) and not -(2**63) <= each < 2**63 for each in results):
+        return OverflowError
+    return bits(results), bits(tuple(held))
+
+
+def compare(kernel: Kernel[..., Any], count: int, seed: int) -> int:
+    """Draws on which interpreter and processor were compared and ended in the same error."""
+    draw, errors = random.Random(f"{kernel.__name__} {seed}"), 0
+    for _ in range(count):
+        given = arguments(kernel, draw)
+        native = outcome(kernel, given)
+        with interpreted():
+            plain = outcome(kernel, given)
+        if plain is OverflowError:
+            native = native[0]
+        assert native == plain, (kernel, given)
+        errors += isinstance(plain, type) or isinstance(plain[0], type)
+    return errors
+
+
+def test_machine_code_has_the_bits_and_errors_of_the_interpreter():
+    errors = {each.__name__: compare(each, DRAWS, seed=1) for each in ALL}
+    assert sum(errors.values()) > 5 * DRAWS
+    assert max(errors.values()) < DRAWS
+
+
+@pytest.mark.slow(reason="1000 draws of every construct, 100,000 of seven: 45 times what the quick test has")
+@pytest.mark.parametrize("kernel", ALL, ids=lambda each: each.__name__)
+def test_machine_code_and_interpreter_agree_on_many_draws(kernel: Kernel[..., Any]):
+    often = ("float_quotients", "mixed_orders", "while_loop", "ranges", "cells", "rows", "calls")
+    compare(kernel, 100_000 if kernel.__name__ in often else 1000, seed=3)
+
+
+HEAD = """
+import math
+from math import sqrt
+from feeddrive.language.kernels.kernel import kernel
+from feeddrive.language.kernels.plain import zeros
+from feeddrive.language.kernels.source import Floats, Floats2, Ints
+
+NAMES = ["a"]
+TEXT = "text"
+BIG = 2**70
+
+def plain(x):
+    return x
+
+@kernel
+def other(x: float, i: int) -> tuple[float, int]:
+    return x, i
+
+@kernel
+def nothing() -> None:
+    pass
+
+@kernel
+def fill(row: Floats) -> None:
+    row[0] = 1.0
+
+"""
+
+
+def made(folder: Path, text: str, name: str = "f") -> Any:
+    """A kernel of a file of its own."""
+    path = folder / f"written_{abs(hash(text))}.py"
+    path.write_text(HEAD + text, encoding="utf-8")
+    spec = importlib.util.spec_from_file_location(path.stem, path)
+    assert spec
+    assert spec.loader
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return getattr(module, name)
+
+
+# what is written in a kernel, and what stands in the error: what is wrong, and what to write instead
+REFUSED = {
+    "y = x ** 2": ("x ** 2", "x * x"),
+    "y = x ** 0.5": ("x ** 0.5", "sqrt(x)"),
+    "y = row[0:2]": ("(Slice)", "loop over the indices"),
+    "y = table[:, 0]": ("(Slice)", "loop"),
+    "y = [1.0]": ("(List)", "zeros(3)"),
+    "y = [k for k in range(3)]": ("(ListComp)", "write a loop"),
+    "y = {1: 2}": ("(Dict)", "arrays"),
+    "y = {1, 2}": ("(Set)", "numbers"),
+    "y = lambda z: z": ("(Lambda)", "another kernel"),
+    "y = f'{x}'": ("(JoinedStr)", "numbers"),
+    "y = 'text'": ("'text' is no number", "kernels compute with numbers"),
+    "y = None": ("None", "numbers"),
+    "y = 1j": ("1j", "numbers"),
+    "y = (z := x)": ("(NamedExpr)", "a line before"),
+    "y = x is x": ("x is x", "=="),
+    "y = x is not x": ("x is not x", "=="),
+    "y = n in (1, 2)": ("", "kernels compute with numbers"),
+    "y = n not in row": ("n not in row", "write a loop"),
+    "y = n & 3": ("n & 3", "and, or, not"),
+    "y = n << 3": ("n << 3", "+ - * / // %"),
+    "y = ~n": ("~n", "-x - 1"),
+    "y = row @ row": ("'row' is of type Floats", "cell by cell"),
+    "y = row + row": ("'row' is of type Floats", "in a loop"),
+    "y = -row": ("'row' is of type Floats", "in a loop"),
+    "y = p + 1": ("'p' is of type bool", "int(...)"),
+    "if x:\n        pass": ("'x' is of type float, not bool", "x != 0.0"),
+    "if n:\n        pass": ("'n' is of type int, not bool", "x != 0.0"),
+    "if row:\n        pass": ("'row' is of type Floats, not bool", "compare"),
+    "y = x and p": ("'x' is of type float, not bool", "compare"),
+    "y = not x": ("'x' is of type float, not bool", "compare"),
+    "while n:\n        n -= 1": ("not bool", "compare"),
+    "y = 1.0 if n else 2.0": ("not bool", "compare"),
+    "y = row < row": ("compares Floats with Floats", "cell by cell"),
+    "y = p < p": ("compares bool with bool", "numbers"),
+    "y = p == 1": ("compares bool with int", "numbers"),
+    "y = 1 if p else 2.0": ("chooses between int and float", "one type"),
+    "y = row if p else row": ("chooses between Floats and Floats", "one type of number"),
+    "y = z": ("'z' is not known", "assign it"),
+    "y = y": ("'y' is read where", "assign it before"),
+    "y += 1.0": ("'y' is read where", "assign it before"),
+    "if p:\n        y = 1.0\n    x = y": ("'y' is read where a path has not assigned it", "before"),
+    "for k in range(n):\n        pass\n    n = k": ("'k' is read where", "before"),
+    "while n > 0:\n        y = 1.0\n        n -= 1\n    x = y": ("'y' is read where", "before"),
+    "for k in range(3):\n        x = y\n        y = 1.0": ("'y' is read where", "before"),
+    "y = 0\n    y = 1.5": ("'y' is of type int and is given float", "0.0"),
+    "x = 0": ("'x' is of type float and is given int", "0.0"),
+    "n += 0.5": ("'n' is of type int and is given float", "0.0"),
+    "y = row\n    y = 1.0": ("'y' is of type Floats and is given float", "another name"),
+    "row[0] = 0": ("of type float and is given int", "0.0 for 0"),
+    "whole[0] = 0.0": ("of type int and is given float", "int(...)"),
+    "whole[0] /= 2": ("of type int and is given float", "int(...)"),
+    "y = row[x]": ("'x' is of type float, not int", "floor(...)"),
+    "y = row[p]": ("'p' is of type bool, not int", "int(...)"),
+    "y = row[0, 0]": ("2 indices for Floats", "leave the last ones out"),
+    "y = x[0]": ("a float without indices", "arrays"),
+    "table[0] = 1.0": ("is a row", "tuple"),
+    "table[0] = table[1]": ("is a row", "copy cell by cell"),
+    "table[0] += 1.0": ("is a row", "loop over its cells"),
+    "table[0] = 1, 2, 3": ("cells of type float", "0.0 for 0"),
+    "row[0] = 1.0, 2.0": ("is no row", "a row"),
+    "y = 1.0, 2.0": ("given a tuple", "each number a name"),
+    "a, b = 1.0, 2.0, 3.0": ("3 values for 2 names", "each name"),
+    "a, b = x": ("of type float", "a tuple or a row"),
+    "a, b = table": ("of type Floats2", "a tuple or a row"),
+    "a, *b = 1.0, 2.0": ("is assigned", "names and cells"),
+    "plain.y = 1.0": ("is assigned", "names and cells"),
+    "plain.y += 1.0": ("plain.y += 1.0", "names and cells"),
+    "y: float = 0.0": ("(AnnAssign)", "first assignment"),
+    "for k in row:\n        pass": ("for over 'row'", "range"),
+    "for k in range(0, 3, n):\n        pass": ("the step 'n'", "not 0"),
+    "for k in range(0, 3, 0):\n        pass": ("the step '0'", "not 0"),
+    "for k in range(x):\n        pass": ("'x' is of type float, not int", "int(...)"),
+    "for x in range(3):\n        pass": ("'x' is of type float and is given int", "0.0"),
+    "for a, b in range(3):\n        pass": ("for (a, b)", "for i in range(n)"),
+    "for k in range(3):\n        pass\n    else:\n        pass": ("a loop with else", "bool"),
+    "while p:\n        pass\n    else:\n        pass": ("a loop with else", "bool"),
+    "return x": ("'return x' is no tuple", "one by one"),
+    "raise ValueError": ("raise ValueError", "fixed text"),
+    "raise ValueError(TEXT)": ("'TEXT' is not fixed", "in quotes"),
+    "raise ValueError(f'{x}')": ("is not fixed", "in quotes"),
+    "raise plain('text')": ("'plain' is no error", "ValueError"),
+    "raise ValueError('text') from None": ("from None", "fixed text"),
+    "raise": ("raise", "fixed text"),
+    "try:\n        pass\n    except ValueError:\n        pass": ("(Try)", "test before"),
+    "with p:\n        pass": ("(With)", "leave it out"),
+    "assert p": ("(Assert)", "if ...: raise"),
+    "del x": ("(Delete)", "leave it out"),
+    "global NAMES": ("(Global)", "argument"),
+    "import math": ("(Import)", "top of the file"),
+    "def g():\n        pass": ("(FunctionDef)", "another kernel"),
+    "match n:\n        case 1:\n            pass": ("(Match)", "elif"),
+    "yield x": ("'yield x' does nothing", "leave it out"),
+    "x": ("'x' does nothing", "leave it out"),
+    "y = plain(x)": ("'plain' is no kernel", "call kernels"),
+    "y = print(x)": ("'print' is no kernel", "call kernels"),
+    "y = math.sin(x)": ("'math.sin' is no kernel", "call kernels"),
+    "y = row.sum()": ("'row.sum' is no kernel", "call kernels"),
+    "y = row.size": ("'row.size' is not known", "len"),
+    "y = round(x)": ("'round' is no kernel", "floor"),
+    "y = sum(row)": ("'sum' is no kernel", "call kernels"),
+    "y = sqrt(x=1.0)": ("names its arguments", "in their order"),
+    "y = sqrt(x, x)": ("2 arguments", "give one"),
+    "y = min(x)": ("min(x)", "two or more"),
+    "y = min(x, 1)": ("min(x, 1)", "one type"),
+    "y = max(*row)": ("(Starred)", ""),
+    "y = len(x)": ("given float", "array"),
+    "y = float(p)": ("'p' is of type bool", "int(...)"),
+    "y = float('1')": ("no number", ""),
+    "y = int(row)": ("given Floats", "a number"),
+    "y = other(x)": ("1 arguments for 2", "give (x, i)"),
+    "y, k = other(1, 2)": ("gives int for 'x'", "float(...)"),
+    "y, k = other(x, x)": ("gives float for 'i'", "int(...)"),
+    "y = other(x, n)": ("gives 2 numbers", "as many names"),
+    "y = 1.0 + other(x, n)": ("gives 2 numbers", "as many names"),
+    "y = nothing()": ("gives 0 numbers", "names"),
+    "fill(table)": ("gives Floats2 for 'row'", "give another"),
+    "fill(whole)": ("gives Ints for 'row'", "give another"),
+    "y = NAMES": ("NAMES is no number", "arrays of the caller"),
+    "y = BIG": ("beyond 64 bits", "float"),
+    "y = 9223372036854775808": ("beyond 64 bits", "float"),
+    "y = zeros(n)": ("'n' is no fixed size", "whole numbers"),
+    "y = zeros(0)": ("'0' is no fixed size", "whole numbers"),
+    "y = zeros(1000)": ("zeros(1000)", "256 numbers at most"),
+    "y = zeros(1, 1, 1, 1)": ("zeros(1, 1, 1, 1)", "one to three"),
+    "y = zeros(3)\n    y = zeros(3)": ("y = zeros(3)", "once"),
+    "if p:\n        y = zeros(3)": ("y = zeros(3)", "outside of loops and branches"),
+    "y = len(zeros(3))": ("makes an array here", "name = zeros(3)"),
+    "f(x, n, p, row, table, whole)": ("recursion: f -> f", "a stack in an array"),
+}  # fmt: skip
+
+
+def test_what_is_not_in_the_language_is_refused(tmp_path: Path):
+    """With the file, the line, what it is, and what to write instead."""
+    head = "@kernel\ndef f(x: float, n: int, p: bool, row: Floats, table: Floats2, whole: Ints) -> None:\n    "
+    first = HEAD.count("\n") + 3
+    for body, (named, remedy) in REFUSED.items():
+        kernel = made(tmp_path, f"{head}{body}\n")
+        with pytest.raises(KernelError) as error:
+            kernel.file  # noqa: B018
+        found = re.fullmatch(r"(.*), line (\d+), kernel 'f': (.+); (.+)", str(error.value))
+        assert found, body
+        assert found[1] == kernel.source.file
+        assert first - 2 * ("recursion" in found[3]) <= int(found[2]) <= first + body.count("\n"), body
+        assert named in found[3], body
+        assert remedy in found[4], body
+
+
+# kernels that are refused by their head or their end
+HEADS = {
+    "def f(x) -> float:\n    return x": ("'x' has no type", "annotate it"),
+    "def f(x: str) -> float:\n    return 1.0": ("'str' is no type", "Floats"),
+    "def f(x: list[float]) -> float:\n    return 1.0": ("'list[float]' is no type", "Floats"),
+    "def f(x: 'float') -> float:\n    return 1.0": ("is no type", "float"),
+    "def f(x: float):\n    return x": ("no type is said", "-> float"),
+    "def f(x: Floats) -> Floats:\n    return x": ("an array is returned", "caller"),
+    "def f(x: float) -> tuple[float, ...]:\n    return x, x": ("no type", "float"),
+    "def f(x: float = 1.0) -> float:\n    return x": ("defaults", "plain parameters"),
+    "def f(*x: float) -> float:\n    return 1.0": ("defaults, *", "plain parameters"),
+    "def f(x: float, *, y: float) -> float:\n    return x": ("defaults, *", "plain parameters"),
+    "def f(x: float, /) -> float:\n    return x": ("defaults, *", "plain parameters"),
+    "def f(x: float) -> float:\n    if x > 0.0:\n        return x": ("ends without a return", "every path"),
+    "def f(x: float) -> float:\n    while x > 0.0:\n        return x": ("ends without a return", "every path"),
+    "def f(x: float) -> float:\n    while True:\n        break": ("ends without a return", "every path"),
+    "def f(x: float) -> float:\n    return 1": ("int is returned where the annotation has float", "0.0 for 0"),
+    "def f(x: float) -> float:\n    return": ("nothing is returned", "0.0"),
+    "def f(x: float) -> float:\n    return x, x": ("(Tuple)", ""),
+    "def f(x: float) -> tuple[float, int]:\n    return x": ("is no tuple", "one by one"),
+    "def f(x: float) -> tuple[float, int]:\n    return x, x": ("float, float is returned", "int(...)"),
+    "def f(x: float) -> tuple[float, int]:\n    return x, 1, 2": ("3 values for 2", ""),
+    "def f(x: Floats) -> tuple[float, float]:\n    return x[0]": ("is no tuple", "one by one"),
+    "def f(x: float) -> float:\n    return g(x)\n\n@kernel\ndef g(x: float) -> float:\n    return f(x)": (
+        "recursion: f -> g -> f", "a stack in an array"),
+}  # fmt: skip
+
+
+def test_a_kernel_with_another_head_or_end_is_refused(tmp_path: Path):
+    for text, (what, remedy) in HEADS.items():
+        with pytest.raises(KernelError, match=r", line \d+, kernel 'f'") as error:
+            made(tmp_path, f"@kernel\n{text}\n").file  # noqa: B018
+        assert what in str(error.value), text
+        assert remedy in str(error.value).rpartition("; ")[2], text
+
+
+def test_a_kernel_stands_at_the_top_of_a_file_without_other_decorators(tmp_path: Path):
+    inner = "def g():\n    @kernel\n    def f(x: float) -> float:\n        return x\n    return f\nf = g()\n"
+    with pytest.raises(KernelError, match="line 28, kernel 'f': a kernel stands at the top level"):
+        made(tmp_path, inner).file  # noqa: B018
+    twice = "def d(f):\n    return f\n@kernel\n@d\ndef f(x: float) -> float:\n    return x\n"
+    with pytest.raises(KernelError, match="kernel 'f': a second decorator; leave it out"):
+        made(tmp_path, twice).file  # noqa: B018
+
+
+def test_a_file_that_changed_after_its_import_is_refused(tmp_path: Path):
+    kernel = made(tmp_path, "@kernel\ndef f(x: float) -> float:\n    return x\n")
+    Path(kernel.source.file).write_text("# another text\n", encoding="utf-8")
+    with pytest.raises(KernelError, match="its text is not in the file; start Python again"):
+        kernel(1.0)
+
+
+def test_one_wrong_kernel_is_named_whichever_of_its_file_is_called(tmp_path: Path):
+    text = "@kernel\ndef f(x: float) -> float:\n    return x\n\n@kernel\ndef g(x: float) -> float:\n    return x**2\n"
+    kernel = made(tmp_path, text)
+    for _ in range(2):
+        with pytest.raises(KernelError, match="kernel 'g'"):
+            kernel(1.0)
+
+
+CALLED = kernel_constructs.cells, kernel_constructs.raises, kernel_constructs.flags, kernel_constructs.whole_sum
+
+
+def test_arguments_are_checked_before_the_call_in_both_ways():
+    row, table, block, whole = np.zeros(3), np.zeros((4, 3)), np.zeros((4, 3, 3)), np.zeros(3, dtype=np.int64)
+    cells, raises, flags, whole_sum = CALLED
+
+    def refused(kind: type[Exception], match: str, kernel: Callable[..., Any], *given: Any, **named: Any) -> None:
+        with pytest.raises(kind, match=match):
+            kernel(*given, **named)
+        with interpreted(), pytest.raises(kind, match=match):
+            kernel(*given, **named)
+
+    refused(TypeError, "cells.*'row' is list: give a numpy array", cells, [1.0], table, block, whole, 0, 0, 0)
+    refused(TypeError, "'row' is an array of int64 with 1", cells, whole, table, block, whole, 0, 0, 0)
+    refused(TypeError, "'table' is an array of float64 with 1 indices: give float64 with 2", cells, row, row, block,
+            whole, 0, 0, 0)  # fmt: skip
+    refused(TypeError, "'table' does not lie in C order", cells, row, np.zeros((3, 4)).T, block, whole, 0, 0, 0)
+    refused(TypeError, r"'x' is str: give float", raises, "1", 2)
+    refused(TypeError, r"'x' is bool: give float", raises, True, 2)
+    refused(TypeError, r"'n' is float: give int", raises, 1.0, 2.0)
+    refused(TypeError, r"'n' is bool: give int", raises, 1.0, True)
+    refused(TypeError, r"'q' is int: give bool", flags, True, 1)
+    refused(TypeError, r"raises\(\) takes 2 arguments, not 1", raises, 1.0)
+    refused(TypeError, r"raises\(\) takes \(x, n\), each once", raises, 1.0, m=2)
+    refused(TypeError, r"raises\(\) takes \(x, n\), each once", raises, 1.0, x=2)
+    refused(OverflowError, "'a' is beyond 64 bits", whole_sum, 2**63, 0)
+    row.flags.writeable = False
+    refused(ValueError, "'row' is written to and is read-only", cells, row, table, block, whole, 0, 0, 0)
+    assert raises(np.float64(0.5), n=np.int64(2)) == raises(n=2, x=0.5) == 0.5
+    assert raises(1, 2) == 1.0
+
+
+def test_writing_through_rows_and_called_kernels_counts_as_writing():
+    def written(kernel: Any) -> set[str]:
+        places = kernel.file.module.functions[kernel.source].written
+        return {kernel.source.signature.names[place] for place in places}
+
+    assert written(kernel_constructs.rows) == {"table", "block"}
+    assert written(kernel_constructs.calls) == {"row", "table"}
+    assert written(kernel_constructs.cells) == {"row", "table", "block", "whole"}
+    assert written(kernel_constructs.lengths) == {"row"}
+    assert written(kernel_constructs.local_arrays) == set()
+
+
+def test_an_error_names_kernel_file_and_line():
+    with pytest.raises(ZeroDivisionError, match="division by zero") as error:
+        kernel_constructs.calls(np.zeros(3), np.ones((4, 3)), 1.0, 0)
+    (note,) = error.value.__notes__
+    assert note.startswith(f"in kernel 'fills', file {kernel_constructs.__file__}, line ")
+    assert note.endswith(": row[k] = x / row[k]")
+    with pytest.raises(kernel_constructs.ParameterError) as raised:
+        kernel_constructs.raises(1.0, 4)
+    assert str(raised.value) == "n is more than 3"
+
+
+def test_whole_numbers_end_at_64_bits():
+    """Where Python goes on: an error, never another number."""
+    largest = 2**63 - 1
+    for name, given in {"whole_sum": (largest, 1), "whole_product": (-(2**63), -1), "whole_floor": (-(2**63), -1),
+                        "whole_signs": (-(2**63),), "whole_quotient": (2**53 + 1, 3)}.items():  # fmt: skip
+        with pytest.raises(OverflowError):
+            getattr(kernel_constructs, name)(*given)
+    assert kernel_constructs.whole_remainder(-(2**63), -1) == 0
+
+
+def test_python_is_the_function_and_interpreted_runs_it():
+    assert kernel_beside.halves.python(4.0) == kernel_beside.halves(4.0) == 0.125
+    seen: list[bool] = []
+
+    def other_thread() -> None:
+        with pytest.raises(ZeroDivisionError) as error:
+            kernel_beside.thirds(0.0)
+        seen.append(hasattr(error.value, "__notes__"))
+
+    with interpreted():
+        other = threading.Thread(target=other_thread)
+        other.start()
+        other.join()
+        with pytest.raises(ZeroDivisionError) as error:
+            kernel_beside.halves(0.0)
+    assert seen == [True]
+    assert not hasattr(error.value, "__notes__")
+
+
+def test_code_on_disk_is_used_until_a_constant_or_a_called_kernel_changes(tmp_path: Path, monkeypatch: Any):
+    monkeypatch.setenv("FEEDDRIVE_CACHE", str(tmp_path / "cache"))
+    below = "@kernel\ndef g(x: float) -> float:\n    return x * K\n\n"
+    text = "K = 2.0\n" + below + "@kernel\ndef f(x: float) -> float:\n    return g(x) + 1.0\n"
+    for changed, result, files in (
+        (text, 7.0, 1), ("# a comment\n" + text, 7.0, 1), (text.replace("2.0", "4.0"), 13.0, 2),
+        (text.replace("x * K", "x - K"), 2.0, 3),
+    ):  # fmt: skip
+        monkeypatch.setattr(machine_code, "_kept", Recent(8))
+        assert made(tmp_path, changed)(3.0) == result
+        assert len(list((tmp_path / "cache").iterdir())) == files
+
+
+def test_no_library_is_called():
+    """Only what a processor does itself: roots, absolute values and sums with overflow."""
+    text = kernel_constructs.cells.file.module.text("triple")
+    assert set(re.findall(r"declare .* @([\w.]+)\(", text)) == {
+        "llvm.sqrt.f64", "llvm.fabs.f64", "llvm.sadd.with.overflow.i64", "llvm.ssub.with.overflow.i64",
+        "llvm.smul.with.overflow.i64",
+    }  # fmt: skip
+    assert not re.search(r"\b(fast|contract|reassoc|frem)\b", text)
