@@ -11,6 +11,7 @@ from feeddrive import files as files
 from feeddrive import identification as identification
 from feeddrive import loop as loop
 from feeddrive import plot as plot
+from feeddrive import testing as testing
 from feeddrive import tuning as tuning
 from feeddrive import workflow as workflow
 from feeddrive.analysis.margins import margins as margins

@@ -19,7 +19,7 @@ from feeddrive.blocks.friction.stribeck import Stribeck
 from feeddrive.blocks.friction.viscous import Viscous
 from feeddrive.language import tree
 from feeddrive.language.errors import ParameterError
-from strategies import blocks_of
+from feeddrive.testing.strategies import blocks_of
 
 drawn = settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 velocities = st.floats(-1.0, 1.0)

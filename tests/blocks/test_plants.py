@@ -23,7 +23,7 @@ from feeddrive.blocks.plant.three_mass_chain import ThreeMassChain
 from feeddrive.blocks.plant.two_mass import TwoMass
 from feeddrive.language.errors import ParameterError
 from feeddrive.loop.axis import Axis
-from strategies import blocks_of
+from feeddrive.testing.strategies import blocks_of
 
 TWO_MASS = TwoMass(
     mass_motor=130.0, mass_load=33.0, stiffness=1.8e7, damping=700.0, viscous_motor=1500.0, viscous_load=20.0

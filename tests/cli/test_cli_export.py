@@ -88,6 +88,16 @@ def test_what_is_exported_verifies(words: list[str], tmp_path: Path) -> None:
 
 
 @needs_gcc
+def test_a_machine_file_without_a_name_verifies(tmp_path: Path) -> None:
+    """It has that of its file, which the copy in the export lost: "not what this feeddrive writes"."""
+    file = tmp_path / "lathe.toml"
+    file.write_text(AXIS.format(Kv=50) + GUARD, encoding="utf-8")
+    exported(tmp_path / "c", str(file), "--target", "c")
+    result = CliRunner().invoke(app, ["verify", str(tmp_path / "c"), "--samples", "200"])
+    assert result.exit_code == 0, result.output
+
+
+@needs_gcc
 @pytest.mark.parametrize(
     ("target", "samples", "program", "package"),
     [

@@ -26,7 +26,7 @@ from feeddrive.language.errors import FeeddriveError, ParameterError, StructureE
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.control import Control
 from feeddrive.loop.loop import Loop
-from strategies import numbers
+from feeddrive.testing.strategies import numbers
 
 ALL = [block for group in catalogue().values() for block in group.values()]
 TWO_MASS = 'kind = "two_mass"\nmass_motor = 100\nmass_load = 350.0\nstiffness = 1.8e8\n'

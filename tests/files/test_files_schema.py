@@ -24,7 +24,7 @@ from feeddrive.files.schema import _SUFFIX, job_schema, machine_schema, write_sc
 from feeddrive.language.block import declarations
 from feeddrive.language.errors import FeeddriveError
 from feeddrive.language.units import _BASE, _OTHER, _PREFIX
-from strategies import blocks_of
+from feeddrive.testing.strategies import blocks_of
 
 MACHINE = Draft202012Validator(machine_schema())
 JOB = Draft202012Validator(job_schema())

@@ -2,13 +2,7 @@
 
 from __future__ import annotations
 
-import ctypes
-import shutil
-import subprocess
-from pathlib import Path
-
 import numpy as np
-import pytest
 
 from feeddrive.blocks.actuator.actuator import Actuator
 from feeddrive.blocks.controller.cascade_ppi import CascadePPI
@@ -138,20 +132,3 @@ def enabling(count: int) -> np.ndarray:
     """Off for 50 samples, on, off for a while, on again."""
     k = np.arange(count)
     return np.where((k < 50) | ((k > 700) & (k < 760)), 0.0, 1.0)
-
-
-def compiled(source: str, folder: Path, *flags: str) -> ctypes.CDLL:
-    """C text, compiled with warnings as errors and loaded; skips if there is no compiler."""
-    compiler = next(filter(None, map(shutil.which, ("gcc", "clang", "cc"))), None)
-    if compiler is None:
-        pytest.skip("no C compiler (gcc, clang or cc) on this machine: the C text was NOT compiled and NOT compared")
-    text, made = folder / "loop.c", folder / "loop.so"
-    text.write_text(source)
-    strict = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-Wno-unknown-pragmas"]
-    done = subprocess.run(
-        [compiler, *strict, "-O2", "-ffp-contract=off", *flags, "-shared", "-fPIC", "-o", str(made), str(text), "-lm"],
-        capture_output=True,
-        text=True,
-    )
-    assert done.returncode == 0, done.stderr[:3000]
-    return ctypes.CDLL(str(made))

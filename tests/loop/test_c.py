@@ -15,7 +15,7 @@ from feeddrive.loop.engine.plan import Plan, plan
 from feeddrive.loop.loop import Signals
 from feeddrive.loop.runner import Prepared
 from feeddrive.loop.work import Work
-from loop import c_loop as c
+from feeddrive.testing import c_loop as c
 
 COUNT = 20_000
 
@@ -35,7 +35,7 @@ def test_c_has_the_bits_of_the_native_code(name: str, arithmetic: str, tmp_path:
     prepared = Prepared(loop, work.first(), None, 4)
     program = prepared.program(load=load is not None, enable=bool(work.enable))
     made = prepared.native(program, record=Signals._fields, bounded=["tracking_error"], arithmetic=arithmetic)
-    library = loops.compiled(c.text(made.plan, "feeddrive_run"), tmp_path)
+    library = c.compiled(c.text(made.plan, "feeddrive_run"), tmp_path)
     constants, inputs, rows = (
         prepared.constants(made),
         np.ascontiguousarray(work.inputs(made, 0, COUNT)),
@@ -59,7 +59,7 @@ def test_c_has_the_bits_of_the_native_code(name: str, arithmetic: str, tmp_path:
 def test_every_operation_in_c(tmp_path: Path):
     program, inputs = every_operation(), arguments()
     made = plan(program)
-    library = loops.compiled(c.text(made, "feeddrive_run"), tmp_path)
+    library = c.compiled(c.text(made, "feeddrive_run"), tmp_path)
     both = [np.empty((len(inputs), len(program.outputs))) for _ in range(2)]
     ends = [np.zeros((1, 1)) for _ in range(2)]
     constants = np.full((1, 1), 12.0)
@@ -136,7 +136,7 @@ def test_states_that_take_over_others_take_their_last_value(tmp_path: Path):
     states += (Carried("s0", swapped[0].index, swapped[1].index), Carried("s1", swapped[1].index, swapped[0].index))
     program = Program(graph, {}, {"x": x.index}, states, {"y": delays[2].index}, None, {})
     made = plan(program)
-    library = loops.compiled(c.text(made, "feeddrive_run"), tmp_path)
+    library = c.compiled(c.text(made, "feeddrive_run"), tmp_path)
     for way in ("native", "c"):
         outputs, held = np.empty((10, 1)), np.array([[0.0], [0.0], [0.0], [1.0], [2.0]])
         inputs, none = np.arange(10.0)[:, None].copy(), np.empty((0, 1))
@@ -158,7 +158,7 @@ def test_the_loop_by_hand_of_the_speed_benchmark_is_the_same_loop(
     import single
     import workload
 
-    library = loops.compiled((folder / "single.c").read_text(), tmp_path, f"-DSUBSTEPS={substeps}")
+    library = c.compiled((folder / "single.c").read_text(), tmp_path, f"-DSUBSTEPS={substeps}")
     work = Work(workload.loop(substeps), workload.reference())
     prepared = Prepared(workload.loop(substeps), work.first())
     program = prepared.program(load=False, enable=False)

@@ -39,7 +39,7 @@ from feeddrive.loop.runner import Prepared
 from feeddrive.loop.simulate import simulate, simulate_batch, stream
 from feeddrive.loop.trace import concrete
 from feeddrive.loop.work import Work
-from loop import c_loop as c
+from feeddrive.testing import c_loop as c
 from loop import engine_loops as loops
 
 T, COUNT = 2e-4, 750
@@ -224,7 +224,7 @@ def test_c_and_stream_have_the_bits_of_a_run(tmp_path):
     work = Work(machine, PATH, LOADS)
     prepared = Prepared(machine, work.first())
     made = prepared.native(prepared.program(load=["y"]), record=["x.force", "y.position_load"])
-    library = loops.compiled(c.text(made.plan, "machine_run"), tmp_path, "-Wno-unused-parameter")
+    library = c.compiled(c.text(made.plan, "machine_run"), tmp_path, "-Wno-unused-parameter")
     library.machine_run.restype = None
     library.machine_run.argtypes = [ctypes.c_int64, ctypes.c_int64, *[ctypes.c_void_p] * 5]
     outputs = np.empty((COUNT, 2))

@@ -42,8 +42,8 @@ from feeddrive.loop.runner import Prepared
 from feeddrive.loop.simulate import simulate, simulate_batch, stream
 from feeddrive.loop.trace import Carried, Program, concrete
 from feeddrive.loop.work import Work
-from loop import c_loop as c
-from loop.engine_loops import Saw, Sway, compiled
+from feeddrive.testing import c_loop as c
+from loop.engine_loops import Saw, Sway
 
 T = 2e-4
 COUNT = 700
@@ -146,7 +146,7 @@ def test_c_has_the_bits_of_native_code(tmp_path):
     prepared = Prepared(loop, work.first())
     made = prepared.native(prepared.program(load=True, enable=True), record=Signals._fields)
     assert made.plan.rings
-    library = compiled(c.text(made.plan, "ring_run"), tmp_path, "-Wno-unused-parameter")
+    library = c.compiled(c.text(made.plan, "ring_run"), tmp_path, "-Wno-unused-parameter")
     library.ring_run.restype = None
     library.ring_run.argtypes = [ctypes.c_int64, ctypes.c_int64, *[ctypes.c_void_p] * 5]
     records = []

@@ -83,6 +83,7 @@ def test_every_field_of_a_request_is_an_argument_or_an_option(name: str) -> None
     command: Any = get_command(app)
     shown = {each.name: each for each in command.commands[name].params if each.name != "help"}
     assert "--verbose" in shown.pop("verbose").opts
+    assert "--blocks" in shown.pop("blocks").opts
     fields = {each.name: each for each in fields_of(load(name).request)}
     assert set(shown) == set(fields)
     for key, field in fields.items():
@@ -260,7 +261,7 @@ FOREIGN = {
 def test_hints_name_options_that_exist() -> None:
     """Every `--option` in a text of the program is one of some command, or of another program that is named here."""
     declared = {field.flag for name in COMMANDS for field in fields_of(load(name).request)}
-    declared |= {each for one in get_command(app).params for each in one.opts} | {"--help"}
+    declared |= {each for one in get_command(app).params for each in one.opts} | {"--help", "--blocks"}
     source = Path(fd.__file__).parent
     wrong, used = [], set()
     for file in sorted(source.rglob("*.py")):

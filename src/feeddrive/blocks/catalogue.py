@@ -1,4 +1,9 @@
-"""The catalogue of all concrete blocks, found by walking the packages under `feeddrive.blocks`.
+"""The catalogue of all concrete blocks: the shipped ones, and those of one's own.
+
+The shipped ones are found by walking the packages under `feeddrive.blocks`.  Those of one's own come from installed
+packages with an entry point of the group `feeddrive.blocks`, and from what the environment names in FEEDDRIVE_BLOCKS
+or the command line by --blocks: a file, PACKAGE.MODULE or PACKAGE.MODULE:CLASS.  Nothing else is imported; what a
+machine file says never decides it.
 
 A block belongs to the family that `families.py` declares for it.  A concrete block without a family, such as the
 actuator, is its own family.
@@ -10,30 +15,162 @@ import importlib
 import inspect
 import os
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Generator, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from difflib import get_close_matches
 from functools import cache
-from types import MappingProxyType
-from typing import TypeVar
+from pathlib import Path
+from types import MappingProxyType, ModuleType
+from typing import Any, TypeVar
 
 from feeddrive.language.block import Block
-from feeddrive.language.errors import ParameterError
+from feeddrive.language.errors import FeeddriveError, ParameterError, StructureError
 from feeddrive.language.lazy_package import modules_below
 
 B = TypeVar("B", bound=Block)
 
 # old names of kinds and their new names; until 1.0 errors name the new one
 RENAMED = MappingProxyType({"shaped": "input_shaped"})
+ENTRY_POINTS = "feeddrive.blocks"  # group of the entry points of packages with blocks
+OWN = "FEEDDRIVE_BLOCKS"  # of the environment: files and modules with blocks, separated by commas
+OPT_IN = f"a block of your own is found by --blocks FILE.py, by {OWN}, or once its package is installed"
 
 
 @cache
-def catalogue() -> Mapping[type[Block], Mapping[str, type[Block]]]:
+def shipped() -> Mapping[type[Block], Mapping[str, type[Block]]]:
     """Family -> kind -> class, in the order of the folders; the first call imports every block."""
     found: dict[type[Block], dict[str, type[Block]]] = {}
     for module in modules():
         for block in blocks_of(module):
             found.setdefault(family_of(block), {})[block.kind] = block
     return MappingProxyType({family: MappingProxyType(members) for family, members in found.items()})
+
+
+def catalogue() -> Mapping[type[Block], Mapping[str, type[Block]]]:
+    """Family -> kind -> class: the shipped ones, then those of installed packages, then those of FEEDDRIVE_BLOCKS.
+
+    Raises ParameterError for a place that cannot be imported or holds no block, and StructureError for two blocks of
+    one kind.
+    """
+    return _with_own(os.environ.get(OWN, ""))
+
+
+@cache
+def _with_own(places: str) -> Mapping[type[Block], Mapping[str, type[Block]]]:
+    found = {family: dict(members) for family, members in shipped().items()}
+    for origin, block in (*_installed(), *_of_places(places)):
+        members = found.setdefault(family_of(block), {})
+        other = members.setdefault(block.kind, block)
+        if other is not block:
+            raise StructureError(
+                f"{origin}: the kind '{block.kind}' is that of {other.__module__}:{other.__qualname__} already: give "
+                f"the class {block.__qualname__} another name"
+            )
+    return MappingProxyType({family: MappingProxyType(members) for family, members in found.items()})
+
+
+def _installed() -> Iterator[tuple[str, type[Block]]]:
+    """The blocks of installed packages, with where they come from."""
+    from importlib.metadata import entry_points  # not before a block is looked for
+
+    for point in sorted(entry_points(group=ENTRY_POINTS), key=lambda each: (each.name, each.value)):
+        package = point.dist.name if point.dist is not None else point.name
+        for block in _held(f"the installed package '{package}' (mend or uninstall it)", point.value):
+            yield f"the installed package '{package}'", block
+
+
+def _of_places(places: str) -> Iterator[tuple[str, type[Block]]]:
+    for place in filter(None, map(str.strip, places.split(","))):
+        for block in _held(f"{OWN} or --blocks names '{place}'", place):
+            yield f"'{place}'", block
+
+
+def _held(origin: str, place: str) -> list[type[Block]]:
+    """The concrete blocks at a place: those that a module and the modules below it define, or a class."""
+    try:
+        module, name = _module(place)
+        found = [getattr(module, name)] if name else _own_blocks(module)
+    except FeeddriveError as error:
+        raise type(error)(f"{origin}: {error}") from None
+    except Exception as error:
+        line = error.lineno if isinstance(error, SyntaxError) else _line_in(error)
+        at = f", line {line}" if line else ""
+        raise ParameterError(f"{origin}: it cannot be imported: {type(error).__name__}: {error}{at}") from None
+    wrong = [each for each in found if not _is_concrete(each)]
+    if wrong or not found:
+        raise ParameterError(f"{origin}: it holds no concrete block{f': {wrong[0]!r}' if wrong else ''}")
+    return found
+
+
+def _line_in(error: BaseException) -> str:
+    """The last line of the text that was being imported."""
+    trace, found = error.__traceback__, ""
+    while trace is not None:
+        code = trace.tb_frame.f_code
+        if not code.co_filename.startswith("<") and "feeddrive" not in trace.tb_frame.f_globals.get("__name__", ""):
+            found = f"{trace.tb_lineno} of {os.path.basename(code.co_filename)}"
+        trace = trace.tb_next
+    return found
+
+
+def _module(place: str) -> tuple[ModuleType, str]:
+    """The imported module of a place, and the name of a class in it or nothing.
+
+    Modules are looked for where Python does, and then in the working directory; those of files in their folder.
+    """
+    head, _, name = place.rpartition(":") if not place.endswith(".py") else (place, "", "")
+    if not head:
+        head, name = name, ""
+    if not head.endswith(".py"):
+        _search(Path.cwd())
+        return importlib.import_module(head), name
+    file = Path(head).resolve()
+    if not file.is_file():
+        raise ParameterError(f"there is no file {head}")
+    _search(file.parent)
+    module = importlib.import_module(file.stem)
+    if Path(module.__file__ or "").resolve() != file:
+        raise ParameterError(f"Python already has a module '{file.stem}', {module.__file__}: give {file} another name")
+    return module, name
+
+
+def _search(folder: Path) -> None:
+    if str(folder) not in sys.path:
+        sys.path.append(str(folder))
+
+
+def _is_concrete(found: Any) -> bool:
+    return isinstance(found, type) and issubclass(found, Block) and not inspect.isabstract(found)
+
+
+def _own_blocks(module: ModuleType) -> list[type[Block]]:
+    """The concrete blocks that a module shows and it or a module below it defines."""
+    below = f"{module.__name__}."
+    return [
+        each for each in vars(module).values()
+        if _is_concrete(each) and f"{each.__module__}.".startswith(below)
+    ]  # fmt: skip
+
+
+@contextmanager
+def with_blocks(places: Sequence[str]) -> Generator[None]:
+    """The catalogue holds the blocks of these files or modules too, here and in processes that are started here.
+
+    Raises as `catalogue`.
+    """
+    before = os.environ.get(OWN)
+    made = [str(Path(each).resolve()) if each.endswith(".py") else each for each in places]
+    if made:
+        os.environ[OWN] = ",".join([*filter(None, [before]), *made])
+    try:
+        if made:
+            catalogue()
+        yield
+    finally:
+        if made:
+            os.environ.pop(OWN)
+            if before is not None:
+                os.environ[OWN] = before
 
 
 def members(family: type[B]) -> Mapping[str, type[B]]:
@@ -49,14 +186,7 @@ def modules() -> Iterator[str]:
 def blocks_of(module: str) -> list[type[Block]]:
     """The concrete blocks defined in a module; imported ones do not count."""
     found = vars(importlib.import_module(module)).values()
-    return [
-        member
-        for member in found
-        if isinstance(member, type)
-        and issubclass(member, Block)
-        and member.__module__ == module
-        and not inspect.isabstract(member)
-    ]
+    return [each for each in found if _is_concrete(each) and each.__module__ == module]
 
 
 def imported(family: type[B], place: str) -> type[B]:
@@ -66,21 +196,22 @@ def imported(family: type[B], place: str) -> type[B]:
     never for what is only read in a file.
     Raises ParameterError if there is no such module or class, or if it is no concrete block of the family.
     """
-    module, _, name = place.partition(":")
-    here = os.getcwd()
-    if here not in sys.path:
-        sys.path.append(here)
     try:
-        found = getattr(importlib.import_module(module), name, None)
+        module, name = _module(place)
     except ImportError as error:
         raise ParameterError(
             f"'{place}': the module cannot be imported ({error}): check its name and where it is"
         ) from None
+    return required(getattr(module, name, None), family, place, f"there is no class '{name}' in {module.__name__}")
+
+
+def required(found: Any, family: type[B], place: str, missing: str = "it is no class") -> type[B]:
+    """What was found at a place, if it is a concrete block of a family; else ParameterError with the reason."""
     if not isinstance(found, type):
-        raise ParameterError(f"'{place}': there is no class '{name}' in {module}")
+        raise ParameterError(f"'{place}': {missing}")
     if not issubclass(found, family) or inspect.isabstract(found):
-        missing = ", ".join(sorted(getattr(found, "__abstractmethods__", ())))
-        why = f"it lacks {missing}" if issubclass(found, family) else f"it must derive from {family.__name__}"
+        lacking = ", ".join(sorted(getattr(found, "__abstractmethods__", ())))
+        why = f"it lacks {lacking}" if issubclass(found, family) else f"it must derive from {family.__name__}"
         raise ParameterError(f"'{place}' is no {family.kind.replace('_', ' ')}: {why}")
     return found
 
@@ -97,4 +228,4 @@ def find(family: type[B], kind: str) -> type[B]:
         return known[kind]
     near = [RENAMED[kind]] if RENAMED.get(kind) in known else get_close_matches(kind, known, 3)
     hint = f"did you mean {' or '.join(near)}?" if near else f"there are: {', '.join(known) or 'none'}"
-    raise ParameterError(f"there is no {family.kind.replace('_', ' ')} of kind '{kind}'; {hint}")
+    raise ParameterError(f"there is no {family.kind.replace('_', ' ')} of kind '{kind}'; {hint}; {OPT_IN}")

@@ -8,6 +8,7 @@ from __future__ import annotations
 import inspect
 import sys
 from collections.abc import Sequence
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
 from functools import cached_property
 from typing import Annotated, Any
@@ -111,23 +112,42 @@ def options(
     """Options that stand before a command."""
 
 
+BLOCKS = "A file or PACKAGE.MODULE with laws or other blocks of your own, whose code is then run; may be repeated."
+
+
 def _function(command: Command[Any, Any, Any]) -> Any:
     """What typer makes a command from: a function with a parameter for each field of the request."""
     fields = {field.name: field for field in fields_of(command.request)}  # type: ignore[arg-type]
 
-    def perform(verbose: bool, **values: Any) -> None:
-        _perform(command, {name: _entered(fields[name], value) for name, value in values.items()}, verbose)
+    def perform(blocks: list[str] | None, verbose: bool, **values: Any) -> None:
+        with _opted_in(blocks or ()):
+            _perform(command, {name: _entered(fields[name], value) for name, value in values.items()}, verbose)
 
-    parameters = [*(_parameter(field) for field in fields.values()), _VERBOSE]
+    parameters = [*(_parameter(field) for field in fields.values()), _BLOCKS, _VERBOSE]
     perform.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
     perform.__annotations__ = {each.name: each.annotation for each in parameters}
     return perform
 
 
+_BLOCKS = inspect.Parameter(
+    "blocks", inspect.Parameter.KEYWORD_ONLY, default=None,
+    annotation=Annotated[
+        list[str] | None, typer.Option("--blocks", help=BLOCKS, metavar="<place>", show_default=False)
+    ],
+)  # fmt: skip
 _VERBOSE = inspect.Parameter(
     "verbose", inspect.Parameter.KEYWORD_ONLY, default=False,
     annotation=Annotated[bool, typer.Option("--verbose", help="Show the details too.", show_default=False)],
 )  # fmt: skip
+
+
+def _opted_in(places: Sequence[str]) -> AbstractContextManager[None]:
+    """The blocks of one's own at these places, if any are named."""
+    if not places:
+        return nullcontext()
+    from feeddrive.blocks.catalogue import with_blocks  # not for `--help`
+
+    return with_blocks(places)
 
 
 def _parameter(field: Field) -> inspect.Parameter:

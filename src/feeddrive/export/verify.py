@@ -197,7 +197,9 @@ def _design(directory: Path, manifest: Manifest) -> Design:
     found = read_design(file, manifest.axis, name=manifest.name, precision=manifest.precision)
     if not _PLAIN.fullmatch(manifest.source):  # it stands in comments of the code
         raise FileError(f"{directory / FILE}: the machine file cannot have been '{manifest.source!r}': export again")
-    named = replace(found.machine, file=replace(found.machine.file, name=manifest.source))
+    text = found.machine.file
+    called = found.machine.name if text.root().values.get("name") else Path(manifest.source).stem  # as `read_machine`
+    named = replace(found.machine, file=replace(text, name=manifest.source), name=called)
     return replace(found, machine=named)
 
 

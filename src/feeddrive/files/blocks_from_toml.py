@@ -25,7 +25,7 @@ from typing import Any, TypeAlias, TypeVar
 
 import numpy as np
 
-from feeddrive.blocks.catalogue import RENAMED, catalogue
+from feeddrive.blocks.catalogue import OPT_IN, RENAMED, catalogue
 from feeddrive.files.toml_file import Section
 from feeddrive.language import units
 from feeddrive.language.block import Block, checked, declarations
@@ -238,7 +238,7 @@ def _kind(hint: Hint, section: Section) -> type[Block]:
         raise section.error(f"{section.dotted('kind')} = {shown(given)} is now called '{RENAMED[given]}'", "kind")
     if not isinstance(given, str) or given not in fitting:
         raise section.error(
-            f"{section.dotted('kind')} = {shown(given)} is not known{nearest(str(given), fitting)}", "kind"
+            f"{section.dotted('kind')} = {shown(given)} is not known{nearest(str(given), fitting)}; {OPT_IN}", "kind"
         )
     return fitting[given]
 

@@ -94,7 +94,8 @@ def candidates(loop: Loop, own: Sequence[type[Law]] = ()) -> tuple[tuple[Candida
     axis = axis_model(loop)
     found: list[Candidate] = []
     refused: list[Refusal] = []
-    for law in (*sorted(members(Law).values(), key=lambda each: each is not CascadePPI), *own):
+    found_there = sorted(members(Law).values(), key=lambda each: each is not CascadePPI)
+    for law in (*found_there, *(each for each in own if each not in found_there)):
         try:
             starts = law.begin(axis, loop.control.law)
             made = [Candidate(each.name, _with_law(loop, axis, each), each.remark) for each in starts]

@@ -11,8 +11,14 @@ An operation that is used once stands inside the expression that uses it; all ot
 
 from __future__ import annotations
 
+import ctypes
 import re
+import shutil
+import subprocess
 from collections import Counter
+from pathlib import Path
+
+import pytest
 
 from feeddrive.export.c.statements import CALLS, FLUSH, FUNCTIONS, RESERVED, WIDTH, expression, number
 from feeddrive.export.identifiers import bare
@@ -142,3 +148,21 @@ def text(plan: Plan, name: str) -> str:
         "",
     ]
     return "\n".join(lines)
+
+
+def compiled(source: str, folder: Path, *flags: str) -> ctypes.CDLL:
+    """C text, compiled with warnings as errors and loaded; skips if there is no compiler."""
+    compiler = next(filter(None, map(shutil.which, ("gcc", "clang", "cc"))), None)
+    if compiler is None:
+        pytest.skip("no C compiler (gcc, clang or cc) on this machine: the C text was NOT compiled and NOT compared")
+    text, made = folder / "loop.c", folder / "loop.so"
+    text.write_text(source)
+    strict = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-Wno-unknown-pragmas"]
+    done = subprocess.run(
+        [compiler, *strict, "-O2", "-ffp-contract=off", *flags, "-shared", "-fPIC", "-o", str(made), str(text), "-lm"],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr[:3000]
+    return ctypes.CDLL(str(made))

@@ -1,0 +1,301 @@
+"""The battery: rows that every block passes, the shipped ones and those of one's own.
+
+    from feeddrive.testing import battery
+    from my_law import MyLaw
+
+    TestMyLaw = battery(MyLaw)          # pytest collects the rows as its tests
+
+A row asks whether floats, arrays and symbols give the same bits, native code and C those of Python, whether the
+Jacobian agrees with differences, whether every value within the declared bounds gives finite numbers, and more.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import sys
+from collections.abc import Iterable, Sequence
+from typing import Any, ClassVar, get_type_hints
+
+import numpy as np
+
+from feeddrive.language.errors import MissingExtraError
+
+try:
+    import pytest
+    from hypothesis import HealthCheck, Phase, given, settings
+    from hypothesis import strategies as st
+except ImportError as absent:
+    raise MissingExtraError(str(absent.name), "testing", "the battery of a block") from absent
+
+from feeddrive.blocks import families
+from feeddrive.blocks.catalogue import catalogue, family_of, required
+from feeddrive.language import tree
+from feeddrive.language.block import Block, declarations
+from feeddrive.language.errors import StructureError
+from feeddrive.language.graph import Graph, reachable
+from feeddrive.language.ring import Ring
+from feeddrive.language.units import measure
+from feeddrive.loop.axis import Axis
+from feeddrive.loop.engine.plan import classify
+from feeddrive.loop.trace import concrete, evaluate, node_values
+from feeddrive.loop.traced_model import push
+from feeddrive.testing import c_loop
+from feeddrive.testing.exercise import SAMPLED, TRACED, Exercise, Inputs, asked_of, flat, inputs
+from feeddrive.testing.strategies import blocks_of, part_types, variants_of
+
+
+def battery(*blocks: type[Block]) -> type[Rows]:
+    """The class of tests of some blocks, to be given a name that begins with Test in a module of tests.
+
+    Raises StructureError for what is no concrete block, and where a test that runs already calls it: pytest would
+    collect nothing.
+    """
+    inside = sys._getframe(1).f_code.co_name != "<module>"  # pyright: ignore[reportPrivateUsage]
+    if inside and os.environ.get("PYTEST_CURRENT_TEST", "").endswith("(call)"):
+        raise StructureError(
+            "the battery is a class of tests that pytest collects: write TestMyLaw = battery(MyLaw) in the module, "
+            "outside of any test"
+        )
+    if not blocks:
+        raise StructureError("the battery needs a block: battery(MyLaw)")
+    for each in blocks:
+        required(each, Block, getattr(each, "__name__", repr(each)))
+    return type("TestBlocks", (Rows,), {"blocks": blocks, "__doc__": Rows.__doc__})
+
+
+def _bits(values: Sequence[Any] | np.ndarray) -> list[bytes]:
+    """The bits of numbers; every NaN is the same."""
+    numbers = np.array([float(value) for value in values])
+    return [b"nan" if number != number else number.tobytes() for number in numbers]
+
+
+def _exercise(data: st.DataObject, block: type[Block]) -> Exercise:
+    made = concrete(data.draw(blocks_of(block)))
+    return Exercise(made, asked_of(block), Inputs(*map(np.float64, data.draw(inputs()))))
+
+
+def _moved(leaves: dict[str, Any], steps: dict[str, np.ndarray]) -> dict[str, Any]:
+    """The leaves with some of them moved, lane by lane."""
+    return {**leaves, **{name: np.float64(leaves[name]) + step for name, step in steps.items()}}
+
+
+def _answers(graph: Graph, nodes: list[int], leaves: dict[str, Any], lanes: int) -> np.ndarray:
+    """Nodes by lanes."""
+    with np.errstate(all="ignore"):
+        return np.array([np.broadcast_to(v, lanes).astype(float) for v in evaluate(graph, nodes, leaves)])
+
+
+def _slopes(graph: Graph, nodes: list[int], leaves: dict[str, Any], names: list[str]) -> np.ndarray:
+    """The tangents of nodes for a unit change of one leaf in each lane."""
+    seeds = {graph.input(name).index: unit for name, unit in zip(names, np.eye(len(names)), strict=True)}
+    with np.errstate(all="ignore"):
+        pushed = push(graph, nodes, node_values(graph, nodes, leaves), seeds)
+    return np.array([np.broadcast_to(0.0 if slope is None else slope, len(names)).astype(float) for slope in pushed])
+
+
+def _rounding(graph: Graph, nodes: list[int], leaves: dict[str, Any], moved: list[str], base: np.ndarray) -> np.ndarray:
+    """How far the answers move if every number moves by its last digits: higher differences cancel all others."""
+    rng, lanes = np.random.default_rng(0), 8
+    steps: dict[str, np.ndarray] = {}
+    for name in moved:
+        least = 0.1 if name.startswith("x.") and name != "x.mobility" else 0.0
+        steps[name] = 1e-12 * rng.uniform(-1.0, 1.0, lanes) * max(abs(float(leaves[name])), least)
+    beside = _answers(graph, nodes, _moved(leaves, steps), lanes)
+    return np.fmax.reduce(np.abs(beside - base[:, None]), axis=1, initial=0.0)
+
+
+def _without_denormal(values: Sequence[Any]) -> list[float]:
+    """Numbers with those below the normal ones as 0 of their sign, as native code has them."""
+    numbers = np.array([float(value) for value in values])
+    return list(np.where(np.abs(numbers) < 2.3e-308, np.copysign(0.0, numbers), numbers))
+
+
+_UNHURRIED = (
+    HealthCheck.too_slow, HealthCheck.data_too_large, HealthCheck.filter_too_much, HealthCheck.large_base_example,
+    HealthCheck.differing_executors,
+)  # fmt: skip
+# no search for a smaller example: it takes minutes, and the numbers are ordinary ones already
+_PHASES = (Phase.explicit, Phase.reuse, Phase.generate)
+# compiling takes long: the simplest example and one more
+compiled_once = settings(max_examples=2, deadline=None, suppress_health_check=_UNHURRIED, phases=_PHASES)
+few = settings(compiled_once, max_examples=4)
+drawn = settings(compiled_once, max_examples=6)
+
+
+class Rows:
+    """One row a method: of all `blocks` those with the argument `block`, of those in a step those with `asked`."""
+
+    blocks: ClassVar[tuple[type[Block], ...]] = ()
+
+    def pytest_generate_tests(self, metafunc: pytest.Metafunc) -> None:
+        """Each row for each block that it applies to."""
+        stepped = [block for block in self.blocks if family_of(block) in TRACED]
+        whole = (families.Prefilter, families.Feedforward)  # their `retune` has no prepared numbers
+        held = [block for block in stepped if hasattr(block, "retune") and not issubclass(block, whole)]
+        for name, found in (("block", self.blocks), ("asked", stepped), ("retuned", held)):
+            if name in metafunc.fixturenames:
+                metafunc.parametrize(name, found, ids=[each.__name__ for each in found])
+
+    @drawn
+    @given(data=st.data())
+    def test_symbols_compute_the_same_bits_as_floats(self, asked: type[Block], data: st.DataObject) -> None:
+        exercise = _exercise(data, asked)
+        graph, nodes, leaves = exercise.trace()
+        assert _bits(evaluate(graph, nodes, leaves)) == _bits(flat(exercise.run()))
+
+    @drawn
+    @given(data=st.data())
+    def test_lanes_compute_the_same_bits_as_floats(self, asked: type[Block], data: st.DataObject) -> None:
+        first = _exercise(data, asked)
+        others = [
+            Exercise(
+                concrete(data.draw(variants_of(first.block))), first.ask, Inputs(*map(np.float64, data.draw(inputs())))
+            )
+            for _ in range(2)
+        ]
+        lanes = [first, *others]
+        together = Exercise(
+            tree.rebuild(first.block, map(np.array, zip(*(_values(lane.block) for lane in lanes), strict=True))),
+            first.ask,
+            Inputs(*map(np.array, zip(*(lane.x for lane in lanes), strict=True))),
+        )
+        found = [np.broadcast_to(value, len(lanes)) for value in flat(together.run())]
+        for i, lane in enumerate(lanes):
+            assert _bits([value[i] for value in found]) == _bits(flat(lane.run()))
+
+    @compiled_once
+    @given(data=st.data())
+    def test_native_code_computes_the_same_bits_as_floats(self, asked: type[Block], data: st.DataObject) -> None:
+        exercise = _exercise(data, asked)
+        expected = _bits(_without_denormal(flat(exercise.run())))
+        for lanes in (1, 8):
+            *_, found = exercise.native(lanes)
+            for lane in range(lanes):
+                assert _bits(found[:, lane]) == expected, f"{lanes} lanes"
+
+    @compiled_once
+    @given(data=st.data())
+    def test_c_computes_the_same_bits_as_native_code(
+        self,
+        asked: type[Block],
+        data: st.DataObject,
+        tmp_path_factory: pytest.TempPathFactory,
+    ) -> None:
+        made, constants, rows, found = _exercise(data, asked).native(1)
+        folder = tmp_path_factory.mktemp("c")
+        library = c_loop.compiled(c_loop.text(made, "feeddrive_run"), folder, "-Wno-unused-parameter", "-O0")
+        outputs = np.empty_like(found)
+        tables = (ctypes.c_void_p * max(1, len(rows)))(*[row.ctypes.data for row in rows])
+        arrays = (constants, np.empty((1, 0)), np.zeros((len(made.memory), 1)), outputs)
+        function = library.feeddrive_run
+        function.restype, function.argtypes = None, [ctypes.c_int64, ctypes.c_int64, *[ctypes.c_void_p] * 5]
+        function(1, 0, *(array.ctypes.data for array in arrays), ctypes.addressof(tables))
+        assert _bits(outputs[:, 0]) == _bits(found[:, 0])
+
+    @few
+    @given(data=st.data())
+    def test_slopes_are_those_of_differences(self, asked: type[Block], data: st.DataObject) -> None:
+        """Tangents of the graph against central differences, wherever the two one-sided ones agree."""
+        exercise = _exercise(data, asked)
+        graph, nodes, leaves = exercise.trace()
+        if any(graph.name(index) == "quantise" for index in reachable(graph, nodes)):
+            return  # counts as a straight line, which differences cannot show; see test_linearize.py
+        moved = [name for name, value in leaves.items() if not isinstance(value, np.ndarray)]
+        moved = [name for name in moved if name not in ("x.seed", "x.sample", "x.time")]
+        truth = classify(graph, [], [], []).truth
+        values = node_values(graph, nodes, leaves)
+        base = np.array([float(values[node]) for node in nodes])
+        sizes = np.abs([float(value) for value in values.values() if not isinstance(value, np.ndarray | Ring)])
+        largest = np.max(sizes[np.isfinite(sizes)], initial=1e-9)
+        rounding = _rounding(graph, nodes, leaves, moved, base)
+
+        def size(name: str) -> float:
+            return max(abs(float(leaves[name])), 1e-2 if name.startswith("x.") and name != "x.mobility" else 1e-6)
+
+        # a lane for each number that moves: lanes compute the bits of floats, as another row asserts
+        h = 1e-6 * np.array([size(name) for name in moved])
+        steps = dict(zip(moved, np.diag(h), strict=True))
+        above, below, far_above, far_below = (
+            _answers(graph, nodes, _moved(leaves, {name: k * step for name, step in steps.items()}), len(moved))
+            for k in (1.0, -1.0, 2.0, -2.0)
+        )
+        slopes, beside = (
+            _slopes(graph, nodes, _moved(leaves, {name: k * step for name, step in steps.items()}), moved)
+            for k in (0.0, 1.0)
+        )
+        for i, node in enumerate(nodes):
+            if truth[node]:
+                continue
+            slope = slopes[i]
+            right, left = (above[i] - base[i]) / h, (base[i] - below[i]) / h
+            # rounding of the largest number inside, or what cancellation makes of it, over the step
+            blur = max(16 * 2.3e-16 * largest, 4.0 * rounding[i]) / h
+            found, wide = 0.5 * (right + left), (far_above[i] - far_below[i]) / (4.0 * h)
+            bent = np.maximum(np.abs(right - left), np.abs(found - wide))
+            jumps = np.abs(slope - beside[i]) > 1e-3 * np.abs(slope)
+            # a kink, a jump, or too curved for this step
+            uneven = jumps | (bent > 1e-4 * np.maximum(np.abs(right), np.abs(left)) + blur)
+            wrong = ~uneven & ~(np.abs(found - slope) <= 1e-3 * np.abs(slope) + 10 * blur)
+            assert not np.any(wrong), f"output {i} by {[name for name, bad in zip(moved, wrong, strict=True) if bad]}"
+
+    @drawn
+    @given(data=st.data())
+    def test_start_is_a_state_as_a_step_returns_it(self, asked: type[Block], data: st.DataObject) -> None:
+        answers = _exercise(data, asked).run()
+        assert tree.structure(answers.start) == tree.structure(answers.after)
+
+    @drawn
+    @given(data=st.data())
+    def test_a_live_change_to_the_same_numbers_changes_no_bit(self, retuned: type[Block], data: st.DataObject) -> None:
+        exercise = _exercise(data, retuned)
+        made, state = exercise.block, exercise.run().after
+        with np.errstate(all="ignore"):
+            prepared = made.prepare(exercise.x.T)
+            after = made.retune(state, made, prepared, prepared)
+        assert tree.structure(after) == tree.structure(state)
+        # a zero may change its sign, which nothing in a step asks for
+        values = [
+            [float(value) + 0.0 for _, value in tree.leaves(each) if not isinstance(value, Ring)]
+            for each in (state, after)
+        ]
+        assert _bits(values[0]) == _bits(values[1])
+
+    @drawn
+    @given(data=st.data())
+    def test_answers_are_finite(self, asked: type[Block], data: st.DataObject) -> None:
+        assert np.all(np.isfinite([float(value) for value in flat(_exercise(data, asked).run())]))
+
+    @drawn
+    @given(data=st.data())
+    def test_any_values_within_the_declared_bounds_make_a_block(self, block: type[Block], data: st.DataObject) -> None:
+        made = data.draw(blocks_of(block))
+        assert tree.structure(concrete(made)) == tree.structure(made)
+
+    def test_every_field_says_what_it_is(self, block: type[Block]) -> None:
+        for name, declared in declarations(block).items():
+            assert declared.meaning, f"{block.__name__}.{name} has no meaning"
+            measure(declared.unit)
+
+    def test_docstring_states_the_equation(self, block: type[Block]) -> None:
+        text = block.__dict__.get("__doc__") or ""
+        assert any(sign in text for sign in "=∈"), f"{block.__name__} does not say what it computes"
+
+    def test_the_family_is_known_to_the_battery(self, block: type[Block]) -> None:
+        known = family_of(block) in (*TRACED, *SAMPLED)
+        assert known or _is_part(block, self.blocks), f"{block.__name__} is of no family and part of no block"
+
+
+def _values(block: Block) -> list[Any]:
+    return [value for _, value in tree.leaves(block)]
+
+
+def _is_part(block: type[Block], beside: Iterable[type[Block]]) -> bool:
+    """Whether another block, or the axis, declares a part of this type."""
+    owners = (*(each for members in catalogue().values() for each in members.values()), *beside, Axis)
+    hints = (get_type_hints(owner)[name] for owner in owners for name in _part_names(owner))
+    return any(block in part_types(hint) for hint in hints)
+
+
+def _part_names(owner: type[Block]) -> list[str]:
+    return [name for name, declared in declarations(owner).items() if declared.role == "part"]

@@ -1,0 +1,306 @@
+"""What a block of each family is asked: everything that runs in a step, as one pure function of some numbers.
+
+An `Exercise` runs it on floats or arrays, traces it on symbols, and compiles it, for the rows of the battery.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+from hypothesis import strategies as st
+
+from feeddrive.blocks import families, machine_families
+from feeddrive.blocks.catalogue import family_of
+from feeddrive.blocks.plant.two_mass import TwoMass
+from feeddrive.blocks.signals import Motion, Noise, Reading, Setpoint
+from feeddrive.language import ops, tree
+from feeddrive.language.block import Block
+from feeddrive.language.graph import Graph, Symbol
+from feeddrive.language.ring import Ring
+from feeddrive.loop.engine.native import native
+from feeddrive.loop.engine.plan import Plan, classify, plan
+from feeddrive.loop.trace import Program
+
+STEPS = 3
+
+
+class Inputs(NamedTuple):
+    """Numbers that a block may be given, floats, arrays or symbols; each family takes those it needs."""
+
+    T: Any
+    position: Any
+    position_motor: Any
+    velocity: Any
+    velocity_motor: Any
+    acceleration: Any
+    jerk: Any
+    snap: Any
+    force: Any
+    mobility: Any
+    time: Any
+    seed: Any
+    sample: Any
+
+    def setpoint(self) -> Setpoint:
+        """The set motion."""
+        return Setpoint(self.position, self.velocity, self.acceleration, self.jerk, self.snap)
+
+    def motion(self) -> Motion:
+        """The motion of both bodies."""
+        return Motion(self.position_motor, self.position, self.velocity_motor, self.velocity)
+
+
+def inputs() -> st.SearchStrategy[Inputs]:
+    """Numbers of the size that motions and forces of feed drives have."""
+
+    # numbers so small that a product leaves the normal ones are 0 in native code: none of them is a motion or a force
+    def about(size: float) -> st.SearchStrategy[float]:
+        return st.floats(-size, size).map(lambda value: value if abs(value) > 1e-12 else 0.0)
+
+    return st.builds(
+        Inputs,
+        T=st.sampled_from([5e-5, 1e-4, 2e-4]),  # all filters of the strategies lie below half of 5 kHz
+        position=about(1.0),
+        position_motor=about(1.0),
+        velocity=about(2.0),
+        velocity_motor=about(2.0),
+        acceleration=about(20.0),
+        jerk=about(1e3),
+        snap=about(1e5),
+        force=about(2e3),
+        mobility=st.floats(1e-8, 1e-3),
+        time=st.floats(0.0, 3600.0),
+        seed=st.integers(0, 2**32).map(float),
+        sample=st.integers(0, 2**40).map(float),
+    )
+
+
+class Answers(NamedTuple):
+    """What a block answered: its state at the start and after some steps, if it has one, and all outputs."""
+
+    start: Any
+    after: Any
+    outputs: Any
+
+
+def _plant(block: Any, x: Inputs) -> Answers:
+    made = block.mechanics()
+    matrices = (made.mass, made.damping, made.stiffness, made.shape, made.rigid_motion())
+    return Answers((), (), (*matrices, block.rigid_mass()))
+
+
+def _friction(block: Any, x: Inputs) -> Answers:
+    start = state = block.start()
+    outputs: list[Any] = [block.linear(), block.steady(x.velocity)]
+    free = x.velocity_motor
+    for _ in range(STEPS):
+        state, force, stuck = block.contact(x.T, state, x.velocity, free, x.mobility)
+        outputs += [force, stuck]
+        free = free + x.mobility * force
+    return Answers(start, state, tuple(outputs))
+
+
+def _force(block: Any, x: Inputs) -> Answers:
+    plant = TwoMass(mass_motor=130.0, mass_load=33.0, stiffness=1.8e7)
+    motion, outputs = x.motion(), list[Any]()
+    start = state = block.start(plant, motion)
+    for step in range(STEPS):
+        state, *forces = block.step(state, plant, motion, x.force, x.time + float(step) * x.T, x.T)
+        outputs += forces
+        motion = motion._replace(
+            position_motor=motion.position_motor + x.T * motion.velocity_motor,
+            position_load=motion.position_load + x.T * motion.velocity_load,
+        )
+    return Answers(start, state, tuple(outputs))
+
+
+def _motor(block: Any, x: Inputs) -> Answers:
+    return Answers((), (), (block.force_per_unit(), block.limits(), block.velocity_limit()))
+
+
+def _sensor(block: Any, x: Inputs) -> Answers:
+    start = state = block.start(x.position)
+    outputs: list[Any] = [block.still(x.position)]
+    position = x.position
+    for step in range(STEPS):
+        state, reading = block.step(state, position, x.velocity, Noise(x.seed, x.sample + float(step), 16.0), x.T)
+        outputs.append(reading)
+        position = position + x.T * x.velocity
+    return Answers(start, state, tuple(outputs))
+
+
+def _reading(x: Inputs, step: int) -> Reading:
+    passed = float(step) * x.T
+    motor, load = x.position_motor + passed * x.velocity_motor, x.position + passed * x.velocity
+    return Reading(motor, load, x.force, 1.5 * x.force)
+
+
+def _law(block: Any, x: Inputs) -> Answers:
+    prepared = block.prepare(x.T)
+    start = state = block.start(prepared, x.setpoint(), _reading(x, 0))
+    outputs = []
+    for step in range(STEPS):
+        setpoint = x.setpoint().shifted(float(step) * x.T)
+        state, force = block.step(prepared, state, setpoint, _reading(x, step), x.T)
+        outputs.append(force)
+    return Answers(start, state, (tuple(outputs), _retuned(block, state, prepared, x.T)))
+
+
+def _retuned(block: Any, state: Any, prepared: Any, T: Any) -> Any:
+    """The state after a live change from the same block with all numbers a tenth smaller."""
+    old = tree.rebuild(block, (0.9 * value for _, value in tree.leaves(block)))
+    return block.retune(state, old, old.prepare(T), prepared)
+
+
+def _compensation(block: Any, x: Inputs) -> Answers:
+    prepared = block.prepare(x.T)
+    start = state = block.start(prepared, x.setpoint(), _reading(x, 0))
+    outputs = []
+    for step in range(STEPS):
+        setpoint = x.setpoint().shifted(float(step) * x.T)
+        state, *found = block.step(prepared, state, setpoint, _reading(x, step), x.T)
+        outputs.append(tuple(found))
+    return Answers(start, state, (tuple(outputs), _retuned(block, state, prepared, x.T)))
+
+
+def _filter(block: Any, x: Inputs) -> Answers:
+    prepared = block.prepare(x.T)
+    start = state = block.start(prepared, x.force)
+    outputs = []
+    for value in (x.force, x.position, x.velocity):
+        state, output = block.step(prepared, state, value)
+        outputs.append(output)
+    return Answers(start, state, (prepared, tuple(outputs), _retuned(block, state, prepared, x.T)))
+
+
+def _feedforward(block: Any, x: Inputs) -> Answers:
+    start = state = block.start(x.setpoint())
+    outputs: list[Any] = []
+    for step in range(STEPS):
+        state, force = block.step(state, x.setpoint().shifted(float(step) * x.T), x.T)
+        outputs.append(force)
+    old = tree.rebuild(block, (0.9 * value for _, value in tree.leaves(block)))
+    return Answers(start, state, (tuple(outputs), block.retune(state, old)))
+
+
+def _prefilter(block: Any, x: Inputs) -> Answers:
+    start = state = block.start(x.setpoint())
+    outputs = []
+    for step in range(STEPS):
+        state, setpoint = block.step(state, x.setpoint().shifted(float(step) * x.T), x.T)
+        outputs.append(setpoint)
+    return Answers(start, block.retune(state, block), tuple(outputs))
+
+
+def _observer(block: Any, x: Inputs) -> Answers:
+    prepared = block.prepare(x.T)
+    start = state = block.start(prepared, _reading(x, 0))
+    outputs = []
+    for step in range(STEPS):
+        state, estimate = block.step(prepared, state, _reading(x, step), x.T)
+        outputs.append(estimate)
+    return Answers(start, state, (tuple(outputs), _retuned(block, state, prepared, x.T)))
+
+
+def _cutter(block: Any, x: Inputs) -> Answers:
+    angle = 20.0 * x.position  # some turns to either side
+    return Answers((), (), (block.forces(angle, x.mobility), block.torque(angle, x.mobility)))
+
+
+def _coupling(block: Any, x: Inputs) -> Answers:
+    prepared = block.prepare(x.T)
+    motions = {name: x.motion() for name in block.axes()}
+    start = state = block.start(prepared, motions)
+    outputs: list[Any] = [tuple((mode.mass, mode.damping, mode.stiffness) for mode in block.modes())]
+    for step in range(STEPS):
+        state, forces = block.step(prepared, state, motions, x.time + float(step) * x.T, x.T)
+        outputs.append(tuple(forces.values()))
+        motions = {
+            name: each._replace(position_load=each.position_load + x.T * each.velocity_load)
+            for name, each in motions.items()
+        }
+    return Answers(start, state, tuple(outputs))
+
+
+# What is part of a step, and what a block of each family is asked.
+TRACED: dict[type[Block], Callable[[Any, Inputs], Answers]] = {
+    families.Plant: _plant,
+    families.Friction: _friction,
+    families.Force: _force,
+    families.Motor: _motor,
+    families.Sensor: _sensor,
+    families.Law: _law,
+    families.Compensation: _compensation,
+    families.Filter: _filter,
+    families.Feedforward: _feedforward,
+    families.Prefilter: _prefilter,
+    families.Observer: _observer,
+    machine_families.Cutter: _cutter,
+    machine_families.Coupling: _coupling,
+}
+SAMPLED: tuple[type[Block], ...] = (families.Reference, families.Load)
+
+
+def asked_of(block: type[Block]) -> Callable[[Any, Inputs], Answers]:
+    """What a block that is part of a step is asked."""
+    return TRACED[family_of(block)]
+
+
+class Exercise(NamedTuple):
+    """A block, what it is asked, and with which numbers."""
+
+    block: Any
+    ask: Callable[[Any, Inputs], Answers]
+    x: Inputs
+
+    def run(self) -> Answers:
+        """On the numbers as they are: floats or arrays over lanes."""
+        with np.errstate(all="ignore"):
+            return self.ask(self.block, self.x)
+
+    def trace(self) -> tuple[Graph, list[int], dict[str, Any]]:
+        """The graph of all answers, their nodes, and the numbers of its leaves by name."""
+        graph = Graph()
+        rows = dict(tree.tables(self.block))
+        block = tree.rebuild(self.block, (graph.input(name) for name, _ in tree.leaves(self.block)))
+        block = tree.with_tables(block, {name: graph.table(name, len(row)) for name, row in rows.items()})
+        x = Inputs(*(graph.input(f"x.{name}") for name in Inputs._fields))
+        nodes = [graph.symbol(value).index for value in flat(self.ask(block, x))]
+        inputs = {f"x.{name}": value for name, value in zip(Inputs._fields, self.x, strict=True)}
+        return graph, nodes, {**dict(tree.leaves(self.block)), **rows, **inputs}
+
+    def program(self) -> tuple[Program, dict[str, Any], dict[str, np.ndarray]]:
+        """The answers as a program whose numbers are all constants, and the numbers and tables by name."""
+        graph, nodes, leaves = self.trace()
+        tables = {name: value for name, value in leaves.items() if isinstance(value, np.ndarray)}
+        numbers = {name: value for name, value in leaves.items() if name not in tables}
+        truth = classify(graph, [], [], []).truth
+        outputs = [ops.where(Symbol(graph, node), 1.0, 0.0).index if truth[node] else node for node in nodes]
+        program = Program(
+            graph=graph,
+            constants={name: graph.input(name).index for name in numbers},
+            inputs={},
+            states=(),
+            outputs={f"y{i}": node for i, node in enumerate(outputs)},
+            sample=None,
+            tables={name: graph.table(name, len(row)).index for name, row in tables.items()},
+        )
+        return program.keeping(list(program.outputs)), numbers, tables
+
+    def native(self, lanes: int) -> tuple[Plan, np.ndarray, list[np.ndarray], np.ndarray]:
+        """Its plan, constants and tables, and what the machine code makes of them: (outputs, lanes)."""
+        program, numbers, tables = self.program()
+        made = plan(program, lanes=lanes, varying=list(numbers) if lanes > 1 else ())
+        constants = np.repeat([[numbers[name]] for name, _ in made.constants], lanes, axis=1).astype(float)
+        constants = np.ascontiguousarray(constants.reshape(len(made.constants), lanes))
+        rows = [tables[name] for name, _ in made.tables]
+        outputs = np.empty((1, len(made.outputs), lanes))
+        native(made).run(1, 0, constants, np.empty((1, 0)), np.zeros((len(made.memory), lanes)), outputs, rows)
+        return made, constants, rows, outputs[0]
+
+
+def flat(answers: Answers) -> list[Any]:
+    """All numbers; what rings hold shows in what is read from them."""
+    return [value for _, value in tree.leaves(answers) if not isinstance(value, Ring)]

@@ -1,0 +1,210 @@
+"""Blocks of one's own: found by opt-in alone, in the battery, in machine files, exported and refused with reasons."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+import feeddrive as fd
+from feeddrive.blocks.catalogue import OWN, catalogue, with_blocks
+from feeddrive.blocks.families import Law
+from feeddrive.cli.commands import app
+from feeddrive.language.errors import ParameterError, StructureError
+from feeddrive.testing import battery
+from feeddrive.tuning.candidates import candidates
+
+LAW = '''\
+import math
+from pathlib import Path
+from feeddrive.blocks.families import Law
+from feeddrive.language import ops
+from feeddrive.language.block import parameter
+
+Path("imported.txt").write_text("")
+
+class {name}(Law):
+    """F = gain (x_set - x)."""
+
+    gain: float = parameter("N/m", "force over error", above=0)
+
+    def start(self, prepared, setpoint, reading):
+        return (reading.position_load,)
+
+    def step(self, prepared, state, setpoint, reading, T):
+        v = (reading.position_load - state[0]) / T
+        force = self.gain * (setpoint.position - reading.position_load + 0.01 * (setpoint.velocity - v))
+        return (reading.position_load,), {force}
+'''
+MACHINE = """\
+sample_time_us = 100
+[axis.x.plant]
+kind = "rigid"
+mass_kg = 10
+[axis.x.control]
+force_limit_N = 500
+[axis.x.control.law]
+kind = "{kind}"
+gain = 1e5
+[axis.x.control.guard]
+following_error_limit_mm = 2
+"""
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """An empty directory in which one works; what is imported from it is forgotten."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delenv(OWN, raising=False)
+    monkeypatch.setattr(sys, "path", [*sys.path])
+    monkeypatch.setattr(sys, "modules", dict(sys.modules))
+    return tmp_path
+
+
+def written(folder: Path, name: str, module: str, force: str = "force") -> Path:
+    file = folder / f"{module}.py"
+    file.write_text(LAW.format(name=name, force=force), encoding="utf-8")
+    (folder / "machine.toml").write_text(MACHINE.format(kind=module), encoding="utf-8")
+    return file
+
+
+def test_a_file_that_is_read_runs_nothing_and_says_how_to_opt_in(folder: Path) -> None:
+    written(folder, "SpringLaw", "spring_law")
+    for words in (["certify", "machine.toml"], ["export", "machine.toml", "--target", "c"]):
+        result = CliRunner().invoke(app, words)
+        assert isinstance(result.exception, ParameterError)
+        assert "kind = 'spring_law' is not known" in str(result.exception)
+        assert all(word in str(result.exception) for word in ("--blocks FILE.py", "FEEDDRIVE_BLOCKS", "installed"))
+    assert not (folder / "imported.txt").exists()
+
+
+@pytest.mark.parametrize("place", ["own_law.py", "own_law", "own_law:OwnLaw"])
+def test_blocks_are_named_by_file_module_or_class(place: str, folder: Path) -> None:
+    written(folder, "OwnLaw", "own_law")
+    with pytest.raises(ParameterError, match="not known"):
+        fd.read_machine("machine.toml")
+    with with_blocks([place]):
+        assert fd.read_machine("machine.toml").loop("x").control.law.kind == "own_law"
+        assert "own law" in {each.name for each in candidates(fd.read_machine("machine.toml").loop("x"))[0]}
+    assert "own_law" not in catalogue()[Law]
+    assert OWN not in os.environ
+
+
+def test_the_environment_names_them_too(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    file = written(folder, "PlainLaw", "plain_law")
+    monkeypatch.setenv(OWN, str(file))
+    assert fd.read_machine("machine.toml").loop("x").control.law.kind == "plain_law"
+    law = catalogue()[Law]["plain_law"]
+    loop = fd.read_machine("machine.toml").loop("x")
+    names = [each.name for each in candidates(loop, [law])[0]]
+    assert names.count("plain law") == 1, "named by --law and found in the catalogue, it is one law"
+
+
+def test_an_installed_package_names_them_by_entry_point(folder: Path) -> None:
+    (folder / "site" / "packaged_law-1.dist-info").mkdir(parents=True)
+    written(folder / "site", "PackagedLaw", "packaged_law")
+    info = folder / "site" / "packaged_law-1.dist-info"
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: packaged-law\nVersion: 1\n", encoding="utf-8")
+    (info / "entry_points.txt").write_text("[feeddrive.blocks]\npackaged_law = packaged_law\n", encoding="utf-8")
+    code = "import feeddrive as fd; print(fd.read_machine('site/machine.toml').loop('x').control.law.kind)"
+    path = os.pathsep.join([str(folder / "site"), str(Path(fd.__file__).parents[1])])
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, env={**os.environ, "PYTHONPATH": path}, check=True
+    )
+    assert done.stdout.strip() == "packaged_law"
+    (folder / "site" / "packaged_law.py").write_text("import nothing_of_this_name\n", encoding="utf-8")
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, env={**os.environ, "PYTHONPATH": path}
+    )
+    assert "the installed package 'packaged-law' (mend or uninstall it): it cannot be imported" in done.stderr
+
+
+WRONG = {
+    "no_file.py": "there is no file",
+    "os.path": "holds no concrete block",
+    "nothing_of_this_name": "No module named 'nothing_of_this_name'",
+    "broken.py": "SyntaxError: .*line 2",
+    "failing.py": "NameError: .*line 2 of failing.py",
+    "json.py": "Python already has a module 'json'",
+    "cascade_ppi_too.py": "the kind 'cascade_ppi' is that of feeddrive.blocks.controller.cascade_ppi:CascadePPI",
+}
+
+
+@pytest.mark.parametrize("place", WRONG)
+def test_places_that_cannot_be_used_say_why(place: str, folder: Path) -> None:
+
+    (folder / "broken.py").write_text("x = 1\ndef f(:\n", encoding="utf-8")
+    (folder / "failing.py").write_text("x = 1\ny = z\n", encoding="utf-8")
+    (folder / "json.py").write_text("x = 1\n", encoding="utf-8")
+    (folder / "cascade_ppi_too.py").write_text(LAW.format(name="CascadePPI", force="force"), encoding="utf-8")
+    result = CliRunner().invoke(app, ["certify", "emps", "--blocks", place])
+    assert isinstance(result.exception, ParameterError | StructureError)
+    assert re.search(WRONG[place], str(result.exception)), result.exception
+
+
+@pytest.mark.parametrize(
+    ("force", "said"),
+    [
+        ("math.sqrt(force)", r"bent_law.py, line \d+: .*: a law writes ops\.sqrt"),
+        ("force if force > 0.0 else 0.0", r"bent_law.py, line \d+: .*ops\.where"),
+    ],
+)
+def test_a_law_that_leaves_its_language_is_an_error_in_one_line(force: str, said: str, folder: Path) -> None:
+    """It was a traceback of a TypeError."""
+    written(folder, "BentLaw", "bent_law", force)
+    result = CliRunner().invoke(app, ["certify", "machine.toml", "--blocks", "bent_law.py"])
+    assert isinstance(result.exception, StructureError)
+    assert re.search(said, str(result.exception)), result.exception
+
+
+def test_the_battery_is_a_class_outside_of_tests() -> None:
+    """Called in a test it would ask nothing, and pass."""
+    with pytest.raises(StructureError, match=r"TestMyLaw = battery\(MyLaw\)"):
+        battery(fd.blocks.CascadePPI)
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [("CascadePPI", "must be"), ("Law", "it lacks start, step"), ("", "needs a block")],
+)
+def test_the_battery_takes_concrete_blocks(given: str, said: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("PYTEST_CURRENT_TEST")
+    blocks = {"CascadePPI": [fd.blocks.CascadePPI(Kv=1.0, Kp=1.0)], "Law": [Law], "": []}[given]
+    with pytest.raises(fd.FeeddriveError, match="no class" if given == "CascadePPI" else said):
+        battery(*blocks)  # type: ignore[arg-type]
+
+
+OWN_TEST = """\
+from feeddrive.testing import battery
+from {module} import {name}
+
+Test{name} = battery({name})
+"""
+
+
+@pytest.mark.parametrize(
+    ("force", "rows"),
+    [
+        ("force", set[str]()),
+        ("force if force > 0.0 else 2.0 * force", {"symbols", "lanes", "native", "c", "slopes"}),
+        ("ops.where(force < 1e308, force, 0.0) / 0.0", {"answers"}),
+    ],
+    ids=["sound", "branch", "infinite"],
+)
+@pytest.mark.slow(reason="a pytest in a process of its own, which compiles the law: 10 s each")
+def test_the_battery_finds_what_is_wrong_with_a_law(force: str, rows: set[str], folder: Path) -> None:
+    written(folder, "AskedLaw", "asked_law", force)
+    (folder / "test_asked_law.py").write_text(OWN_TEST.format(module="asked_law", name="AskedLaw"), encoding="utf-8")
+    path = os.pathsep.join([str(Path(fd.__file__).parents[1])])
+    done = subprocess.run(
+        [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider"],
+        capture_output=True, text=True, env={**os.environ, "PYTHONPATH": path}, timeout=250,
+    )  # fmt: skip
+    found = {line.split("::test_")[1].split("_")[0] for line in done.stdout.splitlines() if line.startswith("FAILED")}
+    assert found == rows if not rows else found >= rows, done.stdout[-3000:]
+    assert "passed" in done.stdout
