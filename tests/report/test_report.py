@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import scipy.io
+from markupsafe import Markup
 
 from feeddrive.analysis.replay import replay
 from feeddrive.blocks.actuator.actuator import Actuator
@@ -31,7 +32,7 @@ from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import simulate
 from feeddrive.plot import style
 from feeddrive.report import Entry, Study, build
-from feeddrive.report.page import THEME, svg
+from feeddrive.report.page import THEME, render, svg, table
 from feeddrive.report.sentences import number, percent, remarks, result
 
 LOG = Path(__file__).parents[2].parent / "shared" / "data" / "emps" / "DATA_EMPS.mat"
@@ -396,3 +397,17 @@ def test_remarks_say_what_must_not_be_overlooked() -> None:
 )  # fmt: skip
 def test_numbers_have_three_digits(value, text) -> None:
     assert number(value) == text
+
+
+def test_a_table_that_is_cut_off_on_a_narrow_screen_says_so() -> None:
+    """The class names the width of the screen below which it is; the rule of that width shows the words."""
+    narrow = table("Two.", ["what", "size"], [["mass", "12.5 kg"], ["a long name that breaks", "3 N"]])
+    wide = table("Many.", ["what", *"abcdefg"], [["mass", *["123.456 N/um"] * 7]])
+    longer = table("Words.", ["what", "said"], [["mass", "a sentence in a cell, which does not break " * 3]])
+    assert 'class="scroll "' in narrow
+    assert re.search(r'class="scroll beyond-(55|60)"', wide)
+    assert 'class="scroll beyond-65"' in longer
+    text = render("page.html", title="Tables", body=Markup(narrow + wide + longer))
+    assert "Swipe: the table goes on to the right" in text
+    for each in re.findall(r'class="scroll beyond-(\d+)"', text):
+        assert f"(max-width: {each}rem) {{ .beyond-{each}::before {{ display: block; }} }}" in text

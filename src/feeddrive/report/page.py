@@ -40,6 +40,8 @@ THEME = {
     style.ALERT: "var(--alert)",
     **{color: f"var(--curve-{i})" for i, color in enumerate(style.COLORS)},
 }
+_WIDTHS = range(25, 70, 5)  # rem: of screens on which a table may be cut off
+_CHARACTER, _BETWEEN, _AROUND = 0.5, 1.2, 4.0  # rem: a character of a table, between two columns, beside the table
 _DECIMALS = re.compile(r"\d+\.\d+")
 # of a page: a quoted file, a tag, or what is said between tags
 _PIECES = re.compile(r"<(pre|style|title)\b.*?</\1>|<[^>]*>|(?P<said>[^<]+)", re.DOTALL)
@@ -82,8 +84,26 @@ def _environment() -> Environment:
         """A word joiner keeps a unit such as N/µm on one line."""
         return escape(text).replace("/", Markup("/&#8288;"))
 
-    made.filters.update(drawn=drawn, unbroken=unbroken)
+    made.filters.update(drawn=drawn, unbroken=unbroken, beyond=_beyond)
+    made.globals.update({"widths": _WIDTHS})
     return made
+
+
+def _beyond(heads: Sequence[str], rows: Sequence[Sequence[Any]], text: bool = False) -> str:
+    """The class of a table that is cut off on a screen narrower than a width in rem; empty if it never is.
+
+    Heads and the first column break between words, cells only in a table of sentences.
+    """
+
+    def columns(cell: Any, breaks: bool) -> int:
+        return max(map(len, re.split(r"[\s-]", str(cell)))) if breaks else len(str(cell))
+
+    widest = [
+        max(columns(str(row[i]), i == 0 or text or row is heads) for row in (heads, *rows) if i < len(row))
+        for i in range(len(heads))
+    ]
+    needed = _AROUND + sum(_CHARACTER * each + _BETWEEN for each in widest)
+    return "" if needed <= _WIDTHS[0] - 5 else f"beyond-{next((w for w in _WIDTHS if w >= needed), _WIDTHS[-1])}"
 
 
 def _part(name: str, *content: Any) -> str:
