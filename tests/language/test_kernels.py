@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
-import math
-import random
 import re
-import struct
 import threading
 from collections.abc import Callable
 from pathlib import Path
@@ -21,101 +18,15 @@ from feeddrive.language import machine_code
 from feeddrive.language.kernels.kernel import Kernel, interpreted
 from feeddrive.language.kernels.source import KernelError
 from feeddrive.language.recent import Recent
+from kernel_oracle import compare, drawn
 
 CONSTRUCTS = [each for each in vars(kernel_constructs).values() if isinstance(each, Kernel)]
 ALL = [*CONSTRUCTS, kernel_beside.halves]
-SPECIAL = [
-    math.nan, math.inf, -math.inf, 0.0, -0.0, 5e-324, -5e-324, 2.2e-308, -1e-310, 1e308, -1.7e308, 1.0, -1.0, 0.5, 2.0,
-    -2.5, 3.0, 2.0**52 + 0.5, 2.0**53, 2.0**63, -(2.0**63), 2.0**63 - 1024.0, 9.3e18, 0.1, 0.3, 1.0 - 2.0**-53,
-]  # fmt: skip
-WHOLE = [0, 1, -1, 2, -2, 3, 7, -7, 10**9, 2**53, 2**53 + 1, -(2**53) - 1, 2**62, 2**63 - 1, -(2**63), 2**63 - 1024]
 DRAWS = 40
-SIZES = {"Floats": (3,), "Floats2": (4, 3), "Floats3": (4, 3, 3), "Ints": (3,)}
-
-
-def a_float(draw: random.Random) -> float:
-    return draw.choice(SPECIAL) if draw.random() < 0.5 else draw.uniform(-2.0, 2.0) * 10.0 ** draw.randint(-12, 12)
-
-
-def a_whole(draw: random.Random) -> int:
-    return draw.choice(WHOLE) if draw.random() < 0.6 else draw.randint(-(2**63), 2**63 - 1) >> draw.randint(0, 62)
-
-
-def arguments(kernel: Kernel[..., Any], draw: random.Random) -> list[Any]:
-    """Arguments of a kernel; whole numbers with the name of an index are small."""
-    given: list[Any] = []
-    for name, kind in zip(kernel.source.signature.names, map(str, kernel.source.signature.parameters), strict=True):
-        if kind == "float":
-            given.append(a_float(draw))
-        elif kind == "int":
-            given.append(draw.randint(-5, 5) if name in "ijkn" else a_whole(draw))
-        elif kind == "bool":
-            given.append(draw.random() < 0.5)
-        else:
-            sizes = SIZES[kind] if draw.random() < 0.9 else tuple(draw.randint(0, 4) for _ in SIZES[kind])
-            count = math.prod(sizes)
-            numbers = [draw.randint(-3, 3) if kind == "Ints" else a_float(draw) for _ in range(count)]
-            given.append(np.array(numbers, dtype=np.int64 if kind == "Ints" else np.float64).reshape(sizes))
-    return given
-
-
-def bits(value: Any) -> Any:
-    """A number by its bits, NaN as one."""
-    if isinstance(value, np.ndarray):
-        return value.shape, [bits(each) for each in value.ravel().tolist()]
-    if isinstance(value, tuple):
-        return [bits(each) for each in value]
-    if isinstance(value, float):
-        return "nan" if value != value else struct.pack(">d", value)
-    return type(value), value
-
-
-def line_of(error: Exception) -> int:
-    """The line of a kernel at which an error was raised, by the interpreter or by machine code."""
-    noted = [re.search(r"line (\d+):", note) for note in getattr(error, "__notes__", [])]
-    if noted and noted[0]:
-        return int(noted[0][1])
-    codes = {each.python.__code__ for module in (kernel_constructs, kernel_beside) for each in vars(module).values()
-             if isinstance(each, Kernel)}  # fmt: skip
-    trace, line = error.__traceback__, 0
-    while trace:
-        if trace.tb_frame.f_code in codes:
-            line = trace.tb_lineno
-        trace = trace.tb_next
-    return line
-
-
-def outcome(kernel: Callable[..., Any], given: list[Any]) -> Any:
-    """Results and arrays after a call, or the error, its text if a kernel raised it, and its line."""
-    held = [each.copy() if isinstance(each, np.ndarray) else each for each in given]
-    try:
-        found = kernel(*held)
-    except Exception as error:
-        written = "raise " in Path(kernel_constructs.__file__).read_text("utf-8").splitlines()[line_of(error) - 1]
-        return type(error), str(error) if written else "", line_of(error), bits(tuple(held))
-    results = found if isinstance(found, tuple) else (found,)
-    if any(isinstance(each, int) and not -(2**63) <= each < 2**63 for each in results):
-        return OverflowError
-    return bits(results), bits(tuple(held))
-
-
-def compare(kernel: Kernel[..., Any], count: int, seed: int) -> int:
-    """Draws on which interpreter and processor were compared and ended in the same error."""
-    draw, errors = random.Random(f"{kernel.__name__} {seed}"), 0
-    for _ in range(count):
-        given = arguments(kernel, draw)
-        native = outcome(kernel, given)
-        with interpreted():
-            plain = outcome(kernel, given)
-        if plain is OverflowError:
-            native = native[0]
-        assert native == plain, (kernel, given)
-        errors += isinstance(plain, type) or isinstance(plain[0], type)
-    return errors
 
 
 def test_machine_code_has_the_bits_and_errors_of_the_interpreter():
-    errors = {each.__name__: compare(each, DRAWS, seed=1) for each in ALL}
+    errors = {each.__name__: compare(each, drawn(each, DRAWS, seed=1)) for each in ALL}
     assert sum(errors.values()) > 5 * DRAWS
     assert max(errors.values()) < DRAWS
 
@@ -124,7 +35,7 @@ def test_machine_code_has_the_bits_and_errors_of_the_interpreter():
 @pytest.mark.parametrize("kernel", ALL, ids=lambda each: each.__name__)
 def test_machine_code_and_interpreter_agree_on_many_draws(kernel: Kernel[..., Any]):
     often = ("float_quotients", "mixed_orders", "while_loop", "ranges", "cells", "rows", "calls")
-    compare(kernel, 100_000 if kernel.__name__ in often else 1000, seed=3)
+    compare(kernel, drawn(kernel, 100_000 if kernel.__name__ in often else 1000, seed=3))
 
 
 HEAD = """

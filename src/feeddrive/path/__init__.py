@@ -1,0 +1,1 @@
+"""From a part program to setpoints."""
