@@ -126,19 +126,27 @@ def ascii_text(text: str) -> str:
 
     `·/` becomes `* /`, so that it does not end a C comment.
     """
+    return _BEYOND_ASCII.sub(lambda found: _run_spelled(found[0]), text.replace("·/", "· /"))
+
+
+_BEYOND_ASCII = re.compile(r"[^\x00-\x7f]+")
+
+
+def _run_spelled(text: str) -> str:
+    """Characters beyond ASCII that stand together; a `^` or `_` before each group of raised or lowered ones."""
     found: list[str] = []
     raised = lowered = False
     for character in text:
         code = _SIGNS.get(character)
         up = code is None and character in _RAISED
-        down = "SUBSCRIPT" in unicodedata.name(character, "") and not character.isascii()
+        down = "SUBSCRIPT" in unicodedata.name(character, "")
         if up and not raised:
             found.append("^")
         if down and not lowered:
             found.append("_")
         raised, lowered = up, down
-        found.append(character if character.isascii() else code or _RAISED.get(character) or _spelled(character))
-    return "".join(found) if "·/" not in text else ascii_text(text.replace("·/", "· /"))
+        found.append(code or _RAISED.get(character) or _spelled(character))
+    return "".join(found)
 
 
 def _spelled(character: str) -> str:
