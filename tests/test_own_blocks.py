@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import os
 import re
+import shutil
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -19,6 +21,7 @@ from feeddrive.language.errors import ParameterError, StructureError
 from feeddrive.testing import battery
 from feeddrive.tuning.candidates import candidates
 
+EXAMPLES = Path(__file__).parents[1] / "examples"
 LAW = '''\
 import math
 from pathlib import Path
@@ -57,13 +60,15 @@ following_error_limit_mm = 2
 
 
 @pytest.fixture
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     """An empty directory in which one works; what is imported from it is forgotten."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.delenv(OWN, raising=False)
     monkeypatch.setattr(sys, "path", [*sys.path])
-    monkeypatch.setattr(sys, "modules", dict(sys.modules))
-    return tmp_path
+    yield tmp_path
+    own = (str(tmp_path), str(EXAMPLES))
+    for name in [name for name, each in sys.modules.items() if str(getattr(each, "__file__", "")).startswith(own)]:
+        del sys.modules[name]
 
 
 def written(folder: Path, name: str, module: str, force: str = "force") -> Path:
@@ -208,3 +213,46 @@ def test_the_battery_finds_what_is_wrong_with_a_law(force: str, rows: set[str], 
     found = {line.split("::test_")[1].split("_")[0] for line in done.stdout.splitlines() if line.startswith("FAILED")}
     assert found == rows if not rows else found >= rows, done.stdout[-3000:]
     assert "passed" in done.stdout
+
+
+TWISTING = """
+[[law]]
+name = "twisting"
+[law.control.law]
+kind = "super_twisting"
+rate = 60
+reaching = 1000
+twisting = 3000
+"""
+
+
+def test_a_job_runs_a_law_without_a_slope_and_says_that_nothing_is_proven(folder: Path) -> None:
+    """It printed a phase margin of a slope that one count of the encoder had made."""
+    moves = 'kind = "snap_limited_move"\ndistance_mm = 20\nvelocity = 0.2\nacceleration = 2\njerk = 100\nsnap = 1e4\n'
+    (folder / "job.toml").write_text(f'machine = "linear_motor"\n[reference]\n{moves}{TWISTING}', encoding="utf-8")
+    with with_blocks([str(EXAMPLES / "super_twisting.py")]):
+        found = fd.workflow.run("job.toml")
+    assert re.search(r"twisting +[\d.]+ +[\d.]+ +[\d.]+ +- +- +-", str(found.table()))
+    said = next(each for each in found.remarks if each.startswith("'twisting': no margins"))
+    assert "that it is stable is not proven" in said
+    assert "no finite slope (super_twisting, super_twisting.py, line" in said
+
+
+def test_an_export_of_a_law_without_a_slope_is_equal_and_says_it_too(folder: Path) -> None:
+    """It was refused: "a parameter overflows; check masses"."""
+    law = str(EXAMPLES / "super_twisting.py")
+    bundled = Path(fd.files.__file__).parent / "bundled" / "machines" / "linear_motor.toml"
+    text = bundled.read_text(encoding="utf-8")
+    before, _, after = text.partition("[axis.x.control.law]")
+    own = TWISTING.partition("[law.control.law]")[2]
+    machine = f"{before}[axis.x.control.law]{own}\n[[axis{after.partition('[[axis')[2]}"
+    (folder / "machine.toml").write_text(machine, encoding="utf-8")
+    words = ["export", "machine.toml", "--target", "c", "--out", "c", "--blocks", law]
+    result = CliRunner().invoke(app, words)
+    assert result.exit_code == 0, result.output
+    assert "whether the loop is stable was not decided" in result.output
+    if shutil.which("gcc") is None:
+        pytest.skip("NOT TESTED: exported C needs gcc: apt-get install gcc libc6-dev")
+    result = CliRunner().invoke(app, ["verify", "c", "--samples", "5000", "--blocks", law])
+    assert result.exit_code == 0, result.output
+    assert "EQUAL, bit for bit" in result.output

@@ -113,3 +113,11 @@ def test_an_unstable_law_without_tunables_says_which_gains_to_lower() -> None:
         require_stable(with_law(Rooted(gain=3e7)))
     assert "lower ;" not in str(refused.value)
     assert "it is stable up to gain =" in str(refused.value)
+
+
+@pytest.mark.parametrize("velocity", [0.0, 0.05, 0.08611874207529721, -0.1, 0.3])
+@pytest.mark.parametrize("position", [0.0, 0.0371])
+def test_a_zero_that_rounding_has_moved_is_one(velocity: float, position: float, loop: fd.Loop) -> None:
+    """√|s| of an s of 1e-17 or of a count over T has a slope: `run` printed margins of it, at the speed of its job."""
+    with pytest.raises(NoSlopeError, match=LINE):
+        fd.linearize(loop, ["cut"], ["force"], velocity=velocity, position=position)

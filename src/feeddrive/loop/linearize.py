@@ -199,8 +199,8 @@ def samples_of_a_period(
         jacobian = np.vstack(
             [*(_after(tangent, after, state.name, size, n + m) for tangent, state, size in states), *rows]
         )
+        require_slopes(program.graph, ends, values, seeds)
         if not np.all(np.isfinite(jacobian)):
-            require_slopes(program.graph, ends, values, seeds)
             raise ParameterError(
                 "the linear model of the loop holds numbers that are not finite: a parameter of axis or control is so "
                 "large or so small that it overflows; check masses, stiffnesses, gains and the sample time"

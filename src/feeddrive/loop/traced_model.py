@@ -10,7 +10,7 @@ import numpy as np
 
 from feeddrive.language import ops
 from feeddrive.language.errors import NoSlopeError
-from feeddrive.language.graph import STEEP, Graph, Line, arguments, reachable
+from feeddrive.language.graph import Graph, Line, arguments, reachable
 from feeddrive.language.ring import Ring
 from feeddrive.loop.trace import node_values
 
@@ -232,31 +232,58 @@ def _tangents(
 
 
 def require_slopes(graph: Graph, outputs: Sequence[int], values: Mapping[int, Any], seeds: Mapping[int, Any]) -> None:
-    """Raise NoSlopeError, with its line, if an operation on finite numbers has no finite slope there, as √x at 0.
+    """Raise NoSlopeError, with its line, if outputs depend on the root or logarithm of a number that is 0 there.
 
-    Returns if the outputs have finite slopes, and if the numbers themselves are not finite.
+    A number counts as 0 if it is no larger than what rounding makes of it, of readings the count: √|s| has a slope of
+    1e8 for an s of 1e-17, which says nothing of the loop.  Returns at once for a graph without such operations, and if
+    the numbers themselves are not finite.
     """
+    steep = [index for index in graph.lines if index in values]
+    if not steep:
+        return
+    rounding = _rounding(graph, [arguments(graph.nodes[index])[0] for index in steep], values)
+    zeros = {i for i in steep if abs(values[k := arguments(graph.nodes[i])[0]]) <= rounding[k]}
+    if not zeros:
+        return
     with np.errstate(all="ignore"):
         found = _tangents(graph, outputs, values, seeds)
-    stack, seen = [index for index in outputs if not _finite(found.get(index))], set[int]()
+    stack, seen = list(outputs), set[int]()
     while stack:
         index = stack.pop()
-        if index in seen:
-            continue
-        seen.add(index)
         node = graph.nodes[index]
         inner = arguments(node)
+        if index in zeros and np.any(found.get(inner[0], 0.0) != 0.0):  # NaN is not 0 either
+            raise NoSlopeError(_no_slope(graph.lines[index], node[0]))
         if node[0] == "select":  # the branch that is taken
             inner = inner[1:2] if values[inner[0]] else inner[2:3]
-        steep = [i for i in inner if not _finite(found.get(i))]
-        if not steep and node[0] in STEEP and index in graph.lines and _finite(values[inner[0]]):
-            raise NoSlopeError(_no_slope(graph.lines[index], node[0]))
-        stack += steep
+        stack += [i for i in inner if i not in seen and found.get(i) is not None]
+        seen.update(inner)
 
 
-def _finite(number: Any) -> bool:
-    held = number.cells if isinstance(number, Ring) else number
-    return held is None or bool(np.all(np.isfinite(held)))
+def _rounding(graph: Graph, outputs: Sequence[int], values: Mapping[int, Any]) -> dict[int, float]:
+    """How far rounding may have moved each number below some nodes, to the count for readings; first order."""
+    unit, found = 2.0**-50, dict[int, float]()
+    for index in reachable(graph, outputs):
+        node, own = graph.nodes[index], values[index]
+        if isinstance(own, Ring) or np.ndim(own):
+            found[index] = 0.0
+            continue
+        inner = [i for i in arguments(node) if i in found]
+        match node[0]:
+            case "mul":
+                moved = abs(values[inner[0]]) * found[inner[1]] + abs(values[inner[1]]) * found[inner[0]]
+            case "div":
+                moved = (found[inner[0]] + abs(own) * found[inner[1]]) / abs(values[inner[1]])
+            case "select":
+                moved = found[inner[1] if values[inner[0]] else inner[2]]
+            case "quantise":
+                moved = found[inner[0]] + abs(values[inner[1]])
+            case "add" | "sub" | "neg" | "abs":
+                moved = sum(found[i] for i in inner)
+            case _:
+                moved = 0.0
+        found[index] = float(moved + unit * abs(float(own)))
+    return found
 
 
 def _no_slope(line: Line, operation: str) -> str:

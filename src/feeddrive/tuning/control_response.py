@@ -159,7 +159,7 @@ class ControlResponse:
             matrix[i, j] = found[node]
             if tangent is not None:
                 slopes[i, j] = tangent
-        if not np.all(np.isfinite(matrix)):
+        if traced.graph.lines:
             self._require_slopes(values)
         keep, wide = self._kept()
         return matrix[np.ix_(keep, wide)], slopes[np.ix_(keep, wide)]

@@ -66,9 +66,9 @@ class JobResult(Result):
                     _scaled(figures["following_error_rms_m"], 1e6, ".4g"),
                     _scaled(figures["following_error_peak_m"], 1e6, ".4g"),
                     _scaled(figures["force_peak_N"], 1.0, ".4g"),
-                    _scaled(figures["phase_margin_deg"], 1.0, ".1f"),
-                    _scaled(figures["sensitivity_peak"], 1.0, ".2f"),
-                    _scaled(figures["stiffness_least_N_per_m"], 1e-6, ".3g"),
+                    _scaled(figures.get("phase_margin_deg"), 1.0, ".1f"),
+                    _scaled(figures.get("sensitivity_peak"), 1.0, ".2f"),
+                    _scaled(figures.get("stiffness_least_N_per_m"), 1e-6, ".3g"),
                 ]
             )
             if row.replay is not None:
@@ -294,16 +294,16 @@ def _remarks(rows: list[Entry]) -> list[str]:
     for row in rows[1:]:
         now = numbers(row)
         worse = [
-            f"{text} {_ratio(now[key], today[key])}"
+            f"{text} {_ratio(now.get(key), today.get(key))}"
             for key, text in (
                 ("following_error_rms_m", "RMS error"),
                 ("following_error_peak_m", "peak error"),
                 ("force_peak_N", "peak force"),
                 ("sensitivity_peak", "Ms"),
             )
-            if _above(now[key], today[key])
+            if _above(now.get(key), today.get(key))
         ]
-        if _above(today["stiffness_least_N_per_m"], now["stiffness_least_N_per_m"]):
+        if _above(today.get("stiffness_least_N_per_m"), now.get("stiffness_least_N_per_m")):
             worse.append(f"least stiffness {_ratio(now['stiffness_least_N_per_m'], today['stiffness_least_N_per_m'])}")
         if worse:
             remarks.append(f"'{row.name}' is worse than today in: {', '.join(worse)}.")
