@@ -501,7 +501,7 @@ def test_responses_that_do_not_belong_into_one_file_are_refused(tmp_path: Path):
         write_frf(tmp_path / "a.csv", one, one)
     with pytest.raises(ParameterError, match="one input"):
         write_frf(tmp_path / "a.csv", one, replace(one, input="current", output="reading_load"))
-    with pytest.raises(ParameterError, match="lines that all of them have"):
+    with pytest.raises(ParameterError, match="need common lines"):
         write_frf(tmp_path / "a.csv", one, replace(one, frequency=f + 0.5, output="reading_load"))
     assert not (tmp_path / "a.csv").exists()
 

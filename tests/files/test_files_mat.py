@@ -212,8 +212,8 @@ def test_links_out_of_an_hdf5_file_are_not_followed(tmp_path: Path) -> None:
     found = read_columns("a.h5", (tmp_path / "a.h5").read_bytes(), None)
     assert set(found.values) == {"t"}
     assert found.left_out == {
-        "link": "a link to somewhere else",
-        "soft": "a link to somewhere else",
+        "link": "a link to another place",
+        "soft": "a link to another place",
         "raw": "stored in another file",
         "virtual": "stored in another file",
     }

@@ -52,7 +52,7 @@ def test_packed_blocks_of_mdf4_are_measured_first() -> None:
     """1 GB stated, and unpacked no further than stated."""
     content = mdf4({"x": np.zeros(20_000)}, 1e-3, packed=True)
     at = content.index(b"##DZ") + 24 + 8
-    for stated, said in ((10**9, "hold more than they may"), (1000, "damaged or cut off")):
+    for stated, said in ((10**9, "hold more than allowed"), (1000, "damaged or cut off")):
         with pytest.raises(LogError, match=said):
             read_columns("a.mf4", content[:at] + stated.to_bytes(8, "little") + content[at + 8 :], None)
 

@@ -1,7 +1,5 @@
 """LinuxCNC's stock pids for a P-PI design: the gains that realize it, and the differences that remain.
 
-Gains of LinuxCNC's `pid` that realize a P-PI design, by one pid or by two, and what they cannot realize.
-
 With c = units · force_per_output (machine units in a meter, N per unit of the output), α = velocity_feedforward, b the
 law's own `viscous`, and m, d the mass and viscous friction that are fed forward:
 

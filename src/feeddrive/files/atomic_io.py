@@ -1,6 +1,6 @@
 """Atomic file access: a file is read or written completely or not at all.
 
-A file is written under a temporary name beside its place, flushed to the disk and renamed; a directory of results is
+A file is written under a temporary name next to it, flushed to the disk and renamed; a directory of results is
 built under a temporary name and renamed at its end.  Any failure before that, Ctrl-C included, leaves no new file and
 the old one unchanged.  (A killed process or a power cut may leave the hidden temporary file, but never a partial
 result under the final name.)
@@ -21,7 +21,7 @@ from pathlib import Path
 from feeddrive.language.errors import FileError
 from feeddrive.version import __version__
 
-MARKER = ".feeddrive"  # in a directory of results: says who wrote it, and which files
+MARKER = ".feeddrive"  # in a directory of results: the version that wrote it, and its files
 
 _WHAT_TO_DO = {
     errno.ENOSPC: "free some space or choose another disk",
@@ -78,7 +78,7 @@ def read_whole(path: str | Path, most: int) -> bytes:
 
 @contextlib.contextmanager
 def written_whole(path: str | Path) -> Generator[Path]:
-    """The name of an empty temporary file beside `path`, for others to fill; renamed to `path` at the end of the block.
+    """The name of an empty temporary file next to `path`, to be filled; renamed to `path` at the end of the block.
 
     On any exception the temporary file is removed and an older `path` stays as it was; an OSError becomes a FileError.
     A symbolic link is followed, and the permissions of an older file are kept.
@@ -105,7 +105,7 @@ def written_whole(path: str | Path) -> Generator[Path]:
 
 
 def write_whole(path: str | Path, content: bytes | str) -> None:
-    """Write a file, whole or not at all. Raises FileError that names the file and the reason."""
+    """Write a file completely or not at all. Raises FileError that names the file and the reason."""
     with written_whole(path) as temporary:
         temporary.write_bytes(content.encode("utf-8") if isinstance(content, str) else content)
 
@@ -171,7 +171,7 @@ def check_directory(path: str | Path) -> None:
 
 
 def _seen(name: object, temporary: Path, target: Path) -> Path | None:
-    """An error that names the final file instead of the temporary one."""
+    """The error with the name of the final file instead of the temporary one."""
     if not isinstance(name, str | Path):
         return None
     file = Path(name)
@@ -214,7 +214,7 @@ def _check_replaceable(path: str | Path, target: Path) -> None:
 
 
 def _exchange(new: Path, target: Path) -> None:
-    """Put `new` in the place of `target`; the old one is moved aside first and comes back if that fails."""
+    """Replace `target` by `new`; the old one is moved away first, and back if that fails."""
     old = _beside(target, "old")
     try:
         if target.exists():

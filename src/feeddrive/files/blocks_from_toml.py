@@ -3,7 +3,7 @@
     [axis.x.plant]
     kind = "two_mass"            # selects the block of the family; not needed where only one block fits
     mass_load = 350.0            # a parameter in the unit of its declaration
-    stiffness_N_per_um = 180     # or in another unit of the same dimension, named behind it
+    stiffness_N_per_um = 180     # or in another unit of the same dimension, appended to the key
     [[axis.x.forces]]            # a part is a section, a tuple of parts a list of sections
     kind = "cogging"
 
@@ -37,7 +37,7 @@ Choice: TypeAlias = Any  # the type of a choice: int, str, bool, float, tuple[..
 
 @dataclass(frozen=True)
 class Hint:
-    """What a part may be: blocks of these families or classes; `many` of them in a row, or `optional`ly none."""
+    """The type of a part: blocks of these families or classes; `many`: a list of them; `optional`: may be absent."""
 
     classes: tuple[type[Block], ...]
     many: bool = False
@@ -50,7 +50,7 @@ class Hint:
 
 @cache
 def hints(kind: type[Block]) -> Mapping[str, Any]:
-    """For every part its Hint, for every choice its type."""
+    """By name the Hint of every part and the type of every choice."""
     resolved = typing.get_type_hints(kind)
     found: dict[str, Any] = {}
     for name, declared in declarations(kind).items():
@@ -154,7 +154,7 @@ _TYPES = {int: "a whole number", str: 'text in quotes ("...")', bool: "true or f
 
 
 def type_as_text(annotation: Choice) -> str:
-    """A type as people say it: `a whole number`."""
+    """A type in words: `a whole number`."""
     if _is_union(annotation):
         return " or ".join(map(type_as_text, options_of_type(annotation)))
     if typing.get_origin(annotation) is tuple:
@@ -174,7 +174,7 @@ def read_block(
 ) -> B:
     """The block of a family that a section describes.
 
-    Keys named in `besides` are read elsewhere; fields in `given` are known already and not read.
+    Keys named in `besides` are read elsewhere; fields in `given` are set already and not read.
 
     Raises ParameterError (a key is unknown, missing, given twice, of another type, not finite or out of bounds) or
     StructureError (parts that do not fit each other), both with file and line.

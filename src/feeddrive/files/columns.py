@@ -36,7 +36,7 @@ ROLES: Mapping[str, str] = {
     "current": "A",
 }
 
-# roles in whatever unit the drive has: what is commanded (A, V, percent), and what an experiment adds somewhere
+# roles in the unit of the drive: the command (A, V, percent), and a signal that an experiment injects
 OWN_UNIT = frozenset({"command", "excitation"})
 
 
@@ -74,13 +74,13 @@ MOST_TIMES = 100
 
 _TIME = re.compile(r"(t|time|zeit|timestamp|time[_ ]?stamp)(_(s|ms|us|ns|min))?", re.IGNORECASE)
 
-# units that makers write in other ways than `language.units` does
+# units in the spelling of makers, where it differs from that of `language.units`
 _SPELLINGS = {
     "%": "percent", "°": "deg", "Nm": "N m", "mNm": "mN m", "sec": "s", "msec": "ms", "usec": "us", "U/min": "rpm",
     "r/min": "rpm", "1/min": "rpm", "min-1": "rpm", "grad": "deg", "Grad": "deg", "Newton": "N", "Nmm": "N mm",
     "kNm": "kN m", "uNm": "uN m", "-": "",
 }  # fmt: skip
-# what makers write for counts of an encoder: no unit, since only a factor makes a length or an angle of it
+# spellings for encoder counts: not a unit, since a length or an angle needs a factor
 COUNTS = frozenset({"inc", "incs", "count", "counts", "cnt", "qc", "pulse", "pulses", "ticks"})
 
 
@@ -92,8 +92,8 @@ def _row(row: int) -> str:
 class Columns:
     """Columns of a file by name, float64 of shape (n,); not all need to have the same length.
 
-    `unread` names columns that were not wanted; `left_out` says of others why they are not there; `place` says where a
-    row stands in the file.
+    `unread` names columns that were not wanted; `left_out` gives the reason for other missing columns; `place` gives
+    the place of a row in the file.
     """
 
     format: str
@@ -111,7 +111,7 @@ Reader: TypeAlias = Callable[[str, bytes, frozenset[str] | None], Columns]
 
 
 def is_time(name: str) -> bool:
-    """True for the name that a column of time usually has: `t`, `time`, `time_ms`, `timestamp`."""
+    """True for a usual name of a time column: `t`, `time`, `time_ms`, `timestamp`."""
     return _TIME.fullmatch(name.strip()) is not None
 
 
@@ -162,11 +162,11 @@ def most_unpacked(packed: int) -> int:
 
 
 def check_unpacked(name: str, numbers: int, packed: int) -> None:
-    """Raise LogError if a file of `packed` bytes states that many numbers, which no honest file of its size holds."""
+    """Raise LogError if a file of `packed` bytes states that many numbers, which no good file of its size holds."""
     if 8 * numbers > most_unpacked(packed):
         raise LogError(
             f"{name}: has {packed:,} bytes and states {numbers:,} numbers, more than {MOST_TIMES} times its size and "
-            f"more than {FREE_BYTES / 1e6:g} MB; it is damaged or a bomb: map only the columns that are needed"
+            f"more than {FREE_BYTES / 1e6:g} MB; it is damaged or a zip bomb: map only the columns that are needed"
         )
 
 

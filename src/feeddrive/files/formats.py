@@ -36,7 +36,7 @@ _PAD = 65536  # bytes of zeros between members that are skipped at a time
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 _READABLE = "MATLAB (.mat), CSV, Parquet, numpy (.npy), UFF 58, MDF4, also packed by gzip"
 
-# texts with a head of their maker's
+# text formats that have a header of their own
 _TEXTS: tuple[tuple[Callable[[bytes], bool], Reader], ...] = (
     (is_epos, read_epos),
     (is_twincat, read_twincat),
@@ -44,7 +44,7 @@ _TEXTS: tuple[tuple[Callable[[bytes], bool], Reader], ...] = (
     (is_halsampler, read_halsampler),
 )
 
-# how files of other kinds begin, what they are, and how their content gets here
+# first bytes of files of other kinds, what they are, and what to do
 _OTHERS = (
     (b"MDF     ", "an MDF measurement file older than version 4", "export it as MDF4, CSV or MATLAB"),
     (b"UnFinMF ", "an unfinished MDF measurement file", "export it as MDF4, CSV or MATLAB"),
@@ -74,15 +74,15 @@ def read_columns(name: str, content: bytes, wanted: frozenset[str] | None) -> Co
 
 
 class OpenedFile:
-    """A measured file that several look at: its content is read once, and parsed once; or a log that was read.
+    """A measured file that several functions use: it is read and parsed once; or a log that was read.
 
-    `read_log`, `read_arrays` and `read_frfs` take it in place of a path.  What is parsed is the whole file.
+    `read_log`, `read_arrays` and `read_frfs` take it in place of a path. The complete file is parsed.
     """
 
     def __init__(self, path: str | Path | Log) -> None:
-        if isinstance(path, Log):  # what its file would hold
+        if isinstance(path, Log):  # as its file would have them
             self.path = Path(path.name)
-            # begins with what no file of text has
+            # begins with bytes that no text file has
             self.content = b"\0" + b"".join(each.tobytes() for each in (path.time, *path.channels.values()))
             self.columns = Columns(
                 format="a log in memory", values={"time": path.time, **path.channels}, constants=path.constants,
@@ -101,7 +101,7 @@ class OpenedFile:
 
     @cached_property
     def unpacked(self) -> bytes:
-        """The content, or what gzip packed there."""
+        """The content, unpacked if it is packed by gzip."""
         return unpacked(str(self), self.content)
 
     @cached_property
@@ -135,7 +135,7 @@ def _reader(name: str, content: bytes) -> Reader:
 
 
 def _text_reader(content: bytes) -> Reader:
-    """The reader of a text: that of the maker whose head it has, else the one of any CSV."""
+    """The reader of a text: that of the maker whose header it has, else that of CSV."""
     for fits, reader in _TEXTS:
         if fits(content):
             return reader
@@ -143,7 +143,7 @@ def _text_reader(content: bytes) -> Reader:
 
 
 def refuse_others(name: str, content: bytes, readable: str) -> None:
-    """Raise LogError for a file of a kind that is not text, and says which."""
+    """Raise LogError, with the kind, for a file of a kind that is not text."""
     for start, what, advice in _OTHERS:
         if content.startswith(start):
             raise LogError(f"{name}: is {what}, not a log that can be read ({readable}); {advice}")
@@ -153,11 +153,11 @@ def refuse_others(name: str, content: bytes, readable: str) -> None:
 
 def _expected(name: str) -> str:
     ending = name.rpartition(".")[2].lower()
-    return f"; by its name it should be .{ending}: was it copied whole?" if ending in ("mat", "parquet", "csv") else ""
+    return f"; by its name it should be .{ending}: is the copy complete?" if ending in ("mat", "parquet", "csv") else ""
 
 
 def unpacked(name: str, content: bytes) -> bytes:
-    """The content, or what gzip packed there. Raises LogError for nothing, for damage and for more than is read."""
+    """The content, unpacked if packed by gzip. Raises LogError if it is empty, damaged or too large."""
     if content[:2] == b"\x1f\x8b":
         content = _unpacked(name, content)
     if not content:

@@ -36,12 +36,12 @@ def read_frf(
     output: str | None = None,
     unit: str | None = None,
 ) -> FRF:
-    """The frequency response in a file, or the one of that name; of several a name must be given.
+    """The frequency response in a file; if there are several, the one of that name.
 
     columns        names for the columns of a file without heads, or instead of its heads:
                    ["f_Hz", "re", "im", "coherence"], ["f_Hz", "magnitude_dB", "phase_deg"]
     input, output  names of its input and output; default: as in the file
-    unit           output over input in SI, as m/N, where the file does not say it; one that it says is turned into SI
+    unit output over input in SI, as m/N, if the file does not state it; a stated unit is converted to SI
 
     Raises FileError (no such file, ...) or LogError (of another kind, damaged, NaN, frequencies that are negative or do
     not rise, a coherence above 1, a magnitude without phase), each with file, line and what to do.
@@ -61,7 +61,7 @@ def read_frf(
 
 
 def read_frfs(path: FrfLike | OpenedFile, *, columns: Sequence[str] | None = None) -> dict[str, FRF]:
-    """All frequency responses in a file, by name, see `read_frf`; one that was read by the name of its output."""
+    """All frequency responses in a file, by name, see `read_frf`; one that was read, by its output's name."""
     if isinstance(path, FRF):
         return {path.output: path}
     try:
@@ -75,8 +75,8 @@ def read_frfs(path: FrfLike | OpenedFile, *, columns: Sequence[str] | None = Non
 def read_controllers(path: str | Path | OpenedFile) -> dict[str, dict[str, float | str]]:
     """Controllers, filters and models of the mechanics in the XML of a SINUMERIK tuning tool (AST).
 
-    By the path of each in the file, its numbers and texts by member, as m_Kp, m_Tn, m_Kv.  Under the name "" is all
-    else that is a number or text, so that nothing which this version of the tool calls by another name is lost.
+    By the path of each in the file, its numbers and texts by member, as m_Kp, m_Tn, m_Kv.  The name "" has all other
+    numbers and texts, so that members with other names in another version of the tool are not lost.
     Raises FileError or LogError (damaged, or of another kind).
     """
     file = _opened(path)
@@ -87,7 +87,7 @@ def read_controllers(path: str | Path | OpenedFile) -> dict[str, dict[str, float
 
 
 def names_frequency(path: str | Path | OpenedFile) -> bool:
-    """True for a file of frequency responses even if its lines are wrong: no log.
+    """True for a file of frequency responses, even with wrong lines; such a file is not a log.
 
     It has a column of frequency and none of time, or it is the XML of a tuning tool.
     """
@@ -116,7 +116,7 @@ def _read_frfs(path: str | Path | OpenedFile, columns: Sequence[str] | None) -> 
 
 
 def _tables(file: OpenedFile, columns: Sequence[str] | None) -> Iterable[tuple[Columns, Mapping[str, str]]]:
-    """Tables of frequency and responses, one for each vector of frequencies, and what the file states of them."""
+    """Tables of frequency and responses, one for each vector of frequencies, and the statements of the file on them."""
     where, content = str(file), file.unpacked
     if content.startswith(uff.STARTS):
         return uff.uff_tables(where, content)
@@ -179,7 +179,7 @@ def _finite(where: str, table: Columns, column: str) -> np.ndarray:
 
 
 def _check_frequency(where: str, label: str, frequency: np.ndarray, table: Columns) -> slice:
-    """Which lines count: all, or all but a first one at 0 Hz, which a response over log f has no place for."""
+    """The lines that are used: all, or all but a first one at 0 Hz, which a logarithmic frequency axis cannot show."""
     _finite(where, table, label)
     if frequency.size == 0:
         raise LogError(f"{where}: holds no lines")
@@ -293,7 +293,7 @@ def write_frf(path: str | Path, *frfs: FRF) -> None:
     """Write frequency responses as CSV; `read_frfs` gives the same numbers, bit for bit.
 
     Columns: f_Hz, re, im, and coherence and variance if they are known; of several responses re_<output> and so on,
-    on the lines that all of them have.  Raises ParameterError (outputs of the same name, from different inputs or
+    on their common lines.  Raises ParameterError (outputs of the same name, from different inputs or
     without a common line) or FileError if it cannot be written.
     """
     wrong = [each for each in frfs if not isinstance(each, FRF)]  # pyright: ignore[reportUnnecessaryIsInstance]
@@ -308,7 +308,7 @@ def write_frf(path: str | Path, *frfs: FRF) -> None:
         )
     lines = reduce(np.intersect1d, (frf.frequency for frf in frfs))
     if not lines.size:
-        raise ParameterError("responses of one file need lines that all of them have")
+        raise ParameterError("responses of one file need common lines")
     one = len(frfs) == 1
     columns = {"f_Hz": lines}
     for frf in frfs:
@@ -332,7 +332,7 @@ def encoders(found: Mapping[str, FRF]) -> dict[str, FRF]:
     found   responses by name, as `read_frfs` gives them
 
     "motor" or "load" in the name or in the output's name decides; one response alone without such a name counts as
-    the motor's. Roles that no name tells are left out.
+    the motor's. Roles without a name are left out.
     """
     told = {
         role: frf for role in ("motor", "load") for name, frf in found.items() if role in f"{name} {frf.output}".lower()

@@ -1,11 +1,11 @@
 """Guess the role of each channel of a log from its name and unit; the guess is shown first, as a table or as TOML.
 
     guess = guess_roles(read_log("run.csv"))
-    print(guess)                                  # role, channel, unit, why
+    print(guess) # role, channel, unit, reason
     print(guess.toml("run.csv"))                  # [log] and [log.channels] for a job, or for `read_request`
     log = read_log("run.csv", guess.mapping)
 
-A name says quantity, set or measured, motor or load, and axis.  It is cut into words at punctuation, digits and
+A name states quantity, set or measured, motor or load, and axis.  It is cut into words at punctuation, digits and
 capitals: `joint.0.motor-pos-cmd` is joint, 0, motor, pos, cmd.  A known unit decides the quantity; without one the
 words decide.  A guess is used only on the user's request.
 """
@@ -66,7 +66,7 @@ _SHORT = re.compile(r"(u|v|i|iq|f|pos|vel)_?([xyz])")
 
 @dataclass(frozen=True)
 class NameReading:
-    """What a name says. `exact` is a role that is known by the name itself."""
+    """The meaning of a name. `exact`: the name itself is that of a role."""
 
     quantity: str = ""
     is_set: bool = False
@@ -78,7 +78,7 @@ class NameReading:
 
     @property
     def is_weak(self) -> bool:
-        """True for a command that is only a set value of something, which an `output` is before."""
+        """True for a command that may be only a set value; an `output` is preferred to it."""
         return self.quantity == "command" and self.is_set
 
     @property
@@ -88,13 +88,13 @@ class NameReading:
 
 
 def words_of(name: str) -> list[str]:
-    """The words of a name, in small letters."""
+    """The words of a name, in lower case."""
     cut = _BEFORE.sub(r"\1 ", _BEHIND.sub(r" \1", re.sub(r"([a-zäöü])([A-Z])", r"\1 \2", name)))
     return [word.lower() for word in re.findall(r"[A-Za-zÄÖÜäöü]+[0-9]?|[0-9]+", cut)]
 
 
 def read_name(name: str, unit: str) -> NameReading:
-    """What the name and the unit of a channel say."""
+    """The meaning of a channel's name and unit."""
     words = words_of(name)
     unit, bare = (unit, words) if unit else _unit_at_the_end(name, words)
     axis = _axis(name, bare)
@@ -133,7 +133,7 @@ def read_name(name: str, unit: str) -> NameReading:
 
 
 def unit_in_name(name: str) -> str:
-    """The unit that a name ends with, `pos_act_mm`, `force_N`: one letter only if it measures what the name says.
+    """The unit that a name ends with, `pos_act_mm`, `force_N`: a single letter only if it fits the name.
 
     `u_in` is an input and no inch.
     """
@@ -155,7 +155,7 @@ def _unit_at_the_end(name: str, words: list[str]) -> tuple[str, list[str]]:
 
 
 def _axis(name: str, words: list[str]) -> str:
-    """The axis that a name is about: `joint.0` -> 0, `x_cmd` -> x, `ux` -> x."""
+    """The axis in a name: `joint.0` -> 0, `x_cmd` -> x, `ux` -> x."""
     found = _AXIS.search(name)
     if found:
         return found[1].lower()
@@ -190,7 +190,7 @@ def _by_unit(unit: str) -> str:
     return ""
 
 
-# what a quantity stands for: as a set value, at the motor, at the load, and if neither is said
+# roles of a quantity: as a set value, at the motor, at the load, and without a side
 _ROLES: Mapping[str, tuple[str, str, str, str]] = {
     "position": ("setpoint_position", "position_motor", "position_load", "position_load"),
     "velocity": ("setpoint_velocity", "velocity_motor", "velocity_load", "velocity_load"),
@@ -203,17 +203,17 @@ _ROLES: Mapping[str, tuple[str, str, str, str]] = {
     "command": ("command", "command", "command", "command"),
     "excitation": ("excitation", "excitation", "excitation", "excitation"),
 }
-# the other encoder, for a second channel of the same kind of which no side is known
+# the other encoder, for a second channel of the same kind without a side
 _OTHER = {"position_load": "position_motor", "velocity_load": "velocity_motor", "angle_motor": "angle_load",
           "speed_motor": "speed_load"}  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Guess(Result):
-    """Roles of the channels of a log: `mapping` for `read_log`, `reasons` of each, and what stays open.
+    """Roles of the channels of a log: `mapping` for `read_log`, `reasons` of each, and open questions.
 
-    `needs` names channels whose role is plain but whose unit needs a factor (percent of a rated torque, counts), with
-    what the factor is; `unused` those that were taken for nothing, with why.
+    `needs` names channels whose role is clear but whose unit needs a factor (percent of a rated torque, counts), with
+    the factor's meaning; `unused` names channels without a role, with the reason.
     """
 
     name: str
@@ -236,7 +236,7 @@ class Guess(Result):
         )
 
     def toml(self, file: str | Path = "") -> str:
-        """The sections [log] and [log.channels], as a job has them; what needs a factor stands in comments."""
+        """The sections [log] and [log.channels], as a job has them; channels that need a factor are in comments."""
         lines = ["[log]", f"file = {_quoted(str(file) or self.name)}"]
         if self.sample_time is not None:
             lines.append(f"sample_time = {self.sample_time!r}")
@@ -252,7 +252,7 @@ class Guess(Result):
 def guess_roles(log: Log, axis: str | None = None) -> Guess:
     """The probable roles of the channels of a log that was read without a mapping.
 
-    axis  which one, of a log with several: `x`, or the number of a joint; default: the first that is there
+    axis  which axis, of a log with several: `x`, or the number of a joint; default: the first one
 
     Raises ParameterError for an axis that no channel names.
     """
@@ -265,13 +265,13 @@ def guess_roles(log: Log, axis: str | None = None) -> Guess:
     reasons: dict[str, str] = {}
     needs: dict[str, tuple[str, str]] = {}
     unused: dict[str, str] = {}
-    # exact names first, then those that say what they are, and last those that only might be
+    # exact names first, then clear ones, and last possible ones
     for name, each in sorted(
         read.items(), key=lambda item: (item[0] not in ROLES, not item[1].exact, item[1].is_weak, not item[1].side)
     ):
         role = each.exact or _role(each)
         if not role:
-            unused[name] = each.why or "like nothing that is known"
+            unused[name] = each.why or "not like any known name"
         elif each.axis not in ("", wanted):
             unused[name] = f"of axis {each.axis}, not {wanted}"
         elif role in mapping or role in needs:
@@ -310,7 +310,7 @@ def _take(
     reasons: dict[str, str],
     needs: dict[str, tuple[str, str]],
 ) -> None:
-    """Give a channel its role, or say which factor it needs for that."""
+    """Give a channel its role, or note the factor that it needs."""
     if role in OWN_UNIT:
         mapping[role] = Column(name=name, unit=each.unit if _known(each.unit) else "")
     elif not each.unit:

@@ -29,7 +29,7 @@ _NAME = 63  # letters of a name in MATLAB
 
 
 def write_mat(path: str | Path, source: Handed) -> None:
-    """Write a MATLAB file (version 5), whole or not at all.
+    """Write a MATLAB file (version 5), completely or not at all.
 
         FRF          frequency_Hz, response (complex), input, output, unit; coherence, variance, sample_time_s if known
         StateSpace   A, B, C, D, sample_time_s, states, inputs, outputs
@@ -45,7 +45,7 @@ def write_mat(path: str | Path, source: Handed) -> None:
 
 
 def write_csv(path: str | Path, source: Handed) -> None:
-    """Write a CSV, whole or not at all; each number with the fewest digits that give it back exactly.
+    """Write a CSV, completely or not at all; each number with the fewest digits that give it back exactly.
 
         FRF          as `write_frf`
         StateSpace   matrix, row, column, value; names and sample time in comments
@@ -95,7 +95,7 @@ def _variables(source: Any) -> dict[str, Any]:
 
 
 def _free(column: str, taken: dict[str, Any]) -> str:
-    """A name that MATLAB takes and no other column has."""
+    """A name that is legal in MATLAB and unique."""
     name = re.sub(r"\W", "_", column, flags=re.ASCII)
     name = (name if name[:1].isalpha() else f"x{name}")[:_NAME]
     free, count = name, 2

@@ -1,18 +1,18 @@
 """A job file: a machine, the motion and loads it is simulated with, and the laws to compare.
 
 title = "softer or stiffer"
-machine = "my_mill.toml"           # beside the job, or the name of a bundled one
+machine = "my_mill.toml" # in the directory of the job, or the name of a bundled one
 axis = "x"                         # needed if the machine has several
 seed = 0                           # of the noise
-rule = "equal gains"               # by what the laws are comparable; printed in the report
+rule = "equal gains" # what makes the laws comparable; printed in the report
 [reference]                        # the work: any reference block ...
 kind = "snap_limited_move"
 [log]                              # ... or a measured log, whose reference is replayed
 file = "run.csv"
 [load]                             # a force on the table
 kind = "step_force"
-[others.y.reference]               # of a coupled machine, or to run all axes: what another axis does meanwhile;
-kind = "linear_move"               # one that is not named stands; [others.y.load] is a force on its table
+[others.y.reference] # of a coupled machine, or to run all axes: motion of another axis;
+kind = "linear_move" # axes without one stand still; [others.y.load] is a force on the table
 [[law]]                            # rows of the comparison; today's control is always the first
 name = "twice the gain"
 set = { "axis.x.control.law.Kv" = 80 }   # changes by path, in SI; or a whole [law.control]
@@ -45,7 +45,7 @@ _KEYS = ("title", "machine", "axis", "seed", "rule", "duration", "reference", "l
 
 @dataclass(frozen=True)
 class LogRequest:
-    """Which log to read, and which of its columns is what."""
+    """The log to read, and the roles of its columns."""
 
     path: Path
     channels: Mapping[str, Column]
@@ -54,9 +54,9 @@ class LogRequest:
     sample_time: float | None = None
 
     def read(self) -> Log:
-        """The log, with those optional channels that it really has.
+        """The log, with those optional channels that it has.
 
-        Raises FileError or LogError as `read_log`, and for a force from outside whose unit nobody said.
+        Raises FileError or LogError as `read_log`, and for an injected force without a unit.
         """
         file = OpenedFile(self.path)
         log = read_log(file, self.channels, optional=self.optional, sample_time=self.sample_time)
@@ -65,8 +65,8 @@ class LogRequest:
         if named is None or told or "load_force" not in log.channels or unit_at_the_end(named.name, "load_force"):
             return log
         raise LogError(
-            f"{self.path}: '{named.name}' (load_force) states no unit, and an injected signal is logged in N, in V or "
-            f"in percent: say which, as load_force = {{ column = '{named.name}', unit = 'N' }}, or give factor = the N "
+            f"{self.path}: '{named.name}' (load_force) states no unit, and injected signals are logged in N, in V or "
+            f"in percent: state it, as load_force = {{ column = '{named.name}', unit = 'N' }}, or give factor = the N "
             f"at the table for each unit of it; a signal that is added to the drive's command, in the command's unit, "
             f"is excitation = '{named.name}'"
         )
@@ -78,7 +78,7 @@ class LogRequest:
 
 @dataclass(frozen=True)
 class Other:
-    """What an axis does that is not the one of the rows; without a reference it stands."""
+    """Motion and load of an axis other than that of the rows; without a reference it stands still."""
 
     reference: Reference | None = None
     load: Load | None = None
@@ -86,7 +86,7 @@ class Other:
 
 @dataclass(frozen=True, repr=False)
 class Job(Result):
-    """What a job file says.
+    """The content of a job file.
 
     loops     the axis of the rows, by row
     machines  by row all axes with their couplings, if the axis is coupled or `others` move; else empty
@@ -124,7 +124,7 @@ JobLike: TypeAlias = str | Path | Job
 
 
 def read_job(path: JobLike, log: str | Path | None = None) -> Job:
-    """The job in a file, the bundled one of that name, or one that was read; `log` takes the place of its log's file.
+    """The job in a file, the bundled one of that name, or one that was read; `log` replaces its log's file.
 
     Raises FileError, ParameterError or StructureError with file, line, key and what to do.
     """
@@ -189,7 +189,7 @@ def _machine(root: Section, place: Path) -> MachineFile:
 
 
 def _others(root: Section, machine: MachineFile, axis: str) -> dict[str, Other]:
-    """What the other axes do."""
+    """Motions and loads of the other axes."""
     section = root.optional("others")
     found: dict[str, Other] = {}
     for name in () if section is None else section.values:
@@ -232,7 +232,7 @@ def _laws(root: Section, today: Loop, machine: Machine | None) -> dict[str, Syst
 
 
 def _replaced(section: Section, today: Loop) -> Loop:
-    """The loop under another control; guard and limit that a row does not state are those of today."""
+    """The loop under another control; a row without guard or limit has those of today."""
     control = read_block(Control, section)
     guard = today.control.guard if control.guard is None else control.guard
     limit = today.control.force_limit if control.force_limit is None else control.force_limit
@@ -269,9 +269,9 @@ def _flat(values: Mapping[str, Any], prefix: str = "") -> Any:
 
 
 def read_request(path: str | Path, log: str | Path | None = None) -> LogRequest:
-    """The section [log] of a TOML file, that of a job or one that `Guess.toml` wrote: which column of a log is what.
+    """The section [log] of a TOML file, that of a job or one that `Guess.toml` wrote: the roles of a log's columns.
 
-    `log` takes the place of the log's file.  Raises FileError or ParameterError with file, line, key and what to do.
+    `log` replaces the log's file.  Raises FileError or ParameterError with file, line, key and what to do.
     """
     root = read_toml(path).root()
     request = _log(root, Path(path), log)

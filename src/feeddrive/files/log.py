@@ -82,7 +82,7 @@ LogLike: TypeAlias = Path | Log
 
 
 def _held(name: str, channel: str, values: Any) -> np.ndarray:
-    """A float64 array of one dimension that is read-only; it is copied only if it could be changed elsewhere."""
+    """A read-only float64 array of one dimension; copied only if other code could change it."""
     array = np.asarray(values, dtype=np.float64)
     if array.ndim != 1:
         raise LogError(f"{name}: '{channel}' must be a row of numbers, not of shape {array.shape}")
@@ -112,7 +112,7 @@ def write_log(path: str | Path, log: Log) -> None:
 _LONG = 4  # samples at the same extreme value: the least that counts as clipped once
 _TIMES = 2  # how often it must happen
 _ABRUPT = 0.2  # last whole step before the clip over the usual step: a position that comes to rest has a small one
-_LEVELS = 32  # different values: fewer are a state or a coarse number, which stands still by nature
+_LEVELS = 32  # different values: fewer are a state or a coarse number, which is often constant
 _HELD = 0.98  # share of the changes that lie on one grid of every second, third ... sample
 
 
@@ -130,7 +130,7 @@ def remarks(channels: Mapping[str, np.ndarray]) -> tuple[str, ...]:
 
 
 def _clipped(name: str, values: np.ndarray) -> str:
-    """A signal that runs into its largest or smallest value at full speed and stays there, several times."""
+    """Find a signal that reaches its largest or smallest value at full speed and stays there, several times."""
     if np.unique(values).size < _LEVELS:
         return ""
     steps = np.abs(np.diff(values))
@@ -140,7 +140,7 @@ def _clipped(name: str, values: np.ndarray) -> str:
         starts, lengths = _runs(values == limit)
         long = (lengths >= _LONG) & (starts > 1)
         before = np.abs(values[starts[long] - 2] - limit) > np.abs(values[starts[long] - 1] - limit)
-        long[long] = before  # on its way there already: a state jumps
+        long[long] = before  # moving there already: a state jumps
         if np.count_nonzero(long) >= _TIMES and np.median(steps[starts[long] - 2]) > _ABRUPT * usual:
             share = 100.0 * np.mean(values == limit)
             return (
@@ -151,7 +151,7 @@ def _clipped(name: str, values: np.ndarray) -> str:
 
 
 def _slow(name: str, values: np.ndarray) -> str:
-    """A signal that changes only at every m-th sample, as one from a slower task that is not synchronous does."""
+    """Find a signal that changes only at every m-th sample, as one from a slower task does."""
     changes = np.flatnonzero(np.diff(values))
     if changes.size < 20:
         return ""

@@ -5,10 +5,10 @@ sample_time_ms = 0.25
 [axis.x]                      # the physics; substeps, encoders, friction, forces
 [axis.x.plant]
 kind = "two_mass"
-[axis.x.control]              # today's control: limit, guard, filters, feedforward
+[axis.x.control] # today's control: limit, guard, filters, feedforward
 [axis.x.control.law]
 kind = "cascade_ppi"
-[[couplings]]                 # what acts between the axes: structure modes, a cut, a recorded force
+[[couplings]] # interactions of the axes: structure modes, a cut, a recorded force
 kind = "structure_mode"
 [[couplings.shapes]]
 axis = "x"
@@ -39,7 +39,7 @@ _TEXTS = ("name", "source", "remark")
 
 @dataclass(frozen=True, repr=False)
 class MachineFile(Result):
-    """What a machine file says: a loop for each axis, what couples them, and where the numbers come from.
+    """The content of a machine file: a loop for each axis, the couplings, and the source of the numbers.
 
     `loops` are the axes alone, without couplings.
     """
@@ -58,7 +58,7 @@ class MachineFile(Result):
 
     @property
     def instead(self) -> str:
-        """What to give where a loop is needed."""
+        """The hint for a call that needs a loop."""
         first = next(iter(self.loops))
         return f"a machine file holds a loop for each axis: give .loop('{first}'); fd.compare(file) puts all laws on it"
 
@@ -79,12 +79,12 @@ class MachineFile(Result):
     def loop(self, axis: str | None) -> Loop:
         """The loop of an axis; the only one if none is named.
 
-        Raises ParameterError for one that is not there, and for one that is coupled: alone it would move otherwise.
+        Raises ParameterError for one that is not there, and for a coupled one: alone its motion would differ.
         """
         name = self.named(axis)
         if self.coupled(name):
             raise ParameterError(
-                f"{self.file.name}: {self.coupled(name)}: alone it would move otherwise, and this works on one axis "
+                f"{self.file.name}: {self.coupled(name)}: alone its motion would differ, and this works on one axis "
                 f"alone. Run all axes by a job, export them, or take machine() in Python; for the axis alone take a "
                 f"copy of the file without its [[couplings]]"
             )
@@ -101,7 +101,7 @@ class MachineFile(Result):
         return axis
 
     def coupled(self, axis: str) -> str:
-        """By what an axis is coupled, as a clause; empty if it is not."""
+        """The coupling of an axis, as a clause; empty if it has none."""
         for i, each in enumerate(self.couplings):
             if axis in each.axes():
                 others = ", ".join(name for name in each.axes() if name != axis) or "the structure"

@@ -1,6 +1,6 @@
 """Reading of measured logs: from a file of any known format to channels in SI on one clock.
 
-The clock must have one sample time, no gap and no step back.  Every error says where it is and what to do.
+The clock must have one sample time, no gap and no step back. Every error states its place and the remedy.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ def read_log(
                  unit; a column that is named like time need not be mapped
     optional     the same for columns that may be missing
     sample_time  s, for a file without a column of time, or whose stamps are rounded
-    name         of the log, by which errors call it; default: that which the file holds, else the path as given
+    name of the log in errors; default: the name in the file, else the path
 
     Raises FileError (no such file, ...) or LogError (of another kind, damaged, empty, NaN, gaps, a clock that is not
     uniform, a column that is missing or in another unit), each with file, row and what to do.
@@ -203,9 +203,9 @@ def _values(
 
 
 def _factor(path: str, role: str, column: Column, unit: str) -> float:
-    """From the column's unit to that of its role: as given, else as the file says, else by the end of its name.
+    """The factor from the column's unit to that of its role: as given, else by the file, else by the end of its name.
 
-    A name that ends with `_in` says input and not inch.
+    A name that ends with `_in` means input and not inch.
     """
     if column.factor is not None or role in OWN_UNIT:
         return 1.0 if column.factor is None else column.factor
@@ -376,7 +376,7 @@ def _check_plausible(name: str, sample_time: float) -> None:
 def time_units(step: float) -> list[tuple[str, float]]:
     """The two units, likeliest first, in which a step of stamps is one of a servo loop, and that step in s.
 
-    Near to 1 ms is likely: whole milliseconds are the commonest clock of all.
+    Near 1 ms is likely: whole milliseconds are the most common clock.
     """
     read = [(unit, step * units.factor(unit, "s")) for unit in ("s", "ms", "us", "ns")]
     inside = [each for each in read if _FASTEST <= each[1] <= _SLOWEST]
@@ -384,7 +384,7 @@ def time_units(step: float) -> list[tuple[str, float]]:
 
 
 def _decimal(mean: float, time: np.ndarray) -> float:
-    """The shortest decimal that the stamps cannot tell from their mean step: 0.001, not 0.0010000000000002."""
+    """The shortest decimal that fits the stamps as well as their mean step: 0.001, not 0.0010000000000002."""
     n = time.size
     scatter = max(
         float(np.max(np.abs(time[k : k + _BLOCK] - time[0] - mean * np.arange(k, min(k + _BLOCK, n)))))

@@ -1,7 +1,5 @@
 """Runs and logs as files, with their provenance: Parquet with units, sample time and origin; CSV for other programs.
 
-Runs and logs as files: Parquet with units, sample time and origin in its metadata; CSV for other programs.
-
 Both keep every bit of the numbers, and the same run gives the same bytes.  Any other Parquet file with flat columns of
 numbers can be read too.  Pages carry checksums, which are verified.
 """
@@ -74,7 +72,7 @@ def read_parquet(name: str, content: bytes, wanted: frozenset[str] | None) -> Co
                 values[label] = arrow_numbers(column).astype(np.float64)
     except LogError:
         raise
-    except Exception:  # pyarrow hands every kind of error of its C++ library through
+    except Exception:  # pyarrow passes on any error of its C++ library
         raise LogError(f"{name}: is a damaged or cut off Parquet file; copy it again") from None
     return Columns("Parquet", values, units, constants, tuple(unread), left_out, metadata)
 
@@ -88,9 +86,9 @@ def _metadata(stored: Mapping[bytes, bytes]) -> dict[str, Any]:
 
 
 def write_parquet(path: str | Path, columns: Mapping[str, np.ndarray], metadata: Mapping[str, Any]) -> None:
-    """Write columns of numbers and what belongs to them (JSON), whole or not at all; the same content, the same bytes.
+    """Write columns of numbers with metadata (JSON), completely or not at all; the same content gives the same bytes.
 
-    Raises FileError if it cannot be written, ParameterError for columns of unequal length or metadata that is no JSON.
+    Raises FileError if it cannot be written, ParameterError for columns of unequal length or metadata that is not JSON.
     """
     with parquet_stream(path, list(columns), metadata) as append:
         append(columns)
@@ -100,7 +98,7 @@ def write_parquet(path: str | Path, columns: Mapping[str, np.ndarray], metadata:
 def parquet_stream(
     path: str | Path, names: Sequence[str], metadata: Mapping[str, Any]
 ) -> Generator[Callable[[Mapping[str, np.ndarray]], None]]:
-    """A Parquet file that is written piece by piece, in constant memory; it appears whole at the end or not at all.
+    """A Parquet file that is written piece by piece, in constant memory; it appears at the end or not at all.
 
     with parquet_stream(path, ["time", "force"], metadata) as append:
         append({"time": ..., "force": ...})
@@ -136,7 +134,7 @@ def parquet_stream(
         yield append
 
 
-_BLOCK = 65536  # rows that are turned into text at once
+_BLOCK = 65536  # rows that are converted to text at once
 
 
 def write_run_parquet(
@@ -147,7 +145,7 @@ def write_run_parquet(
     sample_time: float,
     metadata: Mapping[str, Any] | None = None,
 ) -> None:
-    """Write signals over time (s) as Parquet, whole or not at all; `read_log` reads them back, bit for bit.
+    """Write signals over time (s) as Parquet, completely or not at all; `read_log` reads them back, bit for bit.
 
     `metadata` (JSON) is stored with units and sample time.  Raises FileError if it cannot be written.
     """
@@ -175,7 +173,7 @@ def _described(units: Mapping[str, str], sample_time: float, metadata: Mapping[s
 def write_run_csv(
     path: str | Path, time: np.ndarray, columns: Mapping[str, np.ndarray], units: Mapping[str, str]
 ) -> None:
-    """Write signals over time (s) as CSV with the heads `name [unit]`, whole or not at all.
+    """Write signals over time (s) as CSV with the heads `name [unit]`, completely or not at all.
 
     Every number is written with the fewest digits that give it back exactly.  Raises FileError if it cannot be written.
     """
@@ -201,7 +199,7 @@ def _head(name: str, unit: str) -> str:
 
 
 def versions() -> dict[str, str]:
-    """What is needed to repeat a run: of feeddrive, Python and the libraries that compute."""
+    """Versions of feeddrive, Python and the libraries that compute, to repeat a run."""
     import llvmlite
     import scipy
 

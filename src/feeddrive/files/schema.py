@@ -2,8 +2,9 @@
 
     python -m feeddrive.files.schema docs/schema
 
-The schema admits every file that feeddrive reads.  It does not know what a block checks across its parameters, nor the
-bounds of a number in another unit than the declared one, nor that a parameter is given twice in two units.
+The schema admits every file that feeddrive reads.  It does not have the checks between parameters of a block, the
+bounds of a number in another unit than the declared one, or the rule that a parameter must not be given twice in two
+units.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ from feeddrive.loop.loop import Loop
 Schema: TypeAlias = dict[str, Any]
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
-# what `language.units` takes for a unit, word by word, behind the name of a parameter
+# a unit of `language.units`, word by word, after the name of a parameter
 _WORD = "(?:[GMkcmun]?(?:m|g|s|A|rad|N|W|J|V|Hz)|kg|t|min|h|in|deg|mdeg|rev|U|rpm|percent|1|per)[0-9]?"
 _SUFFIX = f"(?:_{_WORD})+"
 _TEXT: Schema = {"type": "string"}
@@ -181,11 +182,11 @@ def machine_schema() -> Schema:
     couplings: Schema = {
         "type": "array",
         "items": blocks.part(Hint((Coupling,))),
-        "description": "what acts between the axes: structure modes that they share, a cut, a recorded force",
+        "description": "interactions of the axes: structure modes that they share, a cut, a recorded force",
     }
     root = blocks.fields(Loop, {**texts, "axis": axes, "couplings": couplings}, without=("axis", "control"))
     root["required"] = ["axis"]
-    return _file("machine", "A machine: axes with their physics and the control that runs on them today", root, blocks)
+    return _file("machine", "A machine: axes with their physics and today's control", root, blocks)
 
 
 def job_schema() -> Schema:
@@ -217,7 +218,7 @@ def job_schema() -> Schema:
             "file": {**_TEXT, "description": "name of the log, beside the job"},
             "skip_samples": {**_WHOLE, "description": "samples at the start that do not count", "default": 0},
             "sample_time": {"type": "number", "exclusiveMinimum": 0, "description": "of a log without time, s"},
-            "channels": {**channels, "description": "which column is what"},
+            "channels": {**channels, "description": "roles of columns"},
             "optional": {**channels, "description": "the same for columns that may be missing"},
         },
         "patternProperties": {f"^sample_time{_SUFFIX}$": {"type": "number", "exclusiveMinimum": 0}},
@@ -246,13 +247,13 @@ def job_schema() -> Schema:
             "machine": {**_TEXT, "description": "machine file beside the job, or the name of a bundled one"},
             "axis": {**_TEXT, "description": "name of the axis, if the machine has several"},
             "seed": {**_WHOLE, "description": "of the noise", "default": 0},
-            "rule": {**_TEXT, "description": "by what the rows are comparable; printed in the report"},
+            "rule": {**_TEXT, "description": "what makes the rows comparable; printed in the report"},
             "duration": {"type": "number", "exclusiveMinimum": 0, "description": "of the runs, s"},
             "reference": {**blocks.part(Hint((Reference,))), "description": "the motion"},
             "load": {**blocks.part(Hint((Load,))), "description": "a force on the table"},
             "others": {
                 "type": "object",
-                "description": "what the other axes do meanwhile: [others.y.reference]; one that is not named stands",
+                "description": "motions of the other axes: [others.y.reference]; axes without one stand still",
                 "additionalProperties": {
                     "type": "object",
                     "properties": {"reference": blocks.part(Hint((Reference,))), "load": blocks.part(Hint((Load,)))},
@@ -264,7 +265,7 @@ def job_schema() -> Schema:
         },
         "additionalProperties": False,
     }
-    return _file("job", "A job: a machine, the work it is given, and the laws to compare on it", root, blocks)
+    return _file("job", "A job: a machine, its motion and loads, and the laws to compare on it", root, blocks)
 
 
 def _file(name: str, title: str, root: Schema, blocks: _Definitions) -> Schema:

@@ -5,7 +5,7 @@
     edit.replace(("axis", "x", "friction_load"), section)    # another kind of block; comments in it stay
     edit.text
 
-It uses the scanner that finds the lines for error messages, so no second TOML parser is needed: a library such as
+It uses the scanner that finds the lines for error messages, so that no second TOML parser is needed: a library such as
 tomlkit would add 8000 lines for these three operations, and may accept other texts than tomllib.
 """
 
@@ -22,7 +22,7 @@ _HEADER = re.compile(r"^[ \t]*\[", re.MULTILINE)
 
 
 class TomlEdit:
-    """A TOML text under change; `name` stands for the file in messages.
+    """A TOML text that is edited; `name` is the name of the file in messages.
 
     Raises FileError for a text that is not TOML, and for a change that would make it so.
     """
@@ -33,7 +33,7 @@ class TomlEdit:
         self._check()
 
     def set(self, key: Key, value: float | str | bool, unit: str = "", digits: int = 6) -> Key:
-        """Change the value of a key, or add the key at the end of its section; the key as it stands in the file.
+        """Change the value of a key, or add the key at the end of its section; returns the key as written in the file.
 
         The key in the file may carry another unit of the same dimension (`mass_g`); the value is then converted.
         Numbers are written with `digits` significant figures.
@@ -51,7 +51,7 @@ class TomlEdit:
         return key if found is None else found
 
     def replace(self, key: Key, section: str) -> None:
-        """Put a section, with its header, in the place of [key] and all that is under it; add it if there is none.
+        """Replace [key] and all that is under it by a section with its header; add it if there is none.
 
         Comments that stand alone on a line within the old section stay, above the new one, and so does that behind the
         old header.
@@ -92,7 +92,7 @@ class TomlEdit:
         self._check()
 
     def silence(self, key: Key, unit: str = "") -> None:
-        """Turn the line of a key, in whatever unit it stands, into a comment; nothing if it is not there."""
+        """Turn the line of a key, in any unit, into a comment; without the key do nothing."""
         spans = spans_of_values(self.text)
         found, _ = self._find(spans, key, unit)
         if found is not None:
@@ -101,7 +101,7 @@ class TomlEdit:
             self._check()
 
     def comment(self, key: Key, words: str) -> None:
-        """Add words to the comment behind a value; older ones at its end that begin with the same word are replaced."""
+        """Add words to the comment after a value; older ones at its end that begin with the same word are replaced."""
         _, end = spans_of_values(self.text)[key]
         after = self.text.find("\n", end)
         after = len(self.text) if after < 0 else after
@@ -124,7 +124,7 @@ class TomlEdit:
             raise FileError(f"{error} (in the changed text)") from None
 
     def _find(self, spans: dict[Key, tuple[int, int]], key: Key, unit: str) -> tuple[Key | None, float]:
-        """The key as written in the file, and the factor from its unit to `unit`, or what that is on a rotary axis."""
+        """The key as written in the file, and the factor from its unit to `unit`, or to that of a rotary axis."""
         unit = units.turning(unit) if is_rotary(parse_toml(self.text, self.name).content, key) else unit
         if key in spans:
             return key, 1.0
@@ -140,7 +140,7 @@ class TomlEdit:
         """A new line after the last key of the section, or after its header."""
         lines = lines_of_keys(self.text)
         section = key[:-1]
-        # a value may go on over several lines: the new line stands after its end
+        # a value may have several lines: the new line is added after its end
         own = [
             self.text.count("\n", 0, end) + 1
             for each, (_, end) in spans_of_values(self.text).items()
@@ -151,7 +151,7 @@ class TomlEdit:
         after = max([*own, lines.get(section, 0)])
         rows = self.text.splitlines(keepends=True)
         if not own and any(line == after and len(each) > len(section) for each, line in lines.items()):
-            # the section has no header but that of a part of it: it gets one of its own, before that
+            # only a part of the section has a header: the section gets one before it
             while after > 1 and rows[after - 2].lstrip().startswith("#"):
                 after -= 1
             rows[after - 1 : after - 1] = [f"[{'.'.join(map(str, section))}]\n", "\n"]

@@ -1,7 +1,7 @@
 """TOML files with the line of every key, so that an error says `machine.toml:12: axis.x.plant.mass ...`.
 
 The standard library reads the values.  A small scanner then finds the lines: it follows keys and brackets and skips the
-values; since tomllib has accepted the text before, the scanner only has to keep in step.  Text is UTF-8, at most 4 MB.
+values; the scanner does not check, since tomllib has accepted the text before.  Text is UTF-8, at most 4 MB.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ def lines_of_keys(text: str) -> dict[Key, int]:
 
 
 def spans_of_values(text: str) -> dict[Key, tuple[int, int]]:
-    """Where the value of every pair of a valid TOML text begins and ends, as places in the text."""
+    """Begin and end, as positions in the text, of the value of every pair of a valid TOML text."""
     return _Scanner(text).spans
 
 
@@ -191,7 +191,7 @@ _ADVICE = {
 
 @dataclass(frozen=True)
 class TomlFile:
-    """What a TOML file holds, and where."""
+    """The content of a TOML file, and the line of each key."""
 
     name: str
     text: str
@@ -234,7 +234,7 @@ class Section:
         return self.turning or is_rotary(self.file.content, self.key)
 
     def dotted(self, name: str | int | None = None) -> str:
-        """The name of a key as people write it: `axis.x.plant.mass`."""
+        """The dotted name of a key: `axis.x.plant.mass`."""
         return ".".join(map(str, self.key if name is None else (*self.key, name)))
 
     def where(self, name: str | int | None = None) -> str:
@@ -295,7 +295,7 @@ def is_rotary(content: Mapping[str, Any], key: Key) -> bool:
 def read_toml(path: str | Path, *, quoting: bool = True) -> TomlFile:
     """Read a TOML file. Raises FileError with file, line and what to do if it is missing, too large or not TOML.
 
-    quoting  the error shows the line: not for a file that only another file names
+    quoting  show the line in errors; False for a file that is named only by another file
     """
     content = read_whole(path, MOST_BYTES)
     return parse_toml(_decoded(str(path), content), str(path), quoting=quoting)
@@ -316,7 +316,7 @@ def _decoded(name: str, content: bytes) -> str:
 
 
 def parse_toml(text: str, name: str, *, quoting: bool = True) -> TomlFile:
-    """The content of a TOML text; `name` stands for the file in messages. Raises FileError as `read_toml`."""
+    """The content of a TOML text; `name` is the name of the file in messages. Raises FileError as `read_toml`."""
     deep = _TOO_DEEP.search(text)
     if deep is not None:
         raise FileError(f"{name}:{text.count(chr(10), 0, deep.start()) + 1}: a name of more than 64 parts")

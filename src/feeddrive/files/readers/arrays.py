@@ -7,13 +7,13 @@ refused: numpy stores them as a pickle, which executes code when it is read.
 
 MATLAB files: level 5 (save -v5, -v6, -v7), and level 7.3 (save -v7.3), which is HDF5.
 
-Level 5: real numeric arrays, and those in 1×1 structures as `s.x`.  The layout is the published one (MathWorks,
-MAT-File Format, chapter 1): elements of a tag (type, length) and content, padded to 8 bytes; an array is an element of
-elements: flags, dimensions, name, numbers; an element may be packed by zlib.
+Level 5: real numeric arrays, and those in 1×1 structures as `s.x`. The layout is that published by MathWorks
+(MathWorks, MAT-File Format, chapter 1): elements of a tag (type, length) and content, padded to 8 bytes; an array is
+an element of elements: flags, dimensions, name, numbers; an element may be packed by zlib.
 
-`scipy.io.loadmat` is not used: a damaged file can crash it (see tests/files/test_files_reasons.py), it unpacks without
-a limit, and it builds objects.  Here every length is checked before it is used, and objects, functions, cells, texts
-and sparse or complex arrays are left out.
+`scipy.io.loadmat` is not used: a damaged file can crash it (see tests/files/test_files_reasons.py), it unpacks
+without a limit on memory, and it builds objects. Here every length is checked before it is used, and objects,
+functions, cells, texts and sparse or complex arrays are left out.
 
 Level 7.3 and plain HDF5 need h5py (the extra `matlab`).  Links to other files and data stored in other files are not
 followed.
@@ -75,10 +75,10 @@ def _array(name: str, content: bytes) -> np.ndarray:
         version = npy_format.read_magic(file)
         read = npy_format.read_array_header_1_0 if version == (1, 0) else npy_format.read_array_header_2_0
         shape, by_columns, dtype = read(file, max_header_size=_LONGEST_HEADER)
-    except Exception as error:  # the header is a Python literal, and numpy hands every kind of error of it through
+    except Exception as error:  # the header is a Python literal, and numpy passes on any error of it
         if re.search(rb"'descr': *\[?'?\|O", content[:_LONGEST_HEADER]):
             raise _objects(name) from None
-        what = "its header is longer than any" if "max_header_size" in str(error) else "its header is damaged"
+        what = "its header is too long" if "max_header_size" in str(error) else "its header is damaged"
         raise LogError(f"{name}: is a numpy file that cannot be read: {what}; save it again") from None
     if dtype.hasobject:
         raise _objects(name)
@@ -152,7 +152,7 @@ class _Bytes:
 def read_mat(name: str, content: bytes, wanted: frozenset[str] | None) -> Columns:
     """The columns of a MATLAB 5 file; a matrix gives a column each, numbered from 1; a single number is a constant.
 
-    Raises LogError for a file that is cut off or damaged, with what is read before that place.
+    Raises LogError for a file that is cut off or damaged, with the last variable before that place.
     """
     order = {b"IM": "<", b"MI": ">"}.get(content[126:128])
     if order is None:
@@ -171,7 +171,7 @@ def read_mat(name: str, content: bytes, wanted: frozenset[str] | None) -> Column
                 piece = _unpacked(piece, most_unpacked(len(content)))
             for variable, found in _arrays(piece, "", 0):
                 last = variable
-                if not variable:  # what MATLAB keeps for its objects
+                if not variable:  # internal data of MATLAB objects
                     continue
                 if isinstance(found, str):
                     left_out[variable] = found
@@ -186,7 +186,7 @@ def read_mat(name: str, content: bytes, wanted: frozenset[str] | None) -> Column
 
 
 def _unpacked(packed: _Bytes, most: int) -> _Bytes:
-    """The element in a packed one, of the length that its tag states and not a byte more, and of `most` at all."""
+    """The element in a packed one, with exactly the length of its tag, and at most `most` bytes."""
     zip_ = zlib.decompressobj()
     tag = _Bytes(memoryview(zip_.decompress(packed.content, 8)), packed.order)
     kind, length = tag.word(0), tag.word(4)
@@ -250,7 +250,7 @@ def _keep(
     values: dict[str, np.ndarray],
     constants: dict[str, float],
 ) -> list[str]:
-    """Keep a single number as a constant, and the columns of an array that are wanted; the names of the others."""
+    """Keep a single number as a constant, and the wanted columns of an array; returns the names of the others."""
     if array.size == 1:
         constants[variable] = float(array.ravel()[0])
         if wanted is not None and variable in wanted:
@@ -297,7 +297,7 @@ def read_mat73(name: str, content: bytes, wanted: frozenset[str] | None) -> Colu
                     unread.append(label)
     except LogError:
         raise
-    except Exception:  # h5py hands every kind of error of its C library through
+    except Exception:  # h5py passes on any error of its C library
         raise LogError(f"{name}: is damaged or cut off; copy it again") from None
     return Columns("MATLAB 7.3 (HDF5)", values, {}, constants, tuple(unread), left_out)
 
@@ -306,10 +306,10 @@ def _datasets(h5py: Any, group: Any, prefix: str, depth: int) -> Iterator[tuple[
     """Dotted name and dataset of everything numeric with one dimension, or why it is left out."""
     for key in group:
         label = f"{prefix}{key}"
-        if key.startswith("#"):  # what MATLAB keeps for its cells and objects
+        if key.startswith("#"):  # internal data of MATLAB cells and objects
             continue
         if not isinstance(group.get(key, getlink=True), h5py.HardLink):
-            yield label, "a link to somewhere else"
+            yield label, "a link to another place"
             continue
         found = group[key]
         if isinstance(found, h5py.Group):
@@ -318,7 +318,7 @@ def _datasets(h5py: Any, group: Any, prefix: str, depth: int) -> Iterator[tuple[
         elif found.external or found.is_virtual:
             yield label, "stored in another file"
         elif found.dtype.kind not in "fiu" or found.attrs.get("MATLAB_class", b"") == b"char":
-            yield label, "text" if found.dtype.kind not in "fiu" or found.dtype.itemsize == 2 else "no real numbers"
+            yield label, "text" if found.dtype.kind not in "fiu" or found.dtype.itemsize == 2 else "not real numbers"
         elif math.prod(found.shape) != max(found.shape, default=1):
             yield label, "a matrix"
         else:

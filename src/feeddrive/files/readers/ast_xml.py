@@ -45,7 +45,7 @@ _RESPONSE, _ARRAY = "FrequencyResponseFunction", "NumericArray"
 _SCALARS = ("float", "double", "unsigned_int", "integer", "int", "boolean", "string")
 _COHERENCE = "m_pMeasCoherence"
 _ENOUGH = 0.5  # of the plant's lines
-# member -> input, output and unit; of any other member the file does not say what it leads from and to
+# member -> input, output and unit; for other members the file does not state them
 _QUANTITIES = {
     "m_pPlant": ("torque", "speed_motor", "(rad/s)/(N m)"),
     "m_CurrentControllerResponse": ("torque_setpoint", "torque", "1"),
@@ -156,8 +156,8 @@ def ast_tables(name: str, content: bytes) -> Iterator[tuple[Columns, dict[str, s
     """A table of f, re, im, coherence for each response that has numbers, and its input and output.
 
     A response is named by the list that it stands in, its place there, and its member: `speed_plant_1_plant`.  The
-    coherence of a plant is a response with frequencies of its own: lines of the plant that have none are left out, and
-    where these are more than half, the coherence is.
+    coherence of a plant is a response with frequencies of its own: lines of the plant without one are left out; if
+    these are more than half, the coherence is left out instead.
     """
     names: dict[str, int] = {}
     empty = 0
@@ -189,7 +189,7 @@ def ast_tables(name: str, content: bytes) -> Iterator[tuple[Columns, dict[str, s
 def controllers(name: str, content: bytes) -> tuple[dict[str, dict[str, float | str]], dict[str, float | str]]:
     """Controllers, filters and models of the mechanics by their path, and all other numbers and texts by theirs.
 
-    The numbers are as the file has them, in SI as far as is known: it does not state units.
+    The numbers are those of the file, which does not state units; presumably SI.
     """
     known: dict[str, dict[str, float | str]] = {}
     others: dict[str, float | str] = {}
@@ -265,7 +265,7 @@ def _numbers(name: str, array: _Element) -> np.ndarray:
 
 
 def _words(text: str) -> np.ndarray:
-    """The words of 32 bits in a text of base 85. Raises ValueError for one that is none, with the reason."""
+    """The words of 32 bits in a text of base 85. Raises ValueError, with the reason, for other text."""
     try:
         letters = np.frombuffer(text.encode("ascii"), np.uint8)
     except UnicodeEncodeError:

@@ -4,8 +4,8 @@ The layout is found from the first lines: most of them are rows of numbers, and 
 A text without heads, with one comma in each line and no other separator, is two columns and not a decimal comma.
 
 Comment lines (#, %, //) and empty lines are skipped; columns of text are left out; anything else that is not a row of
-numbers is an error with its line.  Up to 500 MB; a larger log is better kept as Parquet.  The text is read in pieces:
-beside the file and its numbers, 8 bytes each, a few pieces are in memory.
+numbers is an error with its line.  Up to 500 MB; store a larger log as Parquet.  The text is read in pieces:
+the memory holds the file, its numbers at 8 bytes each, and a few pieces.
 """
 
 from __future__ import annotations
@@ -126,7 +126,7 @@ def _heads(above: list[str], separator: str, decimal: str, count: int) -> list[l
     found: list[list[str]] = []
     for line in [line for line in above if line.strip()][:-3:-1]:
         cells = _cells(line, separator)
-        if len(cells) != count and _COMMENT.match(line):  # a remark may follow the names, with commas of its own
+        if len(cells) != count and _COMMENT.match(line):  # a remark with commas may follow the names
             cells = _cells(line.split(" (")[0], separator)
         if len(cells) != count or not any(cells) or any(_NUMBER[decimal].fullmatch(cell) for cell in cells):
             break
@@ -273,8 +273,9 @@ def _line_of(text: Text, first: int, row: int) -> int:
 def _numbers(name: str, piece: Piece, layout: CsvLayout, chosen: list[int]) -> np.ndarray:
     """The chosen columns as an array of shape (rows, columns): fast if the text is plain, else cell by cell.
 
-    pyarrow reads plain text 5 times as fast as `np.loadtxt`, to the same bits; what it does not take (runs of spaces, a
-    plus sign) goes to `loadtxt`, and what that refuses is read slowly, which finds the line that is wrong.
+    pyarrow reads plain text 5 times as fast as `np.loadtxt`, to the same bits; text that it does not accept (runs of
+    spaces, a plus sign) is read by `loadtxt`, and text that `loadtxt` refuses is read cell by cell, which finds the
+    wrong line.
     """
     plain = body = piece.text
     if any(mark in body for mark in "#%/") or re.match(r"\s*\n", body) or re.search(r"\n[ \t]+\n", body):
@@ -336,7 +337,7 @@ def _is_complete(plain: str, layout: CsvLayout, found: np.ndarray) -> bool:
 
 
 def _numbers_one_by_one(name: str, piece: Piece, layout: CsvLayout, chosen: list[int]) -> np.ndarray:
-    """The slow way: it knows the line of whatever is wrong, and takes quotes."""
+    """Cell by cell: slow, but accepts quotes and finds the line of an error."""
     count = len(layout.names)
     rows: list[list[float]] = []
     total = piece.text.count("\n") + 1

@@ -1,8 +1,8 @@
-"""Columns of numbers as frequency responses: which column is what, by its name and unit.
+"""Columns of numbers as frequency responses: the role of each column by its name and unit.
 
     f_Hz, re, im [, coherence] [, variance]        one response
-    f_Hz, re_Gm, im_Gm, re_Gl, im_Gl               several, by what is left of the names
-    f_Hz, magnitude_dB, phase_deg [, coherence]    a magnitude says dB or is a plain ratio, a phase says deg or rad
+    f_Hz, re_Gm, im_Gm, re_Gl, im_Gl several, by the rest of the names
+    f_Hz, magnitude_dB, phase_deg [, coherence]    a magnitude in dB or as plain ratio, a phase in deg or rad
 
 A unit may stand in brackets or at the end of a name; that of a response is output over input (`re_rad_per_A`).
 """
@@ -27,7 +27,7 @@ _KINDS = {
 }  # fmt: skip
 _FREQUENCY = re.compile(r"(f|fr|freq|frequency|frequenz|omega|w)", re.IGNORECASE)
 _PLAIN = ("", "1", "-")
-# words of a unit that are not SI, and what they are there
+# words of a unit that are not SI, and their meaning
 _SI = {"deg": "rad", "rev": "rad", "t": "kg", "g": "kg", "in": "m", "min": "s", "h": "s"}
 
 
@@ -46,7 +46,7 @@ class Response:
 
 @dataclass(frozen=True)
 class Named:
-    """A column's name taken apart."""
+    """The parts of a column's name."""
 
     kind: str
     name: str
@@ -56,7 +56,7 @@ class Named:
 
 
 def named(column: str, unit: str) -> Named | None:
-    """Kind, name of the response and unit of a column; None if it is none of a response.
+    """Kind, name of the response and unit of a column; None if it does not belong to a response.
 
     `Re_Pv1`, `ReGm_rad_per_A`, `Gm.real`, `mag(dB)`, `phase_deg`, `coherence_y`
     """
@@ -78,7 +78,7 @@ def named(column: str, unit: str) -> Named | None:
 
 
 def _kind(rest: str) -> tuple[str | None, str]:
-    """The kind that a name begins or ends with, and what is left of it."""
+    """The kind that a name begins or ends with, and the rest of the name."""
     for kind, words in _KINDS.items():
         for word in words:
             if rest.lower() == word or rest == f"|{word}|":
@@ -138,7 +138,7 @@ def _is_frequency(unit: str) -> bool:
 
 
 def responses_of(name: str, columns: Columns, frequency: str) -> list[Response]:
-    """The responses in the columns, each with those that it needs. Raises LogError for one that is not whole."""
+    """The responses in the columns, each with those that it needs. Raises LogError for an incomplete one."""
     found: dict[str, Response] = {}
     for column in columns.values:
         if column == frequency:
@@ -176,7 +176,7 @@ def responses_of(name: str, columns: Columns, frequency: str) -> list[Response]:
 
 
 def in_si(name: str, column: str, unit: str) -> tuple[str, float]:
-    """The unit in SI, and the factor to it: um/N is m/N times 1e-6. Raises LogError for one that is none."""
+    """The unit in SI, and the factor to it: um/N is m/N times 1e-6. Raises LogError for text that is not a unit."""
     if not unit:
         return "", 1.0
     try:
@@ -199,7 +199,7 @@ def in_si(name: str, column: str, unit: str) -> tuple[str, float]:
 
 
 def _share(found: dict[str, Response]) -> None:
-    """A coherence or variance without a name of its own belongs to the one response that there is."""
+    """A coherence or variance without a name belongs to the only response."""
     nameless = found.get("")
     others: Iterable[Response] = [each for key, each in found.items() if key and "coherence" not in each.places]
     if nameless is not None and not {"re", "magnitude"} & set(nameless.places):

@@ -20,7 +20,7 @@ from feeddrive.language.errors import LogError
 
 _HEAD = struct.Struct("<4s4xQQ")  # id, length, number of links
 _PACKED = struct.Struct("<2sBxIQQ")  # id of the original, kind, columns, length of the original, of what is packed
-_MOST_BLOCKS = 100_000  # visited: chains of a damaged file may run in circles
+_MOST_BLOCKS = 100_000  # visited: chains of a damaged file may be circular
 _MOST_LINKS = 100_000
 
 
@@ -64,7 +64,7 @@ class Blocks:
         self.visited = 0
 
     def at(self, address: int, *kinds: bytes) -> Block:
-        """The block there. Raises DamagedError if it is none of these kinds or not all in the file."""
+        """The block at an address. Raises DamagedError if it is of another kind or not completely in the file."""
         self.visited += 1
         if self.visited > _MOST_BLOCKS or address < 0 or address + _HEAD.size > len(self.content):
             raise DamagedError
@@ -94,9 +94,9 @@ class Blocks:
         return " ".join(text.split())
 
     def records(self, address: int) -> list[memoryview]:
-        """The pieces of a data group's records: as they stand in the file, or unpacked.
+        """The pieces of a data group's records, unpacked if they are packed.
 
-        Raises LogError for packed pieces that hold more than they may, and for ways to store that are not read.
+        Raises LogError for packed pieces above their limit, and for kinds of storage that are not supported.
         """
         if not address:
             return []
@@ -123,9 +123,9 @@ class Blocks:
         return block.data if block.kind == b"##DT" else memoryview(self._unpacked(block, before))
 
     def _check(self, size: int) -> None:
-        """A block that a list names many times is a bomb, too."""
+        """Raise LogError if packed blocks exceed their limit; a list may also name one block many times."""
         if size > most_unpacked(len(self.content)):
-            raise LogError(f"{self.name}: its packed blocks hold more than they may; it is damaged or a bomb")
+            raise LogError(f"{self.name}: its packed blocks hold more than allowed; it is damaged or a zip bomb")
 
     def _unpacked(self, block: Block, before: int) -> bytes:
         try:
@@ -144,7 +144,7 @@ class Blocks:
             raise DamagedError
         if way == 0 or columns < 2 or stated < columns:
             return found
-        # bytes that stand beside each other in the records were put below each other, which packs better
+        # the bytes of the records were transposed, which packs better
         whole = stated // columns * columns
         turned = np.frombuffer(found, np.uint8, whole).reshape(columns, -1)
         return turned.T.tobytes() + found[whole:]
@@ -154,13 +154,13 @@ MOST_BYTES = 200_000_000
 STARTS = (b"MDF     4", b"UnFinMF 4")
 _HEADER = 64  # address of the first block
 _FIXED, _MASTER, _VIRTUAL_MASTER = 0, 2, 3
-_TIME = 1  # what a master counts in
+_TIME = 1  # unit of a master channel
 _FLOATS = {16: "f2", 32: "f4", 64: "f8"}
 
 
 @dataclass(frozen=True, eq=False)
 class _Channel:
-    """A channel's name, unit, block, and why it is not read, if it is not."""
+    """A channel's name, unit and block, and the reason if it is not read."""
 
     label: str
     unit: str
@@ -190,7 +190,7 @@ class _Group:
 
 
 def read_mdf(name: str, content: bytes, wanted: frozenset[str] | None) -> Columns:
-    """The channels of one group. Raises LogError if the file is damaged, or stores records in a way not read."""
+    """The channels of one group. Raises LogError if the file is damaged, or stores records in an unsupported way."""
     if len(content) > MOST_BYTES:
         raise LogError(
             f"{name}: has {len(content) / 1e6:,.0f} MB, more than the {MOST_BYTES / 1e6:,.0f} MB of an MDF4 file that "
@@ -245,7 +245,7 @@ def _channels(blocks: Blocks, group: Block) -> tuple[_Channel, ...]:
         unit = blocks.text(block.link(6)) or ("" if conversion is None else blocks.text(conversion.link(1)))
         trouble = "" if conversion is None or conversion.numbers("B")[0] in _CONVERSIONS else _TROUBLE
         if kind not in (_FIXED, _MASTER, _VIRTUAL_MASTER) or (kind != _VIRTUAL_MASTER and data > 5) or block.link(1):
-            trouble = "no plain numbers"
+            trouble = "not plain numbers"
         found.append(_Channel(label, unit, block, trouble))
     return tuple(found)
 

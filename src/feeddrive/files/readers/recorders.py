@@ -23,8 +23,8 @@ LinuxCNC has two layouts of halscope, and halsampler:
 
     17 0.000000 1.250000 0                 halsampler: no names, a number of the sample only with its option -t
 
-halsampler prints six decimals: positions in mm are then exact to a nanometer, small signals in SI are coarse.  It says
-`overrun` where samples were lost.
+halsampler prints six decimals: positions in mm are then exact to a nanometer, small signals in SI are coarse.  It
+writes `overrun` where samples were lost.
 
 TwinCAT Scope View (3.4 and its documentation) has a head with one entry for each channel, then times and values in
 turn:
@@ -55,7 +55,7 @@ from feeddrive.files.columns import Columns, check_size, free_name, unit_of
 from feeddrive.files.readers.csv_text import MOST_BYTES, Text, read_csv, text_of
 from feeddrive.language.errors import LogError
 
-_EPOS_HEAD = 4096  # bytes in which the statements stand
+_EPOS_HEAD = 4096  # bytes at the start that hold the statements
 _EPOS_VERSION = re.compile(rb"^EPOS Studio Version:", re.MULTILINE)
 _EPOS_PERIOD = re.compile(rb"^Sampling period:;([0-9]{1,9}(?:[.,][0-9]{0,9})?)\s*$", re.MULTILINE)
 _EPOS_ROW = re.compile(
@@ -91,7 +91,7 @@ def read_epos(name: str, content: bytes, wanted: frozenset[str] | None) -> Colum
 
 
 def _without_remarks(content: bytes) -> tuple[bytes, int]:
-    """The recording without what somebody wrote after its last channel, and in how many rows a word stood there.
+    """The recording without remarks after its last channel, and the number of rows with such a remark.
 
     A table program writes all lines as long as the longest one (`-24.1,,`), with a remark in some of them.
     """
@@ -108,7 +108,7 @@ def _without_remarks(content: bytes) -> tuple[bytes, int]:
 
 
 def _to_width(line: bytes, width: int) -> bytes:
-    """A line of heads with its first cells, and the last of them without what a comma cuts off."""
+    """A line of heads, cut to its first cells; the last one ends at a comma."""
     cells = line.rstrip(b"\r").split(b";")[: width + 1]
     return b";".join([*cells[:-1], cells[-1].split(b",")[0]])
 
@@ -139,7 +139,7 @@ def read_halscope(name: str, content: bytes, wanted: frozenset[str] | None) -> C
         raise LogError(f"{name}: states a sampling period of {period} ns, which must be > 0 ns; give the sample time")
     metadata = {"sample_time": period / 1e9}
     if content.startswith(b"#"):
-        # the lines of the screen stand between the names and the numbers; emptied, they keep the numbers of the lines
+        # the lines of the screen, between names and numbers, are emptied: line numbers stay right
         body = b"\n" + _HALSCOPE_SCREEN.sub(b"", content[head.end() :])
         found = read_csv(name, body, wanted)
         return replace(found, format="halscope", metadata=metadata)
@@ -170,7 +170,7 @@ def _names_between(name: str, body: bytes) -> list[str]:
 def read_halsampler(name: str, content: bytes, wanted: frozenset[str] | None) -> Columns:
     """The pins of a halsampler log as column_1, column_2, ...; a number of the sample is its clock.
 
-    `overrun` before the first line is no loss within the log; anywhere else it is an error that names the line.
+    `overrun` before the first line means no loss within the log; elsewhere it is an error that names the line.
     """
     late = _HALSAMPLER_OVERRUNS.match(content)
     lines = 0 if late is None else late[0].count(b"\n")
@@ -327,7 +327,7 @@ def _twincat_numbers(
             if not line.strip() or cells[0].strip() == "EOF":
                 continue
             here = [cells[place].strip() if place < len(cells) else "" for place in places]
-            if not any(here):  # a slower or shorter clock goes on
+            if not any(here):  # a slower or shorter clock continues
                 continue
             try:
                 numbers = [float(cell.replace(",", ".") if decimal == "," else cell) for cell in here]

@@ -1,7 +1,7 @@
 """Universal files (UFF, UNV), dataset 58, text or binary: functions at nodal degrees of freedom.
 
 Time responses become channels, frequency responses become FRFs, each with the coherence of the same degrees of freedom.
-Needs pyuff (the extra `uff`).  Units are those of the axis labels, else those that the kinds of data have in SI.
+Needs pyuff (the extra `uff`). Units are those of the axis labels, else the SI units of the kinds of data.
 Up to 50 MB.
 """
 
@@ -42,7 +42,7 @@ def sets_of(name: str, content: bytes) -> list[Mapping[str, Any]]:
             file = pyuff.UFF(str(path))
             kinds = [int(kind) for kind in file.get_set_types()]
             found: list[Any] = [file.read_sets(k) for k, kind in enumerate(kinds) if kind == 58][: MOST_SETS + 1]
-    except Exception:  # pyuff raises plain exceptions for whatever is wrong
+    except Exception:  # pyuff raises plain exceptions for all errors
         raise LogError(f"{name}: is a damaged or cut off universal file; export it again") from None
     if len(found) > MOST_SETS:
         raise LogError(f"{name}: holds {len(found)} functions, more than the {MOST_SETS} that are read; export fewer")
