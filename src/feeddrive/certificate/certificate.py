@@ -18,7 +18,7 @@ from feeddrive.language.table import Result, Table
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Certificate(Result):
-    """What was proven of a control for a list of plants; `document` holds all of it, in plain values.
+    """The proof of a control for a list of plants; `document` has all of it, in plain values.
 
     Made by `certify` or read from a file, which both let the checker pass over it first.
     """
@@ -27,7 +27,7 @@ class Certificate(Result):
 
     @classmethod
     def of(cls, content: Mapping[str, Any]) -> Certificate:
-        """With the digest of its content."""
+        """The certificate of a document, with the digest of its content."""
         plain = json.loads(json.dumps(content))
         return cls({**plain, "sha256": check.digest(plain)})
 
@@ -49,12 +49,12 @@ class Certificate(Result):
 
     @property
     def arithmetic(self) -> str:
-        """Of the coefficients."""
+        """The arithmetic of the coefficients."""
         return self.document["arithmetic"]
 
     @property
     def outside(self) -> tuple[str, ...]:
-        """What it does not cover."""
+        """The effects that the proof does not cover."""
         return tuple(self.document["outside"])
 
     @cached_property
@@ -70,11 +70,11 @@ class Certificate(Result):
 
     @property
     def reserve(self) -> float | None:
-        """By which factor the discs of the nearest plant could be wider; None if all are points."""
+        """The factor by which the discs of the nearest plant could be wider; None if all are points."""
         return min((each["reserve"] for each in self.document["plants"] if each["reserve"] is not None), default=None)
 
     def sentence(self) -> str:
-        """The result in words."""
+        """The result as a sentence."""
         plants = self.document["plants"]
         count = "1 plant" if len(plants) == 1 else f"{len(plants)} plants"
         room = ""

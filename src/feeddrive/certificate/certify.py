@@ -39,26 +39,26 @@ ASSUMED = [
 ]
 BETWEEN = (
     "Between measured lines the true plant stays in the disc around the model, with the larger radius of both; "
-    "a resonance narrower than the distance of the lines, which no line shows, is not covered. Below the first and "
+    "a resonance that is narrower than the distance of the lines is not covered.  Below the first and "
     "above the last line the radius is an assumption. The errors of the lines are complex normal with the variances of "
-    "the list; they may hang together."
+    "the list; they may be correlated."
 )
 NOT_CHECKED = [
-    "what stands there for people: claim, theorem, assumed, machine, law, parameters, units, readings, states, the "
+    "the texts for readers: claim, theorem, assumed, machine, law, parameters, units, readings, states, the "
     "plants' names and source, dead_time_s, sample_time_ms",
-    "that the matrices are those of this control with these numbers: feeddrive traced it and says so",
+    "that the matrices are those of this control with these numbers: feeddrive traced it",
 ]
 OUTSIDE = [
     "saturation: force limit, current limit, anti-windup in action",
     "friction other than its slope at the stated velocity: stick, stiction, reversal; backlash",
     "rounding of signals: counts of encoders, arithmetic of the running controller, limit cycles",
-    "enable, trips and start; feedforward and reference, which cannot destabilise a linear loop",
+    "enable, trips and start; feedforward and reference, which cannot destabilize a linear loop",
     "change in time: wear, temperature, a position or load that is not in the list",
 ]
 
 
 def refusal(made: Deployed, plant: NominalPlant, loop: LoopResponse, place: float | None) -> str:
-    """Where, by how much, and what to do. `place` in Hz; None for a loop that is not stable at all."""
+    """The refusal: where, by how much, and what to do. `place` in Hz; None for an unstable loop."""
     lost = ""
     if made.coarse:
         name = max(made.coarse, key=lambda each: made.coarse[each])
@@ -88,7 +88,7 @@ def refusal(made: Deployed, plant: NominalPlant, loop: LoopResponse, place: floa
 
 
 def _remedy(plant: NominalPlant, place: float) -> str:
-    """What to do, by what makes the disc wide."""
+    """The advice, by the cause of the wide disc."""
     T = plant.model.sample_time
     if plant.lines:
         lines = plant.lines[0]
@@ -114,7 +114,7 @@ def _remedy(plant: NominalPlant, place: float) -> str:
 
 PlantLike = Loop | Axis | FRF | Sequence[Loop | Axis | FRF]
 _MODEL, _LEAST, _BEYOND = 0.2, 0.05, 1.0
-_MOST = 1e6  # a reserve beyond which it is no figure
+_MOST = 1e6  # a larger reserve is not stated
 _ROUNDS = 4
 
 
@@ -135,7 +135,7 @@ def certify_loop(
         nominal stability, and |1 + L| > r|L| at all frequencies up to half the sample rate;
         with two encoders measured apart: |1 + L| > r₁|C₁P₁| + r₂|C₂P₂|
 
-    The proof is that of `check.py`, in exact integer arithmetic, and what is returned has passed it.
+    The proof is that of `check.py`, in exact integer arithmetic; a returned certificate has passed it.
 
     loop         the loop whose control is certified, or a control with `sample_time` in s
     plants       by name: a loop or an axis (a model), a response in m/N (a model is fitted to its lines), or a row of
@@ -147,10 +147,10 @@ def certify_loop(
     arithmetic   of the coefficients: float64, float32, or fixedN with N binary places
     confidence   that the responses at all measured lines together lie in their discs
     velocity     m/s at which the axes move: their friction is its slope there
-    machine      what the certificate says of its source: name, file, sha256
+    machine the source in the certificate: name, file, sha256
 
-    Raises NotCertifiedError, with frequency and amount, where it cannot be proven, ParameterError for what makes no
-    sense, NotIdentifiableError for a response that no model fits.
+    Raises NotCertifiedError, with frequency and amount, where it cannot be proven, ParameterError for wrong
+    arguments, NotIdentifiableError for a response that no model fits.
     Source: Doyle, Francis & Tannenbaum 1992, chapter 4 (robust stability); Rouché's theorem.
     """
     control = loop.control if isinstance(loop, Loop) else loop
@@ -168,7 +168,7 @@ def certify_loop(
             raise ParameterError("a control alone has no plant: give `plants`")
         plants = {"model": loop}
     if not plants:
-        raise ParameterError("there is no plant to certify for")
+        raise ParameterError("there is no plant: give at least one in `plants`")
     made = deployed(control, T, arithmetic, velocity)
     nominal = [_plant(name, each, control, T, made.model.inputs, velocity) for name, each in plants.items()]
     sure = deviations(sum(lines.frequency.size for each in nominal for lines in each.lines), confidence)
@@ -207,7 +207,7 @@ def certify_loop(
 def _plant(
     name: str, each: PlantLike, control: Control, T: float, readings: Sequence[str], velocity: float
 ) -> NominalPlant:
-    """A plant of the list, by what was given for it."""
+    """A plant of the list, from the argument for it."""
     parts = each if isinstance(each, Sequence) else (each,)
     loops = [part for part in parts if isinstance(part, Loop)]
     axes = [part.axis if isinstance(part, Loop) else part for part in parts if isinstance(part, (Loop, Axis))]
@@ -233,7 +233,7 @@ def _plant(
 def _certified(
     made: Deployed, plant: NominalPlant, radius: Radius | None, beyond: float, sure: float
 ) -> dict[str, Any]:
-    """A plant as it stands in the certificate, with its reserve. Raises NotCertifiedError."""
+    """A plant in the form of the certificate, with its reserve. Raises NotCertifiedError."""
     T = made.model.sample_time
     nyquist = 0.5 / T
     if plant.lines:
@@ -299,7 +299,7 @@ def _exact(model: StateSpace) -> Any:
 
 
 def site_plants(points: Sequence[OperatingPoint | Loop]) -> dict[str, PlantLike]:
-    """By name: the loops of models, and the lines of measurements with what smoothing left of their variance."""
+    """By name: the loops of models, and the lines of measurements with their variance after smoothing."""
     plants: dict[str, PlantLike] = {}
     for each in points:
         name = each.name if isinstance(each, OperatingPoint) else "model"
@@ -319,7 +319,7 @@ def _plant_like(point: OperatingPoint | Loop) -> PlantLike:
         return load
     of_motor = variance[0]
     if point.ratio is not None:
-        # where the ratio of both was fitted, the motor's line has the error of the load's, too
+        # if their ratio was fitted, the motor's line has the error of the load's, too
         tied = ~np.isnan(point.ratio[0])
         of_motor = of_motor + np.where(tied, np.abs(np.where(tied, point.ratio[0], 0.0)) ** 2 * variance[1], 0.0)
     return [load, _response(point, 0, of_motor)]

@@ -2,7 +2,7 @@
 
     python check.py CERTIFICATE.json        exit code 0: proven; 1: refused, with one line that says why
 
-It trusts no figure that it can compute. With C = Nc/Dc of the control (force over readings) and P = Np/Dp of a plant:
+It trusts no figure that it can compute.  With C = Nc/Dc of the control (force over readings), P = Np/Dp of a plant:
 
     F = Dc Dp - Σ Nci Npi           characteristic polynomial of the closed loop, of degree n: all states of both
     |F(z)| > Σ ri |Nci Npi|         for every |z| = 1; with one disc for all readings: r |Σ Nci Npi|
@@ -41,7 +41,7 @@ HEX = re.compile(r"-?0x[01](\.[0-9a-f]{1,13})?p[+-]\d{1,4}")
 
 
 class RefusedError(Exception):
-    """Why a certificate is not accepted, in one line, and the frequency in Hz at which, if there is one."""
+    """The reason why a certificate is refused, in one line, with the frequency in Hz, if there is one."""
 
     def __init__(self, reason: str, frequency: float | None = None) -> None:
         super().__init__(reason)
@@ -217,7 +217,7 @@ class Bands:
 
 
 def separated(F: Poly, N: list[Poly], bands: Bands, reserve: Fraction) -> int:
-    """Refuses unless |F| > reserve Σ ri |Ni| for all u in 0..1; the number of stretches that it took."""
+    """Refuses unless |F| > reserve Σ ri |Ni| for all u in 0..1; returns the number of stretches."""
     n, nodes = len(F) - 1, 0
     waiting = [(0, 0, [squared(p, n) for p in (F, *N)])]
     while waiting:
@@ -257,11 +257,11 @@ def at(polynomials: Sequence[Poly], f: float, T: float) -> list[complex]:
 
 
 def parse(content: bytes) -> dict[str, Any]:
-    """The document, without anything that another reader could take for something else."""
+    """The document; refuses JSON that other readers may read differently."""
     need(len(content) <= MOST_BYTES, f"it is larger than {MOST_BYTES} bytes")
 
     def once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-        need(len({name for name, _ in pairs}) == len(pairs), "a name stands there twice")
+        need(len({name for name, _ in pairs}) == len(pairs), "a name is given twice")
         return dict(pairs)
 
     def refuse(text: str) -> None:
@@ -276,13 +276,13 @@ def parse(content: bytes) -> dict[str, Any]:
 
 
 def digest(document: Mapping[str, Any]) -> str:
-    """SHA-256 over everything but itself."""
+    """SHA-256 over everything but the digest."""
     rest = {name: value for name, value in document.items() if name != "sha256"}
     return hashlib.sha256(json.dumps(rest, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
 
 
 def represented(x: float, arithmetic: str) -> bool:
-    """Whether a number is one of the arithmetic: float64, float32, or fixed with so many binary places."""
+    """Whether the arithmetic has the number: float64, float32, or fixed with so many binary places."""
     if arithmetic == "float32":
         return struct.unpack("f", struct.pack("f", x))[0] == x
     if arithmetic.startswith("fixed"):
@@ -297,7 +297,7 @@ def proven(control: Polynomials, plant: Any, T: float) -> tuple[Poly, Numerators
     """
     (Dc, Nc), model = control, system(plant["model"], "model")
     need(len(model["D"][0]) == 1 and len(model["C"]) == len(Nc), "it does not fit the control")
-    need(not any(x for line in model["D"] for x in line), "it answers at once")
+    need(not any(x for line in model["D"] for x in line), "a plant responds without delay")
     Dp, Np = polynomials(model)
     parts = [times(Nc[0, i], Np[i, 0]) for i in range(len(Nc))]
     loop = [sum(each) for each in zip(*parts, strict=True)]
@@ -318,7 +318,7 @@ def proven(control: Polynomials, plant: Any, T: float) -> tuple[Poly, Numerators
 
 
 def inside(plant: Any, Dp: Poly, Np: Numerators, bands: Bands, sure: float, T: float) -> int:
-    """Refuses unless |G - P| + sure √variance <= r|P| on every measured line; how many there are."""
+    """Refuses unless |G - P| + sure √variance <= r|P| on every measured line; returns their number."""
     rows, discs = row(plant["lines"], None, "lines"), len(bands.radii[0])
     need(not rows or len(rows) == len(Np) or all(Np[i, 0] == Np[0, 0] for i in range(len(Np))), "lines are missing")
     need(len(rows) <= discs, "lines of two readings need a disc each")
@@ -333,12 +333,12 @@ def inside(plant: Any, Dp: Poly, Np: Numerators, bands: Bands, sure: float, T: f
 
 
 def verified(document: Mapping[str, Any]) -> list[str]:
-    """What is proven, in sentences, one a plant; RefusedError with the reason if anything does not hold."""
+    """The proof, a sentence for each plant; RefusedError with the reason if anything does not hold."""
     need(document.get("format") == FORMAT, "it is not a certificate of feeddrive")
     need(document.get("version") == VERSION, f"its version is {document.get('version')!r:.20}, this is for {VERSION}")
     missing = {"sample_time_s", "arithmetic", "numbers", "control", "plants", "outside", "confidence"} - set(document)
     need(not missing, f"it has no {', '.join(sorted(missing))}")
-    need(document.get("sha256") == digest(document), "its content is not what its SHA-256 was made of")
+    need(document.get("sha256") == digest(document), "its content does not fit its SHA-256: it was changed")
     T, arithmetic = exact(document["sample_time_s"], "sample_time_s"), document["arithmetic"]
     need(1e-9 < T < 10.0, "the sample time is not between 1 ns and 10 s")
     need(re.fullmatch(r"float64|float32|fixed[1-9]\d?", arithmetic), "its arithmetic is not known")
@@ -347,7 +347,7 @@ def verified(document: Mapping[str, Any]) -> list[str]:
     control = system(document["control"], "control")
     need(len(control["C"]) == 1, "the control must have one output, the force")
     outside = " ".join(document["outside"])
-    need("saturation" in outside and "friction" in outside, "it does not say that saturation and friction are outside")
+    need("saturation" in outside and "friction" in outside, "it does not list saturation and friction as outside")
     answers, plants, said = polynomials(control), row(document["plants"], None, "plants"), []
     need(0 < len(plants) <= 100, "there is no plant, or more than a hundred")
     confidence = plain(document["confidence"], "confidence", 0.0, 1.0 - 1e-12)
@@ -370,7 +370,7 @@ def verified(document: Mapping[str, Any]) -> list[str]:
 
 
 def checked(path: str) -> tuple[list[str], bool]:
-    """What there is to say of a file, the verdict last, and whether it is proven."""
+    """The sentences on a file, the verdict last, and whether it is proven."""
     proven = False
     try:
         with open(path, "rb") as file:

@@ -59,9 +59,9 @@ def rounded(value: float, arithmetic: str) -> float:
 def deployed(control: Control, sample_time: float, arithmetic: str = "float64", velocity: float = 0.05) -> Deployed:
     """A control as linear system whose prepared and other numbers are rounded before it is linearized.
 
-    It is the traced step that is linearized, so that the matrices are those of what runs: a rounded filter coefficient
+    The traced step is linearized, so that the matrices are those of the code that runs: a rounded filter coefficient
     moves the pole that the controller has.  Guard and force limit are left out.
-    Raises ParameterError for a law that repeats itself only after several samples.
+    Raises ParameterError for a law with two rates, whose period is several samples.
     """
     law = control.law
     if law.period() > 1:

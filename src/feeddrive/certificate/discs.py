@@ -20,7 +20,7 @@ _REFINED = 6  # rounds, each of which takes the search ten times nearer
 
 
 def matrices(given: Mapping[str, Any], inputs: Sequence[str], outputs: Sequence[str], T: float) -> StateSpace:
-    """A linear system as a certificate holds it."""
+    """A linear system in the form of a certificate."""
     A, B, C, D = (
         np.array([[float.fromhex(x) for x in row] for row in given[name]], dtype=float) for name in ("A", "B", "C", "D")
     )
@@ -95,7 +95,7 @@ class LoopResponse:
         return every[np.append(np.diff(every) > 1e-13 * every[:-1], True)]
 
     def reserve(self, also: Sequence[float] = ()) -> tuple[float, float]:
-        """By which factor all discs could be wider, and the frequency in Hz that allows no more."""
+        """The factor by which all discs could be wider, and the frequency in Hz that limits it."""
         f = self.lines()
         if also:
             spread = np.concatenate([x * np.geomspace(0.98, 1.0 / 0.98, 81) for x in also])
@@ -125,7 +125,7 @@ _ALIKE = 1.15  # radii of neighboring lines that become one step
 
 
 def deviations(lines: int, confidence: float) -> float:
-    """How many √variance the disc of a line reaches so that all lines together lie inside with the confidence.
+    """Radius of a line's disc in √variance, such that all lines together lie inside with the confidence.
 
     For a complex normal error P(|dG|² > q var) = e^-q, and q = ln(lines/(1 - confidence)) for all of them (Bonferroni),
     for any correlation of their errors.
@@ -195,7 +195,7 @@ def _steps(
 
 
 def _up(radius: float) -> float:
-    """Four digits, upwards."""
+    """Rounded up to four digits."""
     if radius == 0.0:
         return 0.0
     unit = 10.0 ** (math.floor(math.log10(radius)) - 3)
@@ -203,7 +203,7 @@ def _up(radius: float) -> float:
 
 
 def together(readings: Sequence[Sequence[tuple[float, float]]]) -> list[dict[str, Any]]:
-    """The steps of all readings on common edges, as a certificate holds them."""
+    """The steps of all readings on common edges, in the form of a certificate."""
     edges = sorted({to for steps in readings for to, _ in steps})
     bands: list[dict[str, Any]] = []
     low = 0.0

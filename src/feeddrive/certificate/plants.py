@@ -22,9 +22,9 @@ from feeddrive.loop.loop import Loop
 
 _LINES = 250  # that are fitted, spread over ln f
 _MOST = 8  # modes
-_SHARE = 0.01  # of a response, below which noise does not make a line count for more
-_BETTER = 0.85  # of the misfit that one mode more must leave, or less
-_USELESS = 0.5  # relative misfit in the mean, beyond which there is no model
+_SHARE = 0.01  # of a response: less noise does not increase the weight of a line
+_BETTER = 0.85  # largest share of the misfit that one more mode may leave
+_USELESS = 0.5  # largest mean relative misfit of a model
 
 
 def fitted_plant(name: str, measured: Sequence[FRF], control: Control, T: float) -> tuple[StateSpace, float, int]:
@@ -34,7 +34,7 @@ def fitted_plant(name: str, measured: Sequence[FRF], control: Control, T: float)
 
     ω, ζ, corner and dead time are common and found by least squares, in which all a and b are solved for (variable
     projection); then the modes are sampled exactly, and a and b are solved for once more.
-    Raises NotIdentifiableError if that leaves half of the response.
+    Raises NotIdentifiableError if the misfit is half of the response.
     """
     f = measured[0].frequency
     inside = np.flatnonzero(f < 0.45 / T)
@@ -102,7 +102,7 @@ def _refined(f: np.ndarray, G: np.ndarray, weight: np.ndarray, T: float, count: 
 
     s = 2j * np.pi * f
     low = 2.0 * np.pi * f[0]
-    # s² takes the free motion away; what of dead time and hold is left needs a few poles of its own
+    # s² removes the free motion; the rest of dead time and hold needs a few poles
     plain = [each * s * s for each in G]
     starts: list[tuple[float, np.ndarray]] = []
     for pairs in range(count, count + 4) if count else (0,):
@@ -121,7 +121,7 @@ def _refined(f: np.ndarray, G: np.ndarray, weight: np.ndarray, T: float, count: 
         return np.inf, np.concatenate([np.full(2 * count, -1.0), [np.log(low), 0.0]])
     begin = min(starts, key=lambda each: each[0])[1]
     least = np.concatenate([np.full(count, np.log(0.3 * low)), np.full(count, np.log(1e-5)), [np.log(1e-6 * low), 0.0]])
-    # a mode beyond the last line would be made of noise
+    # a mode beyond the last line would be noise
     most = np.concatenate(
         [np.full(count, np.log(2.0 * np.pi * f[-1])), np.full(count, np.log(2.0)), [np.log(10.0 * low), 30 * T]]
     )
@@ -155,7 +155,7 @@ def _sampled(
 
 
 _SIZES = 1e-40, 1e20  # m/N
-_ZERO = 1e-9  # of the numbers that it is the difference of
+_ZERO = 1e-9  # of the numbers whose difference it is
 
 
 class Lines(NamedTuple):
@@ -171,8 +171,8 @@ class NominalPlant:
     """A plant at one position and load.
 
     model   from the command to the readings, sampled, dead time included
-    lines   what was measured, by reading; empty for a model alone
-    source  where it comes from, in words
+    lines   the measured lines, by reading; empty for a model alone
+    source  its source, as text
     """
 
     name: str
@@ -187,13 +187,13 @@ def modelled_plant(
 ) -> NominalPlant:
     """The axis that moves with `velocity` (m/s), exactly held, its dead time, current loop and friction slope with it.
 
-    The free motion of the axis is made a state of its own, so that its integrator is exactly 1 after rounding, too.
-    Raises ParameterError if nothing answers to the command, as an axis that sticks.
+    The free motion of the axis is a separate state, so that its integrator stays exactly 1 after rounding.
+    Raises ParameterError if nothing moves on a command, as with an axis that sticks.
     """
     loop = Loop(control=replace(control, guard=None, force_limit=None), axis=axis, sample_time=sample_time)
     model = linearize(loop, ["cut"], list(readings), velocity=velocity)
     if not model.states:
-        raise ParameterError(f"'{name}' does not answer to its command at {velocity:g} m/s: does it stick?")
+        raise ParameterError(f"'{name}' does not respond to its command at {velocity:g} m/s: does it stick?")
     along = [float(share) for share in axis.plant.mechanics().rigid_motion()]
     held = f"{axis.plant.kind}, held over {1e3 * sample_time:g} ms, moving with {velocity:g} m/s"
     return NominalPlant(name, _free(model, along), (), held, float(axis.actuator.dead_time))
@@ -231,8 +231,8 @@ def measured_plant(
 ) -> NominalPlant:
     """A plant with its measured lines: around a known axis, or around a model that is fitted to the lines.
 
-    `measured` is the response of the load's encoder and, if it was measured, that of the motor's; one alone is that of
-    every reading.
+    `measured` has the response of the load's encoder and, if it was measured, that of the motor's; a single one
+    serves all readings.
     Raises ParameterError for a unit that is not m/N or readings that were not measured, NotIdentifiableError where no
     model fits.
     """
@@ -252,7 +252,7 @@ def measured_plant(
     count = f"{sum(each.frequency.size for each in lines)} measured lines"
     if axis is None:
         if any(np.any(each.frequency != taken[0].frequency) for each in taken if each.frequency.size):
-            raise ParameterError(f"'{name}': the responses of both encoders stand on different lines")
+            raise ParameterError(f"'{name}': the responses of both encoders have different lines")
         model, late, modes = fitted_plant(name, taken, control, sample_time)
         C = model.C if len(taken) == len(readings) else np.repeat(model.C, len(readings), axis=0)
         model = replace(model, C=C, D=np.zeros((len(readings), 1)), outputs=tuple(readings))

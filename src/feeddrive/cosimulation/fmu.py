@@ -47,7 +47,7 @@ class Archive:
 def opened(path: str | Path) -> Generator[Archive]:
     """An FMU, unpacked for the length of the block; nothing of it is run yet.
 
-    Raises FileError for a file that cannot be read, FmuError for one that is no FMU, has no co-simulation or
+    Raises FileError for a file that cannot be read, FmuError for a file that is not an FMU, has no co-simulation or
     no binary for this machine, and MissingExtraError without FMPy.
     """
     fmpy = importer()
@@ -109,11 +109,11 @@ def _checked(name: str, description: Any, folder: Path) -> Archive:
 
 
 def _first_line(error: Exception) -> str:
-    """What an error says, in a line; never nothing."""
+    """The first line of an error's text, or its type."""
     return (str(error).strip() or type(error).__name__).splitlines()[0]
 
 
-# what the loop hands to an FMU, and what it can take from one
+# signals from the loop to an FMU, and from an FMU to the loop
 GIVEN = ("force", "command", "load_force", "start_position")
 TAKEN = (
     "reading", "reading_motor", "reading_load", "position_motor", "position_load", "velocity_motor", "velocity_load",
@@ -135,10 +135,10 @@ class Port(NamedTuple):
 def ports(archive: Archive, names: Mapping[str, str], command_unit: str | None) -> dict[str, Port]:
     """The ports by signal: those of `names`, and every signal whose own name the FMU has.
 
-    `names` are the FMU's variables by signal, as "x" or "x:mm"; a variable that states no unit counts as SI.
+    `names` are the FMU's variables by signal, as "x" or "x:mm"; a variable without a unit counts as SI.
     `command_unit` is the unit of the drive's command; None without a motor.
 
-    Raises ParameterError for a signal that there is not or a unit that does not fit, FmuError for a variable that is
+    Raises ParameterError for an unknown signal or a unit that does not fit, FmuError for a variable that is
     missing or of the wrong kind.
     """
     known = {each.name: each for each in archive.description.modelVariables}
@@ -226,8 +226,7 @@ _STATUS = {2: "refused the step (Discard)", 3: "failed (Error)", 4: "is beyond r
 class Instance:
     """An instance of an FMU for co-simulation; use it in a `with` block.
 
-    From here on code of the FMU runs in this process, with the rights of this process.  What it says is kept and
-    repeated in errors.
+    Code of the FMU runs in this process, with its rights. Messages of the FMU are kept and repeated in errors.
     """
 
     def __init__(self, archive: Archive) -> None:
@@ -239,7 +238,7 @@ class Instance:
 
         kind = fmpy.fmi3.FMU3Slave if archive.three else fmpy.fmi2.FMU2Slave
         try:
-            with contextlib.chdir(archive.folder):  # FMPy goes elsewhere and does not come back if it fails
+            with contextlib.chdir(archive.folder):  # FMPy changes the folder, and stays there if it fails
                 self.fmu: Any = kind(
                     guid=archive.description.guid, modelIdentifier=archive.model, unzipDirectory=str(archive.folder),
                     instanceName="plant", libraryPath=str(archive.library),
@@ -251,7 +250,7 @@ class Instance:
                 self.fmu.instantiate(loggingOn=True, callbacks=self._callbacks)
         except Exception as error:  # FMPy raises bare exceptions
             needs = archive.description.coSimulation.needsExecutionTool
-            hint = "; it wants the program it was made with to be installed" if needs else ""
+            hint = "; it needs the program that made it to be installed" if needs else ""
             raise FmuError(f"{archive.name}: cannot be started: {error}{self._words()}{hint}") from None
 
     def _logging(self) -> Any:
@@ -282,7 +281,7 @@ class Instance:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        # messages and errors of an FMU at its end have no effect on the results
+        # errors at its end have no effect on the results
         if error is None:
             with contextlib.suppress(Exception):
                 self.fmu.terminate()
@@ -290,7 +289,7 @@ class Instance:
             self.fmu.freeInstance()
 
     def _call(self, what: str, function: Any, *arguments: Any, **named: Any) -> Any:
-        """A call to the FMU. Raises FmuError that repeats what it said."""
+        """A call to the FMU. Raises FmuError with its last message."""
         self.said = []
         try:
             return function(*arguments, **named)
@@ -300,9 +299,9 @@ class Instance:
             raise FmuError(f"{self.archive.name}: {what}: the FMU {how}{self._words()}") from None
 
     def begin(self, values: Sequence[tuple[Port, float]], parameters: Mapping[str, float]) -> None:
-        """Set what is known at the start, SI by port and as they are by name, and initialize at t = 0.
+        """Set start values, by port in SI and by name in the FMU's units, and initialize at t = 0.
 
-        Raises FmuError for a name that the FMU has not and for a value that it refuses.
+        Raises FmuError for an unknown name and for a value that the FMU refuses.
         """
         known = {each.name: each for each in self.archive.description.modelVariables}
         if not self.archive.three:
@@ -337,7 +336,7 @@ class Instance:
         return [port.factor * value for port, value in zip(ports, values, strict=True)]
 
     def step(self, time: float, length: float) -> None:
-        """One communication step, in s. Raises FmuError if it is refused or if the FMU wants to end."""
+        """One communication step, in s. Raises FmuError if it is refused or if the FMU ends the simulation."""
         what = f"step of {length:.6g} s at {time:.6g} s"
         answer = self._call(what, self.fmu.doStep, currentCommunicationPoint=time, communicationStepSize=length)
         if answer is not None and (answer[1] or answer[2]):  # terminateSimulation, earlyReturn

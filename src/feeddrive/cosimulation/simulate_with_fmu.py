@@ -50,17 +50,17 @@ def simulate_with_fmu(
     starts off, at the first reading, with the axis at rest.
 
     loop        its control and sample time are used; of its axis only the motor and how many encoders there are
-    fmu         **a program**: it runs in this process and may do what this process may do
+    fmu **a program**: it runs in this process, with all its rights
     names       variables of the FMU by signal, as {"force": "F_drive", "reading": "x:mm"}; a signal whose own name
-                the FMU has needs none.  Given are force (or command, in the unit of the drive), load_force and
-                start_position; taken are reading or reading_motor and reading_load, and what else shall be recorded
-    parameters  of the FMU, by its own names and in its own units
+                the FMU has needs none.  Inputs are force (or command, in the unit of the drive), load_force and
+                start_position; outputs are reading or reading_motor and reading_load, and further signals to record
+    parameters  of the FMU, by its names and in its units
     load        force on the table, N; the FMU needs an input for it
     enable      1 or 0 for each sample, the last value holds on
     dead_time   s, before a command acts; a part of a sample needs an FMU whose step may vary
     bound       m, on |set position - reading|; default: the larger of 1 m and 100 times the travel
 
-    Raises FmuError for an FMU that cannot be run, has not what is needed or refuses a step, DivergedError with the
+    Raises FmuError for an FMU that cannot be run, lacks a variable or refuses a step, DivergedError with the
     sample at which the bound was left, and ParameterError for arguments that do not fit.
     """
     if not 0.0 <= dead_time < 1.0:
@@ -98,7 +98,7 @@ def simulate_with_fmu(
 def _signals(
     routine: Routine, wired: _Wired, rows: np.ndarray, taken: np.ndarray, answers: np.ndarray
 ) -> dict[str, np.ndarray]:
-    """What is known of a run, under the names and in the order of the loop's signals."""
+    """The recorded signals of a run, with the names and in the order of the loop's signals."""
     found = dict(zip(("set_position", "set_velocity", "set_acceleration"), rows, strict=False))
     found |= {port.signal: taken[:, i] for i, port in enumerate(wired.taken)}
     found["reading_motor"], found["reading_load"] = (taken[:, wired.readings[i]] for i in (0, -1))
@@ -110,7 +110,7 @@ def _signals(
 
 
 class _Wired(NamedTuple):
-    """What is taken from the FMU; which of it the control reads; which of its outputs goes where; the load, if any."""
+    """Connections: outputs of the FMU, those that the control reads, outputs of the control, and the load, if any."""
 
     taken: list[Port]
     readings: list[int]
@@ -122,7 +122,7 @@ class _Wired(NamedTuple):
 def _wired(archive: Archive, found: Mapping[str, Port], routine: Routine, load: bool) -> _Wired:
     """A single `reading` serves both sides, and the table's serves a control with one encoder.
 
-    Raises FmuError for a signal that the control needs and no variable carries.
+    Raises FmuError if the control needs a signal for which there is no variable.
     """
     readings = [v.name for v in routine.inputs if v.name.startswith("reading")]
     spare = "reading_load" if readings == ["reading"] else "reading"
@@ -141,7 +141,7 @@ def _wired(archive: Archive, found: Mapping[str, Port], routine: Routine, load: 
 
 
 class _Held:
-    """The commands on their way: whole samples in a queue, a part of a sample as a step of its own."""
+    """The commands in their dead time: whole samples in a queue, a fraction of a sample as a separate step."""
 
     def __init__(self, T: float, dead_time: float) -> None:
         whole = math.floor(dead_time / T + 1e-9)
@@ -219,7 +219,7 @@ def cosimulate(
 ) -> Cosimulation:
     """Run all laws of a job against an FMU, which is a program and runs in this process.
 
-    names, parameters, dead_time as `simulate_with_fmu`; `progress` reports the name of each law before it.
+    names, parameters, dead_time as `simulate_with_fmu`; `progress` reports the name of each law before its run.
 
     Raises ParameterError for a job that replays a log, and as `simulate_with_fmu`.
     """

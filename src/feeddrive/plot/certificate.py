@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from feeddrive.certificate.discs import LoopResponse
 
 _MOST = 6  # rows of one picture
-_DECADES = 3.0  # below the nearest place that are shown
+_DECADES = 3.0  # below the smallest reserve, the range that is shown
 _DISCS = 500  # drawn in the complex plane
 _SHADE = "#f6dbc8"
 

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from feeddrive.tuning.placement import Placement
 
 FINER = 4  # points drawn for each line of a modeled curve
-REACH = (-2.6, 1.4, -2.0, 2.0)  # of the Nyquist plot: what decides stability lies near -1
+REACH = (-2.6, 1.4, -2.0, 2.0)  # of the Nyquist plot: the critical point is -1
 
 
 def nyquist(loops: Margins | Mapping[str, Margins]) -> Any:

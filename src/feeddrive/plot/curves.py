@@ -113,7 +113,7 @@ def left_over(
 ) -> Any:
     """Magnitudes over frequency in Hz on a logarithmic scale, measured ones as marks, one frequency as a line.
 
-    `one` draws the line at 1, above which a compensation does harm.
+    `one` draws the line at 1, above which a compensation amplifies.
     """
     figure, (ax,) = style.picture(1, height=3.6)
     for i, (name, (frequency, magnitude)) in enumerate(curves.items()):

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 def batch(batch: Batch) -> Any:
-    """How many variants have which RMS, for each signal; those that left their bounds are not counted."""
+    """Histogram of the RMS over the variants, for each signal, without variants that left their bounds."""
     from matplotlib.ticker import MaxNLocator
 
     names = list(batch.rms)

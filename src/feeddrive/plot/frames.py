@@ -109,7 +109,7 @@ def friction_map(found: FrictionMap) -> Any:
 
 
 def margins(margins: Margins) -> Any:
-    """One row a crossover; what a kind of crossover does not have is missing."""
+    """One row a crossover; columns of the other kind of crossover are missing."""
     gain, phase = margins.gain_crossovers, margins.phase_crossovers
     gap = [None] * len(phase)
     columns = {

@@ -63,7 +63,7 @@ def residuals(found: Residuals) -> Any:
 
 
 def validation(found: Validation) -> Any:
-    """Error of each stretch when it was not used."""
+    """Error of each stretch with a fit to the others."""
     figure, (ax,) = style.picture(1, height=2.6)
     ax.bar(np.arange(1, found.errors.size + 1), 100.0 * found.errors, width=0.5, color=style.color(0))
     ax.set_xlim(0.4, found.errors.size + 0.6)
@@ -84,7 +84,7 @@ def delay_fit(found: DelayFit) -> Any:
 
 
 def control_fit(found: ControlFit) -> Any:
-    """What each law that was tried leaves of the force, by its delay."""
+    """Unexplained share of the force, for each law that was tried, by its delay."""
     figure, (ax,) = style.picture(1, height=2.8)
     for i, delay in enumerate(sorted({d for _, d in found.tried})):
         samples = [n for n, d in found.tried if d == delay]
@@ -92,7 +92,7 @@ def control_fit(found: ControlFit) -> Any:
         ax.plot(samples, left, marker="o", markersize=4.0, label=f"delay {delay}", **style.curve(i))
     ax.set_yscale("log")
     style.plain_decades(ax.yaxis)
-    style.labels(ax, "samples over which the velocity is differenced", "left of the force (%)")
+    style.labels(ax, "samples over which the velocity is differenced", "unexplained share of the force (%)")
     style.legend(figure, ax)
     return figure
 
@@ -105,7 +105,7 @@ def steady_runs(runs: SteadyRuns) -> Any:
 
 
 def identified_friction(curve: FrictionCurve) -> Any:
-    """The runs, the curve with its 95 % band, and what it leaves."""
+    """The runs, the curve with its 95 % band, and the residuals."""
     figure, axes = style.picture(2, height=4.2, ratios=(2, 1))
     _points(axes[0], curve.runs)
     top = float(np.max(np.abs(curve.runs.velocity)))
@@ -133,7 +133,7 @@ def identified_friction(curve: FrictionCurve) -> Any:
 
 
 def cogging(fit: CoggingFit) -> Any:
-    """Amplitudes by order, with twice their standard errors: cogging, and what changes sign with the direction."""
+    """Amplitudes by order, with twice their standard errors: cogging, and the part that changes sign with direction."""
     figure, (ax,) = style.picture(1, height=3.2)
     kinds = {"cogging": "even", "changes sign with the direction": "odd"}
     if fit.orders and fit.orders[0].even is None:
@@ -154,7 +154,7 @@ def cogging(fit: CoggingFit) -> Any:
 
 
 def cogging_over_turn(fit: CoggingFit, runs: Sequence[CoggingRun]) -> Any:
-    """Measured force over one period by direction, and what of it is cogging."""
+    """Measured force over one period by direction, and the cogging in it."""
     figure, (ax,) = style.picture(1, height=3.4)
     for i, (sign, label) in enumerate(((1, "forward"), (-1, "backward"))):
         for run in (each for each in runs if each.direction == sign):
@@ -202,7 +202,7 @@ def identified(found: Identified) -> Any:
     return rigid_fit(found.rigid)
 
 
-CELLS = 160  # a picture is so many points wide and high: of those that fall on each other one is drawn
+CELLS = 160  # size of the picture in points: of points that coincide one is drawn
 
 
 def friction(
@@ -212,7 +212,7 @@ def friction(
 ) -> Any:
     """Force against the motion in N over velocity in mm/s, both directions.
 
-    Of loops with the same friction one curve is drawn.  `run` adds what was met in a run of the first loop.
+    Of loops with the same friction one curve is drawn.  `run` adds the friction in a run of the first loop.
     """
     figure, (ax,) = style.picture(1, height=3.4)
     ax.axhline(0.0, color=style.MUTED, linewidth=0.8)
@@ -253,7 +253,7 @@ def _reach(run: Run | None, measured: FrictionMap | None) -> float:
 
 
 def _different(loops: Mapping[str, Loop]) -> dict[str, Friction]:
-    """The frictions by name, each different one once."""
+    """The different frictions, by name."""
     found: dict[str, Friction] = {}
     seen: set[str] = set()
     places = {"friction_load": "guideway", "friction_motor": "screw and bearings"}
@@ -270,7 +270,7 @@ def _different(loops: Mapping[str, Loop]) -> dict[str, Friction]:
 
 
 def _met(ax: Any, loop: Loop, run: Run) -> None:
-    """What the run met: the force of a row belongs to the velocity at the end of its sample."""
+    """Friction in the run: the force of a row belongs to the velocity at the end of its sample."""
     label: str | None = "met in the run"
     for place in ("load", "motor"):
         block = getattr(loop.axis, f"friction_{place}")

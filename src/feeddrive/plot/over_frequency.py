@@ -144,7 +144,7 @@ def spectrum(spectra: Spectrum | Mapping[str, Spectrum]) -> Any:
         tops.append(factor * float(np.max(amplitude)))
         bottoms.append(factor * float(np.quantile(amplitude, 0.02)))
     top = max(tops)
-    if top > 0.0:  # a signal that is zero has no place on a logarithmic scale
+    if top > 0.0:  # a signal that is zero cannot be drawn on a logarithmic scale
         axes[0].set_yscale("log")
         style.plain_decades(axes[0].yaxis, crowded=True)
         axes[0].set_ylim(max(0.5 * min(bottoms), 1e-7 * top), 2.0 * top)
@@ -192,8 +192,8 @@ def tuned(found: Tuned) -> Any:
     return stiffness(curves)
 
 
-FAR = 60.0  # dB: a margin beyond it says nothing and is not drawn
-WRITTEN = 3  # crossovers of a kind that get their number written beside them, in a picture of one loop
+FAR = 60.0  # dB: a larger margin is not drawn
+WRITTEN = 3  # crossovers of a kind with their number, in a picture of one loop
 
 
 def open_loop(loops: Margins | Mapping[str, Margins]) -> Any:
@@ -278,7 +278,7 @@ def _mark(axes: list[Axes], margins: Margins, phase: np.ndarray, i: int, alone: 
 
 
 def _write(ax: Axes, x: float, y: float, text: str) -> None:
-    """Beside a bar, on the side on which there is room."""
+    """Write next to a bar, on the side with more room."""
     low, high = ax.get_xlim()
     right = np.log(x / low) < 0.85 * np.log(high / low)
     ax.annotate(

@@ -35,7 +35,7 @@ def run(run: Run) -> Any:
     style.labels(axes[0], None, "following error\n(µm)")
     _draw(axes[1], run.time, run["force"], style.curve(1) | {"linestyle": "-"})
     style.labels(axes[1], None, "force\n(N)")
-    if "velocity_load" in run.signals:  # an FMU need not tell it
+    if "velocity_load" in run.signals:  # optional in an FMU
         _draw(axes[2], run.time, 1e3 * run["velocity_load"], style.curve(2) | {"linestyle": "-"}, "actual")
     _draw(axes[2], run.time, 1e3 * set_velocity(run), _set_line(), "set")
     style.labels(axes[2], "time (s)", "velocity\n(mm/s)")
@@ -196,7 +196,7 @@ MOST = 12  # rows; a log with more channels shows the first ones
 
 
 def log(log: Log) -> Any:
-    """The channels of a log over time, each in the unit in which people read it."""
+    """The channels of a log over time, each in the usual unit."""
     chosen = dict(list(log.channels.items())[:MOST])
     figure, axes = style.picture(len(chosen), height=1.0 + 1.3 * len(chosen))
     for i, (name, values) in enumerate(chosen.items()):

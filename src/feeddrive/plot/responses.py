@@ -57,13 +57,13 @@ def frequency_estimate(found: FrequencyEstimate, model: FRF | None = None) -> An
 
 
 def _beside(phase: np.ndarray, frequency: np.ndarray, frf: FRF) -> np.ndarray:
-    """The phase of a model turned by whole turns so that it lies beside the measured one."""
+    """The phase of a model, shifted by whole turns next to the measured one."""
     at = float(np.interp(frf.frequency[0], frequency, phase))
     return phase + 360.0 * round((float(frf.phase_deg[0]) - at) / 360.0)
 
 
 def excitation(found: Excitation) -> Any:
-    """What is sent in the first realization, and speed and force that the simulation answers, over time."""
+    """The excitation of the first realization, and the simulated speed and force, over time."""
     drawn = found.drawings[0]
     figure, axes = style.picture(3, height=5.2)
     unit, factor = ("N", 1.0) if found.where == "force" else ("µm", 1e6)
@@ -170,7 +170,7 @@ def response_residuals(found: Agreement) -> Any:
 def response_nyquist(found: Agreement) -> Any:
     """Responses in the complex plane, as velocity over force: each mode is a circle; dots measured, curves the model.
 
-    Velocity, since a position's circles are lost beside its rigid motion.
+    Velocity, since the rigid motion hides the circles of the position.
     """
     figure, (ax,) = style.picture(1, height=4.6)
     figure.set_size_inches(5.4, 4.6)
@@ -199,7 +199,7 @@ def _velocity(unit: str) -> str:
 
 
 def _radius(frf: FRF) -> np.ndarray | None:
-    """Of the 95 % disc of each line, where a variance is known."""
+    """Radius of the 95 % disc of each line, if a variance is known."""
     return None if frf.variance is None else _BAND * np.sqrt(frf.variance)
 
 

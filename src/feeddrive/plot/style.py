@@ -19,7 +19,7 @@ Thing = TypeVar("Thing")
 
 # Okabe & Ito 2008, without yellow, which cannot be read on white, and without black, which is the ink
 COLORS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
-# a second mark for those who see no color and for gray print; the first curve is solid
+# dashes for color-blind readers and gray print; the first curve is solid
 DASHES: tuple[Any, ...] = ("-", (0, (7, 2)), (0, (2, 1.5)), (0, (7, 2, 2, 2)), (0, (12, 3)), (0, (4, 1.5, 1, 1.5)))
 MARKERS = ("o", "s", "^", "D", "v", "P")
 INK, MUTED, GRID, PAPER, ALERT = "#1c2329", "#5a6772", "#d9dfe4", "#ffffff", "#b3261e"
@@ -31,7 +31,7 @@ WIDE = 8.0  # a ratio of curves beyond which they need a logarithmic scale, or o
 
 
 def color(i: int) -> str:
-    """Of the i-th curve."""
+    """Color of the i-th curve."""
     return COLORS[i % len(COLORS)]
 
 
@@ -41,12 +41,12 @@ def curve(i: int) -> dict[str, Any]:
 
 
 def written(unit: str) -> str:
-    """A unit as people write it: um -> µm, m/s2 -> m/s²."""
+    """A unit in typographic form: um -> µm, m/s2 -> m/s²."""
     return unit.replace("um", "µm").replace("s2", "s²").replace("s3", "s³")
 
 
 def named(things: Thing | Mapping[str, Thing] | Sequence[Thing]) -> dict[str, Thing]:
-    """One thing (its name is empty), several by name, or a row of them with a `name` each, as a mapping from names."""
+    """A mapping from names: of one thing (empty name), of several by name, or of a list of things with a `name`."""
     if isinstance(things, Mapping):
         return dict(things)  # type: ignore[arg-type]
     if isinstance(things, Sequence):
@@ -59,7 +59,7 @@ def named(things: Thing | Mapping[str, Thing] | Sequence[Thing]) -> dict[str, Th
 
 
 def caption(name: str, said: str = "", most: int = 60) -> str | None:
-    """A user's name, and what is said about it, as matplotlib shows them: no formulas, not hidden, not too long.
+    """A user's name and a remark on it, for matplotlib: without formulas, not hidden, not too long.
 
     None if there is neither.
     """
@@ -107,7 +107,7 @@ def labels(ax: Axes, x: str | None, y: str) -> None:
 
 
 def legend(figure: Picture, ax: Axes, columns: int = 4) -> None:
-    """The curves of `ax` that have a name, in a row above the figure, where they cover nothing."""
+    """A legend of the named curves of `ax`, in a row above the figure."""
     handles, texts = ax.get_legend_handles_labels()
     figure_legend(figure, dict(zip(texts, handles, strict=True)), columns)
 
@@ -197,18 +197,18 @@ def decibel(magnitude: np.ndarray) -> np.ndarray:
 
 
 def padded(low: float, high: float, part: float = 0.06) -> tuple[float, float]:
-    """A range with some room on both sides; one that is a point gets a range around it."""
+    """A range with some room on both sides; a point becomes a range around it."""
     room = part * (high - low) or 0.5 * abs(high) or 1.0
     return low - room, high + room
 
 
-POINTS = 2000  # more than twice the pixels that a picture is wide
+POINTS = 2000  # more than twice the width of a picture in pixels
 
 
 def envelope(x: np.ndarray, y: np.ndarray, points: int = POINTS) -> tuple[np.ndarray, np.ndarray]:
     """At most `points` + 2 of the points (x, y), both of shape (n,): per stretch its lowest and highest, in order.
 
-    First and last point stay.  A curve that is short enough comes back as it is.  No value is invented or averaged, so
+    First and last point stay.  A short curve is returned unchanged.  No value is invented or averaged, so
     peaks and limits are where they were.  `points` is at least 2.
     """
     n = x.size

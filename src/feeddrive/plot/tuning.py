@@ -38,7 +38,7 @@ def trial(trial: Trial) -> Any:
 
 
 def iteration(iteration: Iteration) -> Any:
-    """The error of the trial, and under it that which is predicted for the next along the same reference."""
+    """The error of the trial, and below it the error predicted for the next trial with the same reference."""
     figure, axes = style.picture(2, height=3.8, ratios=(2, 1))
     time = iteration.trial.time
     before = f"this trial, RMS {1e6 * iteration.trial.rms:.4g} µm"
@@ -103,7 +103,7 @@ def _velocity(ax: Any, trial: Trial) -> None:
 
 
 def prefilter_fit(fit: PrefilterFit, points: int = POINTS) -> Any:
-    """Above: the error and what the derivatives explain of it. Below: what is predicted to remain."""
+    """Above: the error and the part explained by the derivatives. Below: the predicted error."""
     figure, axes = style.picture(2, height=4.2)
     measured = {"color": style.MUTED, "linewidth": 2.6, "alpha": 0.55}
     axes[0].plot(*envelope(fit.time, 1e6 * fit.error, points), **measured, label="error")
@@ -124,7 +124,7 @@ def disturbance(
     true: np.ndarray | None = None,
     window: tuple[float, float] | None = None,
 ) -> Any:
-    """Estimated disturbances over time in ms, with the true one in gray; `window` in s says from when to when."""
+    """Estimated disturbances over time in ms, with the true one in gray; `window` is begin and end in s."""
     chosen = style.named(observations)
     figure, (ax,) = style.picture(1, height=3.2)
     first = next(iter(chosen.values()))
@@ -141,7 +141,7 @@ def disturbance(
 
 
 def delay_map(maps: DelayMap | Mapping[str, DelayMap]) -> Any:
-    """The first tunable at the edge of stability and where Ms reaches its bound, over the dead time in samples."""
+    """The first tunable at the limit of stability and where Ms reaches its bound, over the dead time in samples."""
     chosen = style.named(maps)
     figure, (ax,) = style.picture(1, height=3.2)
     for i, (name, found) in enumerate(chosen.items()):

@@ -15,7 +15,7 @@ from feeddrive.report.sentences import number
 
 SHORT = 16  # samples: a shorter run has no picture over time
 MOST = 8  # laws that the pictures show; the tables have all
-CURVES = 4  # more curves than these share the points that as many would have: the page stays small
+CURVES = 4  # more curves than these share the points of so many: the page stays small
 
 
 def chosen(study: Study) -> Study:
@@ -25,7 +25,7 @@ def chosen(study: Study) -> Study:
 
 
 def figures(study: Study) -> Iterator[Shown]:
-    """In the order in which a reader needs them."""
+    """The figures in the order of the page."""
     study = chosen(study)
     points = min(POINTS, max(200, POINTS * CURVES // len(study.entries)))
     yield from _measured(study, points)

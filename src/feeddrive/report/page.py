@@ -43,7 +43,7 @@ THEME = {
 _WIDTHS = range(25, 70, 5)  # rem: of screens on which a table may be cut off
 _CHARACTER, _BETWEEN, _AROUND = 0.5, 1.2, 4.0  # rem: a character of a table, between two columns, beside the table
 _DECIMALS = re.compile(r"\d+\.\d+")
-# of a page: a quoted file, a tag, or what is said between tags
+# of a page: a quoted file, a tag, or the text between tags
 _PIECES = re.compile(r"<(pre|style|title)\b.*?</\1>|<[^>]*>|(?P<said>[^<]+)", re.DOTALL)
 # control characters, which no page may hold, apart from the ends of lines and tabs
 _CONTROL = dict.fromkeys([*range(9), *range(11, 32), *range(127, 160)])
@@ -53,7 +53,7 @@ def render(template: str, *, rotary: bool = False, quoted: Sequence[str] = (), *
     """A template of `templates/` with its content, as a whole page. Pure: the same content gives the same text.
 
     rotary  it is about an axis that turns: in rad, N m and kg m2
-    quoted  what a person wrote, which stays as it is
+    quoted text of a person, which is not changed
     """
     text = _environment().get_template(template).render(**content).translate(_CONTROL)
     if not rotary:
@@ -140,8 +140,8 @@ def table(caption: str, heads: Sequence[str], rows: Sequence[Sequence[str]], bes
 def svg(figure: Any, key: str, alt: str) -> str:
     """The figure as an SVG element in the colors of the page's theme.
 
-    key  letters that make its identifiers its own: pictures of one page must not share one
-    alt  what is to be seen
+    key letters that make its identifiers unique among the pictures of one page
+    alt description of the figure
     """
     import matplotlib
 
@@ -176,7 +176,7 @@ def _rounded(found: re.Match[str]) -> str:
 
 
 def _own_identifiers(body: str, key: str) -> str:
-    """Identifiers that something refers to, renamed; the others left out."""
+    """Rename the identifiers that are referred to, and remove the others."""
     used = list(dict.fromkeys(re.findall(r"(?:url\(|href=\")#([^)\"]+)", body)))
     names = {name: f"{key}{i}" for i, name in enumerate(used)}
     body = re.sub(r' id="([^"]*)"', lambda found: f' id="{names[found[1]]}"' if found[1] in names else "", body)
@@ -212,11 +212,11 @@ class ShownTable:
 
 @dataclass(frozen=True, eq=False)
 class Entry:
-    """One law of the comparison: its loop, its run, and what the frequency domain says about it.
+    """One law of the comparison: its loop, its run, and its figures in the frequency domain.
 
     The loop is stable: check it before (`require_stable`).  The run has all signals recorded.  With a `replay` it is
-    the prediction, and the samples that the replay skips do not count.  `no_model` says why the law has no linear
-    model, if it has none; then nothing proves that it is stable.
+    the prediction, and the samples that the replay skips do not count. `no_model` is the reason if the law has no
+    linear model; its stability is then not proven.
     """
 
     name: str
@@ -236,7 +236,7 @@ class Entry:
 
     @cached_property
     def shown(self) -> Run:
-        """The run without the samples that do not count: what the pictures show."""
+        """The run without the samples that do not count, for the pictures."""
         skip = 0 if self.replay is None else self.replay.skipped
         signals = {name: values[skip:] for name, values in self.run.signals.items()}
         return replace(self.run, signals=signals, samples=self.run.samples - skip, first=self.run.first + skip)
@@ -251,7 +251,7 @@ class Entry:
 
     @cached_property
     def margins(self) -> Margins | None:
-        """Of the loop gain."""
+        """The margins of the loop gain."""
         return None if self.loop_gain is None else margins(self.loop_gain)
 
     @cached_property
@@ -261,7 +261,7 @@ class Entry:
 
     @cached_property
     def spectrum(self) -> Spectrum:
-        """Of the following error that counts."""
+        """The spectrum of the following error, without samples that do not count."""
         return spectrum(self.counted("following_error"), self.run.sample_time, name="following_error", unit="m")
 
     @cached_property
@@ -285,15 +285,15 @@ class Study:
     """The content of a report. Texts are shown unchanged, escaped.
 
     entries   one for each law, the first is the one that the others are compared with
-    facts     what was run, by headline: machine, reference, load, noise, seed ...
-    rule      by what the laws are comparable, as a sentence
+    facts machine and run, by headline: machine, reference, load, noise, seed ...
+    rule what makes the laws comparable, as a sentence
     job       the exact text of the job
-    versions  of Python, feeddrive and what they stand on, by name
+    versions of Python, feeddrive and its libraries, by name
     notes     remarks of the person who ran it
-    overview  pictures that stand before all tables
+    overview  pictures before all tables
     extras    tables of its own, first in the result
     pictures  pictures of its own, before all others
-    quoted    what a person wrote in the machine file, among the facts
+    quoted texts of the machine file, among the facts
     """
 
     title: str

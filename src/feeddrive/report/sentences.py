@@ -15,7 +15,7 @@ MS_BOUND = 2.0  # the usual bound on the sensitivity peak: Skogestad & Postlethw
 
 
 def result(study: Study) -> list[str]:
-    """What came out, most important first."""
+    """The results, most important first."""
     replayed = next((entry for entry in study.entries if entry.replay is not None), None)
     if replayed is not None and replayed.replay is not None:
         return _prediction(replayed.replay)
@@ -145,7 +145,7 @@ def _rms(values: np.ndarray) -> float:
 
 
 def number(value: float | None, digits: int = 3) -> str:
-    """So many significant digits without an exponent where that is readable; a dash for what is absent."""
+    """A number with so many significant digits, without an exponent if that is readable; a dash if it is absent."""
     if value is None:
         return "–"
     if math.isnan(value):
@@ -171,7 +171,7 @@ def decibel(value: float | None) -> str:
 
 
 def block_sentence(block: Block) -> str:
-    """A block by its kind, the parameters that are there, and its parts in brackets."""
+    """A block by its kind, those parameters that are set, and its parts in brackets."""
     declared = declarations(type(block))
     values = {name: getattr(block, name) for name in declared}
     given = [
@@ -189,7 +189,7 @@ def block_sentence(block: Block) -> str:
 
 
 def described(control: Control) -> str:
-    """What a control consists of, part by part, with the parameters that are there."""
+    """The parts of a control, with those parameters that are set."""
     parts = [block_sentence(control.law)]
     parts += [f"compensation {block_sentence(block)}" for block in control.compensation]
     parts += [f"filter {block_sentence(block)}" for block in control.filters]

@@ -75,7 +75,7 @@ def errors(study: Study) -> ShownTable:
 
 
 def _against(entry: Entry, signal: str, what: str) -> str:
-    """A force, and in brackets its share of the limit that it stands against."""
+    """A force, and in brackets its share of the limit."""
     value = entry.peak(signal) if what == "peak" else entry.rms(signal)
     bounds = entry.limits
     limit = (
