@@ -1,7 +1,5 @@
 """Claims of a paper with the rule that decides them; the experiments by name, run in parallel, and their files.
 
-The papers by name, the parallel run of their experiments, and the files that `reproduce` writes.
-
 A page for each paper, an index of all claims, and the figures as JSON.
 """
 
@@ -34,8 +32,8 @@ class Claim:
 
     key        of the row, as "1.d"
     claim      what is stated, as a sentence
-    rule       by what the two sides are comparable; plant, noise and seed
-    got        the figure that came out, in `unit`
+    rule what makes the two sides comparable; plant, noise and seed
+    got the figure that was computed, in `unit`
     expected   what was expected, in words; absent: the bounds
     equations  of shipped blocks, as "DADSC (4)", a change of which must break the claim
     """
@@ -86,7 +84,7 @@ CELLS = ("row", "claim", "rule", "expected", "got", "holds?")
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Experiment(Result):
-    """The experiments of one paper: claims, further tables, pictures, what was run, and remarks.
+    """The experiments of one paper: claims, further tables, pictures, facts on the runs, and remarks.
 
     name      as on the command line, "altintas2009"
     citation  authors, title, journal, year
@@ -111,7 +109,7 @@ class Experiment(Result):
         return Table(self.title, CELLS, [claim.cells() for claim in self.claims])
 
     def sentence(self) -> str:
-        """How many claims hold, and which do not."""
+        """A sentence on how many claims hold, and which do not."""
         held = len(self.claims) - len(self.broken)
         if not self.broken:
             return f"All {held} claims hold."
@@ -140,7 +138,7 @@ PAPERS = ("altintas2009", "gordon2013", "beltran2013", "wu2017")
 
 
 class Reproduced:
-    """What is left of an experiment when its pictures are drawn: claims and a page."""
+    """The claims and the page of an experiment, without the data of its pictures."""
 
     def __init__(self, experiment: Experiment) -> None:
         self.name = experiment.name
@@ -152,7 +150,7 @@ class Reproduced:
 
 
 def chosen(paper: str) -> tuple[str, ...]:
-    """The papers that a name means; `all` means every one. Raises ParameterError for a name that is none."""
+    """The papers of a name; `all` means every one. Raises ParameterError for an unknown name."""
     if paper == "all":
         return PAPERS
     if paper in PAPERS:
@@ -197,7 +195,7 @@ def _listen(told: Any) -> None:
 
 
 class _Sent(Progress):
-    """The progress in a process of its own: its steps go to the process that began it."""
+    """The progress in a separate process; its steps are sent to the parent process."""
 
     def __init__(self, paper: str) -> None:
         super().__init__()
@@ -223,7 +221,7 @@ def _heard(told: Any, futures: Sequence[Future[Reproduced]], progress: Progress)
 
 
 def write_reproduced(reproduced: Sequence[Reproduced], out: str | Path) -> Path:
-    """Write the directory whole or not at all, and return the path of the report to open.
+    """Write the directory completely or not at all, and return the path of the report to open.
 
     Raises FileError if `out` cannot be written, or is a directory that feeddrive did not write.
     """
@@ -243,7 +241,7 @@ def fill(folder: Path, reproduced: Sequence[Reproduced]) -> None:
 
 
 def _figures(reproduced: Sequence[Reproduced]) -> dict[str, object]:
-    """All claims as plain figures; what is not finite is null."""
+    """All claims as plain figures; NaN and infinity are null."""
     papers = {
         each.name: [
             {

@@ -15,7 +15,7 @@ def altintas2009(progress: Progress) -> Experiment:
     """All rows; `progress` reports each step."""
     progress.step("equations in the ideal loop")
     algebra, poles = equations()
-    progress.step("shipped blocks beside their equations")
+    progress.step("shipped blocks against their equations")
     beside = [claim for row in (*shipped.ROWS, *together.ROWS) for claim in row()]
     progress.step("stiffness under four rules")
     stiff, stiff_pictures = rigidity()

@@ -73,7 +73,7 @@ def cascade_recovered(law: CascadePPI, run: Ideal) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Pair:
-    """A law in the ideal loop and what (8) says of it."""
+    """A law in the ideal loop, and its transfer function by (8)."""
 
     name: str
     run: Ideal

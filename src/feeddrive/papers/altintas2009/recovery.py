@@ -48,7 +48,7 @@ def _run(load: Load, resolution: float | None) -> Run:
 
 
 def adaptation(law: DADSC, run: Run) -> Observation:
-    """F̂d of a law along a run: its own step over what it read, since a run does not record states."""
+    """F̂d of a law along a run: its step is repeated with the recorded readings, since a run does not record states."""
     prepared = law.prepare(T)
     position, force, wanted = run["reading_load"], run["force"], run["requested"]
     state = law.start(prepared, Setpoint(0.0), Reading(position[0], position[0]))
@@ -73,7 +73,7 @@ def estimation() -> tuple[list[Claim], list[Table], list[Shown]]:
     seen = {q: _observed(run) for q, run in cut.items()}
     errors = {
         name: tuple(
-            # the exact form stands as it is printed; what is filtered is compared with the force of its own instant
+            # the exact form is used as printed; filtered estimates are compared with the force at the same instant
             seen[q][name].error(run["load_force"], skip=SKIP, aligned=name not in (OWN, "recovery, exact"))
             for q, run in cut.items()
         )
@@ -162,7 +162,7 @@ def swing(mode: MachineMode, force: np.ndarray, sample_time: float = T) -> np.nd
 
 
 def mode(frequency: float = 35.0, tuned: float = 1.0) -> MachineMode:
-    """The machine's mode, or a model of it whose frequency is off by a factor."""
+    """The machine's mode, or a model of it with a frequency that is wrong by a factor."""
     return MachineMode(frequency=tuned * frequency, damping_ratio=DAMPING, stiffness=STIFFNESS)
 
 
@@ -175,7 +175,7 @@ def compensated(
 
 
 def tool_error(rate: float, compensation: tuple[Compensation, ...], load: Load, frequency: float = 35.0) -> np.ndarray:
-    """x - x_s - x_r at the tool in m: the machine's side gives way to the reaction of the force on the table."""
+    """x - x_s - x_r at the tool in m: the tool side of the machine deflects under the reaction of the drive force."""
     control = loop(dadsc(rate), compensation=compensation)
     run = simulate(control, REST, load=load, duration=MODE_DURATION, record=("position_load", "load_force"))
     return run["position_load"] - swing(mode(frequency), -run["load_force"])
@@ -224,7 +224,7 @@ def _draw(named: dict[str, np.ndarray]) -> object:
 
 
 def _others(rule: str, none: float, sine: Load) -> list[Claim]:
-    """Wrong models, and a step."""
+    """Compensation with wrong models, and under a step."""
     off = [_rms(tool_error(600.0, compensated(tuned=tuned), sine)) for tuned in (0.95, 1.05)]
     heavy = [
         none / _rms(tool_error(600.0, compensated(observer=replace(RECOVERY, mass=share * MASS)), sine))
@@ -234,7 +234,7 @@ def _others(rule: str, none: float, sine: Load) -> list[Claim]:
     stepped = [_rms(tool_error(600.0, each, step), 0) for each in ((), compensated(), compensated(tuned=0.95))]
     said = rule.replace("100 N at its resonance", "force step of 300 N").replace("from 1 to 2 s", "over 2 s")
     return [
-        Claim("1.f", "the compensation loses: a frequency 5 % off leaves most of the error at resonance", rule,
+        Claim("1.f", "the compensation is sensitive: a frequency 5 % off leaves most of the error at resonance", rule,
               min(off), 40.0, None, "um", "49 to 50"),
         Claim("1.f", "a mass 20 % off still leaves a gain, the smaller of both", rule, min(heavy), 2.4, None, "",
               "2.4 to 4"),

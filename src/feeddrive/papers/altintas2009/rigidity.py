@@ -96,7 +96,7 @@ def _equal_velocity_gain() -> tuple[list[Claim], list[Shown]]:
 
 
 def _literal() -> list[Claim]:
-    """Same r2 and r4: the paper's figure taken at its word."""
+    """Same r2 and r4: the paper's figure taken literally."""
     K = 56e3 / MASS
     w = 16e3 / (MASS * (1.0 + K * T))
     law = DADSC(mass=MASS, viscous=VISCOUS, tracking_rate=200.0, reaching_rate=K, adaptation_rate=w)
@@ -267,7 +267,7 @@ def _tracking() -> tuple[list[Claim], list[Shown]]:
     picture = Shown(
         "tracking",
         "Tracking with a wrong mass",
-        "True error over a move of 100 mm in 0.4 s; law and feedforward believe in 0.8 of the mass.",
+        "True error over a move of 100 mm in 0.4 s; law and feedforward assume 0.8 of the mass.",
         f"Largest error {wrong['DADSC']:.2f} um with DADSC, {wrong['P-PI cascade']:.2f} um with P-PI.",
         lambda: curves("time (ms)", 1e3 * T * np.arange(off["DADSC"].size), [Row("error (µm)", off)]),
     )
@@ -275,11 +275,11 @@ def _tracking() -> tuple[list[Claim], list[Shown]]:
 
 
 def step_response(law: DADSC, windup: str) -> np.ndarray:
-    """Position in m after a raw step of the setpoint, the force limited; `windup` says what the estimate then does.
+    """Position in m after a raw step of the setpoint with limited force; `windup`: the estimate at the limit.
 
-    none              it goes on as if nothing had been cut off
-    freezing          it is held in samples with a cut force
-    back-calculation  the law's own: through `applied` and `requested`
+    none it continues without regard to the limit
+    freezing it is held in samples with limited force
+    back-calculation that of the law, by `applied` and `requested`
     """
     axis = Axis(plant=Rigid(mass=MASS, viscous=VISCOUS))
     timing = axis.timing(T)

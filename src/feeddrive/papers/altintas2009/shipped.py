@@ -1,4 +1,4 @@
-"""Rows 1.j to 1.l: the shipped blocks beside an independent evaluation of their equations."""
+"""Rows 1.j to 1.l: the shipped blocks against an independent evaluation of their equations."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from feeddrive.blocks.observer.disturbance_recovery import DisturbanceRecovery
 from feeddrive.blocks.observer.kalman_recovery import KalmanRecovery
 from feeddrive.blocks.signals import Reading, Setpoint
 from feeddrive.papers.altintas2009.testbed import cascade, continuous, dadsc, ideal_model
-from feeddrive.papers.beside import RANDOM, SAMPLES, Read, Way, apart, driven
 from feeddrive.papers.claims import Claim
+from feeddrive.papers.random_motion import RANDOM, SAMPLES, RandomMotion, RandomReadings, misfit, stepped
 
 T = 2e-4
 MASS, VISCOUS = 37.0, 55.0
@@ -29,16 +29,16 @@ PPI = CascadePPI(Kv=120.0, Kp=2.4e4, Tn=6e-3, velocity_feedforward=0.9, viscous=
 RULE = f"{RANDOM}; m = {MASS:g} kg, b = {VISCOUS:g} N s/m, T = 0.2 ms; largest difference over the largest value"
 
 
-def _signals() -> tuple[np.ndarray, Way, Read]:
+def _signals() -> tuple[np.ndarray, RandomMotion, RandomReadings]:
     t = T * np.arange(SAMPLES)
-    way = Way()
-    return t, way, Read(way, t)
+    way = RandomMotion()
+    return t, way, RandomReadings(way, t)
 
 
 def law_equations() -> list[Claim]:
     """DADSC by (3) to (5), and the cascade, sample by sample."""
     t, way, read = _signals()
-    states, force = driven(LAW, T, way.setpoints(t), read.readings())
+    states, force = stepped(LAW, T, way.setpoints(t), read.readings())
     v = np.diff(read.motor) / T
     e_x, e_v = (way(0, t) - read.load)[1:], (way(0, t[1:]) - way(0, t[1:] - T)) / T - v
     s = np.array([0.0, *(state.sliding for state in states)])
@@ -53,23 +53,23 @@ def law_equations() -> list[Claim]:
     e = PPI.Kv * e_x + PPI.velocity_feedforward * (e_v + v) - v
     assert PPI.Tn is not None
     integral = np.cumsum(PPI.Kp * T / PPI.Tn * e - cut)
-    _, cascaded = driven(PPI, T, way.setpoints(t), read.readings())
-    _, alone = driven(CascadePPI(Kv=PPI.Kv, Kp=PPI.Kp), T, way.setpoints(t), read.readings())
+    _, cascaded = stepped(PPI, T, way.setpoints(t), read.readings())
+    _, alone = stepped(CascadePPI(Kv=PPI.Kv, Kp=PPI.Kp), T, way.setpoints(t), read.readings())
     inertia = Inertia(mass=MASS, viscous=VISCOUS)
     fed = [inertia.step(None, setpoint, T)[1] for setpoint in way.setpoints(t)]
     return [
         Claim("1.j", "the sliding variable of the shipped DADSC is (3)", RULE,
-              apart(s[1:], LAW.tracking_rate * e_x + e_v), None, 1e-9, equations=("DADSC (3)",)),
-        Claim("1.j", "its force is (4), with the acceleration in the middle of the sample", RULE, apart(force, by_4),
+              misfit(s[1:], LAW.tracking_rate * e_x + e_v), None, 1e-9, equations=("DADSC (3)",)),
+        Claim("1.j", "its force is (4), with the acceleration in the middle of the sample", RULE, misfit(force, by_4),
               None, 1e-9, equations=("DADSC (4)",)),
         Claim("1.j", "its estimate is (5) with g1 = m Q ω_d, less what the limit cut off", RULE,
-              apart(estimate[1:], by_5), None, 1e-9, equations=("DADSC (5)", "DADSC g1, g2")),
+              misfit(estimate[1:], by_5), None, 1e-9, equations=("DADSC (5)", "DADSC g1, g2")),
         Claim("1.j", "the force of the shipped cascade, with b x' and what the limit cut off", RULE,
-              apart(cascaded, PPI.Kp * e + VISCOUS * v + integral), None, 1e-9, equations=("cascade (7)",)),
+              misfit(cascaded, PPI.Kp * e + VISCOUS * v + integral), None, 1e-9, equations=("cascade (7)",)),
         Claim("1.j", "the same without integral and without b x'", RULE,
-              apart(alone, PPI.Kp * (PPI.Kv * e_x + e_v)), None, 1e-9, equations=("cascade (7)",)),
+              misfit(alone, PPI.Kp * (PPI.Kv * e_x + e_v)), None, 1e-9, equations=("cascade (7)",)),
         Claim("1.j", "its acceleration is fed forward in the middle of the sample", RULE,
-              apart(fed, MASS * way(2, t + 0.5 * T) + VISCOUS * way(1, t + 0.5 * T)), None, 1e-9,
+              misfit(fed, MASS * way(2, t + 0.5 * T) + VISCOUS * way(1, t + 0.5 * T)), None, 1e-9,
               equations=("acceleration feedforward",)),
     ]  # fmt: skip
 
@@ -93,7 +93,7 @@ def ideal_poles() -> list[Claim]:
     names = ("DADSC (3)", "DADSC (4)", "DADSC (5)", "DADSC g1, g2")
     return [
         Claim("1.k", "the poles of the loop are ln(1 + λT)/T, ln(1 + KT)/T and ln(1 + ω_d T)/T", rule,
-              apart(poles, expected), None, 1e-8, equations=names),
+              misfit(poles, expected), None, 1e-8, equations=names),
         Claim("1.e", "bandwidth of the estimate of DADSC", band_rule, bands["DADSC"], 47.4, 47.9, "Hz", "47.7",
               equations=("DADSC g1, g2",)),
         Claim("1.e", "bandwidth of the integral of P-PI", band_rule, bands["P-PI"], 25.8, 26.2, "Hz", "26.0",
@@ -156,11 +156,11 @@ def recoveries() -> list[Claim]:
     ]  # fmt: skip
     kalman_filter = kinds[-1][1]
     return [
-        Claim("1.l", f"{said}, beside scipy", RULE, apart(seen(observer), expected), None, most,
+        Claim("1.l", f"{said}, beside scipy", RULE, misfit(seen(observer), expected), None, most,
               equations=tuple({name, "recovery from (6)"} - ({"recovery from (6)"} if "Kalman" in name else set())))
         for said, observer, expected, most, name in kinds
     ] + [
-        Claim("1.l", f"its {name}, beside scipy", RULE, apart(seen(kalman_filter, i), by_kalman[:, i]), None, 1e-6,
+        Claim("1.l", f"its {name}, beside scipy", RULE, misfit(seen(kalman_filter, i), by_kalman[:, i]), None, 1e-6,
               equations=("Kalman recovery",))
         for i, name in enumerate(("position", "velocity"))
     ]  # fmt: skip
@@ -200,21 +200,21 @@ def compensations() -> list[Claim]:
             expected.append([*now, each / m - 2.0 * damping * w * now[1] - w * w * now[0]])
             at = after
         wanted = sign * np.array(expected)
-        # the set position is of 10 mm, what is added of nm: differences of m lose digits
+        # the set position is of 10 mm, the added part of nm: differences of m lose digits
         claims += [
             Claim("1.l", f"what compensation of a mode of the {place} adds to the set {name}, beside scipy", rule,
-                  apart(moved[:, i], wanted[:, i]), None, most, equations=("mode compensation",))
+                  misfit(moved[:, i], wanted[:, i]), None, most, equations=("mode compensation",))
             for i, (name, most) in enumerate((("position", 1e-5), ("velocity", 1e-9), ("acceleration", 1e-9)))
         ]  # fmt: skip
     return [
         *claims,
-        Claim("1.l", "the force of a rejection with a share of 0.7", RULE, apart(force, -0.7 * seen), None, 1e-9,
+        Claim("1.l", "the force of a rejection with a share of 0.7", RULE, misfit(force, -0.7 * seen), None, 1e-9,
               equations=("disturbance rejection",)),
     ]  # fmt: skip
 
 
 def _moved(block: ModeCompensation, setpoints: list[Setpoint], readings: list[Reading]) -> np.ndarray:
-    """What it adds to position, velocity and acceleration, from the second sample on."""
+    """The part added to position, velocity and acceleration, from the second sample on."""
     prepared = block.prepare(T)
     held, found = block.start(prepared, setpoints[0], readings[0]), []
     for setpoint, reading in zip(setpoints[1:], readings[1:], strict=True):

@@ -1,8 +1,8 @@
 """The axis of all experiments, its laws under the comparison rules, its cutting force, and the paper's ideal loop.
 
 In the ideal loop the force answers the reading of the same sample; `Loop` simulates what a machine does, where the
-force acts after the reading.  The ideal loop uses the law's own step all the same: it is affine in the reading, so that
-two evaluations solve the sample.
+force acts after the reading.  The ideal loop uses the law's own step, too: it is affine in the reading, so that two
+evaluations solve a sample.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ def loop(
     compensation: tuple[Compensation, ...] = (),
     friction: Friction | None = None,
 ) -> Loop:
-    """A law on the axis; a cascade gets the acceleration feedforward, with a mass in kg, that the other has inside."""
+    """A law on the axis; a cascade gets acceleration feedforward with a mass in kg, which the other law includes."""
     feedforward = () if "acceleration" in law.feeds else (Inertia(mass=mass),)
     return Loop(
         control=Control(law=law, feedforward=feedforward, compensation=compensation),
@@ -88,7 +88,7 @@ _PROBE = 1.0  # m between the two readings that find the slope of an affine law
 
 
 class Column(NamedTuple):
-    """r1 ... r5 of the paper's table 1: what law and integral make of the general transfer function (8)."""
+    """r1 ... r5 of the paper's table 1: the coefficients of a law in the general transfer function (8)."""
 
     r1: float
     r2: float
@@ -116,7 +116,7 @@ class Fraction(NamedTuple):
     denominator: np.ndarray
 
     def response(self, frequency: np.ndarray, T: float) -> np.ndarray:
-        """At z = e^(j2πfT)."""
+        """The response at z = e^(j2πfT)."""
         z = np.exp(2j * np.pi * frequency * T)
         return np.polyval(self.numerator, z) / np.polyval(self.denominator, z)
 
@@ -246,12 +246,12 @@ class IdealModel:
     names: tuple[str, ...]
 
     def poles(self) -> np.ndarray:
-        """ln z / T in rad/s, but for the states that only hold a last reading."""
+        """ln z / T in rad/s, without states that only hold a last reading."""
         found = np.linalg.eigvals(self.A)
         return continuous(found[np.abs(found) > 1e-6], T)
 
     def response(self, frequency: np.ndarray, name: str, sample_time: float = T) -> np.ndarray:
-        """Of a state over F_d, at z = e^(j2πfT)."""
+        """The response of a state to F_d, at z = e^(j2πfT)."""
         z = np.exp(2j * np.pi * np.asarray(frequency) * sample_time)
         size = self.A.shape[0]
         states = np.linalg.solve(

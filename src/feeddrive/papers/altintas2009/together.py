@@ -26,7 +26,7 @@ WAY = Polynomial7(distance=0.05, travel_time=0.5, back=True)
 
 
 def by_frequency() -> list[Claim]:
-    """Stiffness over that of the cascade, against the PIDs that both laws are, and the band of the sensitivity."""
+    """Stiffness over that of the cascade, compared with the equivalent PIDs, and the band of the sensitivity."""
     f = np.array(NAMED)
     laws: dict[str, Law] = {"DADSC": dadsc(RATE), "P-PI": cascade(RATE)}
     ours, theirs = (compliance(loop(law), f).magnitude for law in laws.values())
@@ -63,7 +63,7 @@ def _band(seen: np.ndarray, force: np.ndarray) -> float:
 
 
 def bandwidths() -> list[Claim]:
-    """The recovery has one bandwidth under every law and gain, the law's own estimate that of its rate."""
+    """The bandwidth of the recovery is the same for every law and gain; that of the law's own estimate is its rate."""
     pulse = np.zeros(10_001)
     pulse[100:120] = 200.0  # 2 ms: a spectrum without zeros below 500 Hz
     own, recovered = {}, {}

@@ -52,7 +52,7 @@ Errors = Mapping[str, Mapping[str, tuple[float, float]]]  # µm by case and axis
 
 
 def beltran2013(progress: Progress) -> Experiment:
-    """Runs everything; `progress` reports each step."""
+    """All experiments of the paper; `progress` reports each step."""
     progress.step("cutting force")
     cutter = HelicalCutter.beltran2013()
     turned = mill.turn(cutter, mill.CHIP)
@@ -74,7 +74,7 @@ def beltran2013(progress: Progress) -> Experiment:
     sines = {n: np.array([mill.sine_test(f, n) for f in SINES]) for n in STATES}
     progress.step("side milling")
     side = [mill.run(dataclasses.replace(case, radial_depth=shipped.SIDE)) for case in (WITHOUT, LINEAR)]
-    progress.step("shipped blocks beside their equations")
+    progress.step("shipped blocks against their equations")
     beside = [claim for row in shipped.ROWS for claim in row()]
     progress.step("limits")
     claims = (
@@ -295,7 +295,7 @@ def _pictures(
         Shown(
             "compensated",
             "Tracking error with the estimate subtracted",
-            "The same legs. What is left of x and y comes from the jump of the set velocity, not from the cut.",
+            "The same legs. The remaining error of x and y comes from the jump of the set velocity, not from the cut.",
             "tracking errors of three axes, of some 100 µm where the reference jumps",
             partial(_errors, compensated, 1e6, "tracking error (µm)"),
         ),

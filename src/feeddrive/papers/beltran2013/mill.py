@@ -52,11 +52,11 @@ SKIPPED = 0.3  # s, in which the observer finds the weight
 
 @dataclass(frozen=True)
 class Case:
-    """A row of the table: what differs from the paper's law on its linear reference.
+    """A row of the table: the differences from the paper's law on its linear reference.
 
     gain      true over believed input gain, a M̂ / (a M)
     friction  "tanh", or "set" for Coulomb friction with a true standstill
-    chip      "actual": what tool and table really did over the last tooth period; "constant" as in the paper's table
+    chip "actual": by the motion of tool and table over the last tooth period; "constant" as in the paper's table
     radial_depth  of the cut in m, absent in a slot
     opposite  the second leg of the cut runs towards -x, as far as y feels it
     """
@@ -124,7 +124,7 @@ def legs(kind: str, leg: float) -> dict[str, Reference]:
 
 
 def tool(case: Case) -> HelicalCutter:
-    """The paper's, in a slot or in side milling."""
+    """The paper's tool, in a slot or in side milling."""
     return dataclasses.replace(HelicalCutter.beltran2013(), radial_depth=case.radial_depth)
 
 
@@ -220,7 +220,7 @@ def turn(cutter: HelicalCutter, chip_load: float, points: int = 7200) -> Turn:
 
 
 def golden_error(cutter: HelicalCutter) -> float:
-    """Largest difference in N from the five angles that were computed elsewhere."""
+    """Largest difference in N from the independent program, at five angles."""
     return max(
         abs(float(got) - expected)
         for angle, row in GOLDEN.items()
@@ -261,7 +261,7 @@ def removed_power(cutter: HelicalCutter, chip_load: float) -> float:
 def as_printed() -> Turn:
     """With the data of the force paragraph taken literally."""
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # that it warns is the point of the preset
+        warnings.simplefilter("ignore")  # the preset warns on purpose
         return turn(HelicalCutter.beltran2013_as_printed(), PRINTED_CHIP)
 
 
@@ -306,7 +306,7 @@ def sine_test(frequency: float, taylor_states: int = 5, share: float = 1.0) -> t
 
 
 def noise_gain(sample_time: float) -> float:
-    """σ(ξ̂)/σ(y) in 1/s² for white noise of the reading: root of the sum of squares of the answer to one count."""
+    """σ(ξ̂)/σ(y) in 1/s² for white noise of the reading: root of the sum of squares of the impulse response."""
     position = np.zeros(round(1.0 / sample_time))
     position[1] = 1.0
     observer = law("x", RIGID).observer
@@ -315,7 +315,7 @@ def noise_gain(sample_time: float) -> float:
 
 
 def _edge(holds: Callable[[float], bool], good: float, bad: float) -> float:
-    """Where it stops to hold between two values, by bisection."""
+    """The value between two others at which a condition ceases to hold, by bisection."""
     for _ in range(12):
         middle = 0.5 * (good + bad)
         good, bad = (middle, bad) if holds(middle) else (good, middle)
@@ -332,7 +332,7 @@ def gain_limits() -> tuple[float, float]:
 
 
 def sample_time_limit(hold: str) -> float:
-    """The longest sample time in s with which the law is not refused."""
+    """The longest sample time in s for which the law is accepted."""
 
     def admitted(sample_time: float) -> bool:
         try:
@@ -345,5 +345,5 @@ def sample_time_limit(hold: str) -> float:
 
 
 def stable_at(hold: str, sample_time: float) -> bool:
-    """Whether the whole loop on x, friction and viscous damping with it, has all its poles inside the circle."""
+    """Whether all poles of the loop on x, with friction and viscous damping, are inside the unit circle."""
     return stability(loop("x", dataclasses.replace(RIGID, hold=hold), sample_time=sample_time)).stable

@@ -1,4 +1,4 @@
-"""Rows 3.zc to 3.zh: law, observer, cutter and reference as shipped beside an independent evaluation."""
+"""Rows 3.zc to 3.zh: law, observer, cutter and reference as shipped, against an independent evaluation."""
 
 from __future__ import annotations
 
@@ -35,8 +35,8 @@ from feeddrive.papers.beltran2013.mill import (
     loop,
     mass,
 )
-from feeddrive.papers.beside import RANDOM, SAMPLES, Read, Way, apart, driven
 from feeddrive.papers.claims import Claim
+from feeddrive.papers.random_motion import RANDOM, SAMPLES, RandomMotion, RandomReadings, misfit, stepped
 
 RULE = f"{RANDOM}; M = 139 kg, T = 0.1 ms; largest difference over the largest value"
 # first row of F, and the column of u times kg/N, from an independent program
@@ -91,8 +91,8 @@ def _gpi(taylor_states: int) -> GpiObserver:
 def observer() -> list[Claim]:
     """Polynomial (18) and the observer (13) to (15), sampled."""
     t = T * np.arange(SAMPLES)
-    way = Way()
-    read = Read(way, t)
+    way = RandomMotion()
+    read = RandomReadings(way, t)
     claims = []
     for states in (5, 3, 1, 4):
         block = _gpi(states)
@@ -104,7 +104,7 @@ def observer() -> list[Claim]:
         found, expected = np.array(rows), _observed(states, read.load, read.applied, mass("x"))
         claims += [
             Claim("3.zc", f"Estimated {name} of the shipped observer, {states} Taylor states, beside scipy", RULE,
-                  apart(found[:, i], expected[:, i]), None, 1e-8, equations=("GPI observer (13)-(15)",))
+                  misfit(found[:, i], expected[:, i]), None, 1e-8, equations=("GPI observer (13)-(15)",))
             for i, name in enumerate(("position", "velocity", "disturbance"))
         ]  # fmt: skip
         wanted = np.poly(_roots(states)).real[1:]
@@ -126,10 +126,10 @@ def observer() -> list[Claim]:
               max(abs(a / b - 1.0) for a, b in zip(five.gains(), GOLDEN_GAINS, strict=True)), None, 5e-6,
               expected="to the digits that were printed", equations=("polynomial (18)",)),
         Claim("3.zc", "First row of F as an independent program has it", "five Taylor states, T = 0.1 ms",
-              apart(made.F[0], np.array(GOLDEN_F)), None, 1e-9, expected="to ten digits",
+              misfit(made.F[0], np.array(GOLDEN_F)), None, 1e-9, expected="to ten digits",
               equations=("GPI observer (13)-(15)", "polynomial (18)")),
         Claim("3.zc", "Column of u as an independent program has it", "five Taylor states, T = 0.1 ms",
-              apart(np.array(made.Gu) * mass("x"), np.array(GOLDEN_U)), None, 1e-6, expected="to seven digits",
+              misfit(np.array(made.Gu) * mass("x"), np.array(GOLDEN_U)), None, 1e-6, expected="to seven digits",
               equations=("GPI observer (13)-(15)", "polynomial (18)")),
     ]  # fmt: skip
 
@@ -147,12 +147,12 @@ def _near(found: np.ndarray, expected: np.ndarray) -> float:
 def errors() -> list[Claim]:
     """The force (9), and the dynamics (10) and (11) of both errors by their polynomials (12) and (18)."""
     t = T * np.arange(SAMPLES)
-    way = Way()
-    read = Read(way, t)
+    way = RandomMotion()
+    read = RandomReadings(way, t)
     shipped = law("x", RIGID)
     shipped = replace(shipped, share=0.8)
     assert isinstance(shipped, ActiveDisturbanceRejection)
-    _, force = driven(shipped, T, way.setpoints(t), read.readings())
+    _, force = stepped(shipped, T, way.setpoints(t), read.readings())
     estimate = _observed(5, read.load, read.applied, mass("x"))
     u = way(2, t + 0.5 * T)[1:] - 2.0 * ZETA * OMEGA_C * (estimate[:, 1] - way(1, t)[1:])
     u = u - OMEGA_C**2 * (read.load - way(0, t))[1:]
@@ -166,19 +166,19 @@ def errors() -> list[Claim]:
     both = ("ADR (9)", "GPI observer (13)-(15)", "polynomial (18)")
     return [
         Claim("3.ze", "The force of the law is (9), with the estimate of the observer beside scipy", RULE,
-              apart(force, mass("x") * u - 0.8 * estimate[:, 2]), None, 1e-8, equations=("ADR (9)",)),
+              misfit(force, mass("x") * u - 0.8 * estimate[:, 2]), None, 1e-8, equations=("ADR (9)",)),
         Claim("3.zf", "The tracking error has the poles of (12), 12 rad/s", rule,
               _near(found, np.roots([1.0, 2.0 * ZETA * OMEGA_C, OMEGA_C**2])), None, 1e-3, equations=("ADR (9)",)),
         Claim("3.zf", "The error of the estimate has the poles of (18), one Taylor state, 700 rad/s", rule,
               _near(found, _roots(1)), None, 2e-3, equations=both),
         Claim("3.zf", "Released 1 mm beside its set position the error follows e'' + α1 e' + α0 e = 0, (10)",
-              "x axis without friction, 0.5 s; largest difference over 1 mm", apart(run["position_load"], free), None,
+              "x axis without friction, 0.5 s; largest difference over 1 mm", misfit(run["position_load"], free), None,
               1e-3, equations=("ADR (9)",)),
     ]  # fmt: skip
 
 
 def settling() -> list[Claim]:
-    """How long the estimate takes to a step of force, in the running loop and by 1 - H."""
+    """Settling time of the estimate after a step of force, in the running loop and by 1 - H."""
     from scipy.signal import step
 
     run = simulate(_free(), legs("linear", LEG)["z"], load=StepForce(force=200.0, start=0.05), duration=0.12)
@@ -257,7 +257,7 @@ def cutter() -> list[Claim]:
               float(np.max(np.abs(at.acceleration))), 11.0575, 11.0585, equations=names),
         *(Claim("3.zi", f"The {name} is that of τ⁵(252 - 1050τ + 1800τ² - 1575τ³ + 700τ⁴ - 126τ⁵)", "18001 points; "
                 "largest difference over the largest value",
-                apart(np.asarray(derivatives[i]), np.polyval(np.polyder(psi, i), tau)), None, 1e-9, equations=names)
+                misfit(np.asarray(derivatives[i]), np.polyval(np.polyder(psi, i), tau)), None, 1e-9, equations=names)
           for i, name in enumerate(("position", "velocity", "acceleration", "jerk", "snap"))),
         Claim("3.zi", "It ends where it should", "m", float(derivatives[0][-1]), 1.0 - 1e-12, 1.0 + 1e-12, "m",
               equations=names),
@@ -286,7 +286,7 @@ def side_claims(without: Mapping[str, Run], compensated: Mapping[str, Run]) -> l
 
 
 def velocity_claims(linear: Mapping[str, Run], case: Case) -> list[Claim]:
-    """How far the observer's velocity is off along a run of a case."""
+    """Error of the observer's velocity along a run of a case."""
     claims = []
     for axis, bounds in (("x", (520.0, 580.0)), ("y", (450.0, 510.0)), ("z", (180.0, 220.0))):
         run = linear[axis]
@@ -301,7 +301,7 @@ def velocity_claims(linear: Mapping[str, Run], case: Case) -> list[Claim]:
 
 
 def numbered(claims: Sequence[Claim]) -> list[Claim]:
-    """With keys of their own: 3.zc.1, 3.zc.2, ..."""
+    """The claims with numbered keys: 3.zc.1, 3.zc.2, ..."""
     count: Counter[str] = Counter()
     found = []
     for claim in claims:

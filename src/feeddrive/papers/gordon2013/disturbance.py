@@ -99,7 +99,7 @@ def friction() -> Part:
 
 
 def _cut(speed: float) -> MillingForce:
-    """Half immersion with two straight edges, upwards; the feed is such that the axis bears 23 N in the mean."""
+    """Half-immersion up milling with two straight edges; the feed is chosen for a mean force of 23 N."""
     tool = HelicalCutter(teeth=2, diameter=0.01, axial_depth=1e-3, radial_depth=5e-3, specific_energy=8e8)
     one = MillingForce(cutter=tool, spindle_speed=speed, chip_load=1e-4, start=ENTRY)
     turn = ENTRY + 60.0 / speed * np.arange(4000) / 4000
@@ -153,7 +153,7 @@ def _drawn(runs: Mapping[str, Run]) -> Any:
 
 
 def other_axis() -> Part:
-    """A table that is heavier than the design believes, and encoders that are read a little early or late."""
+    """A table that is heavier than in the design, and encoders that are read a little early or late."""
     heavy = {"axis.x.plant.mass_load": 43.0}
     loops = {PLACED: tree.vary(placed(SOFTER), heavy), CASCADE: tree.vary(cascade(), heavy)}
     rows: list[list[str]] = []
@@ -172,7 +172,7 @@ def other_axis() -> Part:
         f"on time; seed 0, 300 mm move; {GAINS}"
     )
     claims = [
-        Claim("2.g heavy table", "Pole placement keeps its advantage with a table it does not know", rule,
+        Claim("2.g heavy table", "Pole placement keeps its advantage with another table mass", rule,
               found[CASCADE][0] / found[PLACED][0], 2.5, None, "", "peak 19.6 / 5.7 µm"),
         Claim("2.g prefilter", "The prefilter corrects the errors of the "
         "model", rule, found[PLACED][0] / found[PLACED][1],

@@ -1,6 +1,6 @@
 """The linear loop: margins, stiffness and rope snap, with another table or screw, and the effect of each contribution.
 
-The frequency view of a contribution is how far the table follows its setpoint with it and without.
+The frequency view of a contribution compares the tracking of the table with it and without it.
 """
 
 from __future__ import annotations
@@ -54,18 +54,18 @@ EXPECTED = {
 
 @dataclass(frozen=True, eq=False)
 class Linear:
-    """A loop and its figures."""
+    """A linear loop and its figures."""
 
     loop: Loop
 
     @cached_property
     def margins(self) -> Margins:
-        """Of the loop gain."""
+        """The margins of the loop gain."""
         return margins(loop_gain(self.loop, LINES))
 
     @cached_property
     def closed(self) -> StateSpace:
-        """From a force on the table to its position."""
+        """The compliance: table position over the force on the table."""
         return linearize(self.loop, ["load_force"], ["position_load"])
 
     @property
@@ -112,7 +112,7 @@ def loop_figures() -> Part:
 
 
 def _design_on_a_measurement(loop: Loop) -> Claim:
-    """The loop gain from responses of the axis alone, as if they had been measured."""
+    """The loop gain from responses of the axis alone, in place of measured ones."""
     axis = linearize(loop, ["cut"], ["reading_motor", "reading_load"])
     motor, load = (axis.response(LINES, output=name) for name in ("reading_motor", "reading_load"))
     found = measured_loop(loop.control, float(loop.sample_time), load, motor).loop_gain
@@ -161,7 +161,7 @@ def _pictures(linear: Mapping[str, Linear]) -> list[Shown]:
 
 
 def robustness() -> Part:
-    """Another mass of the table and another stiffness of the screw, with the gains as they were."""
+    """Another mass of the table and another stiffness of the screw, with the same gains."""
     kinds = {
         "table 27 kg": {"axis.x.plant.mass_load": 27.0},
         "table 43 kg": {"axis.x.plant.mass_load": 43.0},
@@ -194,7 +194,7 @@ def robustness() -> Part:
 
 
 def tooth_passing() -> Part:
-    """A sine force on the table, steady: which law holds better at which frequency."""
+    """A steady sine force on the table: the stiffer law by frequency."""
     frequencies = np.array([10.0, 20.0, 30.0, 40.0, 60.0, 80.0, 100.0, 130.0, 150.0, 200.0])
     default, softer, ppi = (Linear(loop).compliance(frequencies) for loop in (placed(), placed(SOFTER), cascade()))
     rows = [
@@ -222,7 +222,7 @@ EVEN = ("acceleration", "snap")
 
 
 def frequency_view() -> Part:
-    """Tracking with and without the contributions, and the band in which it is right to a percent or a degree."""
+    """Tracking with and without the contributions, and the band in which its error is below a percent or a degree."""
     parts = {
         "feedback alone": placed(SOFTER, ()),
         "rigid inverse, compatible": placed(SOFTER, (RIGID,)),
@@ -276,7 +276,7 @@ def frequency_view() -> Part:
 
 
 def band(response: FRF) -> tuple[float, float]:
-    """Up to which frequency in Hz |H - 1| stays below 1 %, and the phase within 1°."""
+    """The frequencies in Hz up to which |H - 1| stays below 1 %, and the phase within 1°."""
     off = np.abs(response.response - 1.0) > 0.01
     turned = np.abs(response.phase_deg) > 1.0
     return tuple(float(BAND_LINES[np.argmax(bad)]) if bad.any() else float(BAND_LINES[-1]) for bad in (off, turned))  # type: ignore[return-value]

@@ -43,7 +43,7 @@ SETTLED = 0.5e-6  # m
 
 
 def rope_snap() -> Part:
-    """A table that a rope holds, and that is let go."""
+    """A table under the force of a rope that is cut."""
     rest = SnapLimitedMove(distance=0.0, velocity=1.0, acceleration=1.0, jerk=1.0, snap=1.0, dwell_before=CUT + 0.2)
     runs: dict[str, Run] = {}
     for name, loop in ((PLACED, placed()), (CASCADE, cascade())):

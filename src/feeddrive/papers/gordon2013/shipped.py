@@ -1,4 +1,4 @@
-"""Rows 2.h and 2.i: gains, poles and commands as shipped beside an independent evaluation, and what they do."""
+"""Rows 2.h and 2.i: gains, poles and commands as shipped, against an independent evaluation, and their effect."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from feeddrive.blocks.friction.curve import stribeck_level
 from feeddrive.blocks.plant.two_mass import TwoMass
 from feeddrive.blocks.prefilter.trajectory_prefilter import TrajectoryPrefilter
 from feeddrive.blocks.signals import Setpoint
-from feeddrive.papers.beside import RANDOM, SAMPLES, Read, Way, apart, driven
 from feeddrive.papers.claims import Claim
 from feeddrive.papers.gordon2013.frequency import LINES, Linear
 from feeddrive.papers.gordon2013.testbed import DESIGN, GAINS, MODEL, SOFTER, TRUTH, Part, placed
+from feeddrive.papers.random_motion import RANDOM, SAMPLES, RandomMotion, RandomReadings, misfit, stepped
 
 T = 5e-5
 COUPLED = replace(MODEL, coupling_mass=3.0)
@@ -61,7 +61,7 @@ def desired_poles(law: PolePlacement, axial: float) -> np.ndarray:
 
 
 def _missed(found: np.ndarray, expected: Sequence[complex] | np.ndarray) -> float:
-    """Largest distance of an expected pole from the nearest one that is there, over its size."""
+    """Largest distance of an expected pole from the nearest one found, over its size."""
     return max(float(np.min(np.abs(found - each)) / abs(each)) for each in expected)
 
 
@@ -99,8 +99,8 @@ def gains() -> Part:
     return Part(claims)
 
 
-def _leads(model: TwoMass, way: Way, t: np.ndarray) -> list[np.ndarray]:
-    """Relaxed lead of the screw and its derivatives, as far as the motion has them."""
+def _leads(model: TwoMass, way: RandomMotion, t: np.ndarray) -> list[np.ndarray]:
+    """The lead of the screw over the table, without the lag c/k, and its first two derivatives."""
     led, dragged = model.mass_load + float(model.coupling_mass or 0.0), model.viscous_load
     return [(led * way(i + 2, t) + dragged * way(i + 1, t)) / model.stiffness for i in range(3)]
 
@@ -109,10 +109,10 @@ def commands() -> Part:
     """The force of the law under its three forms of commands, inverse dynamics, prefilter, friction feedforward."""
     from scipy.signal import lsim
 
-    t, way = T * np.arange(SAMPLES), Way()
+    t, way = T * np.arange(SAMPLES), RandomMotion()
     # 400 Hz of stiffness and damping, so that the lag c/k is of the size of a sample
     model = replace(COUPLED, coupling_mass=0.0, damping=2.0e3)
-    read = Read(way, t, size=1e-6)
+    read = RandomReadings(way, t, size=1e-6)
     held = read.requested == read.applied
     late = model.damping / model.stiffness
     claims: list[Claim] = []
@@ -126,7 +126,7 @@ def commands() -> Part:
             # the law's lag is at rest at the first sample
             inputs = [np.concatenate([[0.0], each[1:]]) for each in relaxed[:2]]
             lead, rate = (lsim(([1.0], [late, 1.0]), each, t)[1] for each in inputs)
-        _, force = driven(law, T, way.setpoints(t), read.readings())
+        _, force = stepped(law, T, way.setpoints(t), read.readings())
         K1, K2, K3, K4, Ki = law.gains()
         e2 = way(0, t) - read.load
         e1 = way(0, t) - (read.motor - (read.motor[0] - read.load[0])) + lead
@@ -142,12 +142,12 @@ def commands() -> Part:
         claims.append(
             Claim("2.h force", f"The force is the sum of the five errors, commands '{form}'", RULE.replace(
                   "; largest", ", full mass matrix; largest" if form == "series" else "; largest"),
-                  apart(force, expected), None, 1e-8, "", "the same", equations=names)
+                  misfit(force, expected), None, 1e-8, "", "the same", equations=names)
         )  # fmt: skip
     return Part([*claims, *_fed(way, t)])
 
 
-def _fed(way: Way, t: np.ndarray) -> list[Claim]:
+def _fed(way: RandomMotion, t: np.ndarray) -> list[Claim]:
     setpoints, middle = way.setpoints(t), t + 0.5 * T
     M, C, _ = _matrices(COUPLED)
     late = COUPLED.damping / COUPLED.stiffness
@@ -168,7 +168,7 @@ def _fed(way: Way, t: np.ndarray) -> list[Claim]:
     outs = [block.step(block.start(s), s, T)[1].snap for s in setpoints]
 
     # a motion through zero velocity, which friction is about
-    slow, share = Way(3), 1e-2
+    slow, share = RandomMotion(3), 1e-2
     v0 = slow(1, middle[40:41])
     v = share * (slow(1, middle) - v0)
     given = np.stack([share * slow(i, t) - (share * v0 if i == 1 else 0.0) for i in range(5)], axis=1)
@@ -181,17 +181,17 @@ def _fed(way: Way, t: np.ndarray) -> list[Claim]:
     linear = [stribeck_level(each, 70.0, 110.0, 4e-4, exponent=1) for each in v.tolist()]
     return [
         Claim("2.h inverse", "Inverse dynamics is equation (2) solved for the force, in the middle of the sample",
-              f"full mass matrix, m12 = 3 kg; {RULE}", apart(found["full"], full), None, 1e-9, "", "the same",
+              f"full mass matrix, m12 = 3 kg; {RULE}", misfit(found["full"], full), None, 1e-9, "", "the same",
               equations=("inverse dynamics", "compatible commands")),
         Claim("2.h rigid inverse", "Its rigid form is that of one mass", f"full mass matrix, m12 = 3 kg; {RULE}",
-              apart(found["rigid"], stiff), None, 1e-9, "", "the same", equations=("inverse dynamics",)),
+              misfit(found["rigid"], stiff), None, 1e-9, "", "the same", equations=("inverse dynamics",)),
         *(Claim("2.h prefilter", f"What the prefilter adds to the set {name}", RULE,
-                apart(filtered[:, i], added[:, i]), None, 1e-6, "", "θ(s) x, cut off above the snap",
+                misfit(filtered[:, i], added[:, i]), None, 1e-6, "", "θ(s) x, cut off above the snap",
                 equations=("prefilter",))
           for i, name in enumerate(("position", "velocity", "acceleration", "jerk"))),
-        Claim("2.h prefilter", "It leaves the set snap as it is", RULE, apart(outs, way(4, t)), None, 1e-12, "", "s",
+        Claim("2.h prefilter", "It leaves the set snap as it is", RULE, misfit(outs, way(4, t)), None, 1e-12, "", "s",
               equations=("prefilter",)),
-        *(Claim("2.h friction", said, RULE, apart(found, expected), None, 1e-9, "", "the same",
+        *(Claim("2.h friction", said, RULE, misfit(found, expected), None, 1e-9, "", "the same",
                 equations=("friction feedforward",))
           for said, found, expected in (
               ("Friction feedforward is the Stribeck curve of the set velocity", smooth, curve),
@@ -206,7 +206,7 @@ LOW_PASS = (0.097959253, 0.195918506, 0.097959253, -0.945978228, 0.33781524)
 
 
 def filter_pack() -> Part:
-    """Notch and low-pass of the feedback: the response to one sample beside the coefficients."""
+    """Notch and low-pass of the feedback: the impulse response against the coefficients."""
     from scipy.signal import lfilter
 
     push = np.zeros(200)
@@ -222,7 +222,7 @@ def filter_pack() -> Part:
         expected = np.asarray(lfilter(numbers[:3], [1.0, *numbers[3:]], push))
         claims.append(
             Claim("2.h filter pack", f"The {said} is that of an independent program", "20 kHz; response to one "
-                  "sample, largest difference over the largest value", apart(found, expected), None, 1e-7,
+                  "sample, largest difference over the largest value", misfit(found, expected), None, 1e-7,
                   "", "to the eight digits of its coefficients", equations=("filter pack",))
         )  # fmt: skip
     return Part(claims)

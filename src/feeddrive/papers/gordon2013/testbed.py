@@ -1,4 +1,4 @@
-"""The axis, the two laws and the motions of the experiments, and how figures are taken from a run."""
+"""The axis, the two laws and the motions of the experiments, and the figures of a run."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ GAINS = f"{TRUTH}; pole placement at 50 Hz (ζ 0.45; 0.10) against P-PI Kv 100, 
 
 @dataclass(frozen=True)
 class Part:
-    """What one group of experiments contributes."""
+    """The results of one group of experiments."""
 
     claims: Sequence[Claim]
     tables: Sequence[Table] = ()
@@ -70,17 +70,17 @@ def with_friction(loop: Loop, friction: Friction | None) -> Loop:
 
 
 def with_prefilter(loop: Loop, fit: PrefilterFit) -> Loop:
-    """The loop with the prefilter of a fit."""
+    """The loop with a fitted prefilter."""
     return replace(loop, control=replace(loop.control, prefilter=fit.prefilter))
 
 
 def follow(loop: Loop, reference: Reference, name: str) -> Run:
-    """Tracking error of a run, and what a prefilter is fitted from."""
+    """A run with its tracking error, to which a prefilter is fitted."""
     return simulate(loop, reference, name=name, record=("following_error", "tracking_error", "requested", "force"))
 
 
 def fits(loop: Loop, reference: Reference, runs: int = 1) -> tuple[PrefilterFit, ...]:
-    """Prefilters by least squares, each from a run with the one before."""
+    """Prefilters by least squares, each fitted to a run with the one before."""
     return tune_prefilter(loop, reference, runs=runs)
 
 

@@ -16,11 +16,11 @@ def wu2017(progress: Progress) -> Experiment:
     learned, learned_tables, learned_pictures, _ = learning()
     progress.step("rates of convergence, noise")
     rated, rated_tables, rated_pictures = rates()
-    progress.step("shipped blocks beside their equations")
+    progress.step("shipped blocks against their equations")
     beside = [claim for row in (*shipped.ROWS, shipped.believed_gains) for claim in row()]
     progress.step("circle of two axes")
     drawn, drawn_tables, drawn_pictures = contouring()
-    progress.step("signal-based learning beside it")
+    progress.step("comparison with signal-based learning")
     signal, signal_tables, signal_pictures = signals()
     return Experiment(
         name="wu2017",
@@ -40,9 +40,9 @@ def wu2017(progress: Progress) -> Experiment:
             "Bars hold for tanh friction, with which the expected figures were computed by an independent program; "
             "set-valued friction is judged by its ordering only.",
             "Changing references end on the first move, so that the last trial can be compared with six equal ones.",
-            "Standard errors do not see the bias that one sample of dead time leaves in b and in the Coulomb levels: a "
-            "jerk column takes it (see the page on iterative feedforward).",
-            "On the circle mass and viscous friction of the axes are fed forward from the start, so that what the "
-            "columns a and b can still do is imitate friction.",
+            "Standard errors do not include the bias of b and of the Coulomb levels by one sample of dead time: a jerk "
+            "column removes it (see the page on iterative feedforward).",
+            "On the circle mass and viscous friction of the axes are fed forward from the start, so that the columns a "
+            "and b can only imitate friction.",
         ),
     )

@@ -2,7 +2,7 @@
 
 Rows 4.a to 4.f: errors over the trials for three sets of columns, constant and changing references.
 
-Row 4.n: parameters against a learned signal, where all repeats and where it does not.
+Row 4.n: parameters against a learned signal, with a repeated and with a changing task.
 """
 
 from __future__ import annotations
@@ -132,7 +132,7 @@ def _table(title: str, same: dict[str, Trials], changing: dict[str, Trials], *, 
 
 
 def _parameter_table(trials: Trials) -> Table:
-    """Of the largest set, in units of the drive, with their standard errors."""
+    """The parameters of the largest set, in units of the drive, with their standard errors."""
     true = {"mass": 120.0, "viscous": 400.0, "coulomb_positive": 95.0, "coulomb_negative": 80.0}
     values, errors = trials.parameters(), trials.errors()
     rows = []
@@ -147,7 +147,7 @@ def _parameter_table(trials: Trials) -> Table:
 
 
 BANDWIDTH = 50.0  # Hz of the signal's robustness filter
-PULSE = (0.25, 0.30, 150.0)  # s, s, N: a disturbance that comes in each trial at the same time
+PULSE = (0.25, 0.30, 150.0)  # s, s, N: a disturbance at the same time in each trial
 STRONG = 20.0  # N of noise where nothing repeats
 
 
@@ -243,7 +243,7 @@ LEARNED = 4  # trials
 
 
 class Drawn(NamedTuple):
-    """A circle that was driven: s, and x and y in m about its center."""
+    """The measured circle: time in s, x and y in m about its center."""
 
     time: np.ndarray
     x: np.ndarray

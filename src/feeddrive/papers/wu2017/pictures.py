@@ -33,13 +33,13 @@ def errors(same: Mapping[str, Trials]) -> Shown:
         return figure
 
     last = ", ".join(f"{name} {1e6 * t.rms[-1]:.2f} µm" for name, t in same.items())
-    caption = "The same 100 mm move six times; each trial runs with what the last one taught. tanh friction."
+    caption = "The same 100 mm move six times; each trial uses the parameters of the last one. tanh friction."
     return Shown("errors", "Error over the trials", caption, f"RMS falls within two trials; last: {last}.", draw)
 
 
 def parameters(trials: Trials) -> Shown:
     """Parameters with their standard errors."""
-    caption = "Bars are two standard errors, estimated from the residual of each single trial, with its colour."
+    caption = "Bars are two standard errors, estimated from the residual of each single trial, with its color."
     alt = "The mass is found at once, the friction levels within five trials."
     return Shown("parameters", "Parameters over the trials", caption, alt, lambda: errors_and_parameters({"": trials}))
 
@@ -76,7 +76,7 @@ def rates(masses: np.ndarray, found: Mapping[str, list[float]], free: float) -> 
         style.legend(figure, ax)
         return figure
 
-    caption = "ρ: by what the parameters' error is multiplied from trial to trial. A right mass gives 0, drawn at 1e-3."
+    caption = "ρ: factor of the parameters' error from trial to trial. The right mass gives 0, drawn at 1e-3."
     alt = "A mass wrong by a factor of two leaves 5 %; where the curves end the model loop is unstable and refused."
     return Shown("convergence", "Rate of convergence", caption, alt, draw)
 
@@ -131,5 +131,5 @@ def against_signal(curves_by_name: Mapping[str, np.ndarray], title: str, key: st
         return figure
 
     caption = "Parameters that fit any motion, against a force learned sample by sample."
-    alt = "The learned force wins while all repeats and is worse than nothing when the reference changes."
+    alt = "The learned force is better while the task repeats, and increases the error when the reference changes."
     return Shown(key, title, caption, alt, draw)

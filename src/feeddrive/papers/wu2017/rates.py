@@ -51,7 +51,7 @@ def rates() -> tuple[list[Claim], list[Table], list[Shown]]:
 
 
 def ideal_axis(theta: dict[str, float]) -> Loop:
-    """The x axis without quantizer and without friction but the viscous one: what the error model is exact for."""
+    """The x axis without quantizer and with viscous friction only: here the error model is exact."""
     loop = table_axis("x", SETS["+ Coulomb"])
     axis = dataclasses.replace(
         loop.axis, plant=Rigid(mass=TRUE["mass"], viscous=TRUE["viscous"]), friction_load=None, encoder_load=None,
@@ -85,7 +85,7 @@ def identity_error() -> float:
 
 
 def _identity() -> Claim:
-    rule = "x axis, friction along the set velocity, no noise, no quantiser; theta = [0.1, 0, 0, 0] against theta0"
+    rule = "x axis, friction along the set velocity, no noise, no quantizer; theta = [0.1, 0, 0, 0] against theta0"
     said = "e(theta) - e(theta0) is G_d phi' (theta0 - theta): largest deviation over largest value"
     return Claim("4.g", said, rule, identity_error(), None, 1e-8, "", "1.5e-10")
 
@@ -106,7 +106,7 @@ def _one_step() -> list[Claim]:
 
 
 def _by_mass() -> tuple[list[Claim], Table, Shown]:
-    """The rate over the mass that the model assumes; the table's figures leave the drive's dead time out of it."""
+    """The rate over the mass that the model assumes; the figures of the table are without dead time in the model."""
     loop = table_axis("x", SETS["+ Coulomb"], known=True)
     prompt = tree.vary(loop, {"axis.x.actuator.dead_time": 0.0})
     free = convergence(loop, SAME).rate
@@ -159,7 +159,7 @@ def _by_gain() -> Table:
 
 
 def _scatter() -> tuple[list[Claim], Table]:
-    """How far the parameters scatter from run to run, against the standard errors that one run reports."""
+    """Scatter of the parameters from run to run, against the standard errors of one run."""
     loop = ideal_axis(TRUE)
     found, reported = [], []
     for seed in range(SEEDS):

@@ -1,4 +1,4 @@
-"""Rows 4.o to 4.r: compensator, error model and update as shipped beside an independent evaluation, and G = 1."""
+"""Rows 4.o to 4.r: compensator, error model and update as shipped, against an independent evaluation, and G = 1."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from feeddrive.language import tree
 from feeddrive.loop.lifting import tracking
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import simulate
-from feeddrive.papers.beside import RANDOM, SAMPLES, Way, apart
 from feeddrive.papers.claims import Claim
+from feeddrive.papers.random_motion import RANDOM, SAMPLES, RandomMotion, misfit
 from feeddrive.papers.wu2017.rates import TRUE, ideal_axis, ideal_run
 from feeddrive.papers.wu2017.testbed import FORCE_CONSTANT, SAME, move
 from feeddrive.tuning.error_model import error_model, filtered
@@ -45,7 +45,7 @@ def inverse(kp: float = KP) -> tuple[np.ndarray, np.ndarray]:
 def feedforward() -> list[Claim]:
     """φᵀ θ of all columns, along a motion through standstill."""
     t = T * np.arange(SAMPLES)
-    way = Way(3)
+    way = RandomMotion(3)
     middle = t + 0.5 * T
     slower = 1e-2
     v0 = way(1, middle[40:41])
@@ -63,7 +63,7 @@ def feedforward() -> list[Claim]:
     return [
         Claim("4.o", "The force of the shipped compensator is φᵀ θ in the middle of the sample",
               f"{RANDOM.split(' of random')[0]} along a motion of the fourth degree through standstill, all columns",
-              apart(found, expected), None, 1e-9, equations=("compensator (6), (7)",)),
+              misfit(found, expected), None, 1e-9, equations=("compensator (6), (7)",)),
     ]  # fmt: skip
 
 
@@ -73,7 +73,7 @@ def _exact() -> Loop:
 
 
 def models() -> list[Claim]:
-    """Ĝ_d model-free and model-based, beside difference equations."""
+    """Ĝ_d model-free and model-based, against difference equations."""
     from scipy.signal import lfilter, lfilter_zi
 
     loop = _exact()
@@ -81,7 +81,7 @@ def models() -> list[Claim]:
     push[0] = 1.0
     free = filtered(error_model(loop, "model_free"), push)[:, 0]
     based = filtered(error_model(loop, "model_based", plant=Rigid(mass=120.0, viscous=400.0)), push)[:, 0]
-    # as if the first value had been there for ever
+    # with the first value at all times before
     steps = np.concatenate([np.full((50, 1), 2.0), np.full((350, 1), -1.0)])
     moving = filtered(error_model(loop, "model_free"), steps, moving=True)[:, 0]
     top, bottom = inverse()
@@ -91,17 +91,17 @@ def models() -> list[Claim]:
     rule = "impulse response over 400 samples; x axis without dead time; largest difference over the largest value"
     return [
         Claim("4.p", "The model-free Ĝ_d is the inverse of the P-PI law", rule,
-              apart(free, expected_free), None, 1e-8, equations=("error model, model-free",)),
+              misfit(free, expected_free), None, 1e-8, equations=("error model, model-free",)),
         Claim("4.p", "and goes on from a motion that lasted", rule.replace("impulse response", "two steps"),
-              apart(moving, kept), None, 1e-8, equations=("error model, model-free",)),
+              misfit(moving, kept), None, 1e-8, equations=("error model, model-free",)),
         Claim("4.p", "G_d with the axis's mass is that of an independent program", rule,
-              apart(based, expected_based), None, 2e-5, expected="to the ten digits of its coefficients",
+              misfit(based, expected_based), None, 2e-5, expected="to the ten digits of its coefficients",
               equations=("error model, model-based",)),
     ]  # fmt: skip
 
 
 def _step(loop: Loop, believed: Loop, theta: Mapping[str, float], gamma: float) -> dict[str, float]:
-    """The parameters after a trial of the loop with these, by a tuner that takes `believed` for the loop."""
+    """The parameters after a trial of the loop, by a tuner that assumes the loop `believed`."""
     run = ideal_run(compensated(loop, DisturbanceCompensator(**theta)), SHORT)
     tuner = compensated(believed, DisturbanceCompensator(**theta))
     after = next_iteration(tuner, simulated_trial(run, SHORT), gamma=gamma, mu=0.0).after
@@ -109,7 +109,7 @@ def _step(loop: Loop, believed: Loop, theta: Mapping[str, float], gamma: float) 
 
 
 def update() -> list[Claim]:
-    """One step is the least-squares step, and what convergence says is what it does."""
+    """One step is the least-squares step, with the rate that `convergence` states."""
     from scipy.signal import lfilter
 
     loop = ideal_axis(TRUE)
@@ -140,7 +140,7 @@ def update() -> list[Claim]:
 
 
 def believed_gains() -> list[Claim]:
-    """The rates of two tuners that take the gain for half and twice what it is, over four trials each."""
+    """The rates of two tuners that assume half and twice the gain, over four trials each."""
     loop = ideal_axis(TRUE)
     claims = []
     for factor, gamma, least, most in (

@@ -1,4 +1,4 @@
-"""Random set motions and readings for a block that runs beside an independent evaluation of its paper's equations."""
+"""Random set motions and readings, to compare a block with an independent evaluation of its paper's equations."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ SAMPLES = 80
 RANDOM = f"{SAMPLES} samples of random readings and forces, seed 7, along a set motion of the fourth degree"
 
 
-class Way:
+class RandomMotion:
     """A set motion of the fourth degree in time, whose derivatives are exact: x in m over t in s."""
 
     def __init__(self, seed: int = 7) -> None:
@@ -27,26 +27,26 @@ class Way:
         return np.asarray(self.derivatives[order](t), dtype=float)
 
     def setpoints(self, t: np.ndarray) -> list[Setpoint]:
-        """At times t."""
+        """The setpoints at times t."""
         return [Setpoint(*row) for row in np.stack([self(i, t) for i in range(5)], axis=1).tolist()]
 
 
-class Read:
+class RandomReadings:
     """Random readings of two encoders (m), and forces applied and requested (N), each of shape (n,); at rest first."""
 
-    def __init__(self, way: Way, t: np.ndarray, seed: int = 7, size: float = 1e-4) -> None:
+    def __init__(self, way: RandomMotion, t: np.ndarray, seed: int = 7, size: float = 1e-4) -> None:
         random = np.random.default_rng(seed)
         self.motor, self.load = (way(0, t) + size * random.normal(size=t.size) for _ in range(2))
         self.applied, self.requested = 50.0 * random.normal(size=(2, t.size))
         self.applied[0] = self.requested[0] = 0.0
 
     def readings(self) -> list[Reading]:
-        """As a block gets them."""
+        """The readings as blocks take them."""
         rows = np.stack([self.motor, self.load, self.applied, self.requested], axis=1).tolist()
         return [Reading(*row) for row in rows]
 
 
-def driven(
+def stepped(
     law: Law, T: float, setpoints: Sequence[Setpoint], readings: Sequence[Reading]
 ) -> tuple[list[Any], np.ndarray]:
     """States and forces of a law that starts at the first reading; both of the samples from the second on."""
@@ -60,6 +60,6 @@ def driven(
     return states, np.array(forces)
 
 
-def apart(found: Sequence[Any] | np.ndarray, expected: np.ndarray) -> float:
+def misfit(found: Sequence[Any] | np.ndarray, expected: np.ndarray) -> float:
     """Largest difference over the largest expected value."""
     return float(np.max(np.abs(np.asarray(found, dtype=float) - expected)) / np.max(np.abs(expected)))
