@@ -191,8 +191,8 @@ CHANGES = [
     (ragged, "length"),
     (no_plants, "no plant"),
     (no_outside, "no outside"),
-    (silent, "saturation and friction are outside"),
-    (direct, "answers at once"),
+    (silent, "saturation and friction as outside"),
+    (direct, "responds without delay"),
     (a_word, "reserve is not a number"),
 ]
 
