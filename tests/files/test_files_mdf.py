@@ -39,7 +39,7 @@ def damaged_mdf(old: bytes, new: bytes, packed: bool = False) -> bytes:
         (damaged_mdf(b"##DL", b"##DV"), "stores columns"),
         (damaged_mdf(b"##CG", b"##XX"), "damaged or cut off"),
         (damaged_mdf(b"DT\0\0", b"DT\2\0", packed=True), "packed in a way that is not read"),
-        (damaged_mdf((200).to_bytes(8, "little"), (2**40).to_bytes(8, "little")), "damaged or a bomb"),
+        (damaged_mdf((200).to_bytes(8, "little"), (2**40).to_bytes(8, "little")), "damaged or a zip bomb"),
         (damaged_mdf((200).to_bytes(8, "little"), (201).to_bytes(8, "little")), "damaged or cut off"),
     ],
 )
