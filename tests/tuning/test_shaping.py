@@ -14,8 +14,9 @@ from feeddrive.analysis.margins import margins
 from feeddrive.language import tree
 from feeddrive.language.errors import NotIdentifiableError, ParameterError, UnstableError
 from feeddrive.loop.lifting import compliance, loop_gain
+from feeddrive.tuning import traced_control
 from feeddrive.tuning.candidates import candidates
-from feeddrive.tuning.closed_loop import answer, encircles
+from feeddrive.tuning.closed_loop import answer, encircles, unstable
 from feeddrive.tuning.control_response import ControlResponse
 from feeddrive.tuning.criteria import GOALS, Criteria
 from feeddrive.tuning.limits import Limits
@@ -104,6 +105,25 @@ def test_slopes_are_those_of_differences(placement: fd.Loop, goal: str) -> None:
                 assert bound.slope[i] == pytest.approx(difference, abs=1e-2 * max(1.0, abs(difference))), bound.kind
 
 
+def test_machine_code_of_the_model_has_the_bits_of_python(screw: fd.Loop, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of a law with an observer, of one with two rates, and at many points at once; slopes too."""
+    law = replace(screw.control.law, position_every=4)
+    controls = [replace(screw.control, law=law)]
+    controls += [each.loop.control for each in candidates(screw)[0] if each.name == "DADSC + recovery"]
+    for control in controls:
+        names = law_tunables(control)
+        x = np.array([float(tree.get(control, name)) for name in names])
+        found: list[list[np.ndarray]] = []
+        for calls in (10**9, 0):  # never machine code, and always
+            monkeypatch.setattr(traced_control, "PAYS_AFTER", calls)
+            response = ControlResponse(control, 5e-5, names)
+            answered = response.at(x, np.geomspace(1.0, 9e3, 20))
+            found.append([answered.value, answered.slope])
+            if response.period == 1:
+                found[-1] += [*response.model(x), response.models(np.array([x, 1.1 * x, 0.7 * x]))]
+        assert all(np.array_equal(a, b) for a, b in zip(*found, strict=True)), control.law.kind
+
+
 def test_encirclement_says_what_poles_say(screw: fd.Loop, placement: fd.Loop) -> None:
     """Random gains of two laws, about half of them unstable."""
     random = np.random.default_rng(3)
@@ -117,6 +137,7 @@ def test_encirclement_says_what_poles_say(screw: fd.Loop, placement: fd.Loop) ->
             stable = bool(np.abs(loop_model(other).closed.poles()[0]) < 1.0)
             response = ControlResponse(other.control, float(loop.sample_time), ()).at((), point.frequency)
             assert encircles(answer(point, response)) is not stable, changes
+            assert unstable(answer(point, response)) is not stable, changes
             counts[stable] += 1
     assert min(counts) > 10
 

@@ -83,7 +83,7 @@ class Competitor:
 
     @property
     def settled(self) -> bool:
-        """Whether it can be ranked: it was not tuned, or two searches ended within 5 % of its best."""
+        """Whether it can be ranked: it was not tuned, or independent searches ended within 5 % of its best."""
         return self.tuned is None or self.tuned.settled
 
     @property
@@ -389,12 +389,7 @@ def _unproven(rows: tuple[Competitor, ...]) -> list[str]:
             said.append(f"'{row.name}': not proven: {'; '.join(open_lines)}.")
         if not row.settled:
             said.append(
-                f"'{row.name}' is not settled, and not ranked: "
-                + (
-                    f"no two searches ended within 5 % of the best, the worst {100.0 * row.tuned.spread:.3g} % above it"
-                    if row.tuned.spread > 0.0
-                    else "one search was made, and none confirms it"
-                )
-                + "; more starts (--starts) may find a better setting."
+                f"'{row.name}' is not settled, and not ranked: {row.tuned.unsettled}; more starts (--starts) may find "
+                "a better setting."
             )
     return said

@@ -54,7 +54,7 @@ class Kept:
         found = assess(control, candidate.loop, rule="kept", limits=limits, velocity=rule.velocity)
         return replace(
             found, tunables=tunables, started=dict(known["started"]), held=held, advice=tuple(known["advice"]),
-            evaluations=int(known["evaluations"]), spread=float(known["spread"]), settled=bool(known["settled"]),
+            evaluations=int(known["evaluations"]), spread=float(known["spread"]), unsettled=str(known["unsettled"]),
             recipe="",
         )  # fmt: skip
 
@@ -68,7 +68,7 @@ class Kept:
                 "tunables": {name: float(value).hex() for name, value in made.tunables.items()},
                 "started": dict(made.started), "held": [list(vars(each).values()) for each in made.held],
                 "advice": list(made.advice), "evaluations": made.evaluations, "spread": made.spread,
-                "settled": made.settled,
+                "unsettled": made.unsettled,
             }  # fmt: skip
         self.folder.mkdir(parents=True, exist_ok=True)
         write_whole(self._path(candidate), json.dumps(said, indent=2) + "\n")

@@ -254,6 +254,7 @@ def _tuned(each: Competitor) -> dict[str, Any]:
             "active": [held.sentence() for held in each.tuned.held],
             "loops_judged": each.tuned.evaluations,
             "settled": each.settled,
+            "not_settled": each.tuned.unsettled or None,
             "not_placed": each.unplaced or None,
             "spread_of_searches": each.tuned.spread,
             "proof": {line.what: {"holds": line.holds, "said": line.said} for line in each.tuned.proof},

@@ -57,6 +57,7 @@ class Below:
 
 # lines for the count of integrators: up to so many times the first one, at least so many
 _LOWEST, _FEWEST = 2.5, 5
+_SLOW = 30.0  # times the first line: a pole of the control below it counts as an integrator
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,6 +132,34 @@ def _of_compliance(point: OperatingPoint, C: np.ndarray, back: np.ndarray, S: np
     return found
 
 
+_EDGE = 1.0 - 1e-9  # of |z|: a motion that decays more slowly does not count as stable
+
+
+def unstable(answer: Answer) -> bool:
+    """Whether the closed loop is unstable: by its eigenvalues for an axis that is a model, else by encirclement of -1.
+
+    From one period to the next, x of the axis and ξ of the control are moved by the product over its samples k of
+
+        x ← A x + B (d_k C x + c_k ξ),    ξ ← A_k ξ + B_k C x
+    """
+    axis, samples = answer.point.model, answer.response.samples
+    if axis is None or samples is None:
+        return encircles(answer)
+    n = samples.shape[1] - 1
+    force = axis.inputs.index("cut")
+    read = [axis.outputs.index(each) for each in ("reading_motor", "reading_load")]
+    C = axis.C[read]
+    moved = np.eye(axis.A.shape[0] + n)
+    for each in samples:
+        given = np.hstack([each[n:, n:] @ C, each[n:, :n]])  # the force, by states of both
+        rows = [np.hstack([axis.A, np.zeros((axis.A.shape[0], n))]) + axis.B[:, [force]] @ given]
+        rows.append(np.hstack([each[:n, n:] @ C, each[:n, :n]]))
+        moved = np.vstack(rows) @ moved
+    if not np.all(np.isfinite(moved)):
+        return True
+    return not float(np.max(np.abs(np.linalg.eigvals(moved)))) < _EDGE
+
+
 def encircles(answer: Answer) -> bool:
     """Whether the encirclement of -1 shows an unstable closed loop.
 
@@ -141,9 +170,15 @@ def encircles(answer: Answer) -> bool:
 
     n counts the integrators there, 2 for a free mass and 1 for each integral, and P the poles of the control
     alone that are unstable and faster than these lines.  Each pair of unstable poles of the closed loop adds 360°, one
-    pole or a response of the wrong sign 180°.
+    pole or a response of the wrong sign 180°.  A resonance of the control alone near the lowest lines, of which the
+    slope shows only a part, counts as integrators: its poles p are replaced by 1, with 1 + L times (z - p)/(z - 1).
     """
     f, values = answer.point.frequency, 1.0 + answer.gain
+    slow = answer.response.slow
+    if slow.size:
+        z = np.exp(2j * np.pi * f * answer.point.sample_time)[:, None]
+        near = slow[np.abs(np.log(slow)) < 2.0 * np.pi * _SLOW * f[0] * answer.point.sample_time]
+        values = values * np.prod((z - near) / (z - 1.0), axis=1)
     if answer.response.rest is not None:  # det(1 + L) of the lifted loop, up to its own Nyquist
         own = f <= 0.5 / (answer.point.sample_time * answer.response.period)
         f, values = f[own], (values * answer.response.rest)[own]
@@ -211,7 +246,7 @@ def figures(answer: Answer, reading_noise: tuple[float, float]) -> Figures:
     f, T = point.frequency, point.sample_time
     L = FRF(f, answer.gain, "cut", "force", "N/N", T, variance=None if point.variance is None else answer.gain_variance)
     C = FRF(f, answer.compliance, "load_force", "position_load", "m/N", T)
-    stable = not encircles(answer)
+    stable = not unstable(answer)
     recovery = answer.recovery()
     return Figures(
         point=point.name,

@@ -2,25 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import Any, NamedTuple, cast
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from feeddrive.blocks.signals import Setpoint
 from feeddrive.language import tree
-from feeddrive.language.block import Number
 from feeddrive.language.errors import ParameterError
-from feeddrive.language.graph import Graph, Symbol
 from feeddrive.loop.control import Control
 from feeddrive.loop.lifting import MOST, images_turn
 from feeddrive.loop.trace import node_values
-from feeddrive.loop.traced_model import push, require_slopes, resolved
+from feeddrive.loop.traced_model import require_slopes, resolved
+from feeddrive.tuning.traced_control import READINGS, needed, traced_control
 
 _SPEED = 0.05  # m/s of the operating point
 _AT_ONE = 1e-5  # of |z|: a pole this near counts as 1, since a double pole is known only to the square root of rounding
-_READINGS = ("reading_motor", "reading_load")
 _BLOCK = 2**18  # entries of the matrices of all images that are made at once
 Axis = Callable[[np.ndarray], np.ndarray]  # frequency in Hz -> readings of motor and load over the command, m/N
 
@@ -33,54 +31,8 @@ class Response(NamedTuple):
     unstable: np.ndarray  # |ln z|/T in rad/s of each pole of the control itself that is outside of the unit circle
     rest: np.ndarray | None = None  # det(1 + L) of the images of each line, of a control with two rates
     period: int = 1  # samples after which the control repeats itself
-
-
-@dataclass(frozen=True, eq=False)
-class Traced:
-    """The linear model of a control as nodes of a graph: its entries that are not plain zeros, by row and column.
-
-    Rows are the states after a sample and the force, columns the states before it and the two readings.
-    """
-
-    graph: Graph
-    entries: tuple[tuple[int, int, int], ...]  # row, column, node
-    inputs: Mapping[str, int]  # parameters by name
-    states: tuple[str, ...]
-    after: tuple[int, ...]  # nodes of the states after a sample
-    force: int  # node of the command
-
-
-_traced: dict[Any, Traced] = {}
-
-
-def _trace(control: Control, begun: Any) -> Traced:
-    """One sample of the control on symbols, and its forward slopes to states and readings, on symbols as well."""
-    graph = Graph()
-
-    def given(name: str) -> Number:
-        return cast(Number, graph.input(name))
-
-    rows = {name: graph.table(name, len(row)) for name, row in tree.tables(control)}
-    names = [name for name, _ in tree.leaves(control)]
-    symbolic = tree.with_tables(tree.rebuild(control, (given(name) for name in names)), rows)
-    T = given("T")
-    states = tuple(name for name, _ in tree.leaves(begun))
-    state = tree.rebuild(begun, (given(f"state.{name}") for name in states))
-    setpoint = Setpoint(*(given(f"set.{name}") for name in Setpoint._fields))
-    motor, load = (given(name) for name in _READINGS)
-    after, command = symbolic.step(symbolic.prepare(T), state, setpoint, motor, load, 1.0, T)
-    ends = [graph.symbol(value).index for _, value in tree.leaves(after)] + [graph.symbol(command.applied).index]
-    columns = [graph.input(f"state.{name}").index for name in states] + [graph.input(name).index for name in _READINGS]
-    values = {i: Symbol(graph, i) for i in range(len(graph.nodes))}
-    entries: list[tuple[int, int, int]] = []
-    for j, column in enumerate(columns):
-        for i, tangent in enumerate(push(graph, ends, values, {column: 1.0})):
-            if tangent is not None:
-                node = graph.symbol(tangent).index
-                if graph.nodes[node] != ("const", (0.0).hex()):
-                    entries.append((i, j, node))
-    places = {name: graph.input(name).index for name in names}
-    return Traced(graph, tuple(entries), places, states, tuple(ends[:-1]), ends[-1])
+    samples: np.ndarray | None = None  # [A B; c d] of each sample of a period
+    slow: np.ndarray = np.zeros(0)  # poles of the control itself that oscillate and decay, of a control with one rate
 
 
 class ControlResponse:
@@ -116,12 +68,10 @@ class ControlResponse:
         self.T, self.tunables, self.velocity = float(sample_time), tuple(tunables), velocity
         self.control = tree.rebuild(control, (np.float64(value) for _, value in tree.leaves(control)))
         self._begun = self._start(self.control)
-        key = tree.structure(control)
-        if key not in _traced:
-            _traced[key] = _trace(self.control, self._begun)
-        self._traced = _traced[key]
-        self._live = _needed(self._traced)
-        self._last: tuple[tuple[bytes, bool], tuple[np.ndarray, np.ndarray]] | None = None
+        self._traced = traced_control(self.control, self._begun)
+        self._walk = self._traced.walk(self.tunables)
+        self._live = needed(self._traced)
+        self._last: tuple[tuple[bytes, bool], tuple[np.ndarray, np.ndarray, np.ndarray]] | None = None
         self._states: dict[str, np.ndarray] | None = None
 
     def _start(self, control: Control) -> Any:
@@ -146,27 +96,23 @@ class ControlResponse:
 
         Of the first sample of a period.
         """
-        traced = self._traced
-        nodes = [node for _, _, node in traced.entries]
-        found = node_values(traced.graph, nodes, self._leaves([*map(np.float64, values)]))
-        count, eye = len(self.tunables), np.eye(len(self.tunables))
-        seeds = {traced.inputs[name]: eye[i] for i, name in enumerate(self.tunables) if traced.inputs[name] in found}
-        with np.errstate(all="ignore"):
-            tangents = push(traced.graph, nodes, found, seeds)
-        n = len(traced.states)
-        matrix, slopes = np.zeros((n + 1, n + 2)), np.zeros((n + 1, n + 2, count))
-        for (i, j, node), tangent in zip(traced.entries, tangents, strict=True):
-            matrix[i, j] = found[node]
-            if tangent is not None:
-                slopes[i, j] = tangent
-        if traced.graph.lines:
+        matrices, slopes = self._matrices(self._leaves([*map(np.float64, values)]), 1, with_slopes=True)
+        if self._traced.graph.lines:
             self._require_slopes(values)
+        return matrices[0], slopes[0]
+
+    def _matrices(self, leaves: dict[str, Any], points: int, *, with_slopes: bool) -> tuple[np.ndarray, np.ndarray]:
+        """[A B; c d] of some points, and slopes; empty if they are not wanted."""
+        values, changes = self._walk.at(leaves, points, with_slopes=with_slopes)
+        n, (rows, columns, _) = len(self._traced.states), zip(*self._traced.entries, strict=True)
+        matrices, slopes = np.zeros((points, n + 1, n + 2)), np.zeros((points, n + 1, n + 2, changes.shape[2]))
+        matrices[:, rows, columns], slopes[:, rows, columns] = values, changes
         keep, wide = self._kept()
-        return matrix[np.ix_(keep, wide)], slopes[np.ix_(keep, wide)]
+        return matrices[:, keep][:, :, wide], slopes[:, keep][:, :, wide]
 
     def _require_slopes(self, values: Sequence[float] | np.ndarray) -> None:
         """Raise NoSlopeError, with the line of the law, if that is why a model is not finite."""
-        traced, columns = self._traced, [*(f"state.{name}" for name in self._traced.states), *_READINGS]
+        traced, columns = self._traced, [*(f"state.{name}" for name in self._traced.states), *READINGS]
         ends, eye = [*traced.after, traced.force], np.eye(len(columns))
         found = node_values(traced.graph, ends, self._leaves([*map(np.float64, values)]))
         places = (traced.graph.input(name).index for name in columns)
@@ -174,22 +120,8 @@ class ControlResponse:
 
     def _samples(self, values: Sequence[float] | np.ndarray, with_slopes: bool) -> tuple[np.ndarray, np.ndarray]:
         """`model` of all samples of a period, in one walk: (N, n + 1, n + 2), and slopes if they are wanted."""
-        traced, N, n = self._traced, self.period, len(self._traced.states)
-        nodes = [node for _, _, node in traced.entries]
-        found = node_values(traced.graph, nodes, self._leaves([*map(np.float64, values)]) | self._followed())
-        count, eye = len(self.tunables) if with_slopes else 0, np.eye(len(self.tunables))[:, :, None]
-        seeds = {traced.inputs[name]: eye[i] for i, name in enumerate(self.tunables) if traced.inputs[name] in found}
-        tangents: Sequence[Any] = [None] * len(nodes)
-        if with_slopes:
-            with np.errstate(all="ignore"):
-                tangents = push(traced.graph, nodes, found, seeds)
-        matrices, slopes = np.zeros((N, n + 1, n + 2)), np.zeros((N, n + 1, n + 2, count))
-        for (i, j, node), tangent in zip(traced.entries, tangents, strict=True):
-            matrices[:, i, j] = found[node]
-            if tangent is not None:
-                slopes[:, i, j] = np.broadcast_to(tangent, (count, N)).T
-        keep, wide = self._kept()
-        return matrices[:, keep][:, :, wide], slopes[:, keep][:, :, wide]
+        leaves = self._leaves([*map(np.float64, values)]) | self._followed()
+        return self._matrices(leaves, self.period, with_slopes=with_slopes)
 
     def _followed(self) -> dict[str, np.ndarray]:
         """The states before each sample of a period: what differs among them is where in the period they are."""
@@ -208,13 +140,7 @@ class ControlResponse:
 
     def models(self, values: np.ndarray) -> np.ndarray:
         """[A B; c d] at many values of the tunables (points, tunables), in one walk, without slopes."""
-        traced, n = self._traced, len(self._traced.states)
-        found = node_values(traced.graph, [node for _, _, node in traced.entries], self._leaves([*values.T]))
-        matrices = np.zeros((values.shape[0], n + 1, n + 2))
-        for i, j, node in traced.entries:
-            matrices[:, i, j] = found[node]
-        keep, wide = self._kept()
-        return matrices[:, keep][:, :, wide]
+        return self._matrices(self._leaves([*values.T]), len(values), with_slopes=False)[0]
 
     def _leaves(self, values: Sequence[Any]) -> dict[str, Any]:
         """All inputs of the trace, with the tunables at numbers or at arrays of one length."""
@@ -223,7 +149,7 @@ class ControlResponse:
             **dict(tree.tables(self.control)), "T": np.float64(self.T),
             **{f"state.{name}": value for name, value in tree.leaves(self._begun)},
             **{f"set.{name}": np.float64(0.0) for name in Setpoint._fields}, "set.velocity": np.float64(self.velocity),
-            **dict.fromkeys(_READINGS, np.float64(0.0)),
+            **dict.fromkeys(READINGS, np.float64(0.0)),
         }  # fmt: skip
 
     def _kept(self) -> tuple[list[int], list[int]]:
@@ -271,7 +197,7 @@ class ControlResponse:
         key = (np.asarray(values, float).tobytes(), with_slopes)
         if self._last is None or self._last[0] != key:  # the lines of the goal and those below it come in turns
             self._last = key, self._lifted(values, with_slopes)
-        big, slopes = self._last[1]
+        big, slopes, samples = self._last[1]
         N, n = self.period, big.shape[0] - self.period
         if not (np.all(np.isfinite(big)) and np.all(np.isfinite(slopes))):
             raise ParameterError("the linear model of the control holds numbers that are not finite")
@@ -284,17 +210,20 @@ class ControlResponse:
         poles = np.linalg.eigvals(big[:n, :n]) if n else np.zeros(0)
         unstable = np.abs(np.log(poles[np.abs(poles) > 1.0 + 1e-7])) / (N * self.T)
         value, slope = (np.concatenate([part[i] for part in parts], axis=1) for i in range(2))
-        return Response(value, slope, unstable, np.concatenate([part[2] for part in parts]), N)
+        return Response(value, slope, unstable, np.concatenate([part[2] for part in parts]), N, samples)
 
-    def _lifted(self, values: Sequence[float] | np.ndarray, with_slopes: bool) -> tuple[np.ndarray, np.ndarray]:
+    def _lifted(
+        self, values: Sequence[float] | np.ndarray, with_slopes: bool
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """[A B; C D] from period to period: states and forces of all samples over states and readings of all samples.
 
-        And its slopes: by the product rule, sample by sample.
+        And its slopes, by the product rule, sample by sample; and the model of each sample.
         """
         N, n, count = self.period, len(self._live), len(self.tunables) if with_slopes else 0
         through, moved = np.eye(n, n + 2 * N), np.zeros((n, n + 2 * N, count))
         big, slopes = np.zeros((n + N, n + 2 * N)), np.zeros((n + N, n + 2 * N, count))
-        for k, (matrix, change) in enumerate(zip(*self._samples(values, with_slopes), strict=True)):
+        samples, changes = self._samples(values, with_slopes)
+        for k, (matrix, change) in enumerate(zip(samples, changes, strict=True)):
             after = matrix[:, :n] @ through
             shifted = np.einsum("ab,bjp->ajp", matrix[:, :n], moved) + np.einsum("abp,bj->ajp", change[:, :n], through)
             own = slice(n + 2 * k, n + 2 * k + 2)
@@ -303,7 +232,7 @@ class ControlResponse:
             through, moved = after[:n], shifted[:n]
             big[n + k], slopes[n + k] = after[n], shifted[n]
         big[:n], slopes[:n] = through, moved
-        return big, slopes
+        return big, slopes, samples
 
 
 def _response(matrix: np.ndarray, slopes: np.ndarray, z: np.ndarray, T: float) -> Response:
@@ -323,7 +252,8 @@ def _response(matrix: np.ndarray, slopes: np.ndarray, z: np.ndarray, T: float) -
     slope = through.transpose(2, 0, 1) + slopes[n, n:][:, None, :]
     poles = np.linalg.eigvals(A) if n else np.zeros(0)
     outside = poles[(np.abs(poles) > 1.0 + 1e-7) & np.isfinite(poles)].astype(complex)
-    return Response(value, slope, np.abs(np.log(outside)) / T)
+    swings = poles[(np.abs(poles) < 1.0 + 1e-7) & (poles.imag != 0.0)]
+    return Response(value, slope, np.abs(np.log(outside)) / T, samples=matrix[None], slow=swings)
 
 
 def _closed_by(
@@ -352,15 +282,3 @@ def _closed_by(
     left = np.concatenate([(counts[:, None] @ w)[:, 0], counts], axis=1)
     slope = np.einsum("la,abp,lbr->rlp", left, slopes, right, optimize=True)
     return value.T, slope, np.linalg.det(others)
-
-
-def _needed(traced: Traced) -> list[int]:
-    """The states that depend on a reading and act on the force."""
-    n = len(traced.states)
-    links = {(i, j) for i, j, _ in traced.entries}
-    reached = {i for i, j in links if j >= n and i < n}
-    seen = {j for i, j in links if i == n and j < n}
-    for _ in range(n):
-        reached |= {i for i, j in links if i < n and j in reached}
-        seen |= {j for i, j in links if j < n and i in seen}
-    return sorted(reached & seen)

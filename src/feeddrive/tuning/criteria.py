@@ -10,7 +10,7 @@ import numpy as np
 from feeddrive.analysis.margins import bandwidth_crossing
 from feeddrive.analysis.stiffness import rope_snap_weights, trapezoid_weights
 from feeddrive.language.errors import FeeddriveError, NotIdentifiableError
-from feeddrive.tuning.closed_loop import Answer, Below, answer, encircles
+from feeddrive.tuning.closed_loop import Answer, Below, answer, unstable
 from feeddrive.tuning.control_response import ControlResponse, Response
 from feeddrive.tuning.limits import Bound, Limits, bounds_of, notches_stay_notches
 from feeddrive.tuning.operating_point import OperatingPoint
@@ -20,7 +20,7 @@ _BESIDE = 0.02  # weight of the logarithm of the rope-snap error, added to anoth
 
 
 class Evaluation(NamedTuple):
-    """The goal of each point (less is better), its slope, and the bounds; `stable` by encirclement."""
+    """The goal of each point (less is better), its slope, and the bounds."""
 
     stable: bool
     goal: np.ndarray  # (points,)
@@ -75,7 +75,7 @@ class Criteria:
     def _answers(self, whole: Response, values: np.ndarray) -> list[Answer]:
         """The closed loops of a control whose response on all lines is given."""
         parts = [
-            Response(whole.value[:, place], whole.slope[:, place] * values, whole.unstable) for place in self._places
+            whole._replace(value=whole.value[:, place], slope=whole.slope[:, place] * values) for place in self._places
         ]
         return [
             answer(point, fast, below.recovery(slow))
@@ -108,7 +108,7 @@ class Criteria:
 
     def judged(self, x: np.ndarray, answers: list[Answer]) -> Evaluation:
         """Goal and bounds of closed loops."""
-        stable = not any(encircles(each) for each in answers)
+        stable = not any(unstable(each) for each in answers)
         goals = [self._goal(each) for each in answers]
         bounds: list[Bound] = []
         for i, each in enumerate(answers):

@@ -11,7 +11,7 @@ import numpy as np
 from feeddrive.language.errors import ParameterError
 from feeddrive.loop.control import Control
 from feeddrive.loop.frequency_response import AVERAGES, FRF
-from feeddrive.loop.linearize import linearize
+from feeddrive.loop.linearize import StateSpace, linearize
 from feeddrive.loop.loop import Loop
 from feeddrive.tuning.control_response import Axis, ControlResponse, Response
 from feeddrive.tuning.smoothing import smoothed, stiff_ratio
@@ -40,7 +40,7 @@ class OperatingPoint:
     ratio        motor over load reading, by_force and by_load, shape (2, lines), where they have a common error: 1 with
                  one encoder; NaN where both were measured separately. With a ratio the motor's row of a variance is the
                  uncertainty of the ratio
-    loop         the loop of a model
+    loop, model  the loop of a model, and its axis by states
     known_as     a loop that agrees with the measurement (`with_table_force`), on which the tuned control is run
     by_force_at  by_force at any frequency, for the images of a control with two rates
     """
@@ -56,6 +56,7 @@ class OperatingPoint:
     at_drive: bool = False
     ratio: np.ndarray | None = None
     loop: Loop | None = None
+    model: StateSpace | None = None
     known_as: Loop | None = None
     by_force_at: Axis | None = None
 
@@ -143,6 +144,7 @@ def modelled_point(loop: Loop, name: str = "model", *, velocity: float = 0.05) -
         T,
         ratio=np.ones((2, lines.size)) if loop.axis.one_encoder() else None,
         loop=loop,
+        model=model,
         by_force_at=by_force_at,
     )
 

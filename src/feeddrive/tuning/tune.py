@@ -191,7 +191,7 @@ def result(tuner: Tuner, best: Best, today: Control, tried: tuple[str, ...], rec
         cost=best.cost,
         evaluations=tuner.evaluations,
         spread=best.spread,
-        settled=best.settled,
+        unsettled=best.unsettled,
         proof=proof,
         cascade=tuple(each for each in cascades if each is not None),
         recipe=recipe,

@@ -91,7 +91,8 @@ class Tuned(Result):
     advice            advice on further improvements
     notches           the notches that were tried, and their effect on the goal
     sure, confidence  standard deviations kept to every bound, and with which probability all of them hold at once
-    spread, settled   by which share the worst end of the searches is above the best; whether two ended near the best
+    spread, unsettled by which share the worst end of the searches is above the best; why the best is not confirmed by
+                      independent searches, empty if it is
     cost              by which share the goal is worse because of the noise of the measurement
     recipe            the rule that the control is made by, if nothing was searched
     cascade           velocity and position loop one by one, before and after, for a P-PI control
@@ -114,7 +115,7 @@ class Tuned(Result):
     cost: float
     evaluations: int
     spread: float
-    settled: bool
+    unsettled: str
     proof: tuple[Checked, ...]
     cascade: tuple[CascadeLoops, ...] = ()
     recipe: str = ""
@@ -123,6 +124,11 @@ class Tuned(Result):
     def rotary(self) -> bool:
         """Whether the axis turns; False where only responses are known."""
         return any(loop.axis.rotary for loop in self.loops)
+
+    @property
+    def settled(self) -> bool:
+        """Whether independent searches came to within 5 % of the best, inside of the ranges."""
+        return not self.unsettled
 
     @property
     def holds(self) -> bool:

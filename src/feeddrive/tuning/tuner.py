@@ -28,7 +28,10 @@ _LOUD, _APART = 0.15, 0.12  # |L| of a resonance that is worth a notch; of ln f 
 _TURNS = 6  # rounds for the number of standard deviations to keep
 _CUTS = 3  # rounds in which lines that the search had left out are added
 _AGREE = 0.05  # of the goal: ends of searches this near the best agree with it
-_MORE = 3  # searches with still other populations, where only one ended near the best
+_MORE = 3  # rounds from still other places, where those before did not confirm the best
+_EASED = (1.6, 1.2)  # of the distance of Ms from 1: bounds that are taken first, 2.6 and 2.2 before 2.0
+_WIDER, _WIDENED = np.log(10.0), 3  # by how much a range grows in which the best is at the end, and how often
+_AT_END = 1e-2  # of a logarithm: distance that counts as the end
 _POPULATION, _GENERATIONS = 8, 16  # points a tunable that go on from those all over the range, and how often
 _COSTLY = 0.5  # of the goal: when noise costs more, the measurement is too poor
 
@@ -43,7 +46,7 @@ class Best(NamedTuple):
     sure: float
     cost: float
     spread: float
-    settled: bool
+    unsettled: str
     box: tuple[np.ndarray, np.ndarray]
 
 
@@ -76,16 +79,8 @@ class Tuner:
         self.progress.step("where to begin")
         first = self._begin(search, x, speeds(control, names))
         self.progress.step(f"{len(names)} tunables, first search")
-        ends = [search.descend(first)]
         wanted = self.starts if starts is None else starts
-        for i in range(wanted - 1 + _MORE if wanted > 1 else 0):
-            if i >= wanted - 1 and _agreeing(search, ends) > 1:
-                break
-            self.progress.step(f"{len(names)} tunables, from all over their range")
-            other = self._elsewhere(search, x, speeds(control, names))
-            if other is not None:
-                ends.append(search.descend(other))
-        settled = _agreeing(search, ends) > 1
+        ends, unsettled = self._searched(search, control, names, x, first, wanted)
         end = min(ends, key=lambda each: search.merit(each.judged))
         end = self._from_below(search, end, x, speeds(control, names))
         costs = [float(np.max(each.judged.goal)) for each in ends]
@@ -113,7 +108,86 @@ class Tuner:
             if cost > _COSTLY:
                 self._too_costly(search, end, cost)
         self.evaluations += search.criteria.count
-        return Best(control, names, end, search.criteria, sure, cost, max(costs) - min(costs), settled, (low, high))
+        return Best(
+            control,
+            names,
+            end,
+            search.criteria,
+            sure,
+            cost,
+            max(costs) - min(costs),
+            unsettled,
+            (search.low, search.high),
+        )
+
+    def _searched(
+        self, search: Search, control: Control, names: tuple[str, ...], x: np.ndarray, first: np.ndarray, starts: int
+    ) -> tuple[list[End], str]:
+        """The ends of all searches, and why the best of them does not count as settled; empty if it does.
+
+        After the first, each round has two that know nothing of it and of each other: from the best of a population
+        from all over the range, and by continuation in Ms from the best of other points.  The best is settled when one
+        of either kind has come to it, and no range ends there that pays to be wider.
+        """
+        powers = speeds(control, names)
+        ends, kinds = [search.descend(first)], ["start"]
+        if starts < 2:
+            return ends, "one search was made, and none confirms it"
+        soft = np.array([_soft(control, name) for name in names])
+        opened = ""
+        for i in range(starts - 1 + _MORE):
+            if i >= starts - 1 and not opened and not _missing(search, ends, kinds):
+                break
+            self.progress.step(f"{len(names)} tunables, from all over their range")
+            for kind in ("population", "continuation"):
+                begun = self._elsewhere(search, x, powers, evolved=kind == "population")
+                if begun is not None:
+                    ends.append(self._continued(search, begun) if kind == "continuation" else search.descend(begun))
+                    kinds.append(kind)
+            ends, opened = self._widened(search, ends, soft, names)
+        missing = _missing(search, ends, kinds)
+        return ends, "; ".join(each for each in (missing, opened) if each)
+
+    def _continued(self, search: Search, x: np.ndarray) -> End:
+        """The end of searches under bounds of Ms that come down to the one that holds, each from the end before."""
+        if self.limits.sensitivity_peak is not None:
+            for factor in _EASED:
+                eased = self._under(search, self.limits.eased("Ms", factor))
+                if eased.judge(x) is not None:
+                    x = eased.descend(x).x
+                self.evaluations += eased.criteria.count
+        return search.descend(x)
+
+    def _under(self, search: Search, limits: Limits) -> Search:
+        """A search as the given one, within other limits."""
+        known = search.criteria
+        criteria = Criteria(known.points, known.control, self.goal, limits, self.band)
+        other = Search(criteria, search.low, search.high)
+        other.sure = search.sure
+        return other
+
+    def _widened(
+        self, search: Search, ends: list[End], soft: np.ndarray, names: tuple[str, ...]
+    ) -> tuple[list[End], str]:
+        """The ends in ranges so wide that the best gains less than 5 % further out; and what still gains more."""
+        said = ""
+        for _ in range(_WIDENED):
+            place = min(range(len(ends)), key=lambda i: search.merit(ends[i].judged))
+            end = ends[place]
+            low, high = (soft & (np.abs(end.x - edge) < _AT_END) for edge in (search.low, search.high))
+            if not np.any(low | high):
+                return ends, ""
+            before = search.low, search.high
+            search.low, search.high = search.low - _WIDER * low, search.high + _WIDER * high
+            wider = search.descend(end.x)
+            gained = search.merit(end.judged) - search.merit(wider.judged)
+            if gained < _AGREE:
+                search.low, search.high = before
+                return ends, ""
+            ends = [wider if each is end else search.descend(each.x) for each in ends]
+            at = [name for name, outside in zip(names, low | high, strict=True) if outside]
+            said = f"{', '.join(at)} at the end of the range of the search, and further out is better"
+        return ends, said
 
     def as_it_is(self, control: Control, names: tuple[str, ...]) -> Best:
         """A control without a further search, with the tunables it names."""
@@ -129,7 +203,7 @@ class Tuner:
             require_good(answers, 1.0)
         self.evaluations += 1
         return Best(
-            control, names, End(x, found, {}, search.broken(found)), criteria, 0.0, 0.0, 0.0, True, (x - 1.0, x + 1.0)
+            control, names, End(x, found, {}, search.broken(found)), criteria, 0.0, 0.0, 0.0, "", (x - 1.0, x + 1.0)
         )
 
     def _begin(self, search: Search, x: np.ndarray, powers: np.ndarray) -> np.ndarray:
@@ -159,10 +233,17 @@ class Tuner:
                 return other if search.broken(other.judged) < search.broken(end.judged) else end
         return end
 
-    def _elsewhere(self, search: Search, x: np.ndarray, powers: np.ndarray) -> np.ndarray | None:
-        """Where another search begins: the best that a population from all over the box has come to."""
+    def _elsewhere(
+        self, search: Search, x: np.ndarray, powers: np.ndarray, *, evolved: bool = True
+    ) -> np.ndarray | None:
+        """Where another search begins: the best of points from all over the box, or what they have come to as a
+        population.
+        """
         points = scattered(x, search.low, search.high, powers, self.random)
         merits = search.look(points)
+        if not evolved:
+            best = int(np.argmin(merits))
+            return points[best] if np.isfinite(merits[best]) else None
         chosen = np.argsort(merits)[: _POPULATION * max(x.size, 3)]
         points, merits = search.evolve(points[chosen], merits[chosen], self.random, _GENERATIONS)
         return points[0] if np.isfinite(merits[0]) else None
@@ -214,12 +295,7 @@ class Tuner:
 
         def eased(factor: float) -> bool:
             self.progress.step(f"what {kind} can be reached")
-            criteria = search.criteria
-            limits = self.limits.eased(kind, factor)
-            other = Search(
-                Criteria(criteria.points, criteria.control, self.goal, limits, self.band), search.low, search.high
-            )
-            other.sure = search.sure
+            other = self._under(search, self.limits.eased(kind, factor))
             if other.judge(end.x) is None:
                 return False
             return other.broken(other.descend(end.x).judged) <= 2e-3
@@ -289,10 +365,20 @@ class Tuner:
         return sorted(found, key=lambda each: -found[each])
 
 
-def _agreeing(search: Search, ends: Sequence[End]) -> int:
-    """Number of searches that ended near the best."""
+def _missing(search: Search, ends: Sequence[End], kinds: Sequence[str]) -> str:
+    """Which kind of search has not come to within 5 % of the best, and by how much; empty if all have."""
     costs = [search.merit(each.judged) for each in ends]
-    return sum(cost < min(costs) + _AGREE for cost in costs)
+    said: list[str] = []
+    for kind, told in (("population", "from all over the range"), ("continuation", "by continuation in Ms")):
+        off = min((cost for cost, own in zip(costs, kinds, strict=True) if own == kind), default=np.inf) - min(costs)
+        if off >= _AGREE:
+            said.append(f"{told} {100.0 * np.expm1(off):.2g} % above the best" if np.isfinite(off) else f"none {told}")
+    return f"searches ended {' and '.join(said)}" if said else ""
+
+
+def _soft(control: Control, name: str) -> bool:
+    """Whether the range of a tunable is only that of the search: not for filters, and not for what Nyquist bounds."""
+    return not name.startswith("filters.") and tree.declaration(control, name).unit != "Hz"
 
 
 def _one_sided(confidence: float) -> float:
