@@ -29,7 +29,11 @@ def run(*words: str, code: int = 0) -> str:
 def test_a_machine_gets_a_certificate_and_a_report(tmp_path: Path) -> None:
     out = tmp_path / "out"
     said = run("certify", "ball_screw", "--float32", "--out", str(out))
-    assert "stable for 1 plant and everything in their discs, with float32 coefficients" in said
+    assert "stable for 1 plant and everything in its disc, with float32 coefficients; the least room is at " in said
+    assert "Not covered: saturation; friction" in said
+    assert "Outside: friction" not in said
+    assert len(said) < 1600  # 20 lines of 80 columns
+    said = run("certify", "ball_screw", "--float32", "--verbose", "--out", str(out))
     assert "Outside: saturation" in said
     assert "Outside: friction" in said
     document = json.loads((out / "certificate.json").read_text())
@@ -70,7 +74,7 @@ def test_measured_responses_and_other_positions(tmp_path: Path) -> None:
     assert [each["name"] for each in document["plants"]] == ["axis", "ball_screw", "axis 2"]
     assert "fitted to 600 measured lines" in document["plants"][0]["source"]
     said = run("certify", "ball_screw", "--measured", str(file), "--out", str(tmp_path / "known"))
-    assert "'axis' at" in said
+    assert "the disc of 'axis' could be" in said
 
 
 def test_what_cannot_be_certified_is_not_written(tmp_path: Path) -> None:

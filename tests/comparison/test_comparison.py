@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import csv
+import io
 import json
+import re
 import sys
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from rich.console import Console
 
 from feeddrive.analysis.stability import stability
 from feeddrive.blocks.catalogue import imported
@@ -19,6 +22,7 @@ from feeddrive.blocks.families import Law
 from feeddrive.blocks.feedforward.disturbance_compensator import DisturbanceCompensator
 from feeddrive.blocks.observer.disturbance_recovery import DisturbanceRecovery
 from feeddrive.blocks.reference.snap_limited_move import SnapLimitedMove
+from feeddrive.cli.terminal import show
 from feeddrive.comparison.compare import PLAIN, TODAY, Comparison, compare_laws
 from feeddrive.comparison.figures import CRITERIA, Criterion, duty_of, ranks
 from feeddrive.comparison.report import figures_csv, write_comparison
@@ -28,6 +32,7 @@ from feeddrive.language.errors import CancelledError, ParameterError
 from feeddrive.language.progress import Progress
 from feeddrive.loop.loop import Loop
 from feeddrive.tuning.candidates import candidates
+from feeddrive.workflow.compare import in_short, screen, verdict
 
 SHORT = SnapLimitedMove(
     distance=0.02, velocity=0.2, acceleration=5.0, jerk=400.0, snap=4e4, back=True, dwell_before=0.5, dwell_after=0.2
@@ -283,6 +288,24 @@ def test_the_learned_compensator_learns_the_friction_of_the_axis() -> None:
     assert 95.0 <= block.coulomb_positive <= 130.0
     assert 80.0 <= block.coulomb_negative <= 130.0
     assert learned.figures["tracking_error_rms_m"] < 0.7 * plain.figures["tracking_error_rms_m"]
+
+
+def test_the_screen_of_a_comparison_is_one_screen(found: Comparison) -> None:
+    """A table and sentences of at most 40 lines of 100 columns; what is worse than P-PI comes first, two digits."""
+    console = Console(width=100, file=io.StringIO(), force_terminal=False)
+    for each in (screen(found), f"- rule: {found.rule}", *in_short(found), verdict(found)):
+        show(console, each)
+    lines = console.file.getvalue().splitlines()  # type: ignore[attr-defined]
+    assert len(lines) <= 40 - (19 - len(found.competitors))  # a machine on which all laws work has 19 rows
+    assert max(map(len, lines)) <= 100
+    assert all(any(line.lstrip().startswith(each.name) for line in lines) for each in found.competitors)
+    # none of these is ranked but today's, since one search confirms nothing
+    assert verdict(found) == "No law that was tuned is ranked: nothing is recommended."
+    rows = [replace(each, tuned=None) for each in found.competitors]
+    said = verdict(replace(found, competitors=tuple(rows)))
+    assert said.startswith("Worse than with ")
+    assert "has the least rope-snap error of all that are ranked" in said
+    assert not re.search(r"\d\.\d{3}|e[+-]\d", said)
 
 
 def test_what_breaks_the_rule_is_shown_and_not_placed() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -74,30 +75,34 @@ class Certificate(Result):
         return min((each["reserve"] for each in self.document["plants"] if each["reserve"] is not None), default=None)
 
     def sentence(self) -> str:
-        """The result as a sentence."""
+        """The result as a sentence, with the plant that has the least room."""
         plants = self.document["plants"]
-        count = "1 plant" if len(plants) == 1 else f"{len(plants)} plants"
+        count = (
+            "1 plant and everything in its disc"
+            if len(plants) == 1
+            else (f"{len(plants)} plants and everything in their discs")
+        )
         room = ""
         if self.reserve is not None:
             least = min((each for each in plants if each["reserve"] is not None), key=lambda each: each["reserve"])
             room = (
-                f"; the discs could be {self.reserve:.4g} times as wide, '{least['name']}' at "
-                f"{least['reserve_at_Hz']:.4g} Hz allows no more"
+                f"; the least room is at {least['reserve_at_Hz']:.3g} Hz, where the disc of '{least['name']}' could be "
+                f"{self.reserve:.2g} times as wide"
             )
-        return f"stable for {count} and everything in their discs, with {self.arithmetic} coefficients{room}"
+        return f"stable for {count}, with {self.arithmetic} coefficients{room}"
 
     def table(self) -> Table:
-        """One row a plant."""
+        """One row a plant, that with the least room first."""
         rows: list[list[str]] = []
-        for each in self.document["plants"]:
+        for each in sorted(self.document["plants"], key=lambda each: each["reserve"] or math.inf):
             r = [x for band in each["radius"] for x in band["r"]]
             loop = self.loops[each["name"]]
             f = loop.lines()
             gains = loop.gains(f).sum(axis=0)
             peak = float(np.max(np.abs(gains) / np.abs(1.0 + gains)))
             rows.append([
-                each["name"], f"{min(r):.4g} .. {max(r):.4g}" if min(r) < max(r) else f"{r[0]:.4g}", f"{peak:.4g}",
-                "-" if each["reserve"] is None else f"{each['reserve']:.4g}", f"{each['reserve_at_Hz']:.4g}",
+                each["name"], f"{min(r):.3g} .. {max(r):.3g}" if min(r) < max(r) else f"{r[0]:.3g}", f"{peak:.3g}",
+                "-" if each["reserve"] is None else f"{each['reserve']:.3g}", f"{each['reserve_at_Hz']:.3g}",
                 f"{loop.growth:.6f}", str(sum(len(lines) for lines in each["lines"])),
             ])  # fmt: skip
         heads = ["plant", "r", "max |L/(1+L)|", "wider by", "at Hz", "max |z|", "lines"]

@@ -21,7 +21,7 @@ from feeddrive.certificate.certify import PlantLike, certify_loop, site_plants
 from feeddrive.files.atomic_io import new_directory, read_whole, write_whole
 from feeddrive.files.frf import FrfLike, encoders, read_frf, read_frfs
 from feeddrive.files.machine import MachineFile, MachineLike, read_machine
-from feeddrive.language.errors import FeeddriveError, FileError, ParameterError
+from feeddrive.language.errors import FeeddriveError, FileError, ParameterError, sentence
 from feeddrive.language.progress import Progress
 from feeddrive.language.table import Table
 from feeddrive.loop.control import Control
@@ -98,8 +98,12 @@ def certify(request: CertifyRequest, progress: Progress) -> Outcome[Certificate]
         }
         report = write_certified(found, request.out, facts, rotary=loop.axis.rotary)
         files = {"Certificate": report.parent / FILE, "Report": report}
-    remarks = [found.document["claim"], *(f"Outside: {text}" for text in found.outside)]
-    return Outcome(found, [found.table()], remarks, files=files, rotary=loop.axis.rotary)
+    topics = "; ".join(text.partition(":")[0] for text in found.outside)
+    details = [found.document["claim"], *(f"outside: {text}" for text in found.outside)]
+    return Outcome(
+        found, [found.table()], [f"Not covered: {topics}."], details=[*map(sentence, details)], files=files,
+        rotary=loop.axis.rotary,
+    )  # fmt: skip
 
 
 def certified(

@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 from feeddrive.blocks.catalogue import imported
 from feeddrive.blocks.families import Law
-from feeddrive.comparison.compare import Comparison, compare_laws
+from feeddrive.comparison.compare import TODAY, Comparison, compare_laws
+from feeddrive.comparison.figures import CRITERIA, beats
 from feeddrive.comparison.report import write_comparison
 from feeddrive.files.machine import MachineLike, read_machine
 from feeddrive.language.progress import Progress
+from feeddrive.language.table import Table
 from feeddrive.loop.runner import cores
+from feeddrive.tuning.candidates import PLAIN
+from feeddrive.tuning.tuned import two_digits
 from feeddrive.workflow.command import Outcome, command
 from feeddrive.workflow.request import OUT, Request, argument, option, stem
 
@@ -50,4 +55,80 @@ def compare(request: CompareRequest, progress: Progress) -> Outcome[Comparison]:
         progress.step("report")
         files["Report"] = write_comparison(found, request.out)
     refused = [f"'{each.name}' cannot control this axis: {each.reason}" for each in found.refusals]
-    return Outcome(found, [found.table()], [f"rule: {found.rule}", *found.remarks, *refused], files=files)
+    return Outcome(
+        found, [screen(found)], [f"rule: {found.rule}", *in_short(found)], verdict(found), files=files,
+        details=[*found.remarks, *refused],
+    )  # fmt: skip
+
+
+# head, key, factor and digits of the figures on the screen
+_COLUMNS = (
+    ("Ms", "sensitivity_peak", 1.0), ("delay samples", "delay_margin_samples", 1.0),
+    ("snap nm √s/N", "rope_snap_ISE_root_m_per_N", 1e9), ("N/um at 10 Hz", "stiffness_10_Hz_N_per_m", 1e-6),
+    ("N/um at 100 Hz", "stiffness_100_Hz_N_per_m", 1e-6), ("track RMS um", "tracking_error_rms_m", 1e6),
+    ("settled ms", "snap_settling_s", 1e3), ("noise N", "force_noise_N", 1.0),
+)  # fmt: skip
+_NAMED = 4  # criteria in which a law is worse that are named, the worst first
+
+
+def screen(found: Comparison) -> Table:
+    """Robustness and the figures that decide, two digits each; the laws without a place have a mark."""
+    rows = [
+        [f"{each.name}{' *' if each.unplaced or each.unfit else ''}",
+         *(_cell(each.figures.get(key), factor) for _, key, factor in _COLUMNS)]
+        for each in found.competitors
+    ]  # fmt: skip
+    return Table(f"{found.title}; * not ranked", ["law", *(head for head, _, _ in _COLUMNS)], rows)
+
+
+def _cell(value: float | None, factor: float) -> str:
+    return "-" if value is None else "inf" if math.isinf(value) else two_digits(factor * value)
+
+
+def in_short(found: Comparison) -> list[str]:
+    """Which laws have no place, and why, by name."""
+    tuned = [each for each in found.competitors if each.tuned is not None]
+    groups = {
+        "Not settled, so not ranked (more --starts may find better gains)": [c for c in tuned if not c.settled],
+        "Outside of the rule, so not ranked": [c for c in found.competitors if c.outside and c.settled],
+        "Without figures, unstable or out of bounds": [c for c in found.competitors if c.unfit],
+        "Not proven in every point": [
+            c for c in tuned if c.tuned is not None and any(line.holds is not True for line in c.tuned.proof)
+        ],
+        "Cannot control this axis": found.refusals,
+    }
+    return [f"{head}: {', '.join(each.name for each in group)}." for head, group in groups.items() if group]
+
+
+def verdict(found: Comparison) -> str:
+    """The law with the least rope-snap error, and first in what it is worse than P-PI, or P-PI than today's gains."""
+    key = "rope_snap_ISE_root_m_per_N"
+    ranked = {each.name: each for each in found.competitors if not each.unplaced and each.figures.get(key) is not None}
+    if set(ranked) <= {TODAY}:
+        return "No law that was tuned is ranked: nothing is recommended."
+    best = min(ranked.values(), key=lambda each: each.figures[key] or 0.0)
+    if best.name == TODAY:
+        return "Today's gains have the least rope-snap error of all that are ranked: keep them."
+    there = {each.name: each for each in found.competitors if each.figures.get(key) is not None}
+    other = there.get(PLAIN if best.name != PLAIN else TODAY)
+    if other is None:
+        return f"'{best.name}' has the least rope-snap error of all that are ranked."
+    worse = list[tuple[float, str]]()
+    for criterion in CRITERIA:
+        ours, theirs = best.figures.get(criterion.key), other.figures.get(criterion.key)
+        if ours is None or theirs is None or not beats(criterion, theirs, ours):
+            continue
+        ratio = ours / theirs if theirs else math.inf
+        said = f"{criterion.head} {_times(ratio)} times" if math.isfinite(ratio) else f"{criterion.head} never"
+        worse.append((abs(math.log(ratio)) if 0.0 < ratio < math.inf else math.inf, said))
+    worst = [text for _, text in sorted(worse, key=lambda each: -each[0])]
+    more = f", and {len(worst) - _NAMED} more" if len(worst) > _NAMED else ""
+    lost = f"Worse than with {other.name}: {', '.join(worst[:_NAMED])}{more}." if worst else ""
+    gain = (best.figures[key] or 0.0) / (other.figures[key] or math.inf)
+    won = f"'{best.name}' has the least rope-snap error of all that are ranked, {_times(gain)} times that of"
+    return f"{lost} {won} {other.name}{'' if lost else ', and is worse in nothing'}.".strip()
+
+
+def _times(ratio: float) -> str:
+    """Two digits, or three near 1: 0.83, 1.05."""
+    return f"{ratio:.3g}" if 0.9 < ratio < 1.1 else two_digits(ratio)

@@ -63,11 +63,8 @@ def identify_responses(request: IdentifyRequest, found: Mapping[str, FRF], progr
     chosen = _chosen(path, found, request, model)
     machine = None if request.machine is None else read_machine(request.machine)
     axis = None if machine is None else machine.loop(request.axis).axis
-    doubts = (
-        []
-        if request.force_constant is not None or request.lead is not None
-        else [said for frf in chosen.values() if (said := check_response(str(path), frf, bool(request.unit), progress))]
-    )
+    judged = chosen.values() if request.force_constant is None and request.lead is None else ()
+    doubts = [said for frf in judged if (said := check_response(str(path), frf, bool(request.unit), progress))]
     result = _fit(chosen, request, model, axis, progress)
     verdict = units_first(doubts) or recommendation(result)
     fit = result if isinstance(result, ModalFit) else result.fit
@@ -81,10 +78,12 @@ def identify_responses(request: IdentifyRequest, found: Mapping[str, FRF], progr
         files = written(write_fit(result, remarks, text, out, _facts(path, chosen, request), verdict), text)
     shown = [narrow(each) for each in tables(result)]
     shown = [replace(each, sentences=4) if each.heads[0] == "structure" else each for each in shown]
+    *compared, own, agreement = shown
     open_ = {} if isinstance(fit, ModalFit) else fit.not_identifiable
-    said = [*remarks, *(f"not identifiable: {name}: {why}" for name, why in open_.items())]
+    unknown = [sentence(f"not identifiable: {name}: {why}") for name, why in open_.items()]
     notes = [f"No machine file was written: {reason}."] if reason else []
-    return Outcome(result, shown, [sentence(each) for each in said], verdict, notes, files=files)
+    details = [*compared, agreement, *unknown]
+    return Outcome(result, [own], [sentence(each) for each in remarks], verdict, notes, files=files, details=details)
 
 
 def _facts(path: Path, chosen: Mapping[str, FRF], request: IdentifyRequest) -> dict[str, str]:
@@ -301,8 +300,8 @@ def recommendation(found: AxisFits | ModalFit) -> str:
     which = "" if isinstance(found, ModalFit) or len(found.fits) < 2 else f" ({found.chosen})"
     if isinstance(fit, PlantFit) and fit.not_identifiable:
         return (
-            f"Use this model{which} in its band, where unused lines are predicted within {unused:.2g} dB RMS; "
-            f"{', '.join(fit.not_identifiable)} cannot be told from these lines and counts as stated."
+            f"{', '.join(fit.not_identifiable)} cannot be told from these lines, and stay as stated. "
+            f"Use this model{which} in its band: lines that were not used are predicted within {unused:.2g} dB RMS."
         )
     return f"Use this model{which} in its band: lines that were not used are predicted within {unused:.2g} dB RMS."
 
