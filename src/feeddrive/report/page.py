@@ -55,7 +55,7 @@ def render(template: str, *, rotary: bool = False, quoted: Sequence[str] = (), *
     rotary  it is about an axis that turns: in rad, N m and kg m2
     quoted text of a person, which is not changed
     """
-    text = _environment().get_template(template).render(**content).translate(_CONTROL)
+    text = _environment().get_template(template).render(widths=_WIDTHS, **content).translate(_CONTROL)
     if not rotary:
         return text
     from markupsafe import escape
@@ -84,8 +84,8 @@ def _environment() -> Environment:
         """A word joiner keeps a unit such as N/µm on one line."""
         return escape(text).replace("/", Markup("/&#8288;"))
 
-    made.filters.update(drawn=drawn, unbroken=unbroken, beyond=_beyond)
-    made.globals.update({"widths": _WIDTHS})
+    filters: dict[str, Any] = {"drawn": drawn, "unbroken": unbroken, "beyond": _beyond}
+    made.filters.update(filters)
     return made
 
 
