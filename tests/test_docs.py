@@ -190,6 +190,25 @@ def test_the_afternoon_goes_as_its_page_shows(tmp_path: Path):
     assert (tmp_path / "tuned" / "report.html").exists()
 
 
+@pytest.mark.slow(reason="a page of commands is walked; every command and option of it is checked quickly")
+def test_the_page_for_linuxcnc_goes_as_it_shows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """From its halscope log to the pid's gains, whose numbers stand in the last table."""
+    page = ROOT / "docs/shop_linuxcnc.md"
+    monkeypatch.chdir(tmp_path)
+    (writes,) = blocks(page, "python")
+    exec(compile(writes, shown(page), "exec"), namespace("shop", monkeypatch))
+    (machine,) = blocks(page, "toml")
+    (tmp_path / "my_axis.toml").write_text(machine, encoding="utf-8")
+    for console in blocks(page, "console"):
+        assert_prints(console, tmp_path, 0)
+    written = (tmp_path / "to_pid/axis-x.ini").read_text(encoding="utf-8")
+    gains = dict(re.findall(r"POSITION_(\w+) = ([\d.]+)", written))
+    told = re.findall(r"(?m)^\| `(\w+)` \| ([\d. ]+) \| V", page.read_text(encoding="utf-8"))
+    assert [name for name, _ in told] == ["Pgain", "Igain", "Dgain", "FF1", "FF2", "maxoutput"]
+    for name, value in told:
+        assert float(value.replace(" ", "")) == pytest.approx(float(gains[name.upper()]), rel=0.01)
+
+
 def assert_prints(console: str, folder: Path, code: int) -> None:
     """The first line is a command; it prints every other line, with the same words and numbers within 1 %."""
     first, *lines = console.strip().splitlines()
