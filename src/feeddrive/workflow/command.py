@@ -217,6 +217,12 @@ COMMANDS: dict[str, Listed] = {
         "Tune and compare",
         ("tuned/machine.toml --keep started",),
     ),
+    "new": Listed(
+        "new",
+        "Make a package for a law of your own: its file, a test with the battery, a machine file to try it on.",
+        "Tune and compare",
+        ("law super_twisting",),
+    ),
     "prefilter": Listed(
         "prefilter",
         "Fit the prefilter that cancels what a loop leaves of its tracking error, from one log.",

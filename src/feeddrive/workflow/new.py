@@ -1,0 +1,89 @@
+"""`feeddrive new law NAME`: a package with a law of one's own, its battery, and a machine file to try it on."""
+
+from __future__ import annotations
+
+import keyword
+import re
+from importlib.resources import files
+from importlib.util import find_spec
+from pathlib import Path
+
+from feeddrive.blocks.catalogue import catalogue
+from feeddrive.files.atomic_io import MARKER, new_directory
+from feeddrive.language.block import snake_case
+from feeddrive.language.errors import FileError, ParameterError
+from feeddrive.language.progress import Progress
+from feeddrive.workflow.command import Outcome, command
+from feeddrive.workflow.request import OUT, Request, argument, option
+
+_TEMPLATES = files("feeddrive.workflow") / "templates" / "my_law"
+_SUFFIX = ".txt"  # of a template: it is text here, and code in the package that is written
+
+
+class NewRequest(Request):
+    """What is made, and its name."""
+
+    what: str = argument("What to make: law")
+    name: str = argument("Its name, as in a machine file: super_twisting, or SuperTwisting")
+    out: Path | None = option(OUT, short="-o", default=None)
+
+    def check(self) -> None:
+        """Raise ParameterError for what cannot be made, and for a name that is no name or is taken."""
+        if self.what != "law":
+            raise ParameterError(f"feeddrive new {self.what} is not known; there is: feeddrive new law NAME")
+        kind = snake_case(self.name)
+        if not re.fullmatch(r"[a-z][a-z0-9]*(_[a-z0-9]+)*", kind) or keyword.iskeyword(kind):
+            raise ParameterError(
+                f"'{self.name}' cannot be the name of a law: letters, digits and single _, a letter first, no word of "
+                f"Python, as in super_twisting"
+            )
+        if snake_case(_class(self.name)) != kind:
+            raise ParameterError(
+                f"'{self.name}' would be the class {_class(self.name)}, of another kind: take longer words"
+            )
+        for family, members in catalogue().items():
+            if kind in members:
+                raise ParameterError(
+                    f"there is a {family.kind.replace('_', ' ')} of the kind '{kind}': take another name"
+                )
+        if find_spec(kind) is not None:
+            raise ParameterError(f"Python already has a module '{kind}', which the law would hide: take another name")
+
+    def usual_out(self) -> Path:
+        """By the name of the law."""
+        return Path(snake_case(self.name))
+
+
+@command(NewRequest)
+def new(request: NewRequest, progress: Progress) -> Outcome[Path]:
+    """Make a package for a law of one's own: its file, a test with the battery, a machine file, an entry point.
+
+    The result is its directory. Raises FileError if there is something of this name already: a law is never replaced.
+    """
+    kind = snake_case(request.name)
+    out = request.out if request.out is not None else request.usual_out()
+    if out.exists() and (not out.is_dir() or any(out.iterdir())):
+        raise FileError(f"{out}: is there already, and a law is never replaced: take another name, or another --out")
+    words = {
+        "my_law": kind,
+        "my-law": kind.replace("_", "-"),
+        "my law": kind.replace("_", " "),
+        "MyLaw": _class(request.name),
+    }
+    progress.step("files")
+    written: dict[str, Path] = {}
+    with new_directory(out) as folder:
+        for each in sorted(_TEMPLATES.iterdir(), key=lambda each: each.name):
+            name, text = each.name.removesuffix(_SUFFIX), each.read_text(encoding="utf-8")
+            for word, own in words.items():
+                name, text = name.replace(word, own), text.replace(word, own)
+            (folder / name).write_text(text, encoding="utf-8")
+            written[name] = out / name
+    (out / MARKER).unlink()  # from here on it is a person's: no result of a command may replace it
+    here = out / f"{kind}.py"
+    return Outcome(out, verdict=f"Write the equations into {here}, then follow {out / 'README.md'}.", files=written)
+
+
+def _class(name: str) -> str:
+    """The name of the class: as it was given, or in capitals where that was the kind."""
+    return name if name != snake_case(name) else "".join(part[:1].upper() + part[1:] for part in name.split("_"))
