@@ -298,7 +298,7 @@ def _exact(model: StateSpace) -> Any:
     return check.polynomials(check.system(_held(model), "control"))
 
 
-def site_plants(points: Sequence[OperatingPoint | Loop]) -> dict[str, PlantLike]:
+def point_plants(points: Sequence[OperatingPoint | Loop]) -> dict[str, PlantLike]:
     """By name: the loops of models, and the lines of measurements with their variance after smoothing."""
     plants: dict[str, PlantLike] = {}
     for each in points:

@@ -76,12 +76,12 @@ def simulate_with_fmu(
     limit = max(1.0, 100.0 * float(np.ptp(rows[0]))) if bound is None else bound
     with opened(fmu) as archive:
         found = ports(archive, names or {}, None if motor is None else motor.unit)
-        wired = _wired(archive, found, routine, load is not None)
+        wired = _connections(archive, found, routine, load is not None)
         taken, answers = np.empty((count, len(wired.taken))), np.empty((count, len(routine.outputs)))
         with Instance(archive) as plant:
             first = [(port, rows[0, 0]) for port in found.values() if port.signal == "start_position"]
             plant.begin([*first, *((port, rows[-1, 0]) for port in wired.load)], parameters or {})
-            control, held = None, _Held(T, dead_time)
+            control, held = None, _DeadTime(T, dead_time)
             for k in range(count):
                 taken[k] = plant.take(wired.taken)
                 seen = taken[k, wired.readings]
@@ -96,7 +96,7 @@ def simulate_with_fmu(
 
 
 def _signals(
-    routine: Routine, wired: _Wired, rows: np.ndarray, taken: np.ndarray, answers: np.ndarray
+    routine: Routine, wired: _Connections, rows: np.ndarray, taken: np.ndarray, answers: np.ndarray
 ) -> dict[str, np.ndarray]:
     """The recorded signals of a run, with the names and in the order of the loop's signals."""
     found = dict(zip(("set_position", "set_velocity", "set_acceleration"), rows, strict=False))
@@ -109,7 +109,7 @@ def _signals(
     return {signal: found[signal] for signal in Signals._fields if signal in found}
 
 
-class _Wired(NamedTuple):
+class _Connections(NamedTuple):
     """Connections: outputs of the FMU, those that the control reads, outputs of the control, and the load, if any."""
 
     taken: list[Port]
@@ -119,7 +119,7 @@ class _Wired(NamedTuple):
     load: list[Port]
 
 
-def _wired(archive: Archive, found: Mapping[str, Port], routine: Routine, load: bool) -> _Wired:
+def _connections(archive: Archive, found: Mapping[str, Port], routine: Routine, load: bool) -> _Connections:
     """A single `reading` serves both sides, and the table's serves a control with one encoder.
 
     Raises FmuError if the control needs a signal for which there is no variable.
@@ -131,7 +131,7 @@ def _wired(archive: Archive, found: Mapping[str, Port], routine: Routine, load: 
     needed(found, [*readings, command], archive, "the control")
     needed(found, ["load_force"] if load else [], archive, "the load")
     taken = [port for signal, port in found.items() if signal in TAKEN]
-    return _Wired(
+    return _Connections(
         taken=taken,
         readings=[[port.signal for port in taken].index(signal) for signal in readings],
         command=[v.name for v in routine.outputs].index(command),
@@ -140,7 +140,7 @@ def _wired(archive: Archive, found: Mapping[str, Port], routine: Routine, load: 
     )
 
 
-class _Held:
+class _DeadTime:
     """The commands in their dead time: whole samples in a queue, a fraction of a sample as a separate step."""
 
     def __init__(self, T: float, dead_time: float) -> None:

@@ -12,7 +12,7 @@ from feeddrive.export.design import Design, require_alone
 from feeddrive.export.identifiers import HAL_LENGTH
 from feeddrive.export.linuxcnc import component
 from feeddrive.export.manifest import readme, write_bundle
-from feeddrive.export.parameters.quantities import SAFETY, Cascade, Lost, kv_lines, numbers, read_cascade
+from feeddrive.export.parameters.quantities import SAFETY, Cascade, LostPart, kv_lines, numbers, read_cascade
 from feeddrive.export.stock_pids import Difference, difference, left_out, require_stable_pids, stock_law, stock_loop
 from feeddrive.language.block import declarations
 from feeddrive.language.errors import ParameterError
@@ -68,7 +68,9 @@ def _checked(name: str) -> str:
     return name
 
 
-def _readme(design: Design, name: str, law: LinuxcncPid, gain: float, differs: Difference, lost: Sequence[Lost]) -> str:
+def _readme(
+    design: Design, name: str, law: LinuxcncPid, gain: float, differs: Difference, lost: Sequence[LostPart]
+) -> str:
     pids = "one `pid`" if law.velocity is None else "two `pid`s in cascade, `ddt` for the motor's velocity"
     pids += f", a `biquad` for each of the {len(law.filters)} filter(s)" if law.filters else ""
     return readme(

@@ -31,7 +31,7 @@ from feeddrive.blocks.families import Filter
 from feeddrive.blocks.filter.biquad import Section
 from feeddrive.blocks.filter.low_pass import LowPass
 from feeddrive.blocks.reference.jerk_limited_move import JerkLimitedMove
-from feeddrive.export.parameters.quantities import Cascade, Lost, lost
+from feeddrive.export.parameters.quantities import Cascade, LostPart, lost
 from feeddrive.language import tree
 from feeddrive.language.errors import DivergedError, ParameterError, StructureError, UnstableError
 from feeddrive.loop.control import Control
@@ -187,7 +187,7 @@ def stock_loop(cascade: Cascade, law: LinuxcncPid) -> Loop:
     return replace(cascade.loop, control=control, sample_time=period(cascade.loop))
 
 
-def left_out(cascade: Cascade, route: str = "two") -> tuple[Lost, ...]:
+def left_out(cascade: Cascade, route: str = "two") -> tuple[LostPart, ...]:
     """The parts of a design that LinuxCNC's pids cannot represent."""
     late = route == "one" and not cascade.loop.control.filters
     outside = OUTSIDE | {"half_sample": _LATE} if late else OUTSIDE

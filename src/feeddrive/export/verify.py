@@ -30,11 +30,11 @@ SINGLE = 5_000  # samples in single precision, whose answers come from Python, o
 class Verified(Result):
     """The result of a verification.
 
-    worst      largest difference of an output, by its name, in its unit; 0 where all bits agree
-    differing  how many outputs have other bits
-    altered    files of the export that are missing, changed, or symbolic links
-    strangers  files in the directory that are not part of the export; they are neither read nor run
-    written_by feeddrive that made the export
+    worst        largest difference of an output, by its name, in its unit; 0 where all bits agree
+    differing    number of outputs with other bits
+    altered      files of the export that are missing, changed, or symbolic links
+    other_files  files in the directory that are not part of the export; they are neither read nor run
+    written_by   version of feeddrive that made the export
     """
 
     name: str
@@ -54,7 +54,7 @@ class Verified(Result):
     against: str
     written_by: str = ""
     altered: Sequence[str] = field(default=())
-    strangers: Sequence[str] = field(default=())
+    other_files: Sequence[str] = field(default=())
 
     @property
     def holds(self) -> bool:
@@ -79,7 +79,7 @@ class Verified(Result):
             ["export", f"{self.name}, target {self.target}, {self.precision} precision"],
             ["machine file", f"{self.machine}, SHA-256 {self.digest[:16]}..."],
             ["files as written", "yes" if not self.altered else "no: " + ", ".join(self.altered)],
-            *([["files besides", ", ".join(self.strangers)]] if self.strangers else []),
+            *([["files besides", ", ".join(self.other_files)]] if self.other_files else []),
             ["written by", self.written_by],
             ["run by", self.program],
             ["built with", self.how],
@@ -127,7 +127,7 @@ def verify_export(
         _write_fresh(fresh, directory, manifest, design)
         altered = _altered(directory, manifest, fresh)
         found = _proven(fresh, design, manifest, altered, proof, samples, seed, flags, command)
-        return replace(found, strangers=[name for name in files_of(directory) if not (fresh / name).exists()])
+        return replace(found, other_files=[name for name in files_of(directory) if not (fresh / name).exists()])
 
 
 def _write_fresh(fresh: Path, directory: Path, manifest: Manifest, design: Design) -> None:

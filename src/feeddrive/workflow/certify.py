@@ -17,7 +17,7 @@ from typing import Any
 from feeddrive import plot
 from feeddrive.certificate import check
 from feeddrive.certificate.certificate import Certificate
-from feeddrive.certificate.certify import PlantLike, certify_loop, site_plants
+from feeddrive.certificate.certify import PlantLike, certify_loop, point_plants
 from feeddrive.files.atomic_io import new_directory, read_whole, write_whole
 from feeddrive.files.frf import FrfLike, encoders, read_frf, read_frfs
 from feeddrive.files.machine import MachineFile, MachineLike, read_machine
@@ -121,7 +121,7 @@ def certified(
                 file.write_text(text, encoding="utf-8")
                 machine = read_machine(file)
             control, of_file = machine.loop(axis).control, source(machine)
-        found = certify_loop(control, site_plants(points), sample_time=float(points[0].sample_time), machine=of_file)
+        found = certify_loop(control, point_plants(points), sample_time=float(points[0].sample_time), machine=of_file)
     except FeeddriveError as error:
         return None, str(error)
     return found, found.sentence()

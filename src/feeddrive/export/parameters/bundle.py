@@ -16,7 +16,7 @@ from feeddrive.export.parameters.quantities import (
     SAFETY,
     Cascade,
     DriveTrain,
-    Lost,
+    LostPart,
     drive_train,
     kv_lines,
     lost,
@@ -33,7 +33,7 @@ from feeddrive.loop.loop import Loop
 MAKERS = {maker.key: maker for maker in (SINUMERIK, TWINCAT, ODRIVE)}
 OTHERS = ("linuxcnc", "csv")
 
-Row = TypeVar("Row", Line, Lost)
+Row = TypeVar("Row", Line, LostPart)
 
 
 class Part(NamedTuple):
@@ -43,7 +43,7 @@ class Part(NamedTuple):
     file: str = ""
     warning: Sequence[str] = ()
     lines: Sequence[Line] = ()
-    missing: Sequence[Lost] = ()
+    missing: Sequence[LostPart] = ()
     absent: str = ""
 
     @property
@@ -154,7 +154,7 @@ def _text(head: Sequence[str], lines: Sequence[Line], comment: str, key: str) ->
     return "\n".join(out) + "\n"
 
 
-def _lost(maker: Maker, cascade: Cascade) -> list[Lost]:
+def _lost(maker: Maker, cascade: Cascade) -> list[LostPart]:
     """The parts of the design that a maker cannot represent: filters one by one, the rest by kind."""
     found = list(lost(cascade, (*maker.held, "filters"), maker.outside))
     for i, block in enumerate(cascade.loop.control.filters):
@@ -193,7 +193,7 @@ _MEANINGS = {
 }
 
 
-def halcmd_lines(cascade: Cascade) -> tuple[list[Line], list[Lost]]:
+def halcmd_lines(cascade: Cascade) -> tuple[list[Line], list[LostPart]]:
     """The settings of the two pids and of their bias; zeros that are the default are left out."""
     law = stock_law(cascade, units=STOCK_UNITS)
     assert law.velocity is not None

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from feeddrive.blocks.families import Filter
-from feeddrive.export.parameters.quantities import QUANTITIES, Cascade, DriveTrain, Lost, at_shaft
+from feeddrive.export.parameters.quantities import QUANTITIES, Cascade, DriveTrain, LostPart, at_shaft
 from feeddrive.language import tree, units
 from feeddrive.language.block import Block, declarations
 
@@ -77,13 +77,13 @@ class Maker:
     filters: Callable[[Filter, int], Filtered]
     notes: Sequence[str] = ()
     rotary: bool = False
-    always: Sequence[Lost] = field(default_factory=tuple[Lost, ...])
+    always: Sequence[LostPart] = field(default_factory=tuple[LostPart, ...])
 
 
-def lines_of(maker: Maker, cascade: Cascade, train: DriveTrain) -> tuple[list[Line], list[Lost]]:
+def lines_of(maker: Maker, cascade: Cascade, train: DriveTrain) -> tuple[list[Line], list[LostPart]]:
     """The numbers that a maker's file holds, and those that it cannot take."""
     lines: list[Line] = []
-    lost: list[Lost] = []
+    lost: list[LostPart] = []
     for row in maker.rows:
         name, unit, measure = (row.name, row.unit, row.measure) if train.rotary or not row.linear else row.linear
         value = at_shaft(cascade, train, row.quantity, measure) if name else None
@@ -93,7 +93,7 @@ def lines_of(maker: Maker, cascade: Cascade, train: DriveTrain) -> tuple[list[Li
         path, si = QUANTITIES[row.quantity].path, in_si(cascade, train, row.quantity)
         problem = _problem(row, row.scale * value, text)
         if problem:
-            lost.append(Lost(path, f"{row.scale * value:.6g} {unit} in {name}", *problem))
+            lost.append(LostPart(path, f"{row.scale * value:.6g} {unit} in {name}", *problem))
         else:
             lines.append(Line(name, text, unit, row.meaning, path, si, row.source or NOT_CHECKED))
     for i, block in enumerate(cascade.loop.control.filters):
@@ -175,11 +175,11 @@ ODRIVE = Maker(
         "The sender supplies the velocity feedforward: the share times the set velocity, as input_vel.",
     ),
     always=(
-        Lost(
+        LostPart(
             "control.law.velocity_feedforward", "", "the sender must supply the set velocity: input_vel",
             "without it the following error is v/Kv",
         ),
-        Lost(
+        LostPart(
             "sample_time", "", "its loop runs at 8 kHz, the encoder is observed with encoder.config.bandwidth",
             "that bandwidth is a delay in the velocity loop which this design does not know",
         ),

@@ -196,7 +196,7 @@ class Item(NamedTuple):
     value: str
 
 
-class Lost(NamedTuple):
+class LostPart(NamedTuple):
     """An item that a target cannot represent, why, and the consequence."""
 
     path: str
@@ -305,7 +305,7 @@ def _guarded(cascade: Cascade) -> Iterator[Item]:
         yield Item("alignment", "control.guard", "aligns motor and load encoder at enable")
 
 
-def lost(cascade: Cascade, held: Sequence[str], outside: Mapping[str, tuple[str, str]]) -> tuple[Lost, ...]:
+def lost(cascade: Cascade, held: Sequence[str], outside: Mapping[str, tuple[str, str]]) -> tuple[LostPart, ...]:
     """The items that a target cannot represent.
 
     held     kinds of items that it represents completely
@@ -316,7 +316,7 @@ def lost(cascade: Cascade, held: Sequence[str], outside: Mapping[str, tuple[str,
     for item in items(cascade):
         if item.kind not in held:
             why, consequence = outside.get(item.kind, (UNKNOWN, ""))
-            found.append(Lost(item.path, item.value, why, consequence or CONSEQUENCES[item.kind]))
+            found.append(LostPart(item.path, item.value, why, consequence or CONSEQUENCES[item.kind]))
     return tuple(found)
 
 

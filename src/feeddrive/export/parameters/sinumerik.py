@@ -9,7 +9,7 @@ from feeddrive.blocks.filter.low_pass2 import LowPass2
 from feeddrive.blocks.filter.notch import Notch
 from feeddrive.blocks.filter.second_order import SecondOrder
 from feeddrive.export.parameters.maker import Filtered, Line, Maker, Row, filter_line
-from feeddrive.export.parameters.quantities import Lost
+from feeddrive.export.parameters.quantities import LostPart
 
 _GAIN = "SINUMERIK 808D ADVANCED Parameter Manual, 08/2015, p. 234"
 _SETS = "SINUMERIK 840D sl/828D Basic Functions, 09/2011, G2, p. 378 (the name; the unit is that in common use)"
@@ -108,11 +108,11 @@ SINUMERIK = Maker(
         "If the design has no integral time, see the list manual how the speed controller is run without one.",
     ),
     always=(
-        Lost(
+        LostPart(
             "sample_time", "", "position control runs in the control's cycle, the speed loop in the drive's",
             "the margins hold for these delays only: check them with the control's frequency response",
         ),
-        Lost(
+        LostPart(
             "control.filters", "", "current setpoint filters stand behind the sum of feedback and precontrol",
             "the feedforward passes the filters and is delayed by them",
         ),

@@ -10,7 +10,7 @@ from feeddrive.blocks.families import Filter
 from feeddrive.blocks.filter.low_pass import LowPass
 from feeddrive.blocks.filter.low_pass2 import LowPass2
 from feeddrive.export.parameters.maker import Filtered, Line, Maker, Row, filter_line
-from feeddrive.export.parameters.quantities import Lost
+from feeddrive.export.parameters.quantities import LostPart
 
 _NC = "Beckhoff Infosys, TF50x0 TC3 NC PTP, Position Control Loop (the name; the unit is NOT CHECKED)"
 _ADS = "Beckhoff Infosys, TC3 ADS, controller parameters (index group 0x6000 + ID)"
@@ -102,11 +102,11 @@ TWINCAT = Maker(
         "S-0-0100 without P-0-0010 bit 15 is in A/(rad/s): another number, not this one.",
     ),
     always=(
-        Lost(
+        LostPart(
             "sample_time", "", "the NC task and the drive have their own cycles",
             "the margins hold for these delays only: with Kv in the NC the bus delay is in the position loop",
         ),
-        Lost(
+        LostPart(
             "AX8000: position gain", "", "its object was not found in the manual",
             "set Kv of an AX8000 that follows a position in its Drive Manager, by the units shown there",
         ),

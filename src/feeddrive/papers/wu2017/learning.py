@@ -242,7 +242,7 @@ RUN_UP = 0.5  # s
 LEARNED = 4  # trials
 
 
-class Drawn(NamedTuple):
+class MeasuredCircle(NamedTuple):
     """The measured circle: time in s, x and y in m about its center."""
 
     time: np.ndarray
@@ -291,7 +291,7 @@ def contouring() -> tuple[list[Claim], list[Table], list[Shown]]:
     return _circle_claims(smooth, hard), [table], shown
 
 
-def _all(*, smooth: bool) -> dict[str, Drawn]:
+def _all(*, smooth: bool) -> dict[str, MeasuredCircle]:
     """The start, each set of columns learned on the circle, and the compensator learned on the line."""
     poor = {axis: table_axis(axis, SETS["+ Coulomb"], smooth=smooth) for axis in AXES}
     found = {"start": _driven({axis: table_axis(axis, SETS["+ Coulomb"], smooth=smooth, known=True) for axis in AXES})}
@@ -309,16 +309,16 @@ def _learned(axis: str, columns: tuple[str, ...], smooth: bool, *, line: bool = 
     return iterate_trials(loop, SAME if line else circle(axis), LEARNED, load=noise).loop
 
 
-def _driven(loops: dict[str, Loop]) -> Drawn:
+def _driven(loops: dict[str, Loop]) -> MeasuredCircle:
     """Both axes in one run."""
     found = simulate(
         Machine.of(loops), {axis: circle(axis) for axis in loops},
         load={axis: noise(20 + AXES[axis]) for axis in loops}, record=("x.position_load", "y.position_load"),
     )  # fmt: skip
-    return Drawn(found.time, found["x.position_load"], found["y.position_load"])
+    return MeasuredCircle(found.time, found["x.position_load"], found["y.position_load"])
 
 
-def _circle_claims(smooth: dict[str, Drawn], hard: dict[str, Drawn]) -> list[Claim]:
+def _circle_claims(smooth: dict[str, MeasuredCircle], hard: dict[str, MeasuredCircle]) -> list[Claim]:
     rule = (
         f"x and y axis, circle R 20 mm, 0.1 m/s, two turns; start: the mass and viscous friction of the axes; learned "
         f"on the circle in {LEARNED - 1} updates; {NOISE:g} N noise; {TANH}"
