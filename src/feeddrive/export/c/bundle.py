@@ -31,7 +31,7 @@ def c_files(design: Design, *, single_header: bool = False) -> dict[str, str]:
 
 
 def write_c(design: Design, out: str | Path, *, single_header: bool = False) -> Path:
-    """Write the export, whole or not at all; the README is returned. Raises FileError as `new_directory`."""
+    """Write the export, completely or not at all; returns the README. Raises FileError as `new_directory`."""
     files = c_files(design, single_header=single_header)
     return write_bundle(design, "c", Path(out), files, single_header=single_header)
 
@@ -72,7 +72,7 @@ add_library({P} {kind})
 target_include_directories({P} {scope} ${{CMAKE_CURRENT_SOURCE_DIR}})
 target_compile_features({P} {scope} c_std_99)
 if(NOT MSVC)
-  # a product and a sum that are rounded once would give other bits than the simulation
+  # a fused multiply-add rounds once and would give other bits than the simulation
   target_compile_options({P} {scope} -ffp-contract=off)
   target_link_libraries({P} {scope} m)
 endif()

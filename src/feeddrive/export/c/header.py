@@ -29,23 +29,23 @@ def header(layout: Layout, title: str, made_by: str) -> str:
         "#ifdef __cplusplus", 'extern "C" {', "#endif", "",
         *_STRICT,
         f"#define {P.upper()}_SAMPLE_TIME {routine.sample_time!r} /* s, {routine.sample_time.hex()} */", "",
-        "/* What `configured` is once configure was not refused; memory that nobody filled holds another number. */",
+        "/* Value of `configured` after a successful configure; uninitialized memory has another one. */",
         f"#define {mark(P)} UINT32_C(0x00C500C5)", "",
         *_trips(layout),
         "/* Parameters; see configure and retune. */",
         *_struct(f"{P}_parameters", [("double", v.name, _meaning(v)) for v in routine.parameters]),
-        "/* What goes in at every sample. */",
+        "/* Inputs of each sample. */",
         *_struct(f"{P}_inputs", [(real, v.name, _meaning(v)) for v in routine.inputs]),
-        "/* What comes out of it. */",
+        "/* Outputs of each sample. */",
         *_struct(f"{P}_outputs", [(real, v.name, _meaning(v)) for v in routine.outputs]),
         "/* Numbers that depend on parameters only. */",
         *_designed(f"{P}_design", layout),
-        "/* What is remembered from sample to sample. */",
+        "/* State from sample to sample. */",
         *_grouped(f"{P}_state", [(real, v.name, routine.said.get(v.path, "")) for v in routine.states]),
         f"/* All of a {held}: plain data, which may be copied. */",
         "typedef struct {",
         f"    {P}_design design;", f"    {P}_state state;", f"    {P}_parameters parameters;",
-        f"    uint32_t configured; /* {mark(P)} after a configure that was not refused */",
+        f"    uint32_t configured; /* {mark(P)} after a successful configure */",
         f"}} {P}_{held};", "",
         "/* The values of the machine file. */",
         f"void {P}_defaults({P}_parameters *parameters);", "",
@@ -74,7 +74,7 @@ def header(layout: Layout, title: str, made_by: str) -> str:
 
 
 def mark(P: str) -> str:
-    """The word for what `configured` is after a configure that was not refused."""
+    """The name for the value of `configured` after a successful configure."""
     return f"{P.upper()}_CONFIGURED"
 
 
@@ -146,7 +146,7 @@ def _struct(name: str, members: Sequence[tuple[str, str, str]]) -> list[str]:
 
 
 def _grouped(name: str, members: Sequence[tuple[str, str, str]]) -> list[str]:
-    """A struct whose members stand in groups, each under what is said of it."""
+    """A struct with members in groups, each under its comment."""
     lines, group = [], ""
     for kind, member, said in members or [("char", "none", "")]:
         if said != group:

@@ -125,7 +125,7 @@ _PROGRAM = """\
 #include <stdio.h>
 #include <string.h>
 
-/* Is the number another one than expected? All NaN count as one. */
+/* Does the number differ from the expected one? All NaN count as equal. */
 static int differs(int sample, const char *name, {real} found, {real} wanted)
 {{
     {bits} a, b;
@@ -173,7 +173,7 @@ FLAGS = ("-std=c99", "-O2", "-ffp-contract=off")
 
 @dataclass(frozen=True, eq=False)
 class Streamed:
-    """What exported C answered, shape (n, outputs), by which compiler and with which flags."""
+    """Outputs of exported C, shape (n, outputs), with its compiler and flags."""
 
     outputs: np.ndarray
     compiler: str
@@ -185,7 +185,7 @@ def streamed(
 ) -> Streamed:
     """Compile `P.h` and the C files of an export and run a trial of a controller through them.
 
-    Raises MissingProgramError without a compiler, and FileError if it refuses, or if the program does not end well.
+    Raises MissingProgramError without a compiler, and FileError if it refuses, or if the program fails.
     """
     routine, P = layout.routine, layout.routine.name
     program = _STREAM_PROGRAM.format(
@@ -213,7 +213,7 @@ def streamed(
 
 
 def _packed(layout: Layout, tried: Trial) -> bytes:
-    """What the program reads: pieces of samples, and between them all parameters."""
+    """The input of the program: pieces of samples, and between them all parameters."""
     values = {v.path: v.value for v in layout.routine.parameters}
     pieces, start = [], 0
     for place in [*sorted(tried.changes), len(tried.inputs)]:
@@ -298,7 +298,7 @@ def compiler(command: str | None = None) -> list[str]:
 
 
 def version(command: str | None = None) -> str:
-    """The first line of what the compiler says of itself."""
+    """The first line of the compiler's version text."""
     done = subprocess.run([*compiler(command), "--version"], capture_output=True, text=True, check=False)
     lines = done.stdout.strip().splitlines()
     return lines[0] if lines else Path(compiler(command)[0]).name
@@ -307,7 +307,7 @@ def version(command: str | None = None) -> str:
 def compiled(folder: Path, sources: Sequence[str], flags: Sequence[str], command: str | None = None) -> Path:
     """The program made of some C files of a folder.
 
-    What runs once, `*_configure.c`, is translated without optimization, which would take seconds for nothing.
+    The code that runs once, `*_configure.c`, is compiled without optimization, which would take seconds.
     Raises MissingProgramError without a compiler and FileError with its first message if it refuses.
     """
     words = compiler(command)
@@ -323,6 +323,6 @@ def compiled(folder: Path, sources: Sequence[str], flags: Sequence[str], command
 def _run(words: Sequence[str], folder: Path) -> None:
     done = subprocess.run(words, cwd=folder, capture_output=True, text=True, check=False)
     if done.returncode != 0:
-        said = (done.stderr.strip() or "it says nothing").splitlines()
+        said = (done.stderr.strip() or "no message").splitlines()
         first = next((line for line in said if "error" in line), said[0])
         raise FileError(f"the C compiler {words[0]} refuses: {first}")

@@ -1,7 +1,5 @@
 """A routine as C99 text: header, step and reset, the functions outside the interrupt; or all in one header.
 
-A routine as C99 text: header, step and reset, and the functions that run outside the interrupt.
-
 P.h            structs with units and meanings, and the functions
 P.c            reset and step: what runs in the interrupt
 P_configure.c  defaults, configure and retune: what runs outside it
@@ -110,7 +108,7 @@ def _configure(layout: Layout, title: str, made_by: str) -> str:
 
 
 def _off(layout: Layout, answers: bool) -> str:
-    """What comes out after a refused configure: of a control the safe force of the machine file, of an axis nothing."""
+    """The outputs after a refused configure: the safe force of the machine file for a control, nothing for an axis."""
     routine = layout.routine
     if routine.memory != "controller" or not answers:
         return ""
@@ -158,7 +156,7 @@ def _inline(layout: Layout, index: int, body: Body) -> str:
 
 
 def _refused(holds: str, code: int, sentence: str) -> list[str]:
-    """Leave with a code where a condition does not hold."""
+    """Return the code of a condition that does not hold."""
     return [*comment(sentence), *wrapped(f"if (!({holds})) {{"), f"    return {code};", "}"]
 
 
@@ -241,7 +239,7 @@ def _function(signature: str, first: Iterable[str], lines: Iterable[str]) -> str
 
 
 def _laws(routine: Routine) -> str:
-    """What each block says of itself, as in its source."""
+    """The docstrings of the blocks."""
     parts = []
     for path, block in routine.blocks:
         if path and inspect.getdoc(type(block)):
@@ -297,7 +295,7 @@ def header_only(P: str, made: Texts) -> str:
 
 
 def _own(P: str, text: str) -> str:
-    """Names of functions and tables that another axis in the same program would have too, made this one's own."""
+    """Names of functions and tables with the prefix of the axis, so that two axes fit in one program."""
     text = _SHARED.sub(lambda found: f"{P}_{found[0]}", text)
     return re.sub(r"\bTABLE_", f"{P.upper()}_TABLE_", text)
 

@@ -101,7 +101,7 @@ class Printer:
         return (
             Structure(f"{self.name}_parameters", "What can be changed while the loop runs, by retune.", parameters),
             Structure(f"{self.name}_design", self._said_of_design(), _grouped(design)),
-            Structure(f"{self.name}_state", "What is remembered from sample to sample.", _grouped(states)),
+            Structure(f"{self.name}_state", "State from sample to sample.", _grouped(states)),
         )
 
     def _said_of_design(self) -> str:
