@@ -199,6 +199,16 @@ def ranges(i: int, j: int, n: int) -> tuple[int, int, int, int]:
 
 
 @kernel
+def counting_parameter(row: Floats, k: int, n: int) -> tuple[float, float]:
+    last = 0.0
+    for i in range(1, n):
+        last = row[i * i + i - 2]
+    for k in range(n):
+        last += row[k]
+    return last, row[k]
+
+
+@kernel
 def far_ranges(a: int) -> tuple[int, int]:
     turns, last = 0, 0
     for k in range(a, 9223372036854775807, 4611686018427387904):

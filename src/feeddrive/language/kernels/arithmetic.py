@@ -50,7 +50,8 @@ class Arithmetic(Text):
         kind = type(op)
         whole = left.type == INT and right.type == INT
         if whole and kind in _WHOLES:
-            return self.overflowing(_WHOLES[kind], left.text, right.text, node)
+            sure = left.sure and right.sure and kind is not ast.Sub
+            return self.overflowing(_WHOLES[kind], left.text, right.text, node)._replace(sure=sure)
         if whole and kind in (ast.FloorDiv, ast.Mod):
             return self.floor_division(kind is ast.Mod, left, right, node)
         if whole and kind is ast.Div:
@@ -67,7 +68,7 @@ class Arithmetic(Text):
             return Value(FLOAT, self.emit(f"fdiv double {a}, {b}"))
         called = source_of(remainder.floor_division if kind is ast.FloorDiv else remainder.modulo)
         assert called
-        function = self.callee(called)
+        function = self.called(called)
         made = self.emit(f"call {{ i64, double }} @{function.name}(double {a}, double {b})")
         return Value(FLOAT, self.emit(f"extractvalue {{ i64, double }} {made}, 1"))
 

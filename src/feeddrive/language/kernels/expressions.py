@@ -28,6 +28,7 @@ class Expressions(Arithmetic):
         super().__init__(source, failures, callee)
         self.names: frozenset[str] = frozenset()  # all that are local
         self.given: dict[str, Value] = {}  # parameters that keep their value
+        self.counters: frozenset[str] = frozenset()  # local whole numbers that are never below 0
         self.variables: dict[str, Variable] = {}
         self.assigned: frozenset[str] | None = frozenset()  # on every path to here; None where no path leads
         self.stored: set[str] = set()  # variables into whose arrays something is written
@@ -70,7 +71,7 @@ class Expressions(Arithmetic):
         if isinstance(value, int):
             if not LEAST <= value < -LEAST:
                 self.refuse(node, f"{shown(node)} is beyond 64 bits", "write it as a float")
-            return Value(INT, str(value), literal=value)
+            return Value(INT, str(value), literal=value, sure=value >= 0)
         if not isinstance(value, float):
             self.refuse(node, f"{shown(node)} is no number", "kernels compute with numbers and arrays of the caller")
         return Value(FLOAT, number(value))
@@ -89,7 +90,7 @@ class Expressions(Arithmetic):
         held = self.variables.get(node.id)
         if held is None:
             self.refuse(node, f"'{node.id}' is read before it is assigned", "assign it before")
-        return self.load(node.id, held)
+        return self.load(node.id, held)._replace(sure=node.id in self.counters)
 
     def load(self, name: str, held: Variable) -> Value:
         """The value of a variable."""
@@ -207,11 +208,13 @@ class Expressions(Arithmetic):
     def inside(self, index: Value, size: str, node: ast.AST) -> str:
         """An index counted from the start, within the size."""
         place = index.text
-        if index.literal is None:
+        if index.sure:
+            pass
+        elif index.literal is None:
             behind = self.emit(f"icmp slt i64 {place}, 0")
             shifted = self.emit(f"add i64 {place}, {size}")
             place = self.emit(f"select i1 {behind}, i64 {shifted}, i64 {place}")
-        elif index.literal < 0:
+        else:
             place = self.emit(f"add i64 {place}, {size}")
         self.check(self.emit(f"icmp ult i64 {place}, {size}"), IndexError, "index out of range", node)
         return place
@@ -262,7 +265,7 @@ class Expressions(Arithmetic):
                 remedy = f"'{called.name}' takes {kind}: convert it by float(...) or int(...), or give another"
                 self.refuse(node, f"'{shown(node)}' gives {value.type} for '{name}'", remedy)
             operands += [f"{kind.llvm} {value.text}", *[f"i64 {size}" for size in value.sizes]]
-        function = self.callee(called)
+        function = self.called(called)
         for place in function.written:
             self.stored.add(given[place].root)
         returned = struct(wanted.results)
@@ -325,7 +328,7 @@ class Expressions(Arithmetic):
         array = self.expression(self.one(node))
         if not array.sizes:
             self.refuse(node, f"'{shown(node)}' is given {array.type}", "give an array")
-        return Value(INT, array.sizes[0])
+        return Value(INT, array.sizes[0], sure=True)
 
 
 def _as_number(kind: Type) -> str:

@@ -22,7 +22,10 @@ from feeddrive.language.kernels.text import Failure
 from feeddrive.language.machine_code import MachineCode, machine_code, target
 
 # None of them contracts or reorders arithmetic on floats.
-PASSES = ("sroa", "simplify_cfg", "instruction_combine", "new_gvn", "simplify_cfg")
+PASSES = (
+    "always_inliner", "global_dead_code_eliminate",
+    "sroa", "simplify_cfg", "instruction_combine", "new_gvn", "simplify_cfg",
+)  # fmt: skip
 EFFORT = 2  # of the selection of instructions
 _FORMATS = {"float": "d", "int": "q", "bool": "q"}
 _ADDRESS, _COUNT = "P", "q"

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from feeddrive.language.kernels.assignments import Assignments
 from feeddrive.language.kernels.source import INT, Source
-from feeddrive.language.kernels.text import REMEDIES, Failure, Function, Value, shown, struct
+from feeddrive.language.kernels.text import INLINED, REMEDIES, Failure, Function, Value, shown, struct
 
 
 class _Loop(NamedTuple):
@@ -31,6 +31,7 @@ class Statements(Assignments):
         tree, signature = self.source.tree, self.source.signature
         stored = {each.id for each in ast.walk(tree) if isinstance(each, ast.Name) and isinstance(each.ctx, ast.Store)}
         self.names = frozenset(stored.union(signature.names))
+        self.counters = counters(tree).difference(signature.names)
         parameters: list[str] = []
         for place, (parameter, kind) in enumerate(zip(signature.names, signature.parameters, strict=True)):
             sizes = tuple(f"%a{place}.{level}" for level in range(kind.dimensions))
@@ -51,9 +52,11 @@ class Statements(Assignments):
             status = self.phi("i64", self.failed)
             made = self.emit(f"insertvalue {returned} poison, i64 {status}, 0")
             self.add(f"ret {returned} {made}")
-        head = f"define internal {returned} @{name}({', '.join(parameters)}) #0 {{\nentry:"
+        size = len(self.lines) + self.size
+        attributes = "#0 alwaysinline" if size <= INLINED else "#0"
+        head = f"define internal {returned} @{name}({', '.join(parameters)}) {attributes} {{\nentry:"
         text = "\n".join([head, *self.memory, *self.lines, "}", ""])
-        return Function(name, text, self.written(signature.names), bool(self.failed))
+        return Function(name, text, self.written(signature.names), bool(self.failed), size)
 
     def block_of(self, body: Iterable[ast.stmt]) -> None:
         """Statements one after the other."""
@@ -249,3 +252,18 @@ _PRINTERS: dict[type[ast.AST], Callable[..., None]] = {
     ast.Expr: Statements.alone,
     ast.Pass: Statements.nothing,
 }
+
+
+def counters(tree: ast.FunctionDef) -> frozenset[str]:
+    """Names that only loops assign, which count up from a written number >= 0: as an index they need no test for it."""
+    places = [each for each in ast.walk(tree) if isinstance(each, ast.Name) and isinstance(each.ctx, ast.Store)]
+    upward = {id(each.target) for each in ast.walk(tree) if isinstance(each, ast.For) and _upward(each.iter)}
+    return frozenset(each.id for each in places) - {each.id for each in places if id(each) not in upward}
+
+
+def _upward(call: ast.expr) -> bool:
+    """Whether a range begins at a written number >= 0 and counts up."""
+    if not isinstance(call, ast.Call):
+        return False
+    start, step = (call.args[0] if len(call.args) > 1 else None), (call.args[2] if len(call.args) > 2 else None)
+    return all(each is None or (isinstance(each, ast.Constant) and type(each.value) is int) for each in (start, step))

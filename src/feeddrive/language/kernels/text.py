@@ -53,6 +53,7 @@ class Value(NamedTuple):
     sizes: tuple[str, ...] = ()
     root: str = ""  # the variable in whose memory an array lies
     literal: int | None = None
+    sure: bool = False  # a whole number that is never below 0
 
 
 class Function(NamedTuple):
@@ -62,6 +63,12 @@ class Function(NamedTuple):
     text: str
     written: frozenset[int]  # places of the parameters into whose arrays it writes
     fails: bool  # whether its status can be other than 0
+    size: int  # lines, with those of the functions that are put into it
+
+
+# Functions of at most so many lines are put in the place of their calls, which makes code a tenth faster; more of
+# them costs more time to compile than it gains.
+INLINED = 250
 
 
 class Text:
@@ -79,6 +86,13 @@ class Text:
         self.block = "entry"
         self.count = 0
         self.failed: list[tuple[str, str]] = []  # status and block from which it comes
+        self.size = 0  # lines of functions that are put in the place of calls
+
+    def called(self, source: Source) -> Function:
+        """The function of a kernel that is called."""
+        found = self.callee(source)
+        self.size += found.size if found.size <= INLINED else 0
+        return found
 
     def emit(self, text: str) -> str:
         """A line that defines a new value."""
