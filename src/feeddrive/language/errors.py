@@ -51,7 +51,7 @@ class FileError(FeeddriveError):
 
 
 class ProgramError(FileError):
-    """A part program that cannot be read: file, line and column (both from 1), the word, and the reason with what to do."""
+    """A part program that cannot be read: file, line and column (from 1), the word, the reason with what to do."""
 
     def __init__(self, file: str, line: int, column: int, word: str, reason: str) -> None:
         at = f"{file}, line {line}" + (f", column {column}" if column else "")
