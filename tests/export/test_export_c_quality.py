@@ -113,6 +113,17 @@ _MAIN = """
 #include "axis_x.h"
 #include <math.h>
 int selftest(void);
+static void tried(axis_x_controller *one, const axis_x_parameters *p)
+{
+    static axis_x_inputs inputs;
+    axis_x_outputs outputs;
+    inputs.enable = 1.0;
+    if (axis_x_configure(one, p)) {
+        axis_x_reset(one, &inputs);
+        axis_x_step(one, &inputs, &outputs);
+        axis_x_step(one, &inputs, &outputs);
+    }
+}
 int main(void)
 {
     static axis_x_controller off;
@@ -129,9 +140,6 @@ RULES
 """
 
 
-SMALL = (0.5, 1e-3, 1e-16)  # of a parameter; with the last one powers of an observer's matrix fall no more in 2^48
-
-
 def covered(name: str, place: Path) -> dict[str, tuple[float, float]]:
     """Shares in percent of lines that ran and of branches that were taken, by file."""
     routine = controller_routine(LOOPS[name], "axis_x")
@@ -144,9 +152,9 @@ def covered(name: str, place: Path) -> dict[str, tuple[float, float]]:
                 value = float(changed[variable.path])
                 rules.append(f"    p.{variable.name} = {'(double)NAN' if np.isnan(value) else value.hex()};")
         rules.append("    if (axis_x_broken_rule(&p) == 0 || axis_x_configure(&off, &p)) return 2;")
-    for variable in routine.parameters:  # refused or not: few squarings of an exponential, rates of next to nothing
-        for factor in SMALL:
-            rules.append(f"    p = first; p.{variable.name} *= {factor}; (void)axis_x_configure(&off, &p);")
+    for variable in routine.parameters:  # refused or not
+        changed = f"p = first; p.{variable.name} = ldexp(p.{variable.name} == 0.0 ? 1.0 : p.{variable.name}, k);"
+        rules.append(f"    for (int k = -54; k <= 20; k++) {{ {changed} tried(&off, &p); }}")
     main = _MAIN.replace("RULES", "\n".join(rules))
     files = exported(name) | {"axis_x_selftest.c": program, "axis_x_vectors.h": vectors, "main.c": main}
     for file, text in files.items():
@@ -172,7 +180,9 @@ def covered(name: str, place: Path) -> dict[str, tuple[float, float]]:
     "name", all_but(["cascade_ppi"], LOOPS, "each is compiled for coverage and breaks every rule once")
 )
 def test_every_line_of_a_step_runs_in_the_tests_and_every_rule_is_broken(name: str, tmp_path: Path) -> None:
-    """The 400 samples that go with the export, one refusal of each rule, parameters next to nothing, no parameters."""
+    """The 400 samples that go with the export, one refusal of each rule, two samples with each parameter from 2^-54 to
+    2^20 of itself (at the first powers of an observer's matrix fall no more in 2^48), and a control never configured.
+    """
     found = covered(name, tmp_path)
     assert found["axis_x"][0] == 100.0, found
     assert found["axis_x_configure"][0] == 100.0, found

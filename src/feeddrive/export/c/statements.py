@@ -216,7 +216,8 @@ def _bits(real: str, bits: int, place: int, suffix: str) -> dict[str, str]:
     bias, whole = exponents // 2, f"{1.5 * 2.0**place:.1f}{suffix}"
     return {
         f"power_of_two{suffix}": f"""\
-/* 2^k: k + 1.5 * 2^{place} holds the whole number k in its low bits; k + {bias} goes to where a {real} keeps its exponent. */
+/* 2^k: k + 1.5 * 2^{place} holds the whole number k in its low bits; \
+k + {bias} goes to where a {real} keeps its exponent. */
 static {real} power_of_two{suffix}({real} k)
 {{
     {real} x = k + {whole};
