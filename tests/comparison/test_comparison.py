@@ -259,6 +259,18 @@ def test_a_law_of_ones_own_by_package_and_class(tmp_path: Path, monkeypatch: pyt
             imported(Law, place)
 
 
+def test_the_cascade_keeps_the_rates_of_the_machine() -> None:
+    """Both loops of a controller with a slower position loop; it was compared as one whose loops are both fast."""
+    loop = read_machine("linear_motor").loop("x")
+    law = replace(loop.control.law, position_every=8)
+    slow = replace(loop, control=replace(loop.control, law=law))
+    made = {each.name: each for each in candidates(slow)[0]}
+    assert made[PLAIN].loop.control.law.position_every == 8
+    assert made["P-PI + recovery"].loop.control.law.position_every == 8
+    assert made["DADSC"].loop.control.law.period() == 1
+    assert "every sample" not in made[PLAIN].remark
+
+
 def test_what_is_tried_beside_a_law() -> None:
     """Recovery in three forms, the compensator as told and as learned; modes only where the machine file has one."""
     loop = read_machine("linear_motor").loop("x")

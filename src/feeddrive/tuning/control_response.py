@@ -270,8 +270,10 @@ def _closed_by(
     gain = -np.einsum("lmrk,rlk->lmk", harmonics[:, :, :, 1:], axis)
     others = np.eye(N - 1) + gain[:, 1:]
     back = np.linalg.solve(others, harmonics[:, 1:, :, 0])  # forces at the images by the readings at the line
-    ahead = -np.linalg.solve(others.transpose(0, 2, 1), gain[:, 0, :, None])[:, :, 0]
     value = harmonics[:, 0, :, 0] - np.einsum("lk,lkr->lr", gain[:, 0], back)
+    if not slopes.shape[2]:
+        return value.T, np.zeros((2, cycles.size, 0)), np.linalg.det(others)
+    ahead = -np.linalg.solve(others.transpose(0, 2, 1), gain[:, 0, :, None])[:, :, 0]
     # the line and its images in time: readings, and how each force counts
     read = np.einsum("ljk,qlk,lkr->ljqr", turns[:, :, 1:], axis, back, optimize=True)
     for r in range(2):

@@ -19,6 +19,14 @@ GOALS = ("rope-snap", "stiffness", "least-stiffness", "bandwidth")
 _BESIDE = 0.02  # weight of the logarithm of the rope-snap error, added to another goal
 
 
+_COARSE, _FEWEST = 4, 50  # looks at two rates take every fourth line, if at least so many are left
+
+
+def _some(lines: int) -> np.ndarray:
+    """Indices of every fourth line and of the last."""
+    return np.union1d(np.arange(0, lines, _COARSE), lines - 1)
+
+
 class Evaluation(NamedTuple):
     """The goal of each point (less is better), its slope, and the bounds."""
 
@@ -85,9 +93,16 @@ class Criteria:
     def looked(self, x: np.ndarray) -> Iterator[Evaluation | None]:
         """The figures at many points (points, tunables), without slopes; None where there are none.
 
-        The control is computed once for all of them, so that a look costs a fraction of a step of the search; but not
-        with two rates, where each is computed by itself.
+        The control is computed once for all of them, so that a look costs a fraction of a step of the search.  With two
+        rates each is computed by itself, and on every fourth line only.
         """
+        if self.control.period > 1 and min(point.frequency.size for point in self.points) >= _COARSE * _FEWEST:
+            coarser = tuple(point.chosen(_some(point.frequency.size)) for point in self.points)
+            yield from Criteria(coarser, self.control, self.goal, self.limits, self.band)._looked(x)
+        else:
+            yield from self._looked(x)
+
+    def _looked(self, x: np.ndarray) -> Iterator[Evaluation | None]:
         models = self.control.models(np.exp(x)) if self.control.period == 1 else [None] * len(x)
         for each, matrix in zip(x, models, strict=True):
             try:

@@ -54,9 +54,7 @@ class CascadePPI(Law):
 
     @classmethod
     def begin(cls, axis: AxisModel, present: Law) -> tuple[Start, ...]:
-        """Start values from the present gains, or from the rate; with an integral, and with both loops in every
-        sample.
-        """
+        """Start values from the present gains, or from the rate; with an integral, and with the present rates."""
         rate = axis.rate
         law = cls(Kv=0.7 * rate, Kp=2.5 * axis.mass * rate, Tn=1.4 / rate, velocity_encoder=axis.velocity_encoder)
         if not isinstance(present, CascadePPI):
@@ -65,13 +63,12 @@ class CascadePPI(Law):
             text
             for text, differs in (
                 ("with an integral, which the present control does not have", present.Tn is None),
-                ("the position loop in every sample", present.position_every != 1),
                 ("the whole set velocity fed forward", present.velocity_feedforward != 1.0),
             )
             if differs
         ]
         gains = law if present.Tn is None else present
-        law = replace(present, Kv=gains.Kv, Kp=gains.Kp, Tn=gains.Tn, position_every=1, velocity_feedforward=1.0)
+        law = replace(present, Kv=gains.Kv, Kp=gains.Kp, Tn=gains.Tn, velocity_feedforward=1.0)
         return (Start(cls.title, law, "; ".join(changed)),)
 
     class Prepared(NamedTuple):
