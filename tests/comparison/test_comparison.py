@@ -290,16 +290,22 @@ def test_what_is_tried_beside_a_law() -> None:
 
 
 def test_the_learned_compensator_learns_the_friction_of_the_axis() -> None:
-    """xy_table: 120 kg, 95/80 N at speed and 35/50 more at rest, the levels lie between."""
+    """xy_table: 120 kg, 95/80 N at speed and 130 N at rest, which has a column of its own.
+
+    With the four columns of mass, viscous friction and levels alone the mass goes 142, 122, 130, 119, 133 kg from trial
+    to trial, also with an encoder of 1 nm; without the 35 and 50 N more at rest it comes to 119 kg.  Which level is
+    the larger cannot be learned from starts and stops: the integral takes over a constant force in 4 ms.
+    """
     found = compare_laws(read_machine("xy_table"), "x", laws=["P-PI + learned compensator"], starts=1)
     learned, plain = found["P-PI + learned compensator"], found[PLAIN]
     block = learned.loop.control.feedforward[0]
     assert isinstance(block, DisturbanceCompensator)
-    # 133 kg are learned; why so much more than 120 kg has not been found out
-    assert block.mass == pytest.approx(120.0, rel=0.15)
+    assert block.mass == pytest.approx(120.0, rel=0.05)
+    assert block.stribeck is not None
+    assert 30.0 <= block.stribeck <= 50.0
     assert 95.0 <= block.coulomb_positive <= 130.0
-    assert 80.0 <= block.coulomb_negative <= 130.0
-    assert learned.figures["tracking_error_rms_m"] < 0.7 * plain.figures["tracking_error_rms_m"]
+    # 0.037 um: it was 0.069 with four columns
+    assert learned.figures["tracking_error_rms_m"] < 0.3 * plain.figures["tracking_error_rms_m"]
 
 
 def test_the_screen_of_a_comparison_is_one_screen(found: Comparison) -> None:

@@ -37,7 +37,6 @@ from feeddrive.loop.lifting import MOST
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import Run, simulate
 from feeddrive.tuning.candidates import PLAIN, Candidate, Refusal, candidates
-from feeddrive.tuning.iterative_feedforward import begin_compensation
 from feeddrive.tuning.trajectory_prefilter import tune_prefilter
 from feeddrive.tuning.trials import iterate_trials
 from feeddrive.tuning.tuned import Tuned
@@ -280,7 +279,7 @@ def _like(candidate: Candidate, known: Mapping[str, Tuned | Refusal], duty: Duty
     loop = replace(candidate.loop, control=replace(candidate.loop.control, law=made.control.law))
     try:
         if candidate.then == "trials":
-            loop = iterate_trials(begin_compensation(loop), duty.move, _TRIALS, seed=seed).loop
+            loop = iterate_trials(loop, duty.move, _TRIALS, seed=seed).loop
         if candidate.then == "prefilter":
             fitted = tune_prefilter(loop, duty.move, seed=seed)[-1].prefilter
             loop = replace(loop, control=replace(loop.control, prefilter=fitted))

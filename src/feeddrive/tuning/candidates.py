@@ -21,6 +21,7 @@ from feeddrive.language import matrix, tree
 from feeddrive.language.errors import FeeddriveError, ParameterError
 from feeddrive.loop.control import Control
 from feeddrive.loop.loop import Loop
+from feeddrive.tuning.iterative_feedforward import begin_compensation
 
 PLAIN = CascadePPI.title  # the law with which all others are compared
 _MOTION = ("acceleration", "velocity")
@@ -166,12 +167,28 @@ def _beside(
             said = f"feedforward of the axis's own: {shown} (SI)"
             yield replace(base, name=name, loop=loop, like=base.name, remark=said)
             if block.learned:
-                name, said = f"{base.name} + {block.learned}", "mass, viscous friction and levels learned in trials"
-                yield replace(base, name=name, like=base.name, then="trials", remark=said)
+                name, said = (
+                    f"{base.name} + {block.learned}",
+                    "mass and friction learned in trials",
+                )
+                yield replace(
+                    base, name=name, loop=_learning(base.loop, made), like=base.name, then="trials", remark=said
+                )
         else:
             yield from _compensated(base, block, axis)
     except FeeddriveError as error:
         yield Refusal(name, str(error))
+
+
+def _learning(loop: Loop, told: Feedforward) -> Loop:
+    """The loop with a compensator that learns, with the columns of one that is told the axis's friction.
+
+    Without a column for what friction is more at rest, which acts where an acceleration begins, the mass takes a part
+    of it, another one in each trial.
+    """
+    if not isinstance(told, DisturbanceCompensator) or told.stribeck is None:
+        return begin_compensation(loop)
+    return begin_compensation(begin_compensation(loop), ["stribeck"], stribeck_velocity=told.stribeck_velocity)
 
 
 def _compensated(base: Candidate, block: type[Compensation], axis: AxisModel) -> Iterator[Candidate | Refusal]:
