@@ -107,6 +107,40 @@ def test_a_root_with_a_slope_and_one_that_is_not_taken_are_no_reason() -> None:
     assert np.all(np.isfinite(plain.A))
 
 
+class Switched(Law):
+    """F = level sign(e) + gain e, and the gain is another one in every second sample: a count at its own edge."""
+
+    gain: Number = parameter("N/m", "force over error", above=0)
+    level: Number = parameter("N", "of the jump", least=0)
+
+    class State(NamedTuple):
+        """Last reading (m) and a count."""
+
+        position: Number
+        count: Number
+
+    def start(self, prepared: object, setpoint: Setpoint, reading: Reading) -> State:
+        """At the reading."""
+        return self.State(reading.position_load, 1.0)
+
+    def step(
+        self, prepared: object, state: State, setpoint: Setpoint, reading: Reading, T: Number
+    ) -> tuple[State, Number]:
+        """The equation above, with damping."""
+        error = setpoint.position - reading.position_load
+        error = error + 1e-2 * (setpoint.velocity - (reading.position_load - state.position) / T)
+        gain = ops.where(state.count < 1.0, self.gain, 0.9 * self.gain)
+        force = gain * error + self.level * ops.sign(error)
+        return self.State(reading.position_load, 1.0 - state.count), force
+
+
+def test_a_jump_has_no_slope_and_a_count_at_its_edge_is_none() -> None:
+    """A relay had the slope 0: `certify` said that the law uses no reading, `stability` gave a verdict without it."""
+    assert fd.stability(with_law(Switched(gain=1e4, level=0.0))).stable
+    with pytest.raises(NoSlopeError, match=r"a choice that jumps .*test_no_slope\.py, line \d+: .*ops\.sign\(error\)"):
+        fd.stability(with_law(Switched(gain=1e4, level=10.0)))
+
+
 def test_an_unstable_law_without_tunables_says_which_gains_to_lower() -> None:
     """The sentence had a hole: "must be < 1): lower ; shorten dead time"."""
     with pytest.raises(UnstableError, match=r"lower gain") as refused:

@@ -40,7 +40,8 @@ LEAVES = frozenset({"const", "truth", "input", "table", "ring"})
 TRUTH = frozenset({"lt", "le", "eq", "and", "or", "not", "decays"})
 # Functions with an own implementation in `mathematics.py`; everything else maps to one machine operation or a few.
 ELEMENTARY = frozenset({"exp", "expm1", "log", "sin", "cos", "tanh", "atan"})
-STEEP = frozenset({"sqrt", "log"})  # may have a finite value and an infinite slope: the graph keeps their lines
+# may have a finite value and an infinite slope, or jump: the graph keeps their lines
+STEEP = frozenset({"sqrt", "log", "select"})
 # What other libraries have, and what stands for it in a law; functions of `ops` with the same name are not listed.
 SPELLED = {
     "abs": "ops.absolute(x)", "absolute": "ops.absolute(x)", "fabs": "ops.absolute(x)", "arctan": "ops.atan(x)",

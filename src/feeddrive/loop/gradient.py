@@ -122,11 +122,12 @@ def gradient(
         cost = float(memory[places[COST], 0]) / count
         row = memory[places[f"d.{COST}"]] if f"d.{COST}" in places else np.zeros(LANES)
         slopes.extend(row[: part.stop - part.start] / count)
-    if math.isfinite(cost) and not np.all(np.isfinite(slopes)) and program.graph.lines:
-        lines = "; ".join(sorted({str(line) for line in program.graph.lines.values()}))
+    graph = program.graph
+    roots = sorted({str(line) for index, line in graph.lines.items() if graph.name(index) != "select"})
+    if math.isfinite(cost) and not np.all(np.isfinite(slopes)) and roots:
         raise NoSlopeError(
             f"the cost of this run has no finite gradient: a root or logarithm came to 0 in it, where it has no finite "
-            f"slope ({lines}). Take differences of runs, or give it a finite slope at 0"
+            f"slope ({'; '.join(roots)}). Take differences of runs, or give it a finite slope at 0"
         )
     given = {name: float(tree.get(loop, name)) for name in parameters}
     return Gradient(cost, dict(zip(parameters, map(float, slopes), strict=True)), given)

@@ -199,7 +199,11 @@ def samples_of_a_period(
         jacobian = np.vstack(
             [*(_after(tangent, after, state.name, size, n + m) for tangent, state, size in states), *rows]
         )
-        require_slopes(program.graph, ends, values, seeds)
+        if program.graph.lines:
+            reached = _reached([jacobian], n)
+            moving = {node: seed for node, seed in seeds.items() if np.any(_cells(seed)[..., reached])}
+            laws = {each.control.law.kind for each in loop.loops().values()}
+            require_slopes(program.graph, ends, values, seeds, moving, laws)
         if not np.all(np.isfinite(jacobian)):
             raise ParameterError(
                 "the linear model of the loop holds numbers that are not finite: a parameter of axis or control is so "
@@ -353,8 +357,20 @@ def _trimmed(
 def kept_states(jacobians: Sequence[np.ndarray], n: int) -> list[int]:
     """Of n states those that an input reaches and an output sees, in any of the samples."""
     there = np.any([jacobian != 0.0 for jacobian in jacobians], axis=0)
-    links, reached, seen = there[:n, :n], np.any(there[:n, n:], axis=1), np.any(there[n:, :n], axis=0)
+    links, seen = there[:n, :n], np.any(there[n:, :n], axis=0)
+    for _ in range(n):
+        seen = seen | np.any(links[seen, :], axis=0)
+    return [int(i) for i in np.flatnonzero(_reached(jacobians, n)[:n] & seen)]
+
+
+def _reached(jacobians: Sequence[np.ndarray], n: int) -> np.ndarray:
+    """Of n states and all inputs those that an input moves, in any of the samples."""
+    there = np.any([jacobian != 0.0 for jacobian in jacobians], axis=0)
+    links, reached = there[:n, :n], np.any(there[:n, n:], axis=1)
     for _ in range(n):
         reached = reached | np.any(links[:, reached], axis=1)
-        seen = seen | np.any(links[seen, :], axis=0)
-    return [int(i) for i in np.flatnonzero(reached & seen)]
+    return np.append(reached, np.ones(there.shape[1] - n, bool))
+
+
+def _cells(seed: Any) -> np.ndarray:
+    return seed.cells if isinstance(seed, Ring) else seed

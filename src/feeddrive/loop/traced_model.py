@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -231,33 +231,81 @@ def _tangents(
     return found
 
 
-def require_slopes(graph: Graph, outputs: Sequence[int], values: Mapping[int, Any], seeds: Mapping[int, Any]) -> None:
-    """Raise NoSlopeError, with its line, if outputs depend on the root or logarithm of a number that is 0 there.
+def require_slopes(
+    graph: Graph,
+    outputs: Sequence[int],
+    values: Mapping[int, Any],
+    seeds: Mapping[int, Any],
+    moving: Mapping[int, Any],
+    kinds: Collection[str],
+) -> None:
+    """Raise NoSlopeError, with its line, if outputs depend on the root or logarithm of a number that is 0 there, or on
+    a choice between two values at its very edge.
+
+    moving  the seeds that are moved from outside: a choice by a count is none of these
+    kinds   of the blocks in which choices count
 
     A number counts as 0 if it is no larger than what rounding makes of it, of readings the count: √|s| has a slope of
     1e8 for an s of 1e-17, which says nothing of the loop.  Returns at once for a graph without such operations, and if
     the numbers themselves are not finite.
     """
-    steep = [index for index in graph.lines if index in values]
+    there = [index for index in graph.lines if index in values]
+    steep = [index for index in there if graph.name(index) != "select"]
+    steep += [index for index in there if graph.name(index) == "select" and graph.lines[index].kind in kinds]
     if not steep:
         return
-    rounding = _rounding(graph, [arguments(graph.nodes[index])[0] for index in steep], values)
-    zeros = {i for i in steep if abs(values[k := arguments(graph.nodes[i])[0]]) <= rounding[k]}
+    asked = {index: _asked(graph, index) for index in steep}
+    rounding = _rounding(graph, [each for index in steep for each in (index, *asked[index])], values)
+    zeros = [index for index in steep if asked[index] and _at_edge(graph, index, asked[index], values, rounding)]
     if not zeros:
         return
     with np.errstate(all="ignore"):
-        found = _tangents(graph, outputs, values, seeds)
-    stack, seen = list(outputs), set[int]()
+        found, outside = _tangents(graph, outputs, values, seeds), _tangents(graph, outputs, values, moving)
+    stack, seen = list(outputs), set(outputs)
     while stack:
         index = stack.pop()
         node = graph.nodes[index]
         inner = arguments(node)
-        if index in zeros and np.any(found.get(inner[0], 0.0) != 0.0):  # NaN is not 0 either
-            raise NoSlopeError(_no_slope(graph.lines[index], node[0]))
         if node[0] == "select":  # the branch that is taken
             inner = inner[1:2] if values[inner[0]] else inner[2:3]
-        stack += [i for i in inner if i not in seen and found.get(i) is not None]
-        seen.update(inner)
+        new = [i for i in inner if i not in seen]
+        stack += new
+        seen.update(new)
+    for index in zeros:
+        jumps = graph.name(index) == "select"
+        slopes = outside if jumps else found
+        moved = any(np.any(slopes.get(i, 0.0) != 0.0) for i in asked[index])  # NaN is not 0 either
+        if index in seen and moved and (not jumps or _felt(graph, index, outputs, values)):
+            raise NoSlopeError(_no_slope(graph.lines[index], graph.name(index)))
+
+
+def _felt(graph: Graph, index: int, outputs: Sequence[int], values: Mapping[int, Any]) -> bool:
+    """Whether an output changes with a node."""
+    with np.errstate(all="ignore"):
+        found = push(graph, outputs, values, {index: 1.0})
+    return any(np.any((each.cells if isinstance(each, Ring) else each) != 0.0) for each in found if each is not None)
+
+
+def _asked(graph: Graph, index: int) -> tuple[int, ...]:
+    """The number that a root is taken of, or the two that a choice compares; none for other conditions."""
+    first = arguments(graph.nodes[index])[0]
+    if graph.name(index) != "select":
+        return (first,)
+    return arguments(graph.nodes[first]) if graph.name(first) in ("lt", "le") else ()
+
+
+def _at_edge(
+    graph: Graph, index: int, asked: tuple[int, ...], values: Mapping[int, Any], rounding: Mapping[int, float]
+) -> bool:
+    """Whether a root is one of 0, or a choice at its edge has two values that differ, all within rounding."""
+    if len(asked) == 1:
+        return bool(abs(values[asked[0]]) <= rounding[asked[0]])
+    first, second = arguments(graph.nodes[index])[1:]
+    if any(isinstance(values[i], Ring | bool | np.bool_) for i in (*asked, first, second)):
+        return False
+    apart, jump = abs(values[asked[0]] - values[asked[1]]), abs(values[first] - values[second])
+    room = rounding[asked[0]] + rounding[asked[1]]
+    return bool(apart <= room and jump > rounding[first] + rounding[second] + room)
 
 
 def _rounding(graph: Graph, outputs: Sequence[int], values: Mapping[int, Any]) -> dict[int, float]:
@@ -265,7 +313,7 @@ def _rounding(graph: Graph, outputs: Sequence[int], values: Mapping[int, Any]) -
     unit, found = 2.0**-50, dict[int, float]()
     for index in reachable(graph, outputs):
         node, own = graph.nodes[index], values[index]
-        if isinstance(own, Ring) or np.ndim(own):
+        if isinstance(own, Ring | bool | np.bool_) or np.ndim(own):
             found[index] = 0.0
             continue
         inner = [i for i in arguments(node) if i in found]
@@ -287,9 +335,11 @@ def _rounding(graph: Graph, outputs: Sequence[int], values: Mapping[int, Any]) -
 
 
 def _no_slope(line: Line, operation: str) -> str:
-    root = "a square root" if operation == "sqrt" else "a logarithm"
+    edge = {"sqrt": "a square root of 0", "log": "a logarithm of 0", "select": "a choice that jumps at its edge"}
+    instead = "s / (ops.absolute(s) + small)" if operation == "select" else "s / ops.sqrt(ops.absolute(s) + small)"
+    kind = "sign(s)" if operation == "select" else "√|s| sign(s)"
     return (
-        f"there is no linear model at this operating point: {root} of 0 has no finite slope ({line}). "
+        f"there is no linear model at this operating point: {edge[operation]} has no finite slope ({line}). "
         "Poles, margins, tuning by them and certificates need one; simulation and export do not. Judge the law by "
-        "simulated runs, or give it a finite slope at 0: for √|s| sign(s) write s / ops.sqrt(ops.absolute(s) + small)"
+        f"simulated runs, or give it a finite slope there: for {kind} write {instead}"
     )

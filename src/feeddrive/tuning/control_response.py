@@ -73,6 +73,7 @@ class ControlResponse:
         self._live = needed(self._traced)
         self._last: tuple[tuple[bytes, bool], tuple[np.ndarray, np.ndarray, np.ndarray]] | None = None
         self._states: dict[str, np.ndarray] | None = None
+        self._has_slopes = not self._traced.graph.lines
 
     def _start(self, control: Control) -> Any:
         zero = np.float64(0.0)
@@ -97,8 +98,9 @@ class ControlResponse:
         Of the first sample of a period.
         """
         matrices, slopes = self._matrices(self._leaves([*map(np.float64, values)]), 1, with_slopes=True)
-        if self._traced.graph.lines:
+        if not self._has_slopes:  # once: the operating point is the same for all values
             self._require_slopes(values)
+            self._has_slopes = True
         return matrices[0], slopes[0]
 
     def _matrices(self, leaves: dict[str, Any], points: int, *, with_slopes: bool) -> tuple[np.ndarray, np.ndarray]:
@@ -116,7 +118,8 @@ class ControlResponse:
         ends, eye = [*traced.after, traced.force], np.eye(len(columns))
         found = node_values(traced.graph, ends, self._leaves([*map(np.float64, values)]))
         places = (traced.graph.input(name).index for name in columns)
-        require_slopes(traced.graph, ends, found, {node: eye[i] for i, node in enumerate(places) if node in found})
+        seeds = {node: eye[i] for i, node in enumerate(places) if node in found}
+        require_slopes(traced.graph, ends, found, seeds, seeds, {self.control.law.kind})
 
     def _samples(self, values: Sequence[float] | np.ndarray, with_slopes: bool) -> tuple[np.ndarray, np.ndarray]:
         """`model` of all samples of a period, in one walk: (N, n + 1, n + 2), and slopes if they are wanted."""
