@@ -6,11 +6,11 @@ piece, and the same is done left and right of it; where its ramps do not fit, th
 
 from __future__ import annotations
 
+from kernel_ramps import endless_speed, evaluate, ramp_distance, ramp_pieces
+
 from feeddrive.language.kernels.kernel import kernel
 from feeddrive.language.kernels.plain import zeros
 from feeddrive.language.kernels.source import Floats, Floats2, Ints
-from feeddrive.path.pieces import evaluate
-from feeddrive.path.ramp import endless_speed, ramp_distance, ramp_pieces
 
 HOLD, INTERVAL = 1, 0
 

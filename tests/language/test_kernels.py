@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib.util
-import pickle
 import re
 import threading
 from collections.abc import Callable
@@ -160,12 +159,6 @@ REFUSED = {
     "while p:\n        pass\n    else:\n        pass": ("a loop with else", "bool"),
     "return x": ("'return x' is no tuple", "one by one"),
     "raise ValueError": ("raise ValueError", "fixed text"),
-    "raise UnicodeDecodeError('text')": ("not made of a text alone", "ValueError"),
-    "range = 3\n    for k in range(3):\n        pass": ("for over 'range(3)'", "range(...)"),
-    "zeros = 3\n    y = zeros(3)": ("'zeros' is no kernel", "call kernels"),
-    "math = 3\n    y = math.pi": ("'math.pi' is not known", "indices"),
-    "sqrt = x\n    y = sqrt(x)": ("'sqrt' is no kernel", "call kernels"),
-    "ValueError = 3\n    raise ValueError('text')": ("'ValueError' is no error", "fixed text"),
     "raise ValueError(TEXT)": ("'TEXT' is not fixed", "in quotes"),
     "raise ValueError(f'{x}')": ("is not fixed", "in quotes"),
     "raise plain('text')": ("'plain' is no error", "ValueError"),
@@ -275,8 +268,6 @@ def test_a_kernel_stands_at_the_top_of_a_file_without_other_decorators(tmp_path:
     inner = "def g():\n    @kernel\n    def f(x: float) -> float:\n        return x\n    return f\nf = g()\n"
     with pytest.raises(KernelError, match="line 28, kernel 'f': a kernel stands at the top level"):
         made(tmp_path, inner).file  # noqa: B018
-    with pytest.raises(KernelError, match="is no Python function; decorate a def"):
-        made(tmp_path, "f = kernel(sqrt)\n")
     twice = "def d(f):\n    return f\n@kernel\n@d\ndef f(x: float) -> float:\n    return x\n"
     with pytest.raises(KernelError, match="kernel 'f': a second decorator; leave it out"):
         made(tmp_path, twice).file  # noqa: B018
@@ -380,18 +371,6 @@ def test_python_is_the_function_and_interpreted_runs_it():
             kernel_beside.halves(0.0)
     assert seen == [True]
     assert not hasattr(error.value, "__notes__")
-
-
-def test_a_kernel_is_pickled_by_name_and_called_from_several_threads(tmp_path: Path):
-    assert pickle.loads(pickle.dumps(kernel_beside.halves)) is kernel_beside.halves
-    kernel = made(tmp_path, "@kernel\ndef f(x: float) -> float:\n    return 2.0 * x\n")
-    found: list[float] = []
-    threads = [threading.Thread(target=lambda k=k: found.append(kernel(float(k)))) for k in range(8)]
-    for each in threads:
-        each.start()
-    for each in threads:
-        each.join()
-    assert sorted(found) == [2.0 * k for k in range(8)]
 
 
 def test_code_on_disk_is_used_until_a_constant_or_a_called_kernel_changes(tmp_path: Path, monkeypatch: Any):

@@ -64,13 +64,6 @@ class Expressions(Arithmetic):
 
     # names and constants
 
-    def outside(self, node: ast.expr) -> object:
-        """What a name that is not local stands for; None for anything else."""
-        first = node
-        while isinstance(first, ast.Attribute):
-            first = first.value
-        return None if isinstance(first, ast.Name) and first.id in self.names else self.source.lookup(node)
-
     def constant(self, value: object, node: ast.expr) -> Value:
         """A number that is known."""
         if isinstance(value, bool):
@@ -86,7 +79,7 @@ class Expressions(Arithmetic):
     def name(self, node: ast.Name) -> Value:
         """A local variable or a constant of the module."""
         if node.id not in self.names:
-            found = self.outside(node)
+            found = self.source.lookup(node)
             if found is None:
                 self.refuse(node, f"'{node.id}' is not known", "assign it, or define it in the file")
             return self.constant(found, node)
@@ -107,7 +100,7 @@ class Expressions(Arithmetic):
 
     def attribute(self, node: ast.Attribute) -> Value:
         """A constant of a module."""
-        found = self.outside(node)
+        found = self.source.lookup(node)
         if found is None:
             self.refuse(node, f"'{shown(node)}' is not known", "kernels know arrays by len and their indices alone")
         return self.constant(found, node)
@@ -242,7 +235,9 @@ class Expressions(Arithmetic):
 
     def results(self, node: ast.Call) -> list[Value]:
         """A call of a kernel or of a function of the language."""
-        function = self.outside(node.func)
+        function = self.source.lookup(node.func)
+        if isinstance(node.func, ast.Name) and node.func.id in self.names:
+            function = None
         if node.keywords:
             self.refuse(node, f"'{shown(node)}' names its arguments", "give them in their order")
         if function is zeros:
@@ -310,12 +305,12 @@ class Expressions(Arithmetic):
         kind = values[0].type if len(values) > 1 else None
         if kind is None or any(each.type != kind for each in values):
             self.refuse(node, f"'{shown(node)}'", "give two or more numbers of one type")
-        return self.best(values, ast.Lt if self.outside(node.func) is min else ast.Gt)
+        return self.best(values, ast.Lt if self.source.lookup(node.func) is min else ast.Gt)
 
     def to_whole(self, node: ast.Call) -> Value:
         """int, floor, ceil: towards zero, down, up."""
         x = self.expression(self.one(node))
-        function = self.outside(node.func)
+        function = self.source.lookup(node.func)
         if x.type == INT:
             return x
         if x.type == BOOL and function is int:

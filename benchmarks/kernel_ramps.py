@@ -1,12 +1,6 @@
-"""Ramps of speed under limits of acceleration, jerk and snap: a step of speed, smoothed by three boxcars.
+"""Ramps and polynomials for the planner of this benchmark, which is written in C by hand, too.
 
-Kernels, for any unit of length and seconds. A ramp leads from one node to another; at a node acceleration and jerk are
-zero. With boxcars of the widths L1 <= L2 and L1 + L2 <= L3 (s) and a step of speed dv:
-
-    snap = dv / (L1 L2 L3),  jerk = snap L1,  acceleration = jerk L2,  duration = L1 + L2 + L3
-    distance = (v0 + v1) (L1 + L2 + L3) / 2
-
-Source: Lambrechts, Boerlage & Steinbuch 2005, whose fourth-order profile is two such ramps.
+A ramp leads from one speed to another; at its ends acceleration and jerk are zero.  See `feeddrive.path.schedule.ramp`.
 """
 
 from __future__ import annotations
@@ -15,42 +9,9 @@ from math import sqrt
 
 from feeddrive.language.kernels.kernel import kernel
 from feeddrive.language.kernels.source import Floats, Floats2
+from feeddrive.path.schedule.ramp import boxcars
 
 _STEPS = 60  # of Newton's method, which ends earlier
-
-
-@kernel
-def cube_root(x: float) -> float:
-    """The cube root of x >= 0, within two units of the last place."""
-    if x < 0.0:
-        raise ValueError("the cube root is taken of numbers from 0 on")
-    if x == 0.0 or x - x != 0.0:
-        return x
-    rest, scale = x, 1.0
-    while rest >= 1.0:
-        rest, scale = rest * 0.125, scale * 2.0
-    while rest < 0.125:
-        rest, scale = rest * 8.0, scale * 0.5
-    root = 0.4 + 0.6 * rest
-    for _ in range(5):
-        root -= (root - rest / (root * root)) / 3.0
-    return root * scale
-
-
-@kernel
-def boxcars(step: float, acceleration: float, jerk: float, snap: float) -> tuple[float, float, float]:
-    """Widths L1, L2, L3 (s) of the shortest ramp over a step of speed; zeros for no step.
-
-    L1 = min(J/S, √(A/S), ∛(dv/2S)),  L2 = min(A/(S L1), L with S L1 L (L1 + L) = dv),  L3 = dv/(S L1 L2)
-    """
-    rise = abs(step)
-    if rise == 0.0:
-        return 0.0, 0.0, 0.0
-    first = min(jerk / snap, sqrt(acceleration / snap), cube_root(rise / (2.0 * snap)))
-    reached = snap * first
-    whole = 0.5 * (sqrt(first * first + 4.0 * rise / reached) - first)
-    second = max(first, min(acceleration / reached, whole))
-    return first, second, rise / (reached * second)
 
 
 @kernel
@@ -129,6 +90,48 @@ def endless_speed(start: float, distance: float, acceleration: float, jerk: floa
 
 
 @kernel
-def stays_below(cap: float, start: float, distance: float, acceleration: float, jerk: float, snap: float) -> bool:
-    """Whether every ramp that begins at speed `start` is below a cap of speed until a distance is travelled."""
-    return endless_speed(start, distance, acceleration, jerk, snap) < cap
+def piece_at(times: Floats, count: int, time: float, first: int) -> int:
+    """The last piece, from `first` on, that begins at or before an instant; `first` if none does.
+
+    Ascending instants are found in few steps: the search doubles its stride before it halves it.
+    """
+    low, stride = first, 1
+    while low + stride < count and times[low + stride] <= time:
+        low, stride = low + stride, 2 * stride
+    high = min(low + stride, count)
+    while high - low > 1:
+        middle = (low + high) // 2
+        if times[middle] <= time:
+            low = middle
+        else:
+            high = middle
+    return low
+
+
+@kernel
+def derivative(coefficients: Floats, order: int, t: float) -> float:
+    """A derivative of a polynomial, by Horner's rule: coefficients of degree 0, 1, ..."""
+    value = 0.0
+    for k in range(len(coefficients) - 1, order - 1, -1):
+        factor = 1.0
+        for m in range(order):
+            factor *= k - m
+        value = value * t + factor * coefficients[k]
+    return value
+
+
+@kernel
+def evaluate(times: Floats, pieces: Floats2, count: int, at: Floats, values: Floats2) -> None:
+    """Value and derivatives, one a column of `values`, of the first `count` pieces at ascending instants.
+
+    Before the first piece and behind the last one their polynomials go on. Instants that do not ascend are an error.
+    """
+    place, last = 0, at[0] if len(at) > 0 else 0.0
+    for k in range(len(at)):
+        if at[k] < last:
+            raise ValueError("instants must ascend: sort them")
+        last = at[k]
+        place = piece_at(times, count, last, place)
+        row, coefficients = values[k], pieces[place]
+        for order in range(len(row)):
+            row[order] = derivative(coefficients, order, last - times[place])

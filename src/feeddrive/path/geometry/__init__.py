@@ -1,0 +1,1 @@
+"""From segments of a part program to a path that is C3 in its parameter, within the tolerance of the program."""

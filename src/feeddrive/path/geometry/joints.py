@@ -1,0 +1,157 @@
+"""Segments to a path: what joins them is smooth already, a blend within the tolerance, or a stop.
+
+The segments of a run are lines and arcs as `Pieces`, whose ends meet.  A segment gives at most half of its length to
+the blend at each of its ends.  A blend is stored in eight pieces, so that the bounds of its derivatives are tight.
+"""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from math import sqrt
+from typing import NamedTuple
+
+import numpy as np
+
+from feeddrive.language.kernels.kernel import kernel
+from feeddrive.language.kernels.plain import zeros
+from feeddrive.language.kernels.source import Floats, Floats2, Floats3, Ints
+from feeddrive.path.geometry.blend import blend, part_of, state_near
+from feeddrive.path.pieces import Pieces, derivatives, turned
+
+_CUTS = 8
+_SMOOTH = 1e-9  # rad, and of the curvature: less is no corner
+
+
+class Joint(NamedTuple):
+    """How the joint behind a segment is passed."""
+
+    deviation: np.ndarray  # m, proven distance to the corner's segments; 0 where there is no blend
+    stop: np.ndarray  # whether the run ends there
+
+
+@kernel
+def _trimmed(kind: int, length: float, shape: Floats2, x0: float, x1: float, out: Floats2) -> float:
+    """The part of a segment between two places, into `out`; its length."""
+    rest = x1 - x0
+    if kind == 0:
+        for i in range(len(shape)):
+            for k in range(8):
+                out[i, k] = 0.0
+            out[i, 1] = shape[i, 1] / length * rest
+        return rest
+    s, v = turned(shape[0, 3] * x0)
+    c = 1.0 - v
+    for i in range(len(shape)):
+        for k in range(8):
+            out[i, k] = 0.0
+        out[i, 0] = shape[i, 0] * c + shape[i, 1] * s
+        out[i, 1] = shape[i, 1] * c - shape[i, 0] * s
+        out[i, 2] = shape[i, 2]
+        out[i, 3] = shape[0, 3]
+    return rest
+
+
+@kernel
+def join(
+    kind: Ints, length: Floats, origin: Floats2, shape: Floats3, feed: Floats, line: Ints,
+    tolerance: Floats, sharpest: float, deviation: Floats, stop: Ints,
+    kinds: Ints, lengths: Floats, origins: Floats2, shapes: Floats3, feeds: Floats, lines: Ints, runs: Ints,
+    room: Floats3,
+) -> int:  # fmt: skip
+    """The pieces of n segments with blends between them; how many.
+
+    tolerance  of the joint behind each segment, m; negative: stop there; 0: stop unless it is smooth
+    sharpest   rad; at a corner beyond it the run stops
+    runs       number of the run of each piece
+    """
+    n = len(length)
+    axes = len(origin[0])
+    a = room[0]
+    b = room[1]
+    at = room[2]
+    half = room[3]
+    difference = room[4]
+    curve = room[5]
+    r = room[6]
+    piece = zeros(8)
+    count = 0
+    run = 0
+    begin = 0.0  # what the blend before has taken of the segment
+    for k in range(n):
+        end = length[k]
+        away = 0.0
+        span = 0.0
+        deviation[k] = 0.0
+        stop[k] = 1
+        if k + 1 < n and tolerance[k] >= 0.0:
+            state_near(kind[k], length[k], shape[k], 0.0, True, a)
+            state_near(kind[k + 1], length[k + 1], shape[k + 1], 0.0, False, b)
+            cosine = 0.0
+            size0 = 0.0
+            size1 = 0.0
+            turn = 0.0
+            jump = 0.0
+            for i in range(axes):
+                cosine = cosine + a[i, 1] * b[i, 1]
+                size0 = size0 + a[i, 1] * a[i, 1]
+                size1 = size1 + b[i, 1] * b[i, 1]
+                turn = turn + (a[i, 1] - b[i, 1]) * (a[i, 1] - b[i, 1])
+                jump = max(jump, abs(a[i, 2] - b[i, 2]))
+            cosine = cosine / sqrt(size0 * size1)
+            turn = sqrt(turn)
+            shorter = min(length[k], length[k + 1])
+            if turn <= 1e-14 and jump * shorter <= 1e-14 and kind[k] == 0 and kind[k + 1] == 0:
+                stop[k] = 0
+            elif tolerance[k] > 0.0 and turn <= 2.0 * sharpest:
+                away, span, far = blend(
+                    kind[k], length[k], shape[k], kind[k + 1], length[k + 1], shape[k + 1],
+                    cosine, 0.5 * shorter, tolerance[k], turn > _SMOOTH, a, b, at, half, difference, curve,
+                )  # fmt: skip
+                if away > 0.0:
+                    stop[k] = 0
+                    deviation[k] = far
+                    end = length[k] - away
+        if end - begin > 0.0:
+            kinds[count] = kind[k]
+            lengths[count] = _trimmed(kind[k], length[k], shape[k], begin, end, shapes[count])
+            derivatives(kind[k], length[k], shape[k], begin, r)
+            for i in range(axes):
+                origins[count, i] = origin[k, i] + r[i, 0]
+            feeds[count] = feed[k]
+            lines[count] = line[k]
+            runs[count] = run
+            count = count + 1
+        begin = 0.0
+        if away > 0.0:
+            for cut in range(8):
+                kinds[count] = 2
+                lengths[count] = span / 8.0
+                feeds[count] = min(feed[k], feed[k + 1])
+                lines[count] = line[k] if cut < 4 else line[k + 1]
+                runs[count] = run
+                for i in range(axes):
+                    part_of(curve[i], 0.125 * cut, 0.125, piece)
+                    origins[count, i] = origin[k + 1, i] + (a[i, 0] + piece[0])
+                    shapes[count, i, 0] = 0.0
+                    for m in range(1, 8):
+                        shapes[count, i, m] = piece[m]
+                count = count + 1
+            begin = away
+        if stop[k] == 1:
+            run = run + 1
+    return count
+
+
+def joined(segments: Pieces, tolerance: np.ndarray, sharpest: float = 0.35) -> tuple[list[Pieces], Joint]:
+    """The runs of segments that follow each other, and how each joint is passed; `tolerance` as in `join`, m."""
+    n, axes = segments.origin.shape
+    most = 9 * n
+    out = (
+        np.zeros(most, np.int64), np.zeros(most), np.zeros((most, axes)), np.zeros((most, axes, 8)), np.zeros(most),
+        np.zeros(most, np.int64), np.zeros(most, np.int64),
+    )  # fmt: skip
+    joint = Joint(np.zeros(n), np.zeros(n, np.int64))
+    count = join(*segments, tolerance, sharpest, *joint, *out, np.zeros((7, axes, 8)))
+    *columns, runs = (each[:count] for each in out)
+    cuts = [0, *(np.flatnonzero(np.diff(runs)) + 1).tolist(), count]
+    return [Pieces(*(each[i:j] for each in columns)) for i, j in pairwise(cuts)], joint

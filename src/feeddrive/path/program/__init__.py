@@ -1,1 +1,0 @@
-"""Part programs in RS-274/NGC: their lines, words and expressions, their modes, their moves."""

@@ -1,0 +1,1 @@
+"""The independent proof that a planned motion keeps its limits in continuous time."""

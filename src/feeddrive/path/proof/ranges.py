@@ -1,0 +1,238 @@
+"""Ranges of the derivatives of a path, of a motion along it, and of what each axis then does.
+
+    q'    = r' u'
+    q''   = r'' u'² + r' u''
+    q'''  = r''' u'³ + 3 r'' u' u'' + r' u'''
+    q'''' = r'''' u'⁴ + 6 r''' u'² u'' + r'' (3 u''² + 4 u' u''') + r' u''''
+
+with q = r(u(t)).  Polynomials of time have exact extremes; r' .. r'''' have Taylor forms about the middle of a span.
+Rounding is not directed: what is summed here gets a slack of its largest term, which covers it.
+"""
+
+from __future__ import annotations
+
+from math import sqrt
+
+from feeddrive.language.kernels.kernel import kernel
+from feeddrive.language.kernels.plain import zeros
+from feeddrive.language.kernels.source import Floats2, Floats3
+from feeddrive.path.motion import cubic
+from feeddrive.path.pieces import turned
+
+
+@kernel
+def times(a: float, b: float, c: float, d: float) -> tuple[float, float]:
+    """[a, b] · [c, d]."""
+    p = a * c
+    q = a * d
+    r = b * c
+    s = b * d
+    return min(min(p, q), min(r, s)), max(max(p, q), max(r, s))
+
+
+@kernel
+def square(a: float, b: float) -> tuple[float, float]:
+    """[a, b]²."""
+    p = a * a
+    q = b * b
+    if a <= 0.0 and b >= 0.0:
+        return 0.0, max(p, q)
+    return min(p, q), max(p, q)
+
+
+@kernel
+def line_range(a: float, b: float, t0: float, t1: float) -> tuple[float, float]:
+    """Of a + b t."""
+    p = a + b * t0
+    q = a + b * t1
+    return min(p, q), max(p, q)
+
+
+@kernel
+def parabola_range(a: float, b: float, c: float, t0: float, t1: float) -> tuple[float, float]:
+    """Of a + b t + c t²/2."""
+    p = a + t0 * (b + 0.5 * c * t0)
+    q = a + t1 * (b + 0.5 * c * t1)
+    low = min(p, q)
+    high = max(p, q)
+    if c != 0.0:
+        t = -b / c
+        if t > t0 and t < t1:
+            p = a + t * (b + 0.5 * c * t)
+            low = min(low, p)
+            high = max(high, p)
+    return low, high
+
+
+@kernel
+def cubic_range(a: float, b: float, c: float, d: float, t0: float, t1: float) -> tuple[float, float]:
+    """Of a + b t + c t²/2 + d t³/6: its ends and where its slope b + c t + d t²/2 is 0."""
+    p = cubic(a, b, c, d, t0)
+    q = cubic(a, b, c, d, t1)
+    low = min(p, q)
+    high = max(p, q)
+    root = c * c - 2.0 * b * d
+    if root >= 0.0:
+        # the root that does not cancel, and the other one from their product
+        h = -(c + sqrt(root)) if c >= 0.0 else -(c - sqrt(root))
+        if d != 0.0:
+            t = h / d
+            if t > t0 and t < t1:
+                p = cubic(a, b, c, d, t)
+                low = min(low, p)
+                high = max(high, p)
+        if h != 0.0:
+            t = 2.0 * b / h
+            if t > t0 and t < t1:
+                p = cubic(a, b, c, d, t)
+                low = min(low, p)
+                high = max(high, p)
+    return low, high
+
+
+@kernel
+def slopes(kind: int, length: float, shape: Floats2, x0: float, x1: float, out: Floats3) -> float:
+    """A bound of |r'| over [x0, x1], and the intervals of r' .. r'''' by Taylor forms about its middle: out[i, k-1]."""
+    middle = 0.5 * (x0 + x1)
+    radius = 0.5 * (x1 - x0)
+    n = len(shape)
+    norm = 0.0
+    if kind == 0:
+        for i in range(n):
+            slope = shape[i, 1] / length
+            norm = norm + slope * slope
+            for k in range(4):
+                out[i, k, 0] = slope
+                out[i, k, 1] = slope
+                slope = 0.0
+        return sqrt(norm)
+    if kind == 1:
+        kappa = shape[0, 3]
+        s, versine = turned(kappa * middle)
+        c = 1.0 - versine
+        most = kappa * radius
+        # |r'|² = κ² |E2 cos θ - E1 sin θ|² + 2 κ (E2 cos θ - E1 sin θ) · slope + |slope|²
+        length1 = 0.0
+        length2 = 0.0
+        skew = 0.0
+        along1 = 0.0
+        along2 = 0.0
+        for i in range(n):
+            e1 = shape[i, 0]
+            e2 = shape[i, 1]
+            drift = shape[i, 2]
+            length1 = length1 + e1 * e1
+            length2 = length2 + e2 * e2
+            skew = skew + e1 * e2
+            along1 = along1 + e1 * drift
+            along2 = along2 + e2 * drift
+            norm = norm + drift * drift
+            big = sqrt(e1 * e1 + e2 * e2)
+            rest = 0.5 * big * most * most  # the second term of each Taylor form, by the amplitude
+            value = e2 * c - e1 * s
+            slope = -(e1 * c + e2 * s)
+            scale = kappa
+            for k in range(4):
+                half = abs(slope) * most + rest
+                out[i, k, 0] = max(value - half, -big) * scale
+                out[i, k, 1] = min(value + half, big) * scale
+                value, slope = slope, -value
+                scale = scale * kappa
+            out[i, 0, 0] = out[i, 0, 0] + drift
+            out[i, 0, 1] = out[i, 0, 1] + drift
+        oval = length1 - length2
+        ring = 0.5 * (length1 + length2 + sqrt(oval * oval + 4.0 * skew * skew))
+        return sqrt(kappa * kappa * ring + 2.0 * kappa * sqrt(along1 * along1 + along2 * along2) + norm)
+    xi = middle / length
+    rho = radius / length
+    moved = zeros(8)
+    tilt = 0.0
+    bend = 0.0
+    for i in range(n):
+        # Taylor coefficients about the middle, by repeated synthetic division
+        moved[0] = 0.0
+        for k in range(1, 8):
+            moved[k] = shape[i, k]
+        for k in range(7):
+            for back in range(7 - k):
+                j = 6 - back
+                moved[j] = moved[j] + xi * moved[j + 1]
+        # r^(m)(middle + δ) = Σ_k k!/(k-m)! c_k δ^(k-m) / length^m
+        scale = 1.0
+        for m in range(1, 5):
+            scale = scale / length
+            half = 0.0
+            for back in range(7 - m):
+                k = 7 - back
+                weight = 1.0
+                for j in range(m):
+                    weight = weight * (k - j)
+                half = (half + weight * abs(moved[k])) * rho
+            weight = 1.0
+            for j in range(m):
+                weight = weight * (m - j)
+            out[i, m - 1, 0] = (weight * moved[m] - half) * scale
+            out[i, m - 1, 1] = (weight * moved[m] + half) * scale
+        # |r'|² about the middle: value, slope, and a bound of half the second derivative
+        p = max(-out[i, 0, 0], out[i, 0, 1])
+        q = max(-out[i, 1, 0], out[i, 1, 1])
+        norm = norm + moved[1] * moved[1]
+        tilt = tilt + 4.0 * moved[1] * moved[2]
+        bend = bend + q * q + p * max(-out[i, 2, 0], out[i, 2, 1])
+    norm = (norm + abs(tilt) * rho) / (length * length)
+    return sqrt(norm + bend * radius * radius)
+
+
+@kernel
+def share_of_limits(
+    v0: float, v1: float, a0: float, a1: float, j0: float, j1: float, s: float,
+    r: Floats3, norm: float, limits: Floats2, feed: float, slack: float,
+) -> tuple[float, int]:  # fmt: skip
+    """The largest share of a limit that the intervals allow, and which: 4 axis + derivative - 1, or -1 of the feed."""
+    most = 0.0
+    where = 0
+    vv0, vv1 = square(v0, v1)
+    va0, va1 = times(v0, v1, a0, a1)
+    vva0, vva1 = times(vv0, vv1, a0, a1)
+    vj0, vj1 = times(v0, v1, j0, j1)
+    aa0, aa1 = square(a0, a1)
+    mixed0 = 3.0 * aa0 + 4.0 * vj0
+    mixed1 = 3.0 * aa1 + 4.0 * vj1
+    vvv0 = v0 * vv0 if v0 >= 0.0 else v0 * vv1
+    vvv1 = v1 * vv1
+    vvvv0, vvvv1 = square(vv0, vv1)
+    for i in range(len(limits)):
+        p0, p1 = times(r[i, 0, 0], r[i, 0, 1], v0, v1)
+        share = max(-p0, p1) * (1.0 + slack) / limits[i, 0]
+        if share > most:
+            most = share
+            where = 4 * i
+        p0, p1 = times(r[i, 1, 0], r[i, 1, 1], vv0, vv1)
+        q0, q1 = times(r[i, 0, 0], r[i, 0, 1], a0, a1)
+        size = max(max(-p0, p1), max(-q0, q1))
+        share = (max(-(p0 + q0), p1 + q1) + slack * size) / limits[i, 1]
+        if share > most:
+            most = share
+            where = 4 * i + 1
+        p0, p1 = times(r[i, 2, 0], r[i, 2, 1], vvv0, vvv1)
+        q0, q1 = times(r[i, 1, 0], r[i, 1, 1], 3.0 * va0, 3.0 * va1)
+        g0, g1 = times(r[i, 0, 0], r[i, 0, 1], j0, j1)
+        size = max(max(max(-p0, p1), max(-q0, q1)), max(-g0, g1))
+        share = (max(-(p0 + q0 + g0), p1 + q1 + g1) + slack * size) / limits[i, 2]
+        if share > most:
+            most = share
+            where = 4 * i + 2
+        p0, p1 = times(r[i, 3, 0], r[i, 3, 1], vvvv0, vvvv1)
+        q0, q1 = times(r[i, 2, 0], r[i, 2, 1], 6.0 * vva0, 6.0 * vva1)
+        g0, g1 = times(r[i, 1, 0], r[i, 1, 1], mixed0, mixed1)
+        h0, h1 = times(r[i, 0, 0], r[i, 0, 1], s, s)
+        size = max(max(max(-p0, p1), max(-q0, q1)), max(max(-g0, g1), max(-h0, h1)))
+        share = (max(-(p0 + q0 + g0 + h0), p1 + q1 + g1 + h1) + slack * size) / limits[i, 3]
+        if share > most:
+            most = share
+            where = 4 * i + 3
+    share = norm * max(-v0, v1) * (1.0 + slack) / feed
+    if share > most:
+        most = share
+        where = -1
+    return most, where
