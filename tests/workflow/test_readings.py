@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -11,6 +12,8 @@ import pytest
 
 from drive_logs import T, simulated
 from feeddrive.files.read_log import read_log
+from feeddrive.identification.motion.identify import identify_motion
+from feeddrive.identification.motion.motion_log import MotionLog
 from feeddrive.language.errors import FeeddriveError, LogError, ParameterError
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.workflow.channels import channels
@@ -173,6 +176,34 @@ def test_whole_milliseconds_are_read_once_told(tmp_path: Path) -> None:
     assert "us 0.001 ms" in found.reasons["time"]
     assert "Use these values" in identify(path, channels=tmp_path / "roles.toml").recommendation
     assert 'unit = "us"' in channels(path, time="t:us").toml()
+
+
+def test_lesser_spikes_are_left_out_and_said(tmp_path: Path) -> None:
+    """Three samples of 2 to 4 times the usual force: the mass as without them, and count and place in a remark."""
+    log = simulated(size=0.5)
+    usual = float(np.quantile(np.abs(log.force), 0.99))
+    force_ = log.force.copy()
+    for row, times in ((1000, 2.2), (2500, -3.0), (2501, -3.0), (4000, 4.0)):
+        force_[row] = times * usual
+    assert log.without_spikes() == (log, ())
+    found, clean = (identify_motion(each, friction="symmetric") for each in (replace(log, force=force_), log))
+    said = next(each for each in found.remarks if "far from their neighbors" in each)
+    assert "4 single samples of" in said
+    assert "row 1001, 2501, 2502, 4001" in said
+    assert found.rigid["mass"].value == pytest.approx(clean.rigid["mass"].value, rel=1e-4)
+
+
+@needs_emps
+def test_a_measured_force_has_no_spikes_until_one_is_made() -> None:
+    """25,000 rows of a drive: none without, and each of 40 random ones of 2 times the usual force."""
+    log = read_log(EMPS)
+    motion = MotionLog(name="emps", position=log["qm"], force=35.15 * log["vir"], sample_time=log.sample_time)
+    assert motion.without_spikes()[1] == ()
+    usual = float(np.quantile(np.abs(motion.force), 0.999))
+    for row in np.random.default_rng(0).integers(500, motion.force.size - 500, 40):
+        force_ = motion.force.copy()
+        force_[row] = 2.0 * usual
+        assert f"(row {row + 1})" in replace(motion, force=force_).without_spikes()[1][0]
 
 
 def test_every_command_that_reads_a_log_stops(tmp_path: Path) -> None:

@@ -49,11 +49,17 @@ def strays(values: np.ndarray) -> np.ndarray:
     quantum = float(np.min(np.diff(np.unique(values)), initial=np.inf))
     usual = _FURTHER * float(np.quantile(away, 1.0 - _RARE))
     found = away > np.maximum(_STRAY * np.maximum(1.4826 * spread, quantum), usual)
+    return short_runs(found, _STRAY_ROWS)
+
+
+def short_runs(found: np.ndarray, most: int) -> np.ndarray:
+    """The same truth values, without runs of more than `most` true ones."""
+    kept = found.copy()
     edges = np.flatnonzero(np.diff(np.concatenate([[0], found.astype(np.int8), [0]])))
     for begin, end in zip(edges[::2], edges[1::2], strict=True):
-        if end - begin > _STRAY_ROWS:
-            found[begin:end] = False
-    return found
+        if end - begin > most:
+            kept[begin:end] = False
+    return kept
 
 
 def strays_said(where: str, values: np.ndarray, stray: np.ndarray, unit: str) -> tuple[str, ...]:

@@ -17,7 +17,7 @@ from feeddrive.blocks.plant.rigid import Rigid
 from feeddrive.identification.estimate import SHAFT
 from feeddrive.identification.motion.control_law import ControlFit, identify_control
 from feeddrive.identification.motion.delay import DelayFit, find_delay
-from feeddrive.identification.motion.motion_log import HOLD, MotionLog, Preparation
+from feeddrive.identification.motion.motion_log import HOLD, MotionLog, Preparation, checked
 from feeddrive.identification.motion.output_error import Refinement, refine
 from feeddrive.identification.motion.rigid import RigidFit, identify_rigid
 from feeddrive.identification.plausibility import outside, remedy, said, sizes
@@ -125,8 +125,9 @@ def identify_motion(
     A step that is not possible gives a remark instead of an error; only the rigid drive itself must be identifiable.
     Raises NotIdentifiableError with what to measure next, LogError for a log that cannot be used.
     """
+    log, spikes = checked(log).without_spikes()
+    remarks = [*spikes]
     delay = find_delay(log, how=how)
-    remarks: list[str] = []
     closed = log.set_position is not None and log.frame is not SHAFT
     known = 0.0 if start is None else float(start.axis.actuator.dead_time) / log.sample_time
     late = 0 if closed or start is not None or not delay.clear else max(0, delay.nearest)

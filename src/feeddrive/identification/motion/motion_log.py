@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from feeddrive.identification.estimate import TABLE, TURNING, Frame, frame_of
+from feeddrive.identification.regression import short_runs, strays_said
 from feeddrive.language.errors import LogError, NotIdentifiableError, ParameterError
 
 LEAST_ROWS = 100
 LARGEST = 1e100  # in SI: its square does not overflow
 _USUAL_SHARE = 0.99  # of the rows, whose largest force is the usual one
+_NEAR, _AROUND, _NOISE = 9, 61, 8.0  # rows of the medians about a spike; standard deviations that it exceeds
 _SPIKE = 5.0  # times the usual force: no real force peak is so short and so high
 _SPIKE_ROWS = 3  # samples that a spike lasts at most
 MOST_SATURATED = 0.01  # share of the samples that may sit at the largest force
@@ -113,6 +115,29 @@ class MotionLog:
                 "to them; repair these rows, or cut the log there"
             )
 
+    def without_spikes(self) -> tuple[MotionLog, tuple[str, ...]]:
+        """The log with the mean of the neighbors in place of lesser spikes of the force, and a remark on them.
+
+        A spike lasts three samples at most and is away from the median of 9 rows by more than the usual force F, within
+        which 99 % of the rows stay, and by 8 standard deviations of the 61 rows around it:
+
+            d = |f - median9(f)| > max(F, 8 · 1.4826 median61(d))
+
+        No axis answers so short a force visibly, and a drive that really commanded it would not be fitted otherwise.
+        """
+        from scipy.ndimage import median_filter  # not for commands that only read
+
+        away = np.abs(self.force - median_filter(self.force, _NEAR, mode="nearest"))
+        spread = 1.4826 * median_filter(away, min(_AROUND, away.size), mode="nearest")
+        usual = float(np.quantile(np.abs(self.force), _USUAL_SHARE))
+        found = short_runs(away > np.maximum(usual, _NOISE * spread), _SPIKE_ROWS)
+        if not np.any(found):
+            return self, ()
+        rows, there = np.flatnonzero(~found), np.flatnonzero(found)
+        force = self.force.copy()
+        force[there] = np.interp(there, rows, self.force[rows])
+        return replace(self, force=force), strays_said(f"{self.name}, force", self.force, found, self.frame.force)
+
 
 HOLD = 0.5  # samples: a force that is held from k to k+1 acts at k + 1/2 on average
 _LEAST_ROWS = 40
@@ -180,15 +205,21 @@ class Prepared:
         return self.reduced(delayed(force, delay))
 
 
-def prepare(log: MotionLog, how: Preparation) -> Prepared:
-    """The rows of least squares. Raises LogError for a log that is too short for its filters, ParameterError for one
-    that is no MotionLog.
-    """
+def checked(log: MotionLog) -> MotionLog:
+    """The log. Raises ParameterError, with what to write, for what is no MotionLog."""
     if not isinstance(log, MotionLog):  # pyright: ignore[reportUnnecessaryIsInstance]  what `read_log` gives is tempting
         raise ParameterError(
             f"identification takes a MotionLog, not a {type(log).__name__}: MotionLog(name=log.name, position=log["
             "'position_load'], force=log['force'], set_position=log['setpoint_position'], sample_time=log.sample_time)"
         )
+    return log
+
+
+def prepare(log: MotionLog, how: Preparation) -> Prepared:
+    """The rows of least squares. Raises LogError for a log that is too short for its filters, ParameterError for one
+    that is no MotionLog.
+    """
+    checked(log)
     T = log.sample_time
     if how.acceleration not in ("second", "twice"):
         raise ParameterError(f"acceleration = {how.acceleration!r} must be 'second' or 'twice'")
