@@ -308,6 +308,19 @@ def test_names_that_cannot_be_are_refused_and_nothing_is_written(words: list[str
     assert [each.name for each in folder.rglob("*")] == ["there", "law.py"]
 
 
+@pytest.mark.slow(reason="the rows of a law compile it: 10 s")
+def test_a_law_without_a_slope_passes_the_battery(folder: Path) -> None:
+    """Where all numbers are 0 it stands at its root, and has nothing to compare with differences."""
+    text = OWN_TEST.format(module="super_twisting", name="SuperTwisting")
+    (folder / "test_super_twisting.py").write_text(text, encoding="utf-8")
+    path = os.pathsep.join([str(Path(fd.__file__).parents[1]), str(EXAMPLES)])
+    done = subprocess.run(
+        [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider"],
+        capture_output=True, text=True, env={**os.environ, "PYTHONPATH": path}, timeout=250,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stdout[-3000:]
+
+
 @pytest.mark.slow(reason="the page of ten commands in a fresh environment: a minute")
 def test_the_page_is_walked_from_an_empty_folder(folder: Path) -> None:
     """Every command of docs/own_law.md in its order; the package is installed into an environment of its own."""
