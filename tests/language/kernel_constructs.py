@@ -9,6 +9,7 @@ import kernel_beside
 from kernel_beside import halves
 
 from feeddrive.language.errors import ParameterError
+from feeddrive.language.kernels.elementary import atan, atan2, cos, sin, tan
 from feeddrive.language.kernels.kernel import kernel
 from feeddrive.language.kernels.plain import zeros
 from feeddrive.language.kernels.source import Floats, Floats2, Floats3, Ints
@@ -41,6 +42,11 @@ def float_extremes(x: float, y: float, z: float) -> tuple[float, float, float]:
 @kernel
 def root(x: float) -> float:
     return sqrt(x) + math.sqrt(2)
+
+
+@kernel
+def angles(x: float, y: float, i: int) -> tuple[float, float, float, float, float]:
+    return sin(x) + cos(i), cos(x), atan(x), atan2(y, x), tan(x)
 
 
 @kernel
@@ -202,7 +208,7 @@ def ranges(i: int, j: int, n: int) -> tuple[int, int, int, int]:
 def counting_parameter(row: Floats, k: int, n: int) -> tuple[float, float]:
     last = 0.0
     for i in range(1, n):
-        last = row[i * i + i - 2]
+        last = row[i * i + i - 2] - row[i - 3]
     for k in range(n):
         last += row[k]
     return last, row[k]

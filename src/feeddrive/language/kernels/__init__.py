@@ -9,5 +9,6 @@ assignments.py  variables, cells and rows
 statements.py   control flow; a kernel as a function
 module.py       all kernels of a file and those that they call, as one LLVM module
 remainder.py    `//` and `%` of floats, in the language of kernels
+elementary.py   sin, cos, tan, atan and atan2
 plain.py        arrays as the interpreter sees them
 """

@@ -47,7 +47,7 @@ class Assignments(Expressions):
 
     def assign(self, node: ast.Assign) -> None:
         """A = b, a = b = c, a, b = c, d, row = m[k], m[k] = a, b, name = zeros(3)."""
-        if isinstance(node.value, ast.Call) and self.source.lookup(node.value.func) is zeros:
+        if isinstance(node.value, ast.Call) and self.outside(node.value.func) is zeros:
             return self.local_array(node, node.value)
         several = isinstance(node.value, ast.Tuple)
         if not several and not any(isinstance(each, ast.Tuple) for each in node.targets):
@@ -130,7 +130,7 @@ class Assignments(Expressions):
         """Name = zeros(3, 2): memory of the function, made once a call."""
         (target, *more), sizes = node.targets, list[int]()
         for each in call.args:
-            found = each.value if isinstance(each, ast.Constant) else self.source.lookup(each)
+            found = each.value if isinstance(each, ast.Constant) else self.outside(each)
             if isinstance(found, bool) or not isinstance(found, int) or found < 1:
                 self.refuse(each, f"'{shown(each)}' is no fixed size", "write whole numbers, or give the array")
             sizes.append(found)

@@ -8,6 +8,7 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 from feeddrive.language.kernels.arithmetic import LEAST, Arithmetic
+from feeddrive.language.kernels.elementary import Elementary
 from feeddrive.language.kernels.plain import zeros
 from feeddrive.language.kernels.source import BOOL, FLOAT, INT, Source, Type, source_of
 from feeddrive.language.kernels.text import REMEDIES, Failure, Function, Value, shown, struct
@@ -64,6 +65,13 @@ class Expressions(Arithmetic):
 
     # names and constants
 
+    def outside(self, node: ast.expr) -> object:
+        """What a name that is not local stands for; None for anything else."""
+        first = node
+        while isinstance(first, ast.Attribute):
+            first = first.value
+        return None if isinstance(first, ast.Name) and first.id in self.names else self.source.lookup(node)
+
     def constant(self, value: object, node: ast.expr) -> Value:
         """A number that is known."""
         if isinstance(value, bool):
@@ -79,7 +87,7 @@ class Expressions(Arithmetic):
     def name(self, node: ast.Name) -> Value:
         """A local variable or a constant of the module."""
         if node.id not in self.names:
-            found = self.source.lookup(node)
+            found = self.outside(node)
             if found is None:
                 self.refuse(node, f"'{node.id}' is not known", "assign it, or define it in the file")
             return self.constant(found, node)
@@ -100,7 +108,7 @@ class Expressions(Arithmetic):
 
     def attribute(self, node: ast.Attribute) -> Value:
         """A constant of a module."""
-        found = self.source.lookup(node)
+        found = self.outside(node)
         if found is None:
             self.refuse(node, f"'{shown(node)}' is not known", "kernels know arrays by len and their indices alone")
         return self.constant(found, node)
@@ -235,9 +243,7 @@ class Expressions(Arithmetic):
 
     def results(self, node: ast.Call) -> list[Value]:
         """A call of a kernel or of a function of the language."""
-        function = self.source.lookup(node.func)
-        if isinstance(node.func, ast.Name) and node.func.id in self.names:
-            function = None
+        function = self.outside(node.func)
         if node.keywords:
             self.refuse(node, f"'{shown(node)}' names its arguments", "give them in their order")
         if function is zeros:
@@ -246,10 +252,13 @@ class Expressions(Arithmetic):
         called = source_of(function)
         if called is not None:
             return self.kernel(called, node)
+        if isinstance(function, Elementary):
+            return [self.angle(function, node)]
         printers = [print_it for each, print_it in _CALLS if function is each]
         if not printers:
             names = ", ".join(each.__name__ for each, _ in _CALLS)
-            self.refuse(node, f"'{shown(node.func)}' is no kernel", f"call kernels, {names} or zeros")
+            remedy = f"call kernels, {names}, zeros, or sin and the like of {Elementary.__module__}"
+            self.refuse(node, f"'{shown(node.func)}' is no kernel", remedy)
         return [printers[0](self, node)]
 
     def kernel(self, called: Source, node: ast.Call) -> list[Value]:
@@ -278,6 +287,14 @@ class Expressions(Arithmetic):
             for place, kind in enumerate(wanted.results, start=1)
         ]
 
+    def angle(self, function: Elementary, node: ast.Call) -> Value:
+        """A call of sin, cos, tan, atan or atan2."""
+        if len(node.args) != function.arity:
+            self.refuse(node, f"'{shown(node)}' has {len(node.args)} arguments", f"give {function.arity}")
+        given = ", ".join(f"double {self.as_float(self.number(each))}" for each in node.args)
+        self.elementary.append(function)
+        return Value(FLOAT, self.emit(f"call double {function.symbol}({given})"))
+
     def one(self, node: ast.Call) -> ast.expr:
         """The only argument of a call."""
         if len(node.args) != 1 or isinstance(node.args[0], ast.Starred):
@@ -305,12 +322,12 @@ class Expressions(Arithmetic):
         kind = values[0].type if len(values) > 1 else None
         if kind is None or any(each.type != kind for each in values):
             self.refuse(node, f"'{shown(node)}'", "give two or more numbers of one type")
-        return self.best(values, ast.Lt if self.source.lookup(node.func) is min else ast.Gt)
+        return self.best(values, ast.Lt if self.outside(node.func) is min else ast.Gt)
 
     def to_whole(self, node: ast.Call) -> Value:
         """int, floor, ceil: towards zero, down, up."""
         x = self.expression(self.one(node))
-        function = self.source.lookup(node.func)
+        function = self.outside(node.func)
         if x.type == INT:
             return x
         if x.type == BOOL and function is int:

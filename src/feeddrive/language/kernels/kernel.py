@@ -17,7 +17,7 @@ import numpy as np
 
 from feeddrive.language.kernels.module import Module
 from feeddrive.language.kernels.plain import Cells
-from feeddrive.language.kernels.source import BOOL, Source, Type
+from feeddrive.language.kernels.source import BOOL, KernelError, Source, Type
 from feeddrive.language.kernels.text import Failure
 from feeddrive.language.machine_code import MachineCode, machine_code, target
 
@@ -67,13 +67,18 @@ class Kernel(Generic[_P, _R]):
     """
 
     def __init__(self, python: Callable[_P, _R]) -> None:
-        self.python = python
-        self.source = Source(cast(FunctionType, python))
+        if not isinstance(python, FunctionType):
+            raise KernelError(f"{python!r} is no Python function; decorate a def at the top level of a file")
+        self.python: Callable[_P, _R] = python
+        self.source = Source(python)
         self.__name__, self.__doc__, self.__module__ = self.source.name, python.__doc__, python.__module__
         self._file: _File | None = None
 
     def __repr__(self) -> str:
         return f"<kernel {self.__module__}.{self.__name__}>"
+
+    def __reduce__(self) -> str:
+        return self.__name__  # pickled as the name of its module that it is
 
     def __call__(self, *args: _P.args, **kwargs: _P.kwargs) -> _R:
         """The function of its arguments."""
@@ -101,21 +106,21 @@ class Kernel(Generic[_P, _R]):
             _throw(self.file.module.failures[status - 1])
         numbers = compiled.returned.unpack_from(memory)
         kinds = self.source.signature.results
-        found = tuple(bool(each) if kind is BOOL else each for each, kind in zip(numbers, kinds, strict=True))
+        found = tuple(bool(each) if kind == BOOL else each for each, kind in zip(numbers, kinds, strict=True))
         return cast(_R, found[0] if self.source.signature.single else found if kinds else None)
 
     @property
     def file(self) -> _File:
         """The kernels of the file, printed when the first of them is called."""
-        if self._file is None:
-            with _lock:
-                names = cast(FunctionType, self.python).__globals__
+        with _lock:
+            if self._file is None:
+                names = self.source.python.__globals__
                 beside = [each for each in names.values() if isinstance(each, Kernel)]
-                found = [each for each in beside if cast(FunctionType, each.python).__globals__ is names]
+                found = [each for each in beside if each.source.python.__globals__ is names]
                 made = _File(list(dict.fromkeys([*found, self])))
                 for each in made.places:
                     each._file = made
-        return cast(_File, self._file)
+            return cast(_File, self._file)
 
     @cached_property
     def _compiled(self) -> _Compiled:

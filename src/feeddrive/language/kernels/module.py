@@ -11,6 +11,7 @@ from feeddrive.language.kernels.text import Failure, Function, struct
 _INTRINSICS = """
 declare double @llvm.sqrt.f64(double)
 declare double @llvm.fabs.f64(double)
+declare double @llvm.floor.f64(double)
 declare { i64, i1 } @llvm.sadd.with.overflow.i64(i64, i64)
 declare { i64, i1 } @llvm.ssub.with.overflow.i64(i64, i64)
 declare { i64, i1 } @llvm.smul.with.overflow.i64(i64, i64)
@@ -46,7 +47,14 @@ class Module:
 
     def text(self, triple: str) -> str:
         """The module, with its triple in the first line."""
-        printed = [f'target triple = "{triple}"', *[each.text for each in self.functions.values()], *self._entries]
+        angles, left = dict[str, str](), [each for function in self.functions.values() for each in function.elementary]
+        while left:
+            each = left.pop()
+            if each.name not in angles:
+                angles[each.name], called = each.printed()
+                left += called
+        functions = [each.text for each in self.functions.values()]
+        printed = [f'target triple = "{triple}"', *functions, *angles.values(), *self._entries]
         return "\n".join(printed) + _INTRINSICS
 
     def _entry(self, name: str, source: Source) -> str:

@@ -56,7 +56,7 @@ class Statements(Assignments):
         attributes = "#0 alwaysinline" if size <= INLINED else "#0"
         head = f"define internal {returned} @{name}({', '.join(parameters)}) {attributes} {{\nentry:"
         text = "\n".join([head, *self.memory, *self.lines, "}", ""])
-        return Function(name, text, self.written(signature.names), bool(self.failed), size)
+        return Function(name, text, self.written(signature.names), bool(self.failed), size, self.elementary)
 
     def block_of(self, body: Iterable[ast.stmt]) -> None:
         """Statements one after the other."""
@@ -116,7 +116,7 @@ class Statements(Assignments):
     def count(self, node: ast.For) -> None:
         """For over a range, whose step is a written number; the range is computed once."""
         call, target = node.iter, node.target
-        if not isinstance(call, ast.Call) or self.source.lookup(call.func) is not range or call.keywords:
+        if not isinstance(call, ast.Call) or self.outside(call.func) is not range or call.keywords:
             self.refuse(node, f"for over '{shown(call)}'", "loop over range(...)")
         if not isinstance(target, ast.Name) or not 1 <= len(call.args) <= 3:
             self.refuse(node, f"'for {shown(target)} in {shown(call)}'", "write  for i in range(n)")
@@ -219,11 +219,15 @@ class Statements(Assignments):
         call = node.exc
         if not isinstance(call, ast.Call) or node.cause or call.keywords or len(call.args) != 1:
             self.refuse(node, f"'{shown(node)}'", "write  raise ValueError('a fixed text')")
-        kind, text = self.source.lookup(call.func), call.args[0]
+        kind, text = self.outside(call.func), call.args[0]
         if not (isinstance(kind, type) and issubclass(kind, Exception)):
             self.refuse(node, f"'{shown(call.func)}' is no error", "write  raise ValueError('a fixed text')")
         if not (isinstance(text, ast.Constant) and isinstance(text.value, str)):
             self.refuse(node, f"the text '{shown(text)}' is not fixed", "write it in quotes, or return a number for it")
+        try:
+            kind(text.value)
+        except Exception:
+            self.refuse(node, f"'{shown(call.func)}' is not made of a text alone", "write  raise ValueError(...)")
         self.end_with(str(self.failure(kind, text.value, node)))
         self.dead()
 

@@ -6,6 +6,7 @@ import ast
 from collections.abc import Callable, Sequence
 from typing import NamedTuple, NoReturn
 
+from feeddrive.language.kernels.elementary import Elementary
 from feeddrive.language.kernels.source import Source, Type
 
 
@@ -64,6 +65,7 @@ class Function(NamedTuple):
     written: frozenset[int]  # places of the parameters into whose arrays it writes
     fails: bool  # whether its status can be other than 0
     size: int  # lines, with those of the functions that are put into it
+    elementary: list[Elementary]  # sin and the like that it calls
 
 
 # Functions of at most so many lines are put in the place of their calls, which makes code a tenth faster; more of
@@ -86,6 +88,7 @@ class Text:
         self.block = "entry"
         self.count = 0
         self.failed: list[tuple[str, str]] = []  # status and block from which it comes
+        self.elementary: list[Elementary] = []  # sin and the like that it calls
         self.size = 0  # lines of functions that are put in the place of calls
 
     def called(self, source: Source) -> Function:
