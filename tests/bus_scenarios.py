@@ -1,11 +1,12 @@
 """What is tried on a virtual drive over either bus; each scenario gives plain figures for a test to judge.
 
-As a program it runs all of them over EtherCAT, with one end of a pair of interfaces each, and prints JSON.
+As a program it runs those that it is asked for on its input over EtherCAT, and answers each with a line of JSON.
 """
 
 from __future__ import annotations
 
 import json
+import multiprocessing
 import os
 import signal
 import struct
@@ -23,12 +24,13 @@ from bus_bench import LIMITS, SCALING, T, bench_loop, client, drive, powered, wi
 from feeddrive.blocks.controller.pole_placement import PolePlacement
 from feeddrive.blocks.load.recorded_force import RecordedForce
 from feeddrive.blocks.reference.recorded import Recorded
+from feeddrive.bus import ethercat
 from feeddrive.bus.cia402 import FAULT_RESET, OBJECTS
 from feeddrive.bus.client import DriveClient, transport_of
 from feeddrive.bus.drive_file import DriveScaling
 from feeddrive.bus.play import listened, play_profile
 from feeddrive.bus.profile import Profile
-from feeddrive.bus.transport import read_object, write_object
+from feeddrive.bus.transport import Claim, read_object, write_object
 from feeddrive.bus.virtual import ethercat_slave
 from feeddrive.bus.virtual.driven_axis import DrivenAxis
 from feeddrive.bus.virtual.firmware import PdoMap
@@ -302,6 +304,59 @@ def second(bus: str) -> dict[str, Any]:
     return found
 
 
+def foreign(bus: str) -> dict[str, Any]:
+    """Masters of another make, which know nothing of the lock: sending here, sending on the line, held up in OP."""
+    found: dict[str, Any] = {}
+    fork = multiprocessing.get_context("fork")
+    with powered(bus) as bench:
+        for name, interface in (("here", bench.interface), ("line", "veth1")):
+            other = fork.Process(target=_sending, args=(interface,), daemon=True)
+            other.start()
+            time.sleep(0.1)
+            before = bench.cycles
+            found[name] = said(client(drive(bus), bench.interface).__enter__)
+            found[f"{name}_cycles"] = bench.cycles - before
+            other.kill()
+            other.join()
+        here, there = fork.Pipe()
+        other = fork.Process(target=_driving, args=(bus, bench.interface, there), daemon=True)
+        other.start()
+        assert here.poll(20)
+        here.recv()
+        time.sleep(0.2)
+        found["held"] = said(client(drive(bus), bench.interface).__enter__)
+        found["held_state"] = bench.state
+        os.kill(other.pid or 0, signal.SIGCONT)
+        assert here.poll(20)
+        found["trouble"] = here.recv()
+        other.join(10)
+        with client(drive(bus), bench.interface) as master:
+            found["after"] = listened(master, 0.01).log["reading_load"].size
+    return found
+
+
+def _sending(interface: str) -> None:
+    """A frame with an empty datagram every 5 ms."""
+    line = ethercat.opened_socket(interface, 0x88A4)
+    while True:
+        line.send(b"\xff" * 6 + b"\x02\x00\x00\x00\x00\x02\x88\xa4" + struct.pack("<H", 0x1000 + 14) + bytes(44))
+        time.sleep(0.005)
+
+
+def _driving(bus: str, interface: str, line: Any) -> None:
+    """Moves nothing, stands still in OP as a process does under SIGSTOP, and goes on."""
+    Claim.take = lambda *_: None  # type: ignore[method-assign]
+    Claim.free = lambda *_: None  # type: ignore[method-assign]
+    with client(drive(bus), interface) as master:
+        master.enable()
+        line.send("in OP")
+        os.kill(os.getpid(), signal.SIGSTOP)
+        for _ in range(20):
+            master.command()
+            master.cycle()
+        line.send(master.trouble())
+
+
 def hearing(bus: str) -> dict[str, Any]:
     """A log of a drive that stays switched off."""
     with powered(bus) as bench, client(drive(bus), bench.interface) as master:
@@ -375,13 +430,15 @@ def said(asked: Any) -> str:
 
 
 SCENARIOS = (exact, torque, speed, losses, faults, limits, wrong, refusals, silence, kinds, second, hearing, mapping,
-             held_up, pulled)  # fmt: skip
+             held_up, pulled, foreign)  # fmt: skip
+ANSWER = "ANSWER "  # before the result on its line
 
 if __name__ == "__main__":
-    results: dict[str, Any] = {}
-    for scenario in SCENARIOS:
+    known = {scenario.__name__: scenario for scenario in SCENARIOS}
+    for name in map(str.strip, sys.stdin):
         try:
-            results[scenario.__name__] = scenario("ethercat")
+            result = known[name]("ethercat")
         except Exception:  # one that fails is the failure of its own test only
-            results[scenario.__name__] = {"failed": traceback.format_exc()}
-    sys.stdout.write(json.dumps(results) + "\n")
+            result = {"failed": traceback.format_exc()}
+        sys.stdout.write(f"\n{ANSWER}{json.dumps(result)}\n")
+        sys.stdout.flush()

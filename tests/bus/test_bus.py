@@ -298,3 +298,17 @@ def test_a_drive_is_logged_without_being_switched_on(tried: Scenario) -> None:
     found = tried("hearing")
     assert (found["rows"], found["state"]) == (200, "SWITCH_ON_DISABLED")
     assert found["channels"] == ["force", "reading_load", "reading_motor", "velocity_load"]
+
+
+def test_a_master_of_another_make_keeps_its_drives() -> None:
+    """It sends on the same interface, or on the line, or is held up with its drive in OP; nothing is reset."""
+    found = over_ethercat("foreign")
+    for name in ("here", "line"):
+        assert "another EtherCAT master sends on veth0" in found[name]
+        assert "nothing was sent" in found[name]
+        assert found[f"{name}_cycles"] == 0
+    assert "a station on veth0 is in OP" in found["held"]
+    assert "nothing was changed" in found["held"]
+    assert found["held_state"] == "ENABLED"
+    assert found["trouble"] == "", "it goes on without noticing"
+    assert found["after"] > 0, "and when it has ended, the drive is free"

@@ -13,6 +13,7 @@ import pytest
 from export.parameter_cases import one_for_each_rule
 from exported import LOOPS
 from feeddrive.export.c.programs import self_test
+from feeddrive.export.c.statements import FUNCTIONS
 from feeddrive.export.c.text import texts
 from feeddrive.export.layout import layout
 from feeddrive.loop.routine_trace import controller_routine
@@ -22,9 +23,14 @@ from slow_share import all_but
 DEVIATIONS = {
     "2.5": "names for the codes of `trip` are there for the caller",
     "2.7": "a processor without a mode for tiny numbers ignores the one that it is given back",
+    "8.9": "a table stands before the functions, with what it is, also where one function alone reads it",
     "15.5": "a function leaves where a condition is broken: `configured`, a rule of the parameters",
     "20.1": "xmmintrin.h is included where the processor has it",
+    "21.15": "memcpy between a number and its bits, which C99 defines and a pointer of another type does not",
 }
+
+OF_ONE_LOOP = {"linuxcnc_pid": {"12.1"}}  # two conditionals, whose operands do stand in parentheses
+LONG = 500  # lines
 
 needs_cppcheck = pytest.mark.skipif(
     shutil.which("cppcheck") is None, reason="NOT TESTED: MISRA C:2012 needs cppcheck: apt-get install cppcheck"
@@ -59,12 +65,49 @@ def exported(name: str) -> dict[str, str]:
     return {"axis_x.h": made.header, "axis_x.c": made.source, "axis_x_configure.c": made.configure}
 
 
+def undeclared(found: dict[str, list[str]]) -> dict[str, list[str]]:
+    """What is found of other rules than those with a reason."""
+    return {rule: places[:3] for rule, places in found.items() if rule not in DEVIATIONS}
+
+
 @needs_cppcheck
-@pytest.mark.parametrize("name", ["cascade_ppi"])
+@pytest.mark.parametrize(
+    "name",
+    all_but(["cascade_ppi"], LOOPS, "cppcheck takes half a minute or more for each loop"),
+)
 def test_misra_rules_but_for_those_with_a_reason(name: str, tmp_path: Path) -> None:
-    found = misra(exported(name), tmp_path)
-    more = {rule: places[:3] for rule, places in found.items() if rule not in DEVIATIONS}
-    assert not more
+    """A `configure` with the exponential of a matrix is left out: cppcheck does not end with it in minutes."""
+    files = exported(name)
+    if files["axis_x_configure.c"].count("\n") > LONG:
+        del files["axis_x_configure.c"]
+    found = undeclared(misra(files, tmp_path))
+    assert set(found) <= OF_ONE_LOOP.get(name, set()), found
+
+
+_CALLED = """
+double called(double *rows, double x);
+double called(double *rows, double x)
+{
+    double sum = power_of_two(x) + exponent(x);
+    sum = sum + (double)power_of_twof((float)x);
+    sum = sum + (double)exponentf((float)x);
+    sum = sum + uniform(x, 2.0, 3.0);
+    if (decays(rows, 2)) {
+        sum = sum + 1.0;
+    }
+    rows[0] = sum;
+    return sum;
+}
+"""
+
+
+@needs_cppcheck
+def test_misra_rules_of_every_function_beside_the_step(tmp_path: Path) -> None:
+    """What C has no operator for: a law whose `configure` cppcheck reads in a second has none of them."""
+    assert all(f"{name}(" in _CALLED for name in FUNCTIONS)
+    heads = "".join(f"#include <{name}.h>\n" for name in ("math", "stdbool", "stdint", "string"))
+    text = heads + "\n".join(FUNCTIONS.values()) + _CALLED
+    assert not undeclared(misra({"functions.c": text}, tmp_path))
 
 
 @needs_cppcheck
@@ -78,6 +121,17 @@ _MAIN = """
 #include "axis_x.h"
 #include <math.h>
 int selftest(void);
+static void tried(axis_x_controller *one, const axis_x_parameters *p)
+{
+    static axis_x_inputs inputs;
+    axis_x_outputs outputs;
+    inputs.enable = 1.0;
+    if (axis_x_configure(one, p)) {
+        axis_x_reset(one, &inputs);
+        axis_x_step(one, &inputs, &outputs);
+        axis_x_step(one, &inputs, &outputs);
+    }
+}
 int main(void)
 {
     static axis_x_controller off;
@@ -106,6 +160,13 @@ def covered(name: str, place: Path) -> dict[str, tuple[float, float]]:
                 value = float(changed[variable.path])
                 rules.append(f"    p.{variable.name} = {'(double)NAN' if np.isnan(value) else value.hex()};")
         rules.append("    if (axis_x_broken_rule(&p) == 0 || axis_x_configure(&off, &p)) return 2;")
+    share = [v.name for v in routine.parameters if v.name == "law_share"]
+    for variable in routine.parameters:  # refused or not
+        changed = f"p = first; p.{variable.name} = ldexp(p.{variable.name} == 0.0 ? 1.0 : p.{variable.name}, k);"
+        rules.append(f"    for (int k = -54; k <= 20; k++) {{ {changed} tried(&off, &p); }}")
+        if share:  # a rule on the whole share is behind one on the share itself
+            changed = changed.replace("p = first;", f"p = first; p.{share[0]} = 0.01;")
+            rules.append(f"    for (int k = -54; k <= 20; k++) {{ {changed} tried(&off, &p); }}")
     main = _MAIN.replace("RULES", "\n".join(rules))
     files = exported(name) | {"axis_x_selftest.c": program, "axis_x_vectors.h": vectors, "main.c": main}
     for file, text in files.items():
@@ -131,9 +192,10 @@ def covered(name: str, place: Path) -> dict[str, tuple[float, float]]:
     "name", all_but(["cascade_ppi"], LOOPS, "each is compiled for coverage and breaks every rule once")
 )
 def test_every_line_of_a_step_runs_in_the_tests_and_every_rule_is_broken(name: str, tmp_path: Path) -> None:
-    """The 400 samples that go with the export, one refusal of each rule, and a control that was never configured."""
+    """The 400 samples that go with the export, one refusal of each rule, two samples with each parameter from 2^-54 to
+    2^20 of itself (at the first powers of an observer's matrix fall no more in 2^48), and a control never configured.
+    """
     found = covered(name, tmp_path)
     assert found["axis_x"][0] == 100.0, found
-    # ADRC with two Taylor states reaches 99.85 %; which lines are left, and why, has not been found out
-    assert found["axis_x_configure"][0] > 99.5, found
+    assert found["axis_x_configure"][0] == 100.0, found
     assert found["axis_x"][1] > 80.0, found

@@ -7,7 +7,7 @@ import socket
 import struct
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 from feeddrive.bus.cia402 import Layout
@@ -196,27 +196,52 @@ class EtherCAT:
         self._master = None
 
 
+_STATES = struct.pack("<HBBHHHHHH", 0x1000 + 14, 7, 0x5A, 0, 0x0130, 2, 0, 0, 0)  # BRD of every AL status
+
+
 def _check_alone(where: str, interface: str) -> None:
-    """Raise BusError if another master sends on the interface: the scan for drives would stop their operation."""
+    """Raise BusError if there is another master: the scan for drives would stop their operation.
+
+    Either a frame passes that this process did not send, from this computer or from the line, or a station is in OP,
+    as a master that is slow or held up leaves it.  The states are read by one frame that changes nothing.
+    """
     if not sys.platform.startswith("linux"):
         return
     try:
         line = opened_socket(interface, _EVERYTHING)
     except BusError:
         return  # the master says what is not permitted
-    until = time.monotonic() + _LISTENING
     with contextlib.closing(line):
-        while (left := until - time.monotonic()) > 0.0:
-            line.settimeout(left)
-            try:
-                frame, sender = line.recvfrom(2048)
-            except OSError:
-                return
-            if sender[2] == socket.PACKET_OUTGOING and frame[12:14] == b"\x88\xa4":
+        for _ in _frames(line, _LISTENING):
+            raise BusError(
+                f"{where}: another EtherCAT master sends on {interface}: end it first, since it would lose its "
+                "drives; nothing was sent"
+            )
+        line.send(b"\xff" * 6 + b"\x02\x00\x00\x00\x00\x01" + b"\x88\xa4" + _STATES + bytes(30))
+        for frame, outgoing in _frames(line, 1e-6 * _PATIENCE):
+            datagram, states, answers = frame[16:18], frame[26], int.from_bytes(frame[28:30], "little")
+            if outgoing or datagram != _STATES[2:4]:
+                continue
+            if answers and states & 0x08:
                 raise BusError(
-                    f"{where}: another EtherCAT master sends on {interface}: end it first, since it would lose its "
-                    "drives; nothing was sent"
+                    f"{where}: a station on {interface} is in OP, and not by this program: another EtherCAT "
+                    "master drives it, or one ended without switching it off; end that master, or switch the drives "
+                    "off and on; nothing was changed"
                 )
+            return
+
+
+def _frames(line: socket.socket, seconds: float) -> Iterator[tuple[bytes, bool]]:
+    """EtherCAT frames on a socket for so long, and whether each goes out from this computer."""
+    until = time.monotonic() + seconds
+    while (left := until - time.monotonic()) > 0.0:
+        line.settimeout(left)
+        try:
+            frame, sender = line.recvfrom(2048)
+        except OSError:
+            return
+        if frame[12:14] == b"\x88\xa4" and len(frame) >= 30:
+            yield frame, sender[2] == socket.PACKET_OUTGOING
 
 
 _FLAGS = 0x8913  # SIOCGIFFLAGS

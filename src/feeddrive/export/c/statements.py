@@ -95,7 +95,7 @@ class Body:
         size = math.isqrt(len(values))
         self._unnamed += 1
         self.texts[index] = f"v{self._unnamed}"
-        self.lines += [f"bool v{self._unnamed};", "{", f"    double matrix[{2 * len(values)}] = {{0.0}};"]
+        self.lines += [f"bool v{self._unnamed};", "{", f"    double matrix[{2 * len(values)}] = {{0}};"]
         self.lines += [f"    matrix[{k}] = {bare(text)};" for k, text in enumerate(values) if text != "0.0"]
         self.lines += [f"    v{self._unnamed} = decays(matrix, {size});", "}"]
 
@@ -209,66 +209,59 @@ RESERVED = re.findall(
     "tables typedef union unsigned void volatile while HUGE_VAL flush restore",
 )
 
-# What C has no operator for; the bits of a double are read and written by memcpy.
-FUNCTIONS = {
-    "power_of_two": """\
-/* 2^k: k + 1.5 * 2^52 holds the whole number k in its low bits; k + 1023 goes to where a double keeps its exponent. */
-static double power_of_two(double k)
-{
-    double x = k + 6755399441055744.0;
-    uint64_t bits;
-    memcpy(&bits, &x, sizeof bits);
-    bits = (bits + 1023u) << 52;
-    memcpy(&x, &bits, sizeof bits);
-    return x;
-}
-""",
-    "exponent": """\
-/* The whole number k with 2^k <= |x| < 2^(k+1). */
-static double exponent(double x)
-{
-    uint64_t bits;
-    memcpy(&bits, &x, sizeof bits);
-    return (double)((bits >> 52) & 0x7FFu) - 1023.0;
-}
-""",
-    "power_of_twof": """\
-/* 2^k: k + 1.5 * 2^23 holds the whole number k in its low bits; k + 127 goes to where a float keeps its exponent. */
-static float power_of_twof(float k)
-{
-    float x = k + 12582912.0f;
-    uint32_t bits;
-    memcpy(&bits, &x, sizeof bits);
-    bits = (bits + 127u) << 23;
-    memcpy(&x, &bits, sizeof bits);
-    return x;
-}
-""",
-    "exponentf": """\
-/* The whole number k with 2^k <= |x| < 2^(k+1). */
-static float exponentf(float x)
-{
-    uint32_t bits;
-    memcpy(&bits, &x, sizeof bits);
-    return (float)((bits >> 23) & 0xFFu) - 127.0f;
-}
-""",
-    "decays": f"""\
-/* Do the powers of a matrix of n rows fall towards 0? They stand in the 2 n n numbers from `now` on, row by row. */
-static bool decays(double *now, int n)
+
+def _bits(real: str, bits: int, place: int, suffix: str) -> dict[str, str]:
+    """Functions on the exponent of a number of so many bits, which stands from `place` on: by memcpy, as C has it."""
+    exponents = (1 << (bits - 1 - place)) - 1
+    bias, whole = exponents // 2, f"{1.5 * 2.0**place:.1f}{suffix}"
+    return {
+        f"power_of_two{suffix}": f"""\
+/* 2^k: k + 1.5 * 2^{place} holds the whole number k in its low bits; \
+k + {bias} goes to where a {real} keeps its exponent. */
+static {real} power_of_two{suffix}({real} k)
 {{
-    double *next = now + n * n;
+    {real} x = k + {whole};
+    uint{bits}_t bits;
+    (void)memcpy(&bits, &x, sizeof bits);
+    bits = (bits + {bias}u) << {place};
+    (void)memcpy(&x, &bits, sizeof bits);
+    return x;
+}}
+""",
+        f"exponent{suffix}": f"""\
+/* The whole number k with 2^k <= |x| < 2^(k+1). */
+static {real} exponent{suffix}({real} x)
+{{
+    uint{bits}_t bits;
+    (void)memcpy(&bits, &x, sizeof bits);
+    bits = (bits >> {place}) & 0x{exponents:X}u;
+    return ({real})bits - {bias}.0{suffix};
+}}
+""",
+    }
+
+
+# What C has no operator for.
+FUNCTIONS = {
+    **_bits("double", 64, 52, ""),
+    **_bits("float", 32, 23, "f"),
+    "decays": f"""\
+/* Do the powers of a matrix of n rows fall towards 0? They stand in the 2 n n numbers of `rows`, row by row. */
+static bool decays(double *rows, int n)
+{{
+    double *now = rows;
+    double *next = &rows[n * n];
     for (int squaring = 0; squaring < {SQUARINGS}; squaring++) {{
         bool small = true;
         for (int i = 0; i < n; i++) {{
             double norm = fabs(now[i * n]);
             for (int k = 1; k < n; k++) {{
-                norm = norm + fabs(now[i * n + k]);
+                norm = norm + fabs(now[(i * n) + k]);
             }}
             if (!(norm < {TOO_LARGE})) {{
                 return false;
             }}
-            small = small && norm < 1.0;
+            small = small && (norm < 1.0);
         }}
         if (small) {{
             return true;
@@ -277,9 +270,9 @@ static bool decays(double *now, int n)
             for (int j = 0; j < n; j++) {{
                 double sum = now[i * n] * now[j];
                 for (int k = 1; k < n; k++) {{
-                    sum = sum + now[i * n + k] * now[k * n + j];
+                    sum = sum + (now[(i * n) + k] * now[(k * n) + j]);
                 }}
-                next[i * n + j] = sum;
+                next[(i * n) + j] = sum;
             }}
         }}
         double *const done = now;
@@ -294,15 +287,16 @@ static bool decays(double *now, int n)
 static double uniform(double seed, double sample, double channel)
 {{
     const double given[3] = {{seed, sample, channel}};
-    const uint64_t strides[3] = {{{", ".join(f"UINT64_C(0x{stride:X})" for stride in STRIDES)}}};
+    const uint64_t strides[3] = {{{", ".join(f"0x{stride:X}u" for stride in STRIDES)}}};
     uint64_t bits = 0;
     for (int i = 0; i < 3; i++) {{
         bits = (bits + (uint64_t)given[i] + 1u) * strides[i];
-        bits = (bits ^ (bits >> 30)) * UINT64_C(0x{MIX[0]:X});
-        bits = (bits ^ (bits >> 27)) * UINT64_C(0x{MIX[1]:X});
-        bits ^= bits >> 31;
+        bits = (bits ^ (bits >> 30)) * 0x{MIX[0]:X}u;
+        bits = (bits ^ (bits >> 27)) * 0x{MIX[1]:X}u;
+        bits = bits ^ (bits >> 31);
     }}
-    return ((double)(bits >> 12) + 0.5) * 0x1p-52;
+    bits = bits >> 12;
+    return ((double)bits + 0.5) * 0x1p-52;
 }}
 """,
 }

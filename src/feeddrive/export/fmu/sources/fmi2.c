@@ -11,6 +11,8 @@
 #define STATE_SIZE fmi2SerializedFMUstateSize
 #define SERIALIZE fmi2SerializeFMUstate
 #define DESERIALIZE fmi2DeSerializeFMUstate
+#define VALUE_COUNT
+#define AS_MANY 1
 #include "fmu_functions.h"
 
 static void deliver(const instance *one, int status, const char *category, const char *text)
@@ -20,8 +22,6 @@ static void deliver(const instance *one, int status, const char *category, const
         callbacks->logger(callbacks->componentEnvironment, one->name, (fmi2Status)status, category, "%s", text);
     }
 }
-
-#define READABLE (INITIALIZING | STEPPING | TERMINATED)
 
 /* ---- the model's life ---- */
 
@@ -76,32 +76,6 @@ fmi2Status fmi2EnterInitializationMode(fmi2Component c)
 }
 
 /* ---- variables ---- */
-
-/* One getter or setter a type: all values pass as double, which holds each of them exactly. */
-#define GETTER(name, type, kind)                                                                          \
-    fmi2Status name(fmi2Component c, const fmi2ValueReference vr[], size_t count, type value[])           \
-    {                                                                                                     \
-        int status = OK;                                                                                  \
-        size_t i;                                                                                         \
-        REQUIRE(READABLE | INSTANTIATED);                                                                 \
-        for (i = 0; i < count && status == OK; i++) {                                                     \
-            double number = 0.0;                                                                          \
-            status = get(c, vr[i], kind, &number);                                                        \
-            value[i] = (type)number;                                                                      \
-        }                                                                                                 \
-        return (fmi2Status)status;                                                                        \
-    }
-#define SETTER(name, type, kind)                                                                          \
-    fmi2Status name(fmi2Component c, const fmi2ValueReference vr[], size_t count, const type value[])     \
-    {                                                                                                     \
-        int status = OK;                                                                                  \
-        size_t i;                                                                                         \
-        REQUIRE(WRITABLE);                                                                                \
-        for (i = 0; i < count && status == OK; i++) {                                                     \
-            status = set(c, vr[i], kind, (double)value[i]);                                               \
-        }                                                                                                 \
-        return (fmi2Status)status;                                                                        \
-    }
 
 GETTER(fmi2GetReal, fmi2Real, NUMBER)
 GETTER(fmi2GetInteger, fmi2Integer, ENUMERATION)

@@ -10,6 +10,8 @@
 #define STATE_SIZE fmi3SerializedFMUStateSize
 #define SERIALIZE fmi3SerializeFMUState
 #define DESERIALIZE fmi3DeserializeFMUState
+#define VALUE_COUNT , size_t valueCount
+#define AS_MANY (valueCount == count)
 #include "fmu_functions.h"
 
 /* A function's address through memcpy: ISO C has no cast from `void *` to a function. */
@@ -75,38 +77,6 @@ fmi3Status fmi3EnterInitializationMode(fmi3Instance c, fmi3Boolean toleranceDefi
 }
 
 /* ---- variables ---- */
-
-/* One getter or setter a type: all values pass as double, which holds each of them exactly. No variable is an array. */
-#define GETTER(name, type, kind)                                                                                       \
-    fmi3Status name(fmi3Instance c, const fmi3ValueReference vr[], size_t count, type values[], size_t valueCount)     \
-    {                                                                                                                  \
-        int status = OK;                                                                                               \
-        size_t i;                                                                                                      \
-        REQUIRE(ALIVE);                                                                                                \
-        if (valueCount != count) {                                                                                     \
-            return (fmi3Status)tell(c, ERROR, "logStatusError", "%s: no variable is an array", __func__);              \
-        }                                                                                                              \
-        for (i = 0; i < count && status == OK; i++) {                                                                  \
-            double number = 0.0;                                                                                       \
-            status = get(c, vr[i], kind, &number);                                                                     \
-            values[i] = (type)number;                                                                                  \
-        }                                                                                                              \
-        return (fmi3Status)status;                                                                                     \
-    }
-#define SETTER(name, type, kind)                                                                                       \
-    fmi3Status name(fmi3Instance c, const fmi3ValueReference vr[], size_t count, const type values[], size_t valueCount) \
-    {                                                                                                                  \
-        int status = OK;                                                                                               \
-        size_t i;                                                                                                      \
-        REQUIRE(WRITABLE);                                                                                             \
-        if (valueCount != count) {                                                                                     \
-            return (fmi3Status)tell(c, ERROR, "logStatusError", "%s: no variable is an array", __func__);              \
-        }                                                                                                              \
-        for (i = 0; i < count && status == OK; i++) {                                                                  \
-            status = set(c, vr[i], kind, (double)values[i]);                                                           \
-        }                                                                                                              \
-        return (fmi3Status)status;                                                                                     \
-    }
 
 GETTER(fmi3GetFloat64, fmi3Float64, NUMBER)
 GETTER(fmi3GetInt64, fmi3Int64, ENUMERATION)

@@ -2,7 +2,8 @@
 
    FMI(name)      a name of the standard, with its prefix
    HANDLE, STATE  the types of an instance and of a kept state
-   GET_STATE, SET_STATE, FREE_STATE, STATE_SIZE, SERIALIZE, DESERIALIZE  functions that the versions spell differently */
+   GET_STATE, SET_STATE, FREE_STATE, STATE_SIZE, SERIALIZE, DESERIALIZE  functions that the versions spell differently
+   VALUE_COUNT, AS_MANY  the last argument of a getter or setter, if there is one, and whether it is the number of references */
 #ifndef FMU_FUNCTIONS_H
 #define FMU_FUNCTIONS_H
 
@@ -53,6 +54,42 @@ FMI(Status) FMI(Reset)(HANDLE c)
     begin(c);
     return FMI(OK);
 }
+
+/* ---- variables ---- */
+
+/* One getter or setter a type: all values pass as double, which holds each of them exactly. No variable is an array. */
+#define REQUIRE_AS_MANY                                                                                    \
+    do {                                                                                                   \
+        if (!AS_MANY) {                                                                                    \
+            return (FMI(Status))tell(c, ERROR, "logStatusError", "%s: no variable is an array", __func__); \
+        }                                                                                                  \
+    } while (0)
+#define GETTER(name, type, kind)                                                                        \
+    FMI(Status) name(HANDLE c, const FMI(ValueReference) vr[], size_t count, type values[] VALUE_COUNT) \
+    {                                                                                                   \
+        int status = OK;                                                                                \
+        size_t i;                                                                                       \
+        REQUIRE(ALIVE);                                                                                 \
+        REQUIRE_AS_MANY;                                                                                \
+        for (i = 0; i < count && status == OK; i++) {                                                   \
+            double number = 0.0;                                                                        \
+            status = get(c, vr[i], kind, &number);                                                      \
+            values[i] = (type)number;                                                                   \
+        }                                                                                               \
+        return (FMI(Status))status;                                                                     \
+    }
+#define SETTER(name, type, kind)                                                                              \
+    FMI(Status) name(HANDLE c, const FMI(ValueReference) vr[], size_t count, const type values[] VALUE_COUNT) \
+    {                                                                                                         \
+        int status = OK;                                                                                      \
+        size_t i;                                                                                             \
+        REQUIRE(WRITABLE);                                                                                    \
+        REQUIRE_AS_MANY;                                                                                      \
+        for (i = 0; i < count && status == OK; i++) {                                                         \
+            status = set(c, vr[i], kind, (double)values[i]);                                                  \
+        }                                                                                                     \
+        return (FMI(Status))status;                                                                           \
+    }
 
 /* ---- states ---- */
 
