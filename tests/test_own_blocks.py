@@ -159,6 +159,8 @@ def test_places_that_cannot_be_used_say_why(place: str, folder: Path) -> None:
     [
         ("math.sqrt(force)", r"bent_law.py, line \d+: .*: a law writes ops\.sqrt"),
         ("force if force > 0.0 else 0.0", r"bent_law.py, line \d+: .*ops\.where"),
+        ("forse", r"bent_law.py, line \d+: NameError: name 'forse' is not defined"),
+        ("setpoint.speed", r"bent_law.py, line \d+: AttributeError: .*'speed'"),
     ],
 )
 def test_a_law_that_leaves_its_language_is_an_error_in_one_line(force: str, said: str, folder: Path) -> None:

@@ -134,6 +134,21 @@ def _module(place: str) -> tuple[ModuleType, str]:
     return module, name
 
 
+def fault_of_own(error: Exception) -> FeeddriveError | None:
+    """An error that the code of a block of one's own raised, in one sentence with its line; None for any other.
+
+    Python users get the error itself; the command line has no traceback to show.
+    """
+    mine = {each.__module__ for members in catalogue().values() for each in members.values()}
+    mine -= {each.__module__ for members in shipped().values() for each in members.values()}
+    trace, line = error.__traceback__, ""
+    while trace is not None:
+        if trace.tb_frame.f_globals.get("__name__") in mine:
+            line = f"{os.path.basename(trace.tb_frame.f_code.co_filename)}, line {trace.tb_lineno}"
+        trace = trace.tb_next
+    return StructureError(f"{line}: {type(error).__name__}: {error}") if line else None
+
+
 def _search(folder: Path) -> None:
     if str(folder) not in sys.path:
         sys.path.append(str(folder))

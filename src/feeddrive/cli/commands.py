@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import inspect
 import sys
-from collections.abc import Sequence
-from contextlib import AbstractContextManager, nullcontext
+from collections.abc import Generator, Sequence
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import replace
 from functools import cached_property
 from typing import Annotated, Any
@@ -19,6 +19,7 @@ from typer.main import get_command
 
 from feeddrive.cli.terminal import UNBROKEN, TerminalProgress, open_console, show
 from feeddrive.language import units
+from feeddrive.language.errors import FeeddriveError
 from feeddrive.language.table import visible
 from feeddrive.workflow.command import COMMANDS, Command, load
 from feeddrive.workflow.request import Field, fields_of
@@ -120,7 +121,7 @@ def _function(command: Command[Any, Any, Any]) -> Any:
     fields = {field.name: field for field in fields_of(command.request)}  # type: ignore[arg-type]
 
     def perform(blocks: list[str] | None, verbose: bool, **values: Any) -> None:
-        with _opted_in(blocks or ()):
+        with _opted_in(blocks or ()), _in_one_line():
             _perform(command, {name: _entered(fields[name], value) for name, value in values.items()}, verbose)
 
     parameters = [*(_parameter(field) for field in fields.values()), _BLOCKS, _VERBOSE]
@@ -148,6 +149,22 @@ def _opted_in(places: Sequence[str]) -> AbstractContextManager[None]:
     from feeddrive.blocks.catalogue import with_blocks  # not for `--help`
 
     return with_blocks(places)
+
+
+@contextmanager
+def _in_one_line() -> Generator[None]:
+    """Errors in the code of blocks of one's own are said like all others."""
+    try:
+        yield
+    except (FeeddriveError, typer.Exit, typer.Abort):
+        raise
+    except Exception as error:
+        from feeddrive.blocks.catalogue import fault_of_own
+
+        said = fault_of_own(error)
+        if said is None:
+            raise
+        raise said from error
 
 
 def _parameter(field: Field) -> inspect.Parameter:
