@@ -482,6 +482,7 @@ def test_encirclement_of_two_rates_is_that_of_its_poles(screw: fd.Loop, every: i
         found = answer(point, response_on(point, control))
         stable = fd.linearize(replace(slow, control=control), ["load_force"], ["position_load"]).is_stable()
         assert encircles(found) is not stable, (Kv, Kp)
+        assert unstable(found) is not stable, (Kv, Kp)
         seen.add(stable)
     assert seen == {True, False}
 

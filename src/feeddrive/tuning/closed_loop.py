@@ -145,16 +145,18 @@ def unstable(answer: Answer) -> bool:
     axis, samples = answer.point.model, answer.response.samples
     if axis is None or samples is None:
         return encircles(answer)
-    n = samples.shape[1] - 1
+    n, many = samples.shape[1] - 1, axis.A.shape[0]
     force = axis.inputs.index("cut")
     read = [axis.outputs.index(each) for each in ("reading_motor", "reading_load")]
     C = axis.C[read]
-    moved = np.eye(axis.A.shape[0] + n)
-    for each in samples:
-        given = np.hstack([each[n:, n:] @ C, each[n:, :n]])  # the force, by states of both
-        rows = [np.hstack([axis.A, np.zeros((axis.A.shape[0], n))]) + axis.B[:, [force]] @ given]
-        rows.append(np.hstack([each[:n, n:] @ C, each[:n, :n]]))
-        moved = np.vstack(rows) @ moved
+    steps = np.zeros((len(samples), many + n, many + n))
+    steps[:, many:, :many], steps[:, many:, many:] = samples[:, :n, n:] @ C, samples[:, :n, :n]
+    given = np.concatenate([samples[:, n:, n:] @ C, samples[:, n:, :n]], axis=2)  # the force, by states of both
+    steps[:, :many] = axis.B[:, [force]] @ given
+    steps[:, :many, :many] += axis.A
+    moved = steps[0]
+    for each in steps[1:]:
+        moved = each @ moved
     if not np.all(np.isfinite(moved)):
         return True
     return not float(np.max(np.abs(np.linalg.eigvals(moved)))) < _EDGE

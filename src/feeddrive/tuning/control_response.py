@@ -19,6 +19,7 @@ from feeddrive.tuning.traced_control import READINGS, needed, traced_control
 
 _SPEED = 0.05  # m/s of the operating point
 _AT_ONE = 1e-5  # of |z|: a pole this near counts as 1, since a double pole is known only to the square root of rounding
+_NEAR = 3  # images on either side of a line that count at a look
 _BLOCK = 2**18  # entries of the matrices of all images that are made at once
 Axis = Callable[[np.ndarray], np.ndarray]  # frequency in Hz -> readings of motor and load over the command, m/N
 
@@ -174,15 +175,16 @@ class ControlResponse:
         frequency: np.ndarray,
         images: np.ndarray | None = None,
         *,
-        with_slopes: bool = True,
+        look: bool = False,
     ) -> Response:
         """The response and its slopes on lines in Hz up to Nyquist. Raises ParameterError if it is not finite.
 
         images  of the axis on these lines (`images`), for a law with two rates; without them its images are not closed
                 by an axis, which makes no difference far below its own rate
+        look    without slopes, and with the nearest images alone: for a law with two rates
         """
         if self.period > 1:
-            return self._over_a_period(values, frequency, images, with_slopes)
+            return self._over_a_period(values, frequency, images, look)
         return _response(*self.model(values), np.exp(2j * np.pi * frequency * self.T), self.T)
 
     def of_model(self, matrix: np.ndarray, frequency: np.ndarray) -> Response:
@@ -194,22 +196,29 @@ class ControlResponse:
         values: Sequence[float] | np.ndarray,
         frequency: np.ndarray,
         images: np.ndarray | None,
-        with_slopes: bool,
+        look: bool,
     ) -> Response:
         """`at` for a control with a slow part, some lines at a time."""
-        key = (np.asarray(values, float).tobytes(), with_slopes)
+        key = (np.asarray(values, float).tobytes(), look)
         if self._last is None or self._last[0] != key:  # the lines of the goal and those below it come in turns
-            self._last = key, self._lifted(values, with_slopes)
+            self._last = key, self._lifted(values, not look)
         big, slopes, samples = self._last[1]
         N, n = self.period, big.shape[0] - self.period
         if not (np.all(np.isfinite(big)) and np.all(np.isfinite(slopes))):
             raise ParameterError("the linear model of the control holds numbers that are not finite")
         count = max(1, _BLOCK // (N * N))
+        near = _NEAR if look else N
+        kept = [0] if images is None else [0, *(k for k in range(1, N) if k <= near or k >= N - near)]
         parts: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
         for first in range(0, frequency.size, count):
             own = slice(first, first + count)
-            axis = np.zeros((2, frequency[own].size, N - 1)) if images is None else images[:, own]
-            parts.append(_closed_by(big, slopes, images_turn(frequency[own], N, self.T), frequency[own] * self.T, axis))
+            axis = (
+                np.zeros((2, frequency[own].size, 0))
+                if images is None
+                else images[:, own][:, :, np.array(kept[1:]) - 1]
+            )
+            turns = images_turn(frequency[own], N, self.T)[:, :, kept]
+            parts.append(_closed_by(big, slopes, turns, frequency[own] * self.T, axis))
         poles = np.linalg.eigvals(big[:n, :n]) if n else np.zeros(0)
         unstable = np.abs(np.log(poles[np.abs(poles) > 1.0 + 1e-7])) / (N * self.T)
         value, slope = (np.concatenate([part[i] for part in parts], axis=1) for i in range(2))
@@ -271,7 +280,7 @@ def _closed_by(
     split = answered.reshape(*answered.shape[:2], N, 2)
     harmonics = np.einsum("lmjr,ljk->lmrk", split, turns, optimize=True)
     gain = -np.einsum("lmrk,rlk->lmk", harmonics[:, :, :, 1:], axis)
-    others = np.eye(N - 1) + gain[:, 1:]
+    others = np.eye(axis.shape[2]) + gain[:, 1:]
     back = np.linalg.solve(others, harmonics[:, 1:, :, 0])  # forces at the images by the readings at the line
     value = harmonics[:, 0, :, 0] - np.einsum("lk,lkr->lr", gain[:, 0], back)
     if not slopes.shape[2]:

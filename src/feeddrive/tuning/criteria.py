@@ -68,12 +68,12 @@ class Criteria:
             return self._of_two_rates(values)
         return self._answers(self.control.at(values, self._lines), values)
 
-    def _of_two_rates(self, values: np.ndarray, *, with_slopes: bool = True) -> list[Answer]:
+    def _of_two_rates(self, values: np.ndarray, *, look: bool = False) -> list[Answer]:
         """The closed loops of a control with two rates, whose response depends on the axis as well."""
 
         def response(frequency: np.ndarray, images: np.ndarray | None) -> Response:
-            found = self.control.at(values, frequency, images, with_slopes=with_slopes)
-            return _to_logarithms(found, values if with_slopes else np.zeros(0))
+            found = self.control.at(values, frequency, images, look=look)
+            return _to_logarithms(found, np.zeros(0) if look else values)
 
         return [
             answer(point, response(point.frequency, images), below.recovery(response(below.frequency, None)))
@@ -94,7 +94,7 @@ class Criteria:
         """The figures at many points (points, tunables), without slopes; None where there are none.
 
         The control is computed once for all of them, so that a look costs a fraction of a step of the search.  With two
-        rates each is computed by itself, and on every fourth line only.
+        rates each is computed by itself, on every fourth line only and with the nearest images.
         """
         if self.control.period > 1 and min(point.frequency.size for point in self.points) >= _COARSE * _FEWEST:
             coarser = tuple(point.chosen(_some(point.frequency.size)) for point in self.points)
@@ -107,7 +107,7 @@ class Criteria:
         for each, matrix in zip(x, models, strict=True):
             try:
                 if matrix is None:
-                    answers = self._of_two_rates(np.exp(each), with_slopes=False)
+                    answers = self._of_two_rates(np.exp(each), look=True)
                 else:
                     answers = self._answers(self.control.of_model(matrix, self._lines), np.zeros(0))
                 yield self.judged(each, answers)
