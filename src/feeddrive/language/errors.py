@@ -50,6 +50,15 @@ class FileError(FeeddriveError):
     """A file that cannot be read, understood or written; the message starts with the file's name."""
 
 
+class ProgramError(FileError):
+    """A part program that cannot be read: file, line and column (from 1), the word, the reason with what to do."""
+
+    def __init__(self, file: str, line: int, column: int, word: str, reason: str) -> None:
+        at = f"{file}, line {line}" + (f", column {column}" if column else "")
+        super().__init__(f"{at}: {word}: {reason}" if word else f"{at}: {reason}")
+        self.file, self.line, self.column, self.word, self.reason = file, line, column, word, reason
+
+
 class LogError(FeeddriveError):
     """A measured log that cannot be used: empty, truncated, with gaps, or on a non-uniform clock."""
 

@@ -1,0 +1,212 @@
+"""A block of a part program: the words of a line with their values, its codes in the order in which they act."""
+
+from __future__ import annotations
+
+import math
+import re
+
+from feeddrive.language.errors import nearest
+from feeddrive.path.program.codes import G_CODES, M_CODES, REFUSED, Code, Step, name_of
+from feeddrive.path.program.expressions import Values
+from feeddrive.path.program.lines import BlockError, Line, compact
+from feeddrive.path.program.parameters import Parameters
+
+AXES = "xyzabcuvw"
+LARGEST = 1e9
+"""No word is larger: mm, degrees, or what else it holds."""
+RS274 = "the own reader has no {}: LinuxCNC's interpreter rs274 reads it, which comes with the package linuxcnc-uspace"
+
+_PLAIN = re.compile(r"(?:[a-mp-z@^][+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+))+")
+_WORDS = re.compile(r"([a-mp-z@^])([+-]?[0-9.]+)")
+_NUMBERED = re.compile(r"n([0-9]+(?:\.[0-9]+)?)")
+_LETTERS = frozenset("abcdefghijklmpqrstuvwxyz@^")
+
+
+class Block:
+    """What a line asks for.
+
+    words     letter -> value, without G and M; who uses a word takes it out, and what is left is refused
+    codes     letter and ten times the number of each code, sorted by step
+    assigned  parameters that the block sets, after all of its values were read
+    comments  texts in parentheses
+    control   the line without white space and comments, if it is an o-word's, else empty
+    """
+
+    __slots__ = ("assigned", "codes", "comments", "control", "line", "words")
+
+    def __init__(self, line: Line) -> None:
+        self.line = line
+        self.words: dict[str, float] = {}
+        self.codes: list[tuple[Step, str, int]] = []
+        self.assigned: list[tuple[int | str, float]] = []
+        self.comments: list[str] = []
+        self.control = ""
+
+    def take(self, letter: str, code: str = "") -> float | None:
+        """Take a word out; a missing one is None, or refused if a code is named that needs it."""
+        value = self.words.pop(letter, None)
+        if value is None and code:
+            raise BlockError(f"{code} needs the word {letter.upper()}, which this block does not have: write it", code)
+        return value
+
+    def whole(self, letter: str, code: str, least: int, most: int, default: int | None = None) -> int:
+        """Take a word out that holds a whole number within bounds."""
+        value = self.take(letter, "" if default is not None else code)
+        if value is None:
+            assert default is not None
+            return default
+        if abs(value - round(value)) > 1e-4 or not least <= round(value) <= most:
+            raise BlockError(
+                f"{letter.upper()} of {code} is a whole number from {least} to {most}, not {value:g}", letter.upper()
+            )
+        return round(value)
+
+
+def read_block(line: Line, parameters: Parameters, skip_deleted: bool) -> Block:
+    """Read a line; with `skip_deleted` a line that begins with / is an empty block."""
+    block = Block(line)
+    text, block.comments = compact(line.text)
+    if not text:
+        return block
+    start = 0
+    if text[0] == "/":
+        if skip_deleted:
+            block.comments = []
+            return block
+        start = 1
+    if text.startswith("n", start):
+        numbered = _NUMBERED.match(text, start)
+        if not numbered:
+            raise BlockError("a line number is N and digits, such as N100", text[start : start + 12], start)
+        start = numbered.end()
+    if text.startswith("o", start):
+        block.control = text[start:]
+    elif _PLAIN.fullmatch(text, start):
+        words = block.words
+        for letter, number in _WORDS.findall(text, start):
+            if letter in "gm":
+                block.codes.append(_WRITTEN.get(letter + number) or _code(letter, float(number), text, None))
+            elif letter in words:
+                raise _twice(letter, text.rindex(letter))
+            else:
+                words[letter] = float(number)
+        if words and not -LARGEST <= min(words.values()) <= max(words.values()) <= LARGEST:
+            large = next(letter for letter, value in words.items() if abs(value) > LARGEST)
+            raise _too_large(large, words[large], text.find(large, start))
+    elif start < len(text):
+        _read_words(block, Values(text, parameters, start))
+    if len(block.codes) > 1:
+        block.codes.sort()
+        _refuse_two_of_a_group(block)
+    return block
+
+
+def _read_words(block: Block, values: Values) -> None:
+    """Words whose values are not all plain numbers, and settings of parameters."""
+    text = values.text
+    while values.at < len(text):
+        start = values.at
+        letter = text[start]
+        values.at += 1
+        if letter == "#":
+            key = values.key()
+            if not text.startswith("=", values.at):
+                raise values.fault("a parameter at this place is set: #1=2 or #<name>=2", start)
+            values.at += 1
+            block.assigned.append((key, values.value()))
+        elif letter in _LETTERS:
+            try:
+                _add(block, letter, values.value(), start)
+            except BlockError as fault:
+                if fault.index in (None, start + 1):  # of the whole word
+                    raise values.fault(fault.reason, start) from None
+                raise
+        elif letter in "no":
+            raise values.fault(f"{letter.upper()} stands at the start of a line only", start)
+        else:
+            raise values.fault("a word begins with a letter: this character has no meaning here", start)
+
+
+def _add(block: Block, letter: str, value: float, start: int) -> None:
+    """Add a word to a block."""
+    if letter in "gm":
+        block.codes.append(_code(letter, value, "", start))
+    elif letter in block.words:
+        raise _twice(letter, start)
+    elif abs(value) > LARGEST:
+        raise _too_large(letter, value, start)
+    else:
+        block.words[letter] = value
+
+
+def _twice(letter: str, at: int) -> BlockError:
+    return BlockError(f"the word {letter.upper()} stands twice in this block: split the line", letter.upper(), at)
+
+
+def _too_large(letter: str, value: float, at: int) -> BlockError:
+    return BlockError(f"a word is at most {LARGEST:g}", f"{letter.upper()}{value:g}", at)
+
+
+def _code(letter: str, value: float, text: str, start: int | None) -> tuple[Step, str, int]:
+    table = G_CODES if letter == "g" else M_CODES
+    tenths = 10.0 * value
+    number = round(tenths) if abs(tenths) < 1e6 else -1
+    code = table.get(number) if abs(tenths - number) < 1e-3 else None
+    if code and code.native:
+        return code.step, letter, number
+    at = _place(text, letter, value) if start is None else start
+    if code is None:
+        written = f"{letter.upper()}{value:g}"
+        known = nearest(written, [name_of(letter, each) for each in table])
+        raise BlockError(f"there is no such code here{known}", written, at)
+    name = name_of(letter, number)
+    raise BlockError(REFUSED.get(name) or RS274.format(f"{name} ({code.meaning})"), name, at)
+
+
+_WRITTEN = {
+    f"{letter}{text}": (code.step, letter, number)
+    for letter, table in (("g", G_CODES), ("m", M_CODES))
+    for number, code in table.items()
+    if code.native
+    for text in {f"{number / 10:g}", f"{number / 10:04.1f}" if number % 10 else f"{number // 10:02}"}
+}
+"""Codes by how they are mostly written, g1 or g01: the rest is looked up by number."""
+
+
+def _place(text: str, letter: str, value: float) -> int:
+    """Where a word stands in a line of plain words; of equal ones the last."""
+    return max(found.start() for found in _WORDS.finditer(text) if found[1] == letter and float(found[2]) == value)
+
+
+def code_of(letter: str, number: int) -> Code:
+    """What stands in the table of codes."""
+    return (G_CODES if letter == "g" else M_CODES)[number]
+
+
+def _refuse_two_of_a_group(block: Block) -> None:
+    seen: dict[str, str] = {}
+    for _, letter, number in block.codes:
+        group, name = code_of(letter, number).group, name_of(letter, number)
+        if group in seen:
+            raise BlockError(
+                f"{seen[group]} and {name} exclude each other ({group.lower().replace('_', ' ')}): use two lines", name
+            )
+        seen[group] = name
+
+
+def read_debug(text: str, parameters: Parameters) -> str:
+    """The text of a (DEBUG, ...) or (PRINT, ...) comment with its parameters' values; %d, %f, %.2f format them."""
+    form = "%f"
+
+    def shown(found: re.Match[str]) -> str:
+        nonlocal form
+        if found[0].startswith("%"):
+            form = found[0]
+            return ""
+        key: int | str = int(found[1]) if found[1] else "".join(found[2].split()).lower()
+        if not parameters.known(key):
+            return "######"
+        value = parameters.value(key)
+        return str(math.floor(value + 0.5)) if form == "%d" else form % value
+
+    return re.sub(r"#(?:(\d{1,4})|<([^<>]+)>)|%(?:d|f|\.\df)", shown, text)

@@ -1,0 +1,203 @@
+"""Values in a part program: numbers, parameters, expressions in brackets, functions. Angles are in degrees.
+
+Precedence, as LinuxCNC has it: `**`; `* / mod`; `+ -`; `eq ne gt ge lt le`; `and or xor`; each from left to right.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable
+
+from feeddrive.path.program.lines import BlockError
+from feeddrive.path.program.parameters import Parameters, number_of
+
+DEEPEST = 60
+"""Brackets inside brackets."""
+EQUAL = 1e-5
+"""Numbers closer than this are eq."""
+
+NUMBER = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)")
+_NAME = re.compile(r"<([^<>]+)>")
+_OPERATOR = re.compile(r"\*\*|\*|/|mod|\+|-|eq|ne|gt|ge|lt|le|and|or|xor|\]")
+_FUNCTION = re.compile(r"abs|acos|asin|atan|cos|exists|exp|fix|fup|ln|round|sin|sqrt|tan")
+
+_RANKS = (("and", "or", "xor"), ("eq", "ne", "gt", "ge", "lt", "le"), ("+", "-"), ("*", "/", "mod"), ("**",))
+_RANK = {operator: rank for rank, operators in enumerate(_RANKS, 1) for operator in operators}
+
+
+def _power(a: float, b: float) -> float:
+    if a < 0 and b != math.floor(b):
+        raise BlockError(f"{a:g} ** {b:g}: a negative number has whole powers only")
+    if a == 0 and b < 0:
+        raise BlockError("division by zero: 0 has no negative power")
+    return math.pow(a, b)
+
+
+def _divide(a: float, b: float) -> float:
+    if b == 0:
+        raise BlockError("division by zero: check the divisor before")
+    return a / b
+
+
+def _modulo(a: float, b: float) -> float:
+    if b == 0:
+        raise BlockError("mod by zero: check the divisor before")
+    rest = math.fmod(a, b)
+    return rest + abs(b) if rest < 0 else rest
+
+
+_BINARY: dict[str, Callable[[float, float], float]] = {
+    "**": _power,
+    "*": lambda a, b: a * b,
+    "/": _divide,
+    "mod": _modulo,
+    "+": lambda a, b: a + b,
+    "-": lambda a, b: a - b,
+    "eq": lambda a, b: float(abs(a - b) < EQUAL),
+    "ne": lambda a, b: float(abs(a - b) >= EQUAL),
+    "gt": lambda a, b: float(a > b),
+    "ge": lambda a, b: float(a >= b),
+    "lt": lambda a, b: float(a < b),
+    "le": lambda a, b: float(a <= b),
+    "and": lambda a, b: float(a != 0 and b != 0),
+    "or": lambda a, b: float(a != 0 or b != 0),
+    "xor": lambda a, b: float((a == 0) != (b == 0)),
+}
+
+
+def _inside(name: str, value: float, least: float, most: float) -> float:
+    if not least <= value <= most:
+        raise BlockError(f"{name}[{value:g}]: its argument lies in {least:g}..{most:g}")
+    return value
+
+
+_UNARY: dict[str, Callable[[float], float]] = {
+    "abs": abs,
+    "acos": lambda x: math.degrees(math.acos(_inside("acos", x, -1, 1))),
+    "asin": lambda x: math.degrees(math.asin(_inside("asin", x, -1, 1))),
+    "cos": lambda x: math.cos(math.radians(x)),
+    "exp": math.exp,
+    "fix": lambda x: float(math.floor(x)),
+    "fup": lambda x: float(math.ceil(x)),
+    "ln": lambda x: math.log(_inside("ln", x, 5e-324, math.inf)),
+    "round": lambda x: float(math.floor(abs(x) + 0.5)) * math.copysign(1.0, x),
+    "sin": lambda x: math.sin(math.radians(x)),
+    "sqrt": lambda x: math.sqrt(_inside("sqrt", x, 0, math.inf)),
+    "tan": lambda x: math.tan(math.radians(x)),
+}
+
+
+class Values:
+    """Reads values from a compacted line, from `at` on."""
+
+    def __init__(self, text: str, parameters: Parameters, at: int = 0) -> None:
+        self.text, self.parameters, self.at = text, parameters, at
+        self._depth = 0
+
+    def fault(self, reason: str, start: int | None = None) -> BlockError:
+        """A fault of what stands from `start` (or here) on."""
+        begin = self.at if start is None else start
+        rest = self.text[begin:]
+        return BlockError(reason, rest if len(rest) <= 20 else rest[:17] + "...", begin)
+
+    def value(self) -> float:
+        """A number, a parameter, an expression in brackets or a function, each with a sign or none."""
+        start = self.at
+        found = NUMBER.match(self.text, start)
+        if found:
+            self.at = found.end()
+            if self.text.startswith(".", self.at):
+                raise self.fault("a number has one decimal point", start)
+            return self._finite(float(found[0]), start)
+        self._deeper()
+        try:
+            return self._finite(self._signed(), start)
+        except BlockError as fault:
+            if fault.index is None:
+                raise self.fault(fault.reason, start) from None
+            raise
+        except ArithmeticError:
+            raise self.fault("the result is too large for a number", start) from None
+        finally:
+            self._depth -= 1
+
+    def key(self) -> int | str:
+        """What follows a #: the name or the number of a parameter."""
+        named = _NAME.match(self.text, self.at)
+        if named:
+            self.at = named.end()
+            return named[1]
+        return number_of(self.value())
+
+    def _signed(self) -> float:
+        text = self.text
+        first = text[self.at : self.at + 1]
+        if first and first in "+-":
+            self.at += 1
+            return -self.value() if first == "-" else self.value()
+        if first == "[":
+            self.at += 1
+            return self._expression()
+        if first == "#":
+            self.at += 1
+            return self.parameters.value(self.key())
+        name = _FUNCTION.match(text, self.at)
+        if not name:
+            raise self.fault("a number, a parameter (#1, #<name>), an expression [...] or a function is expected here")
+        self.at = name.end()
+        if not text.startswith("[", self.at):
+            raise self.fault(f"{name[0]} takes its argument in brackets: {name[0]}[...]")
+        if name[0] == "exists":
+            return self._exists()
+        self.at += 1
+        if name[0] == "atan":
+            return self._arc_tangent()
+        return float(_UNARY[name[0]](self._expression()))
+
+    def _exists(self) -> float:
+        if not self.text.startswith("[#", self.at):
+            raise self.fault("exists takes the name of a parameter: exists[#<name>]")
+        self.at += 2
+        key = self.key()
+        if not self.text.startswith("]", self.at):
+            raise self.fault("exists takes one parameter: a ] is expected here")
+        self.at += 1
+        return float(self.parameters.known(key))
+
+    def _arc_tangent(self) -> float:
+        y = self._expression()
+        if not self.text.startswith("/[", self.at):
+            raise self.fault("atan takes two arguments: atan[y]/[x]")
+        self.at += 2
+        return math.degrees(math.atan2(y, self._expression()))
+
+    def _expression(self) -> float:
+        """What stands behind an opening bracket, up to its closing one."""
+        values = [self.value()]
+        operators: list[str] = []
+        while True:
+            found = _OPERATOR.match(self.text, self.at)
+            if not found:
+                raise self.fault("an operator or a closing bracket ] is expected here")
+            self.at = found.end()
+            rank = _RANK.get(found[0], 0)
+            while operators and _RANK[operators[-1]] >= rank:
+                right = values.pop()
+                values[-1] = _BINARY[operators.pop()](values[-1], right)
+            if rank == 0:
+                return values[0]
+            operators.append(found[0])
+            values.append(self.value())
+
+    def _deeper(self) -> None:
+        self._depth += 1
+        if self._depth > DEEPEST:
+            raise self.fault(
+                f"brackets, signs and parameters lie more than {DEEPEST} deep: use a parameter for a part of it"
+            )
+
+    def _finite(self, value: float, start: int) -> float:
+        if not math.isfinite(value):
+            raise self.fault("the value is not a finite number", start)
+        return value

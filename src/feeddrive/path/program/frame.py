@@ -1,0 +1,340 @@
+"""From canonical commands in the program's units and coordinates to moves in SI and machine coordinates.
+
+machine = R(rotation) (program + axis_offset) + origin + tool_offset          rotation in the XY plane
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from itertools import pairwise
+from typing import cast
+
+from feeddrive.path.program.blocks import AXES
+from feeddrive.path.program.commands import Command
+from feeddrive.path.program.cycles import PLANES
+from feeddrive.path.program.lines import BlockError, Line, located
+from feeddrive.path.program.moves import (
+    Arc,
+    Dwell,
+    End,
+    Feed,
+    Message,
+    Move,
+    Offsets,
+    PathMode,
+    Point,
+    Spindle,
+    Spline,
+    Stop,
+    Straight,
+    Switch,
+    Synchronized,
+    ToolChange,
+)
+from feeddrive.path.program.state import LINEAR, rotated
+
+Travel = Mapping[str, tuple[float, float] | None]
+"""Axis letter -> least and most coordinate (m, rad), or None for an axis without ends."""
+FARTHEST = 1e6
+"""m or rad: no coordinate lies beyond."""
+ROUNDING = 1e-9
+"""By how much (m, rad) a coordinate may lie beyond the end of an axis: what rounding to 15 digits may cost at 1 km."""
+
+_ZERO = (0.0,) * 9
+_CANON_PLANES = {"CANON_PLANE_XY": PLANES[170], "CANON_PLANE_XZ": PLANES[180], "CANON_PLANE_YZ": PLANES[190]}
+_PATH_MODES = {"CANON_EXACT_PATH": "exact_path", "CANON_EXACT_STOP": "exact_stop", "CANON_CONTINUOUS": "continuous"}
+_SILENT = {
+    "COMMENT",
+    "LOG",
+    "ON_RESET",
+    "SET_FEED_REFERENCE",
+    "START_CHANGE",
+    "SET_TOOL_TABLE_ENTRY",
+    "SET_SPINDLE_MODE",
+}
+_SWITCHES = {
+    "MIST_ON": "mist",
+    "FLOOD_ON": "flood",
+    "MIST_OFF": "mist",
+    "FLOOD_OFF": "flood",
+    "PALLET_SHUTTLE": "pallet",
+}
+_NUMBERED = ("SET_MOTION_OUTPUT_", "CLEAR_MOTION_OUTPUT_", "SET_AUX_OUTPUT_", "CLEAR_AUX_OUTPUT_")
+
+
+class Frame:
+    """Makes moves of commands; it knows units, plane and offsets, and where the machine stands.
+
+    axes  the axes of the machine with their travel; None for all nine without ends
+    """
+
+    def __init__(self, axes: Travel | None = None) -> None:
+        self._travel = None if axes is None else [axes.get(letter.upper(), axes.get(letter)) for letter in AXES]
+        self._present = None if axes is None else [letter in {each.lower() for each in axes} for letter in AXES]
+        self._here: Point = _ZERO
+        self._divisors = [1000.0] * 9
+        self._rotation = 0.0
+        self._system = 1
+        self._origin = self._axis_offset = self._tool_offset = _ZERO
+        self._shift: list[float] | None = None
+        self._plane = PLANES[170]
+        self._per_turn = False
+        self._speed, self._direction = 0.0, 0
+        self._selected = 0
+        self._makers: dict[str, Callable[[Command], Move | None]] = {
+            "STRAIGHT_FEED": self._feed_to,
+            "STRAIGHT_TRAVERSE": self._traverse_to,
+            "ARC_FEED": self._arc,
+            "NURBS_FEED": self._spline,
+            "DWELL": lambda c: Dwell(c.line, float(c.values[0])),
+            "SET_MOTION_CONTROL_MODE": self._path_mode,
+            "SET_NAIVECAM_TOLERANCE": self._naive,
+            "SET_FEED_RATE": self._feed,
+            "SET_FEED_MODE": self._feed_mode,
+            "USE_LENGTH_UNITS": self._units,
+            "SELECT_PLANE": self._select_plane,
+            "SET_G5X_OFFSET": self._work_offset,
+            "SET_G92_OFFSET": self._set_axis_offset,
+            "SET_XY_ROTATION": self._set_rotation,
+            "USE_TOOL_LENGTH_OFFSET": self._set_tool_offset,
+            "SET_SPINDLE_SPEED": self._spindle,
+            "START_SPINDLE_CLOCKWISE": self._spindle,
+            "START_SPINDLE_COUNTERCLOCKWISE": self._spindle,
+            "STOP_SPINDLE_TURNING": self._spindle,
+            "START_SPEED_FEED_SYNC": lambda c: Synchronized(c.line, float(c.values[0]) / self._divisors[0]),
+            "STOP_SPEED_FEED_SYNCH": lambda c: Synchronized(c.line, 0.0),
+            "SELECT_TOOL": self._select_tool,
+            "CHANGE_TOOL": lambda c: ToolChange(c.line, self._selected),
+            "CHANGE_TOOL_NUMBER": lambda c: ToolChange(c.line, int(float(c.values[0]))),
+            "MESSAGE": lambda c: Message(c.line, str(c.values[0])),
+            "PRINT": lambda c: Message(c.line, str(c.values[0])),
+            "PROGRAM_STOP": lambda c: Stop(c.line, False),
+            "OPTIONAL_PROGRAM_STOP": lambda c: Stop(c.line, True),
+            "PROGRAM_END": lambda c: End(c.line),
+            "FINISH": lambda c: End(c.line),
+        }
+        self._mode: PathMode | None = None
+
+    def moves(self, commands: Iterable[Command]) -> Iterator[Move]:
+        """The moves that commands ask for, one by one."""
+        for command in commands:
+            maker = self._makers.get(command.name)
+            try:
+                made = maker(command) if maker else self._other(command)
+            except BlockError as fault:
+                raise located(command.line, fault) from None
+            if made is not None:
+                yield made
+
+    # coordinates
+
+    def _machine(self, values: Point) -> Point:
+        """Program coordinates in machine coordinates, SI."""
+        if self._shift is None:
+            self._shift = self._sum_of_offsets()
+        if len(values) < 9:
+            values += _ZERO[len(values) :]
+        if not self._rotation:
+            return tuple([v / d + s for v, d, s in zip(values, self._divisors, self._shift, strict=True)])
+        point = [v / d + a for v, d, a in zip(values, self._divisors, self._axis_offset, strict=True)]
+        point[0], point[1] = rotated(point[0], point[1], self._rotation)
+        return tuple([p + s for p, s in zip(point, self._shift, strict=True)])
+
+    def _sum_of_offsets(self) -> list[float]:
+        parts = (
+            (self._origin, self._tool_offset)
+            if self._rotation
+            else (self._axis_offset, self._origin, self._tool_offset)
+        )
+        return [sum(each) for each in zip(*parts, strict=True)]
+
+    def _check(self, start: Point, end: Point) -> None:
+        """Refuse a point that the machine cannot reach."""
+        if not (-FARTHEST <= min(end) <= max(end) <= FARTHEST and math.isfinite(sum(end))):
+            axis = next(axis for axis, value in enumerate(end) if not abs(value) <= FARTHEST)
+            raise BlockError(
+                f"the coordinate {end[axis]:g} is farther than {FARTHEST:g} m or rad: check units and offsets",
+                AXES[axis].upper(),
+            )
+        if self._present is None or self._travel is None:
+            return
+        for axis, value in enumerate(end):
+            letter = AXES[axis].upper()
+            if not self._present[axis]:
+                if value != start[axis]:
+                    there = " ".join(each.upper() for each, here in zip(AXES, self._present, strict=True) if here)
+                    raise BlockError(
+                        f"the machine has no axis {letter}; it has {there}: take the word out",
+                        letter,
+                    )
+                continue
+            self._check_travel(axis, value)
+
+    def _check_travel(self, axis: int, value: float) -> None:
+        travel = self._travel[axis] if self._travel else None
+        if travel is None or travel[0] - ROUNDING <= value <= travel[1] + ROUNDING:
+            return
+        letter = AXES[axis].upper()
+        unit, scale = ("degrees", math.degrees(1.0)) if axis not in LINEAR else ("mm", 1000.0)
+        raise BlockError(
+            f"axis {letter} would go to {value * scale:.6g} {unit} in machine coordinates, its travel is "
+            f"{travel[0] * scale:.6g}..{travel[1] * scale:.6g} {unit}: move the work offset, or shorten the move",
+            letter,
+        )
+
+    def _feed_to(self, command: Command) -> Move | None:
+        return self._straight(command, False)
+
+    def _traverse_to(self, command: Command) -> Move | None:
+        return self._straight(command, True)
+
+    def _straight(self, command: Command, traverse: bool) -> Move | None:
+        start, end = self._here, self._machine(cast("Point", command.values))
+        if end == start:
+            return None
+        self._check(start, end)
+        self._here = end
+        return Straight(command.line, start, end, traverse)
+
+    def _arc(self, command: Command) -> Move:
+        numbers = [float(value) for value in command.values]
+        first, second, across = self._plane
+        program = list(_ZERO)
+        program[first], program[second], program[across] = numbers[0], numbers[1], numbers[5]
+        program[3 : 3 + len(numbers) - 6] = numbers[6:]
+        middle = list(program)
+        middle[first], middle[second] = numbers[2], numbers[3]
+        if self._rotation and across != 2:
+            raise BlockError("an arc outside of the plane XY cannot be rotated by G10 R: set R to 0", "G")
+        start, end, center = self._here, self._machine(tuple(program)), self._machine(tuple(middle))
+        arc = Arc(command.line, start, end, self._plane, (center[first], center[second]), int(numbers[4]))
+        self._check(start, end)
+        if self._travel is not None:
+            self._check_extremes(arc)
+        self._here = end
+        return arc
+
+    def _check_extremes(self, arc: Arc) -> None:
+        """An arc's farthest points on the two axes of its plane lie within the travel."""
+        first, second, _ = arc.axes
+        begin = math.atan2(arc.start[second] - arc.center[1], arc.start[first] - arc.center[0])
+        angle, radius = arc.angle, arc.radius
+        for quarter in range(4):
+            direction = quarter * math.pi / 2
+            ahead = (direction - begin) % math.tau if angle > 0 else (begin - direction) % math.tau
+            if ahead < abs(angle):
+                axis, sign = ((first, 1), (second, 1), (first, -1), (second, -1))[quarter]
+                self._check_travel(axis, arc.center[0 if axis == first else 1] + sign * radius)
+
+    def _spline(self, command: Command) -> Move:
+        values = [float(value) for value in command.values if isinstance(value, float)]
+        if len(values) < 4:
+            raise BlockError("the interpreter of LinuxCNC prints no points of a spline: use the own reader", "G5")
+        here = self._program_here()
+        points = [self._machine((x, y, *here[2:])) for x, y in zip(values[::2], values[1::2], strict=True)]
+        start = self._here
+        for _, point in pairwise([start, *points]):  # a Bezier curve lies within the hull of its points
+            self._check(start, point)
+        self._here = points[-1]
+        return Spline(command.line, start, points[-1], tuple(points[:-1]))
+
+    def _program_here(self) -> list[float]:
+        """Where the machine stands, in program coordinates; only what a spline does not move is used."""
+        if self._shift is None:
+            self._shift = self._sum_of_offsets()
+        here = [h - s for h, s in zip(self._here, self._shift, strict=True)]
+        if self._rotation:
+            here = [h - a for h, a in zip(here, self._axis_offset, strict=True)]
+        return [h * d for h, d in zip(here, self._divisors, strict=True)]
+
+    # modes
+
+    def _units(self, command: Command) -> None:
+        length = {"CANON_UNITS_MM": 1000.0, "CANON_UNITS_INCHES": 1000.0 / 25.4, "CANON_UNITS_CM": 100.0}[
+            str(command.values[0])
+        ]
+        self._divisors = [length if axis in LINEAR else math.degrees(1.0) for axis in range(9)]
+
+    def _select_plane(self, command: Command) -> None:
+        plane = _CANON_PLANES.get(str(command.values[0]))
+        if plane is None:
+            raise BlockError("this plane is none of XY, ZX and YZ: write G17, G18 or G19", "G")
+        self._plane = plane
+
+    def _path_mode(self, command: Command) -> Move:
+        mode = _PATH_MODES[str(command.values[0])]
+        tolerance = float(command.values[1]) / self._divisors[0] if len(command.values) > 1 else 0.0
+        self._mode = PathMode(command.line, mode, tolerance, tolerance)
+        return self._mode
+
+    def _naive(self, command: Command) -> Move | None:
+        naive = float(command.values[0]) / self._divisors[0]
+        mode = self._mode
+        if mode is None or naive == mode.naive_tolerance:
+            return None
+        self._mode = PathMode(command.line, mode.mode, mode.tolerance, naive)
+        return self._mode
+
+    def _feed_mode(self, command: Command) -> None:
+        self._per_turn = bool(int(float(command.values[1])))
+
+    def _feed(self, command: Command) -> Move:
+        rate = float(command.values[0])
+        seconds = 1.0 if self._per_turn else 60.0
+        return Feed(command.line, rate / self._divisors[0] / seconds, math.radians(rate) / seconds, self._per_turn)
+
+    def _spindle(self, command: Command) -> Move:
+        if command.name == "SET_SPINDLE_SPEED":
+            self._speed = float(command.values[-1])
+        else:
+            self._direction = {"START_SPINDLE_CLOCKWISE": 1, "START_SPINDLE_COUNTERCLOCKWISE": -1}.get(command.name, 0)
+        return Spindle(command.line, self._speed, self._direction)
+
+    def _select_tool(self, command: Command) -> None:
+        self._selected = int(float(command.values[0]))  # CHANGE_TOOL of LinuxCNC has a row of the table
+
+    # offsets
+
+    def _lengths(self, values: tuple[float | str, ...]) -> Point:
+        found = tuple(float(value) / divisor for value, divisor in zip(values, self._divisors, strict=False))
+        return found + _ZERO[len(found) :]
+
+    def _work_offset(self, command: Command) -> Move:
+        self._system = int(float(command.values[0]))
+        self._origin = self._lengths(command.values[1:])
+        return self._offsets(command.line)
+
+    def _set_axis_offset(self, command: Command) -> Move:
+        self._axis_offset = self._lengths(command.values)
+        return self._offsets(command.line)
+
+    def _set_rotation(self, command: Command) -> Move | None:
+        rotation = float(command.values[0])
+        if rotation == self._rotation:
+            return None
+        self._rotation = rotation
+        return self._offsets(command.line)
+
+    def _set_tool_offset(self, command: Command) -> Move:
+        self._tool_offset = self._lengths(command.values)
+        return self._offsets(command.line)
+
+    def _offsets(self, line: Line) -> Move:
+        self._shift = None
+        rotation = math.radians(self._rotation)
+        return Offsets(line, self._system, self._origin, rotation, self._axis_offset, self._tool_offset)
+
+    def _other(self, command: Command) -> Move | None:
+        name, values = command.name, command.values
+        if name in _SILENT:
+            return None
+        if name in _SWITCHES:
+            return Switch(command.line, _SWITCHES[name], float(not name.endswith("_OFF")))
+        state, _, what = name.partition("_")
+        if state in ("ENABLE", "DISABLE"):
+            return Switch(command.line, what.lower(), float(state == "ENABLE"))
+        if name.startswith(_NUMBERED):
+            number, *value = values
+            return Switch(command.line, f"output {number}", float(value[0]) if value else float(state == "SET"))
+        raise BlockError(f"the command {name} of the interpreter cannot be planned: take it out of the program")

@@ -1,0 +1,146 @@
+"""The lines of a part program: read one by one at bounded length, with places to go back to."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import NamedTuple
+
+from feeddrive.language.errors import FileError, ProgramError, plain
+
+LONGEST_LINE = 65536
+"""Bytes of a line, its end included; a longer one is refused after so many bytes were read."""
+
+
+class Line(NamedTuple):
+    """A line of a program: its file, its number from 1, its text without the end."""
+
+    file: str
+    number: int
+    text: str
+
+
+class Place(NamedTuple):
+    """Where a line begins: bytes before it, lines before it."""
+
+    offset: int
+    number: int
+
+
+class BlockError(Exception):
+    """What is wrong with a block, before its place in the file is known.
+
+    word   the word as the message shows it; its letter is looked for in the line if `index` is missing
+    index  characters before it in the line as `compact` leaves it
+    column its column in the line as it is, from 1, where that is known
+    """
+
+    def __init__(self, reason: str, word: str = "", index: int | None = None, column: int | None = None) -> None:
+        super().__init__(reason)
+        self.reason, self.word, self.index, self.column = reason, word, index, column
+
+
+class LineReader:
+    """A file that gives its lines, and can go back to a place in it."""
+
+    def __init__(self, path: Path) -> None:
+        self.name = str(path)
+        try:
+            if path.is_dir():
+                raise FileError(f"{path}: this is a folder, a part program is a file")
+            self._file = path.open("rb")
+        except OSError as error:
+            raise FileError(f"{path}: cannot be read: {error.strerror or error}") from None
+        self._offset = self._number = self._last = 0
+        self.furthest = 0
+
+    @property
+    def place(self) -> Place:
+        """Where the next line begins."""
+        return Place(self._offset, self._number)
+
+    @property
+    def last(self) -> Place:
+        """Where the line began that was read last."""
+        return Place(self._last, self._number - 1)
+
+    def go(self, place: Place) -> None:
+        """Read on from a place."""
+        self._offset, self._number = place
+        self._file.seek(self._offset)
+
+    def read(self) -> Line | None:
+        """The next line; None behind the last one."""
+        raw = self._file.readline(LONGEST_LINE + 1)
+        if not raw:
+            return None
+        self._number += 1
+        self._last = self._offset
+        if len(raw) > LONGEST_LINE:
+            raise ProgramError(
+                self.name,
+                self._number,
+                LONGEST_LINE + 1,
+                "",
+                f"the line is longer than {LONGEST_LINE} bytes: a part program has short lines, is this one?",
+            )
+        self._offset += len(raw)
+        return Line(self.name, self._number, raw.decode("utf-8", "replace").rstrip("\r\n"))
+
+    def close(self) -> None:
+        """End reading."""
+        self._file.close()
+
+
+def located(line: Line, fault: BlockError) -> ProgramError:
+    """The error of a fault in a line: with file, line and column."""
+    column = fault.column or 1
+    if fault.column is None and fault.index is not None:
+        kept = _kept(line.text)
+        column = (kept[fault.index] if fault.index < len(kept) else len(line.text.rstrip())) + 1
+    elif fault.column is None and fault.word:
+        kept = _kept(line.text)
+        column = 1 + next((i for i in kept if line.text[i].lower() == fault.word[0].lower()), kept[0] if kept else 0)
+    return ProgramError(line.file, line.number, column, plain(fault.word), fault.reason)
+
+
+def _kept(text: str) -> list[int]:
+    """The characters of a line that are neither white space nor comment, by their index."""
+    kept: list[int] = []
+    inside = False
+    for index, letter in enumerate(text):
+        if inside:
+            inside = letter != ")"
+        elif letter == ";":
+            break
+        elif letter == "(":
+            inside = True
+        elif not letter.isspace():
+            kept.append(index)
+    return kept
+
+
+def compact(text: str) -> tuple[str, list[str]]:
+    """A line in small letters without white space and comments, and its comments in parentheses.
+
+    White space means nothing in RS-274, not even inside a number: `g0x +0. 12 34y 7` is `g0x+0.1234y7`.
+    """
+    if "(" not in text:
+        return "".join(text.partition(";")[0].split()).lower(), []
+    kept: list[str] = []
+    comments: list[str] = []
+    rest = text
+    while rest:
+        opened, ended = rest.find("("), rest.find(";")
+        if opened < 0 or 0 <= ended < opened:
+            kept.append(rest if ended < 0 else rest[:ended])
+            break
+        kept.append(rest[:opened])
+        closed = rest.find(")", opened)
+        inner = rest[opened + 1 :] if closed < 0 else rest[opened + 1 : closed]
+        if closed < 0 or "(" in inner:
+            shown = "(" + (inner if len(inner) <= 20 else inner[:17] + "...")
+            what = "a comment opens inside a comment" if closed >= 0 else "the comment has no closing parenthesis"
+            raise BlockError(f"{what}: write ) before it", shown, column=len(text) - len(rest) + opened + 1)
+        comments.append(inner)
+        rest = rest[closed + 1 :]
+    return "".join("".join(kept).split()).lower(), comments

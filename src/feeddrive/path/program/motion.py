@@ -1,0 +1,261 @@
+"""The motions of a part program: straight moves, arcs, splines, synchronized feeds and cycles, with their feed."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+from feeddrive.path.program.arcs import MOST_TURNS, center_of_radius, check_radii, sweep
+from feeddrive.path.program.blocks import AXES, Block
+from feeddrive.path.program.codes import name_of
+from feeddrive.path.program.cycles import PLANES, Emit, drill
+from feeddrive.path.program.lines import BlockError
+from feeddrive.path.program.state import INCH, State
+
+_CENTER = "ijk"
+AXIS_OF = {letter: axis for axis, letter in enumerate(AXES)}
+LEAST_FEED = 0.1
+"""Of a move in inverse time, in units a minute; a move of no length has it."""
+MOVING = frozenset(AXES + "@^")
+"""Words that say where to move."""
+
+
+class Motion:
+    """Makes the commands of a block's motion.
+
+    moved  is called before each of them
+    """
+
+    def __init__(self, state: State, emit: Emit, moved: Callable[[], None]) -> None:
+        self._state, self._emit, self._moved = state, emit, moved
+        self._tangent: tuple[float, float] | None = None
+
+    def target(self, block: Block) -> tuple[list[float], list[int]]:
+        """Where the axis words lead, in program coordinates, and which axes they are of."""
+        words, state = block.words, self._state
+        if "@" in words or "^" in words:
+            given = {letter: words.pop(letter) for letter in list(words) if letter in MOVING}
+            return _led(given, state.position, state.incremental)
+        target = list(state.position)
+        moved: list[int] = []
+        incremental = state.incremental
+        for letter in tuple(words):
+            axis = AXIS_OF.get(letter)
+            if axis is not None:
+                value = words.pop(letter)
+                target[axis] = target[axis] + value if incremental else value
+                moved.append(axis)
+        return target, moved
+
+    def _machine_target(self, words: dict[str, float]) -> tuple[list[float], list[int]]:
+        state = self._state
+        if state.incremental:
+            raise BlockError("G53 gives machine coordinates, which are absolute: write G90 before", "G53")
+        standing = state.machine(state.position)
+        moved = [axis for axis, letter in enumerate(AXES) if letter in words]
+        scale_free = list(standing)
+        for axis in moved:
+            scale_free[axis] = words.pop(AXES[axis])
+        target = state.program(scale_free)
+        for axis in range(9):
+            if scale_free[axis] == standing[axis] and not (state.rotation and axis < 2):
+                target[axis] = state.position[axis]
+        return target, moved
+
+    def move(self, block: Block, code: int, machine: bool) -> None:
+        """Move as a motion code says; with `machine` (G53) to machine coordinates."""
+        state = self._state
+        if code > 30 or machine:
+            self._other_motion(block, code, machine)
+            return
+        state.motion = code
+        if code >= 20:
+            self._arc(block, code)
+            return
+        target, _ = self.target(block)
+        self._straight(block, code, target)
+
+    def _other_motion(self, block: Block, code: int, machine: bool) -> None:
+        state = self._state
+        if machine:
+            if code not in (0, 10):
+                raise BlockError(f"G53 goes with G0 and G1, not with {name_of('g', code)}", "G53")
+            state.motion = code
+            target, moved = self._machine_target(block.words)
+            if not moved:
+                raise BlockError("G53 needs the word of an axis at least", "G53")
+            self._straight(block, code, target)
+        elif code == 800:
+            state.motion = 800
+            self._emit("COMMENT", "interpreter: motion mode set to none")
+        elif code in (50, 51):
+            self._spline(block, code)
+        elif code == 330:
+            self._synchronized(block)
+        else:
+            same = state.motion == code
+            across = AXES[PLANES[state.plane][2]]
+            given = {each: block.words.pop(each) for each in list(block.words) if each in MOVING and each != across}
+            others = [each.upper() for each in given if each not in "xyz@^"]
+            if others:
+                name = name_of("g", code)
+                raise BlockError(f"{name} moves X, Y and Z only: move {others[0]} in a block of its own", others[0])
+            if state.motion < 730 or state.motion == 800:
+                state.level = None
+            state.motion = code
+            self._moved()
+            drill(state, block, self._emit, code, same, lambda place: _led(given, place, state.incremental)[0])
+
+    def _straight(self, block: Block, code: int, target: list[float]) -> None:
+        state = self._state
+        if code:
+            if state.feed_mode == 930:
+                self._inverse_time(block, _length(state.position, target), "G1")
+            elif state.feed <= 0:
+                raise BlockError(
+                    "G1 needs a feed above 0: write F in this block or before", "G1" if not block.codes else "G"
+                )
+        self._moved()
+        self._tangent = None
+        state.position = target
+        self._emit("STRAIGHT_FEED" if code else "STRAIGHT_TRAVERSE", *target)
+
+    def _inverse_time(self, block: Block, length: float, name: str) -> None:
+        """G93: F is how often a minute the move could be made; it becomes the feed of this move."""
+        rate = block.take("f")
+        if rate is None or rate <= 0:
+            raise BlockError(
+                f"{name} in inverse time (G93) needs F above 0 in its own block", "F" if rate is not None else name
+            )
+        self._state.feed = feed = max(length * rate, LEAST_FEED)
+        self._emit("SET_FEED_RATE", feed)
+
+    def _arc(self, block: Block, code: int) -> None:
+        state = self._state
+        name = "G2" if code == 20 else "G3"
+        first, second, across = PLANES[state.plane]
+        position = state.position
+        target, moved = self.target(block)
+        radius = block.take("r")
+        letters = _CENTER[first].upper() + " " + _CENTER[second].upper()
+        given = block.take(_CENTER[first]), block.take(_CENTER[second])
+        turns = block.whole("p", name, 1, MOST_TURNS, 1)
+        unit = INCH if state.inch else 1.0
+        start, end = (position[first], position[second]), (target[first], target[second])
+        if radius is not None:
+            if given != (None, None):
+                raise BlockError(f"{name} has a radius R or a center {letters}, not both", "R")
+            if first not in moved and second not in moved:
+                raise BlockError(f"{name} with R needs its end: {AXES[first].upper()} or {AXES[second].upper()}", "R")
+            center = center_of_radius(start, end, radius, code == 20, unit)
+        else:
+            center = self._center(name, given, start, letters)
+            check_radii(start, end, center, letters, unit)
+        if state.feed_mode == 930:
+            angle = sweep(start, end, center, turns if code == 30 else -turns)
+            size = math.hypot(start[0] - center[0], start[1] - center[1])
+            self._inverse_time(block, math.hypot(angle * size, target[across] - position[across]), name)
+        elif state.feed <= 0:
+            raise BlockError(f"{name} needs a feed above 0: write F in this block or before", name)
+        self._moved()
+        self._tangent = None
+        state.position = target
+        others = (*target[3:],)
+        self._emit("ARC_FEED", *end, *center, turns if code == 30 else -turns, target[across], *others)
+
+    def _center(
+        self, name: str, given: tuple[float | None, float | None], start: tuple[float, float], letters: str
+    ) -> tuple[float, float]:
+        if given == (None, None):
+            raise BlockError(f"{name} has no center: write {letters}, or the radius R, in each block of an arc", name)
+        if self._state.arc_absolute:
+            if given[0] is None or given[1] is None:
+                raise BlockError(f"{name} in G90.1 needs both words of its center, {letters}", name)
+            return given[0], given[1]
+        return start[0] + (given[0] or 0.0), start[1] + (given[1] or 0.0)
+
+    def _spline(self, block: Block, code: int) -> None:
+        """G5: cubic, G5.1: quadratic, in XY; I J from the start to the first control point, P Q from the end."""
+        state, name = self._state, name_of("g", code)
+        if state.plane != 170:
+            raise BlockError(f"{name} lies in the plane XY: write G17 before", name)
+        if state.feed_mode == 930 or state.feed <= 0:
+            raise BlockError(f"{name} needs a feed above 0 in G94 or G95: write F in this block or before", name)
+        before = list(state.position)
+        target, moved = self.target(block)
+        if any(axis > 1 for axis in moved) or not moved:
+            raise BlockError(f"{name} needs X or Y, and moves no other axis", name)
+        i, j = block.take("i"), block.take("j")
+        x, y = before[0], before[1]
+        if code == 51:
+            if not i and not j:
+                raise BlockError("G5.1 needs I or J other than 0: from the start to its control point", name)
+            points = [(x + (i or 0.0), y + (j or 0.0))]
+            self._tangent = None
+        else:
+            p, q = block.take("p", name), block.take("q", name)
+            assert p is not None
+            assert q is not None
+            if (i is None) != (j is None) or (i is None and self._tangent is None):
+                raise BlockError("G5 needs both I and J, or neither right behind another G5", name)
+            if i is None or j is None:
+                assert self._tangent is not None
+                i, j = self._tangent
+            points = [(x + i, y + j), (target[0] + p, target[1] + q)]
+            self._tangent = (-p, -q)
+        state.motion = 800
+        state.position = target
+        self._moved()
+        self._emit("NURBS_FEED", *(value for point in points for value in point), target[0], target[1])
+
+    def _synchronized(self, block: Block) -> None:
+        """G33: a feed with K of travel in each turn of the spindle."""
+        state = self._state
+        pitch = block.take("k", "G33")
+        assert pitch is not None
+        if not state.spindle:
+            raise BlockError("G33 needs a turning spindle: write S and M3 before", "G33")
+        target, _ = self.target(block)
+        state.motion = 330
+        state.position = target
+        self._moved()
+        self._emit("START_SPEED_FEED_SYNC", pitch, 0)
+        self._emit("STRAIGHT_FEED", *target)
+        self._emit("STOP_SPEED_FEED_SYNCH")
+
+
+def _led(given: dict[str, float], start: list[float], incremental: bool) -> tuple[list[float], list[int]]:
+    """Where axis words lead from a start, and which axes they are of.
+
+    @ and ^ are radius and angle about the program's zero.
+    """
+    target = list(start)
+    moved: list[int] = []
+    for letter, value in given.items():
+        if letter in AXES:
+            axis = AXES.index(letter)
+            target[axis] = target[axis] + value if incremental else value
+            moved.append(axis)
+    if "@" not in given and "^" not in given:
+        return target, moved
+    if 0 in moved or 1 in moved:
+        raise BlockError("@ and ^ stand for X and Y: use one of the two ways in a block", "@" if "@" in given else "^")
+    radius, angle = given.get("@"), given.get("^")
+    size, turned = math.hypot(target[0], target[1]), math.atan2(target[1], target[0])
+    if angle is None and size == 0:
+        raise BlockError("@ at the zero of the program has no direction: write the angle ^ too", "@")
+    if incremental:
+        size, turned = size + (radius or 0.0), turned + math.radians(angle or 0.0)
+    else:
+        size, turned = size if radius is None else radius, turned if angle is None else math.radians(angle)
+    target[0], target[1] = size * math.cos(turned), size * math.sin(turned)
+    return target, [*moved, 0, 1]
+
+
+def _length(start: list[float], end: list[float]) -> float:
+    """The length of a straight move as its feed counts it: of X Y Z, else of U V W, else of A B C (degrees)."""
+    for axes in ((0, 1, 2), (6, 7, 8), (3, 4, 5)):
+        length = math.hypot(*(end[axis] - start[axis] for axis in axes))
+        if length > 0:
+            return length
+    return 0.0

@@ -1,0 +1,197 @@
+"""What a part program moves: the canonical moves, in machine coordinates, m, rad and s.
+
+Points have nine coordinates, of the axes X Y Z A B C U V W.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from feeddrive.path.program.arcs import sweep
+from feeddrive.path.program.lines import Line
+
+Point = tuple[float, ...]
+"""Coordinates of X Y Z A B C U V W: m, and rad for A B C."""
+
+
+@dataclass(frozen=True, slots=True)
+class Straight:
+    """A straight move from `start` to `end` at the feed, or as fast as the axes can (`traverse`)."""
+
+    source: Line
+    start: Point
+    end: Point
+    traverse: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Arc:
+    """An arc or helix at the feed.
+
+    axes    first and second axis of its plane, and the axis across it, right-handed: 0, 1, 2 in XY
+    center  of the circle, on the first and second axis; radii of start and end may differ by the program's rounding
+    turns   1, 2, ..: counterclockwise seen from the third axis, ending in this turn; -1, -2, ..: clockwise
+    """
+
+    source: Line
+    start: Point
+    end: Point
+    axes: tuple[int, int, int]
+    center: tuple[float, float]
+    turns: int
+
+    @property
+    def radius(self) -> float:
+        """At the start, m."""
+        return math.hypot(self.start[self.axes[0]] - self.center[0], self.start[self.axes[1]] - self.center[1])
+
+    @property
+    def angle(self) -> float:
+        """Through which it turns, rad: positive counterclockwise."""
+        first, second, _ = self.axes
+        start, end = self.start, self.end
+        return sweep((start[first], start[second]), (end[first], end[second]), self.center, self.turns)
+
+
+@dataclass(frozen=True, slots=True)
+class Spline:
+    """A Bezier curve of second or third order at the feed; `points` are its control points, without start and end."""
+
+    source: Line
+    start: Point
+    end: Point
+    points: tuple[Point, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Dwell:
+    """A standstill of `duration` s."""
+
+    source: Line
+    duration: float
+
+
+@dataclass(frozen=True, slots=True)
+class PathMode:
+    """How the path is followed from here on.
+
+    mode             exact_path (G61), exact_stop (G61.1) or continuous (G64)
+    tolerance        how far the path may be left, m (G64 P); 0: as far as the planner wants
+    naive_tolerance  within which points in a row count as one line, m (G64 Q)
+    """
+
+    source: Line
+    mode: str
+    tolerance: float = 0.0
+    naive_tolerance: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Feed:
+    """The feed from here on.
+
+    linear    path speed of moves with X Y Z (or U V W), m/s; m in a turn if `per_turn`
+    angular   the same number for moves of A B C only, rad/s; rad in a turn if `per_turn`
+    per_turn  whether it counts in turns of the spindle (G95)
+    """
+
+    source: Line
+    linear: float
+    angular: float
+    per_turn: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Spindle:
+    """The spindle from here on: `spindle_speed` in rpm, `direction` 1 clockwise, -1 counterclockwise, 0 stopped."""
+
+    source: Line
+    spindle_speed: float
+    direction: int
+
+
+@dataclass(frozen=True, slots=True)
+class Synchronized:
+    """Feeds from here on advance by `pitch` (m) in a turn of the spindle (G33); 0 ends it."""
+
+    source: Line
+    pitch: float
+
+
+@dataclass(frozen=True, slots=True)
+class ToolChange:
+    """The machine changes to tool `number`; 0 is none."""
+
+    source: Line
+    number: int
+
+
+@dataclass(frozen=True, slots=True)
+class Offsets:
+    """Offsets from here on; the moves have them in their coordinates already.
+
+    system       1 to 9: G54 to G59.3
+    origin       of the work offset
+    rotation     of the work offset about Z, rad
+    axis_offset  of G92 and G52
+    tool_offset  of G43
+    """
+
+    source: Line
+    system: int
+    origin: Point
+    rotation: float
+    axis_offset: Point
+    tool_offset: Point
+
+
+@dataclass(frozen=True, slots=True)
+class Switch:
+    """Something else is switched: `what` (mist, flood, feed_override, output 3 ...) takes `value`."""
+
+    source: Line
+    what: str
+    value: float
+
+
+@dataclass(frozen=True, slots=True)
+class Message:
+    """A text for the operator, of (MSG, ...), (DEBUG, ...) or (PRINT, ...)."""
+
+    source: Line
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Stop:
+    """The program waits for the operator; `optional`: if the operator has asked for it (M1)."""
+
+    source: Line
+    optional: bool
+
+
+@dataclass(frozen=True, slots=True)
+class End:
+    """The end of the program."""
+
+    source: Line
+
+
+Move = (
+    Straight
+    | Arc
+    | Spline
+    | Dwell
+    | PathMode
+    | Feed
+    | Spindle
+    | Synchronized
+    | ToolChange
+    | Offsets
+    | Switch
+    | Message
+    | Stop
+    | End
+)
+"""What `read_program` gives."""
