@@ -250,6 +250,11 @@ def rows(table: Floats2, block: Floats3, i: int, j: int) -> tuple[float, float]:
 
 
 @kernel
+def tuple_row(table: Floats2, i: int, x: float) -> None:
+    table[i] = x, 2.0 * x, 3.0
+
+
+@kernel
 def lengths(table: Floats2, row: Floats, n: int) -> float:
     if n > 3:
         a, b = table[0]
