@@ -190,23 +190,52 @@ def test_the_afternoon_goes_as_its_page_shows(tmp_path: Path):
     assert (tmp_path / "tuned" / "report.html").exists()
 
 
-@pytest.mark.slow(reason="a page of commands is walked; every command and option of it is checked quickly")
-def test_the_page_for_linuxcnc_goes_as_it_shows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    """From its halscope log to the pid's gains, whose numbers stand in the last table."""
-    page = ROOT / "docs/shop_linuxcnc.md"
-    monkeypatch.chdir(tmp_path)
+def walked(name: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> str:
+    """A page of a shop from its measurement on: Python, the machine file, all commands; its text."""
+    page = ROOT / "docs" / name
+    monkeypatch.chdir(folder)
     (writes,) = blocks(page, "python")
     exec(compile(writes, shown(page), "exec"), namespace("shop", monkeypatch))
     (machine,) = blocks(page, "toml")
-    (tmp_path / "my_axis.toml").write_text(machine, encoding="utf-8")
+    (folder / "my_axis.toml").write_text(machine, encoding="utf-8")
     for console in blocks(page, "console"):
-        assert_prints(console, tmp_path, 0)
+        assert_prints(console, folder, 0)
+    return page.read_text(encoding="utf-8")
+
+
+def assert_values(rows: list[tuple[str, str]], written: dict[str, str], names: list[str]) -> None:
+    """The rows of a table have the numbers of a file, within 1 %, as their three digits allow."""
+    assert [name for name, _ in rows] == names
+    for name, value in rows:
+        assert float(value.replace(" ", "")) == pytest.approx(float(written[name]), rel=0.01), name
+
+
+@pytest.mark.slow(reason="a page of commands is walked; every command and option of it is checked quickly")
+def test_the_page_for_linuxcnc_goes_as_it_shows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """From its halscope log to the pid's gains, whose numbers stand in the last table."""
+    text = walked("shop_linuxcnc.md", tmp_path, monkeypatch)
     written = (tmp_path / "to_pid/axis-x.ini").read_text(encoding="utf-8")
+    names = ["Pgain", "Igain", "Dgain", "FF1", "FF2", "maxoutput"]
     gains = dict(re.findall(r"POSITION_(\w+) = ([\d.]+)", written))
-    told = re.findall(r"(?m)^\| `(\w+)` \| ([\d. ]+) \| V", page.read_text(encoding="utf-8"))
-    assert [name for name, _ in told] == ["Pgain", "Igain", "Dgain", "FF1", "FF2", "maxoutput"]
-    for name, value in told:
-        assert float(value.replace(" ", "")) == pytest.approx(float(gains[name.upper()]), rel=0.01)
+    rows = re.findall(r"(?m)^\| `(\w+)` \| ([\d. ]+) \| V", text)
+    assert_values(rows, {name: gains[name.upper()] for name in names}, names)
+
+
+@pytest.mark.slow(reason="a page of commands is walked; every command and option of it is checked quickly")
+def test_the_page_for_sinumerik_goes_as_it_shows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """From a file in the form of the tuning tool's to machine data, whose numbers stand in the last table."""
+    text = walked("shop_sinumerik.md", tmp_path, monkeypatch)
+    written = (tmp_path / "to_control/sinumerik.txt").read_text(encoding="utf-8")
+    rows = re.findall(r"(?m)^\| `((?:MD|p)[^`]+)` \| ([\d.]+) \|", text)
+    names = [
+        "MD32200 $MA_POSCTRL_GAIN[0]",
+        "MD32610 $MA_VELO_FFW_WEIGHT[0]",
+        "p1460[0]",
+        "p1462[0]",
+        "p1520[0]",
+        "p1658[0]",
+    ]
+    assert_values(rows, dict(re.findall(r"(?m)^([Mp][^=;]+) = ([\d.]+)$", written)), names)
 
 
 def assert_prints(console: str, folder: Path, code: int) -> None:

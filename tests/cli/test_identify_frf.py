@@ -13,9 +13,11 @@ from feeddrive.blocks.plant.three_mass_chain import ThreeMassChain
 from feeddrive.cli.commands import app
 from feeddrive.files.frf import write_frf
 from feeddrive.files.machine import read_machine
+from feeddrive.identification.response.two_mass_fit import fit_two_mass
 from feeddrive.language import tree
 from feeddrive.language.errors import ParameterError
 from feeddrive.loop.frequency_response import FRF
+from feeddrive.workflow.identify_responses import machine_text
 from screw_responses import SCREW, F, responses
 
 runner = CliRunner()
@@ -180,3 +182,20 @@ def test_bad_options_are_named(tmp_path: Path, options: tuple[str, ...], said: s
     done = runner.invoke(app, ["identify", str(written(tmp_path)), *options])
     assert isinstance(done.exception, ParameterError)
     assert said in str(done.exception)
+
+
+def test_a_response_from_a_measured_force_leaves_the_delays_of_the_file(tmp_path: Path) -> None:
+    """They are not in it; from a command they are, and the file gets them."""
+    (tmp_path / "mine.toml").write_text(
+        'sample_time_ms = 1\n[axis.x.plant]\nkind = "two_mass"\nmass_motor = 100.0\nmass_load = 50.0\n'
+        "stiffness = 1e7\ndamping = 100.0\n[axis.x.actuator]\ndead_time_ms = 0.7\ncurrent_loop = 300.0\n"
+        '[axis.x.control.law]\nkind = "cascade_ppi"\nKv = 10.0\nKp = 1e4\n',
+        encoding="utf-8",
+    )
+    fit = fit_two_mass(*responses(SCREW, np.arange(5.0, 300.0, 5.0), noise=0.01, seed=2))
+    machine = read_machine(tmp_path / "mine.toml")
+    measured, commanded = (machine_text(fit, machine, "x", drive) for drive in (False, True))
+    assert "dead_time_ms = 0.7\ncurrent_loop = 300.0\n" in measured
+    assert "dead_time_ms = 0.7\n" not in commanded
+    for text in (measured, commanded):
+        assert float(re.findall(r"mass_load = ([\d.]+)", text)[0]) == pytest.approx(fit["mass_load"].value)

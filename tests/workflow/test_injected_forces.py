@@ -68,6 +68,47 @@ def test_a_command_that_holds_the_pulses_is_seen(tmp_path: Path) -> None:
     assert any("holds the injected one" in each for each in found.remarks)
 
 
+@pytest.mark.parametrize("place", ["before", "behind"])
+def test_before_or_behind_the_limit_is_told_where_the_limit_cuts(place: str, tmp_path: Path) -> None:
+    """The axis emps with a limit of 100 N and pulses of 1 V, 35 N; the excess over the limit acts only behind it."""
+    machine = read_machine("emps")
+    text = machine.file.text.replace("force_limit_N = 351.5065188248547", "force_limit_N = 100")
+    (tmp_path / "small.toml").write_text(text, encoding="utf-8")
+    loop = read_machine(tmp_path / "small.toml").loop("x")
+    limit = float(loop.control.force_limit or 0.0)
+    assert limit == pytest.approx(100.0)
+    T = float(loop.sample_time)
+    move = Sine(amplitude=0.02, frequency=0.5, cycles=1, blend_time=0.4)
+    rows = int(move.duration / T) + 1
+    pulses = K * np.where((np.arange(rows) // 100) % 3 == 1, 1.0, 0.0)
+    acting, run = pulses, None
+    for _ in range(12):  # what acts behind the limit, from the requests of the run before
+        run = simulate(loop, move, added_force=RecordedForce(force=acting, sample_time=T), duration=(rows - 1) * T)
+        u = run["requested"]
+        if place == "before":
+            acting = np.clip(u + pulses, -limit, limit) - np.clip(u, -limit, limit)
+    assert run is not None
+    cut = np.abs(run["requested"] + pulses) > limit
+    assert 0.01 < np.mean(cut) < 0.5
+    if place == "before":  # the run is the one of a drive that limits the sum, sample by sample
+        total = np.clip(run["requested"], -limit, limit) + acting
+        assert total == pytest.approx(np.clip(run["requested"] + pulses, -limit, limit))
+    table = np.column_stack([run.time, run["set_position"], run["position_load"], run["force"], pulses])
+    np.savetxt(tmp_path / "run.csv", table, delimiter=",", header="t_s,r_m,x_m,f_N,a_N", comments="", fmt="%.12g")
+    (tmp_path / "job.toml").write_text(
+        'machine = "small.toml"\n[log]\nfile = "run.csv"\nskip_samples = 300\n[log.channels]\n'
+        'setpoint_position = "r_m"\nposition_load = "x_m"\nforce = "f_N"\n'
+        'excitation = { column = "a_N", unit = "N" }\n', encoding="utf-8",
+    )  # fmt: skip
+    found = run_laws(read_job(tmp_path / "job.toml"))
+    said = next(each for each in found.remarks if "acts at the drive" in each)
+    assert f"at the drive, {place} the limit of the force" in said
+    assert "as is taken here" not in said
+    again = found.rows[0].replay
+    assert again is not None
+    assert again.rms("position_load") < 0.2e-6
+
+
 def test_the_scale_of_an_injected_force_is_found(tmp_path: Path) -> None:
     """Volts that are called newtons: 35.15 times too small, to the 5 % that friction makes of a linear answer."""
     found = pulsed(tmp_path, MEASURED + 'load_force = { column = "pulses", unit = "N" }\n')

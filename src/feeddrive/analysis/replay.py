@@ -24,6 +24,7 @@ from feeddrive.loop.simulate import Run, simulate
 from feeddrive.loop.trace import Carried, Program, numbers
 
 INJECTED = ("load_force", "added_force")
+_ROUNDS, _SETTLED = 20, 1e-6  # runs until the injected force stays, to this share of the limit
 FITTED = 50  # samples from which position and velocity at the start are estimated
 
 
@@ -124,6 +125,27 @@ def injected_scale(loop: Loop, measured: Mapping[str, np.ndarray], found: Replay
     scale = -float(bare @ change) / size
     scaled = {name: scale * values if name in INJECTED else values for name, values in measured.items()}
     return scale, replay(loop, scaled, skip=found.skipped)
+
+
+def before_limit(loop: Loop, measured: Mapping[str, np.ndarray], found: Replay) -> tuple[np.ndarray, Replay] | None:
+    """The run if `added_force` was added to the command before the limit F, and what of it is left behind the limit.
+
+        a'(k) = sat(u(k) + a(k)) - sat(u(k)),   sat at ±F,   u what the control requests
+
+    Each run gives requests, and these the a' of the next, until a' stays or 20 runs were made.  None if the limit cuts
+    nothing.  The law is told its own command, without the injected part.  `found` is the run behind the limit.
+    """
+    if loop.control.force_limit is None:
+        return None
+    limit, added, again = float(loop.control.force_limit), measured["added_force"], found
+    left = added
+    for _ in range(_ROUNDS):
+        requested = again.run["requested"]
+        last, left = left, np.clip(requested + added, -limit, limit) - np.clip(requested, -limit, limit)
+        if np.max(np.abs(left - last)) <= _SETTLED * limit:
+            break
+        again = replay(loop, {**measured, "added_force": left}, skip=found.skipped, name=found.run.name)
+    return None if again is found else (left, again)
 
 
 def estimate_start(position: np.ndarray, T: float) -> tuple[float, float]:

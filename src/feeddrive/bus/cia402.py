@@ -39,7 +39,7 @@ class Object(NamedTuple):
 
     @property
     def mapped(self) -> int:
-        """The word that stands for it in a mapping object: index, subindex, bits."""
+        """Its entry in a mapping object: index, subindex, bits."""
         return self.index << 16 | self.subindex << 8 | self.bits
 
     @property

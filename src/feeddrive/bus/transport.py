@@ -106,7 +106,7 @@ class Claim:
 
 
 def _holder(name: bytes) -> str:
-    """` (process 123)` of who listens there, if the system says so."""
+    """` (process 123)` of the process that holds the name, if the system tells it."""
     with contextlib.suppress(OSError), socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as asking:
         asking.settimeout(0.1)
         asking.connect(name)

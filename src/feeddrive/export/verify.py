@@ -195,7 +195,7 @@ def _design(directory: Path, manifest: Manifest) -> Design:
     if not file.is_file():
         raise FileError(f"{file}: is missing; export again")
     found = read_design(file, manifest.axis, name=manifest.name, precision=manifest.precision)
-    if not _PLAIN.fullmatch(manifest.source):  # it stands in comments of the code
+    if not _PLAIN.fullmatch(manifest.source):  # it is printed in comments of the code
         raise FileError(f"{directory / FILE}: the machine file cannot have been '{manifest.source!r}': export again")
     text = found.machine.file
     called = found.machine.name if text.root().values.get("name") else Path(manifest.source).stem  # as `read_machine`

@@ -88,7 +88,7 @@ def _judged(entry: Entry) -> str:
 
 
 def remarks(study: Study) -> list[str]:
-    """Important remarks, then the notes of the person who ran the study."""
+    """Important remarks, then the notes of the study."""
     found: list[str] = []
     ringing = [
         f"{_quoted(entry)} ({number(entry.margins.sensitivity_peak)})"

@@ -70,7 +70,7 @@ def identify_responses(request: IdentifyRequest, found: Mapping[str, FRF], progr
     fit = result if isinstance(result, ModalFit) else result.fit
     name = request.axis or ("x" if machine is None else next(iter(machine.loops)))
     reason = told_by(fit)
-    text = None if reason or isinstance(fit, ModalFit) else machine_text(fit, machine, name)
+    text = None if reason or isinstance(fit, ModalFit) else machine_text(fit, machine, name, not request.measured_input)
     remarks = [*_silent(chosen), *fit.remarks]
     files: dict[str, Path] = {}
     if out is not None:
@@ -306,8 +306,8 @@ def recommendation(found: AxisFits | ModalFit) -> str:
     return f"Use this model{which} in its band: lines that were not used are predicted within {unused:.2g} dB RMS."
 
 
-def machine_text(fit: PlantFit, machine: MachineFile | None, axis: str) -> str:
-    """A machine file with the fitted plant and dead time, comments kept; without one, the two sections alone."""
+def machine_text(fit: PlantFit, machine: MachineFile | None, axis: str, drive: bool = True) -> str:
+    """A machine file with the fitted plant, comments kept, and, if its `drive` is in the lines, dead time and lag."""
     plant, actuator = fit.blocks()
     section, place = to_toml(plant, f"axis.{axis}.plant"), ("axis", axis, "plant")
     if machine is None:
@@ -322,15 +322,16 @@ def machine_text(fit: PlantFit, machine: MachineFile | None, axis: str) -> str:
                     edit.set((*place, each.name), each.value, each.unit)
         else:
             edit.replace(place, section)
-        if "current_loop" in fit.not_identifiable and actuator.current_loop is None:
+        if drive and "current_loop" in fit.not_identifiable and actuator.current_loop is None:
             before = replace(before, actuator=replace(before.actuator, current_loop=None))
             edit.silence(("axis", axis, "actuator", "current_loop"), "Hz")
-        _actuator(edit, axis, before.actuator, actuator)
+        if drive:
+            _actuator(edit, axis, before.actuator, actuator)
     for each in fit.estimates:
         parts = [int(part) if part.isdigit() else part for part in each.name.split(".")]
         at_drive = each.name in ("dead_time", "current_loop")
         key = ("axis", axis, "actuator", each.name) if at_drive else (*place, *parts)
-        if edit.has(key[:-1]):
+        if edit.has(key[:-1]) and (drive or machine is None or not at_drive):
             value = getattr(actuator, each.name) if len(parts) == 1 and hasattr(actuator, each.name) else each.value
             edit.comment(edit.set(key, float(value), each.unit), f"standard error {each.error:.2g} {each.unit}".strip())
     return edit.text

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from feeddrive.analysis.replay import INJECTED, Replay, injected_scale
+from feeddrive.analysis.replay import INJECTED, Replay, before_limit, injected_scale, replay
 from feeddrive.blocks.load.recorded_force import RecordedForce
 from feeddrive.blocks.reference.recorded import Recorded
 from feeddrive.files.job import Job
@@ -82,19 +82,39 @@ def of_channels(job: Job, log: Log) -> list[str]:
     return [*said, *([f"Named and not used: {listed}."] if listed else [])]
 
 
+def placed(loop: Loop, measured: dict[str, np.ndarray], skip: int) -> tuple[dict[str, np.ndarray], list[str]]:
+    """The signals with an excitation where it acts, before the limit of the force or behind it, and a word on that.
+
+    It is told by the position residual where the limit cuts; elsewhere both are the same.
+    """
+    if "added_force" not in measured:
+        return measured, []
+    behind = replay(loop, measured, skip=skip)
+    other = before_limit(loop, measured, behind)
+    if other is None:
+        return measured, [
+            "The excitation acts at the drive; the limit of the force does not tell where, as it cuts nothing."
+        ]
+    left, before = other
+    far, near = (1e6 * each.rms("position_load") for each in (behind, before))
+    said = f"position residual {near:.3g} um RMS before it, {far:.3g} um behind it"
+    if near < _SCALED * far:
+        kept = {**measured, "added_force": left}
+        return kept, [f"The excitation acts at the drive, before the limit of the force, which cuts it: {said}."]
+    if far < _SCALED * near:
+        return measured, [f"The excitation acts at the drive, behind the limit of the force: {said}."]
+    return measured, [
+        f"The excitation acts at the drive, behind the limit of the force as is taken here: the log does not tell it "
+        f"from before it ({said}); the manual of the drive does."
+    ]
+
+
 def of_injected(loop: Loop, measured: Mapping[str, np.ndarray], found: Replay) -> list[str]:
-    """Where an injected force is taken to act, whether the logged command holds it, and whether its scale is right."""
+    """Whether the logged command holds it, and whether its scale is right."""
     names = [name for name in INJECTED if name in measured]
     if not names:
         return []
     said: list[str] = []
-    if "added_force" in names:
-        limit = loop.control.force_limit
-        most = float(np.max(np.abs(found.run["requested"] + measured["added_force"])))
-        place = "behind the limit of the force, which the log does not tell from before it"
-        if limit is not None and most > float(limit):
-            place = f"behind the limit of the force: before it, {most:.3g} N would be cut to {float(limit):.3g} N"
-        said.append(f"The excitation acts at the drive, {place}.")
     if found.contained:
         said.append("The logged force holds the injected one, which is taken off before it is compared.")
     scale, better = injected_scale(loop, measured, found)

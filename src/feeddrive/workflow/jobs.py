@@ -27,7 +27,7 @@ from feeddrive.loop.simulate import Run, samples, simulate
 from feeddrive.report import Entry, Study
 from feeddrive.report.page import RESPONSE_LINES, ShownTable
 from feeddrive.report.sentences import block_sentence, described
-from feeddrive.workflow.job_log import load_said, measured_signals, of_channels, of_injected, without_answer
+from feeddrive.workflow.job_log import load_said, measured_signals, of_channels, of_injected, placed, without_answer
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -156,7 +156,7 @@ def numbers(row: Entry) -> dict[str, float | None]:
     if row.replay is not None:
         found["position_residual_rms_m"] = row.replay.rms("position_load")
         found["position_residual_peak_m"] = float(np.max(np.abs(row.replay.residual("position_load"))))
-        if "force" in row.replay.measured:
+        if np.any(row.replay.measured.get("force", 0.0)):  # of a force that is 0 throughout nothing is a share
             found["force_residual_share"] = row.replay.share("force")
     return found
 
@@ -176,7 +176,9 @@ def run_laws(job: Job, progress: Progress | None = None) -> JobResult:
     said: list[str] = [] if log is None else of_channels(job, log)
     measured = None
     if log is not None and "position_load" in log.channels:
-        measured = measured_signals(job, log)
+        skip = job.log.skip_samples if job.log else 0
+        measured, words = placed(next(iter(job.loops.values())), measured_signals(job, log), skip)
+        said += words
     elif log is not None:
         job = without_answer(job, log)
     velocity = _velocity(job.reference, measured, next(iter(job.loops.values())).sample_time)

@@ -112,7 +112,7 @@ def _ran(script: Path, patience: float) -> tuple[int, str]:
     return program.returncode, printed
 
 
-# LinuxCNC waits three seconds for its own master process, which a busy machine may not manage: then it is asked again.
+# LinuxCNC waits three seconds for its own master process, which a busy machine may exceed: then it is repeated.
 _LATE, _AGAIN = "Waited 3 seconds for master", 4
 
 # A tmpfs over the folder of the components holds copies of them, what is installed, and the socket of its processes.

@@ -138,7 +138,7 @@ def _head(design: Design, cascade: Cascade, train: DriveTrain | None) -> list[st
 
 
 def _text(head: Sequence[str], lines: Sequence[Line], comment: str, key: str) -> str:
-    """A file of a maker: each number on a line of its own, with what it is in comments above."""
+    """A file of a maker: one number a line, with its meaning and source in comments above."""
     out = [f"{comment} {line}".rstrip() for line in head]
     before = "setp " if key == "linuxcnc" else ""
     join = " " if key == "linuxcnc" else " = "

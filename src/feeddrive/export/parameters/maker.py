@@ -181,7 +181,7 @@ ODRIVE = Maker(
         ),
         LostPart(
             "sample_time", "", "its loop runs at 8 kHz, the encoder is observed with encoder.config.bandwidth",
-            "that bandwidth is a delay in the velocity loop which this design does not know",
+            "that bandwidth is a delay in the velocity loop that this design does not include",
         ),
     ),
 )  # fmt: skip

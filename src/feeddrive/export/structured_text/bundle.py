@@ -198,7 +198,7 @@ def _wrapped(tag: str, name: str, more: str, body: str) -> str:
 
 
 def _cdata(text: str) -> str:
-    """Text that cannot end the section it stands in."""
+    """Text that cannot end its CDATA section."""
     return text.replace("]]>", "]] >")
 
 

@@ -26,7 +26,7 @@ SECTIONS = (INPUTS, OUTPUTS, VARIABLES, CONSTANTS)
 
 
 class Declared(NamedTuple):
-    """A variable or a field: name, type, first value as text, what it is, and what stands above it."""
+    """A variable or a field: name, type, first value as text, meaning, and the comment above it."""
 
     name: str
     kind: str
@@ -148,7 +148,7 @@ def literal(value: float, real: str = "LREAL") -> str:
 
 
 def decimal(value: float, real: str = "LREAL") -> str:
-    """The shortest decimal number that reads back to the same bits; in a declaration the type stands beside it."""
+    """The shortest decimal number that reads back to the same bits; in a declaration the type is given separately."""
     mantissa, _, power = str(np.float32(value) if real == "REAL" else float(value)).partition("e")
     return f"{mantissa if '.' in mantissa else mantissa + '.0'}{f'E{int(power)}' if power else ''}"
 
