@@ -171,6 +171,24 @@ def test_a_law_that_leaves_its_language_is_an_error_in_one_line(force: str, said
     assert re.search(said, str(result.exception)), result.exception
 
 
+@pytest.mark.parametrize(
+    ("returned", "said"),
+    [
+        ("return force", "step must return (state, force), not Symbol"),
+        ("return state, force, force", "step must return (state, force), not tuple"),
+        ("return (*state, 0.0), force", "step returns a state with the numbers 0, 1; start gave one with 0"),
+    ],
+)
+def test_a_step_that_returns_something_else_says_what(returned: str, said: str, folder: Path) -> None:
+    """It was a traceback: "cannot unpack non-iterable Symbol object"."""
+    file = written(folder, "OtherLaw", "other_law")
+    text = file.read_text(encoding="utf-8")
+    file.write_text(text.replace("return (reading.position_load,), force", returned), encoding="utf-8")
+    result = CliRunner().invoke(app, ["certify", "machine.toml", "--blocks", "other_law.py"])
+    assert isinstance(result.exception, StructureError)
+    assert said in str(result.exception)
+
+
 def test_the_battery_is_a_class_outside_of_tests() -> None:
     """Called in a test it would ask nothing, and pass."""
     with pytest.raises(StructureError, match=r"TestMyLaw = battery\(MyLaw\)"):

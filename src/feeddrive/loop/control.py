@@ -10,6 +10,7 @@ from feeddrive.blocks.signals import Reading, Setpoint
 from feeddrive.language import ops, tree
 from feeddrive.language.block import Block, Number, Rule, parameter, part
 from feeddrive.language.errors import StructureError
+from feeddrive.language.graph import Symbol
 from feeddrive.language.ring import History, Ring
 from feeddrive.loop.guard import Guard
 
@@ -206,7 +207,7 @@ class Control(Block):
             held, setpoint, force = block.step(made, held, setpoint, reading, T)
             compensation.append(held)
             added = force if i == 0 else added + force
-        law, feedback = self.law.step(prepared.law, memory.law, setpoint, reading, T)
+        law, feedback = _answered(self.law, memory.law, self.law.step(prepared.law, memory.law, setpoint, reading, T))
         filters: list[Any] = []
         for filter_, made, held in zip(self.filters, prepared.filters, memory.filters, strict=True):
             held, feedback = filter_.step(made, held, feedback)
@@ -224,6 +225,24 @@ class Control(Block):
             applied = ops.clip(requested, -self.force_limit, self.force_limit)
         command = self.Command(applied, requested, feedback, forward, added, 0.0, 1.0)
         return self.Memory(prefilter, tuple(compensation), law, tuple(filters), tuple(fed)), command
+
+
+def _answered(law: Law, before: Any, found: Any) -> tuple[Any, Any]:
+    """What a law returned, a state and a force; in a trace the state must have the parts that it had before.
+
+    Raises StructureError, with what is there.
+    """
+    if not isinstance(found, tuple) or len(found) != 2:  # type: ignore[arg-type]
+        raise StructureError(f"{law.kind}: step must return (state, force), not {type(found).__name__}")
+    state, force = found
+    if isinstance(force, Symbol):
+        had, has = ([name for name, _ in tree.leaves(each)] for each in (before, state))
+        if had != has:
+            raise StructureError(
+                f"{law.kind}: step returns a state with the numbers {', '.join(has) or 'none'}; start gave one with "
+                f"{', '.join(had) or 'none'}, and both must be the same"
+            )
+    return state, force
 
 
 def _check_forgetful(memory: Any, path: str) -> None:
