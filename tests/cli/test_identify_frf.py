@@ -192,7 +192,7 @@ def test_a_response_from_a_measured_force_leaves_the_delays_of_the_file(tmp_path
         '[axis.x.control.law]\nkind = "cascade_ppi"\nKv = 10.0\nKp = 1e4\n',
         encoding="utf-8",
     )
-    fit = fit_two_mass(*responses(SCREW, np.arange(5.0, 300.0, 5.0), noise=0.01, seed=2))
+    fit = fit_two_mass(*responses(SCREW, np.arange(10.0, 300.0, 10.0), noise=0.01, seed=2))
     machine = read_machine(tmp_path / "mine.toml")
     measured, commanded = (machine_text(fit, machine, "x", drive) for drive in (False, True))
     assert "dead_time_ms = 0.7\ncurrent_loop = 300.0\n" in measured
