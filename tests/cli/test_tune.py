@@ -43,7 +43,14 @@ def test_a_machine_gets_new_numbers_and_keeps_its_comments(tmp_path: Path) -> No
         summary["figures"]["new"]["model"]["rope-snap error"] < summary["figures"]["today"]["model"]["rope-snap error"]
     )
     page = (tmp_path / "out" / "report.html").read_text()
-    for word in ("Dynamic stiffness", "Velocity and position loop", "today", "Held back by"):
+    for word in (
+        "Dynamic stiffness",
+        "Velocity and position loop",
+        "today",
+        "Held back by",
+        "Old and new in time",
+        "time after the cut",
+    ):
         assert word in page
 
 

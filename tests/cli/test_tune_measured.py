@@ -105,7 +105,9 @@ def test_without_a_plant_it_says_at_the_drive(tmp_path: Path, both: Path) -> Non
     assert "The response to a force on the table is not known" in said
     proof = json.loads((tmp_path / "out" / "summary.json").read_text())["proof"]
     assert proof["frf: run with friction, counts and limit"]["holds"] is None
-    assert "rule margins-robust" in (tmp_path / "out" / "report.html").read_text()
+    page = (tmp_path / "out" / "report.html").read_text()
+    assert "rule margins-robust" in page
+    assert "not simulated: no axis is known; give a machine file with --baseline" in page
     assert json.loads((tmp_path / "out" / "summary.json").read_text())["against"] == "a force at the drive"
 
 

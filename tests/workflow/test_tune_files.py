@@ -5,9 +5,12 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+import numpy as np
+import pytest
+
 import feeddrive as fd
 from feeddrive.files.machine import BUNDLED
-from feeddrive.workflow.tune_files import machine_text
+from feeddrive.workflow.tune_files import Story, machine_text, old_and_new
 
 
 def test_the_old_value_in_a_comment_has_the_unit_of_its_key(tmp_path: Path) -> None:
@@ -27,3 +30,21 @@ def test_the_old_value_in_a_comment_has_the_unit_of_its_key(tmp_path: Path) -> N
     assert re.search(rf"(?m)^Kp_kN_s_per_m = {2.0 * Kp / 1e3:.7g}\b.*# was {Kp / 1e3:.7g}$", made), made
     assert re.search(rf"(?m)^Tn_ms = {3e3 * Tn:.7g}\b.*# was {1e3 * Tn:.7g}$", made), made
     assert re.search(rf"(?m)^Kv = 7\b.*was {float(fd.parameters(loop)['axis.x.control.law.Kv']):.7g}$", made), made
+
+
+def test_old_and_new_in_time_are_runs_of_both_loops() -> None:
+    """With twice the Kv the step is reached in about half the time; both end at the step, and at 0 after the rope.
+
+    0.1 um: friction of 30 N holds the table a few counts of 10 nm off; the move ends with no more.
+    """
+    loop = fd.read_machine("linear_motor").loop("x")
+    faster = fd.vary(loop, {"axis.x.control.law.Kv": 2.0 * float(fd.parameters(loop)["axis.x.control.law.Kv"])})
+    shown = old_and_new(Story("axis", {}, loops={"today": loop, "new": faster}), 160.0)
+    step, rope, move = shown.draw().axes
+    for ax, end in ((step, 20.0), (rope, 0.0), (move, 0.0)):
+        assert [line.get_label() for line in ax.get_lines()] == ["today", "new"]
+        for line in ax.get_lines():
+            assert line.get_ydata()[-1] == pytest.approx(end, abs=0.1)
+    rises = [line.get_xdata()[np.argmax(line.get_ydata() > 0.63 * 20.0)] for line in step.get_lines()]
+    assert 0.35 < rises[1] / rises[0] < 0.7
+    assert max(rope.get_lines()[0].get_ydata()) > 0.5, "the table springs towards where the rope did not pull"

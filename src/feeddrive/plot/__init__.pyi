@@ -37,6 +37,7 @@ from feeddrive.plot.responses import response_nyquist as response_nyquist
 from feeddrive.plot.responses import response_residuals as response_residuals
 from feeddrive.plot.tuning import delay_map as delay_map
 from feeddrive.plot.tuning import disturbance as disturbance
+from feeddrive.plot.tuning import in_time as in_time
 from feeddrive.plot.tuning import iteration as iteration
 from feeddrive.plot.tuning import prefilter_fit as prefilter_fit
 from feeddrive.plot.tuning import trial as trial

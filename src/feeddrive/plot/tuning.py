@@ -11,7 +11,7 @@ from feeddrive.plot import style
 from feeddrive.plot.style import POINTS, envelope
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
 
     from feeddrive.analysis.replay import Observation
     from feeddrive.tuning.delay_map import DelayMap
@@ -157,4 +157,17 @@ def delay_map(maps: DelayMap | Mapping[str, DelayMap]) -> Any:
         style.labels(ax, "dead time (samples)", f"{tunable.rpartition('.')[2].replace('_', ' ')} (1/s)")
     ax.set_ylim(bottom=0.0)
     style.legend(figure, ax, 2)
+    return figure
+
+
+def in_time(rows: Sequence[tuple[str, str, Mapping[str, tuple[np.ndarray, np.ndarray]]]]) -> Any:
+    """Rows of curves by name, each over times of its own: abscissa, ordinate, and (times, values) of each curve."""
+    figure, axes = style.picture(len(rows), height=1.0 + 2.1 * len(rows), share=False)
+    for ax, (abscissa, ordinate, curves) in zip(axes, rows, strict=True):
+        for i, (name, (time, values)) in enumerate(curves.items()):
+            ax.plot(*envelope(time, values), label=style.caption(name), **style.curve(i))
+        ax.set_xlim(*(float(next(iter(curves.values()))[0][k]) for k in (0, -1)))
+        style.labels(ax, abscissa, ordinate)
+    style.legend(figure, axes[0])
+    figure.align_ylabels(axes)
     return figure

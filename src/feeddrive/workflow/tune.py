@@ -181,8 +181,18 @@ def _tuned(request: TuneRequest, progress: Progress) -> tuple[Tuned, Story, str 
     certificate, facts["Certificate"] = certified(found.control, points, text, name) if found.holds else (None, "")
     rotary = loop is not None and loop.axis.rotary
     said = tuple(remarks)
-    story = Story(what, {k: v for k, v in facts.items() if v}, rules, said, begun or "today", rotary)
+    story = Story(
+        what, {k: v for k, v in facts.items() if v}, rules, said, begun or "today", rotary, _loops(found, loop)
+    )
     return found, story, text, name, certificate
+
+
+def _loops(found: Tuned, loop: Loop | None) -> dict[str, Loop]:
+    """Axis and control of the machine file, old and new, as far as they are stable at every point."""
+    if loop is None:
+        return {}
+    both = {"today": (loop, found.before), "new": (replace(loop, control=found.control), found.after)}
+    return {name: each for name, (each, row) in both.items() if row and all(point.stable for point in row)}
 
 
 def _points(

@@ -4,15 +4,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from html import escape
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from feeddrive import plot
 from feeddrive.analysis.margins import Margins
 from feeddrive.analysis.stiffness import Stiffness
+from feeddrive.blocks.reference.recorded import Recorded
 from feeddrive.certificate.certificate import Certificate
+from feeddrive.comparison.figures import duty_of
 from feeddrive.files.atomic_io import new_directory
 from feeddrive.files.blocks_to_toml import to_toml
 from feeddrive.files.machine import MachineFile
@@ -20,10 +24,13 @@ from feeddrive.files.run_files import summary_text
 from feeddrive.files.toml_edit import TomlEdit
 from feeddrive.language import tree, units
 from feeddrive.language.block import Block
-from feeddrive.language.errors import sentence
+from feeddrive.language.errors import FeeddriveError, sentence
 from feeddrive.language.table import Table
 from feeddrive.loop.control import Control
+from feeddrive.loop.loop import Loop
+from feeddrive.loop.simulate import simulate
 from feeddrive.report.page import Shown, definitions, header, page, picture, table
+from feeddrive.report.sentences import block_sentence
 from feeddrive.tuning.closed_loop import FIGURES, Figures
 from feeddrive.tuning.limits import Limits
 from feeddrive.tuning.proof import ROOM
@@ -42,6 +49,7 @@ class Story:
 
     today   the name of the first row of each comparison
     rotary  the axis turns
+    loops   axis and control of the machine file, of today and new, by name; empty where none is known
     """
 
     what: str
@@ -50,6 +58,7 @@ class Story:
     said: tuple[str, ...] = ()
     today: str = "today"
     rotary: bool = False
+    loops: Mapping[str, Loop] = field(default_factory=dict[str, Loop])
 
 
 def write_tuned(
@@ -73,7 +82,9 @@ def write_tuned(
 
 def build(found: Tuned, story: Story) -> str:
     """The page. Pure: the same tuning gives the same text."""
-    drawn = list(_pictures(found, story))
+    timed, reason = _timed(found, story)
+    drawn = [*_pictures(found, story), *timed]
+    facts = {**story.facts, "Old and new in time": reason} if reason else story.facts
     made = "".join(
         table(
             f"{each.title[:1].upper()}{each.title[1:]}.",
@@ -90,7 +101,7 @@ def build(found: Tuned, story: Story) -> str:
         ),
         f'<section id="result">\n<h2>Result</h2>\n{made}{_said(found)}\n</section>\n',
         f'<section id="pictures">\n<h2>Pictures</h2>\n{"".join(picture(each) for each in drawn)}</section>\n',
-        f'<section id="facts">\n<h2>What was tuned</h2>\n{definitions(story.facts.items())}\n</section>\n',
+        f'<section id="facts">\n<h2>What was tuned</h2>\n{definitions(facts.items())}\n</section>\n',
     ]
     return page(title, [_printed(part) if i != 2 else part for i, part in enumerate(parts)], rotary=story.rotary)
 
@@ -196,6 +207,57 @@ def _change(before: float, after: float) -> str:
         return "-"
     return (
         f"{two_digits(after / before)} times" if after / before >= TIMES else f"{100.0 * (after / before - 1.0):+.2g} %"
+    )
+
+
+_STEP = 20e-6  # m
+_LONG = 10.0  # periods of the slowest crossover that are shown
+
+
+def _timed(found: Tuned, story: Story) -> tuple[list[Shown], str]:
+    """The picture of old and new in time, or none and the reason."""
+    crossovers = [c for _, each in _rows(found, story.today) if (c := each.margins.crossover)]
+    if not story.loops or not crossovers:
+        return [], "not simulated: no axis is known; give a machine file with --baseline"
+    try:
+        return [old_and_new(story, min(crossovers))], ""
+    except FeeddriveError as error:
+        return [], f"not simulated: {error}"
+
+
+def old_and_new(story: Story, crossover: float) -> Shown:
+    """A step of the set position, a rope that is cut, and the move, simulated with friction, counts and limit."""
+    duty = duty_of(next(iter(story.loops.values())))
+    long, begin, move = _LONG / crossover, duty.begin, duty.move
+    T = float(next(iter(story.loops.values())).sample_time)
+    steps = np.where(np.arange(math.ceil((begin + long) / T) + 2) * T < begin, 0.0, _STEP)
+    step = Recorded(position=steps, velocity=np.zeros(steps.size), sample_time=T)
+    rows: list[dict[str, tuple[np.ndarray, np.ndarray]]] = [{}, {}, {}]
+    for name, loop in story.loops.items():
+        free = replace(loop, control=replace(loop.control, guard=None))
+        ran = [
+            simulate(free, step, duration=begin + long),
+            simulate(free, duty.still(), load=duty.snap, duration=begin + long),
+            simulate(free, move),
+        ]
+        for row, run, signal in zip(rows, ran, ("position_load", "position_load", "following_error"), strict=True):
+            shown = run.time >= begin - 0.1 * long if signal == "position_load" else run.time >= 0.0
+            shift, scale = (begin, 1e3) if signal == "position_load" else (0.0, 1.0)
+            row[name] = scale * (run.time[shown] - shift), 1e6 * run[signal][shown]
+    return Shown(
+        "time",
+        "Old and new in time",
+        f"Simulated with friction, counts, noise and force limit of the machine file, without its guard. Above: the "
+        f"table after a step of the set position by {1e6 * _STEP:g} µm. Middle: the table after a rope that pulled it "
+        f"with {duty.force:g} N is cut. Below: the following error of a move there and back, {block_sentence(move)}.",
+        "Position of the table after a step and after a rope is cut, and following error of a move, before and after.",
+        lambda: plot.in_time(
+            [
+                ("time after the step (ms)", "position (µm)", rows[0]),
+                ("time after the cut (ms)", "position (µm)", rows[1]),
+                ("time (s)", "following error\n(µm)", rows[2]),
+            ]
+        ),
     )
 
 
