@@ -138,6 +138,27 @@ def test_both_front_ends_read_the_same_tables(tmp_path: Path):
         assert ends[1] == pytest.approx(ends[0], abs=2e-7), "m: two offsets and a coordinate, 0.05 um each"
 
 
+@needs_rs274
+def test_an_error_of_rs274_has_the_line_of_the_program(tmp_path: Path):
+    source = "G21 (mm)\n\no1 repeat [2]\n  g1 x1 F100\no1 endrepeat\n  N7 G41 D77\nM2\n"
+    with pytest.raises(ProgramError, match=r"rs274 refuses it: .*tool table") as caught:
+        moves(tmp_path, source, front_end="rs274")
+    assert (caught.value.line, caught.value.column, caught.value.word) == (6, 3, "N7 G41 D77")
+    with pytest.raises(ProgramError, match="prints no U, V and W") as caught:
+        moves(tmp_path, "G0 X1\nG0 U2\n", front_end="rs274")
+    assert caught.value.line == 2
+
+
+def test_an_rs274_that_dies_is_an_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    script = tmp_path / "rs274"
+    printed = "  1 N1     STRAIGHT_TRAVERSE(1.0, 0.0, 0.0, 0.0, 0.0, 0.0)"
+    script.write_text(f'#!/bin/sh\nfor last; do :; done\necho "{printed}" > "$last"\nkill -9 $$\n')
+    script.chmod(0o755)
+    monkeypatch.setenv("PATH", f"{tmp_path}:/usr/bin:/bin")
+    with pytest.raises(ProgramError, match="line 1, column 1: G0 X1: rs274 refuses it: it ended with status -9"):
+        moves(tmp_path, "G0 X1\nM2\n", front_end="rs274")
+
+
 @needs_gcode
 def test_the_canonical_texts_of_the_recorded_runs():
     for name in ("circle", "square_r5"):

@@ -10,19 +10,21 @@ import re
 import shutil
 import subprocess
 import tempfile
+import time
+from array import array
 from collections.abc import Iterator
 from pathlib import Path
 
 from feeddrive.language.errors import MissingProgramError, ProgramError, plain
 from feeddrive.path.program.blocks import AXES
 from feeddrive.path.program.commands import Command, read_command
-from feeddrive.path.program.lines import BlockError, Line, LineReader, compact, located
+from feeddrive.path.program.lines import BlockError, Line, LineReader, Place, compact, located
 from feeddrive.path.program.state import G92, G92_ON, HOME_1, HOME_2, INCH, LINEAR, SYSTEM, SYSTEMS
 from feeddrive.path.program.tools import Tool
 
 PROGRAM, PACKAGE = "rs274", "linuxcnc-uspace"
-LONGEST_RUN = 600.0
-"""s"""
+LONGEST_RUN, LARGEST_OUTPUT = 300.0, 2e9
+"""How long it may run, s; how much it may print, bytes."""
 
 _NEEDED = re.compile(r"g0*(?:4[12](?:\.1)?|[78]|76|8[78])(?![\d.])|m0*(?:19|7[0-3])(?![\d.])")
 _CANDIDATE = re.compile(
@@ -74,7 +76,8 @@ def rs274_commands(
     if shutil.which(PROGRAM) is None:
         raise MissingProgramError(PROGRAM, PACKAGE, f"{program}: cutter compensation")
     with tempfile.TemporaryDirectory() as folder:
-        lines = _numbered(program, Path(folder) / "program.ngc")
+        copy = Path(folder) / "program.ngc"
+        source = _Source(program, copy)
         command = [PROGRAM, "-g", *(["-b"] if skip_deleted else [])]
         unit = 1.0 if tables_inch else INCH
         for option, text in (("-t", _tool_table(tools, unit)), ("-v", _parameter_file(numbered, unit))):
@@ -83,21 +86,36 @@ def rs274_commands(
                 table.write_text(text)
                 command += [option, str(table)]
         output = Path(folder) / "canonical.txt"
+        code, complaint = _run([*command, str(copy), str(output)], program, output)
         try:
-            done = subprocess.run(
-                [*command, str(Path(folder) / "program.ngc"), str(output)],
-                cwd=program.parent,
-                stdin=subprocess.DEVNULL,
-                stdout=subprocess.DEVNULL,
-                stderr=subprocess.PIPE,
-                timeout=LONGEST_RUN,
-                check=False,
-            )
-        except subprocess.TimeoutExpired:
-            raise ProgramError(
-                str(program), 1, 1, "", f"{PROGRAM} had not ended after {LONGEST_RUN:g} s: does a loop never end?"
-            ) from None
-        yield from _read(program, lines, output, done.stderr.decode("utf-8", "replace"), done.returncode)
+            yield from _read(source, output, complaint, code)
+        finally:
+            source.close()
+
+
+def _run(command: list[str], program: Path, output: Path) -> tuple[int, str]:
+    """Run the interpreter; gives its exit status and what it complains about."""
+    with tempfile.TemporaryFile() as errors:
+        run = subprocess.Popen(
+            command, cwd=program.parent, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=errors
+        )
+        begun = time.monotonic()
+        try:
+            while True:
+                try:
+                    run.wait(0.5)
+                    break
+                except subprocess.TimeoutExpired:
+                    large = output.exists() and output.stat().st_size > LARGEST_OUTPUT
+                    if large or time.monotonic() - begun > LONGEST_RUN:
+                        bound = f"after {LONGEST_RUN:g} s or {LARGEST_OUTPUT / 1e9:g} GB of output"
+                        reason = f"{PROGRAM} had not ended {bound}: does a loop never end?"
+                        raise ProgramError(str(program), 1, 1, "", reason) from None
+        finally:
+            run.kill()
+            run.wait()
+        errors.seek(0)
+        return run.returncode, errors.read().decode("utf-8", "replace")
 
 
 def _tool_table(tools: dict[int, Tool] | None, unit: float) -> str:
@@ -122,61 +140,81 @@ def _parameter_file(numbered: dict[int, float] | None, unit: float) -> str:
     return "".join(f"{n}\t{values[n] / unit if n in lengths else values[n]:.10f}\n" for n in sorted(values))
 
 
-def _numbered(program: Path, copy: Path) -> list[str]:
-    """Write a copy in which each line has its number as N; gives the lines."""
-    reader = LineReader(program)
-    lines: list[str] = []
+class _Source:
+    """The lines of a program by their number, of which only the places are kept."""
+
+    def __init__(self, program: Path, copy: Path) -> None:
+        """Writes a copy of the program in which each line has its number as N."""
+        self._reader = LineReader(program)
+        self._offsets = array("q")
+        self._line = Line(self._reader.name, 0, "")
+        try:
+            with copy.open("w", encoding="utf-8") as file:
+                while line := self._reader.read():
+                    self._offsets.append(self._reader.last.offset)
+                    file.write(_with_number(line) + "\n")
+        except BaseException:
+            self.close()
+            raise
+
+    def close(self) -> None:
+        """End reading."""
+        self._reader.close()
+
+    def line(self, number: int) -> Line:
+        """A line by its number; the first one's place if there is none of this number."""
+        if number != self._line.number and 1 <= number <= len(self._offsets):
+            self._reader.go(Place(self._offsets[number - 1], number - 1))
+            self._line = self._reader.read() or self._line
+        return self._line
+
+    def last(self) -> Line:
+        """The last line."""
+        return self.line(len(self._offsets))
+
+
+def _with_number(line: Line) -> str:
     try:
-        with copy.open("w", encoding="utf-8") as file:
-            while line := reader.read():
-                lines.append(line.text)
-                try:
-                    text = compact(line.text)[0]
-                except BlockError as fault:
-                    raise located(line, fault) from None
-                if _AXES.search(_NAME.sub("", text)):
-                    raise located(
-                        line,
-                        BlockError(f"{PROGRAM} prints no U, V and W: this program cannot be read by it", text[:20], 0),
-                    )
-                start = _NUMBER.match(line.text)
-                assert start is not None
-                rest = line.text[start.end() :]
-                numbered = line.text if text in ("", "%") else f"{start[1]}N{line.number} {rest}"
-                file.write(numbered + "\n")
-    finally:
-        reader.close()
-    return lines
+        text = compact(line.text)[0]
+    except BlockError as fault:
+        raise located(line, fault) from None
+    if _AXES.search(_NAME.sub("", text)):
+        reason = f"{PROGRAM} prints no U, V and W: this program cannot be read by it"
+        raise located(line, BlockError(reason, text[:20], 0))
+    if text in ("", "%"):
+        return line.text
+    start = _NUMBER.match(line.text)
+    assert start is not None
+    return f"{start[1]}N{line.number} {line.text[start.end() :]}"
 
 
-def _read(program: Path, lines: list[str], output: Path, complaint: str, code: int) -> Iterator[Command]:
-    name = str(program)
-    last = 0
-    with output.open(encoding="utf-8", errors="replace") as file:
-        for printed in file:
-            found = _PRINTED.match(printed)
-            if not found:
-                continue
-            if found[1].isdigit() and 1 <= int(found[1]) <= len(lines):
-                last = int(found[1])
-            command = read_command(found[2].rstrip(), Line(name, last, lines[last - 1] if last else ""))
-            if command is not None:
-                yield command
-    unended = "File ended with no percent sign or program end" in complaint
-    if unended:
-        yield Command("FINISH", (), Line(name, len(lines), lines[-1] if lines else ""))
-    said = [text for text in complaint.splitlines() if text.strip() and text.strip() != "executing"]
-    if said and code and not unended:
-        raise _refused(name, lines, said, last)
+def _read(source: _Source, output: Path, complaint: str, code: int) -> Iterator[Command]:
+    line = source.line(0)
+    if output.exists():
+        with output.open(encoding="utf-8", errors="replace") as file:
+            for printed in file:
+                found = _PRINTED.match(printed)
+                if not found:
+                    continue
+                if found[1].isdigit():
+                    line = source.line(int(found[1]))
+                command = read_command(found[2].rstrip(), line)
+                if command is not None:
+                    yield command
+    if "File ended with no percent sign or program end" in complaint:
+        yield Command("FINISH", (), source.last())
+    elif code:
+        raise _refused(source, line, complaint, code)
 
 
-def _refused(name: str, lines: list[str], said: list[str], last: int) -> ProgramError:
+def _refused(source: _Source, line: Line, complaint: str, code: int) -> ProgramError:
     """The error of the interpreter, at the line that it prints with it."""
-    number, word = last or 1, ""
+    said = [text for text in complaint.splitlines() if text.strip() and text.strip() != "executing"]
     for text in said[1:]:
         found = re.match(r"/?N(\d+)\s", text)
-        if found and 1 <= int(found[1]) <= len(lines):
-            number = int(found[1])
-            word = plain(lines[number - 1].strip())[:40]
-    column = 1 + len(lines[number - 1]) - len(lines[number - 1].lstrip()) if lines else 1
-    return ProgramError(name, number, column, word, f"{PROGRAM} refuses it: {plain(said[0])}")
+        if found:
+            line = source.line(int(found[1]))
+    word = plain(line.text.strip())[:40]
+    column = 1 + len(line.text) - len(line.text.lstrip())
+    reason = plain(said[0]) if said else f"it ended with status {code} and no message"
+    return ProgramError(line.file, line.number, column, word, f"{PROGRAM} refuses it: {reason}")
