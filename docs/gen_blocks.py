@@ -16,6 +16,7 @@ from collections.abc import Iterator
 from dataclasses import MISSING, fields
 from pathlib import Path
 from textwrap import indent
+from types import GenericAlias, UnionType
 from typing import Any
 
 from mkdocs.structure.files import File
@@ -100,6 +101,10 @@ def place(block: type[Block]) -> str:
 
 def docstring(thing: Any) -> str:
     """A docstring as markdown: indented equations are code there too; a list of aligned names becomes it."""
+    if isinstance(thing, GenericAlias):  # names of types have no words of their own
+        return f"A `{thing}`."
+    if isinstance(thing, UnionType):
+        return f"One of {', '.join(f'`{each.__name__}`' for each in thing.__args__)}."
     paragraphs = inspect.cleandoc(thing.__doc__ or "").split("\n\n")
     return "\n\n".join(indent(each, "    ") if re.match(r"\w+ {2,}\S", each) else each for each in paragraphs)
 
@@ -164,6 +169,6 @@ def python() -> str:
 
 def signature(name: str, thing: Any) -> str:
     """Name and arguments without types."""
-    if inspect.isclass(thing):
+    if isinstance(thing, UnionType | GenericAlias) or inspect.isclass(thing):
         return name
     return f"{name}({', '.join(p for p in inspect.signature(thing).parameters if p != 'self')})"
