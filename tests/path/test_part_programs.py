@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from feeddrive.language.errors import ProgramError
+from feeddrive.language.errors import ParameterError, ProgramError
 from feeddrive.path.program.codes import G_CODES, M_CODES, REFUSED, name_of
 from feeddrive.path.program.commands import Command, canonical_text, read_command
 from feeddrive.path.program.moves import Arc, Feed, Message, Move, PathMode, Spline, Straight, Switch, Synchronized
@@ -371,6 +371,14 @@ def test_the_page_names_each_code():
             assert code.native or row == expected, name_of(letter, number)
 
 
+def test_moves_that_nobody_asks_for_leave_no_file_open(tmp_path: Path):
+    """An open file would end this test with a ResourceWarning, which the suite takes for an error."""
+    read_program(program(tmp_path, "G0 X1\n"))
+    found = read_program(tmp_path / "program.ngc")
+    next(found)
+    del found
+
+
 def test_a_program_streams(tmp_path: Path):
     """The first moves are there before the rest of the program is read, here one that is wrong."""
     found = read_program(program(tmp_path, "G0 X1\nG0 X2\nG0 Y1.2.3\n"))
@@ -432,6 +440,11 @@ def test_axes_and_travel_of_the_machine(tmp_path: Path):
         moves(tmp_path, "G0 X1 Y2\nG0 Y1 X101", axes=axes)
     with pytest.raises(ProgramError, match=r"axis Y would go to -5 mm"):
         moves(tmp_path, "F100\nG3 X10 Y0 I5 J0", axes=axes)
+    with pytest.raises(ParameterError, match="axes: 'E' is no axis"):
+        moves(tmp_path, "G0 X1", axes={"E": None})
+    with pytest.raises(ParameterError, match=r"axes: the travel of x is \(1.0, 0.0\)"):
+        moves(tmp_path, "G0 X1", axes={"x": (1.0, 0.0)})
+    assert moves(tmp_path, "G0 X1", axes={"x": None, "Z": (-0.2, -0.1)}), "Z stands outside and does not move"
     assert moves(tmp_path, "F100\nG2 X10 Y0 I5 J0\nG0 Z500 Y0\nG10 L2 P1 X-200\nG0 X300 Y50", axes=axes)
 
 

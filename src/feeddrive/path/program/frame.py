@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from itertools import pairwise
 from typing import cast
 
+from feeddrive.language.errors import ParameterError
 from feeddrive.path.program.blocks import AXES
 from feeddrive.path.program.commands import Command
 from feeddrive.path.program.cycles import PLANES
@@ -63,6 +64,18 @@ _SWITCHES = {
 _NUMBERED = ("SET_MOTION_OUTPUT_", "CLEAR_MOTION_OUTPUT_", "SET_AUX_OUTPUT_", "CLEAR_AUX_OUTPUT_")
 
 
+def _travel_by_axis(axes: Travel) -> list[tuple[float, float] | None]:
+    """The travel of each of the nine axes; a name that is none of them, or a travel without length, is refused."""
+    for name, travel in axes.items():
+        if name.lower() not in AXES or len(name) != 1:
+            raise ParameterError(f"axes: {name!r} is no axis of part programs, which are X Y Z A B C U V W")
+        if travel is not None and not (math.isfinite(travel[0] + travel[1]) and travel[0] < travel[1]):
+            raise ParameterError(
+                f"axes: the travel of {name} is {travel}, in m or rad; its least end lies below its most"
+            )
+    return [axes.get(letter.upper(), axes.get(letter)) for letter in AXES]
+
+
 class Frame:
     """Makes moves of commands; it knows units, plane and offsets, and where the machine stands.
 
@@ -70,7 +83,7 @@ class Frame:
     """
 
     def __init__(self, axes: Travel | None = None) -> None:
-        self._travel = None if axes is None else [axes.get(letter.upper(), axes.get(letter)) for letter in AXES]
+        self._travel = None if axes is None else _travel_by_axis(axes)
         self._present = None if axes is None else [letter in {each.lower() for each in axes} for letter in AXES]
         self._here: Point = _ZERO
         self._divisors = [1000.0] * 9
@@ -157,18 +170,15 @@ class Frame:
                 f"the coordinate {end[axis]:g} is farther than {FARTHEST:g} m or rad: check units and offsets",
                 AXES[axis].upper(),
             )
-        if self._present is None or self._travel is None:
+        if self._present is None:
             return
         for axis, value in enumerate(end):
-            letter = AXES[axis].upper()
-            if not self._present[axis]:
-                if value != start[axis]:
-                    there = " ".join(each.upper() for each, here in zip(AXES, self._present, strict=True) if here)
-                    raise BlockError(
-                        f"the machine has no axis {letter}; it has {there}: take the word out",
-                        letter,
-                    )
+            if value == start[axis]:
                 continue
+            if not self._present[axis]:
+                letter = AXES[axis].upper()
+                there = " ".join(each.upper() for each, here in zip(AXES, self._present, strict=True) if here)
+                raise BlockError(f"the machine has no axis {letter}; it has {there}: take the word out", letter)
             self._check_travel(axis, value)
 
     def _check_travel(self, axis: int, value: float) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from io import BufferedReader
 from pathlib import Path
 from typing import NamedTuple
 
@@ -43,15 +44,21 @@ class LineReader:
     """A file that gives its lines, and can go back to a place in it."""
 
     def __init__(self, path: Path) -> None:
+        """Fails at once if the file cannot be read, and opens it for the first line."""
         self.name = str(path)
-        try:
-            if path.is_dir():
-                raise FileError(f"{path}: this is a folder, a part program is a file")
-            self._file = path.open("rb")
-        except OSError as error:
-            raise FileError(f"{path}: cannot be read: {error.strerror or error}") from None
+        self._path = path
+        self._file: BufferedReader | None = None
+        self._open().close()
         self._offset = self._number = self._last = 0
         self.furthest = 0
+
+    def _open(self) -> BufferedReader:
+        try:
+            if self._path.is_dir():
+                raise FileError(f"{self.name}: this is a folder, a part program is a file")
+            return self._path.open("rb")
+        except OSError as error:
+            raise FileError(f"{self.name}: cannot be read: {error.strerror or error}") from None
 
     @property
     def place(self) -> Place:
@@ -66,10 +73,14 @@ class LineReader:
     def go(self, place: Place) -> None:
         """Read on from a place."""
         self._offset, self._number = place
+        if self._file is None:
+            self._file = self._open()
         self._file.seek(self._offset)
 
     def read(self) -> Line | None:
         """The next line; None behind the last one."""
+        if self._file is None:
+            self._file = self._open()
         raw = self._file.readline(LONGEST_LINE + 1)
         if not raw:
             return None
@@ -88,7 +99,9 @@ class LineReader:
 
     def close(self) -> None:
         """End reading."""
-        self._file.close()
+        if self._file is not None:
+            self._file.close()
+            self._file = None
 
 
 def located(line: Line, fault: BlockError) -> ProgramError:
