@@ -258,6 +258,7 @@ LAWS = (
 
 
 @pytest.mark.slow(reason="every law on every bundled machine, searched twice by independent optimizers")
+@pytest.mark.timeout(1800)
 @pytest.mark.parametrize("law", LAWS)
 @pytest.mark.parametrize("machine", MACHINES)
 def test_a_crude_search_finds_nothing_better(machine: str, law: str) -> None:
