@@ -58,7 +58,7 @@ def _may_need(program: Path) -> bool:
     """The same, quickly, at the cost of a yes too many."""
     end = b""
     with program.open("rb") as file:
-        while chunk := file.read(2**20):
+        while chunk := file.read(2**15):
             if _CANDIDATE.search(end + chunk):
                 return True
             end = chunk[-200:]
