@@ -142,6 +142,21 @@ def test_encirclement_says_what_poles_say(screw: fd.Loop, placement: fd.Loop) ->
     assert min(counts) > 10
 
 
+@pytest.mark.parametrize(("integral", "gain", "stable"), [(0.0, 20.0, True), (20.0, 20.0, True), (0.0, 2e4, False)])
+def test_an_integral_without_a_gain_makes_no_loop_unstable(integral: float, gain: float, stable: bool) -> None:
+    """The pid of LinuxCNC integrates its error also where Igain is 0: a pole at 1 that the force does not see."""
+    position = fd.blocks.StockPid(Pgain=gain, Igain=integral, Dgain=0.5, maxoutput=10.0)
+    loop = fd.Loop(
+        control=fd.Control(law=fd.blocks.LinuxcncPid(position=position, units=1000.0, force_per_output=753.98)),
+        axis=fd.Axis(plant=fd.blocks.Rigid(mass=2300.0, viscous=3000.0), actuator=fd.blocks.Actuator(dead_time=8e-4)),
+        sample_time=0.001,
+    )
+    point = modelled_point(loop)
+    response = ControlResponse(loop.control, 0.001, ()).at((), point.frequency)
+    assert unstable(answer(point, response)) is not stable
+    assert fd.analysis.stability(loop).stable is stable
+
+
 def test_encirclement_counts_what_integrates_on_a_measured_axis(screw: fd.Loop) -> None:
     """A law with two integrals on an axis measured from 1 Hz on: four in all, where half a turn is one more."""
     design = next(each for each in candidates(screw)[0] if each.name == "P-PI + recovery")

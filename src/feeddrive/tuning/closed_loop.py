@@ -141,10 +141,13 @@ def unstable(answer: Answer) -> bool:
     From one period to the next, x of the axis and ξ of the control are moved by the product over its samples k of
 
         x ← A x + B (d_k C x + c_k ξ),    ξ ← A_k ξ + B_k C x
+
+    States of the control that the force does not depend on, as an integral with a gain of 0, do not count.
     """
     axis, samples = answer.point.model, answer.response.samples
     if axis is None or samples is None:
         return encircles(answer)
+    samples = _with_effect(samples)
     n, many = samples.shape[1] - 1, axis.A.shape[0]
     force = axis.inputs.index("cut")
     read = [axis.outputs.index(each) for each in ("reading_motor", "reading_load")]
@@ -160,6 +163,20 @@ def unstable(answer: Answer) -> bool:
     if not np.all(np.isfinite(moved)):
         return True
     return not float(np.max(np.abs(np.linalg.eigvals(moved)))) < _EDGE
+
+
+def _with_effect(samples: np.ndarray) -> np.ndarray:
+    """The matrices of the control without the states that do not reach the force, its last row."""
+    n = samples.shape[1] - 1
+    through = np.any(samples[:, :, :n] != 0.0, axis=0)
+    reached = through[n]
+    while True:
+        more = reached | np.any(through[:n][reached], axis=0)
+        if np.array_equal(more, reached):
+            break
+        reached = more
+    rows, columns = np.append(reached, True), np.append(reached, np.ones(samples.shape[2] - n, bool))
+    return samples[:, rows][:, :, columns]
 
 
 def encircles(answer: Answer) -> bool:
