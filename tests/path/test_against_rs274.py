@@ -69,7 +69,7 @@ class Drawn:
         return f"{draw.choice(['abs', 'cos', 'sin', 'round', 'fix', 'fup'])}[{self.expression(depth + 1)}]"
 
     def flow(self, depth: int = 0, loop: int = 0) -> list[str]:
-        """Blocks with o-words, nested up to four deep."""
+        """Blocks with o-words, nested up to four deep, in the loop `loop`; a do loop is negative."""
         draw, blocks = self.random, list[str]()
         for _ in range(draw.randint(1, 3)):
             self.label += 1
@@ -89,10 +89,10 @@ class Drawn:
                 blocks += [f"#<k{n}>=0", f"o{n} while [#<k{n}> lt {count}]", f"#<k{n}>=[#<k{n}>+1]"]
                 blocks += [*self.flow(depth + 1, n), f"o{n} endwhile"]
             elif kind == "do":
-                blocks += [f"#<k{n}>=0", f"o{n} do", f"#<k{n}>=[#<k{n}>+1]", *self.flow(depth + 1, n)]
+                blocks += [f"#<k{n}>=0", f"o{n} do", f"#<k{n}>=[#<k{n}>+1]", *self.flow(depth + 1, -n)]
                 blocks.append(f"o{n} while [#<k{n}> lt {count}]")
             elif kind == "leave" and loop:
-                blocks.append(f"o{loop} {draw.choice(['break', 'continue'])}")
+                blocks.append(f"o{abs(loop)} {draw.choice(['break', 'continue'] if loop > 0 else ['break'])}")
             elif kind == "call" and depth < 3:
                 blocks += [
                     f"o1 call [{self.expression()}] [{self.expression()}]",
