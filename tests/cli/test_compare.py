@@ -50,7 +50,7 @@ def test_a_machine_of_ones_own(run) -> None:
     code, out, errors = run("compare", "m.toml", "--starts", "1", "--law", "pole placement", "--out", "d")
     assert code == 0, errors
     assert "today's gains" in out
-    assert "cannot control this axis" in out
+    assert "Cannot control this axis: pole placement: pole placement needs the position of the motor and " in out
     assert out.strip().splitlines()[-1].startswith("Report: ")
     laws = json.loads(Path("d/summary.json").read_text(encoding="utf-8"))["laws"]
     # a P velocity loop never comes back from a force
@@ -78,6 +78,75 @@ def test_bad_input_is_one_line_and_writes_nothing(run, words, said) -> None:
     assert errors.startswith("feeddrive: error: ")
     assert said in errors
     assert sorted(Path().rglob("*")) == before
+
+
+OWN = """
+from typing import NamedTuple
+
+from feeddrive.blocks.families import Law
+from feeddrive.blocks.signals import Reading, Setpoint
+from feeddrive.language import ops
+from feeddrive.language.block import parameter
+
+
+class State(NamedTuple):
+    position: float
+
+
+class Wrong(Law):
+    \"\"\"F = gain (x_set - x).\"\"\"
+
+    gain: float = parameter("N/m", "force over error", above=0)
+
+    @classmethod
+    def begin(cls, axis, present):
+        {begin}
+        return super().begin(axis, present)
+
+    def start(self, prepared, setpoint, reading):
+        return State(reading.position_load)
+
+    def step(self, prepared, state, setpoint, reading, T):
+        {step}
+        return State(reading.position_load), self.gain * (setpoint.position - reading.position_load)
+
+
+class Other(Wrong):
+    \"\"\"The same.\"\"\"
+"""
+
+
+@pytest.fixture
+def own(tmp_path, monkeypatch):
+    """Writes a law of one's own; what is imported from it is forgotten."""
+    monkeypatch.setattr(sys, "path", [*sys.path])
+
+    def write(**lines: str) -> None:
+        Path("m.toml").write_text(RIGID, encoding="utf-8")
+        Path("wrong_law.py").write_text(OWN.format(**{"begin": "", "step": ""} | lines), encoding="utf-8")
+
+    yield write
+    sys.modules.pop("wrong_law", None)
+
+
+def test_a_fault_of_a_law_named_by_law_is_one_line_with_its_place(run, own) -> None:
+    """It was a traceback: such a law is in no catalogue."""
+    own(begin="axis.weight")
+    code, _, errors = run("compare", "m.toml", "--law", "wrong_law:Wrong", "--starts", "1")
+    assert code == 2
+    assert errors.startswith("feeddrive: error: wrong_law.py, line 21: AttributeError: ")
+    assert errors.count("\n") == 1
+
+
+@pytest.mark.slow(reason="P-PI is tuned, and two processes begin")
+def test_a_fault_of_a_law_in_a_process_of_its_own_is_one_line_with_its_place(run, own, monkeypatch) -> None:
+    """It was the traceback of that process."""
+    monkeypatch.setattr(importlib.import_module("feeddrive.workflow.compare"), "cores", lambda: 2)
+    own(step="speed = setpoint.speed")
+    code, _, errors = run("compare", "m.toml", "--law", "wrong_law:Wrong", "--law", "wrong_law:Other", "--starts", "1")
+    assert code == 2
+    assert errors.startswith("feeddrive: error: wrong_law.py, line 28: AttributeError: ")
+    assert errors.count("\n") == 1
 
 
 def test_ctrl_c_writes_nothing(run, monkeypatch) -> None:

@@ -31,7 +31,7 @@ from feeddrive.language import tree
 from feeddrive.language.errors import CancelledError, ParameterError
 from feeddrive.language.progress import Progress
 from feeddrive.loop.loop import Loop
-from feeddrive.tuning.candidates import candidates
+from feeddrive.tuning.candidates import Refusal, candidates
 from feeddrive.workflow.compare import in_short, screen, verdict
 
 SHORT = SnapLimitedMove(
@@ -98,6 +98,19 @@ def test_the_friction_compensator_changes_tracking_and_nothing_else(found: Compa
 def test_laws_that_do_not_fit_are_named_with_the_reason(found: Comparison) -> None:
     assert {each.name for each in found.refusals} == {"pole placement", "pole placement + prefilter"}
     assert all("encoder" in each.reason for each in found.refusals)
+
+
+def test_the_screen_has_the_reason_of_a_refusal_in_one_sentence(found: Comparison) -> None:
+    """It had the names only: "Cannot control this axis: super twisting.\""""
+    law = (
+        "there is no linear model at this operating point: a square root of 0 has no finite slope (twisting, law.py, "
+        "line 49: force = 1. / self.gain * ops.sqrt(s))"
+    )
+    more = Refusal("twisting", f"{law}. Poles, margins, tuning by them and certificates need one; simulation does not")
+    said = [each for each in in_short(replace(found, refusals=(*found.refusals, more))) if each.startswith("Cannot")]
+    both = "pole placement, pole placement + prefilter"
+    assert said[0].startswith(f"Cannot control this axis: {both}: pole placement needs the position of the motor and ")
+    assert said[1:] == [f"Cannot control this axis: twisting: {law}."]
 
 
 def test_the_directory_holds_what_it_promises(found: Comparison, tmp_path: Path) -> None:

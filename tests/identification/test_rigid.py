@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
 
 from drive_logs import TRUTH, T, changed, loop, set_positions, simulated
+from feeddrive.blocks.force.gravity import Gravity
 from feeddrive.identification.motion.control_law import identify_control
 from feeddrive.identification.motion.delay import find_delay
-from feeddrive.identification.motion.identify import identify_motion
+from feeddrive.identification.motion.identify import identify_motion, with_rigid
 from feeddrive.identification.motion.motion_log import JANOT, MotionLog, central_difference, decimated, kept, zero_phase
 from feeddrive.identification.motion.output_error import refine
 from feeddrive.identification.motion.rigid import RigidFit, identify_rigid
@@ -132,6 +134,32 @@ def test_output_error_finds_the_truth_from_a_wrong_start() -> None:
         # four errors: one in 16,000 of normal ones, times four parameters
         assert abs(found[name].value - truth) < 4.0 * found[name].error, name
     assert found["mass"].value == pytest.approx(95.1089, rel=2e-3)
+
+
+@pytest.mark.parametrize(
+    ("offset", "size", "has"),
+    [(-3.16, 0.2, True), (3.16, 0.2, True), (0.5, 0.05, False), (0.0, 0.2, False), (2.0, 12.0, False)],
+)
+def test_an_offset_is_a_constant_force_if_it_is_significant_and_matters(offset: float, size: float, has: bool) -> None:
+    """Any offset was one, and exports then warned of a falling axis.
+
+    Of 20 N of Coulomb friction 5 % are 1.02 N: 0.5 N is significant and does not matter; 2 N beside a disturbance of
+    12 N, whose standard error is about 1 N, is the other way round.
+    """
+    log = simulated(size=size)
+    fit = identify_rigid(changed(log, force=log.force + offset - TRUTH["offset"]), friction="symmetric")
+    found, bound = fit["offset"], 0.05 * fit["coulomb"].value
+    if offset == 0.5:
+        assert 3.0 * found.error < abs(found.value) < bound
+    if size == 12.0:
+        assert bound < abs(found.value) < 3.0 * found.error
+    bare = replace(loop().axis, forces=())
+    written = [float(each.force) for each in with_rigid(bare, fit).forces if isinstance(each, Gravity)]
+    assert written == ([-found.value] if has else [])
+    # an axis that has one keeps it, with the new number
+    assert [float(each.force) for each in with_rigid(loop().axis, fit).forces if isinstance(each, Gravity)] == [
+        -found.value
+    ]
 
 
 def test_rotary_logs_come_out_at_the_table_with_a_lead() -> None:

@@ -139,14 +139,20 @@ def fault_of_own(error: Exception) -> FeeddriveError | None:
 
     Python users get the error itself; the command line has no traceback to show.
     """
-    mine = {each.__module__ for members in catalogue().values() for each in members.values()}
-    mine -= {each.__module__ for members in shipped().values() for each in members.values()}
     trace, line = error.__traceback__, ""
     while trace is not None:
-        if trace.tb_frame.f_globals.get("__name__") in mine:
+        if _holds_own(trace.tb_frame.f_globals):
             line = f"{os.path.basename(trace.tb_frame.f_code.co_filename)}, line {trace.tb_lineno}"
         trace = trace.tb_next
     return StructureError(f"{line}: {type(error).__name__}: {error}") if line else None
+
+
+def _holds_own(module: Mapping[str, Any]) -> bool:
+    """Whether the globals are those of a module that defines blocks and is none of this package."""
+    name = str(module.get("__name__", ""))
+    return name.partition(".")[0] != "feeddrive" and any(
+        isinstance(each, type) and issubclass(each, Block) and each.__module__ == name for each in module.values()
+    )
 
 
 def _search(folder: Path) -> None:

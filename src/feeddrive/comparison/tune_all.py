@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from queue import Empty
 from typing import Any
 
+from feeddrive.blocks.catalogue import fault_of_own
 from feeddrive.comparison.kept import Kept
 from feeddrive.language.errors import CancelledError, FeeddriveError
 from feeddrive.language.progress import Progress
@@ -212,7 +213,15 @@ class _Told(Progress):
 
 
 def _elsewhere(candidate: Candidate, rule: Rule, kept: Kept | None) -> Tuned | Refusal:
-    return _tuned(candidate, rule, kept, _Told(candidate.name))
+    try:
+        return _tuned(candidate, rule, kept, _Told(candidate.name))
+    except FeeddriveError:
+        raise
+    except Exception as error:  # its frames stay in this process: the place of the fault is said here
+        said = fault_of_own(error)
+        if said is None:
+            raise
+        raise said from error
 
 
 @contextlib.contextmanager

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from pathlib import Path
 
 from feeddrive.blocks.catalogue import imported
@@ -68,6 +69,7 @@ _COLUMNS = (
     ("N/um at 100 Hz", "stiffness_100_Hz_N_per_m", 1e-6), ("track RMS um", "tracking_error_rms_m", 1e6),
     ("settled ms", "snap_settling_s", 1e3), ("noise N", "force_noise_N", 1.0),
 )  # fmt: skip
+_SENTENCES = re.compile(r"\. (?=[A-Z])")  # between two: not the point of a number in a line of code
 _NAMED = 4  # criteria in which a law is worse that are named, the worst first
 
 
@@ -95,9 +97,12 @@ def in_short(found: Comparison) -> list[str]:
         "Not proven in every point": [
             c for c in tuned if c.tuned is not None and any(line.holds is not True for line in c.tuned.proof)
         ],
-        "Cannot control this axis": found.refusals,
     }
-    return [f"{head}: {', '.join(each.name for each in group)}." for head, group in groups.items() if group]
+    said = [f"{head}: {', '.join(each.name for each in group)}." for head, group in groups.items() if group]
+    refused = dict[str, list[str]]()
+    for each in found.refusals:
+        refused.setdefault(_SENTENCES.split(each.reason, maxsplit=1)[0].rstrip("."), []).append(each.name)
+    return [*said, *(f"Cannot control this axis: {', '.join(them)}: {reason}." for reason, them in refused.items())]
 
 
 def verdict(found: Comparison) -> str:

@@ -258,7 +258,7 @@ def _loop(log: MotionLog, rigid: RigidFit, start: Loop | None, control: ControlF
 
 
 def with_rigid(axis: Axis, rigid: RigidFit, *, richer: bool = False) -> Axis:
-    """The axis with the identified mass, friction and constant force.
+    """The axis with the identified mass, friction and constant force: an axis without one gets it if it is pulled.
 
     A plant with several bodies keeps its own masses and dampers, which a rigid fit cannot tell apart, and friction on
     both bodies is not changed. With `richer`, a friction model with more than Coulomb levels keeps its shape.
@@ -270,7 +270,7 @@ def with_rigid(axis: Axis, rigid: RigidFit, *, richer: bool = False) -> Axis:
     if richer and axis.friction_load is not None:
         friction = _scaled(axis.friction_load, friction)
     others: tuple[Force, ...] = tuple(each for each in axis.forces if not isinstance(each, Gravity))
-    gravity = rigid.gravity()
+    gravity = rigid.gravity() if rigid.is_pulled or len(others) < len(axis.forces) else None
     forces = others if gravity is None else (*others, gravity)
     return replace(axis, plant=plant, friction_load=friction, forces=forces)
 

@@ -36,6 +36,8 @@ NAMES = {
 }
 LEAST_REVERSAL = 0.05  # least share of the moving rows in each direction
 LEAST_OWN = 0.02  # share of a column's size that the other columns must leave unexplained
+SIGNIFICANT = 3.0  # standard errors beyond which an offset is not 0
+LEAST_PULL = 0.05  # share of Coulomb friction beyond which an offset is a force of the axis
 LARGEST_ERROR = 0.5  # largest standard error over value of a mass that counts as identified
 
 
@@ -99,6 +101,18 @@ class RigidFit(Result):
         if self.friction == "symmetric":
             return Coulomb(coulomb=value["coulomb"], viscous=value["viscous"])
         return Directional(**{name: value[name] for name in NAMES["directional"][1:]})
+
+    @property
+    def is_pulled(self) -> bool:
+        """Whether the offset is a force of the axis: more than 3 standard errors and 5 % of Coulomb friction.
+
+        A smaller one cannot move the axis, and counts of the encoder at rest make it too: their error is the same for
+        hundreds of rows, more than standard errors account for.
+        """
+        if self.friction != "symmetric":
+            return False
+        offset = self["offset"]
+        return abs(offset.value) > max(SIGNIFICANT * offset.error, LEAST_PULL * self["coulomb"].value)
 
     def gravity(self) -> Gravity | None:
         """The constant force that the drive had to overcome, as it acts on the table; None for directional friction."""
