@@ -127,7 +127,10 @@ def import_graph() -> dict[str, set[str]]:
 
 def named_in_text(path: Path) -> set[str]:
     """Modules that are imported by a name in quotes: `import_module("feeddrive...")`."""
-    calls = [node for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))) if isinstance(node, ast.Call)]
+    text = path.read_text(encoding="utf-8")
+    if "import_module" not in text and "__import__" not in text:
+        return set()
+    calls = [node for node in ast.walk(ast.parse(text)) if isinstance(node, ast.Call)]
     return {
         call.args[0].value
         for call in calls

@@ -33,7 +33,9 @@ def far(tmp_path: Path) -> Path:
 @pytest.fixture
 def log(far: Path) -> Path:
     force = np.random.default_rng(1).standard_normal(2000)
-    table = np.column_stack([np.arange(2000) * 1e-3, force, np.convolve(force, [0.0, 1.0, 0.5])[:2000]])
+    # 100 kg on a spring, in mm: a mass that a feed drive has
+    position = np.convolve(force, 1e3 * np.exp(-np.arange(200) / 40.0) * np.sin(np.arange(200) / 10.0) * 1e-7)[:2000]
+    table = np.column_stack([np.arange(2000) * 1e-3, force, position])
     np.savetxt(far / "log.csv", table, delimiter=",", header="t,force_N,position_mm", comments="")
     return far / "log.csv"
 

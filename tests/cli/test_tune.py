@@ -25,6 +25,9 @@ def tune(*words: str, code: int = 0) -> str:
     return " ".join(found.output.split())
 
 
+@pytest.mark.slow(
+    reason="a search with free filters and its report, 15 s; a tuning of another law and one of a measured response are quick"
+)
 @pytest.mark.pictures
 def test_a_machine_gets_new_numbers_and_keeps_its_comments(tmp_path: Path) -> None:
     said = tune("ball_screw", "--max-compliance", "0.2", "--filters", "free", "--out", str(tmp_path / "out"))

@@ -262,13 +262,8 @@ def test_every_start_ends_at_the_same_place(screw: fd.Loop) -> None:
     assert all(end.holds for end in ends)
 
 
-ONCE_MORE = pytest.mark.slow(reason="the same search from other noise")
-
-
-@pytest.mark.parametrize(
-    ("share", "seed"),
-    [pytest.param(0.005, 0, marks=ONCE_MORE), pytest.param(0.005, 1, marks=ONCE_MORE), (0.01, 2)],
-)
+@pytest.mark.slow(reason="three searches from noisy responses, 15 s each; what margins know of noise is tested quickly")
+@pytest.mark.parametrize(("share", "seed"), [(0.005, 0), (0.005, 1), (0.01, 2)])
 def test_the_ball_screw_from_a_noisy_response(screw: fd.Loop, placement: fd.Loop, share: float, seed: int) -> None:
     """9.1e-9 for P-PI, 8.9e-9 with free filters, 7.1e-9 for pole placement, on the true plant and within the limits."""
     point = struck_point(screw, share, seed)
@@ -297,6 +292,7 @@ def test_notches_come_where_they_pay(screw: fd.Loop) -> None:
     assert np.isnan(placed.started["filters.1.frequency"])
 
 
+@pytest.mark.slow(reason="one search for each goal, 15 s; the goal stiffness is tuned for quickly in test_tune")
 def test_each_goal_is_best_at_what_it_wants(screw: fd.Loop) -> None:
     limits = Limits(sensitivity_peak=2.0)
     band = (2.0, 8.0)
@@ -312,6 +308,7 @@ def test_each_goal_is_best_at_what_it_wants(screw: fd.Loop) -> None:
     assert widths["bandwidth"] >= 0.999 * max(widths.values())
 
 
+@pytest.mark.slow(reason="a search with free filters, 30 s; its bounds one by one are quick")
 def test_margins_that_are_asked_for_hold(screw: fd.Loop) -> None:
     limits = Limits(sensitivity_peak=None, gain_margin_dB=10.0, phase_margin_deg=45.0, delay_margin_samples=30.0)
     found = tune_control(screw.control, screw, limits=limits, filters="free")

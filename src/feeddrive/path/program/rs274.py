@@ -18,7 +18,7 @@ from pathlib import Path
 from feeddrive.language.errors import MissingProgramError, ProgramError, plain
 from feeddrive.path.program.blocks import AXES
 from feeddrive.path.program.commands import Command, read_command
-from feeddrive.path.program.lines import BlockError, Line, LineReader, Place, compact, located
+from feeddrive.path.program.lines import LONGEST_LINE, BlockError, Line, LineReader, Place, compact, located
 from feeddrive.path.program.state import G92, G92_ON, HOME_1, HOME_2, INCH, LINEAR, SYSTEM, SYSTEMS
 from feeddrive.path.program.tools import Tool
 
@@ -55,13 +55,15 @@ def needs_rs274(program: Path) -> bool:
 
 
 def _may_need(program: Path) -> bool:
-    """The same, quickly, at the cost of a yes too many."""
-    end = b""
+    """The same, quickly, at the cost of a yes too many; a line that is too long is refused by the own reader."""
+    end, since = b"", 0
     with program.open("rb") as file:
-        while chunk := file.read(2**15):
+        while since <= LONGEST_LINE and (chunk := file.read(2**15)):
             if _CANDIDATE.search(end + chunk):
                 return True
             end = chunk[-200:]
+            ended = chunk.rfind(b"\n")
+            since = since + len(chunk) if ended < 0 else len(chunk) - ended
     return False
 
 
