@@ -26,7 +26,7 @@ def tune(*words: str, code: int = 0) -> str:
 
 
 @pytest.mark.slow(
-    reason="a search with free filters and its report, 15 s; a tuning of another law and one of a measured response are quick"
+    reason="a search with free filters and its report, 15 s; tunings of another law and of a response are quick"
 )
 @pytest.mark.pictures
 def test_a_machine_gets_new_numbers_and_keeps_its_comments(tmp_path: Path) -> None:
