@@ -1,0 +1,119 @@
+"""Part programs to proven motions: cycle times against LinuxCNC's S-curve planner, windows, what is refused."""
+
+from __future__ import annotations
+
+import gzip
+from pathlib import Path
+
+import numpy as np
+import pytest
+from paths import LIMITS, random_curve, random_limits
+
+from feeddrive.language.errors import ProgramError
+from feeddrive.path.geometry.segments import Chain, Pause, chains
+from feeddrive.path.motion import Part
+from feeddrive.path.pieces import derivatives
+from feeddrive.path.plan import planned
+from feeddrive.path.program.reading import read_program
+from feeddrive.path.proof.prove import Proof, Prover
+from feeddrive.path.schedule.run import plan_run
+
+LOGS = Path(__file__).parents[3] / "shared" / "data" / "linuxcnc_logs"
+
+
+def program(folder: Path, text: str) -> Path:
+    path = folder / "part.ngc"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def proven(path: Path) -> tuple[Proof, list[Part | Pause]]:
+    prover, found = Prover(LIMITS), list(planned(read_program(path), "XYZ", LIMITS))
+    for each in found:
+        if isinstance(each, Part):
+            prover.prove(each)
+    return prover.proof(), found
+
+
+def moving(found: list[Part | Pause], lines: range = range(10**9)) -> float:
+    """Time of the runs that begin on one of these lines, s."""
+    runs = (each for each in found if isinstance(each, Part) and int(each.pieces.line[0]) in lines)
+    return sum(float(np.sum(each.motion.duration)) for each in runs)
+
+
+def logged(name: str, lines: range = range(10**9)) -> float:
+    """Time in which LinuxCNC's planner with jerk 1e5 mm/s³ and no limit of snap moves, s."""
+    log = LOGS / name
+    if not log.exists():
+        pytest.skip(f"NOT COMPARED with LinuxCNC's planner: {log} is not there")
+    with gzip.open(log) as file:
+        table = np.genfromtxt(file, delimiter=",", names=True)
+    positions = np.column_stack([table["x_mm"], table["y_mm"]])
+    moves = np.any(np.diff(positions, axis=0) != 0.0, axis=1)
+    return 1e-3 * float(np.sum(moves & np.isin(table["gcode_line"][1:], np.array(lines[:100]))))
+
+
+def test_a_circle_takes_little_more_than_half_of_the_time_of_linuxcnc() -> None:
+    """At equal limits; ours keeps a snap limit, too."""
+    theirs = logged("circle_jerk100.csv.gz")
+    proof, found = proven(LOGS / "circle.ngc")
+    assert proof.count == 0
+    assert moving(found) <= 0.575 * theirs
+
+
+def test_rounded_corners_take_less_than_seven_tenths_of_the_time_of_linuxcnc() -> None:
+    """The section of 60 mm squares with R5 corners: lines 4 to 12 of the program, the way to its start left out."""
+    theirs = logged("square_r5_jerk100.csv.gz", range(4, 13))
+    proof, found = proven(LOGS / "square_r5.ngc")
+    assert proof.count == 0
+    assert moving(found, range(4, 13)) <= 0.70 * theirs
+
+
+def test_windows_of_any_size_keep_the_limits_and_cost_little_time() -> None:
+    """Random curves in windows of 10, 40 and 400 pieces, seed 7: time within a tenth of the whole."""
+    draw = np.random.default_rng(7)
+    slower = []
+    for _ in range(12):
+        limits, pieces = random_limits(draw), random_curve(draw)
+        whole = float(np.sum(plan_run(pieces, limits, 10**6).duration))
+        for window in (10, 40, 400):
+            motion = plan_run(pieces, limits, window)
+            prover = Prover(limits)
+            assert prover.prove(Part(pieces, motion, True)), prover.proof().faults[0]
+            slower.append((window, float(np.sum(motion.duration)) / whole))
+    assert max(ratio for window, ratio in slower if window == 400) <= 1.02
+    assert np.mean([ratio for window, ratio in slower if window == 40]) <= 1.1
+
+
+def test_the_modes_of_the_path_decide_where_it_stops(tmp_path: Path) -> None:
+    corner = "G21 G90 F3000\n{}\nG1 X20\nX40 Y0.5\nG4 P0.25\nX60\nM2\n"
+    for mode, runs in (("G64 P0.01", 2), ("G61", 3), ("G61.1", 3), ("G64", 3)):
+        proof, found = proven(program(tmp_path, corner.format(mode)))
+        assert proof.count == 0
+        assert sum(isinstance(each, Part) for each in found) == runs, mode
+        assert [each.duration for each in found if isinstance(each, Pause) and each.duration] == [0.25]
+
+
+def test_segments_end_where_the_program_says(tmp_path: Path) -> None:
+    """Ends of arcs and helices in all planes, whose radii differ by the rounding of three decimals: 1e-15 m."""
+    blocks = ("G17 G3 X10 Y10 Z3 I0.0004 J10", "G18 G2 X20 Z-7 I10 K0", "G19 G3 Y20 Z3 J0 K10", "G2 J5 K0", "M2")
+    path = program(tmp_path, "\n".join(["G21 G90 F3000 G64 P0.01", *blocks]))
+    (chain,) = [each for each in chains(read_program(path), "XYZ") if isinstance(each, Chain)]
+    r = np.zeros((3, 5))
+    ends = np.array([[10, 10, 3], [20, 10, -7], [20, 20, 3], [20, 20, 3]]) * 1e-3
+    for k, length in enumerate(chain.segments.length):
+        derivatives(int(chain.segments.kind[k]), length, chain.segments.shape[k], length, r)
+        assert np.abs(chain.segments.origin[k] + r[:, 0] - ends[k]).max() <= 1e-15
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        ("G1 X1 F100\nG1 A5\nM2\n", "line 2: the rotary axis A is not planned yet"),
+        ("G1 X1 F100\nG1 U5\nM2\n", "line 2: the machine has no axis U; it has X, Y, Z"),
+        ("G1 X1 F100\nG5 X2 Y1 I1 J0 P0 Q1\nM2\n", r"line 2: a spline \(G5\) is not planned yet"),
+    ],
+)
+def test_what_is_not_planned_is_refused_at_its_line(text: str, reason: str, tmp_path: Path) -> None:
+    with pytest.raises(ProgramError, match=reason):
+        proven(program(tmp_path, text))
