@@ -15,6 +15,8 @@ from typing import Any
 import pytest
 from typer.main import get_command
 
+from slow_share import all_but
+
 ROOT = Path(__file__).parent.parent
 PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")])
 GENERATED = {"docs/python.md"}  # pages that exist only in the built site
@@ -41,7 +43,14 @@ def with_python() -> list[Path]:
     return [page for page in PAGES if any(blocks(page, "python"))]
 
 
-@pytest.mark.parametrize("page", with_python(), ids=shown)
+TUNED = ROOT / "docs/tuning.md"
+
+
+@pytest.mark.parametrize(
+    "page",
+    all_but([page for page in with_python() if page != TUNED], with_python(), "searches of the tuner, 12 s"),
+    ids=shown,
+)
 def test_python_of_a_page_runs_from_top_to_bottom(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     if COMPILER is None and any("fd.verify(" in code or '"fmu' in code for code in blocks(page, "python")):
         pytest.skip("NOT TESTED: the page needs a compiler: apt-get install gcc libc6-dev")

@@ -68,6 +68,7 @@ def test_another_law_takes_the_place_of_the_old_one(tmp_path: Path) -> None:
     assert "coupling_stiffness_N_per_um = 235.2" in (tmp_path / "out" / "machine.toml").read_text()
 
 
+@pytest.mark.slow(reason="three tunings, 10 s; one from a log to a tuned loop is quick")
 def test_a_measured_response_with_and_without_a_baseline(tmp_path: Path) -> None:
     loop = fd.read_machine("linear_motor").loop("x")
     lines = np.arange(2.0, 3000.0, 2.0)

@@ -98,6 +98,7 @@ def test_several_places_hold_together(tmp_path: Path, screw: fd.Loop, both: Path
         assert fd.margins(gain).sensitivity_peak < 2.02
 
 
+@pytest.mark.slow(reason="a tuning more, 7 s; one from a log to a tuned loop is quick")
 def test_without_a_plant_it_says_at_the_drive(tmp_path: Path, both: Path) -> None:
     said = command("tune", str(both), "--filters", "kept", "--starts", "1", "--out", str(tmp_path / "out"))
     assert "Against a force at the drive the new values" in said

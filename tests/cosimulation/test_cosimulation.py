@@ -287,6 +287,7 @@ def test_fmpy_is_an_extra(monkeypatch: pytest.MonkeyPatch) -> None:
         importer()
 
 
+@pytest.mark.slow(reason="the command with its report, 10 s; the runs of FMUs and what is refused are quick")
 def test_the_command(plants: Path, foreign: Path, tmp_path: Path) -> None:
     out = ["--out", str(tmp_path / "out")]
     done = CliRunner().invoke(app, ["cosimulate", "ball_screw", str(plants / "ball_screw3.fmu"), *out])
