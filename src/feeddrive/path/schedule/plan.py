@@ -215,7 +215,8 @@ def plan(
     while height > 0:
         height = height - 1
         now = stack[height]
-        if now[11] == 0.0 and height + 3 <= len(stack):
+        # a stretch is split while there is room for the rows of all that are waiting; its own hump holds anyway
+        if now[11] == 0.0 and height + 3 <= len(stack) and count + height + 3 <= len(out):
             for k in range(4):
                 free[k] = now[k]
             p = -1
@@ -260,8 +261,6 @@ def plan(
                     stack[height, 11] = 0.0
                     height = height + 1
                 continue
-        if count >= len(out):
-            raise IndexError("too little room for the stretches of a plan")
         for k in range(11):
             out[count, k] = now[k]
         count = count + 1
