@@ -183,6 +183,24 @@ def test_seeded_faults_of_paths_are_seen():
         assert proof(pieces, motion._replace(snap=motion.snap * 1.001)).count > 0
 
 
+def test_a_run_in_parts_is_proven_and_sampled_as_a_whole():
+    """Cut where a piece of time begins, within a piece of the path: no jump, the same samples; a lost part is seen."""
+    pieces = joined(square(0.06, 0.005, 0.15), np.full(8, 1e-5))[0][0]
+    motion = plan_run(pieces, LIMITS)
+    cut = len(motion.duration) // 2
+    p = int(motion.piece[cut])
+    first = Part(Pieces(*(each[: p + 1] for each in pieces)), Motion(*(each[:cut] for each in motion)), False)
+    second = Part(Pieces(*(each[p:] for each in pieces)), Motion(*(each[cut:] for each in motion)), True)
+    second = second._replace(motion=second.motion._replace(piece=second.motion.piece - p))
+    prover, sampler = Prover(LIMITS), Sampler(1e-3)
+    assert prover.prove(first)
+    assert prover.prove(second)
+    found = np.concatenate([sampler.sample(first), sampler.sample(second)])
+    whole = Sampler(1e-3).sample(Part(pieces, motion, True))
+    assert np.abs(found - whole)[:, :, 0].max() <= 1e-15
+    assert not Prover(LIMITS).prove(second)
+
+
 def test_a_ramp_that_ends_just_before_a_joint_is_not_counted_on_the_next_piece():
     """A sharp piece behind an arc of 1 m: the ramp down to its cap ends within rounding of the joint."""
     t = 1.0  # rad of an arc of 1 m

@@ -270,7 +270,7 @@ def parse(content: bytes) -> dict[str, Any]:
     try:
         document = json.loads(content.decode(), object_pairs_hook=once, parse_constant=refuse)
     except (ValueError, RecursionError) as error:
-        raise RefusedError(f"it is not JSON, or it is cut off: {str(error)[:80]}") from None
+        raise RefusedError(f"it is no certificate, as it is not JSON or cut off: {str(error)[:80]}") from None
     need(isinstance(document, dict), "it is not a certificate of feeddrive")
     return document
 

@@ -18,7 +18,7 @@ from feeddrive.language.kernels.source import Floats, Floats2, Floats3, Ints
 from feeddrive.path.geometry.blend import blend, part_of, state_near
 from feeddrive.path.pieces import Pieces, derivatives, turned
 
-_CUTS = 8
+_CUTS = 8  # pieces of a blend
 _SMOOTH = 1e-9  # rad, and of the curvature: less is no corner
 
 
@@ -123,14 +123,14 @@ def join(
             count = count + 1
         begin = 0.0
         if away > 0.0:
-            for cut in range(8):
+            for cut in range(_CUTS):
                 kinds[count] = 2
-                lengths[count] = span / 8.0
+                lengths[count] = span / _CUTS
                 feeds[count] = min(feed[k], feed[k + 1])
-                lines[count] = line[k] if cut < 4 else line[k + 1]
+                lines[count] = line[k] if 2 * cut < _CUTS else line[k + 1]
                 runs[count] = run
                 for i in range(axes):
-                    part_of(curve[i], 0.125 * cut, 0.125, piece)
+                    part_of(curve[i], cut / _CUTS, 1.0 / _CUTS, piece)
                     origins[count, i] = origin[k + 1, i] + (a[i, 0] + piece[0])
                     shapes[count, i, 0] = 0.0
                     for m in range(1, 8):
@@ -145,7 +145,7 @@ def join(
 def joined(segments: Pieces, tolerance: np.ndarray, sharpest: float = 0.35) -> tuple[list[Pieces], Joint]:
     """The runs of segments that follow each other, and how each joint is passed; `tolerance` as in `join`, m."""
     n, axes = segments.origin.shape
-    most = 9 * n
+    most = (1 + _CUTS) * n
     out = (
         np.zeros(most, np.int64), np.zeros(most), np.zeros((most, axes)), np.zeros((most, axes, 8)), np.zeros(most),
         np.zeros(most, np.int64), np.zeros(most, np.int64),

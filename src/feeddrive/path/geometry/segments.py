@@ -10,6 +10,7 @@ import numpy as np
 
 from feeddrive.language.errors import ProgramError
 from feeddrive.path.pieces import ARC, LINE, Pieces
+from feeddrive.path.program.blocks import AXES
 from feeddrive.path.program.lines import Line
 from feeddrive.path.program.moves import (
     Arc,
@@ -27,7 +28,7 @@ from feeddrive.path.program.moves import (
     ToolChange,
 )
 
-LETTERS = "XYZABCUVW"
+_LETTERS = AXES.upper()
 _ROTARY = "ABC"
 _STOPS = -1.0  # tolerance of a joint at which the program asks for a stop
 
@@ -73,7 +74,7 @@ def chains(moves: Iterable[Move], axes: str) -> Iterator[Chain | Pause]:
 
     Raises ProgramError for what is not planned: rotary axes, moves that follow the spindle, splines.
     """
-    columns = [LETTERS.index(letter) for letter in axes]
+    columns = [_LETTERS.index(letter) for letter in axes]
     collected, feed, tolerance, turns = _Collected(), Feed(Line("", 0, ""), 0.0, 0.0), 0.0, 0.0
     for move in moves:
         if isinstance(move, Straight | Arc):
@@ -115,7 +116,7 @@ def _segment(
     move: Straight | Arc, axes: str, columns: Sequence[int], speed: float
 ) -> tuple[int, float, np.ndarray, np.ndarray, float, int] | None:
     """A row of `Pieces`; none for a move that goes nowhere."""
-    for column, letter in enumerate(LETTERS):
+    for column, letter in enumerate(_LETTERS):
         if move.start[column] != move.end[column]:
             if letter in _ROTARY:
                 raise _refused(move.source, f"the rotary axis {letter} is not planned yet")

@@ -14,7 +14,7 @@ from math import sqrt
 from feeddrive.language.kernels.kernel import kernel
 from feeddrive.language.kernels.plain import zeros
 from feeddrive.language.kernels.source import Floats, Floats2, Floats3, Ints
-from feeddrive.path.schedule.ramp import fit, phase, speed_at
+from feeddrive.path.schedule.ramp import fit, jerk_before, phase, speed_at
 
 _HALVINGS = 40  # of the peak of a hump
 _TRIES = 8  # slow pieces of a stretch, of which one is held
@@ -198,11 +198,11 @@ def plan(
     u0: float, u1: float, v0: float, v1: float, stack: Floats2, out: Floats2,
 ) -> int:  # fmt: skip
     """Plan from u0 at speed v0 to u1 at speed v1: rows of `out` filled, or 0 if v0 is too fast to stop in time."""
-    free = zeros(12)
-    left = zeros(12)
-    right = zeros(12)
-    left2 = zeros(12)
-    right2 = zeros(12)
+    free = zeros(COLUMNS)
+    left = zeros(COLUMNS)
+    right = zeros(COLUMNS)
+    left2 = zeros(COLUMNS)
+    right2 = zeros(COLUMNS)
     stack[0, 0] = u0
     stack[0, 1] = u1
     stack[0, 2] = v0
@@ -281,9 +281,11 @@ def _phases(
     j = 0.0
     if rise <= 0.0 or L1 <= 0.0:
         return count, u, p
+    sense = 1.0 if up else -1.0
+    jerk_most = rise / (L2 * L3)
     for number in range(7):
         T, s = phase(number, rise, L1, L2, L3)
-        s = s if up else -s
+        s = sense * s
         if T > 0.0:
             while p + 1 < len(begin) - 1 and begin[p + 1] <= u:
                 p = p + 1
@@ -298,12 +300,8 @@ def _phases(
             u = u + T * (v + T * (0.5 * a + T * (j / 6.0 + T * s / 24.0)))
             v = v + T * (a + T * (0.5 * j + T * s / 6.0))
             a = a + T * (j + 0.5 * T * s)
-            j = j + T * s
-        # what is zero by construction does not gather rounding
-        if number == 2 or number == 3 or number == 6:
-            j = 0.0 if number != 3 else j
-        if number == 6:
-            a = 0.0
+        # in closed form, so that it does not gather rounding
+        j = sense * jerk_before(number + 1, jerk_most)
     return count, u, p
 
 

@@ -4,6 +4,8 @@
 
 begins and ends with u'' = u''' = 0.  Its jerk is at most rise/(L2 L3), its acceleration rise/L3, its snap
 rise/(L1 L2 L3), and it takes the way (low + high)/2 · (L1 + L2 + L3).  A ramp downwards is the same one, backwards.
+
+Source: Lambrechts, Boerlage & Steinbuch 2005, whose fourth-order profile is two such ramps.
 """
 
 from __future__ import annotations
@@ -48,6 +50,14 @@ def phase(number: int, rise: float, L1: float, L2: float, L3: float) -> tuple[fl
 
 
 @kernel
+def jerk_before(number: int, jerk: float) -> float:
+    """The jerk with which a phase of a ramp upwards begins, 7 for its end: it rises, holds, falls, rests, and back."""
+    if number == 0 or number == 3 or number == 4 or number == 7:
+        return 0.0
+    return jerk if number < 3 else -jerk
+
+
+@kernel
 def speed_at(way: float, low: float, rise: float, L1: float, L2: float, L3: float) -> float:
     """The speed of a ramp upwards when it has gone this way, m/s."""
     if way <= 0.0:
@@ -56,7 +66,6 @@ def speed_at(way: float, low: float, rise: float, L1: float, L2: float, L3: floa
     whole = (low + 0.5 * rise) * total
     if way >= whole:
         return low + rise
-    # the second half mirrors the first about its middle
     jerk = rise / (L2 * L3)
     v = low
     a = 0.0
@@ -72,8 +81,7 @@ def speed_at(way: float, low: float, rise: float, L1: float, L2: float, L3: floa
         gone = gone + step
         v = v + T * (a + T * (0.5 * j + T * s / 6.0))
         a = a + T * (j + 0.5 * T * s)
-        # the jerk of a phase begins where that of the one before ended: up, held, down, none, down, held, up
-        j = jerk if number < 2 else (0.0 if number < 4 else -jerk)
+        j = jerk_before(number + 1, jerk)
     return low + rise
 
 
@@ -136,12 +144,7 @@ def holds(
             v = v + lasts * (a + lasts * (0.5 * j + lasts * s / 6.0))
             a = a + lasts * (j + 0.5 * lasts * s)
             number = number + 1
-            # the jerk of a phase begins where that of the one before ended: up, held, down, none, down, held, up
-            j = 0.0
-            if number == 1 or number == 2:
-                j = jerk
-            elif number == 5 or number == 6:
-                j = -jerk
+            j = jerk_before(number, jerk)
             lasts, s = phase(number, rise, L1, L2, L3)
             lasts = max(lasts, 0.0)
             t = 0.0

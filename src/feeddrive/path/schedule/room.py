@@ -1,6 +1,6 @@
-"""What a piece of path leaves for speed and ramps: bounds of r' .. r'''', caps of the speed, room of a ramp.
+"""What a piece of path leaves for the speed: bounds of r' .. r'''' and caps.
 
-With M_k = max |r_i^(k)| on a piece and speeds, accelerations, jerks of u up to v, A, J:
+With M_k = max |r_i^(k)| on a piece and speed, acceleration, jerk and snap of u up to v, A, J, S:
 
     |q'| <= M1 v,  |q''| <= M2 v² + M1 A,  |q'''| <= M3 v³ + 3 M2 v A + M1 J
     |q''''| <= M4 v⁴ + 6 M3 v² A + M2 (3 A² + 4 v J) + M1 S
