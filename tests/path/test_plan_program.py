@@ -12,11 +12,11 @@ from paths import LIMITS, random_curve, random_limits
 from feeddrive.language.errors import ProgramError
 from feeddrive.path.geometry.segments import Chain, Pause, chains
 from feeddrive.path.motion import Part
-from feeddrive.path.pieces import derivatives
+from feeddrive.path.pieces import Pieces, Section, derivatives, part_of_pieces
 from feeddrive.path.plan import planned
 from feeddrive.path.program.reading import read_program
 from feeddrive.path.proof.prove import Proof, Prover
-from feeddrive.path.schedule.run import plan_run
+from feeddrive.path.schedule.run import Schedule, plan_run
 
 LOGS = Path(__file__).parents[3] / "shared" / "data" / "linuxcnc_logs"
 
@@ -83,6 +83,53 @@ def test_windows_of_any_size_keep_the_limits_and_cost_little_time() -> None:
             slower.append((window, float(np.sum(motion.duration)) / whole))
     assert max(ratio for window, ratio in slower if window == 400) <= 1.02
     assert np.mean([ratio for window, ratio in slower if window == 40]) <= 1.1
+
+
+def spiral(folder: Path, blocks: int) -> Path:
+    """Chords of 1 mm of an outward spiral, within 10 um."""
+    angle = np.cumsum(np.full(blocks, 0.05))
+    points = (10.0 + 0.2 * angle) * np.array([np.cos(angle), np.sin(angle)])
+    rows = "\n".join(f"X{x:.4f} Y{y:.4f}" for x, y in points.T)
+    return program(folder, f"G21 G90 G64 P0.01 G1 F6000\n{rows}\nM2\n")
+
+
+def test_a_program_that_comes_in_windows_is_planned_as_at_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The same path, to the bit, in the same time, 1e-9 of it: windows of 30 segments change neither."""
+
+    def path(found: list[Part | Pause]) -> list[np.ndarray]:
+        pieces, goes_on = list[Pieces](), 0
+        for each in found:
+            if isinstance(each, Part):
+                pieces.append(part_of_pieces(each.pieces, goes_on, len(each.pieces.length)))
+                goes_on = 0 if each.ends else 1  # the next part begins with the piece on which this one ended
+        return [np.concatenate(column) for column in zip(*pieces, strict=True)]
+
+    whole = proven(spiral(tmp_path, 80))[1]
+    monkeypatch.setattr("feeddrive.path.geometry.segments.AT_ONCE", 30)
+    proof, found = proven(spiral(tmp_path, 80))
+    assert proof.count == 0
+    assert sum(isinstance(each, Part) and not each.ends for each in found) > 2
+    assert moving(found) == pytest.approx(moving(whole), rel=1e-9)
+    assert all(map(np.array_equal, path(found), path(whole)))
+
+
+def test_wherever_the_stream_is_cut_there_is_a_stop_in_hand() -> None:
+    """Random curves in windows of 20 and sections of 7 pieces: each part is followed to its stop, and proven."""
+    draw = np.random.default_rng(8)
+    stops = 0
+    for _ in range(8):
+        limits, pieces = random_limits(draw), random_curve(draw)
+        n = len(pieces.length)
+        schedule, before = Schedule(limits, 20), list[Part]()
+        for first in range(0, n, 7):
+            for part in schedule.add(Section(part_of_pieces(pieces, first, min(first + 7, n)), first + 7 >= n)):
+                before.append(part)
+                stop = schedule.stop()
+                prover = Prover(limits)
+                assert all(map(prover.prove, [*before, stop] if stop else before)), prover.proof().faults[0]
+                assert stop is None or stop.ends
+                stops += stop is not None
+    assert stops > 50
 
 
 def test_the_modes_of_the_path_decide_where_it_stops(tmp_path: Path) -> None:

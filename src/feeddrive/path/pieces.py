@@ -6,6 +6,7 @@ distance from the machine's zero.  x is in m and nearly the length of the path; 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from math import floor
 from typing import NamedTuple
 
@@ -41,6 +42,23 @@ class Pieces(NamedTuple):
     shape: np.ndarray
     feed: np.ndarray
     line: np.ndarray
+
+
+class Section(NamedTuple):
+    """A section of a run: pieces that go on from the section before; `ends` says that the run does."""
+
+    pieces: Pieces
+    ends: bool
+
+
+def part_of_pieces(pieces: Pieces, first: int, last: int) -> Pieces:
+    """Pieces `first` to before `last`."""
+    return Pieces(*(each[first:last] for each in pieces))
+
+
+def one_after_the_other(pieces: Sequence[Pieces]) -> Pieces:
+    """Pieces of a path, and those that follow."""
+    return Pieces(*(np.concatenate(each) for each in zip(*pieces, strict=True)))
 
 
 @kernel

@@ -6,24 +6,27 @@ from collections.abc import Iterable, Iterator
 
 import numpy as np
 
-from feeddrive.path.geometry.joints import joined
+from feeddrive.path.geometry.joints import Joiner
 from feeddrive.path.geometry.segments import Chain, Pause, chains
 from feeddrive.path.motion import Part
 from feeddrive.path.program.moves import Move
-from feeddrive.path.schedule.run import plan_run
+from feeddrive.path.schedule.run import Schedule
 
 
 def planned(moves: Iterable[Move], axes: str, limits: np.ndarray) -> Iterator[Part | Pause]:
-    """The runs of a program, one by one, each from rest to rest, and the pauses between them.
+    """The runs of a program, each from rest to rest in one or more parts, and the pauses between them.
+
+    Segments come in windows, and a part leaves as soon as it is fixed: memory does not grow with the program.
 
     axes    letters of the machine's axes, in the order of `limits`
     limits  of velocity .. snap of each axis, m/s .. m/s⁴, shape (N, 4)
 
     Raises ProgramError as `chains` does.  What is yielded is planned, not proven: give it to a `Prover`.
     """
+    joiner, schedule = Joiner(), Schedule(limits)
     for each in chains(moves, axes):
         if isinstance(each, Chain):
-            for pieces in joined(*each)[0]:
-                yield Part(pieces, plan_run(pieces, limits), True)
+            for section in joiner.join(each)[0]:
+                yield from schedule.add(section)
         else:
             yield each

@@ -16,7 +16,8 @@ from feeddrive.language.kernels.kernel import kernel
 from feeddrive.language.kernels.plain import zeros
 from feeddrive.language.kernels.source import Floats, Floats2, Floats3, Ints
 from feeddrive.path.geometry.blend import blend, part_of, state_near
-from feeddrive.path.pieces import Pieces, derivatives, turned
+from feeddrive.path.geometry.segments import Chain
+from feeddrive.path.pieces import Pieces, Section, derivatives, one_after_the_other, part_of_pieces, turned
 
 _CUTS = 8  # pieces of a blend
 _SMOOTH = 1e-9  # rad, and of the curvature: less is no corner
@@ -54,11 +55,14 @@ def _trimmed(kind: int, length: float, shape: Floats2, x0: float, x1: float, out
 @kernel
 def join(
     kind: Ints, length: Floats, origin: Floats2, shape: Floats3, feed: Floats, line: Ints,
-    tolerance: Floats, sharpest: float, deviation: Floats, stop: Ints,
+    tolerance: Floats, sharpest: float, begin: float, ends: bool, deviation: Floats, stop: Ints,
     kinds: Ints, lengths: Floats, origins: Floats2, shapes: Floats3, feeds: Floats, lines: Ints, runs: Ints,
     room: Floats3,
-) -> int:  # fmt: skip
-    """The pieces of n segments with blends between them; how many.
+) -> tuple[int, int, float]:  # fmt: skip
+    """The pieces of n segments with blends between them: how many, and the runs that end in them.
+
+    Unless the chain `ends` the last segment is left for the next call, as its first one, with what the blend before has
+    taken of it, the third result, as `begin`.
 
     tolerance  of the joint behind each segment, m; negative: stop there; 0: stop unless it is smooth
     sharpest   rad; at a corner beyond it the run stops
@@ -76,8 +80,7 @@ def join(
     piece = zeros(8)
     count = 0
     run = 0
-    begin = 0.0  # what the blend before has taken of the segment
-    for k in range(n):
+    for k in range(n if ends else n - 1):
         end = length[k]
         away = 0.0
         span = 0.0
@@ -139,19 +142,48 @@ def join(
             begin = away
         if stop[k] == 1:
             run = run + 1
-    return count
+    return count, run, begin
+
+
+class Joiner:
+    """Joins the segments of chains in their order; beyond `sharpest` (rad) a corner is a stop."""
+
+    def __init__(self, sharpest: float = 0.35) -> None:
+        self._sharpest, self._taken = sharpest, 0.0
+        self._held: tuple[Pieces, np.ndarray] | None = None  # the last segment of a chain that goes on
+
+    def join(self, chain: Chain) -> tuple[list[Section], Joint]:
+        """What a chain adds to the runs, and how the joints are passed that are behind these segments."""
+        segments, tolerance = chain.segments, chain.tolerance
+        if self._held:
+            segments = one_after_the_other([self._held[0], segments])
+            tolerance = np.concatenate([self._held[1], tolerance])
+        sections, joint, self._taken = _joined(segments, tolerance, self._sharpest, self._taken, chain.ends)
+        n = len(tolerance)
+        self._held = None if chain.ends else (part_of_pieces(segments, n - 1, n), tolerance[n - 1 :])
+        return sections, joint
 
 
 def joined(segments: Pieces, tolerance: np.ndarray, sharpest: float = 0.35) -> tuple[list[Pieces], Joint]:
     """The runs of segments that follow each other, and how each joint is passed; `tolerance` as in `join`, m."""
+    sections, joint = Joiner(sharpest).join(Chain(segments, tolerance, True))
+    return [each.pieces for each in sections], joint
+
+
+def _joined(
+    segments: Pieces, tolerance: np.ndarray, sharpest: float, taken: float, ends: bool
+) -> tuple[list[Section], Joint, float]:
+    """The sections, joints and third result of `join`."""
     n, axes = segments.origin.shape
     most = (1 + _CUTS) * n
     out = (
         np.zeros(most, np.int64), np.zeros(most), np.zeros((most, axes)), np.zeros((most, axes, 8)), np.zeros(most),
         np.zeros(most, np.int64), np.zeros(most, np.int64),
     )  # fmt: skip
-    joint = Joint(np.zeros(n), np.zeros(n, np.int64))
-    count = join(*segments, tolerance, sharpest, *joint, *out, np.zeros((7, axes, 8)))
-    *columns, runs = (each[:count] for each in out)
-    cuts = [0, *(np.flatnonzero(np.diff(runs)) + 1).tolist(), count]
-    return [Pieces(*(each[i:j] for each in columns)) for i, j in pairwise(cuts)], joint
+    known = n if ends else n - 1
+    joint = Joint(np.zeros(known), np.zeros(known, np.int64))
+    count, ended, taken = join(*segments, tolerance, sharpest, taken, ends, *joint, *out, np.zeros((7, axes, 8)))
+    *columns, runs = (each[:count].copy() for each in out)
+    cuts = [0, *(np.flatnonzero(np.diff(runs)) + 1).tolist(), count] if count else []
+    found = [Section(Pieces(*(each[i:j] for each in columns)), int(runs[i]) < ended) for i, j in pairwise(cuts)]
+    return found, joint, taken

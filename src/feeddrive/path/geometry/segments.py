@@ -30,6 +30,7 @@ from feeddrive.path.program.moves import (
 
 _LETTERS = AXES.upper()
 _ROTARY = "ABC"
+AT_ONCE = 1000  # segments of a chain
 _STOPS = -1.0  # tolerance of a joint at which the program asks for a stop
 
 
@@ -37,10 +38,12 @@ class Chain(NamedTuple):
     """Segments that follow each other without a stop that the program asks for.
 
     tolerance  of the joint behind each segment, m; 0: stop unless the joint is smooth; negative: stop
+    ends       whether such a stop follows; else the next chain goes on from this one
     """
 
     segments: Pieces
     tolerance: np.ndarray
+    ends: bool
 
 
 class Pause(NamedTuple):
@@ -58,15 +61,18 @@ class _Collected:
         self.rows: list[tuple[int, float, np.ndarray, np.ndarray, float, int]] = []
         self.tolerance: list[float] = []
 
-    def chain(self) -> Chain:
-        kind, length, origin, shape, feed, line = zip(*self.rows, strict=True)
+    def chain(self, ends: bool) -> Chain:
+        """All of them, or all but the last, which stays."""
+        count = len(self.rows) - (0 if ends else 1)
+        kind, length, origin, shape, feed, line = zip(*self.rows[:count], strict=True)
         pieces = Pieces(
             np.array(kind), np.array(length), np.array(origin), np.array(shape), np.array(feed), np.array(line)
         )
         # a joint keeps the stricter of the modes before and behind it
         tolerance = np.array(self.tolerance)
         tolerance[:-1] = np.minimum(tolerance[:-1], tolerance[1:])
-        return Chain(pieces, tolerance)
+        del self.rows[:count], self.tolerance[:count]
+        return Chain(pieces, tolerance[:count], ends)
 
 
 def chains(moves: Iterable[Move], axes: str) -> Iterator[Chain | Pause]:
@@ -82,6 +88,8 @@ def chains(moves: Iterable[Move], axes: str) -> Iterator[Chain | Pause]:
             if row is not None:
                 collected.rows.append(row)
                 collected.tolerance.append(tolerance)
+            if len(collected.rows) > AT_ONCE:
+                yield collected.chain(False)
         elif isinstance(move, PathMode):
             tolerance = {"exact_stop": _STOPS, "exact_path": 0.0}.get(move.mode, move.tolerance)
         elif isinstance(move, Feed):
@@ -93,13 +101,12 @@ def chains(moves: Iterable[Move], axes: str) -> Iterator[Chain | Pause]:
             if isinstance(move, Spindle):
                 turns = move.spindle_speed / 60.0
             if collected.rows:
-                yield collected.chain()
-                collected = _Collected()
+                yield collected.chain(True)
             if not isinstance(move, End):
                 duration = move.duration if isinstance(move, Dwell) else 0.0
                 yield Pause(duration, type(move).__name__, move.source.number)
     if collected.rows:
-        yield collected.chain()
+        yield collected.chain(True)
 
 
 def _speed(move: Straight | Arc, feed: Feed, turns: float) -> float:

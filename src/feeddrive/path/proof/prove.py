@@ -162,7 +162,9 @@ def _prove(
                         for k in range(4):
                             uses[i, k] = max(uses[i, k], abs(q[i, k + 1]) / limits[i, k])
             t0 = t1
-            if not on and not (m + 1 < len(duration) and piece[m + 1] == p + 1 and p < last):
+            # a part of a run may end at a joint, where its last piece begins
+            ahead = piece[m + 1] == p + 1 if m + 1 < len(duration) else not ends and p + 1 == last
+            if not on and not (ahead and p < last):
                 break
             # the joint of the path: what jumps there, with the speed that is planned
             v1 = cubic(v, a, j, s, t0)

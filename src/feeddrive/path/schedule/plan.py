@@ -18,6 +18,7 @@ from feeddrive.path.schedule.ramp import fit, jerk_before, phase, speed_at
 
 _HALVINGS = 40  # of the peak of a hump
 _TRIES = 8  # slow pieces of a stretch, of which one is held
+MARGIN = 4e-15  # of the way that is planned at once: so long before a joint a ramp ends, for rounding not to cross it
 COLUMNS = 12  # of a stretch: u and speed of both nodes, peak, lengths of the ramps up and down, whether it is done
 
 
@@ -149,7 +150,8 @@ def _split(
     """Hold piece p at its cap from where the ramps from both nodes end: fill in what is left of it and right of it.
 
     Each of both has a hump that holds, or no way at all.  With `reach` 1 neighbors are held, too, which ramps may not
-    cross at that speed.  The time of both humps and the plateau, s; 0 if there is no such plateau.
+    cross at that speed.  Ramps end `MARGIN` before the piece, and begin so far behind it.  The time of both humps and
+    the plateau, s; 0 if there is no such plateau.
     """
     c = caps[p, 0]
     if c < now[2] or c < now[3]:
@@ -165,11 +167,12 @@ def _split(
     good, a, b, d = fit(begin, most, caps, limits, now[0], first, 1, now[1], now[2], c, False)
     if not good:
         return 0.0
-    ends = max(begin[low], now[0] + 0.5 * (now[2] + c) * (a + b + d))
+    margin = MARGIN * (begin[len(begin) - 1] - begin[0])
+    ends = max(begin[low] - margin, now[0] + 0.5 * (now[2] + c) * (a + b + d))
     good, a, b, d = fit(begin, most, caps, limits, now[1], last, -1, now[0], now[3], c, False)
     if not good:
         return 0.0
-    goes = min(begin[high + 1], now[1] - 0.5 * (now[3] + c) * (a + b + d))
+    goes = min(begin[high + 1] + margin, now[1] - 0.5 * (now[3] + c) * (a + b + d))
     if ends > goes or ends >= now[1] or goes <= now[0]:
         return 0.0
     left[0] = now[0]
