@@ -8,6 +8,8 @@ kind = "two_mass"
 [axis.x.control] # today's control: limit, guard, filters, feedforward
 [axis.x.control.law]
 kind = "cascade_ppi"
+[axis.x.limits] # what a planned motion keeps: velocity to snap, travel
+velocity = 0.5
 [[couplings]] # interactions of the axes: structure modes, a cut, a recorded force
 kind = "structure_mode"
 [[couplings.shapes]]
@@ -18,8 +20,9 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import TypeAlias
 
 from feeddrive.blocks.machine_families import Coupling
@@ -32,6 +35,7 @@ from feeddrive.loop.axis import Axis
 from feeddrive.loop.control import Control
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.machine import Machine
+from feeddrive.path.limits import LETTERS, AxisLimits, Limits
 
 BUNDLED = Path(__file__).parent / "bundled"
 _TEXTS = ("name", "source", "remark")
@@ -41,7 +45,7 @@ _TEXTS = ("name", "source", "remark")
 class MachineFile(Result):
     """The content of a machine file: a loop for each axis, the couplings, and the source of the numbers.
 
-    `loops` are the axes alone, without couplings.
+    `loops` are the axes alone, without couplings; `limits` are those of planned motions, of the axes that have some.
     """
 
     name: str
@@ -50,6 +54,7 @@ class MachineFile(Result):
     loops: Mapping[str, Loop]
     file: TomlFile
     couplings: tuple[Coupling, ...] = ()
+    limits: Mapping[str, AxisLimits] = field(default_factory=dict[str, AxisLimits])
 
     @property
     def quoted(self) -> tuple[str, ...]:
@@ -134,12 +139,20 @@ def read_machine(path: MachineLike, *, quoting: bool = True) -> MachineFile:
     file = read_toml(found(path, "machines"), quoting=quoting)
     root = file.root()
     text = {name: _text(root, name) for name in _TEXTS}
-    loops = {name: _loop(root, name, section) for name, section in root.named("axis").items()}
-    couplings = _couplings(root, loops)
-    return MachineFile(text["name"] or Path(file.name).stem, text["source"], text["remark"], loops, file, couplings)
+    sections = root.named("axis")
+    loops = {name: _loop(root, name, section) for name, section in sections.items()}
+    couplings, limits = _couplings(root, loops), _limits(sections)
+    name = text["name"] or Path(file.name).stem
+    return MachineFile(name, text["source"], text["remark"], loops, file, couplings, limits)
 
 
-def machine_toml(machine: Machine, name: str, source: str = "", remark: str = "") -> str:
+def machine_toml(
+    machine: Machine,
+    name: str,
+    source: str = "",
+    remark: str = "",
+    limits: Mapping[str, AxisLimits] = MappingProxyType({}),
+) -> str:
     """The text of a machine file, from which `read_machine` makes the same machine.
 
     Raises StructureError for a machine that holds arrays of variants.
@@ -151,6 +164,7 @@ def machine_toml(machine: Machine, name: str, source: str = "", remark: str = ""
         parts += [
             to_toml(each.axis, f"axis.{axis}"),
             to_toml(each.control, f"axis.{axis}.control", rotary=each.axis.rotary),
+            *([to_toml(limits[axis], f"axis.{axis}.limits", rotary=each.axis.rotary)] if axis in limits else []),
         ]
     return "\n".join([*parts, *(to_toml(each, "couplings", listed=True) for each in machine.couplings)])
 
@@ -182,11 +196,62 @@ def found(path: str | Path, folder: str) -> Path:
 
 
 def _loop(root: Section, name: str, section: Section) -> Loop:
-    axis = read_block(Axis, section, besides={"control"})
+    axis = read_block(Axis, section, besides={"control", "limits"})
     control = read_block(Control, section.section("control"))
     return read_block(
         Loop, root, besides={"axis", "couplings", *_TEXTS}, given={"axis": axis, "control": control, "name": name}
     )
+
+
+def _limits(sections: Mapping[str, Section]) -> dict[str, AxisLimits]:
+    """The limits of planned motions, of those axes that have a section for them."""
+    given = {name: section.optional("limits") for name, section in sections.items()}
+    return {name: read_block(AxisLimits, section) for name, section in given.items() if section is not None}
+
+
+def planned_limits(machine: MachineFile | None, limits: str | Path | None) -> Limits:
+    """Limits by letter of the axes that a part program moves: of a machine, of a file of limits, or of both.
+
+    A file of limits has sections [axis.x.limits] as a machine file has; they replace those of the machine, of which
+    axes that turn or have a name of several letters are left out.  Raises FileError or ParameterError.
+    """
+    given: dict[str, AxisLimits] = {}
+    if limits is not None:
+        file = read_toml(limits)
+        root = file.root()
+        root.refuse_unknown(("axis",))
+        sections = root.named("axis")
+        for name, section in sections.items():
+            section.refuse_unknown(("limits",))
+            section.section("limits")
+            if machine is not None and name not in machine.loops:
+                raise section.error(f"axis '{name}' is not in {machine.file.name}{nearest(name, machine.loops)}")
+            if len(name) != 1 or name.upper() not in LETTERS:
+                raise section.error(f"axis '{name}' is none that is planned: {', '.join(LETTERS.lower())}")
+        given = _limits(sections)
+    if machine is None:
+        return Limits({name.upper(): each for name, each in given.items()})
+    found: dict[str, AxisLimits] = {}
+    for name, loop in machine.loops.items():
+        if loop.axis.rotary or len(name) != 1 or name.upper() not in LETTERS:
+            continue
+        own = given.get(name) or machine.limits.get(name)
+        if own is None:
+            raise ParameterError(
+                f"{machine.file.name}: axis '{name}' has no limits: give it a section [axis.{name}.limits] with "
+                "velocity, acceleration, jerk and snap, or a file with such sections (--limits)"
+            )
+        found[name.upper()] = own if own.resolution is not None else replace(own, resolution=_resolution(loop))
+    return Limits(found)
+
+
+def _resolution(loop: Loop) -> float | None:
+    """Of the position of an axis, m: that of the encoder at the load, else of the one at the motor."""
+    for encoder in (loop.axis.encoder_load, loop.axis.encoder_motor):
+        found = getattr(encoder, "resolution", None)
+        if found is not None:
+            return float(found)
+    return None
 
 
 def _text(section: Section, name: str) -> str:

@@ -26,6 +26,7 @@ from feeddrive.language.declaration import Declaration
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.control import Control
 from feeddrive.loop.loop import Loop
+from feeddrive.path.limits import AxisLimits
 
 Schema: TypeAlias = dict[str, Any]
 
@@ -166,7 +167,7 @@ def machine_schema() -> Schema:
     """The schema of a machine file."""
     blocks = _Definitions()
     control = blocks.block(Control)
-    axis = blocks.fields(Axis, {"control": control})
+    axis = blocks.fields(Axis, {"control": control, "limits": blocks.block(AxisLimits)})
     axis["required"] = ["control"]
     texts = {
         "name": {**_TEXT, "description": "of the machine"},

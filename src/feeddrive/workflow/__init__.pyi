@@ -18,6 +18,7 @@ from feeddrive.workflow.identify import identify as identify
 from feeddrive.workflow.iterate import iterate as iterate
 from feeddrive.workflow.jobs import JobResult as JobResult
 from feeddrive.workflow.new import new as new
+from feeddrive.workflow.plan import plan as plan
 from feeddrive.workflow.play import listen as listen
 from feeddrive.workflow.play import play as play
 from feeddrive.workflow.prefilter import prefilter as prefilter

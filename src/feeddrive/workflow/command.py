@@ -235,6 +235,12 @@ COMMANDS: dict[str, Listed] = {
         "Tune and compare",
         ("run.csv --controller xy_table --axis x --out next.toml",),
     ),
+    "plan": Listed(
+        "plan",
+        "Plan a part program within velocity, acceleration, jerk and snap of each axis: setpoints with a proof.",
+        "Plan",
+        ("part.ngc --machine xy_table --out plan",),
+    ),
     "run": Listed(
         "run_job",
         "Run the laws of a job over the same work and write a report, a summary and the signals.",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Generator
 from pathlib import Path
 
 from feeddrive.path.program import offsets
@@ -52,7 +52,7 @@ class Interpreter:
         self._state.publish()
         self._parameters.live["_line"] = lambda: float(self._line.number)
 
-    def commands(self) -> Iterator[Command]:
+    def commands(self) -> Generator[Command]:
         """The canonical commands, in the order of the program."""
         begun = False
         try:

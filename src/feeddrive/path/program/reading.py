@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Iterator
+from collections.abc import Generator
+from contextlib import closing
 from pathlib import Path
 from typing import Literal
 
@@ -29,7 +30,7 @@ def read_program(
     skip_deleted: bool = False,
     front_end: FrontEnd = "auto",
     most_again: int = MOST_AGAIN,
-) -> Iterator[Move]:
+) -> Generator[Move]:
     """The moves of a part program (RS-274/NGC), one by one in constant memory: m, rad, s, machine coordinates.
 
     axes          axes of the machine with their travel, such as {"X": (0, 0.5), "Z": None}; None: all, without ends
@@ -51,7 +52,13 @@ def read_program(
         front_end=front_end,
         most_again=most_again,
     )
-    return Frame(axes).moves(commands)
+    return _moves(Frame(axes), commands)
+
+
+def _moves(frame: Frame, commands: Generator[Command]) -> Generator[Move]:
+    """The moves; whatever ends them, the files of the commands are closed."""
+    with closing(commands):
+        yield from frame.moves(commands)
 
 
 def read_commands(
@@ -63,7 +70,7 @@ def read_commands(
     skip_deleted: bool = False,
     front_end: FrontEnd = "auto",
     most_again: int = MOST_AGAIN,
-) -> Iterator[Command]:
+) -> Generator[Command]:
     """The canonical commands of a part program, in its own units and coordinates; see `read_program`."""
     path = Path(program)
     if front_end == "auto":

@@ -12,7 +12,7 @@ import subprocess
 import tempfile
 import time
 from array import array
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from pathlib import Path
 
 from feeddrive.language.errors import MissingProgramError, ProgramError, plain
@@ -73,7 +73,7 @@ def rs274_commands(
     numbered: dict[int, float] | None = None,
     tables_inch: bool = False,
     skip_deleted: bool = False,
-) -> Iterator[Command]:
+) -> Generator[Command]:
     """The canonical commands of a program as the interpreter of LinuxCNC prints them; see `Interpreter`."""
     if shutil.which(PROGRAM) is None:
         raise MissingProgramError(PROGRAM, PACKAGE, f"{program}: cutter compensation")

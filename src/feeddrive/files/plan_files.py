@@ -1,0 +1,183 @@
+"""A plan in files: setpoints as Parquet and as text for LinuxCNC's `streamer`, `plan.json`, stops beyond 1,000.
+
+setpoints.parquet   time, set_position .. set_snap of each axis (x.set_position ...), line of the program; SI
+streamer.txt        positions in mm, one line a sample: what LinuxCNC's `halstreamer` reads
+streamer.hal        lines that load it
+plan.json           cycle time, limits and how much of each is used, stops, what is proven
+stops.parquet       all stops, where they are more than 1,000
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+from collections.abc import Generator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from feeddrive.files.run_files import parquet_stream, run_stream
+from feeddrive.path.limits import Limits
+from feeddrive.path.planned import FEW, Planned
+from feeddrive.path.proof.prove import DERIVATIVES, WIDENED
+from feeddrive.path.setpoints import REASONS, Samples, Standstill
+from feeddrive.version import __version__
+
+SETPOINTS, STREAMER, HAL, PLAN, STOPS = (
+    "setpoints.parquet", "streamer.txt", "streamer.hal", "plan.json", "stops.parquet"
+)  # fmt: skip
+_ROWS = 32768  # of a row group
+_SIGNALS = ("set_position", "set_velocity", "set_acceleration", "set_jerk", "set_snap")
+_UNITS = ("m", "m/s", "m/s2", "m/s3", "m/s4")
+
+
+class SetpointWriter:
+    """Samples into files, in constant memory."""
+
+    def __init__(self, folder: Path, limits: Limits, sample_time: float, parquet: Any, stops: Any, stream: Any) -> None:
+        self._letters, self._sample_time = limits.letters, sample_time
+        self._parquet, self._stops, self._stream = parquet, stops, stream
+        self._held: list[Samples] = []
+        self._rows = 0
+
+    def add(self, samples: Samples) -> None:
+        """The next samples."""
+        self._held.append(samples)
+        self._rows += len(samples.values)
+        if self._rows >= _ROWS:
+            self.flush()
+
+    def flush(self) -> None:
+        """Write what is held."""
+        if not self._rows:
+            return
+        values = np.concatenate([each.values for each in self._held])
+        line = np.concatenate([each.line for each in self._held]).astype(float)
+        first = self._held[0].first
+        self._held, self._rows = [], 0
+        columns = {
+            f"{letter.lower()}.{name}": values[:, i, k]
+            for i, letter in enumerate(self._letters)
+            for k, name in enumerate(_SIGNALS)
+        }
+        self._parquet((first + np.arange(len(values))) * self._sample_time, {**columns, "line": line})
+        self._stream(1e3 * values[:, :, 0])
+
+    def stops(self, stops: Sequence[Standstill]) -> None:
+        """The next stops."""
+        if stops:
+            columns: dict[str, np.ndarray] = {
+                "time": np.array([each.time for each in stops]),
+                "duration": np.array([each.duration for each in stops]),
+                "line": np.array([each.line for each in stops], float),
+                "reason": np.array([REASONS.index(each.reason) for each in stops], float),
+                "angle": np.array([each.angle for each in stops]),
+            }
+            places = np.array([each.position for each in stops])
+            columns |= {f"{letter.lower()}.position": places[:, i] for i, letter in enumerate(self._letters)}
+            self._stops(columns)
+
+
+@contextlib.contextmanager
+def setpoint_files(folder: Path, limits: Limits, sample_time: float, program: str) -> Generator[SetpointWriter]:
+    """Files of setpoints and stops in a folder, to be filled; they appear at the end, or not at all."""
+    letters = [letter.lower() for letter in limits.letters]
+    units = {f"{letter}.{name}": unit for letter in letters for name, unit in zip(_SIGNALS, _UNITS, strict=True)}
+    about = {"program": program, "written_by": f"feeddrive {__version__}"}
+    names = ["time", "duration", "line", "reason", "angle", *(f"{letter}.position" for letter in letters)]
+    told = {"units": {"time": "s", "duration": "s", "angle": "rad", **{f"{each}.position": "m" for each in letters}},
+            "reasons": list(REASONS), **about}  # fmt: skip
+    with (
+        run_stream(folder / SETPOINTS, {**units, "line": ""}, sample_time, about) as parquet,
+        parquet_stream(folder / STOPS, names, told) as stops,
+        (folder / STREAMER).open("wb") as text,
+    ):
+        writer = SetpointWriter(folder, limits, sample_time, parquet, stops, lambda rows: _lines(text, rows))
+        yield writer
+        writer.flush()
+    (folder / HAL).write_text(_hal(letters, sample_time, program), encoding="utf-8")
+
+
+def _lines(file: Any, rows: np.ndarray) -> None:
+    """Numbers separated by blanks, each with the fewest digits that give it back."""
+    import pyarrow as arrow
+    from pyarrow import csv
+
+    table = arrow.Table.from_arrays(
+        [np.ascontiguousarray(column) for column in rows.T], names=list(map(str, range(rows.shape[1])))
+    )
+    csv.write_csv(table, file, csv.WriteOptions(include_header=False, delimiter=" "))
+
+
+def _hal(letters: Sequence[str], sample_time: float, program: str) -> str:
+    """What loads the setpoints into HAL."""
+    pins = [f"# net {each}-set streamer.0.pin.{i} => pid.{each}.command" for i, each in enumerate(letters)]
+    lines = [
+        f"# Setpoints of {program}: positions of {', '.join(letters)} in mm, a line every {1e3 * sample_time:.12g} ms.",
+        f"# To be read when the thread servo-thread is there; its period must be {1e9 * sample_time:.12g} ns.",
+        f"loadrt streamer depth=16000 cfg={'f' * len(letters)}",
+        "setp streamer.0.enable 0",
+        "addf streamer.0 servo-thread",
+        f"loadusr halstreamer {STREAMER}",
+        "# Connect the pins, then start with  setp streamer.0.enable 1",
+        *pins,
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def plan_record(plan: Planned) -> dict[str, Any]:
+    """What stands in `plan.json`; SI."""
+    proof = plan.proof
+    uses = {
+        letter: {
+            name: {"limit": float(limit), "largest_use": float(use)}
+            for name, limit, use in zip(DERIVATIVES, limits, shares, strict=True)
+        }
+        for letter, limits, shares in zip(plan.limits.letters, plan.limits.array, proof.use, strict=True)
+    }
+    return {
+        "program": plan.program,
+        "machine": plan.machine,
+        "written_by": f"feeddrive {__version__}",
+        "cycle_time_s": plan.cycle_time,
+        "blocks": plan.blocks,
+        "runs": plan.runs,
+        "sample_time_s": plan.sample_time,
+        "samples": plan.samples,
+        "violations": proof.count,
+        "proof": {
+            "widened": WIDENED,
+            "spans": proof.spans,
+            "largest_jump_at_a_joint": proof.jump,
+            "farthest_apart_at_a_joint_m": proof.apart,
+            "faults": [plan.limits.named(str(each)) for each in proof.faults],
+        },
+        "limits": uses,
+        "seconds_by_cause": dict(plan.seconds),
+        "stop_count": plan.stop_count,
+        "stops_by_reason": dict(plan.stop_reasons),
+        "stops_file": STOPS if plan.stop_count > FEW else None,
+        "stops": [_stop(plan.limits.letters, each) for each in plan.stops],
+    }
+
+
+def _stop(letters: str, stop: Standstill) -> dict[str, Any]:
+    place = {letter: float(x) for letter, x in zip(letters, stop.position, strict=True)}
+    return {
+        "time_s": stop.time,
+        "duration_s": stop.duration,
+        "line": stop.line,
+        "reason": str(stop),
+        "position_m": place,
+    }
+
+
+def write_plan(folder: Path, plan: Planned) -> None:
+    """`plan.json`, beside the setpoints if the plan is proven; without them if it is not."""
+    proven = plan.proof.count == 0
+    for name in () if proven else (SETPOINTS, STREAMER, HAL, STOPS):
+        (folder / name).unlink(missing_ok=True)
+    if plan.stop_count <= FEW:
+        (folder / STOPS).unlink(missing_ok=True)
+    (folder / PLAN).write_text(json.dumps(plan_record(plan), indent=1) + "\n", encoding="utf-8")

@@ -1,0 +1,109 @@
+"""The limits of a machine's axes: what a plan keeps, where the travel ends, what the encoder resolves.
+
+[axis.x.limits]                    # in a machine file, or in a file of its own
+velocity_mm_per_s = 500
+acceleration_mm_per_s2 = 5000
+jerk_mm_per_s3 = 1e5
+snap_mm_per_s4 = 5e7
+travel_least_mm = 0                # soft limits, in machine coordinates; absent for none
+travel_most_mm = 600
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from feeddrive.language.block import Block, Number, Rule, parameter
+from feeddrive.language.errors import ParameterError, ProgramError
+from feeddrive.path.program.frame import FARTHEST
+from feeddrive.path.program.moves import Move, PathMode
+
+LETTERS = "XYZUVW"
+"""Axes that are planned: those of a part program that move along a line."""
+
+
+class AxisLimits(Block):
+    """What a planned motion keeps on an axis, in continuous time: |q'|, |q''|, |q'''| and |q''''|, and its travel."""
+
+    velocity: Number = parameter("m/s", "largest speed of the axis", above=0)
+    acceleration: Number = parameter("m/s2", "largest acceleration", above=0)
+    jerk: Number = parameter("m/s3", "largest jerk", above=0)
+    snap: Number = parameter("m/s4", "largest snap, the time derivative of the jerk", above=0)
+    travel_least: Number | None = parameter("m", "lower end of the travel; absent for none", default=None)
+    travel_most: Number | None = parameter("m", "upper end of the travel; absent for none", default=None)
+    resolution: Number | None = parameter(
+        "m", "of the position; absent: that of the axis's encoder", above=0, default=None
+    )
+
+    def rules(self) -> Iterator[Rule]:
+        """The travel has two ends and a length."""
+        least, most = self.travel_least, self.travel_most
+        if least is not None and most is not None:
+            yield Rule(
+                least < most,
+                "travel_least is below travel_most",
+                lambda: f"limits.travel_least = {least:g} m must be < limits.travel_most = {most:g} m",
+            )
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Of all axes by letter: X, Y, Z ..., in the order in which setpoints have them."""
+
+    axes: Mapping[str, AxisLimits]
+
+    def __post_init__(self) -> None:
+        for letter in self.axes:
+            if len(letter) != 1 or letter not in LETTERS:
+                raise ParameterError(
+                    f"axis '{letter}' is none of a part program: the axes that are planned are {', '.join(LETTERS)}"
+                )
+        if not self.axes:
+            raise ParameterError("a plan needs the limits of at least one axis")
+
+    @property
+    def letters(self) -> str:
+        """Such as XYZ."""
+        return "".join(self.axes)
+
+    @property
+    def array(self) -> np.ndarray:
+        """Limits of velocity .. snap of each axis, m/s .. m/s⁴, shape (N, 4)."""
+        rows = [(each.velocity, each.acceleration, each.jerk, each.snap) for each in self.axes.values()]
+        return np.array(rows, float)
+
+    @property
+    def travel(self) -> dict[str, tuple[float, float] | None]:
+        """The soft limits, as `read_program` takes them; where an end is missing, 1e6 m."""
+        return {letter: _travel(each) for letter, each in self.axes.items()}
+
+    def named(self, text: str) -> str:
+        """A text about `axis 0`, as the planner counts them, with the letter of the axis."""
+        return re.sub(r"\baxis (\d+)", lambda found: f"axis {self.letters[int(found[1])]}", text)
+
+    def resolved(self, moves: Iterable[Move]) -> Iterator[Move]:
+        """The moves, of which no tolerance is smaller than what an axis resolves.
+
+        Raises ProgramError at the line of a tolerance that is.
+        """
+        coarse = max(self.axes, key=lambda letter: self.axes[letter].resolution or 0.0)
+        resolution = self.axes[coarse].resolution or 0.0
+        for move in moves:
+            if isinstance(move, PathMode) and 0.0 < move.tolerance < resolution:
+                raise ProgramError(
+                    move.source.file, move.source.number, 0, "P",
+                    f"the tolerance of {1e3 * move.tolerance:.4g} mm is smaller than the resolution of axis {coarse}, "
+                    f"{1e3 * float(resolution):.4g} mm: give a larger one",
+                )  # fmt: skip
+            yield move
+
+
+def _travel(limits: AxisLimits) -> tuple[float, float] | None:
+    least, most = limits.travel_least, limits.travel_most
+    if least is None and most is None:
+        return None
+    return -FARTHEST if least is None else float(least), FARTHEST if most is None else float(most)

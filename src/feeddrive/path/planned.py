@@ -1,0 +1,145 @@
+"""What a plan came to: cycle time, largest use of each limit, stops, and the course of the motion for pictures."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from feeddrive.language.table import Result, Table
+from feeddrive.path.limits import Limits
+from feeddrive.path.proof.prove import DERIVATIVES, Proof
+from feeddrive.path.setpoints import Samples, Standstill
+
+_STRETCHES = 8192
+FEW = 1000
+"""Stops that a plan lists; more of them are counted, and go into a file of their own."""
+
+
+class Course(NamedTuple):
+    """A motion in n stretches of samples; m .. m/s⁴.
+
+    time      at the begin of each, s, shape (n,)
+    position  at the begin of each, shape (n, N)
+    speed     along the path, the largest in each, m/s, shape (n,)
+    low, high  least and most of velocity .. snap of each axis, shape (n, N, 4)
+    feed      the largest path speed that the program asks for, m/s; inf on a traverse, 0 at a standstill, shape (n,)
+    line      of the part program at its begin, shape (n,)
+    """
+
+    time: np.ndarray
+    position: np.ndarray
+    speed: np.ndarray
+    low: np.ndarray
+    high: np.ndarray
+    feed: np.ndarray
+    line: np.ndarray
+
+
+class Recorder:
+    """The course of samples that come piece by piece, in at most 16,384 stretches, which grow with the motion."""
+
+    def __init__(self, axes: int) -> None:
+        n = self._axes = axes
+        # columns of a stretch: position, speed, low, high, feed, line, samples
+        self._place, self._speed, self._low, self._high = (
+            slice(n), slice(n, n + 1), slice(n + 1, 5 * n + 1), slice(5 * n + 1, 9 * n + 1)
+        )  # fmt: skip
+        self._every, self._rows = 1, np.empty((0, 9 * n + 4))
+        self._left: list[np.ndarray] = []  # samples of stretches that are not made yet
+        self._waiting = 0
+
+    def add(self, samples: Samples) -> None:
+        """The next samples."""
+        values = samples.values
+        if not len(values):
+            return
+        motion = values[:, :, 1:].reshape(len(values), -1)
+        speed = np.linalg.norm(values[:, :, 1], axis=1)
+        one = np.ones(len(values))
+        self._left.append(np.column_stack([values[:, :, 0], speed, motion, motion, samples.feed, samples.line, one]))
+        self._waiting += len(values)
+        if self._waiting >= max(self._every, _STRETCHES):
+            self._gather()
+
+    def _gather(self) -> None:
+        rows = np.vstack(self._left)
+        self._left, self._waiting = [], 0
+        self._rows = np.vstack([self._rows, self._reduced(rows, self._every)])
+        while len(self._rows) >= 2 * _STRETCHES:
+            self._rows = self._reduced(self._rows, 2)
+            self._every *= 2
+
+    def _reduced(self, rows: np.ndarray, every: int) -> np.ndarray:
+        """Each so many rows as one; the last one may have fewer."""
+        begins = np.arange(-(-len(rows) // every)) * every
+        found = rows[begins]
+        for place, of in ((self._speed, np.maximum), (self._low, np.minimum), (self._high, np.maximum)):
+            found[:, place] = of.reduceat(rows[:, place], begins)
+        found[:, -3] = np.maximum.reduceat(rows[:, -3], begins)
+        found[:, -1] = np.add.reduceat(rows[:, -1], begins)
+        return found
+
+    def course(self, sample_time: float) -> Course:
+        """Of all samples so far."""
+        if self._waiting:
+            self._gather()
+        rows = self._rows
+        time = (np.cumsum(rows[:, -1]) - rows[:, -1]) * sample_time
+        low, high = (rows[:, each].reshape(-1, self._axes, 4) for each in (self._low, self._high))
+        return Course(
+            time, rows[:, self._place], rows[:, self._speed][:, 0], low, high, rows[:, -3], rows[:, -2].astype(np.int64)
+        )
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Planned(Result):
+    """A part program as a motion.
+
+    program, machine  what they are called
+    limits            of the axes
+    sample_time       of the setpoints, s
+    samples           how many
+    cycle_time        s, dwells included
+    blocks            of the program that move
+    runs              from rest to rest
+    proof             of all runs; what it does not prove is not written
+    stops             the first 1,000 standstills; `stop_count` of all
+    stop_reasons      how many there are of each kind
+    seconds           of cycle time by what limits it: the limit that is used most in a sample, the feed, a standstill
+    course            for pictures
+    """
+
+    program: str
+    machine: str
+    limits: Limits
+    sample_time: float
+    samples: int
+    cycle_time: float
+    blocks: int
+    runs: int
+    proof: Proof
+    stops: tuple[Standstill, ...]
+    stop_count: int
+    stop_reasons: Mapping[str, int]
+    seconds: Mapping[str, float]
+    course: Course
+
+    @property
+    def quoted(self) -> tuple[str, ...]:
+        """What a person wrote."""
+        return self.program, self.machine
+
+    def table(self) -> Table:
+        """The limits of each axis, and the largest share of each that the motion takes."""
+        rows = [
+            [letter, *(f"{1e3 * limit:.4g}: {100.0 * use:.4g} %" for limit, use in zip(given, used, strict=True))]
+            for letter, given, used in zip(self.limits.letters, self.limits.array, self.proof.use, strict=True)
+        ]
+        units = ("mm/s", "mm/s2", "mm/s3", "mm/s4")
+        heads = ["axis", *(f"{name} {unit}" for name, unit in zip(DERIVATIVES, units, strict=True))]
+        held = "every limit is proven" if self.proof.count == 0 else f"{self.proof.count} violations"
+        title = f"{self.program}: {self.cycle_time:.6g} s, {self.blocks} blocks, {self.stop_count} stops; {held}"
+        return Table(title, heads, rows)

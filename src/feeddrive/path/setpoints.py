@@ -1,0 +1,206 @@
+"""A part program as setpoints, piece by piece in constant memory: planned, proven, sampled, and what is known of each.
+
+What is planned leaves only behind its proof.  Where it is not proven, the samples go on with `proven` False, so that
+all faults are counted, and nothing of them may be used.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from feeddrive.path.geometry.segments import Pause
+from feeddrive.path.limits import Limits
+from feeddrive.path.motion import Part
+from feeddrive.path.pieces import derivatives
+from feeddrive.path.plan import planned
+from feeddrive.path.program.moves import Arc, Move, Spline, Straight
+from feeddrive.path.proof.prove import DERIVATIVES, Prover
+from feeddrive.path.sample import Sampler
+
+_TANGENT = 1e-6  # rad: a smaller corner is none
+_AT_FEED = 0.999  # of the feed: the feed is what limits the speed
+_HALF = 0.5  # of a limit: a sample that uses less of all of them is limited by none
+
+PAUSES = {
+    "Dwell": "dwell (G4)",
+    "Stop": "program stop (M0, M1, M60)",
+    "ToolChange": "tool change",
+    "Spindle": "spindle",
+    "Switch": "coolant, output or override",
+}
+CORNER, EXACT = "corner", "exact stop, or a bend that no joint within the tolerance rounds"
+REASONS = (CORNER, EXACT, *PAUSES.values())
+
+
+class Standstill(NamedTuple):
+    """Where the machine stands: when (s from the start) and for how long (s), at which line and place (m), and why.
+
+    angle  of the corner, rad; 0 where it is none
+    """
+
+    time: float
+    duration: float
+    line: int
+    position: np.ndarray
+    reason: str
+    angle: float = 0.0
+
+    def __str__(self) -> str:
+        return f"{self.reason} of {np.degrees(self.angle):.3g}°" if self.angle else self.reason
+
+
+class Samples(NamedTuple):
+    """Some samples in a row.
+
+    first     number of the first one; sample k is at k T
+    values    position, velocity .. snap of each axis, m .. m/s⁴, shape (n, N, 5)
+    line      of the part program, shape (n,)
+    feed      the path speed that the program asks for, m/s; inf on a traverse, 0 at a standstill, shape (n,)
+    proven    whether the proof holds up to here
+    """
+
+    first: int
+    values: np.ndarray
+    line: np.ndarray
+    feed: np.ndarray
+    proven: bool
+
+
+class Setpoints:
+    """The samples of a program, to be iterated once; what is counted is complete when the iteration has ended.
+
+    moves        of `read_program`
+    sample_time  of the loop, s
+    stops        so far: those since `stops` was emptied last
+    blocks       moves of the program that go somewhere
+    line         that is read
+    seconds      of cycle time by cause: which limit is used most, the feed, a standstill
+
+    Raises ProgramError as `read_program` and `planned` do, at the line.
+    """
+
+    def __init__(self, moves: Iterable[Move], limits: Limits, sample_time: float) -> None:
+        self.limits, self.sample_time = limits, sample_time
+        self.stops: list[Standstill] = []
+        self.blocks = self.line = self.samples = self.runs = 0
+        self.time = 0.0
+        self._array, self._moves = limits.array, moves
+        self.prover = Prover(self._array)
+        self._sampler = Sampler(sample_time)
+        self._counts = np.zeros(4 * len(limits.axes) + 3, np.int64)
+        self._position = np.zeros(len(limits.axes))
+        self._along: np.ndarray | None = None  # direction in which the run before has ended
+        self._waits: Pause | None = None  # what the machine waits for since then
+        self._last_line = 0
+        self.proven = True
+
+    def __iter__(self) -> Iterator[Samples]:
+        for each in planned(self._counted(), self.limits.letters, self._array):
+            if isinstance(each, Part):
+                yield self._part(each)
+            else:
+                yield self._pause(each)
+        ends = self.time
+        yield self._rest(self.sample_time, self._last_line)  # the end itself
+        self.time = ends
+
+    @property
+    def seconds(self) -> dict[str, float]:
+        """Of cycle time, by cause."""
+        names = [f"{what} of {letter}" for letter in self.limits.letters for what in DERIVATIVES]
+        names += ["feed", "no limit above half", "standstill"]
+        return {name: float(n * self.sample_time) for name, n in zip(names, self._counts, strict=True) if n}
+
+    def _counted(self) -> Iterator[Move]:
+        for move in self.limits.resolved(self._moves):
+            self.line = move.source.number
+            self.blocks += isinstance(move, Straight | Arc | Spline)
+            yield move
+
+    def _part(self, part: Part) -> Samples:
+        pieces, motion = part.pieces, part.motion
+        if self._along is not None:  # a run begins where another one has ended
+            if self._waits is None:
+                angle = self._corner(part)
+                corner = angle > _TANGENT
+                self._stand(CORNER if corner else EXACT, 0.0, int(pieces.line[0]), angle if corner else 0.0)
+            else:
+                self._stand(PAUSES.get(self._waits.why, self._waits.why), 0.0, self._waits.line)
+        self._along = self._waits = None
+        self.proven = self.prover.prove(part) and self.proven
+        values = self._sampler.sample(part)
+        times = (self.samples + np.arange(len(values))) * self.sample_time - self.time
+        line, feed = _where(part, times)
+        found = Samples(self.samples, values, line, feed, self.proven)
+        self._attribute(found)
+        self.samples += len(values)
+        self.time += float(np.sum(motion.duration))
+        self._last_line = int(pieces.line[-1])
+        if part.ends:
+            self.runs += 1
+            self._position, self._along = _end(part)
+        return found
+
+    def _pause(self, pause: Pause) -> Samples:
+        if pause.duration > 0.0:
+            self._stand(PAUSES.get(pause.why, pause.why), pause.duration, pause.line)
+            self._along = self._waits = None
+        elif self._waits is None:
+            self._waits = pause
+        return self._rest(pause.duration, pause.line)
+
+    def _stand(self, reason: str, duration: float, line: int, angle: float = 0.0) -> None:
+        self.stops.append(Standstill(self.time, duration, line, self._position, reason, angle))
+
+    def _rest(self, duration: float, line: int) -> Samples:
+        values = self._sampler.rest(self._position, duration)
+        found = Samples(self.samples, values, np.full(len(values), line), np.zeros(len(values)), self.proven)
+        self.samples += len(values)
+        self.time += duration
+        self._counts[-1] += len(values)
+        return found
+
+    def _corner(self, part: Part) -> float:
+        """The angle between the end of the run before and the begin of this one, rad."""
+        assert self._along is not None
+        r = np.zeros((len(self.limits.axes), 5))
+        derivatives(int(part.pieces.kind[0]), float(part.pieces.length[0]), part.pieces.shape[0], 0.0, r)
+        begin = r[:, 1] / np.linalg.norm(r[:, 1])
+        return 2.0 * float(np.arcsin(min(1.0, 0.5 * float(np.linalg.norm(begin - self._along)))))
+
+    def _attribute(self, samples: Samples) -> None:
+        """Count each sample for what limits it most."""
+        share = np.abs(samples.values[:, :, 1:]) / self._array
+        rows = share.reshape(len(share), -1)
+        cause = np.argmax(rows, axis=1)
+        speed = np.linalg.norm(samples.values[:, :, 1], axis=1)
+        cause[np.max(rows, axis=1, initial=0.0) < _HALF] = rows.shape[1] + 1
+        cause[speed >= _AT_FEED * samples.feed] = rows.shape[1]
+        self._counts += np.bincount(cause, minlength=len(self._counts))
+
+
+def _where(part: Part, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Line and feed at times since the start of a part, s."""
+    pieces, motion = part.pieces, part.motion
+    begins = np.cumsum(motion.duration) - motion.duration
+    m = np.clip(np.searchsorted(begins, times, side="right") - 1, 0, len(begins) - 1)
+    far = np.cumsum(pieces.length)
+    u = (far - pieces.length)[motion.piece[m]] + motion.x[m]
+    t, v, a, j, s = (
+        times - begins[m],
+        *(row[m] for row in (motion.speed, motion.acceleration, motion.jerk, motion.snap)),
+    )
+    u += t * (v + t * (0.5 * a + t * (j / 6.0 + t * s / 24.0)))
+    p = np.clip(np.searchsorted(far, u), 0, len(far) - 1)
+    return pieces.line[p], pieces.feed[p]
+
+
+def _end(part: Part) -> tuple[np.ndarray, np.ndarray]:
+    """Position and direction at the end of a run."""
+    pieces = part.pieces
+    r = np.zeros((pieces.origin.shape[1], 5))
+    derivatives(int(pieces.kind[-1]), float(pieces.length[-1]), pieces.shape[-1], float(pieces.length[-1]), r)
+    return pieces.origin[-1] + r[:, 0], r[:, 1] / np.linalg.norm(r[:, 1])

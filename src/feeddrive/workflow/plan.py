@@ -1,0 +1,152 @@
+"""`feeddrive plan`: a part program as setpoints that are proven to keep the limits of a machine.
+
+What is written: `files/plan_files.py`.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from collections import Counter
+from collections.abc import Generator
+from pathlib import Path
+from time import monotonic
+
+from feeddrive.files.atomic_io import new_directory
+from feeddrive.files.machine import MachineFile, planned_limits, read_machine
+from feeddrive.files.plan_files import PLAN, SETPOINTS, STREAMER, SetpointWriter, setpoint_files, write_plan
+from feeddrive.language.errors import ParameterError
+from feeddrive.language.progress import Progress
+from feeddrive.path.limits import Limits
+from feeddrive.path.planned import FEW, Planned, Recorder
+from feeddrive.path.program.moves import Move
+from feeddrive.path.program.reading import FrontEnd, read_program
+from feeddrive.path.setpoints import Setpoints, Standstill
+from feeddrive.workflow.command import Outcome, command
+from feeddrive.workflow.request import OUT, Request, argument, called, option
+
+_SHOWN, _WATCHED = 0.2, 5.0  # s between two reports on a terminal, and as lines
+FAULT = (
+    "the motion could not be proven to keep its limits, and no setpoints were written: this is a fault of feeddrive, "
+    "not of the program; please report it with the program and the limits"
+)
+
+
+class PlanRequest(Request):
+    """Which program is planned, for which machine."""
+
+    program: Path = argument("A part program (RS-274/NGC)")
+    machine: str | Path | MachineFile | None = option(
+        "a machine file (TOML) with limits of its axes, or the name of a bundled machine", default=None
+    )
+    limits: Path | None = option("limits of axes (TOML), in place of those of the machine file", default=None)
+    tools: Path | None = option("tool table (.tbl)", default=None)
+    offsets: Path | None = option("parameters (.var): work offsets, G28, G30", default=None)
+    tables_inch: bool = option("tools and offsets are in inches", default=False)
+    skip_deleted: bool = option("leave out lines that begin with /", default=False)
+    front_end: str = option("what reads the program", default="auto", options=("auto", "own", "rs274"))
+    sample_time: float | None = option(
+        "from setpoint to setpoint; that of the machine's loops if it is left out",
+        default=None, unit="s", entered="ms", above=0.0, most=1e3,
+    )  # fmt: skip
+    watch: bool = option("print a line of progress every 5 s", default=False)
+    out: Path | None = option(OUT, short="-o", default=None)
+
+    def check(self) -> None:
+        """Limits come from a machine, a file of limits or both; without a machine the sample time is given."""
+        if self.machine is None and self.limits is None:
+            raise ParameterError("--machine is missing: a machine file with limits, or --limits with a file of limits")
+        if self.machine is None and self.sample_time is None:
+            raise ParameterError("--sample-time is missing: without a machine nothing says how often its loops run")
+
+    def usual_out(self) -> Path:
+        """By the name of what it is about."""
+        return Path("results") / f"plan_{self.program.stem}"
+
+
+@command(PlanRequest)
+def plan(request: PlanRequest, progress: Progress) -> Outcome[Planned]:
+    """Plan a part program within the limits of each axis, prove it, and write setpoints, plan and report.
+
+    Raises ProgramError with file, line, column and word for what cannot be read or moved.
+    """
+    machine = None if request.machine is None else read_machine(request.machine)
+    limits = planned_limits(machine, request.limits)
+    sample_time = request.sample_time
+    if sample_time is None:
+        assert machine is not None
+        sample_time = float(next(iter(machine.loops.values())).sample_time)
+    names = request.program.name, called(request.machine if machine is None else machine.name)
+    with contextlib.closing(_moves(request, limits, progress)) as moves:  # whatever ends it, the program is closed
+        setpoints = Setpoints(moves, limits, sample_time)
+        if request.out is None:
+            return _outcome(_planned(setpoints, *names, None), None)
+        with new_directory(request.out) as folder:
+            with setpoint_files(folder, limits, sample_time, request.program.name) as writer:
+                found = _planned(setpoints, *names, writer)
+            write_plan(folder, found)
+    return _outcome(found, request.out)
+
+
+def _planned(setpoints: Setpoints, program: str, machine: str, writer: SetpointWriter | None) -> Planned:
+    """All samples, into files if there are some."""
+    recorder = Recorder(len(setpoints.limits.axes))
+    few: list[Standstill] = []
+    reasons: Counter[str] = Counter()
+    for samples in setpoints:
+        recorder.add(samples)
+        stops, setpoints.stops = setpoints.stops, []
+        reasons.update(each.reason for each in stops)
+        few += stops[: FEW - len(few)]
+        if writer is not None and samples.proven:
+            writer.add(samples)
+            writer.stops(stops)
+    return Planned(
+        program, machine, setpoints.limits, setpoints.sample_time, setpoints.samples, setpoints.time, setpoints.blocks,
+        setpoints.runs, setpoints.prover.proof(), tuple(few), sum(reasons.values()), dict(reasons), setpoints.seconds,
+        recorder.course(setpoints.sample_time),
+    )  # fmt: skip
+
+
+def _moves(request: PlanRequest, limits: Limits, progress: Progress) -> Generator[Move]:
+    """The moves of the program; as they are read the progress is reported."""
+    front_end: FrontEnd = request.front_end  # type: ignore[assignment]
+    moves = read_program(
+        request.program, axes=limits.travel, tools=request.tools, offsets=request.offsets,
+        tables_inch=request.tables_inch, skip_deleted=request.skip_deleted, front_end=front_end,
+    )  # fmt: skip
+    of = _lines_of(request.program)
+    farthest, shown, watched = 0, monotonic(), monotonic()
+    with contextlib.closing(moves):
+        for count, move in enumerate(moves):
+            yield move
+            farthest = max(farthest, move.source.number)
+            if count % 64:
+                continue
+            now = monotonic()
+            if now - shown >= _SHOWN:
+                shown = now
+                progress.step(f"line {farthest:,} of {of:,}", farthest, of)
+            if request.watch and now - watched >= _WATCHED:
+                watched = now
+                progress.remark(f"line {farthest:,} of {of:,}, {count:,} moves")
+
+
+def _lines_of(program: Path) -> int:
+    """Lines of a file; 0 if it cannot be read, which its reader says better."""
+    with contextlib.suppress(OSError), program.open("rb") as file:
+        return sum(block.count(b"\n") for block in iter(lambda: file.read(1 << 20), b"")) + 1
+    return 0
+
+
+def _outcome(found: Planned, out: Path | None) -> Outcome[Planned]:
+    remarks = [f"{count} x {reason}" for reason, count in sorted(found.stop_reasons.items(), key=lambda each: -each[1])]
+    causes = sorted(found.seconds.items(), key=lambda each: -each[1])
+    told = ", ".join(f"{name} {100.0 * seconds / max(found.cycle_time, 1e-9):.3g} %" for name, seconds in causes[:6])
+    said = [f"Stops: {', '.join(remarks) or 'none'}.", f"Most of the time is limited by: {told}."] if causes else []
+    proven = found.proof.count == 0
+    files = {}
+    if out is not None:
+        files = {"Plan": out / PLAN}
+        files |= {"Setpoints": out / SETPOINTS, "For LinuxCNC's streamer": out / STREAMER} if proven else {}
+    faults = [] if proven else [found.limits.named(str(found.proof.faults[0]))]
+    return Outcome(found, [found.table()], [*said, *faults], files=files, failure=None if proven else FAULT)

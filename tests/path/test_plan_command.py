@@ -1,0 +1,215 @@
+"""`feeddrive plan`: what it writes, what it refuses, and that nothing unproven leaves."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import feeddrive as fd
+from feeddrive.cli import commands
+from feeddrive.export.linuxcnc.session import session
+from feeddrive.files.machine import planned_limits
+from feeddrive.language.errors import CancelledError, FeeddriveError, ParameterError
+from feeddrive.language.progress import Progress
+from feeddrive.path import setpoints
+from feeddrive.path.planned import Recorder
+from feeddrive.path.program.reading import read_program
+from feeddrive.workflow.plan import FAULT, PlanRequest, plan
+from hal_programs import needs_linuxcnc
+
+PART = "G21 G90 G64 P0.05\nG0 X10 Y10\nG1 X60 F3000\nY40\nG3 X50 Y50 I-10\nG4 P0.25\nG1 X10 Y10.5\nM2\n"
+LIMITS = """
+[axis.x.limits]
+velocity_mm_per_s = 500
+acceleration_mm_per_s2 = 5000
+jerk_mm_per_s3 = 1e5
+snap_mm_per_s4 = 5e7
+{}
+"""
+
+
+def part(folder: Path, text: str = PART) -> Path:
+    path = folder / "part.ngc"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def test_the_files_hold_what_the_plan_says(tmp_path: Path) -> None:
+    """Setpoints keep the limits, end where the program ends, and are each other's derivatives within 1e-5 of a limit.
+
+    Over a sample of 0.25 ms a Taylor step to snap misses by the snap's jumps, which change it within the step: at most
+    2 s T⁴/24 of the position, 1.6e-14 m, and a share s T / j < 0.13 of the jerk.
+    """
+    found = fd.workflow.plan(part(tmp_path), machine="xy_table", out=tmp_path / "out")
+    record = json.loads((tmp_path / "out" / "plan.json").read_text())
+    assert record["violations"] == 0
+    assert record["blocks"] == 5
+    assert record["cycle_time_s"] == found.cycle_time
+    assert [each["reason"] for each in record["stops"]] == ["corner of 45°", "corner of 90°", "dwell (G4)"]
+    assert [each["line"] for each in record["stops"]] == [3, 4, 6]
+    assert record["stops"][2]["position_m"] == pytest.approx({"X": 0.05, "Y": 0.05}, abs=1e-15)
+    log = fd.read_log(tmp_path / "out" / "setpoints.parquet")
+    T = log.sample_time
+    assert pytest.approx(2.5e-4) == T
+    assert len(log) == record["samples"] == int(np.ceil(found.cycle_time / T)) + 1
+    limits = found.limits.array
+    for i, axis in enumerate("xy"):
+        rows = [log[f"{axis}.set_{name}"] for name in ("position", "velocity", "acceleration", "jerk", "snap")]
+        for k in range(4):
+            assert np.max(np.abs(rows[k + 1])) <= limits[i, k] * (1.0 + 1e-9)
+        x, v, a, j, s = (row[:-1] for row in rows)
+        ahead = x + T * (v + T * (0.5 * a + T * (j / 6.0 + T * s / 24.0)))
+        assert np.max(np.abs(ahead - rows[0][1:])) <= limits[i, 3] * T**4 / 12.0
+        assert [row[-1] for row in rows[1:]] == [0.0] * 4
+    assert log["x.set_position"][-1] == pytest.approx(0.01, abs=1e-15)
+    text = np.loadtxt(tmp_path / "out" / "streamer.txt")
+    np.testing.assert_array_equal(text, 1e3 * np.column_stack([log["x.set_position"], log["y.set_position"]]))
+
+
+def test_cycle_time_is_split_without_a_rest(tmp_path: Path) -> None:
+    """Causes count every sample once: their sum is the cycle time within a sample."""
+    found = plan(part(tmp_path), machine="xy_table")
+    assert sum(found.seconds.values()) == pytest.approx(found.cycle_time, abs=2.0 * found.sample_time)
+    assert found.seconds["standstill"] == pytest.approx(0.25, abs=2.0 * found.sample_time)
+    assert "every limit is proven" in repr(found)
+
+
+def test_the_course_holds_the_extremes_of_all_samples(tmp_path: Path) -> None:
+    """Of 40,000 samples, which it keeps in stretches of four, taken in pieces of unequal length."""
+    limits = planned_limits(fd.read_machine("xy_table"), None)
+    recorder, values = Recorder(2), []
+    for samples in setpoints.Setpoints(read_program(part(tmp_path)), limits, 9e-5):
+        values.append(samples.values)
+        for cut in np.array_split(np.arange(len(samples.values)), 7):
+            rows = (samples.values[cut], samples.line[cut], samples.feed[cut])
+            recorder.add(setpoints.Samples(samples.first, *rows, True))
+    course, whole = recorder.course(9e-5), np.concatenate(values)
+    assert len(whole) > 2 * 8192
+    assert len(course.time) < 2 * 8192
+    np.testing.assert_array_equal(course.high.max(axis=0), whole[:, :, 1:].max(axis=0))
+    np.testing.assert_array_equal(course.low.min(axis=0), whole[:, :, 1:].min(axis=0))
+    at = np.round(course.time / 9e-5).astype(int)
+    np.testing.assert_array_equal(course.position, whole[at, :, 0])
+
+
+def refused(folder: Path, text: str, **given: Any) -> str:
+    chosen: dict[str, Any] = {"machine": "xy_table", "out": folder / "out", **given}
+    with pytest.raises(FeeddriveError) as caught:
+        plan(part(folder, text), **chosen)
+    assert not (folder / "out").exists()
+    return str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("G1 X400 F100\n", "line 1, column 4: X: axis X would go to 400 mm in machine coordinates, its travel is"),
+        ("G0 X290\nG3 X290 Y40 I0 J20 F100\n", "line 2, column 4: X: axis X would go to 310 mm in machine coordinates"),
+        ("G1 Z1 F100\n", "line 1, column 4: Z: "),
+        ("G64 P0.00005\nG1 X1 F100\n", "line 1: P: the tolerance of 5e-05 mm is smaller than the resolution of axis X"),
+        ("G1 X1\n", "F"),
+        ("G1 X1 F0\n", "feed"),
+    ],
+)  # fmt: skip
+def test_what_the_machine_cannot_do_is_refused_at_its_line(text: str, said: str, tmp_path: Path) -> None:
+    """Soft limits, arcs through their farthest points too, missing axes, a tolerance that no axis resolves, no feed."""
+    assert said in refused(tmp_path, f"{text}M2\n")
+
+
+def test_limits_of_a_file_replace_those_of_the_machine(tmp_path: Path) -> None:
+    file = tmp_path / "limits.toml"
+    file.write_text(LIMITS.format("travel_most_mm = 20"), encoding="utf-8")
+    assert "its travel is" in refused(tmp_path, PART, limits=file)
+    file.write_text(LIMITS.format("").replace("= 500\n", "= 50\n"), encoding="utf-8")
+    slow = plan(part(tmp_path), machine="xy_table", limits=file)
+    assert slow.limits.array[0, 0] == 0.05
+    assert slow.limits.array[1, 0] == 0.5
+    alone = plan(part(tmp_path, "G1 X10 F600\nM2\n"), limits=file, sample_time=1e-3)
+    assert alone.limits.letters == "X"
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        (LIMITS.format("travel_least_mm = 30\ntravel_most_mm = 20"), "travel_least = 0.03 m must be < "),
+        (LIMITS.format("").replace("jerk_mm_per_s3 = 1e5", "jerk_mm_per_s3 = -1"), "limits.toml:5: "),
+        (LIMITS.format("").replace("snap_mm_per_s4 = 5e7", ""), "snap"),
+        (LIMITS.format("speed = 3"), "speed"),
+        (LIMITS.format("").replace("axis.x", "axis.q"), "axis 'q' is not in"),
+        ("[axis.x]\nlimit = 3\n", "limits.toml:2: "),
+    ],
+)
+def test_a_wrong_file_of_limits_is_refused_with_its_line(text: str, said: str, tmp_path: Path) -> None:
+    file = tmp_path / "limits.toml"
+    file.write_text(text, encoding="utf-8")
+    assert said in refused(tmp_path, PART, limits=file)
+
+
+def test_a_machine_without_limits_says_what_to_add(tmp_path: Path) -> None:
+    assert "[axis.x.limits]" in refused(tmp_path, PART, machine="ball_screw")
+    with pytest.raises(ParameterError, match="--machine is missing"):
+        PlanRequest(Path("part.ngc"))
+
+
+def test_what_is_not_proven_leaves_no_setpoints(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A plan that uses 1e-6 more of its limits than there is: exit 1, the reason, plan.json alone."""
+    made = setpoints.planned
+    monkeypatch.setattr(setpoints, "planned", lambda moves, axes, limits: made(moves, axes, limits * (1.0 + 1e-6)))
+    out = tmp_path / "out"
+    told = CliRunner().invoke(commands.app, ["plan", str(part(tmp_path)), "--machine", "xy_table", "--out", str(out)])
+    assert told.exit_code == 1
+    assert "exceeds its limit" in told.output
+    assert FAULT in told.output
+    record = json.loads((out / "plan.json").read_text())
+    assert record["violations"] > 0
+    assert "of axis X" in record["proof"]["faults"][0]
+    assert sorted(each.name for each in out.iterdir()) == [".feeddrive", "plan.json"]
+
+
+def test_a_cancelled_plan_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys.modules["feeddrive.workflow.plan"], "_SHOWN", 0.0)
+
+    class Stopping(Progress):
+        def show_step(self, what: str, done: int | None, of: int | None, part: str) -> None:
+            self.cancel()
+
+    program = part(tmp_path, "G64 P0.01 F600\n" + "G4 P0.001\n" * 200 + "M2\n")
+    with pytest.raises(CancelledError):
+        plan.run(PlanRequest(program, machine="xy_table", out=tmp_path / "out"), Stopping())
+    assert [each.name for each in tmp_path.iterdir()] == ["part.ngc"]
+
+
+def test_stops_that_are_too_many_for_the_plan_stand_in_a_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for module in ("workflow.plan", "files.plan_files"):
+        monkeypatch.setattr(sys.modules[f"feeddrive.{module}"], "FEW", 10)
+    rows = "".join(f"G4 P0.001\nX{k % 2}\n" for k in range(1, 13))
+    out = tmp_path / "out"
+    plan(part(tmp_path, f"F6000 G1 X0\n{rows}M2\n"), machine="xy_table", out=out)
+    record = json.loads((out / "plan.json").read_text())
+    stops = fd.files.read_log(out / "stops.parquet")
+    assert (record["stop_count"], len(record["stops"]), len(stops)) == (12, 10, 12)
+    assert record["stops_file"] == "stops.parquet"
+
+
+@pytest.mark.slow(reason="LinuxCNC's HAL runs a second at its own pace")
+@needs_linuxcnc
+def test_the_streamer_of_linuxcnc_gives_the_setpoints(tmp_path: Path) -> None:
+    """Each line comes out of the pins, one a period, bit for bit."""
+    plan(part(tmp_path, "G1 X5 Y2 F3000\nM2\n"), machine="xy_table", sample_time=1e-3, out=tmp_path / "out")
+    lines = [
+        "loadrt threads name1=servo-thread period1=1000000", "source streamer.hal", "loadrt sampler depth=4000 cfg=ff",
+        "net a streamer.0.pin.0 => sampler.0.pin.0", "net b streamer.0.pin.1 => sampler.0.pin.1",
+        "addf sampler.0 servo-thread", "start", "loadusr -w sleep 0.5", "setp streamer.0.enable 1",
+        "loadusr -w halsampler -n 1000 out.txt",
+    ]  # fmt: skip
+    (tmp_path / "out" / "run.hal").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    session(tmp_path / "out", [], "halrun -f run.hal")
+    given, taken = np.loadtxt(tmp_path / "out" / "streamer.txt"), np.loadtxt(tmp_path / "out" / "out.txt")
+    start = int(np.argmax(np.any(taken != 0.0, axis=1))) - 1
+    np.testing.assert_allclose(taken[start : start + len(given)], given, rtol=0, atol=1e-6)
