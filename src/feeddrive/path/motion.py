@@ -29,15 +29,35 @@ class Motion(NamedTuple):
     snap: np.ndarray
 
 
+class Entering(NamedTuple):
+    """The next run, from rest, while a part ends the run before: q is the sum of both, less the corner between them.
+
+    It lasts as long as that part, and each of both stays on one piece of its path.
+
+    tolerance  m, of the distance between q and the two pieces, which is proven, too
+    """
+
+    pieces: Pieces
+    motion: Motion
+    tolerance: float
+
+
 class Part(NamedTuple):
     """A part of a run, which goes from rest to rest: some pieces of its path and the motion on them.
 
-    The first piece of the path is the one on which the part before ended.  `ends` says that the run does.
+    The first piece of the path is the one on which the part before ended.  `ends` says that the run does.  If the next
+    run is `entering` then, the part behind goes on from where that one has come.
     """
 
     pieces: Pieces
     motion: Motion
     ends: bool
+    entering: Entering | None = None
+
+
+def rows(motion: Motion) -> np.ndarray:
+    """Duration, x, speed, acceleration, jerk and snap as the columns of one array, without the index of the piece."""
+    return np.column_stack([motion.duration, *motion[2:]])
 
 
 @kernel

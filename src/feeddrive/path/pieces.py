@@ -45,10 +45,14 @@ class Pieces(NamedTuple):
 
 
 class Section(NamedTuple):
-    """A section of a run: pieces that go on from the section before; `ends` says that the run does."""
+    """A section of a run: pieces that go on from the section before; `ends` says that the run does.
+
+    tolerance  of the corner in which it ends then, m; 0: it stops there
+    """
 
     pieces: Pieces
     ends: bool
+    tolerance: float = 0.0
 
 
 def part_of_pieces(pieces: Pieces, first: int, last: int) -> Pieces:

@@ -10,6 +10,7 @@ from feeddrive.path.geometry.joints import Joiner
 from feeddrive.path.geometry.segments import Chain, Pause, chains
 from feeddrive.path.motion import Part
 from feeddrive.path.program.moves import Move
+from feeddrive.path.schedule.overlap import Crossings
 from feeddrive.path.schedule.run import Schedule
 
 
@@ -23,10 +24,13 @@ def planned(moves: Iterable[Move], axes: str, limits: np.ndarray) -> Iterator[Pa
 
     Raises ProgramError as `chains` does.  What is yielded is planned, not proven: give it to a `Prover`.
     """
-    joiner, schedule = Joiner(), Schedule(limits)
+    joiner, schedule, crossings = Joiner(), Schedule(limits), Crossings(limits)
     for each in chains(moves, axes):
         if isinstance(each, Chain):
             for section in joiner.join(each)[0]:
-                yield from schedule.add(section)
+                for part in schedule.add(section):
+                    yield from crossings.add(part, section.tolerance)
+            if each.ends:
+                yield from crossings.end()
         else:
             yield each

@@ -6,8 +6,8 @@ import numpy as np
 
 from feeddrive.language.kernels.kernel import kernel
 from feeddrive.language.kernels.source import Floats, Floats2, Floats3, Ints
-from feeddrive.path.motion import Part, chain, cubic, way
-from feeddrive.path.pieces import derivatives
+from feeddrive.path.motion import Motion, Part, chain, cubic, way
+from feeddrive.path.pieces import Pieces, derivatives
 
 
 @kernel
@@ -54,13 +54,23 @@ class Sampler:
 
     def sample(self, part: Part) -> np.ndarray:
         """Position, velocity .. snap of each axis at the instants within a part, m .. m/s⁴, shape (n, N, 5)."""
-        pieces, motion = part.pieces, part.motion
-        ends = self._begin + float(np.sum(motion.duration))
+        ends = self._begin + float(np.sum(part.motion.duration))
+        found = self._along(part.pieces, part.motion, ends)
+        if part.entering is not None:
+            corner = part.entering.pieces.origin[0]
+            other = self._along(part.entering.pieces, part.entering.motion, ends)
+            # both last equally long but for rounding
+            found, other = found[: len(other)], other[: len(found)]
+            found[:, :, 0] -= corner
+            found += other
+        self._begin, self._first = ends, self._first + len(found)
+        return found
+
+    def _along(self, pieces: Pieces, motion: Motion, ends: float) -> np.ndarray:
         axes = pieces.origin.shape[1]
         out = np.empty((max(0, int(np.ceil(ends / self._sample_time)) + 1 - self._first), axes, 5))
         path = (pieces.kind, pieces.length, pieces.origin, pieces.shape)
         count = _sample(*path, *motion, self._begin, self._sample_time, self._first, out, np.zeros((axes, 5)))
-        self._begin, self._first = ends, self._first + count
         return out[:count]
 
     def rest(self, position: np.ndarray, duration: float) -> np.ndarray:

@@ -114,7 +114,7 @@ def join(
                     stop[k] = 0
                     deviation[k] = far
                     end = length[k] - away
-        if end - begin > 0.0:
+        if end - begin > 1e-12 * length[k]:
             kinds[count] = kind[k]
             lengths[count] = _trimmed(kind[k], length[k], shape[k], begin, end, shapes[count])
             derivatives(kind[k], length[k], shape[k], begin, r)
@@ -185,5 +185,9 @@ def _joined(
     count, ended, taken = join(*segments, tolerance, sharpest, taken, ends, *joint, *out, np.zeros((7, axes, 8)))
     *columns, runs = (each[:count].copy() for each in out)
     cuts = [0, *(np.flatnonzero(np.diff(runs)) + 1).tolist(), count] if count else []
-    found = [Section(Pieces(*(each[i:j] for each in columns)), int(runs[i]) < ended) for i, j in pairwise(cuts)]
+    corners = np.maximum(tolerance[:known][joint.stop == 1], 0.0)
+    found = list[Section]()
+    for i, j in pairwise(cuts):
+        corner = float(corners[runs[i]]) if runs[i] < ended else 0.0
+        found.append(Section(Pieces(*(each[i:j] for each in columns)), bool(runs[i] < ended), corner))
     return found, joint, taken

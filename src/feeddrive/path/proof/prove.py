@@ -18,8 +18,9 @@ import numpy as np
 from feeddrive.language.kernels.kernel import kernel
 from feeddrive.language.kernels.source import Floats, Floats2, Floats3, Ints
 from feeddrive.language.table import Result, Table
-from feeddrive.path.motion import Part, chain, cubic, way, when
-from feeddrive.path.pieces import derivatives
+from feeddrive.path.motion import Entering, Motion, Part, chain, cubic, rows, way, when
+from feeddrive.path.pieces import Pieces, derivatives
+from feeddrive.path.proof.overlap import distance, prove_sum
 from feeddrive.path.proof.ranges import cubic_range, line_range, parabola_range, share_of_limits, slopes
 
 WIDENED = 1e-9  # of a limit
@@ -80,11 +81,13 @@ def _noted(faults: Floats2, found: int, p: int, m: int, time: float, which: floa
 def _prove(
     kind: Ints, length: Floats, origin: Floats2, shape: Floats3, feed: Floats,
     duration: Floats, piece: Ints, x: Floats, speed: Floats, acceleration: Floats, jerk: Floats, snap: Floats,
-    limits: Floats2, widened: float, ends: bool, state: Floats, faults: Floats2, uses: Floats2, jumps: Floats,
+    limits: Floats2, widened: float, ends: bool, alone: bool,
+    state: Floats, faults: Floats2, uses: Floats2, jumps: Floats,
     halves: Floats2, r: Floats3, before: Floats2, after: Floats2, q: Floats2,
 ) -> tuple[int, int]:  # fmt: skip
     """Tests made and faults found; each a row of `faults`: piece of the path, time piece, time in it, limit, share.
 
+    A motion that is not `alone` is only proven to have no jumps: its limits are those of a sum, for `prove_sum`.
     `state` is x, u' .. u''' where the part before ended, on the first piece of this one; then where this one ends.
     """
     tests = 0
@@ -146,7 +149,7 @@ def _prove(
             # what ends within rounding of a joint lies before it
             on = whole > left + sliver and p < last
             t1 = when(left, v, a, j, s, t0, T) if on else T
-            if t1 > t0:
+            if t1 > t0 and alone:
                 made, which, broke = _span(
                     kind[p], length[p], shape[p], feed[p], limits, widened, begin, v, a, j, s, t0, t1, halves, r
                 )
@@ -226,6 +229,7 @@ class Proof(Result):
     use       the largest share of velocity .. snap limit that each axis takes at the times looked at, shape (N, 4)
     jump      largest jump of velocity, acceleration or jerk at a joint, as a share of its limit
     apart     largest jump of a position at a joint, m
+    missed    largest distance to a corner where runs overlap, as a share of its tolerance
     spans     spans of time that were looked at
     """
 
@@ -234,6 +238,7 @@ class Proof(Result):
     use: np.ndarray
     jump: float
     apart: float
+    missed: float
     spans: int
 
     def table(self) -> Table:
@@ -249,33 +254,91 @@ class Prover:
     def __init__(self, limits: np.ndarray, widened: float = WIDENED) -> None:
         axes = len(limits)
         self._limits, self._widened = np.ascontiguousarray(limits, float), widened
-        self._state, self._time = np.zeros(4), 0.0
+        self._state, self._time, self._place = np.zeros(4), 0.0, np.zeros(axes)
         self._faults, self._use, self._jumps = np.zeros((_KEPT, 5)), np.zeros((axes, 4)), np.zeros(2)
         self._room = [np.zeros((64, 2)), np.zeros((axes, 4, 2)), *(np.zeros((axes, 5)) for _ in range(3))]
         self._said: list[Fault] = []
         self._count = self._spans = 0
+        self._missed = 0.0
 
     def prove(self, part: Part) -> bool:
         """Whether the next part holds."""
-        pieces, motion = part.pieces, part.motion
+        before = self._count
+        time, alone = self._time, part.entering is None
+        self._along(part.pieces, part.motion, part.ends, alone)
+        if part.entering is not None:
+            # the next run begins here, from rest
+            self._state[:], self._time = 0.0, 0.0
+            self._along(part.entering.pieces, part.entering.motion, False, alone)
+            self._together(part, part.entering, time)
+        if (part.ends and alone) or self._count > before:
+            self._state[:], self._time = 0.0, 0.0
+        return self._count == before
+
+    def _along(self, pieces: Pieces, motion: Motion, ends: bool, alone: bool) -> None:
+        """One run: without jumps, and within its limits if it is alone; it goes on from where the part before ended."""
+        place = _place(pieces, 0, self._state[0])
+        if self._time > 0.0 and np.abs(place - self._place).max() > 1e-12 * (1.0 + np.abs(place).max()):
+            self._refuse(pieces, self._time, -8, 0.0)
         spans, found = _prove(
             pieces.kind, pieces.length, pieces.origin, pieces.shape, pieces.feed, *motion, self._limits, self._widened,
-            part.ends, self._state, self._faults, self._use, self._jumps, *self._room,
+            ends, alone, self._state, self._faults, self._use, self._jumps, *self._room,
         )  # fmt: skip
         begins = self._time + np.concatenate([[0.0], np.cumsum(motion.duration)])
+        self._note(found, spans, pieces.line, begins)
+        self._time, self._place = float(begins[-1]), _place(pieces, -1, self._state[0])
+
+    def _together(self, part: Part, entering: Entering, time: float) -> None:
+        """Two runs that overlap: on one piece each, equally long, from the corner; limits of the sum, and distance."""
+        one, two = part.pieces, entering.pieces
+        lasts = [float(np.sum(each.duration)) for each in (part.motion, entering.motion)]
+        if len(one.length) != 1 or len(two.length) != 1 or not part.ends or min(lasts) <= 0.0:
+            self._refuse(one, time, -6, 0.0)
+            return
+        corner = _place(one, 0, float(one.length[0]))
+        apart = float(np.abs(corner - two.origin[0]).max())
+        self._jumps[0] = max(self._jumps[0], apart)
+        if apart > 1e-12 * (1.0 + np.abs(corner).max()) or abs(lasts[1] - lasts[0]) > 1e-9 * lasts[0]:
+            self._refuse(one, time, -6, 0.0)
+            return
+        kind0, length0, motion0 = int(one.kind[0]), float(one.length[0]), rows(part.motion)
+        kind1, length1, motion1 = int(two.kind[0]), float(two.length[0]), rows(entering.motion)
+        axes = len(self._limits)
+        spans, found = prove_sum(
+            kind0, length0, one.shape[0], motion0, kind1, length1, two.shape[0], motion1,
+            self._limits, self._widened, float(max(one.feed[0], two.feed[0])), self._faults, self._use,
+            np.zeros((2, axes, 5)), np.zeros((2, axes, 5)),
+        )  # fmt: skip
+        self._note(found, spans, one.line, time + np.concatenate([[0.0], np.cumsum(part.motion.duration)]))
+        room = np.zeros((3, axes, 5))
+        away = distance(
+            kind0, length0, one.shape[0], motion0, kind1, length1, two.shape[0], motion1, lasts[0], room
+        )  # fmt: skip
+        self._missed = max(self._missed, away / entering.tolerance)
+        if not away <= entering.tolerance * (1.0 + self._widened):
+            self._refuse(one, time, -7, away / entering.tolerance)
+
+    def _refuse(self, pieces: Pieces, time: float, which: int, share: float) -> None:
+        self._faults[0] = 0.0, 0.0, 0.0, which, share
+        self._note(1, 0, pieces.line, np.array([time]))
+
+    def _note(self, found: int, spans: int, line: np.ndarray, begins: np.ndarray) -> None:
         rows = self._faults[: min(found, _KEPT - len(self._said))]
-        self._said += [_fault(row, pieces.line, begins) for row in rows]
+        self._said += [_fault(row, line, begins) for row in rows]
         self._count += found
         self._spans += spans
-        self._time = float(begins[-1])
-        if part.ends or found:
-            self._state[:], self._time = 0.0, 0.0
-        return found == 0
 
     def proof(self) -> Proof:
         """Of all parts so far."""
         apart, jump = map(float, self._jumps)
-        return Proof(tuple(self._said), self._count, self._use.copy(), jump, apart, self._spans)
+        return Proof(tuple(self._said), self._count, self._use.copy(), jump, apart, self._missed, self._spans)
+
+
+def _place(pieces: Pieces, k: int, x: float) -> np.ndarray:
+    """The position at x on a piece."""
+    r = np.zeros((pieces.origin.shape[1], 5))
+    derivatives(int(pieces.kind[k]), float(pieces.length[k]), pieces.shape[k], x, r)
+    return pieces.origin[k] + r[:, 0]
 
 
 def _fault(row: np.ndarray, line: np.ndarray, begins: np.ndarray) -> Fault:
@@ -290,6 +353,14 @@ def _fault(row: np.ndarray, line: np.ndarray, begins: np.ndarray) -> Fault:
         )
     elif which == -4:
         what = "the motion runs backwards, or has no duration"
+    elif which == -6:
+        what = (
+            "two runs overlap that do not meet in a corner, or on more than a piece of path each, or not equally long"
+        )
+    elif which == -8:
+        what = "the part does not go on from where the one before has ended"
+    elif which == -7:
+        what = f"two runs that overlap miss the corner by {row[4]:.9g} of its tolerance"
     else:
         what = f"the path jumps by {row[4]:.3g} of a limit between two pieces"
     return Fault(int(line[int(row[0])]), float(begins[int(row[1])] + row[2]), what)

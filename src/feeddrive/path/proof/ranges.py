@@ -15,7 +15,7 @@ from math import sqrt
 
 from feeddrive.language.kernels.kernel import kernel
 from feeddrive.language.kernels.plain import zeros
-from feeddrive.language.kernels.source import Floats2, Floats3
+from feeddrive.language.kernels.source import Floats, Floats2, Floats3
 from feeddrive.path.motion import cubic
 from feeddrive.path.pieces import turned
 
@@ -184,55 +184,88 @@ def slopes(kind: int, length: float, shape: Floats2, x0: float, x1: float, out: 
 
 
 @kernel
+def products(v0: float, v1: float, a0: float, a1: float, j0: float, j1: float, u: Floats2) -> int:
+    """The ranges of u', u'², u'³, u'⁴, u'', u' u'', u'² u'', u''' and 3 u''² + 4 u' u''', into the rows of `u`."""
+    u[0] = v0, v1
+    b, c = square(v0, v1)
+    u[1] = b, c
+    p, q = times(v0, v1, b, c)
+    u[2] = p, q
+    p, q = square(b, c)
+    u[3] = p, q
+    u[4] = a0, a1
+    p, q = times(v0, v1, a0, a1)
+    u[5] = p, q
+    p, q = times(b, c, a0, a1)
+    u[6] = p, q
+    u[7] = j0, j1
+    p, q = times(v0, v1, j0, j1)
+    b, c = square(a0, a1)
+    u[8] = 3.0 * b + 4.0 * p, 3.0 * c + 4.0 * q
+    return 0
+
+
+@kernel
+def add_product(r0: float, r1: float, u0: float, u1: float, out: Floats) -> int:
+    """Add [r0, r1] · [u0, u1] to the interval in `out`, and its size to that of the largest term there."""
+    low, high = times(r0, r1, u0, u1)
+    out[0] = out[0] + low
+    out[1] = out[1] + high
+    out[2] = max(out[2], max(-low, high))
+    return 0
+
+
+@kernel
+def add_ranges(u: Floats2, s: float, r: Floats2, middle: float, out: Floats2) -> int:
+    """Add q' .. q'''' of one axis to the rows of `out`: low, high and the size of the largest term.
+
+    The products are in `u`, r' .. r'''' in the rows of `r`; of r' only what it differs from `middle` is taken.
+    """
+    low = r[0, 0] - middle
+    high = r[0, 1] - middle
+    add_product(low, high, u[0, 0], u[0, 1], out[0])
+    add_product(r[1, 0], r[1, 1], u[1, 0], u[1, 1], out[1])
+    add_product(low, high, u[4, 0], u[4, 1], out[1])
+    add_product(r[2, 0], r[2, 1], u[2, 0], u[2, 1], out[2])
+    add_product(r[1, 0], r[1, 1], 3.0 * u[5, 0], 3.0 * u[5, 1], out[2])
+    add_product(low, high, u[7, 0], u[7, 1], out[2])
+    add_product(r[3, 0], r[3, 1], u[3, 0], u[3, 1], out[3])
+    add_product(r[2, 0], r[2, 1], 6.0 * u[6, 0], 6.0 * u[6, 1], out[3])
+    add_product(r[1, 0], r[1, 1], u[8, 0], u[8, 1], out[3])
+    add_product(low, high, s, s, out[3])
+    return 0
+
+
+@kernel
+def largest_share(out: Floats2, limits: Floats, slack: float) -> tuple[float, int]:
+    """The largest share of a limit of one axis that the intervals of `add_ranges` allow, and of which derivative."""
+    most = 0.0
+    where = 0
+    for k in range(4):
+        share = (max(-out[k, 0], out[k, 1]) + slack * out[k, 2]) / limits[k]
+        if share > most:
+            most = share
+            where = k
+    return most, where
+
+
+@kernel
 def share_of_limits(
     v0: float, v1: float, a0: float, a1: float, j0: float, j1: float, s: float,
     r: Floats3, norm: float, limits: Floats2, feed: float, slack: float,
 ) -> tuple[float, int]:  # fmt: skip
     """The largest share of a limit that the intervals allow, and which: 4 axis + derivative - 1, or -1 of the feed."""
-    most = 0.0
-    where = 0
-    vv0, vv1 = square(v0, v1)
-    va0, va1 = times(v0, v1, a0, a1)
-    vva0, vva1 = times(vv0, vv1, a0, a1)
-    vj0, vj1 = times(v0, v1, j0, j1)
-    aa0, aa1 = square(a0, a1)
-    mixed0 = 3.0 * aa0 + 4.0 * vj0
-    mixed1 = 3.0 * aa1 + 4.0 * vj1
-    vvv0 = v0 * vv0 if v0 >= 0.0 else v0 * vv1
-    vvv1 = v1 * vv1
-    vvvv0, vvvv1 = square(vv0, vv1)
+    u = zeros(9, 2)
+    out = zeros(4, 3)
+    most = norm * max(-v0, v1) * (1.0 + slack) / feed
+    where = -1
+    products(v0, v1, a0, a1, j0, j1, u)
     for i in range(len(limits)):
-        p0, p1 = times(r[i, 0, 0], r[i, 0, 1], v0, v1)
-        share = max(-p0, p1) * (1.0 + slack) / limits[i, 0]
+        for k in range(4):
+            out[k] = 0.0, 0.0, 0.0
+        add_ranges(u, s, r[i], 0.0, out)
+        share, k = largest_share(out, limits[i], slack)
         if share > most:
             most = share
-            where = 4 * i
-        p0, p1 = times(r[i, 1, 0], r[i, 1, 1], vv0, vv1)
-        q0, q1 = times(r[i, 0, 0], r[i, 0, 1], a0, a1)
-        size = max(max(-p0, p1), max(-q0, q1))
-        share = (max(-(p0 + q0), p1 + q1) + slack * size) / limits[i, 1]
-        if share > most:
-            most = share
-            where = 4 * i + 1
-        p0, p1 = times(r[i, 2, 0], r[i, 2, 1], vvv0, vvv1)
-        q0, q1 = times(r[i, 1, 0], r[i, 1, 1], 3.0 * va0, 3.0 * va1)
-        g0, g1 = times(r[i, 0, 0], r[i, 0, 1], j0, j1)
-        size = max(max(max(-p0, p1), max(-q0, q1)), max(-g0, g1))
-        share = (max(-(p0 + q0 + g0), p1 + q1 + g1) + slack * size) / limits[i, 2]
-        if share > most:
-            most = share
-            where = 4 * i + 2
-        p0, p1 = times(r[i, 3, 0], r[i, 3, 1], vvvv0, vvvv1)
-        q0, q1 = times(r[i, 2, 0], r[i, 2, 1], 6.0 * vva0, 6.0 * vva1)
-        g0, g1 = times(r[i, 1, 0], r[i, 1, 1], mixed0, mixed1)
-        h0, h1 = times(r[i, 0, 0], r[i, 0, 1], s, s)
-        size = max(max(max(-p0, p1), max(-q0, q1)), max(max(-g0, g1), max(-h0, h1)))
-        share = (max(-(p0 + q0 + g0 + h0), p1 + q1 + g1 + h1) + slack * size) / limits[i, 3]
-        if share > most:
-            most = share
-            where = 4 * i + 3
-    share = norm * max(-v0, v1) * (1.0 + slack) / feed
-    if share > most:
-        most = share
-        where = -1
+            where = 4 * i + k
     return most, where

@@ -1,0 +1,302 @@
+"""Two runs that overlap in the corner between them: the next begins before the one before has come to rest.
+
+With D the time in which both move, q = q0(t) + q1(t - T0 + D) - c.  It keeps a limit if the sum of both motions does,
+and the tolerance if both ways to the corner are as short, and q as near to it, at the time when they are equal.
+"""
+
+from __future__ import annotations
+
+from math import sqrt
+from typing import NamedTuple
+
+import numpy as np
+
+from feeddrive.language.kernels.kernel import kernel
+from feeddrive.language.kernels.plain import zeros
+from feeddrive.language.kernels.source import Floats, Floats2
+from feeddrive.path.motion import Entering, Motion, Part, cubic, rows, way
+from feeddrive.path.pieces import Pieces, derivatives
+from feeddrive.path.schedule.room import bounds
+
+_HALVINGS = 24  # of the time in which both move
+_BELOW = 1.0 - 1e-10  # of a tolerance: rounding
+_SHORTEST = 1e-4  # s; less is not worth parts of their own
+
+
+@kernel
+def _bent(most: Floats, v: float, a: float, j: float, s: float, away: float, out: Floats) -> int:
+    """Add to `out` what velocity .. snap of an axis may differ from those along the tangent at the corner.
+
+    v, a, j and s are the largest of u' .. u'''', `most` bounds r' .. r'''' and `away` the way to the corner.
+    """
+    turned = most[1] * away
+    out[0] = out[0] + turned * v
+    out[1] = out[1] + turned * a + most[1] * v * v
+    out[2] = out[2] + turned * j + 3.0 * most[1] * v * a + most[2] * v * v * v
+    out[3] = (
+        out[3]
+        + turned * s
+        + most[1] * (3.0 * a * a + 4.0 * v * j)
+        + 6.0 * most[2] * v * v * a
+        + most[3] * v * v * v * v
+    )
+    return 0
+
+
+@kernel
+def together(
+    motion0: Floats2,
+    length0: float, direction0: Floats, most0: Floats2,
+    motion1: Floats2,
+    direction1: Floats, most1: Floats2,
+    lasts: float, limits: Floats2, feed: float,
+) -> tuple[float, float]:  # fmt: skip
+    """The largest share of a limit or the feed that the sum takes at most, and the distance to the corner, m.
+
+    The first motion ends on a piece of the given length, the second begins on another one, and they overlap for `lasts`
+    seconds; the directions are r' in the corner.  Ranges are those of Bernstein points.
+    """
+    axes = len(limits)
+    p0 = zeros(4)
+    p1 = zeros(4)
+    p2 = zeros(4)
+    rest = zeros(4)
+    curved = 0.0
+    for i in range(axes):
+        curved = max(curved, max(most0[i, 1], most1[i, 1]))
+    # where the first motion is when the second begins
+    m = len(motion0)
+    left = lasts
+    while m > 0 and left > 0.0:
+        m = m - 1
+        left = left - motion0[m, 0]
+    begin0 = left  # of time piece m, from when the second begins
+    n = 0
+    begin1 = 0.0
+    t = 0.0
+    share = 0.0
+    distance = 1e300
+    while t < lasts and m < len(motion0) and n < len(motion1):
+        end0 = begin0 + motion0[m, 0]
+        end1 = begin1 + motion1[n, 0]
+        end = min(min(end0, end1), lasts)
+        if m + 1 == len(motion0) and n + 1 == len(motion1):
+            end = lasts
+        h = end - t
+        if h > 0.0:
+            b = t - begin0
+            s0 = motion0[m, 5]
+            x0 = motion0[m, 1] + way(motion0[m, 2], motion0[m, 3], motion0[m, 4], s0, b)
+            v0 = cubic(motion0[m, 2], motion0[m, 3], motion0[m, 4], s0, b)
+            a0 = motion0[m, 3] + b * (motion0[m, 4] + 0.5 * b * s0)
+            j0 = motion0[m, 4] + b * s0
+            b = t - begin1
+            s1 = motion1[n, 5]
+            x1 = motion1[n, 1] + way(motion1[n, 2], motion1[n, 3], motion1[n, 4], s1, b)
+            v1 = cubic(motion1[n, 2], motion1[n, 3], motion1[n, 4], s1, b)
+            a1 = motion1[n, 3] + b * (motion1[n, 4] + 0.5 * b * s1)
+            j1 = motion1[n, 4] + b * s1
+            far0 = max(length0 - x0, 0.0)
+            far1 = max(x1 + way(v1, a1, j1, s1, h), 0.0)
+            speed = 0.0
+            for k in range(4):
+                p2[k] = 0.0
+            for i in range(axes):
+                c0 = direction0[i]
+                c1 = direction1[i]
+                v = c0 * v0 + c1 * v1
+                a = c0 * a0 + c1 * a1
+                j = c0 * j0 + c1 * j1
+                s = c0 * s0 + c1 * s1
+                for k in range(4):
+                    rest[k] = 0.0
+                if curved > 0.0:
+                    for k in range(2):
+                        w = v0 if k == 0 else v1
+                        g = a0 if k == 0 else a1
+                        y = j0 if k == 0 else j1
+                        z = abs(s0) if k == 0 else abs(s1)
+                        y = max(abs(y), abs(y + h * (s0 if k == 0 else s1)))
+                        g = abs(g) + h * y
+                        w = abs(w) + h * g
+                        if k == 0:
+                            _bent(most0[i], w, g, y, z, far0, rest)
+                        else:
+                            _bent(most1[i], w, g, y, z, far1, rest)
+                p0[0] = v
+                p0[1] = v + h * a / 3.0
+                p0[2] = v + h * (2.0 * a + 0.5 * h * j) / 3.0
+                p0[3] = cubic(v, a, j, s, h)
+                p1[0] = a
+                p1[1] = a + 0.5 * h * j
+                p1[2] = a + h * (j + 0.5 * h * s)
+                most = 0.0
+                for k in range(4):
+                    fast = abs(p0[k]) + rest[0]
+                    p2[k] = p2[k] + fast * fast
+                    most = max(most, fast)
+                share = max(share, most / limits[i, 0])
+                share = max(share, (max(max(abs(p1[0]), abs(p1[1])), abs(p1[2])) + rest[1]) / limits[i, 1])
+                share = max(share, (max(abs(j), abs(j + h * s)) + rest[2]) / limits[i, 2])
+                share = max(share, (abs(s) + rest[3]) / limits[i, 3])
+            for k in range(4):
+                speed = max(speed, p2[k])
+            share = max(share, sqrt(speed) / feed)
+            end_left = length0 - (x0 + way(v0, a0, j0, s0, h))
+            if distance == 1e300 and (end_left <= far1 or end >= lasts):
+                # the ways become equal here
+                low = 0.0
+                high = h
+                for _ in range(50):
+                    b = 0.5 * (low + high)
+                    if length0 - (x0 + way(v0, a0, j0, s0, b)) > x1 + way(v1, a1, j1, s1, b):
+                        low = b
+                    else:
+                        high = b
+                b = 0.5 * (low + high)
+                w0 = length0 - (x0 + way(v0, a0, j0, s0, b))
+                w1 = x1 + way(v1, a1, j1, s1, b)
+                gap = 0.0
+                size0 = 0.0
+                size1 = 0.0
+                bend = 0.0
+                for i in range(axes):
+                    g = w1 * direction1[i] - w0 * direction0[i]
+                    gap = gap + g * g
+                    size0 = size0 + most0[i, 0] * most0[i, 0]
+                    size1 = size1 + most1[i, 0] * most1[i, 0]
+                    bend = bend + max(most0[i, 1] * w0 * w0, most1[i, 1] * w1 * w1)
+                distance = max(max(w0 * sqrt(size0), w1 * sqrt(size1)), sqrt(gap) + 2.0 * bend)
+        if end0 <= end:
+            begin0 = end0
+            m = m + 1
+        if end1 <= end:
+            begin1 = end1
+            n = n + 1
+        t = end
+    return share, distance
+
+
+@kernel
+def overlap(
+    motion0: Floats2,
+    length0: float, direction0: Floats, most0: Floats2,
+    motion1: Floats2,
+    direction1: Floats, most1: Floats2,
+    longest: float, tolerance: float, limits: Floats2, feed: float,
+) -> float:  # fmt: skip
+    """The longest time up to `longest` found in which both may move, by halving; 0: none."""
+    low = 0.0
+    high = longest
+    lasts = longest
+    for _ in range(_HALVINGS):
+        share, distance = together(
+            motion0, length0, direction0, most0,
+            motion1, direction1, most1, lasts, limits, feed,
+        )  # fmt: skip
+        if share <= 1.0 + 1e-10 and distance <= tolerance * _BELOW:
+            low = lasts
+        else:
+            high = lasts
+        if high - low <= 1e-6 * high:
+            break
+        lasts = 0.5 * (low + high)
+    return low
+
+
+def split(motion: Motion, t: float) -> tuple[Motion, Motion]:
+    """A motion until the time t (s) and from then on; both are on the same piece of the path there."""
+    ends = np.cumsum(motion.duration)
+    m = min(int(np.searchsorted(ends, t, side="right")), len(ends) - 1)
+    b = t - (float(ends[m - 1]) if m else 0.0)
+    first = Motion(*(each[: m + 1].copy() for each in motion))
+    second = Motion(*(each[m:].copy() for each in motion))
+    x, v, a, j, s = (float(each[m]) for each in motion[2:])
+    first.duration[m] = b
+    second.duration[0] -= b
+    second.x[0] = x + way(v, a, j, s, b)
+    second.speed[0] = cubic(v, a, j, s, b)
+    second.acceleration[0] = a + b * (j + 0.5 * b * s)
+    second.jerk[0] = j + b * s
+    first, second = (Motion(*(each[part.duration > 0.0] for each in part)) for part in (first, second))
+    return first, second
+
+
+class _End(NamedTuple):
+    """What a corner sees of a run: a motion on one piece of its path, its direction there and its bounds."""
+
+    motion: Motion
+    lasts: float  # s
+    pieces: Pieces
+    direction: np.ndarray
+    most: np.ndarray
+
+
+def _end(part: Part, last: bool) -> _End:
+    """Of a part on its last or its first piece."""
+    pieces, motion = part.pieces, part.motion
+    k = len(pieces.length) - 1 if last else 0
+    inside = motion.piece == k
+    if not last and not inside.all():
+        inside[np.flatnonzero(inside)[-1]] = False  # it may go on to the next piece
+    on = Motion(*(each[inside] for each in motion))
+    kind, length, shape = int(pieces.kind[k]), float(pieces.length[k]), pieces.shape[k]
+    r, most = np.zeros((len(shape), 5)), np.zeros((len(shape), 4))
+    derivatives(kind, length, shape, length if last else 0.0, r)
+    bounds(kind, length, shape, most)
+    piece = Pieces(*(each[k : k + 1] for each in pieces))
+    return _End(on._replace(piece=0 * on.piece), float(np.sum(on.duration)), piece, r[:, 1].copy(), most)
+
+
+class Crossings:
+    """Lets each run begin before the one before it has ended, as long as limits and tolerances allow.
+
+    limits  of velocity .. snap of each axis, m/s .. m/s⁴, shape (N, 4)
+    """
+
+    def __init__(self, limits: np.ndarray) -> None:
+        self._limits = np.ascontiguousarray(limits, float)
+        self._held: tuple[Part, float] | None = None
+
+    def add(self, part: Part, tolerance: float) -> list[Part]:
+        """What leaves once the next part is known; `tolerance` of the corner in which it ends, m, 0: none."""
+        held, self._held = self._held, (part, tolerance)
+        if held is None:
+            return []
+        if not held[0].ends or held[1] <= 0.0:
+            return [held[0]]
+        leaves, rest = self._met(held[0], part, held[1])
+        self._held = rest, tolerance
+        return leaves
+
+    def end(self) -> list[Part]:
+        """What is left, with which the motion stops."""
+        held, self._held = self._held, None
+        return [held[0]] if held else []
+
+    def _met(self, one: Part, two: Part, tolerance: float) -> tuple[list[Part], Part]:
+        """The end of a run with the begin of the next, as parts, and what is left of the next."""
+        end, begin = _end(one, True), _end(two, False)
+        # of a run that is not longer than this part the other half is for its other end
+        longest = min(end.lasts, begin.lasts, (0.5 if two.ends else 1.0) * float(np.sum(two.motion.duration)))
+        feed = float(max(end.pieces.feed[0], begin.pieces.feed[0]))
+        lasts = overlap(
+            rows(end.motion), float(end.pieces.length[0]), end.direction, end.most,
+            rows(begin.motion), begin.direction, begin.most,
+            longest * (1.0 - 1e-6), tolerance, self._limits, feed,
+        )  # fmt: skip
+        return overlapped(one, two, lasts, tolerance) if lasts >= _SHORTEST else ([one], two)
+
+
+def overlapped(one: Part, two: Part, lasts: float, tolerance: float) -> tuple[list[Part], Part]:
+    """Two runs of which the second begins `lasts` s before the first ends: both until then, and what is left of it."""
+    alone, last = split(one.motion, float(np.sum(one.motion.duration)) - lasts)
+    first, rest = split(two.motion, lasts)
+    n = len(one.pieces.length)
+    pieces = Pieces(*(each[n - 1 :] for each in one.pieces))
+    last, first = last._replace(piece=0 * last.piece), first._replace(piece=0 * first.piece)
+    entering = Entering(Pieces(*(each[:1] for each in two.pieces)), first, tolerance)
+    leaves = [Part(pieces, last, True, entering)]
+    if len(alone.duration):
+        leaves.insert(0, one._replace(motion=alone, ends=False))
+    return leaves, two._replace(motion=rest)

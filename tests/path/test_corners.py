@@ -1,0 +1,181 @@
+"""Sharp corners passed in time: what they cost, limits and tolerance of the sum, faults that the proof must see."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from paths import LIMITS, arc, joined_up, lines
+
+from feeddrive.path.geometry.joints import joined
+from feeddrive.path.motion import Motion, Part
+from feeddrive.path.pieces import Pieces
+from feeddrive.path.proof.prove import Proof, Prover
+from feeddrive.path.sample import Sampler
+from feeddrive.path.schedule.overlap import Crossings, overlapped
+from feeddrive.path.schedule.run import plan_run
+
+
+def passed(segments: Pieces, tolerance: float, limits: np.ndarray = LIMITS, share: float = 1.0) -> list[Part]:
+    """Segments planned with a share of the limits, every joint with the same tolerance (m)."""
+    runs, joint = joined(segments, np.full(len(segments.length), tolerance))
+    crossings, found = Crossings(limits), []
+    corners = np.where(joint.stop == 1, tolerance, 0.0)[joint.stop == 1]
+    for pieces, corner in zip(runs, corners, strict=True):
+        found += crossings.add(Part(pieces, plan_run(pieces, share * limits), True), float(corner))
+    return found + crossings.end()
+
+
+def stopped(segments: Pieces, limits: np.ndarray = LIMITS) -> float:
+    """Time from stop to stop, s."""
+    return time([Part(each, plan_run(each, limits), True) for each in joined(segments, np.zeros(10**4))[0]])
+
+
+def time(parts: list[Part]) -> float:
+    return sum(float(np.sum(each.motion.duration)) for each in parts)
+
+
+def proof(parts: list[Part], limits: np.ndarray = LIMITS) -> Proof:
+    prover = Prover(limits)
+    for each in parts:
+        prover.prove(each)
+    return prover.proof()
+
+
+def corner(degrees: float, turned: float = 0.0, length: float = 0.04) -> np.ndarray:
+    """Two lines; the first lies at `turned` degrees to the first axis."""
+    angles = np.radians([turned, turned + degrees])
+    moves = length * np.array([np.cos(angles), np.sin(angles), 0.0 * angles]).T
+    return np.vstack([np.zeros(3), np.cumsum(moves, axis=0)])
+
+
+class Corner(NamedTuple):
+    degrees: float
+    turned: float
+    tolerance: float  # um
+    loss: float  # ms, at most
+
+
+# against the speed of 150 mm/s kept throughout; a stop takes 67.2 to 79.5 ms
+CORNERS = [
+    Corner(90, 0, 10, 63.0), Corner(90, 0, 50, 52.3), Corner(90, 0, 100, 45.6), Corner(135, 0, 10, 58.5),
+    Corner(135, 0, 50, 49.5), Corner(135, 0, 100, 43.7),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("case", CORNERS, ids=str)
+def test_what_a_corner_costs(case: Corner):
+    """Lines of 40 mm at 150 mm/s, the loss at both ends taken off; 0.1 ms more than exact."""
+    segments = lines(corner(case.degrees, case.turned), 0.15)
+    parts = passed(segments, 1e-6 * case.tolerance)
+    found = proof(parts)
+    assert found.count == 0, found.faults[0]
+    assert found.missed <= 1.0
+    ends = sum(time([Part(each, plan_run(each, LIMITS), True)]) for each in joined(segments, np.zeros(2))[0])
+    half = ends / 2.0 - 0.04 / 0.15  # of a stop, from both sides
+    assert 1e3 * (time(parts) - half - 0.08 / 0.15) <= case.loss
+
+
+def test_overlapped_runs_stay_near_the_corner_and_are_smooth():
+    """Positions every 0.1 ms, independent of the proof: distance to the lines and of the corner, and differences."""
+    tolerance, limit = 5e-5, LIMITS[0]
+    for points in (corner(90.0), corner(135.0, 20.0), corner(180.0, 10.0)):
+        parts = passed(lines(points, 0.15), tolerance)
+        sampler = Sampler(1e-4)
+        found = np.concatenate([sampler.sample(each) for each in parts])
+        assert len(parts) == 3, "the runs overlap"
+        place = found[:, :, 0]
+        away = np.min([_distance(place, points[0], points[1]), _distance(place, points[1], points[2])], axis=0)
+        assert away.max() <= tolerance
+        assert np.linalg.norm(place - points[1], axis=1).min() <= tolerance + 2e-8  # m: between two samples
+        assert away.max() + np.linalg.norm(place - points[1], axis=1).min() >= 0.5 * tolerance
+        for k in range(3):
+            slope = (found[2:, :, k] - found[:-2, :, k]) / 2e-4
+            rest = 1e-8 / 6.0 * limit[k + 2] if k < 2 else 1e-4 * limit[3]  # T²/6 of the next but one; the snap jumps
+            assert np.abs(slope - found[1:-1, :, k + 1]).max() <= 1.1 * (rest if k else 1e-8 / 6.0 * limit[2]), k
+        assert np.abs(found[-1, :, 0] - points[2]).max() <= 1e-6
+
+
+def _distance(place: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    along = np.clip((place - a) @ (b - a) / ((b - a) @ (b - a)), 0.0, 1.0)
+    return np.linalg.norm(place - a - along[:, None] * (b - a), axis=1)
+
+
+def test_arcs_overlap_in_corners_as_lines_do():
+    """A half disc and a lens, planned with 0.8 of the limits: the bend of an arc adds to the snap of the other."""
+    half = joined_up(arc((0.0, 0.0), 0.01, 0.0, np.pi, 0.15), lines(np.array([[-0.01, 0, 0], [0.01, 0, 0]]), 0.15))
+    lens = joined_up(arc((0.0, 0.0), 0.01, 0.0, 0.5 * np.pi, 0.15), arc((0.01, 0.01), 0.01, np.pi, 1.5 * np.pi, 0.15))
+    for segments in (half, lens):
+        parts = passed(segments, 5e-5, share=0.8)
+        assert len(parts) == 3
+        found = proof(parts)
+        assert found.count == 0, found.faults[0]
+        assert 0.9 <= found.missed <= 1.0
+        assert time(parts) <= time(passed(segments, 0.0, share=0.8)) - 0.02
+
+
+FAULTS = {
+    "of its tolerance": lambda part: part._replace(entering=part.entering._replace(tolerance=0.999 * 5e-5)),
+    "not equally long": lambda part: part._replace(
+        entering=part.entering._replace(motion=_later(part.entering.motion))
+    ),
+    "do not meet": lambda part: part._replace(entering=part.entering._replace(pieces=_moved(part.entering.pieces))),
+}
+
+
+def test_a_part_that_does_not_go_on_from_the_one_before_is_seen():
+    one, crossing, rest = passed(lines(corner(90.0), 0.15), 5e-5)
+    found = proof([one, crossing, rest._replace(pieces=_moved(rest.pieces))])
+    assert any("go on from where the one before" in str(fault) for fault in found.faults)
+
+
+def _later(motion: Motion) -> Motion:
+    return motion._replace(duration=motion.duration + 1e-9)
+
+
+def _moved(pieces: Pieces) -> Pieces:
+    return pieces._replace(origin=pieces.origin + 1e-9)
+
+
+@pytest.mark.parametrize("said", FAULTS)
+def test_a_seeded_fault_of_an_overlap_is_seen(said: str):
+    parts = passed(lines(corner(90.0), 0.15), 5e-5)
+    assert proof(parts).count == 0
+    found = proof([parts[0], FAULTS[said](parts[1]), parts[2]])
+    assert any(said in str(fault) for fault in found.faults)
+
+
+@pytest.mark.parametrize(("degrees", "turned", "said"), [(90.0, 0.0, "miss the corner"), (90.0, 45.0, "the snap of")])
+def test_a_run_that_begins_too_early_is_seen(degrees: float, turned: float, said: str):
+    """1 ms earlier than the tolerance allows, and than the snap does where both runs need the same axis."""
+    segments = lines(corner(degrees, turned), 0.15)
+    one, two = (Part(each, plan_run(each, LIMITS), True) for each in joined(segments, np.zeros(2))[0])
+    lasts = sum(time([each]) for each in passed(segments, 5e-5) if each.entering)
+    parts, rest = overlapped(one, two, lasts + 1e-3, 5e-5)
+    found = proof([*parts, rest])
+    assert any(said in str(fault) for fault in found.faults)
+
+
+def test_nothing_is_left_of_a_segment_between_two_blends():
+    """Each takes half of it: a piece of 1e-19 m would make the joints before and behind it one."""
+    points = np.cumsum([[0, 0, 0], [1.0, 0.1, 0], [1.0, -0.1, 0], [1.0, 0.1, 0], [1.0, -0.1, 0]], axis=0) * 1.7e-4
+    (run,), _ = joined(lines(points, 0.15), np.full(4, 1e-4))
+    assert run.length.min() > 1e-6
+    assert proof([Part(run, plan_run(run, LIMITS), True)]).count == 0
+
+
+def zigzag(draw: np.random.Generator, sharpest: float, count: int = 30) -> tuple[Pieces, float]:
+    """Corners between 5 and `sharpest` degrees in space, segments of one length, and a tolerance, m."""
+    length, tolerance = 10.0 ** draw.uniform(-4.0, np.log10(0.02)), 10.0 ** draw.uniform(-6.0, np.log10(5e-4))
+    t, points = np.array([1.0, 0.0, 0.0]), [np.zeros(3)]
+    t = draw.normal(size=3)
+    t /= np.linalg.norm(t)
+    for _ in range(count):
+        points.append(points[-1] + length * t)
+        normal = np.cross(t, draw.normal(size=3))
+        normal /= np.linalg.norm(normal)
+        angle = np.radians(draw.uniform(5.0, sharpest))
+        t = np.cos(angle) * t + np.sin(angle) * normal
+        t /= np.linalg.norm(t)
+    return lines(np.array(points), 0.15), tolerance
