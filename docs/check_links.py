@@ -8,49 +8,51 @@ and each anchor an element that the page has.
 from __future__ import annotations
 
 import logging
+import os
+import re
 import sys
 from collections.abc import Iterator
-from html.parser import HTMLParser
+from html import unescape
 from pathlib import Path
 from typing import Any
 from urllib.parse import unquote, urlsplit
 
 OUTSIDE = ("https", "mailto", "data", "javascript")
 
+# Patterns and not a parser, which takes a quarter of the time of the whole build for the navigation of a hundred pages.
+SILENT = re.compile(r"<!--.*?-->|(?<=<script)>.*?(?=</script)|(?<=<style)>.*?(?=</style)", re.DOTALL)
+TAG = re.compile(r"""<[a-zA-Z](?:[^>"']|"[^"]*"|'[^']*')*>""")
+ATTRIBUTE = re.compile(r"""\s(id|name|href|src)=["']?((?<=")[^"]*|(?<=')[^']*|[^\s"'>]*)""")
 
-class Page(HTMLParser):
+
+class Page:
     """The links of a page, and the names of its elements."""
 
     def __init__(self, text: str) -> None:
-        super().__init__()
-        self.links: list[str] = []
-        self.names: set[str] = set()
-        self.feed(text)
-
-    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        """Collect them."""
-        for name, value in attrs:
-            if name in ("id", "name") and value:
-                self.names.add(value)
-            elif name in ("href", "src") and value:
-                self.links.append(value)
+        tags = "".join(TAG.findall(SILENT.sub("", text)))
+        found = [(name, unescape(value)) for name, value in ATTRIBUTE.findall(tags)]
+        self.links = [value for name, value in found if name in ("href", "src") and value]
+        self.names = {value for name, value in found if name in ("id", "name") and value}
 
 
 def dead_links(site: Path) -> Iterator[str]:
     """Page and link of each that leads nowhere; the page that a server shows for a missing address is left out."""
     site = site.resolve()
-    pages = {file: Page(file.read_text(encoding="utf-8")) for file in site.rglob("*.html") if file.name != "404.html"}
+    files = {str(file) for file in site.rglob("*") if file.is_file()}
+    texts = {name: Path(name).read_text(encoding="utf-8") for name in files if name.endswith(".html")}
+    pages = {name: Page(text) for name, text in texts.items() if Path(name).name != "404.html"}
     for file, page in sorted(pages.items()):
         for link in dict.fromkeys(page.links):
             parts = urlsplit(link)
             if parts.scheme in OUTSIDE:
                 continue
-            target = (file.parent / unquote(parts.path)).resolve() if parts.path else file
-            target = target / "index.html" if target.is_dir() else target
-            if parts.scheme or parts.netloc or not target.is_relative_to(site) or not target.is_file():
-                yield f"{file.relative_to(site)}: {link} leads nowhere"
+            target = os.path.normpath(os.path.join(os.path.dirname(file), unquote(parts.path))) if parts.path else file
+            target = target if target in files else os.path.join(target, "index.html")
+            if parts.scheme or parts.netloc or target not in files:
+                yield f"{os.path.relpath(file, site)}: {link} leads nowhere"
             elif parts.fragment and target in pages and unquote(parts.fragment) not in pages[target].names:
-                yield f"{file.relative_to(site)}: {link} leads to a place that {target.relative_to(site)} does not have"
+                there = os.path.relpath(target, site)
+                yield f"{os.path.relpath(file, site)}: {link} leads to a place that {there} does not have"
 
 
 def on_post_build(config: Any) -> None:
