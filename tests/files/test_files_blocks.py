@@ -6,6 +6,7 @@ import contextlib
 import random
 import re
 import struct
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -21,7 +22,6 @@ from feeddrive.files.blocks_to_toml import to_toml
 from feeddrive.files.toml_file import parse_toml
 from feeddrive.language import tree, units
 from feeddrive.language.block import Block, choice, declarations, parameter, part, table
-from feeddrive.language.declaration import Declaration
 from feeddrive.language.errors import FeeddriveError, ParameterError, StructureError
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.control import Control
@@ -36,7 +36,10 @@ def read(family: type[Block], text: str) -> Any:
     return read_block(family, parse_toml(text, "m.toml").root())
 
 
-def field_values(kind: type[Block], name: str, declared: Declaration, depth: int) -> st.SearchStrategy[Any]:
+# Strategies are made once: what hypothesis finds out about a new one takes longer than to draw from it.
+@cache
+def field_values(kind: type[Block], name: str, depth: int) -> st.SearchStrategy[Any]:
+    declared = declarations(kind)[name]
     match declared.role:
         case "parameter":
             values: st.SearchStrategy[Any] = numbers(declared)
@@ -62,10 +65,15 @@ def parts(hint: Hint, depth: int) -> st.SearchStrategy[Any]:
     return one if members(hint) else st.none()
 
 
-@st.composite
-def blocks(draw: st.DrawFn, kind: type[Block], depth: int = 0) -> Any:
+@cache
+def blocks(kind: type[Block], depth: int = 0) -> st.SearchStrategy[Any]:
     """A block within its declarations; what its own `check` refuses is drawn again."""
-    values = {name: draw(field_values(kind, name, declared, depth)) for name, declared in declarations(kind).items()}
+    return drawn(kind, depth)
+
+
+@st.composite
+def drawn(draw: st.DrawFn, kind: type[Block], depth: int) -> Any:
+    values = {name: draw(field_values(kind, name, depth)) for name in declarations(kind)}
     for name in [name for name, value in values.items() if value is None and name in defaults(kind)]:
         del values[name]
     needed = {name: value for name, value in values.items() if name not in defaults(kind)}

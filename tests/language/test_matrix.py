@@ -113,3 +113,22 @@ def test_zeros_and_ones_of_the_text_cost_nothing():
     assert len(graph.nodes) == 1
     # a zero that is a value and not part of the text stays an operation, or variants would differ in structure
     assert matrix.dot((np.float64(0.0),), (x,)) is not x
+
+
+@pytest.mark.parametrize(("values", "expected"), [([1.0, 2.0, 4.0, 8.0], 3.0), ([8.0, 4.0, 2.0], 3.0)])
+def test_the_edge_of_a_condition_is_found_from_either_side(values: list[float], expected: float) -> None:
+    found = matrix.edge(lambda x: x <= expected, values)
+    assert found is not None
+    assert found <= expected
+    assert found == pytest.approx(expected, rel=1e-5)  # as the docstring states
+
+
+def test_a_condition_that_never_changes_has_no_edge() -> None:
+    assert matrix.edge(lambda x: x > 0.0, [1.0, 2.0]) is None
+
+
+def test_growth_of_lanes_is_that_of_each_matrix() -> None:
+    """Of three variants the second is not finite; no bits are claimed, the eigenvalues are LAPACK's."""
+    a = [[np.array([0.5, np.inf, 3.0]), 1.0], [0.0, np.array([2.0, 1.0, 0.25])]]
+    np.testing.assert_allclose(matrix.growth(a), [2.0, np.inf, 3.0], rtol=1e-14)
+    assert matrix.growth([[0.0, 2.0], [-2.0, 0.0]]) == pytest.approx(2.0, rel=1e-14)

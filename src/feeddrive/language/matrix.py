@@ -6,7 +6,7 @@ For work in `prepare`, once per variant: not meant for more than about a dozen r
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -211,10 +211,32 @@ def _numbers(a: Sequence[Sequence[Any]]) -> np.ndarray:
     return np.array(a, dtype=np.float64)
 
 
-def growth(a: Sequence[Sequence[float]]) -> float:
-    """Largest |eigenvalue| of a matrix of floats, the rate at which its powers grow, for the message of a refusal.
+def growth(a: Sequence[Sequence[Any]]) -> Any:
+    """Largest |eigenvalue| of a matrix, the rate at which its powers grow, for the message of a refusal.
 
-    Infinite for a matrix with numbers that are not finite.
+    Of numbers it is a float, of variants in lanes an array.  Infinite for a matrix with numbers that are not finite.
     """
-    made = np.array(a, dtype=np.float64)
-    return float(np.max(np.abs(np.linalg.eigvals(made)))) if np.all(np.isfinite(made)) else float("inf")
+    made = _numbers(a)
+    each = np.moveaxis(made.reshape(len(a), len(a), -1), 2, 0)
+    finite = np.all(np.isfinite(each), axis=(1, 2))
+    found = np.full(len(each), math.inf)
+    found[finite] = np.max(np.abs(np.linalg.eigvals(each[finite])), axis=1)
+    return found if made.ndim == 3 else float(found[0])
+
+
+def edge(holds: Callable[[Any], Any], values: Sequence[float]) -> float | None:
+    """Where a condition changes first along positive values in order: the value there that holds, to 1e-5 of it.
+
+    `holds` is asked for many values at once, as lanes.  None if it does not change.
+    """
+    row, kept = np.array(values, dtype=np.float64), None
+    for _ in range(5):
+        with np.errstate(all="ignore"):
+            found = np.asarray(holds(row))
+        changed = np.flatnonzero(found != found[0])
+        if not changed.size:
+            return None
+        first = int(changed[0])
+        kept = float(row[first - 1 if found[0] else first])
+        row = np.geomspace(row[first - 1], row[first], 40)
+    return kept

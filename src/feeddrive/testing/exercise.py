@@ -6,6 +6,7 @@ An `Exercise` runs it on floats or arrays, traces it on symbols, and compiles it
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -52,6 +53,7 @@ class Inputs(NamedTuple):
         return Motion(self.position_motor, self.position, self.velocity_motor, self.velocity)
 
 
+@cache
 def inputs() -> st.SearchStrategy[Inputs]:
     """Numbers of the size that motions and forces of feed drives have."""
 

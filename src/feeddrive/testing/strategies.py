@@ -1,8 +1,12 @@
-"""Hypothesis strategies: any block with any values that its declarations admit."""
+"""Hypothesis strategies: any block with any values that its declarations admit.
+
+Each is made once: what hypothesis finds out about a new strategy takes longer than to draw from it.
+"""
 
 from __future__ import annotations
 
 import types
+from functools import cache
 from typing import Any, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
@@ -35,32 +39,48 @@ _USUAL: dict[str, tuple[float, float]] = {
     "": (1e-2, 2.0),
 }
 _TRIES = 20
+_EITHER = st.booleans()
+
+
+@cache
+def blocks_of(cls: type[Block]) -> st.SearchStrategy[Any]:
+    """A valid block of a concrete class: any choices, any parts, absent parameters absent or not."""
+    return _blocks(cls)
 
 
 @st.composite
-def blocks_of(draw: st.DrawFn, cls: type[Block]) -> Any:
-    """A valid block of a concrete class: any choices, any parts, absent parameters absent or not."""
-    hints = get_type_hints(cls)
+def _blocks(draw: st.DrawFn, cls: type[Block]) -> Any:
+    values = _fields(cls)
     for _ in range(_TRIES):
-        given: dict[str, Any] = {}
-        for name, declared in declarations(cls).items():
-            if may_be_absent(cls, name) and draw(st.booleans()):
-                given[name] = None
-            elif declared.role == "parameter":
-                given[name] = draw(numbers(declared))
-            elif declared.role == "choice":
-                given[name] = draw(_choices(declared, hints[name]))
-            elif declared.role == "table":
-                given[name] = draw(_rows(declared))
-            elif declared.role == "label":
-                given[name] = "y"
-            else:
-                given[name] = draw(_parts(hints[name]))
+        given = {
+            name: None if may_be_absent(cls, name) and draw(_EITHER) else draw(value) for name, value in values.items()
+        }
         try:
             return cls(**given)
         except FeeddriveError:
             continue
     return reject()
+
+
+@cache
+def _fields(cls: type[Block]) -> dict[str, st.SearchStrategy[Any]]:
+    """What each field may be, but for absent ones."""
+    hints = get_type_hints(cls)
+    return {name: _field(declared, hints[name]) for name, declared in declarations(cls).items()}
+
+
+def _field(declared: Declaration, hint: Any) -> st.SearchStrategy[Any]:
+    match declared.role:
+        case "parameter":
+            return numbers(declared)
+        case "choice":
+            return _choices(declared, hint)
+        case "table":
+            return _rows(declared)
+        case "label":
+            return st.just("y")
+        case _:
+            return _parts(hint)
 
 
 @st.composite
@@ -78,6 +98,7 @@ def variants_of(draw: st.DrawFn, block: Block) -> Any:
     return reject()
 
 
+@cache
 def numbers(declared: Declaration) -> st.SearchStrategy[float]:
     """A usual magnitude within the declared bounds, with the closed bounds themselves now and then."""
     low, high = _USUAL.get(declared.unit, (1e-3, 1e3))

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Callable, Iterator
+from itertools import accumulate
 from typing import Any, NamedTuple
 
 from feeddrive.blocks.axis_model import AxisModel, Start, begun
 from feeddrive.blocks.families import Law, Observer
 from feeddrive.blocks.observer.gpi_observer import GpiObserver
 from feeddrive.blocks.signals import Reading, Setpoint
-from feeddrive.language import matrix, ops, tree
+from feeddrive.language import matrix, tree
 from feeddrive.language.block import Number, Rule, parameter, part
 
 _SURE = 1.0 - 1e-9  # smallest share worth proposing: below it rounding decides about stability
@@ -102,13 +104,13 @@ class ActiveDisturbanceRejection(Law):
     def _refusal(self, T: float) -> str:
         """The error: the violated limit, by how much, and the nearest admissible sample time and tunables."""
         growth, remedies = self._growth(T), list[str]()
-        slowest = _nearest(lambda value: self._growth(value) < _SURE, T)
+        slowest = _nearest(self._growth, T)
         if slowest is not None:
             remedies.append(f"sample every {slowest:.4g} s or faster")
         values = dict(tree.leaves(self))
         tuned = (*self.tunables, *(f"observer.{name}" for name in self.observer.tunables))
         for name in (name for name in tuned if name in values):
-            nearest = _nearest(lambda value, name=name: tree.vary(self, {name: value})._growth(T) < _SURE, values[name])
+            nearest = _nearest(lambda value, name=name: self._with(name, value)._growth(T), values[name])
             if nearest is not None:
                 unit = tree.declaration(self, name).unit
                 remedies.append(f"take {name} <= {nearest:.4g} {unit} in place of {values[name]:g}".replace("  ", " "))
@@ -118,7 +120,11 @@ class ActiveDisturbanceRejection(Law):
             f"{', or '.join(remedies) or 'take another observer'}"
         )
 
-    def _growth(self, T: float) -> float:
+    def _with(self, path: str, value: Any) -> ActiveDisturbanceRejection:
+        """Another value, or some in lanes, for a number that has only smaller ones then."""
+        return tree.rebuild(self, (value if path == name else old for name, old in tree.leaves(self)))
+
+    def _growth(self, T: Number) -> Any:
         """Largest |z| of law, observer, dead time and a free mass."""
         return matrix.growth(self._sample(T))
 
@@ -151,17 +157,7 @@ class ActiveDisturbanceRejection(Law):
         return rows
 
 
-def _nearest(admissible: Callable[[float], bool], refused: float) -> float | None:
+def _nearest(growth: Callable[[Any], Any], refused: float) -> float | None:
     """The largest admissible value below a refused one, searched in small and then in large steps; None if none."""
-    high = refused
-    for step in (*(0.7,) * 20, *(0.01,) * 20):
-        low = step * high
-        if admissible(low):
-            break
-        high = low
-    else:
-        return None
-    for _ in range(16):
-        middle = low * ops.sqrt(high / low)
-        low, high = (middle, high) if admissible(middle) else (low, middle)
-    return low
+    steps = accumulate((*(0.7,) * 20, *(0.01,) * 20), operator.mul, initial=refused)
+    return matrix.edge(lambda value: growth(value) < _SURE, list(steps))

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Iterator
 from functools import cache
+from itertools import accumulate
 from typing import Any, NamedTuple
 
 from feeddrive.blocks.families import Observer
@@ -192,7 +194,7 @@ class GpiObserver(Observer):
             f"{most / self.omega_o:.4g} s or faster"
         )
 
-    def growth(self, T: float) -> float:
+    def growth(self, T: Number) -> Any:
         """By how much the loop u = -ẑ1 around q'' = u, with the dead time, grows in a sample: its largest |z|."""
         return matrix.growth(self._rejecting(self.prepare(T), T))
 
@@ -223,16 +225,9 @@ def _fastest(taylor_states: int, zeta_o: float, p0: float, hold: str, delay_samp
         mass=1.0, omega_o=1.0, p0=p0, taylor_states=taylor_states, zeta_o=zeta_o, hold=hold, delay_samples=delay_samples
     )
 
-    def holds(turn: float) -> bool:
-        return shape.growth(turn) < 1.0
-
-    low, high = 0.0, 1e-3
-    while high < 100.0 and holds(high):
-        low, high = high, 1.2 * high
-    for _ in range(30):
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if holds(middle) else (low, middle)
-    return low
+    turns = list(accumulate((1.2,) * 63, operator.mul, initial=1e-3))
+    most = matrix.edge(lambda turn: shape.growth(turn) < 1.0, turns)
+    return turns[-1] if most is None else most
 
 
 def _product(a: Row, b: Row) -> Row:
