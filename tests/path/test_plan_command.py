@@ -169,7 +169,7 @@ def test_what_is_not_proven_leaves_no_setpoints(tmp_path: Path, monkeypatch: pyt
     record = json.loads((out / "plan.json").read_text())
     assert record["violations"] > 0
     assert "of axis X" in record["proof"]["faults"][0]
-    assert sorted(each.name for each in out.iterdir()) == [".feeddrive", "plan.json"]
+    assert sorted(each.name for each in out.iterdir()) == [".feeddrive", "plan.json", "report.html"]
 
 
 def test_a_cancelled_plan_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

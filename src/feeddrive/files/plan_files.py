@@ -39,6 +39,7 @@ class SetpointWriter:
         self._letters, self._sample_time = limits.letters, sample_time
         self._parquet, self._stops, self._stream = parquet, stops, stream
         self._held: list[Samples] = []
+        self._stood: list[Standstill] = []
         self._rows = 0
 
     def add(self, samples: Samples) -> None:
@@ -48,10 +49,20 @@ class SetpointWriter:
         if self._rows >= _ROWS:
             self.flush()
 
+    def stops(self, stops: Sequence[Standstill]) -> None:
+        """The next stops."""
+        self._stood += stops
+        if len(self._stood) >= _ROWS:
+            self.flush()
+
     def flush(self) -> None:
         """Write what is held."""
-        if not self._rows:
-            return
+        if self._rows:
+            self._write_samples()
+        if self._stood:
+            self._write_stops()
+
+    def _write_samples(self) -> None:
         values = np.concatenate([each.values for each in self._held])
         line = np.concatenate([each.line for each in self._held]).astype(float)
         first = self._held[0].first
@@ -64,19 +75,18 @@ class SetpointWriter:
         self._parquet((first + np.arange(len(values))) * self._sample_time, {**columns, "line": line})
         self._stream(1e3 * values[:, :, 0])
 
-    def stops(self, stops: Sequence[Standstill]) -> None:
-        """The next stops."""
-        if stops:
-            columns: dict[str, np.ndarray] = {
-                "time": np.array([each.time for each in stops]),
-                "duration": np.array([each.duration for each in stops]),
-                "line": np.array([each.line for each in stops], float),
-                "reason": np.array([REASONS.index(each.reason) for each in stops], float),
-                "angle": np.array([each.angle for each in stops]),
-            }
-            places = np.array([each.position for each in stops])
-            columns |= {f"{letter.lower()}.position": places[:, i] for i, letter in enumerate(self._letters)}
-            self._stops(columns)
+    def _write_stops(self) -> None:
+        stops, self._stood = self._stood, []
+        columns: dict[str, np.ndarray] = {
+            "time": np.array([each.time for each in stops]),
+            "duration": np.array([each.duration for each in stops]),
+            "line": np.array([each.line for each in stops], float),
+            "reason": np.array([REASONS.index(each.reason) for each in stops], float),
+            "angle": np.array([each.angle for each in stops]),
+        }
+        places = np.array([each.position for each in stops])
+        columns |= {f"{letter.lower()}.position": places[:, i] for i, letter in enumerate(self._letters)}
+        self._stops(columns)
 
 
 @contextlib.contextmanager

@@ -21,9 +21,11 @@ from feeddrive.language.block import Block, Number, Rule, parameter
 from feeddrive.language.errors import ParameterError, ProgramError
 from feeddrive.path.program.frame import FARTHEST
 from feeddrive.path.program.moves import Move, PathMode
+from feeddrive.path.proof.prove import DERIVATIVES
 
 LETTERS = "XYZUVW"
 """Axes that are planned: those of a part program that move along a line."""
+FEED, NONE, STANDSTILL = "feed", "no limit above half", "standstill"
 
 
 class AxisLimits(Block):
@@ -80,6 +82,11 @@ class Limits:
     def travel(self) -> dict[str, tuple[float, float] | None]:
         """The soft limits, as `read_program` takes them; where an end is missing, 1e6 m."""
         return {letter: _travel(each) for letter, each in self.axes.items()}
+
+    @property
+    def causes(self) -> list[str]:
+        """What may limit a motion: each limit of each axis, the feed, none of them, a standstill."""
+        return [*(f"{what} of {letter}" for letter in self.axes for what in DERIVATIVES), FEED, NONE, STANDSTILL]
 
     def named(self, text: str) -> str:
         """A text about `axis 0`, as the planner counts them, with the letter of the axis."""

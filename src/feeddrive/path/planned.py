@@ -135,7 +135,7 @@ class Planned(Result):
     def table(self) -> Table:
         """The limits of each axis, and the largest share of each that the motion takes."""
         rows = [
-            [letter, *(f"{1e3 * limit:.4g}: {100.0 * use:.4g} %" for limit, use in zip(given, used, strict=True))]
+            [letter, *(f"{100.0 * use:.4g} % of {1e3 * limit:.4g}" for limit, use in zip(given, used, strict=True))]
             for letter, given, used in zip(self.limits.letters, self.limits.array, self.proof.use, strict=True)
         ]
         units = ("mm/s", "mm/s2", "mm/s3", "mm/s4")

@@ -17,7 +17,7 @@ from feeddrive.path.motion import Part
 from feeddrive.path.pieces import derivatives
 from feeddrive.path.plan import planned
 from feeddrive.path.program.moves import Arc, Move, Spline, Straight
-from feeddrive.path.proof.prove import DERIVATIVES, Prover
+from feeddrive.path.proof.prove import Prover
 from feeddrive.path.sample import Sampler
 
 _TANGENT = 1e-6  # rad: a smaller corner is none
@@ -110,9 +110,8 @@ class Setpoints:
     @property
     def seconds(self) -> dict[str, float]:
         """Of cycle time, by cause."""
-        names = [f"{what} of {letter}" for letter in self.limits.letters for what in DERIVATIVES]
-        names += ["feed", "no limit above half", "standstill"]
-        return {name: float(n * self.sample_time) for name, n in zip(names, self._counts, strict=True) if n}
+        counted = zip(self.limits.causes, self._counts, strict=True)
+        return {name: float(n * self.sample_time) for name, n in counted if n}
 
     def _counted(self) -> Iterator[Move]:
         for move in self.limits.resolved(self._moves):
@@ -139,7 +138,7 @@ class Setpoints:
         self.samples += len(values)
         self.time += float(np.sum(motion.duration))
         self._last_line = int(pieces.line[-1])
-        if part.ends:
+        if part.ends and part.entering is None:
             self.runs += 1
             self._position, self._along = _end(part)
         return found
@@ -173,13 +172,24 @@ class Setpoints:
 
     def _attribute(self, samples: Samples) -> None:
         """Count each sample for what limits it most."""
-        share = np.abs(samples.values[:, :, 1:]) / self._array
-        rows = share.reshape(len(share), -1)
-        cause = np.argmax(rows, axis=1)
         speed = np.linalg.norm(samples.values[:, :, 1], axis=1)
-        cause[np.max(rows, axis=1, initial=0.0) < _HALF] = rows.shape[1] + 1
-        cause[speed >= _AT_FEED * samples.feed] = rows.shape[1]
-        self._counts += np.bincount(cause, minlength=len(self._counts))
+        found = causes(np.abs(samples.values[:, :, 1:]) / self._array, speed, samples.feed)
+        self._counts += np.bincount(found, minlength=len(self._counts))
+
+
+def causes(share: np.ndarray, speed: np.ndarray, feed: np.ndarray) -> np.ndarray:
+    """What limits a motion, by its place in `Limits.causes`.
+
+    share  of each limit that is used, shape (n, N, 4); speed and feed along the path, m/s, shape (n,); the feed is 0
+           at a standstill
+    """
+    rows = share.reshape(len(share), -1)
+    found = np.argmax(rows, axis=1)
+    limits = rows.shape[1]
+    found[np.max(rows, axis=1, initial=0.0) < _HALF] = limits + 1
+    found[speed >= _AT_FEED * feed] = limits
+    found[feed == 0.0] = limits + 2
+    return found
 
 
 def _where(part: Part, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

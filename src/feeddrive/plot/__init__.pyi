@@ -30,6 +30,9 @@ from feeddrive.plot.over_time import log as log
 from feeddrive.plot.over_time import motion as motion
 from feeddrive.plot.over_time import replay as replay
 from feeddrive.plot.over_time import run as run
+from feeddrive.plot.planned import plan_causes as plan_causes
+from feeddrive.plot.planned import plan_profiles as plan_profiles
+from feeddrive.plot.planned import planned as planned
 from feeddrive.plot.responses import excitation as excitation
 from feeddrive.plot.responses import frequency_estimate as frequency_estimate
 from feeddrive.plot.responses import response_fit as response_fit

@@ -47,6 +47,7 @@ PICTURES = {
     "loop.linearize:StateSpace": "complex_plane:poles",
     "loop.simulate:Batch": "distributions:batch",
     "loop.simulate:Run": "over_time:run",
+    "path.planned:Planned": "planned:planned",
     "tuning.delay_map:DelayMap": "tuning:delay_map",
     "tuning.iterative_feedforward:Iteration": "tuning:iteration",
     "tuning.placement:Placement": "complex_plane:placement",

@@ -42,7 +42,7 @@ def curve(i: int) -> dict[str, Any]:
 
 def written(unit: str) -> str:
     """A unit in typographic form: um -> µm, m/s2 -> m/s²."""
-    return unit.replace("um", "µm").replace("s2", "s²").replace("s3", "s³")
+    return unit.replace("um", "µm").replace("s2", "s²").replace("s3", "s³").replace("s4", "s⁴")
 
 
 def named(things: Thing | Mapping[str, Thing] | Sequence[Thing]) -> dict[str, Thing]:

@@ -2,4 +2,5 @@
 
 from feeddrive.report.page import Entry as Entry
 from feeddrive.report.page import Study as Study
+from feeddrive.report.plan_page import build_plan as build_plan
 from feeddrive.report.study_page import build as build

@@ -21,6 +21,7 @@ from feeddrive.path.planned import FEW, Planned, Recorder
 from feeddrive.path.program.moves import Move
 from feeddrive.path.program.reading import FrontEnd, read_program
 from feeddrive.path.setpoints import Setpoints, Standstill
+from feeddrive.report import build_plan
 from feeddrive.workflow.command import Outcome, command
 from feeddrive.workflow.request import OUT, Request, argument, called, option
 
@@ -84,6 +85,8 @@ def plan(request: PlanRequest, progress: Progress) -> Outcome[Planned]:
             with setpoint_files(folder, limits, sample_time, request.program.name) as writer:
                 found = _planned(setpoints, *names, writer)
             write_plan(folder, found)
+            progress.step("report")
+            (folder / "report.html").write_text(build_plan(found), encoding="utf-8")
     return _outcome(found, request.out)
 
 
@@ -146,7 +149,7 @@ def _outcome(found: Planned, out: Path | None) -> Outcome[Planned]:
     proven = found.proof.count == 0
     files = {}
     if out is not None:
-        files = {"Plan": out / PLAN}
+        files = {"Plan": out / PLAN, "Report": out / "report.html"}
         files |= {"Setpoints": out / SETPOINTS, "For LinuxCNC's streamer": out / STREAMER} if proven else {}
     faults = [] if proven else [found.limits.named(str(found.proof.faults[0]))]
     return Outcome(found, [found.table()], [*said, *faults], files=files, failure=None if proven else FAULT)

@@ -1,0 +1,121 @@
+"""The report of a plan: cycle time and where it goes, the path, the course of each axis, the stops."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from feeddrive import plot
+from feeddrive.path.planned import Planned
+from feeddrive.plot import style
+from feeddrive.report.page import Shown, definitions, header, page, picture, table
+from feeddrive.report.sentences import number
+from feeddrive.version import __version__
+
+_LISTED = 200  # stops
+
+
+def build_plan(plan: Planned) -> str:
+    """The report as one HTML page: no scripts, no other files. Pure: the same plan gives the same text."""
+    shown = list(_pictures(plan))
+    facts = [
+        ("Program", plan.program),
+        ("Machine", plan.machine),
+        ("Setpoints", f"{plan.samples:,}, one every {number(1e3 * plan.sample_time)} ms"),
+        ("Blocks", f"{plan.blocks:,} that move, in {plan.runs:,} runs from rest to rest"),
+        ("Proof", _proof(plan)),
+        ("feeddrive", __version__),
+    ]
+    links = [("limits", "Limits"), *((f"figure-{each.key}", each.title) for each in shown), ("stops", "Stops")]
+    limits = plan.table()
+    parts = [
+        header("feeddrive plan", plan.program, _lead(plan), [*links, ("facts", "What was planned")]),
+        '<section id="limits"><h2>Limits</h2>',
+        table("The largest share of each limit that is used.", [*map(style.written, limits.heads)], limits.rows),
+        "</section><section><h2>Pictures</h2>",
+        *(picture(each) for each in shown),
+        '</section><section id="stops"><h2>Stops</h2>',
+        _stops(plan),
+        '</section><section id="facts"><h2>What was planned</h2>',
+        definitions(facts),
+        "</section>",
+    ]
+    return page(f"{plan.program}: plan", parts, quoted=plan.quoted)
+
+
+def _lead(plan: Planned) -> Sequence[str]:
+    proof = plan.proof
+    held = (
+        "Every limit is proven to hold in continuous time, joints included."
+        if proof.count == 0
+        else f"{proof.count} violations, the first at {plan.limits.named(str(proof.faults[0]))}: no setpoints were "
+        "written. This is a fault of feeddrive, not of the program."
+    )
+    first = f"The cycle takes {plan.cycle_time:.6g} s, with {plan.stop_count:,} stops. {held}"
+    most = sorted(plan.seconds.items(), key=lambda each: -each[1])[:3]
+    told = ", ".join(f"{name} {100.0 * seconds / plan.cycle_time:.3g} %" for name, seconds in most)
+    return [first, f"What limits it for most of the time: {told}."] if most and plan.cycle_time else [first]
+
+
+def _proof(plan: Planned) -> str:
+    return (
+        f"{plan.proof.spans:,} spans of time by interval arithmetic, within 1e-9 of each limit; the largest jump at a "
+        f"joint is {plan.proof.jump:.2g} of a limit"
+    )
+
+
+def _pictures(plan: Planned) -> Sequence[Shown]:
+    letters = plan.limits.letters
+    if not len(plan.course.time) or not plan.cycle_time:
+        return []
+    return [
+        Shown(
+            "path",
+            "Path and speed",
+            "Color and width: the speed along the path, slow is warm and wide. Dotted: traverses. Circles: stops, the "
+            "first 300.",
+            f"The path of {plan.program} with its speed as color.",
+            plan.plot,
+        ),
+        Shown(
+            "causes",
+            "What limits the speed, and when",
+            "A row for each limit; it is filled where this limit is used most, and its share of the cycle time stands "
+            "at its right. Feed: the program asks for no more. None above half: ends of ramps, and "
+            "what a bend ahead or behind holds at its speed.",
+            "Which limit is used most, over time.",
+            lambda: plot.plan_causes(plan),
+        ),
+        *(
+            Shown(
+                f"axis{letter}",
+                f"Axis {letter}",
+                "From the least to the most in each stretch of time; dashed: the limits, where they are near.",
+                f"Velocity, acceleration, jerk and snap of axis {letter} over time with their limits.",
+                lambda i=i: plot.plan_profiles(plan, i),
+            )
+            for i, letter in enumerate(letters)
+            if np.any(plan.proof.use[i] > 0.0)
+        ),
+    ]
+
+
+def _stops(plan: Planned) -> str:
+    if not plan.stops:
+        return "<p>None: the program is one motion.</p>"
+    by_reason = sorted(plan.stop_reasons.items(), key=lambda each: -each[1])
+    rows = [
+        [
+            f"{each.time:.4g}",
+            str(each.line),
+            str(each),
+            f"{each.duration:.4g}",
+            ", ".join(f"{letter} {1e3 * x:.6g}" for letter, x in zip(plan.limits.letters, each.position, strict=True)),
+        ]
+        for each in plan.stops[:_LISTED]
+    ]
+    said = f"The first {_LISTED} of {plan.stop_count:,}." if plan.stop_count > _LISTED else "All of them."
+    return table("Stops by reason.", ["reason", "stops"], [[name, f"{n:,}"] for name, n in by_reason]) + table(
+        said, ["time s", "line", "reason", "stands s", "place mm"], rows
+    )
