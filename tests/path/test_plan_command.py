@@ -23,7 +23,7 @@ from feeddrive.path.program.reading import read_program
 from feeddrive.workflow.plan import FAULT, PlanRequest, plan
 from hal_programs import needs_linuxcnc
 
-PART = "G21 G90 G64 P0.05\nG0 X10 Y10\nG1 X60 F3000\nY40\nG3 X50 Y50 I-10\nG4 P0.25\nG1 X10 Y10.5\nM2\n"
+PART = "G21 G90 G64 P0.05\nG0 X10 Y10\nG1 X60 F3000\nG61 Y40\nG64 P0.05 G3 X50 Y50 I-10\nG4 P0.25\nG1 X10 Y10.5\nM2\n"
 LIMITS = """
 [axis.x.limits]
 velocity_mm_per_s = 500
@@ -41,18 +41,18 @@ def part(folder: Path, text: str = PART) -> Path:
 
 
 def test_the_files_hold_what_the_plan_says(tmp_path: Path) -> None:
-    """Setpoints keep the limits, end where the program ends, and are each other's derivatives within 1e-5 of a limit.
+    """Setpoints keep the limits, end where the program ends, and each sample follows from the one before.
 
-    Over a sample of 0.25 ms a Taylor step to snap misses by the snap's jumps, which change it within the step: at most
-    2 s T⁴/24 of the position, 1.6e-14 m, and a share s T / j < 0.13 of the jerk.
+    A Taylor step to snap over a sample T misses the next position by what the snap s jumps meanwhile: at most
+    2 s T⁴/24, 1.6e-11 m here.
     """
     found = fd.workflow.plan(part(tmp_path), machine="xy_table", out=tmp_path / "out")
     record = json.loads((tmp_path / "out" / "plan.json").read_text())
     assert record["violations"] == 0
     assert record["blocks"] == 5
     assert record["cycle_time_s"] == found.cycle_time
-    assert [each["reason"] for each in record["stops"]] == ["corner of 45°", "corner of 90°", "dwell (G4)"]
-    assert [each["line"] for each in record["stops"]] == [3, 4, 6]
+    assert [each["reason"] for each in record["stops"]] == ["corner of 90°", setpoints.EXACT, "dwell (G4)"]
+    assert [each["line"] for each in record["stops"]] == [4, 5, 6]
     assert record["stops"][2]["position_m"] == pytest.approx({"X": 0.05, "Y": 0.05}, abs=1e-15)
     log = fd.read_log(tmp_path / "out" / "setpoints.parquet")
     T = log.sample_time
@@ -70,6 +70,37 @@ def test_the_files_hold_what_the_plan_says(tmp_path: Path) -> None:
     assert log["x.set_position"][-1] == pytest.approx(0.01, abs=1e-15)
     text = np.loadtxt(tmp_path / "out" / "streamer.txt")
     np.testing.assert_array_equal(text, 1e3 * np.column_stack([log["x.set_position"], log["y.set_position"]]))
+
+
+def test_the_report_shows_path_limits_profiles_and_stops(tmp_path: Path) -> None:
+    """Each picture is drawn, of an axis that does not move there is none, and the page loads nothing."""
+    plan(
+        part(tmp_path, "G64 P0.02\nG0 X10\nG1 X60 F3000\nG61 X20\nG2 X20 I5 F1000\nM2\n"),
+        machine="mill",
+        out=tmp_path / "out",
+    )
+    page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+    for each in (
+        "Path and speed",
+        "What limits the speed, and when",
+        "Axis X",
+        "Axis Y",
+        "corner of 180°",
+        "traverse",
+        "s⁴",
+    ):
+        assert each in page
+    assert "Axis Z" not in page
+    assert page.count("<svg") == 4
+    assert "<script" not in page
+    assert len(page) < 1_000_000
+    assert plan(part(tmp_path, "F600 G1 X5\nM2\n"), machine="emps", limits=one_axis(tmp_path)).plot() is not None
+
+
+def one_axis(folder: Path) -> Path:
+    file = folder / "limits.toml"
+    file.write_text(LIMITS.format(""), encoding="utf-8")
+    return file
 
 
 def test_cycle_time_is_split_without_a_rest(tmp_path: Path) -> None:
@@ -123,7 +154,7 @@ def test_what_the_machine_cannot_do_is_refused_at_its_line(text: str, said: str,
 
 
 def test_limits_of_a_file_replace_those_of_the_machine(tmp_path: Path) -> None:
-    file = tmp_path / "limits.toml"
+    file = one_axis(tmp_path)
     file.write_text(LIMITS.format("travel_most_mm = 20"), encoding="utf-8")
     assert "its travel is" in refused(tmp_path, PART, limits=file)
     file.write_text(LIMITS.format("").replace("= 500\n", "= 50\n"), encoding="utf-8")
