@@ -16,6 +16,7 @@ from feeddrive.language.kernels.kernel import kernel
 from feeddrive.language.kernels.plain import zeros
 from feeddrive.language.kernels.source import Floats, Floats2, Floats3, Ints
 from feeddrive.path.geometry.blend import blend, part_of, state_near
+from feeddrive.path.geometry.cluster import LARGEST_STEP, clustered, fitted, spline_pieces
 from feeddrive.path.geometry.segments import Chain
 from feeddrive.path.pieces import Pieces, Section, derivatives, one_after_the_other, part_of_pieces, turned
 
@@ -53,67 +54,119 @@ def _trimmed(kind: int, length: float, shape: Floats2, x0: float, x1: float, out
 
 
 @kernel
+def _meeting(a: Floats2, b: Floats2) -> tuple[float, float, float]:
+    """Of the states of two segments where they meet: cosine of the angle, its chord, largest jump of r''."""
+    cosine = 0.0
+    size0 = 0.0
+    size1 = 0.0
+    turn = 0.0
+    jump = 0.0
+    for i in range(len(a)):
+        cosine = cosine + a[i, 1] * b[i, 1]
+        size0 = size0 + a[i, 1] * a[i, 1]
+        size1 = size1 + b[i, 1] * b[i, 1]
+        turn = turn + (a[i, 1] - b[i, 1]) * (a[i, 1] - b[i, 1])
+        jump = max(jump, abs(a[i, 2] - b[i, 2]))
+    return cosine / sqrt(size0 * size1), sqrt(turn), jump
+
+
+@kernel
+def _passed(
+    k: int, kind: Ints, length: Floats, shape: Floats3, tolerance: Floats, sharpest: float, a: Floats2, b: Floats2
+) -> tuple[int, float, float]:
+    """How the joint behind k may be passed, 0: not, 1: as it is, 2: by a blend; cosine and chord of its angle."""
+    if k + 1 == len(length) or tolerance[k] < 0.0:
+        return 0, 0.0, 0.0
+    state_near(kind[k], length[k], shape[k], 0.0, True, a)
+    state_near(kind[k + 1], length[k + 1], shape[k + 1], 0.0, False, b)
+    cosine, turn, jump = _meeting(a, b)
+    shorter = min(length[k], length[k + 1])
+    if turn <= 1e-14 and jump * shorter <= 1e-14 and kind[k] == 0 and kind[k + 1] == 0:
+        return 1, cosine, turn
+    if tolerance[k] > 0.0 and turn <= 2.0 * sharpest:
+        return 2, cosine, turn
+    return 0, cosine, turn
+
+
+@kernel
 def join(
     kind: Ints, length: Floats, origin: Floats2, shape: Floats3, feed: Floats, line: Ints,
-    tolerance: Floats, sharpest: float, begin: float, ends: bool, deviation: Floats, stop: Ints,
+    tolerance: Floats, sharpest: float, begin: float, flows: bool, ends: bool, deviation: Floats, stop: Ints,
     kinds: Ints, lengths: Floats, origins: Floats2, shapes: Floats3, feeds: Floats, lines: Ints, runs: Ints,
-    room: Floats3,
-) -> tuple[int, int, float]:  # fmt: skip
-    """The pieces of n segments with blends between them: how many, and the runs that end in them.
+    inside: Ints, sharing: Floats, corner: Floats, group: Ints, slope: Floats2, far: Floats,
+    at: Floats, goal: Floats, at_next: Floats, goal_next: Floats, knots: Floats, x: Floats, control: Floats2,
+    segment: Ints, straight: Ints, curved: Ints, state: Floats3, curve: Floats3, room: Floats3,
+) -> tuple[int, int, int, float]:  # fmt: skip
+    """The pieces of n segments with blends or splines between them: how many, and the runs that end in them.
 
-    Unless the chain `ends` the last segment is left for the next call, as its first one, with what the blend before has
-    taken of it, the third result, as `begin`.
+    Unless the chain `ends`, the last segment is left for the next call, or all of a cluster that may go on; the third
+    result is the first of these, the fourth what the blend before has taken of it.  They are the next `begin`; `flows`
+    says that the run goes on where the first segment begins.
 
     tolerance  of the joint behind each segment, m; negative: stop there; 0: stop unless it is smooth
     sharpest   rad; at a corner beyond it the run stops
     runs       number of the run of each piece
+    inside     which joints are in a cluster; those of one that cannot be fitted are taken out
+    sharing .. far, at .. curve  room for n + 1 segments, and for the knots of a cluster, as in `fitted`
     """
     n = len(length)
     axes = len(origin[0])
     a = room[0]
     b = room[1]
-    at = room[2]
+    at_joint = room[2]
     half = room[3]
     difference = room[4]
-    curve = room[5]
+    blended = room[5]
     r = room[6]
     piece = zeros(8)
     count = 0
     run = 0
-    for k in range(n if ends else n - 1):
+    k = 0
+    while k < (n if ends else n - 1):
+        if inside[k] == 1:
+            last = k + 1
+            while inside[last] == 1:
+                last = last + 1
+            if last == n - 1 and not ends:
+                break
+            way, cosine, turn = _passed(last, kind, length, shape, tolerance, sharpest, a, b)
+            end = 0.5 * length[last] if way > 0 else 0.0
+            steps = fitted(
+                k, last, 0.5 * length[k] if flows else 0.0, end, flows, way > 0, length, shape, origin, tolerance,
+                sharing, corner, group, slope, far, at, goal, at_next, goal_next, knots, x, control,
+                segment, straight, curved, state, curve, room,
+            )  # fmt: skip
+            if steps == 0:
+                for m in range(k, last):
+                    inside[m] = 0
+            else:
+                count, rest = spline_pieces(
+                    k, last, steps, begin, corner, origin, slope, feed, line, knots, control, state, curve, curved,
+                    run, count, kinds, lengths, origins, shapes, feeds, lines, runs,
+                )  # fmt: skip
+                for m in range(k, last):
+                    stop[m] = 0
+                    deviation[m] = max(far[m], far[m + 1])
+                begin = length[last] - end - rest
+                k = last
         end = length[k]
         away = 0.0
         span = 0.0
         deviation[k] = 0.0
         stop[k] = 1
-        if k + 1 < n and tolerance[k] >= 0.0:
-            state_near(kind[k], length[k], shape[k], 0.0, True, a)
-            state_near(kind[k + 1], length[k + 1], shape[k + 1], 0.0, False, b)
-            cosine = 0.0
-            size0 = 0.0
-            size1 = 0.0
-            turn = 0.0
-            jump = 0.0
-            for i in range(axes):
-                cosine = cosine + a[i, 1] * b[i, 1]
-                size0 = size0 + a[i, 1] * a[i, 1]
-                size1 = size1 + b[i, 1] * b[i, 1]
-                turn = turn + (a[i, 1] - b[i, 1]) * (a[i, 1] - b[i, 1])
-                jump = max(jump, abs(a[i, 2] - b[i, 2]))
-            cosine = cosine / sqrt(size0 * size1)
-            turn = sqrt(turn)
-            shorter = min(length[k], length[k + 1])
-            if turn <= 1e-14 and jump * shorter <= 1e-14 and kind[k] == 0 and kind[k + 1] == 0:
+        way, cosine, turn = _passed(k, kind, length, shape, tolerance, sharpest, a, b)
+        if way == 1:
+            stop[k] = 0
+        elif way == 2:
+            away, span, most = blend(
+                kind[k], length[k], shape[k], kind[k + 1], length[k + 1], shape[k + 1],
+                cosine, 0.5 * min(length[k], length[k + 1]), tolerance[k], turn > _SMOOTH,
+                a, b, at_joint, half, difference, blended,
+            )  # fmt: skip
+            if away > 0.0:
                 stop[k] = 0
-            elif tolerance[k] > 0.0 and turn <= 2.0 * sharpest:
-                away, span, far = blend(
-                    kind[k], length[k], shape[k], kind[k + 1], length[k + 1], shape[k + 1],
-                    cosine, 0.5 * shorter, tolerance[k], turn > _SMOOTH, a, b, at, half, difference, curve,
-                )  # fmt: skip
-                if away > 0.0:
-                    stop[k] = 0
-                    deviation[k] = far
-                    end = length[k] - away
+                deviation[k] = most
+                end = length[k] - away
         if end - begin > 1e-12 * length[k]:
             kinds[count] = kind[k]
             lengths[count] = _trimmed(kind[k], length[k], shape[k], begin, end, shapes[count])
@@ -133,24 +186,26 @@ def join(
                 lines[count] = line[k] if 2 * cut < _CUTS else line[k + 1]
                 runs[count] = run
                 for i in range(axes):
-                    part_of(curve[i], cut / _CUTS, 1.0 / _CUTS, piece)
+                    part_of(blended[i], cut / _CUTS, 1.0 / _CUTS, piece)
                     origins[count, i] = origin[k + 1, i] + (a[i, 0] + piece[0])
                     shapes[count, i, 0] = 0.0
                     for m in range(1, 8):
                         shapes[count, i, m] = piece[m]
                 count = count + 1
             begin = away
+        flows = stop[k] == 0
         if stop[k] == 1:
             run = run + 1
-    return count, run, begin
+        k = k + 1
+    return count, run, k, begin
 
 
 class Joiner:
     """Joins the segments of chains in their order; beyond `sharpest` (rad) a corner is a stop."""
 
     def __init__(self, sharpest: float = 0.35) -> None:
-        self._sharpest, self._taken = sharpest, 0.0
-        self._held: tuple[Pieces, np.ndarray] | None = None  # the last segment of a chain that goes on
+        self._sharpest, self._taken, self._flows = sharpest, 0.0, False
+        self._held: tuple[Pieces, np.ndarray] | None = None  # the last segments of a chain that goes on
 
     def join(self, chain: Chain) -> tuple[list[Section], Joint]:
         """What a chain adds to the runs, and how the joints are passed that are behind these segments."""
@@ -158,9 +213,13 @@ class Joiner:
         if self._held:
             segments = one_after_the_other([self._held[0], segments])
             tolerance = np.concatenate([self._held[1], tolerance])
-        sections, joint, self._taken = _joined(segments, tolerance, self._sharpest, self._taken, chain.ends)
-        n = len(tolerance)
-        self._held = None if chain.ends else (part_of_pieces(segments, n - 1, n), tolerance[n - 1 :])
+        sections, joint, self._taken = _joined(
+            segments, tolerance, self._sharpest, self._taken, self._flows, chain.ends
+        )
+        n, known = len(tolerance), len(joint.stop)
+        if known:
+            self._flows = not chain.ends and joint.stop[-1] == 0
+        self._held = None if chain.ends else (part_of_pieces(segments, known, n), tolerance[known:])
         return sections, joint
 
 
@@ -171,19 +230,29 @@ def joined(segments: Pieces, tolerance: np.ndarray, sharpest: float = 0.35) -> t
 
 
 def _joined(
-    segments: Pieces, tolerance: np.ndarray, sharpest: float, taken: float, ends: bool
+    segments: Pieces, tolerance: np.ndarray, sharpest: float, taken: float, flows: bool, ends: bool
 ) -> tuple[list[Section], Joint, float]:
-    """The sections, joints and third result of `join`."""
+    """The sections, the joints behind the segments that are done, and the last result of `join`."""
     n, axes = segments.origin.shape
-    most = (1 + _CUTS) * n
-    out = (
-        np.zeros(most, np.int64), np.zeros(most), np.zeros((most, axes)), np.zeros((most, axes, 8)), np.zeros(most),
-        np.zeros(most, np.int64), np.zeros(most, np.int64),
-    )  # fmt: skip
-    known = n if ends else n - 1
-    joint = Joint(np.zeros(known), np.zeros(known, np.int64))
-    count, ended, taken = join(*segments, tolerance, sharpest, taken, ends, *joint, *out, np.zeros((7, axes, 8)))
+    joint, inside = Joint(np.zeros(n), np.zeros(n, np.int64)), np.zeros(n, np.int64)
+    shape, directions = segments.shape, np.zeros((3, axes))
+    members = clustered(segments.kind, segments.length, shape, tolerance, sharpest, directions, inside)
+    many = 2 * members + int(np.sum(segments.length) / LARGEST_STEP) + 50 if members else 0
+    while True:
+        most = (1 + _CUTS) * n + many
+        out = (
+            np.zeros(most, np.int64), np.zeros(most), np.zeros((most, axes)), np.zeros((most, axes, 8)),
+            np.zeros(most), np.zeros(most, np.int64), np.zeros(most, np.int64),
+        )  # fmt: skip
+        try:
+            count, ended, known, taken = join(
+                *segments, tolerance, sharpest, taken, flows, ends, *joint, *out, inside.copy(), *_room(n, many, axes)
+            )
+            break
+        except IndexError:
+            many *= 2  # knots than thought
     *columns, runs = (each[:count].copy() for each in out)
+    joint = Joint(*(each[:known] for each in joint))
     cuts = [0, *(np.flatnonzero(np.diff(runs)) + 1).tolist(), count] if count else []
     corners = np.maximum(tolerance[:known][joint.stop == 1], 0.0)
     found = list[Section]()
@@ -191,3 +260,12 @@ def _joined(
         corner = float(corners[runs[i]]) if runs[i] < ended else 0.0
         found.append(Section(Pieces(*(each[i:j] for each in columns)), bool(runs[i] < ended), corner))
     return found, joint, taken
+
+
+def _room(lines: int, knots: int, axes: int) -> list[np.ndarray]:
+    """For the lines of a chain and the knots of a cluster, as in `join`, behind `inside`."""
+    return [
+        *(np.zeros(lines + 1) for _ in range(2)), np.zeros(lines, np.int64), np.zeros((lines, axes)), np.zeros(lines),
+        *(np.zeros(knots) for _ in range(6)), np.zeros((knots, axes)), *(np.zeros(knots, np.int64) for _ in range(3)),
+        np.zeros((knots, axes, 4)), np.zeros((knots, axes, 8)), np.zeros((7, axes, 8)),
+    ]  # fmt: skip

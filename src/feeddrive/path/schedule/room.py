@@ -16,6 +16,7 @@ from feeddrive.language.kernels.source import Floats, Floats2, Floats3, Ints
 
 # a bound is sure to be one after rounding
 _ABOVE = 1.0 + 1e-13
+_LEVEL = 1.001  # ratio of caps of neighbors that get the same one
 
 
 @kernel
@@ -137,9 +138,28 @@ def pieces_room(
     kind: Ints, length: Floats, shape: Floats3, feed: Floats, limits: Floats2, cruise: float, crossing: float,
     most: Floats3, caps: Floats2,
 ) -> int:  # fmt: skip
-    """`bounds` of n pieces into `most` (n, N, 4); their caps when held and when crossed by ramps into `caps` (n, 2)."""
+    """`bounds` of n pieces into `most` (n, N, 4); their caps when held and when crossed by ramps into `caps` (n, 2).
+
+    Neighbors whose caps differ by rounding or nearly so get the lowest of them: no ramps between such.
+    """
     for p in range(len(length)):
         norm = bounds(kind[p], length[p], shape[p], most[p])
         caps[p, 0] = cap(most[p], norm, feed[p], limits, cruise)
         caps[p, 1] = cap(most[p], norm, feed[p], limits, crossing)
+    first = 0
+    low = 0.0
+    high = 0.0
+    for p in range(len(length) + 1):
+        if p < len(length):
+            speed = caps[p, 0]
+            if p > first and max(high, speed) <= _LEVEL * min(low, speed):
+                low = min(low, speed)
+                high = max(high, speed)
+                continue
+        for k in range(first, p):
+            caps[k, 0] = low
+            caps[k, 1] = min(low, caps[k, 1])
+        first = p
+        low = caps[p, 0] if p < len(length) else 0.0
+        high = low
     return 0

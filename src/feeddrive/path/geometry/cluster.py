@@ -1,0 +1,293 @@
+"""Clusters: lines so short that the blends of their joints would meet, smoothed by one spline.
+
+A corner of two lines that turns by θ takes L = P / (0.156 · 2 sin θ/2) of both within the tolerance P.  Where that is
+more than a half of the shorter one, the joint is in a cluster.  Steps of the spline's knots begin at 10 mm and are made
+shorter where S is too far from the lines, until the bound of the distance is within the tolerance.
+"""
+
+from __future__ import annotations
+
+from math import sqrt
+
+from feeddrive.language.kernels.kernel import kernel
+from feeddrive.language.kernels.source import Floats, Floats2, Floats3, Ints
+from feeddrive.path.geometry.spline import (
+    ENDS,
+    GRADE,
+    control_points,
+    deviation,
+    lowered,
+    place_knots,
+    spline_span,
+    states,
+)
+
+LARGEST_STEP = 0.01  # m
+_BLEND = 0.156  # distance of a blend over its length and 2 sin θ/2
+_SHARE = 0.999  # of the tolerance
+_ROUNDS = 40
+_STRAIGHT = 1e-13  # rad, between lines in one direction
+_NEAR = 10.0  # tolerances on either side of a corner in which it must look like one
+_ASIDE = 0.25  # of the tolerance
+
+
+@kernel
+def chord(length0: float, shape0: Floats2, length1: float, shape1: Floats2) -> float:
+    """2 sin θ/2 of the angle θ between two lines."""
+    turn = 0.0
+    for i in range(len(shape0)):
+        each = shape1[i, 1] / length1 - shape0[i, 1] / length0
+        turn = turn + each * each
+    return sqrt(turn)
+
+
+@kernel
+def _looks_straight(
+    length: Floats, shape: Floats3, near: int, way: int, far: float, aside: float, to: Floats, now: Floats
+) -> bool:
+    """Whether the lines from a joint on, on one side, lie near their chord, which goes `to`; `now` is room."""
+    n = len(to)
+    for i in range(n):
+        to[i] = 0.0
+    gone = 0.0
+    k = near
+    while gone < far and k >= 0 and k < len(length):
+        for i in range(n):
+            to[i] = to[i] + shape[k, i, 1]
+        gone = gone + length[k]
+        k = k + way
+    squares = 0.0
+    for i in range(n):
+        squares = squares + to[i] * to[i]
+    if gone < far or squares == 0.0:
+        return False
+    size = sqrt(squares)
+    for i in range(n):
+        to[i] = to[i] / size
+        now[i] = 0.0
+    end = k
+    k = near
+    while k != end:
+        along = 0.0
+        squares = 0.0
+        for i in range(n):
+            now[i] = now[i] + shape[k, i, 1]
+            along = along + now[i] * to[i]
+            squares = squares + now[i] * now[i]
+        if squares - along * along > aside * aside:
+            return False
+        k = k + way
+    return True
+
+
+@kernel
+def clustered(
+    kind: Ints, length: Floats, shape: Floats3, tolerance: Floats, sharpest: float, room: Floats2, inside: Ints
+) -> int:
+    """Which joints are in a cluster, 1 in `inside`; how many.
+
+    A sharp corner between two ways that look straight, for ten tolerances, is none of them: there the run stops.
+    """
+    count = 0
+    since = 1e300  # the last such corner
+    for k in range(len(length)):
+        inside[k] = 0
+        since = since + length[k]
+        if k + 1 == len(length) or tolerance[k] <= 0.0 or kind[k] != 0 or kind[k + 1] != 0:
+            continue
+        turn = chord(length[k], shape[k], length[k + 1], shape[k + 1])
+        if tolerance[k] <= _BLEND * turn * 0.5 * min(length[k], length[k + 1]):
+            continue
+        near = _NEAR * tolerance[k]
+        if turn > 2.0 * sharpest and since > near:
+            aside = _ASIDE * tolerance[k]
+            if _looks_straight(length, shape, k, -1, near, aside, room[0], room[2]) and _looks_straight(
+                length, shape, k + 1, 1, near, aside, room[1], room[2]
+            ):
+                turn = 0.0
+                for i in range(len(room[0])):
+                    turn = turn + (room[1, i] - room[0, i]) * (room[1, i] - room[0, i])
+                if turn > 4.0 * sharpest * sharpest:
+                    since = 0.0
+                    continue
+        inside[k] = 1
+        count = count + 1
+    return count
+
+
+@kernel
+def _prepared(
+    first: int, last: int, begin: float, length: Floats, shape: Floats3, tolerance: Floats,
+    sharing: Floats, corner: Floats, group: Ints, slope: Floats2, ahead: Floats,
+) -> int:  # fmt: skip
+    """Where the lines of a cluster begin, directions, groups of one direction, tolerances; `ahead` is room."""
+    n = len(slope[0])
+    corner[first] = -begin
+    for k in range(first, last + 1):
+        corner[k + 1] = corner[k] + length[k]
+        before = tolerance[k - 1] if k > first else tolerance[k]
+        behind = tolerance[k] if k < last else before
+        sharing[k] = _SHARE * min(before, behind)
+        turn = 0.0
+        for i in range(n):
+            slope[k, i] = shape[k, i, 1] / length[k]
+            # against the line that began the group
+            turn = max(turn, abs(slope[k, i] - ahead[i]))
+        group[k] = group[k - 1] if k > first else 0
+        if k == first or turn > _STRAIGHT:
+            group[k] = group[k] + 1
+            for i in range(n):
+                ahead[i] = slope[k, i]
+    return 0
+
+
+@kernel
+def fitted(
+    first: int, last: int, begin: float, end: float, straight_begin: bool, straight_end: bool,
+    length: Floats, shape: Floats3, origin: Floats2, tolerance: Floats, sharing: Floats,
+    corner: Floats, group: Ints, slope: Floats2, far: Floats,
+    at: Floats, goal: Floats, at_next: Floats, goal_next: Floats, knots: Floats, x: Floats, control: Floats2,
+    segment: Ints, straight: Ints, curved: Ints, state: Floats3, curve: Floats3, room: Floats3,
+) -> int:  # fmt: skip
+    """Fit the lines first .. last from `begin` m behind the first start to `end` m before the last end: steps; 0: none.
+
+    begin, end  with `straight_...` the spline has to leave the line only behind them
+    corner      u where each line begins, counted from `begin`; and the end of the last one
+    sharing     tolerance of each line, m: that of its stricter joint
+    curve       polynomials of the spans behind knots; where `curved` is 0 they are straight
+    far         bound of the distance to each line, m
+    """
+    _prepared(first, last, begin, length, shape, tolerance, sharing, corner, group, slope, room[0, 0])
+    total = corner[last + 1] - end
+    largest = min(LARGEST_STEP, total / 6.0)
+    first_goal = min(largest, (corner[first + 1]) / 3.2) if straight_begin else largest
+    last_goal = min(largest, (total - corner[last]) / 3.2) if straight_end else largest
+    many = lowered(0.0, first_goal, at, goal, 0)
+    many = lowered(total, last_goal, at, goal, many)
+    for again in range(_ROUNDS):
+        count = place_knots(at, goal, many, largest, total, knots)
+        control_points(corner, group, origin, slope, first, last, total, knots, count, x, control, segment, straight)
+        states(knots, count, x, control, segment, straight, slope, state)
+        k = first
+        for m in range(first, last + 1):
+            far[m] = 0.0
+        most = 0.0
+        careful = 0.98 if again < _ROUNDS // 3 else (0.95 if again < _ROUNDS // 2 else 0.85)
+        old = 0
+        new = lowered(0.0, first_goal, at_next, goal_next, 0)
+        for e in range(ENDS, ENDS + count):
+            curved[e] = 0
+            if spline_span(e, knots, x, control, segment, straight, slope, state, room[1], room[2], curve[e]):
+                curved[e] = 1
+                share, where, k = deviation(
+                    e, knots, curve[e], corner, origin, slope, sharing, k, last, state, control, room[3], room[4], far
+                )
+                most = max(most, share)
+                if share > 1.0:
+                    while old < many and at[old] <= where:
+                        new = lowered(at[old], goal[old], at_next, goal_next, new)
+                        old = old + 1
+                    step = min(largest, goal[old - 1] + GRADE * (where - at[old - 1]))
+                    if old < many:
+                        step = min(step, goal[old] + GRADE * (at[old] - where))
+                    step = step * min(max(careful / sqrt(share), 0.5), careful)
+                    new = lowered(where, step, at_next, goal_next, new)
+        if straight_begin and straight[4] != straight[0]:
+            most = 2.0
+            goal_next[0] = 0.8 * goal[0]
+        if straight_end and straight[count] != straight[count + 4]:
+            most = 2.0
+            new = lowered(total, 0.8 * (total - knots[ENDS + count - 1]), at_next, goal_next, new)
+        if most <= 1.0:
+            return count
+        while old < many:
+            new = lowered(at[old], goal[old], at_next, goal_next, new)
+            old = old + 1
+        many = new
+        for m in range(many):
+            at[m] = at_next[m]
+            goal[m] = goal_next[m]
+    return 0
+
+
+@kernel
+def _lines(
+    u0: float, u1: float, first: int, last: int, corner: Floats, origin: Floats2, slope: Floats2, feed: Floats,
+    line: Ints, run: int, count: int,
+    kinds: Ints, lengths: Floats, origins: Floats2, shapes: Floats3, feeds: Floats, lines: Ints, runs: Ints,
+) -> int:  # fmt: skip
+    """Append what is straight from u0 to u1, a piece for each feed; the new count."""
+    k = first
+    while k < last and corner[k + 1] <= u0:
+        k = k + 1
+    u = u0
+    while u < u1:
+        ends = k
+        while ends < last and corner[ends + 1] < u1 and feed[ends + 1] == feed[k]:
+            ends = ends + 1
+        until = u1 if ends == last else min(u1, corner[ends + 1])
+        kinds[count] = 0
+        lengths[count] = until - u
+        for i in range(len(slope[0])):
+            begin = slope[k, i] * (u - corner[k])
+            origins[count, i] = origin[k, i] + begin
+            for m in range(8):
+                shapes[count, i, m] = 0.0
+            way = slope[k, i] * (until - u)
+            if ends != k:
+                way = (origin[ends, i] - origin[k, i]) + (slope[ends, i] * (until - corner[ends]) - begin)
+            shapes[count, i, 1] = way
+        feeds[count] = feed[k]
+        lines[count] = line[k]
+        runs[count] = run
+        count = count + 1
+        u = until
+        k = min(ends + 1, last)
+    return count
+
+
+@kernel
+def spline_pieces(
+    first: int, last: int, steps: int, begin: float, corner: Floats, origin: Floats2, slope: Floats2, feed: Floats,
+    line: Ints, knots: Floats, control: Floats2, state: Floats3, curve: Floats3, curved: Ints, run: int, count: int,
+    kinds: Ints, lengths: Floats, origins: Floats2, shapes: Floats3, feeds: Floats, lines: Ints, runs: Ints,
+) -> tuple[int, float]:  # fmt: skip
+    """Append the pieces of a cluster but for the straight end in its last line: the new count, that end's length.
+
+    begin  in the first line, m, from where on it is not yet there
+    """
+    u = corner[first] + begin  # how far the pieces have come
+    k = first
+    for e in range(ENDS, ENDS + steps):
+        if curved[e] == 0:
+            continue
+        if knots[e] > u:
+            count = _lines(
+                u, knots[e], k, last, corner, origin, slope, feed, line, run, count,
+                kinds, lengths, origins, shapes, feeds, lines, runs,
+            )  # fmt: skip
+        u = knots[e + 1]
+        while k < last and corner[k + 1] <= knots[e]:
+            k = k + 1
+        kinds[count] = 2
+        lengths[count] = u - knots[e]
+        lines[count] = line[k]
+        runs[count] = run
+        slowest = feed[k]
+        m = k
+        while m < last and corner[m + 1] < u:
+            m = m + 1
+            slowest = min(slowest, feed[m])
+        feeds[count] = slowest
+        for i in range(len(slope[0])):
+            origins[count, i] = control[e - 3, i] + state[e, i, 0]
+            for m in range(8):
+                shapes[count, i, m] = curve[e, i, m]
+        count = count + 1
+    if u < corner[last]:
+        count = _lines(
+            u, corner[last], k, last, corner, origin, slope, feed, line, run, count,
+            kinds, lengths, origins, shapes, feeds, lines, runs,
+        )  # fmt: skip
+        u = corner[last]
+    return count, knots[ENDS + steps] - u

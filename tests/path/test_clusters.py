@@ -1,0 +1,200 @@
+"""Clusters of short lines: the tolerance against an independent distance, ends, feeds, cycle times of programs."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+from paths import LIMITS, lines
+from test_plan_program import LOGS, logged, moving, proven
+
+from feeddrive.language.kernels.kernel import interpreted
+from feeddrive.path.geometry.joints import Joint, joined
+from feeddrive.path.motion import Part
+from feeddrive.path.pieces import LINE, Pieces, derivatives
+from feeddrive.path.plan import planned
+from feeddrive.path.program.moves import Feed, Move, PathMode
+from feeddrive.path.program.reading import read_program
+from feeddrive.path.proof.prove import Prover
+from feeddrive.path.schedule.run import plan_run
+
+PUBLIC = LOGS.parent / "gcode" / "linuxcnc"
+DRAW = np.random.default_rng(13)
+
+
+def circle(radius: float, chord: float, turn: float) -> np.ndarray:
+    """Corners of chords on an arc, m and rad."""
+    angle = np.arange(0.0, turn, 2.0 * np.arcsin(0.5 * chord / radius))
+    return radius * np.column_stack([np.cos(angle), np.sin(angle), 0.0 * angle])
+
+
+def spiral(chord: float, count: int) -> np.ndarray:
+    radius = 0.002 + 1e-4 * chord * np.arange(count)
+    angle = np.cumsum(chord / radius)
+    return np.column_stack([radius * np.cos(angle), radius * np.sin(angle), 1e-3 * angle])
+
+
+def noisy(step: float, noise: float, count: int) -> np.ndarray:
+    x = step * np.arange(count)
+    return np.column_stack([x, noise * (np.arange(count) % 2), 0.0 * x])
+
+
+def with_corner() -> np.ndarray:
+    """Chords of 50 um on two arcs that meet at a right angle."""
+    one = circle(0.01, 5e-5, 0.5)
+    return np.vstack([one, one[-1] + (one[-1] - one[::-1])[1:, [1, 0, 2]] * [-1, 1, 1]])
+
+
+def points(pieces: Pieces, count: int) -> np.ndarray:
+    """Positions along pieces."""
+    found, r = [], np.zeros((3, 5))
+    for k, length in enumerate(pieces.length):
+        for x in np.linspace(0.0, length, count):
+            derivatives(int(pieces.kind[k]), length, pieces.shape[k], x, r)
+            found.append(pieces.origin[k] + r[:, 0])
+    return np.array(found)
+
+
+def distance(places: np.ndarray, corners: np.ndarray) -> np.ndarray:
+    """Of each place to a polyline, m."""
+    least = np.full(len(places), np.inf)
+    for a, b in pairwise(corners):
+        way = b - a
+        share = np.clip((places - a) @ way / (way @ way), 0.0, 1.0)
+        least = np.minimum(least, np.linalg.norm(places - a - share[:, None] * way, axis=1))
+    return least
+
+
+def rounded(corners: np.ndarray, tolerance: float, feed: float = 0.1) -> tuple[list[Pieces], Joint]:
+    segments = lines(corners, feed)
+    return joined(segments, np.full(len(segments.length), tolerance))
+
+
+@pytest.mark.parametrize(
+    ("corners", "tolerance"),
+    [
+        (circle(0.02, 1e-3, 1.0), 1e-5),
+        (circle(0.001, 1e-5, 3.0), 1e-5),
+        (circle(0.001, 1e-6, 0.2), 1e-6),
+        (spiral(1e-4, 300), 5e-6),
+        (noisy(5e-6, 1e-6, 300), 1e-5),
+        (noisy(1e-5, 1e-5, 60), 2e-6),
+        (with_corner(), 1e-5),
+        (np.cumsum(1e-4 * DRAW.normal(size=(80, 3)), axis=0), 3e-5),
+    ],
+    ids=["chords 1 mm", "chords 10 um", "chords 1 um", "spiral", "zigzag", "rough zigzag", "corner", "random"],
+)
+def test_clusters_keep_the_tolerance_and_the_limits(corners: np.ndarray, tolerance: float) -> None:
+    """Both ways: dense points to the lines, corners to the path; 1 pm for rounding.  Then the proof of its motion."""
+    runs, joint = rounded(corners, tolerance)
+    path = np.vstack([points(run, 12) for run in runs])
+    assert distance(path, corners).max() <= joint.deviation.max() + 1e-12
+    assert distance(corners, path[np.append(True, np.any(np.diff(path, axis=0) != 0.0, axis=1))]).max() <= tolerance
+    assert joint.deviation.max() <= tolerance
+    assert np.abs(path[0] - corners[0]).max() <= 1e-15
+    assert np.abs(path[-1] - corners[-1]).max() <= 1e-15
+    prover = Prover(LIMITS)
+    for run in runs:
+        prover.prove(Part(run, plan_run(run, LIMITS), True))
+    assert prover.proof().count == 0, prover.proof().faults[0]
+    assert prover.proof().jump <= 1e-11
+
+
+def test_a_corner_in_smooth_chords_is_a_stop_and_one_in_noise_is_none() -> None:
+    _, joint = rounded(with_corner(), 1e-5)
+    assert np.flatnonzero(joint.stop[:-1]).tolist() == [len(circle(0.01, 5e-5, 0.5)) - 2]
+    _, joint = rounded(noisy(1e-6, 1e-6, 300), 1e-5)
+    assert not joint.stop[:-1].any()
+
+
+def test_collinear_points_are_one_line() -> None:
+    """1e5 of them: the time of one line, within 1e-12 where the directions are equal to the bit, 1e-9 where not."""
+    for end, within in (([0.1, 0.0, 0.0], 1e-12), ([0.03, 0.05, 0.08], 1e-9)):
+        whole = np.array([[0.0, 0.0, 0.0], end])
+        many = np.linspace(whole[0], whole[1], 100_001)
+        (run,), _ = rounded(many, 1e-5)
+        (one,), _ = rounded(whole, 1e-5)
+        assert len(run.length) <= 20
+        took, least = (float(np.sum(plan_run(each, LIMITS).duration)) for each in (run, one))
+        assert took == pytest.approx(least, rel=within)
+
+
+def test_straight_parts_stay_lines_and_neighbors_keep_their_blends() -> None:
+    """Lines of 40 mm on both sides of short chords; their other ends are corners of 1 degree with blends."""
+    short = circle(0.005, 1e-4, 0.3)
+    first, last = short[1] - short[0], short[-1] - short[-2]
+    before = short[0] - 400.0 * first
+    after = short[-1] + 400.0 * last
+    turned = np.array([[np.cos(0.02), -np.sin(0.02), 0.0], [np.sin(0.02), np.cos(0.02), 0.0], [0.0, 0.0, 1.0]])
+    corners = np.vstack([before - 400.0 * turned @ first, before, short, after, after + 400.0 * turned @ last])
+    (run,), joint = rounded(corners, 1e-5)
+    kinds = "".join("l" if kind == LINE else "p" for kind in run.kind)
+    assert kinds.startswith("l" + 8 * "p" + "lp")
+    assert kinds.endswith("pl" + 8 * "p" + "l")
+    assert joint.deviation[[0, -2]] == pytest.approx(1e-5, rel=0.01)
+    assert run.length[kinds.index("lp", 3)] >= 0.03  # of 40 mm
+
+
+def test_each_piece_keeps_the_slowest_feed_and_the_line_of_what_it_smooths() -> None:
+    segments = lines(circle(0.02, 1e-4, 0.5), 0.1)
+    n = len(segments.length)
+    segments = segments._replace(feed=np.where(np.arange(n) == n // 2, 0.02, 0.1))
+    (run,), _ = joined(segments, np.full(n, 1e-5))
+    begins = np.append(0.0, np.cumsum(run.length))
+    corners = np.append(0.0, np.cumsum(segments.length))
+    slow = (begins[1:] > corners[n // 2]) & (begins[:-1] < corners[n // 2 + 1])
+    assert slow.any()
+    assert run.feed.tolist() == np.where(slow, 0.02, 0.1).tolist()
+    assert (corners[run.line] <= begins[:-1] + 1e-12).all()
+    assert (corners[run.line + 1] >= begins[:-1] - 1e-12).all()
+
+
+def test_the_interpreter_and_the_processor_agree() -> None:
+    corners = np.vstack([circle(0.002, 2e-4, 0.4), np.array([0.002, 0.002, 0.0]) + noisy(1e-5, 3e-6, 6)])
+    (run, *_), joint = rounded(corners, 1e-5)
+    with interpreted():
+        (other, *_), same = rounded(corners, 1e-5)
+    assert all(np.array_equal(a, b) for a, b in zip((*run, *joint), (*other, *same), strict=True))
+
+
+def test_a_pocket_of_chords_takes_little_more_than_a_quarter_of_the_time_of_linuxcnc() -> None:
+    """At equal limits; ours keeps a snap limit, too."""
+    theirs = logged("spiral_pocket_jerk100.csv.gz")
+    proof, found = proven(LOGS / "spiral_pocket.ngc")
+    assert proof.count == 0
+    assert moving(found) <= 0.28 * theirs
+
+
+def public(name: str) -> Path:
+    if not (PUBLIC / name).exists():
+        pytest.skip(f"NOT PLANNED: {PUBLIC / name} is not there")
+    return PUBLIC / name
+
+
+@pytest.mark.slow(reason="4,684 lines are planned: 3 s")
+def test_corners_of_a_few_degrees_take_at_most_67_s() -> None:
+    """3D_Chips, with 0.1 mm; 59.2 s."""
+    proof, found = proven(public("3D_Chips.ngc"))
+    assert proof.count == 0
+    assert moving(found) <= 67.0
+
+
+def test_arcs_that_nearly_touch_are_passed_at_the_feed() -> None:
+    """Ten times its feed, within 10 um: 26.5 s.  Caps that differ by 1e-7 had taken 31.4 s, with ramps between them."""
+    prover, found = Prover(LIMITS), []
+    moves = (_faster(each) for each in read_program(public("arcspiral.ngc")))
+    for each in planned(moves, "XYZ", LIMITS):
+        found.append(each)
+        if isinstance(each, Part):
+            prover.prove(each)
+    assert prover.proof().count == 0
+    assert moving(found) <= 27.3
+
+
+def _faster(move: Move) -> Move:
+    if isinstance(move, Feed):
+        return replace(move, linear=10.0 * move.linear)
+    return replace(move, tolerance=1e-5) if isinstance(move, PathMode) else move
