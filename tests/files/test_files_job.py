@@ -158,7 +158,7 @@ def test_what_is_wrong_with_a_machine(tmp_path: Path, old: str, new: str, messag
         (JOB + '[[law]]\nname = "a"\nset = { "axis.x.plant.mass_load" = 1 }', r"j\.toml:23: .*not part of the control"),
         (
             JOB + "[log]\nfile = 'a'",
-            r"j\.toml: a job needs either a section \[reference\] or a section \[log\], not both",
+            r"j\.toml: a job needs one of the sections .*\[program\], not \[reference\] and \[log\]",
         ),
         (LOG.replace("file", "fiel"), r"j\.toml:3: key 'log\.fiel' is not known; did you mean file\?"),
         (

@@ -216,6 +216,69 @@ def test_a_cancelled_plan_leaves_nothing(tmp_path: Path, monkeypatch: pytest.Mon
     assert [each.name for each in tmp_path.iterdir()] == ["part.ngc"]
 
 
+def test_parts_shorter_than_a_sample_are_counted_with_the_others(tmp_path: Path) -> None:
+    """2 um segments of a circle, stops between them: most parts hold no sample of 20 ms."""
+    angles = np.linspace(0.0, 0.02, 40)
+    rows = "".join(f"X{4 - 4 * np.cos(a):.5f} Y{4 * np.sin(a):.5f}\n" for a in angles[1:])
+    text = f"G61 F600 G1\n{rows}M2\n"
+    found = plan(part(tmp_path, text), machine="xy_table", sample_time=0.02)
+    assert found.samples == int(np.ceil(found.cycle_time / 0.02)) + 1
+    assert sum(found.seconds.values()) == pytest.approx(found.cycle_time, abs=0.04)
+
+
+JOB = 'machine = "xy_table"\naxis = "y"\n[program]\nfile = "part.ngc"\n'
+
+
+def job_of(folder: Path) -> Path:
+    part(folder, "G64 P0.05\nG1 X5 F6000\nY3\nM2\n")
+    job = folder / "job.toml"
+    job.write_text(JOB, encoding="utf-8")
+    return job
+
+
+def test_a_job_takes_a_program_as_the_reference_of_all_axes(tmp_path: Path) -> None:
+    """Position to snap are those of the plan, bit for bit; the copy in the results reads the same program."""
+    job = fd.read_job(job_of(tmp_path))
+    assert "part program part.ngc, 2 blocks" in repr(job)
+    plan(tmp_path / "part.ngc", machine="xy_table", out=tmp_path / "out")
+    log = fd.read_log(tmp_path / "out" / "setpoints.parquet")
+    for axis, reference in (("y", job.reference), ("x", job.others["x"].reference)):
+        assert reference is not None
+        rows = [log[f"{axis}.set_{name}"] for name in ("position", "velocity", "acceleration", "jerk", "snap")]
+        np.testing.assert_array_equal(np.array(reference.at(log.time)), np.array(rows))
+
+
+@pytest.mark.slow(reason="a machine of two axes is compiled, with margins and stiffness: 10 s")
+def test_a_job_runs_a_program_and_can_be_repeated(tmp_path: Path) -> None:
+    """Both axes follow in one run; the job in the results gives the same figures."""
+    found = fd.run(job_of(tmp_path), out=tmp_path / "out")
+    together = found.rows[0].together
+    assert together is not None
+    assert max(together["x.set_position"]) == pytest.approx(5e-3)
+    assert max(together["y.set_position"]) == pytest.approx(3e-3)
+    again = fd.run(tmp_path / "out" / "job.toml", out=tmp_path / "again")
+    assert again.rows[0].together is not None
+    assert (tmp_path / "out" / "summary.json").read_text() == (tmp_path / "again" / "summary.json").read_text()
+
+
+@pytest.mark.parametrize(
+    ("section", "said"),
+    [
+        ("", r"program.file is missing"),
+        ('file = "part.ngc"\nspeed = 3', r"job.toml:5: key 'program.speed'"),
+        ('file = "none.ngc"', "none.ngc: cannot be read"),
+        ('file = "part.ngc"\n[reference]\nkind = "circle"', r"not \[reference\] and \[program\]"),
+        ('file = "part.ngc"\n[others.x.reference]\nkind = "circle"', "others.x.reference"),
+    ],
+)
+def test_a_wrong_program_section_is_refused(section: str, said: str, tmp_path: Path) -> None:
+    part(tmp_path)
+    job = tmp_path / "job.toml"
+    job.write_text(f'machine = "xy_table"\naxis = "y"\n[program]\n{section}\n', encoding="utf-8")
+    with pytest.raises(FeeddriveError, match=said):
+        fd.read_job(job)
+
+
 def test_stops_that_are_too_many_for_the_plan_stand_in_a_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for module in ("workflow.plan", "files.plan_files"):
         monkeypatch.setattr(sys.modules[f"feeddrive.{module}"], "FEW", 10)

@@ -9,6 +9,8 @@ rule = "equal gains" # what makes the laws comparable; printed in the report
 kind = "snap_limited_move"
 [log]                              # ... or a measured log, whose reference is replayed
 file = "run.csv"
+[program]                          # ... or a part program, planned, which moves all axes that it names
+file = "part.ngc"
 [load]                             # a force on the table
 kind = "step_force"
 [others.y.reference] # of a coupled machine, or to run all axes: motion of another axis;
@@ -29,6 +31,7 @@ from feeddrive.blocks.families import Load, Reference
 from feeddrive.files.blocks_from_toml import read_block
 from feeddrive.files.columns import ROLES, Column
 from feeddrive.files.formats import OpenedFile
+from feeddrive.files.job_program import PlannedProgram, read_planned
 from feeddrive.files.log import Log
 from feeddrive.files.machine import MachineFile, found, read_machine
 from feeddrive.files.read_log import read_log, unit_at_the_end
@@ -40,7 +43,7 @@ from feeddrive.loop.control import Control
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.machine import Machine, System
 
-_KEYS = ("title", "machine", "axis", "seed", "rule", "duration", "reference", "load", "others", "law", "log")
+_KEYS = ("title", "machine", "axis", "seed", "rule", "duration", "reference", "load", "others", "law", "log", "program")
 
 
 @dataclass(frozen=True)
@@ -90,6 +93,7 @@ class Job(Result):
 
     loops     the axis of the rows, by row
     machines  by row all axes with their couplings, if the axis is coupled or `others` move; else empty
+    program   in words, if the references are those of a part program; else empty
     """
 
     title: str
@@ -105,12 +109,14 @@ class Job(Result):
     file: TomlFile
     others: Mapping[str, Other] = field(default_factory=dict[str, Other])
     machines: Mapping[str, Machine] = field(default_factory=dict[str, Machine])
+    program: str = ""
 
     instead: ClassVar[str] = "fd.run(job) runs a job; its loops stand by row in job.loops"
 
     def table(self) -> Table:
         """One row for each law, today's first."""
-        work = self.reference.kind if self.reference is not None else f"log {self.log.path.name}" if self.log else "-"
+        work = self.program or (self.reference.kind if self.reference is not None else "-")
+        work = f"log {self.log.path.name}" if self.log is not None else work
         rows = [
             [name, loop.control.law.kind, ", ".join(each.kind for each in loop.control.filters) or "-"]
             for name, loop in self.loops.items()
@@ -146,15 +152,16 @@ def read_job(path: JobLike, log: str | Path | None = None) -> Job:
         name = machine.named(axis)
     except FeeddriveError as error:
         raise root.error(f"axis: {error}", "axis") from None
+    given = [each for each in ("reference", "log", "program") if root.optional(each) is not None]
+    if len(given) != 1:
+        told = f", not {' and '.join(f'[{each}]' for each in given)}: each gives the reference" if given else ""
+        raise root.error(f"a job needs one of the sections [reference], [log] and [program]{told}")
     others = _others(root, machine, name)
+    program, others = _program(root, place, machine, others, name)
     root = replace(root, turning=machine.loops[name].axis.rotary)
     together = machine.machine() if others or machine.coupled(name) else None
     rows = _laws(root, machine.loops[name], together)
-    reference = root.optional("reference")
     request = _log(root, place, log)
-    if (reference is None) == (request is None):
-        given = ", not both: the log gives the reference" if request else ""
-        raise root.error(f"a job needs either a section [reference] or a section [log]{given}")
     if request is not None and together is not None:
         raise root.error(
             "log: a log is replayed on one axis alone, here several run together: give a [reference]", "log"
@@ -167,14 +174,42 @@ def read_job(path: JobLike, log: str | Path | None = None) -> Job:
         axis=axis,
         seed=_whole(root, "seed", 0),
         duration=_duration(root),
-        reference=None if reference is None else read_block(Reference, reference),  # type: ignore[type-abstract]
+        reference=_reference(root, program, name),
         load=None if load is None else read_block(Load, load),  # type: ignore[type-abstract]
         log=request,
         loops={row: each.loops()[name] for row, each in rows.items()},
         file=file,
         others=others,
         machines={row: each for row, each in rows.items() if isinstance(each, Machine)},
+        program="" if program is None else program.said,
     )
+
+
+def _reference(root: Section, program: PlannedProgram | None, axis: str) -> Reference | None:
+    """The motion of the axis of the rows; None for that of a log."""
+    section = root.optional("reference")
+    if program is None:
+        return None if section is None else read_block(Reference, section)  # type: ignore[type-abstract]
+    if axis not in program.references:
+        raise root.error(
+            f"axis: a part program does not move axis '{axis}': name one of {', '.join(program.references)}", "axis"
+        )
+    return program.references[axis]
+
+
+def _program(
+    root: Section, place: Path, machine: MachineFile, others: dict[str, Other], axis: str
+) -> tuple[PlannedProgram | None, dict[str, Other]]:
+    """The planned program of a job, if it has one, and the motions of the other axes with those that it moves."""
+    section = root.optional("program")
+    if section is None:
+        return None, others
+    for name, other in others.items():
+        if other.reference is not None and len(name) == 1:
+            raise root.error(f"others.{name}.reference: the program gives the motions of all axes: leave it out")
+    found = read_planned(section, place, machine)
+    moving = {name: each for name, each in found.references.items() if name != axis}
+    return found, {**others, **{name: Other(each, others.get(name, Other()).load) for name, each in moving.items()}}
 
 
 def _machine(root: Section, place: Path) -> MachineFile:

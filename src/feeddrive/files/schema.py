@@ -21,6 +21,7 @@ from feeddrive.blocks.machine_families import Coupling
 from feeddrive.files.atomic_io import write_whole
 from feeddrive.files.blocks_from_toml import Hint, defaults, hints, members, options_of_type
 from feeddrive.files.columns import ROLES
+from feeddrive.files.job_program import FILES
 from feeddrive.language.block import Block, declarations
 from feeddrive.language.declaration import Declaration
 from feeddrive.loop.axis import Axis
@@ -225,6 +226,17 @@ def job_schema() -> Schema:
         "patternProperties": {f"^sample_time{_SUFFIX}$": {"type": "number", "exclusiveMinimum": 0}},
         "additionalProperties": False,
     }
+    program: Schema = {
+        "type": "object",
+        "description": "a part program, planned, which moves all axes that it names",
+        "required": ["file"],
+        "properties": {
+            **dict.fromkeys(FILES, _TEXT),
+            "tables_inch": {"type": "boolean", "description": "tools and offsets are in inches"},
+            "skip_deleted": {"type": "boolean", "description": "leave out lines that begin with /"},
+        },
+        "additionalProperties": False,
+    }
     law: Schema = {
         "type": "object",
         "required": ["name"],
@@ -242,7 +254,7 @@ def job_schema() -> Schema:
     root: Schema = {
         "type": "object",
         "required": ["machine"],
-        "oneOf": [{"required": ["reference"]}, {"required": ["log"]}],
+        "oneOf": [{"required": ["reference"]}, {"required": ["log"]}, {"required": ["program"]}],
         "properties": {
             "title": {**_TEXT, "description": "of the report"},
             "machine": {**_TEXT, "description": "machine file beside the job, or the name of a bundled one"},
@@ -262,6 +274,7 @@ def job_schema() -> Schema:
                 },
             },
             "log": log,
+            "program": program,
             "law": {"type": "array", "items": law, "description": "rows of the comparison after today's control"},
         },
         "additionalProperties": False,

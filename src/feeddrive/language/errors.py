@@ -59,6 +59,12 @@ class ProgramError(FileError):
         self.file, self.line, self.column, self.word, self.reason = file, line, column, word, reason
 
 
+class NotPlannedError(FeeddriveError):
+    """A part program whose motion cannot be used: its proof does not hold, or it is too long for what asks for it."""
+
+    exit_code = 1
+
+
 class LogError(FeeddriveError):
     """A measured log that cannot be used: empty, truncated, with gaps, or on a non-uniform clock."""
 

@@ -6,6 +6,7 @@ all faults are counted, and nothing of them may be used.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
@@ -183,7 +184,7 @@ def causes(share: np.ndarray, speed: np.ndarray, feed: np.ndarray) -> np.ndarray
     share  of each limit that is used, shape (n, N, 4); speed and feed along the path, m/s, shape (n,); the feed is 0
            at a standstill
     """
-    rows = share.reshape(len(share), -1)
+    rows = share.reshape(len(share), math.prod(share.shape[1:]))
     found = np.argmax(rows, axis=1)
     limits = rows.shape[1]
     found[np.max(rows, axis=1, initial=0.0) < _HALF] = limits + 1

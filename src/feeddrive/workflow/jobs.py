@@ -325,7 +325,8 @@ def _couplings(job: Job) -> dict[str, str]:
     if not job.machines:
         return {}
     moving = {axis: "stands" for axis in job.machine.loops if axis != job.axis}
-    moving |= {axis: block_sentence(each.reference) for axis, each in job.others.items() if each.reference is not None}
+    said = "as the program says" if job.program else ""
+    moving |= {axis: said or block_sentence(each.reference) for axis, each in job.others.items() if each.reference}
     couplings = "; ".join(map(block_sentence, job.machine.couplings)) or "none"
     return {"Couplings": couplings, "Other axes": "; ".join(f"{axis}: {text}" for axis, text in moving.items())}
 
@@ -334,4 +335,4 @@ def _work(job: Job, log: Log | None) -> str:
     if log is not None:
         return f"the reference of {log.name}, {len(log)} samples, SHA-256 {log.provenance['sha256']}"
     assert job.reference is not None
-    return block_sentence(job.reference)
+    return job.program or block_sentence(job.reference)

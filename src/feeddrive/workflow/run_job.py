@@ -16,6 +16,7 @@ from typing import Any
 
 from feeddrive.files.atomic_io import new_directory
 from feeddrive.files.job import JobLike, read_job
+from feeddrive.files.job_program import FILES
 from feeddrive.files.log import write_log
 from feeddrive.files.run_files import file_names, summary_text, write_run_csv, write_run_parquet
 from feeddrive.language import tree
@@ -97,13 +98,18 @@ def write_results(result: JobResult, out: str | Path) -> Path:
 
 
 def repeatable(result: JobResult) -> str:
-    """The job as it was given, but for its machine, which is the copy beside it, and its log, by its whole path."""
+    """The job as it was given, but for its machine, the copy beside it, and its log or program, by whole paths."""
     job = result.job
     text = re.sub(r"(?m)^machine\s*=.*$", lambda _: 'machine = "machine.toml"', job.file.text, count=1)
-    if job.log is None:
-        return text
-    path = json.dumps(str(job.log.path.resolve()))
-    return re.sub(r"(?m)^file\s*=.*$", lambda _: f"file = {path}", text, count=1)
+    if job.log is not None:
+        path = json.dumps(str(job.log.path.resolve()))
+        return re.sub(r"(?m)^file\s*=.*$", lambda _: f"file = {path}", text, count=1)
+    folder = Path(job.file.name).parent
+
+    def whole(found: re.Match[str]) -> str:
+        return f"{found[1]} = {json.dumps(str((folder / found[2]).resolve()))}"
+
+    return re.sub(rf'(?m)^({"|".join(FILES)})\s*=\s*"([^"\n]*)"', whole, text) if job.program else text
 
 
 def summary(result: JobResult) -> dict[str, Any]:
