@@ -49,8 +49,8 @@ def test_a_machine_gets_a_certificate_and_a_report(tmp_path: Path) -> None:
     assert "REFUSED: its content does not fit its SHA-256" in run("check", str(tmp_path / "other.json"), code=1)
 
 
-def test_measured_responses_and_other_positions(tmp_path: Path) -> None:
-    """Both encoders in one file: around the machine's plant, around a fit, and another machine beside it."""
+def measured(tmp_path: Path) -> str:
+    """A file with the responses of both encoders of the ball screw, with noise and its variance."""
     loop = fd.read_machine("ball_screw").loop("x")
     model = fd.linearize(loop, ["cut"], ["reading_motor", "reading_load"])
     f = np.geomspace(3.0, 2500.0, 300)
@@ -63,8 +63,14 @@ def test_measured_responses_and_other_positions(tmp_path: Path) -> None:
         both.append(fd.FRF(f, G, "force", output, "m/N", None, None, s**2))
     file = tmp_path / "axis.csv"
     fd.write_frf(file, *both)
+    return str(file)
+
+
+def test_measured_responses_and_other_positions(tmp_path: Path) -> None:
+    """Both encoders in one file: around a fit, around the machine's plant, and another machine beside it."""
+    file = measured(tmp_path)
     said = run(
-        "certify", "ball_screw", "--measured", str(file), "--fit", "--at", "ball_screw", "--at", str(file),
+        "certify", "ball_screw", "--measured", file, "--fit", "--at", "ball_screw", "--at", file,
         "--out", str(tmp_path / "out"),
     )  # fmt: skip
     assert "stable for 3 plants" in said
@@ -73,7 +79,11 @@ def test_measured_responses_and_other_positions(tmp_path: Path) -> None:
     document = json.loads((tmp_path / "out" / "certificate.json").read_text())
     assert [each["name"] for each in document["plants"]] == ["axis", "ball_screw", "axis 2"]
     assert "fitted to 600 measured lines" in document["plants"][0]["source"]
-    said = run("certify", "ball_screw", "--measured", str(file), "--out", str(tmp_path / "known"))
+
+
+@pytest.mark.slow(reason="a certificate more; beside another machine it is quick")
+def test_a_measured_response_around_the_plant_of_the_machine(tmp_path: Path) -> None:
+    said = run("certify", "ball_screw", "--measured", measured(tmp_path), "--out", str(tmp_path / "known"))
     assert "the disc of 'axis' could be" in said
 
 

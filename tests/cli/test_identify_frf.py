@@ -158,7 +158,6 @@ def test_lines_that_end_below_the_resonance_make_no_machine(tmp_path: Path) -> N
     low = motor.frequency <= 30.0
     write_frf(tmp_path / "m.csv", FRF(motor.frequency[low], motor.response[low], "force", "motor", "m/N"))
     asked = ["identify", str(tmp_path / "m.csv"), "--out", str(tmp_path / "o")]
-    assert "taken" not in runner.invoke(app, asked).output  # the comparison of structures is for --verbose
     done = runner.invoke(app, [*asked, "--verbose"])
     assert done.exit_code == 0, done.output
     assert re.search(r"rigid .* taken", done.output)  # a rigid mass predicts these lines as well

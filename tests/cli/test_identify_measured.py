@@ -104,7 +104,13 @@ def test_the_averaged_response_of_the_bench_as_it_is_published(tmp_path: Path) -
 
 
 @needs_stage
-@pytest.mark.parametrize("band", [("--band", "10..400"), ()], ids=["to 400 Hz", "all lines"])
+@pytest.mark.parametrize(
+    "band",
+    [
+        pytest.param(("--band", "10..400"), id="to 400 Hz"),
+        pytest.param((), id="all lines", marks=pytest.mark.slow(reason="the fit has a quick test; the command, above")),
+    ],
+)
 def test_modes_of_a_stage(tmp_path: Path, band: tuple[str, ...]) -> None:
     """Published: 30.47, 89.17 and 298.05 Hz with damping ratios of 0.0285, 0.0405 and 0.07."""
     asked = ["--motor", "Pv1", "--load", "Pv2", "--unit", "(m/s)/N", "--model", "modes", *band]
@@ -116,6 +122,7 @@ def test_modes_of_a_stage(tmp_path: Path, band: tuple[str, ...]) -> None:
 
 
 @needs_stage
+@pytest.mark.slow(reason="the fit that says so has a quick test; two masses are searched long where none fit")
 def test_a_stage_that_is_driven_elsewhere_gets_no_machine(tmp_path: Path) -> None:
     asked = ["--motor", "Pv1", "--load", "Pv2", "--unit", "(m/s)/N", "--band", "10..400"]
     shown = called("identify", str(STAGE), *asked, "--out", str(tmp_path))

@@ -184,6 +184,7 @@ def test_a_rule_of_the_trade_is_judged_like_a_search(tmp_path: Path) -> None:
         command("tune", "ball_screw", "--recipe", "foo")
 
 
+@pytest.mark.slow(reason="a fit of four modes to 2,000 lines: 5 s")
 def test_a_fit_of_modes_knows_the_hold_of_a_file_that_does_not_state_it() -> None:
     """Two modes, 1.37 samples of dead time, T = 0.25 ms: without the hold the fit was a fifth off at 240 Hz."""
     plant = fd.blocks.Modal(

@@ -20,6 +20,7 @@ from feeddrive.identification.excitation.estimate_frf import estimate_frf
 from feeddrive.identification.excitation.excitation import Excitation
 from feeddrive.language.errors import ParameterError, UnstableError
 from feeddrive.loop.linearize import linearize
+from slow_share import all_but
 
 T = 5e-4
 BAND = (10.0, 400.0)
@@ -45,20 +46,25 @@ def designed(model: fd.Loop, seed: int = 0, **asked: object) -> Excitation:
     return design_excitation(model, **{"band": BAND, "amplitude": 150.0, "resolution": 2.5, "seed": seed, **asked})  # type: ignore[arg-type]
 
 
+@pytest.mark.parametrize(
+    ("seeds", "allowed"), all_but([(12, 0.03)], [(12, 0.03), (40, 0.02)], "the same on more logs, to two thirds of it")
+)
 @pytest.mark.parametrize(("where", "amplitude"), [("force", 150.0), ("setpoint", 30e-6)])
-def test_a_simulated_log_gives_the_model_back_within_its_variance(where: str, amplitude: float) -> None:
-    """95 % bands hold the linearised axis, with control, dead time and noise in the loop, on 93 .. 97 % of the lines.
+def test_a_simulated_log_gives_the_model_back_within_its_variance(
+    where: str, amplitude: float, seeds: int, allowed: float
+) -> None:
+    """95 % bands hold the linearised axis, with control, dead time and noise in the loop, on 95 % of the lines.
 
-    40 seeds of 59 lines leave ±0.5 % to chance.
+    40 seeds of 59 lines leave ±0.5 % to chance, 12 leave ±0.8 %.
     """
     model = loop()
     inside = []
-    for seed in range(40):
+    for seed in range(seeds):
         found = designed(model, seed, where=where, amplitude=amplitude)
         estimate = estimate_frf(found.records())
         truth = linearize(model, ["cut"], ["reading_load"]).response(estimate.frequency)
         inside.append(np.abs(estimate.frf.response - truth.response) <= estimate.radius())
-    assert 0.93 < np.mean(inside) < 0.97
+    assert abs(np.mean(inside) - 0.95) < allowed
 
 
 def test_friction_is_slid_over() -> None:

@@ -13,6 +13,7 @@ from feeddrive.language.errors import ParameterError
 from screw_responses import SCREW, responses
 
 
+@pytest.mark.slow(reason="what no line tells is searched for long; the command asks it once, quickly")
 def test_lines_far_below_the_resonance_tell_the_total_mass_alone() -> None:
     motor, _ = responses(SCREW, noise=0.01, variance=True)
     fit = fit_two_mass(motor, band=(5.0, 30.0))

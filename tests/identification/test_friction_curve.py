@@ -12,6 +12,7 @@ from feeddrive.identification.friction_curve import CANDIDATES, fit_friction
 from feeddrive.identification.regression import strays
 from feeddrive.identification.steady_runs import runs_of, steady_runs
 from feeddrive.language.errors import LogError, NotIdentifiableError, ParameterError
+from slow_share import all_but
 
 SPEEDS = np.concatenate([-np.geomspace(1e-3, 0.2, 14)[::-1], np.geomspace(1e-3, 0.2, 14)])
 TRUE = {
@@ -26,15 +27,16 @@ TRUE = {
 }  # fmt: skip
 
 
+@pytest.mark.parametrize("sets", all_but([6], [6, 20], "the same on more sets of runs"))
 @pytest.mark.parametrize("name", TRUE)
-def test_the_model_that_made_the_runs_is_taken(name: str) -> None:
-    """In at least 18 of 20 sets of runs: 39 of 40 and more when measured."""
+def test_the_model_that_made_the_runs_is_taken(name: str, sets: int) -> None:
+    """In nine of ten sets of runs or more: 39 of 40 and more when measured."""
     clean = np.array([float(TRUE[name].steady(np.float64(v))) for v in SPEEDS])
     taken = []
-    for seed in range(20):
+    for seed in range(sets):
         noise = 0.2 * np.random.default_rng(seed).standard_normal(SPEEDS.size)
         taken.append(fit_friction(runs_of(SPEEDS, clean + noise)).model.name)
-    assert taken.count(name) >= 18, taken
+    assert taken.count(name) >= int(0.9 * sets), taken
 
 
 def test_parameters_come_back_within_their_errors_and_as_a_block() -> None:
@@ -53,18 +55,19 @@ def test_parameters_come_back_within_their_errors_and_as_a_block() -> None:
     assert all(count >= 50 for count in hits.values()), hits
 
 
-def test_a_residual_with_a_memory_is_no_evidence_for_more_parameters() -> None:
+@pytest.mark.parametrize("sets", all_but([7], [7, 20], "the same on more sets of runs"))
+def test_a_residual_with_a_memory_is_no_evidence_for_more_parameters(sets: int) -> None:
     """A slow wave over the speeds, as a wrong lubrication model leaves it, is not taken for a Stribeck curve."""
     v = np.concatenate([-np.linspace(0.02, 0.2, 40)[::-1], np.linspace(0.02, 0.2, 40)])
     base = np.array([float(TRUE["coulomb and viscous"].steady(np.float64(x))) for x in v])
     taken = []
-    for seed in range(20):
+    for seed in range(sets):
         rng = np.random.default_rng(seed)
         walk = np.zeros(v.size)
         for k in range(1, v.size):
             walk[k] = 0.9 * walk[k - 1] + 0.3 * rng.standard_normal()
         taken.append(fit_friction(runs_of(v, base + walk)).model.name)
-    assert sum("stribeck" in name for name in taken) <= 3, taken
+    assert sum("stribeck" in name for name in taken) <= 0.15 * sets, taken
 
 
 def test_plateaus_are_found_in_a_raw_log() -> None:

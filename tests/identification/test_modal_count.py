@@ -34,7 +34,13 @@ def stage(unit: str) -> list[FRF]:
     return found
 
 
-@pytest.mark.parametrize("unit", ["(m/s)/N", ""], ids=["unit stated", "velocity without a unit"])
+@pytest.mark.parametrize(
+    "unit",
+    [
+        pytest.param("(m/s)/N", id="unit stated"),
+        pytest.param("", id="velocity without a unit", marks=pytest.mark.slow(reason="fits of up to nine modes")),
+    ],
+)
 def test_all_modes_are_counted(unit: str) -> None:
     """Taken for a position, the responses lie an order off: one mode more helps little until all are there."""
     heard = Heard()
