@@ -13,13 +13,14 @@ from feeddrive.path.motion import Motion, Part
 from feeddrive.path.pieces import Pieces
 from feeddrive.path.proof.prove import Proof, Prover
 from feeddrive.path.sample import Sampler
-from feeddrive.path.schedule.overlap import Crossings, overlapped
+from feeddrive.path.schedule.crossing import Crossings
+from feeddrive.path.schedule.overlap import overlapped
 from feeddrive.path.schedule.run import plan_run
 
 
 def passed(segments: Pieces, tolerance: float, limits: np.ndarray = LIMITS, share: float = 1.0) -> list[Part]:
     """Segments planned with a share of the limits, every joint with the same tolerance (m)."""
-    runs, joint = joined(segments, np.full(len(segments.length), tolerance))
+    runs, joint = joined(segments, np.full(len(segments.length), tolerance), SHARP)
     crossings, found = Crossings(limits), []
     corners = np.where(joint.stop == 1, tolerance, 0.0)[joint.stop == 1]
     for pieces, corner in zip(runs, corners, strict=True):
@@ -50,6 +51,8 @@ def corner(degrees: float, turned: float = 0.0, length: float = 0.04) -> np.ndar
     return np.vstack([np.zeros(3), np.cumsum(moves, axis=0)])
 
 
+import os
+SHARP=float(os.environ.get("SHARP","0.35"))
 class Corner(NamedTuple):
     degrees: float
     turned: float
@@ -117,7 +120,7 @@ def test_arcs_overlap_in_corners_as_lines_do():
 
 FAULTS = {
     "of its tolerance": lambda part: part._replace(entering=part.entering._replace(tolerance=0.999 * 5e-5)),
-    "not equally long": lambda part: part._replace(
+    "not by the same pieces": lambda part: part._replace(
         entering=part.entering._replace(motion=_later(part.entering.motion))
     ),
     "do not meet": lambda part: part._replace(entering=part.entering._replace(pieces=_moved(part.entering.pieces))),

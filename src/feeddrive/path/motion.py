@@ -32,7 +32,7 @@ class Motion(NamedTuple):
 class Entering(NamedTuple):
     """The next run, from rest, while a part ends the run before: q is the sum of both, less the corner between them.
 
-    It lasts as long as that part, and each of both stays on one piece of its path.
+    Its pieces of time are those of that part, and each of both stays on one piece of its path.
 
     tolerance  m, of the distance between q and the two pieces, which is proven, too
     """

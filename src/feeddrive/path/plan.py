@@ -10,7 +10,7 @@ from feeddrive.path.geometry.joints import Joiner
 from feeddrive.path.geometry.segments import Chain, Pause, chains
 from feeddrive.path.motion import Part
 from feeddrive.path.program.moves import Move
-from feeddrive.path.schedule.overlap import Crossings
+from feeddrive.path.schedule.crossing import Crossings
 from feeddrive.path.schedule.run import Schedule
 
 

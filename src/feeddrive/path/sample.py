@@ -59,8 +59,6 @@ class Sampler:
         if part.entering is not None:
             corner = part.entering.pieces.origin[0]
             other = self._along(part.entering.pieces, part.entering.motion, ends)
-            # both last equally long but for rounding
-            found, other = found[: len(other)], other[: len(found)]
             found[:, :, 0] -= corner
             found += other
         self._begin, self._first = ends, self._first + len(found)

@@ -4,9 +4,11 @@ While the run before comes to rest in the corner c and the next one leaves it, q
 the sum of two motions along one piece each.  With r' near its middle the largest terms of both are one polynomial of
 time, whose range is exact, also where they cancel; the others are intervals (`ranges`).
 
-At the time t* at which the way w0 that is left of the first equals the way w1 that is done of the second, q stands for
-the path between q0 and q1; before it stands for q0, whose distance is w1 at most, and behind it for q1.  So the
-distance (of Fréchet) is at most max(w0, w1, |q - c|) at t*, and what the pieces bend beside their chords.
+Let w0 be the way that is left of the first and w1 that which is done of the second, and t* the time at which they are
+equal.  Between lines q stands for the point of the path at the way w1 - w0 from the corner, from which it is
+min(w0, w1) |t1 - t0| away: most at t*.  Otherwise it stands for q0 before t*, at most w1 away, for q1 behind, and at t*
+for the path between them: the distance (of Fréchet) is at most max(w0, w1, |q - c|) there, and what the pieces bend
+beside their chords.
 """
 
 from __future__ import annotations
@@ -16,7 +18,7 @@ from math import sqrt
 from feeddrive.language.kernels.kernel import kernel
 from feeddrive.language.kernels.plain import zeros
 from feeddrive.language.kernels.source import Floats2, Floats3
-from feeddrive.path.motion import chain, cubic, way
+from feeddrive.path.motion import chain, way
 from feeddrive.path.pieces import derivatives
 from feeddrive.path.proof.ranges import (
     add_ranges,
@@ -89,15 +91,6 @@ def _share(
 
 
 @kernel
-def _state(x: float, v: float, a: float, j: float, s: float, t: float, u: Floats2) -> float:
-    """Where a motion is at t; its u' .. u''' then into u[9] .. u[11]."""
-    u[9, 0] = cubic(v, a, j, s, t)
-    u[10, 0] = a + t * (j + 0.5 * t * s)
-    u[11, 0] = j + t * s
-    return x + way(v, a, j, s, t)
-
-
-@kernel
 def _derived(kind: int, length: float, shape: Floats2, x: float, s: float, u: Floats2, r: Floats2, q: Floats2) -> int:
     """r - r(0) into the first column of r, and q' .. q'''' of one motion into columns 1 to 4 of q."""
     derivatives(kind, length, shape, min(max(x, 0.0), length), r)
@@ -111,37 +104,31 @@ def prove_sum(
     kind1: int, length1: float, shape1: Floats2, motion1: Floats2,
     limits: Floats2, widened: float, feed: float, faults: Floats2, uses: Floats2, r: Floats3, q: Floats3,
 ) -> tuple[int, int]:  # fmt: skip
-    """Spans looked at and faults found, in rows of `faults`: time piece of the first motion, time in it, limit."""
+    """Spans looked at and faults found, in rows of `faults`: time piece, time in it, limit; both have the same ones."""
     spans = 0
     found = 0
-    m = 0
-    n = 0
-    begin0 = 0.0
-    begin1 = 0.0
-    t = 0.0
     halves = zeros(64, 2)
     u0 = zeros(12, 2)
     u1 = zeros(12, 2)
     r0 = zeros(12, 4, 2)
     r1 = zeros(12, 4, 2)
-    while m < len(motion0) and n < len(motion1):
-        end0 = begin0 + motion0[m, 0]
-        end1 = begin1 + motion1[n, 0]
-        end = min(end0, end1)
+    for m in range(len(motion0)):
+        x0 = motion0[m, 1]
+        x1 = motion1[m, 1]
         s0 = motion0[m, 5]
-        s1 = motion1[n, 5]
-        x0 = _state(motion0[m, 1], motion0[m, 2], motion0[m, 3], motion0[m, 4], s0, t - begin0, u0)
-        x1 = _state(motion1[n, 1], motion1[n, 2], motion1[n, 3], motion1[n, 4], s1, t - begin1, u1)
-        if end > t:
-            _derived(kind0, length0, shape0, x0, s0, u0, r[0], q[0])
-            _derived(kind1, length1, shape1, x1, s1, u1, r[1], q[1])
-            for i in range(len(limits)):
-                for k in range(4):
-                    uses[i, k] = max(uses[i, k], abs(q[0, i, k + 1] + q[1, i, k + 1]) / limits[i, k])
+        s1 = motion1[m, 5]
+        for k in range(3):
+            u0[9 + k, 0] = motion0[m, 2 + k]
+            u1[9 + k, 0] = motion1[m, 2 + k]
+        _derived(kind0, length0, shape0, x0, s0, u0, r[0], q[0])
+        _derived(kind1, length1, shape1, x1, s1, u1, r[1], q[1])
+        for i in range(len(limits)):
+            for k in range(4):
+                uses[i, k] = max(uses[i, k], abs(q[0, i, k + 1] + q[1, i, k + 1]) / limits[i, k])
         count = 1
-        halves[0] = 0.0, end - t
-        shortest = (end - t) * 1e-12
-        while count > 0 and end > t:
+        halves[0] = 0.0, motion0[m, 0]
+        shortest = motion0[m, 0] * 1e-12
+        while count > 0:
             count = count - 1
             b = halves[count, 0]
             e = halves[count, 1]
@@ -159,19 +146,12 @@ def prove_sum(
             )  # fmt: skip
             if share > 1.0 + widened or e - b <= shortest or count + 2 > len(halves):
                 if found < len(faults):
-                    faults[found] = 0.0, float(m), t - begin0 + middle, float(which), share
+                    faults[found] = 0.0, float(m), middle, float(which), share
                 found = found + 1
                 break
             halves[count] = middle, e
             halves[count + 1] = b, middle
             count = count + 2
-        if end0 <= end:
-            begin0 = end0
-            m = m + 1
-        if end1 <= end:
-            begin1 = end1
-            n = n + 1
-        t = end
     return spans, found
 
 
@@ -190,7 +170,7 @@ def _place(motion: Floats2, t: float) -> float:
 def distance(
     kind0: int, length0: float, shape0: Floats2, motion0: Floats2,
     kind1: int, length1: float, shape1: Floats2, motion1: Floats2,
-    lasts: float, r: Floats3,
+    r: Floats3,
 ) -> float:  # fmt: skip
     """A bound of the distance between q and the corner's two pieces, m, of motions that do not run backwards."""
     r0 = zeros(12, 4, 2)
@@ -202,7 +182,9 @@ def distance(
     )
     norm1 = slopes(kind1, length1, shape1, 0.0, min(max(x1, 0.0), length1), r1)
     low = 0.0
-    high = lasts
+    high = 0.0
+    for m in range(len(motion0)):
+        high = high + motion0[m, 0]
     for _ in range(60):
         t = 0.5 * (low + high)
         x0 = _place(motion0, t)
@@ -216,8 +198,8 @@ def distance(
     x1 = min(max(_place(motion1, t), 0.0), length1)
     left = norm0 * (length0 - x0)
     done = norm1 * x1
-    bent = 0.0
     gap = 0.0
+    turn = 0.0
     bend0 = 0.0
     bend1 = 0.0
     derivatives(kind0, length0, shape0, length0, r[0])
@@ -227,9 +209,13 @@ def distance(
         # q - c, and how far the pieces bend beside their chords to the corner
         apart = r[1, i, 0] - r[0, i, 0] + r[2, i, 0]
         gap = gap + apart * apart
+        apart = r[2, i, 1] / norm1 - r[0, i, 1] / norm0
+        turn = turn + apart * apart
         p = max(-r0[i, 1, 0], r0[i, 1, 1])
         bend0 = bend0 + p * p
         p = max(-r1[i, 1, 0], r1[i, 1, 1])
         bend1 = bend1 + p * p
+    if bend0 == 0.0 and bend1 == 0.0:
+        return sqrt(turn) * max(left, done) * (1.0 + 1e-12)
     bent = 0.125 * max(sqrt(bend0) * (length0 - x0) * (length0 - x0), sqrt(bend1) * x1 * x1)
     return max(max(left, done), sqrt(gap) + bent) * (1.0 + 1e-12)

@@ -291,14 +291,14 @@ class Prover:
     def _together(self, part: Part, entering: Entering, time: float) -> None:
         """Two runs that overlap: on one piece each, equally long, from the corner; limits of the sum, and distance."""
         one, two = part.pieces, entering.pieces
-        lasts = [float(np.sum(each.duration)) for each in (part.motion, entering.motion)]
-        if len(one.length) != 1 or len(two.length) != 1 or not part.ends or min(lasts) <= 0.0:
+        alike = np.array_equal(part.motion.duration, entering.motion.duration)
+        if len(one.length) != 1 or len(two.length) != 1 or not part.ends or not alike:
             self._refuse(one, time, -6, 0.0)
             return
         corner = _place(one, 0, float(one.length[0]))
         apart = float(np.abs(corner - two.origin[0]).max())
         self._jumps[0] = max(self._jumps[0], apart)
-        if apart > 1e-12 * (1.0 + np.abs(corner).max()) or abs(lasts[1] - lasts[0]) > 1e-9 * lasts[0]:
+        if apart > 1e-12 * (1.0 + np.abs(corner).max()):
             self._refuse(one, time, -6, 0.0)
             return
         kind0, length0, motion0 = int(one.kind[0]), float(one.length[0]), rows(part.motion)
@@ -311,9 +311,7 @@ class Prover:
         )  # fmt: skip
         self._note(found, spans, one.line, time + np.concatenate([[0.0], np.cumsum(part.motion.duration)]))
         room = np.zeros((3, axes, 5))
-        away = distance(
-            kind0, length0, one.shape[0], motion0, kind1, length1, two.shape[0], motion1, lasts[0], room
-        )  # fmt: skip
+        away = distance(kind0, length0, one.shape[0], motion0, kind1, length1, two.shape[0], motion1, room)
         self._missed = max(self._missed, away / entering.tolerance)
         if not away <= entering.tolerance * (1.0 + self._widened):
             self._refuse(one, time, -7, away / entering.tolerance)
@@ -354,9 +352,7 @@ def _fault(row: np.ndarray, line: np.ndarray, begins: np.ndarray) -> Fault:
     elif which == -4:
         what = "the motion runs backwards, or has no duration"
     elif which == -6:
-        what = (
-            "two runs overlap that do not meet in a corner, or on more than a piece of path each, or not equally long"
-        )
+        what = "two runs overlap that do not meet in a corner, or on more than a piece of path each, or not by the same pieces of time"
     elif which == -8:
         what = "the part does not go on from where the one before has ended"
     elif which == -7:

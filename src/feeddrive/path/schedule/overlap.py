@@ -1,26 +1,25 @@
 """Two runs that overlap in the corner between them: the next begins before the one before has come to rest.
 
 With D the time in which both move, q = q0(t) + q1(t - T0 + D) - c.  It keeps a limit if the sum of both motions does,
-and the tolerance if both ways to the corner are as short, and q as near to it, at the time when they are equal.
+and between lines the tolerance if it is near enough to the corner when the ways of both to it are equal; between other
+pieces these ways must be as short, too.
 """
 
 from __future__ import annotations
 
 from math import sqrt
-from typing import NamedTuple
 
 import numpy as np
 
 from feeddrive.language.kernels.kernel import kernel
 from feeddrive.language.kernels.plain import zeros
 from feeddrive.language.kernels.source import Floats, Floats2
-from feeddrive.path.motion import Entering, Motion, Part, cubic, rows, way
-from feeddrive.path.pieces import Pieces, derivatives
-from feeddrive.path.schedule.room import bounds
+from feeddrive.path.motion import Entering, Motion, Part, cubic, way
+from feeddrive.path.pieces import Pieces
 
 _HALVINGS = 24  # of the time in which both move
-_BELOW = 1.0 - 1e-10  # of a tolerance: rounding
-_SHORTEST = 1e-4  # s; less is not worth parts of their own
+_SLIVER = 1e-12  # of an overlap: two phases that end so near to each other end together
+BELOW = 1.0 - 1e-10  # of a tolerance: rounding
 
 
 @kernel
@@ -45,9 +44,9 @@ def _bent(most: Floats, v: float, a: float, j: float, s: float, away: float, out
 
 @kernel
 def together(
-    motion0: Floats2,
+    motion0: Floats2, count0: int,
     length0: float, direction0: Floats, most0: Floats2,
-    motion1: Floats2,
+    motion1: Floats2, count1: int,
     direction1: Floats, most1: Floats2,
     lasts: float, limits: Floats2, feed: float,
 ) -> tuple[float, float]:  # fmt: skip
@@ -65,7 +64,7 @@ def together(
     for i in range(axes):
         curved = max(curved, max(most0[i, 1], most1[i, 1]))
     # where the first motion is when the second begins
-    m = len(motion0)
+    m = count0
     left = lasts
     while m > 0 and left > 0.0:
         m = m - 1
@@ -76,14 +75,14 @@ def together(
     t = 0.0
     share = 0.0
     distance = 1e300
-    while t < lasts and m < len(motion0) and n < len(motion1):
+    while t < lasts and m < count0 and n < count1:
         end0 = begin0 + motion0[m, 0]
         end1 = begin1 + motion1[n, 0]
         end = min(min(end0, end1), lasts)
-        if m + 1 == len(motion0) and n + 1 == len(motion1):
+        if m + 1 == count0 and n + 1 == count1:
             end = lasts
         h = end - t
-        if h > 0.0:
+        if h > _SLIVER * lasts:
             b = t - begin0
             s0 = motion0[m, 5]
             x0 = motion0[m, 1] + way(motion0[m, 2], motion0[m, 3], motion0[m, 4], s0, b)
@@ -166,7 +165,9 @@ def together(
                     size0 = size0 + most0[i, 0] * most0[i, 0]
                     size1 = size1 + most1[i, 0] * most1[i, 0]
                     bend = bend + max(most0[i, 1] * w0 * w0, most1[i, 1] * w1 * w1)
-                distance = max(max(w0 * sqrt(size0), w1 * sqrt(size1)), sqrt(gap) + 2.0 * bend)
+                distance = sqrt(gap)
+                if curved > 0.0:
+                    distance = max(max(w0 * sqrt(size0), w1 * sqrt(size1)), distance + 2.0 * bend)
         if end0 <= end:
             begin0 = end0
             m = m + 1
@@ -179,9 +180,9 @@ def together(
 
 @kernel
 def overlap(
-    motion0: Floats2,
+    motion0: Floats2, count0: int,
     length0: float, direction0: Floats, most0: Floats2,
-    motion1: Floats2,
+    motion1: Floats2, count1: int,
     direction1: Floats, most1: Floats2,
     longest: float, tolerance: float, limits: Floats2, feed: float,
 ) -> float:  # fmt: skip
@@ -191,10 +192,10 @@ def overlap(
     lasts = longest
     for _ in range(_HALVINGS):
         share, distance = together(
-            motion0, length0, direction0, most0,
-            motion1, direction1, most1, lasts, limits, feed,
+            motion0, count0, length0, direction0, most0,
+            motion1, count1, direction1, most1, lasts, limits, feed,
         )  # fmt: skip
-        if share <= 1.0 + 1e-10 and distance <= tolerance * _BELOW:
+        if share <= 1.0 + 1e-10 and distance <= tolerance * BELOW:
             low = lasts
         else:
             high = lasts
@@ -209,6 +210,10 @@ def split(motion: Motion, t: float) -> tuple[Motion, Motion]:
     ends = np.cumsum(motion.duration)
     m = min(int(np.searchsorted(ends, t, side="right")), len(ends) - 1)
     b = t - (float(ends[m - 1]) if m else 0.0)
+    near = _SLIVER * float(ends[-1])
+    if b <= near or motion.duration[m] - b <= near:
+        m += int(b > near)
+        return Motion(*(each[:m] for each in motion)), Motion(*(each[m:] for each in motion))
     first = Motion(*(each[: m + 1].copy() for each in motion))
     second = Motion(*(each[m:].copy() for each in motion))
     x, v, a, j, s = (float(each[m]) for each in motion[2:])
@@ -218,74 +223,26 @@ def split(motion: Motion, t: float) -> tuple[Motion, Motion]:
     second.speed[0] = cubic(v, a, j, s, b)
     second.acceleration[0] = a + b * (j + 0.5 * b * s)
     second.jerk[0] = j + b * s
-    first, second = (Motion(*(each[part.duration > 0.0] for each in part)) for part in (first, second))
     return first, second
 
 
-class _End(NamedTuple):
-    """What a corner sees of a run: a motion on one piece of its path, its direction there and its bounds."""
-
-    motion: Motion
-    lasts: float  # s
-    pieces: Pieces
-    direction: np.ndarray
-    most: np.ndarray
-
-
-def _end(part: Part, last: bool) -> _End:
-    """Of a part on its last or its first piece."""
-    pieces, motion = part.pieces, part.motion
-    k = len(pieces.length) - 1 if last else 0
-    inside = motion.piece == k
-    if not last and not inside.all():
-        inside[np.flatnonzero(inside)[-1]] = False  # it may go on to the next piece
-    on = Motion(*(each[inside] for each in motion))
-    kind, length, shape = int(pieces.kind[k]), float(pieces.length[k]), pieces.shape[k]
-    r, most = np.zeros((len(shape), 5)), np.zeros((len(shape), 4))
-    derivatives(kind, length, shape, length if last else 0.0, r)
-    bounds(kind, length, shape, most)
-    piece = Pieces(*(each[k : k + 1] for each in pieces))
-    return _End(on._replace(piece=0 * on.piece), float(np.sum(on.duration)), piece, r[:, 1].copy(), most)
-
-
-class Crossings:
-    """Lets each run begin before the one before it has ended, as long as limits and tolerances allow.
-
-    limits  of velocity .. snap of each axis, m/s .. m/s⁴, shape (N, 4)
-    """
-
-    def __init__(self, limits: np.ndarray) -> None:
-        self._limits = np.ascontiguousarray(limits, float)
-        self._held: tuple[Part, float] | None = None
-
-    def add(self, part: Part, tolerance: float) -> list[Part]:
-        """What leaves once the next part is known; `tolerance` of the corner in which it ends, m, 0: none."""
-        held, self._held = self._held, (part, tolerance)
-        if held is None:
-            return []
-        if not held[0].ends or held[1] <= 0.0:
-            return [held[0]]
-        leaves, rest = self._met(held[0], part, held[1])
-        self._held = rest, tolerance
-        return leaves
-
-    def end(self) -> list[Part]:
-        """What is left, with which the motion stops."""
-        held, self._held = self._held, None
-        return [held[0]] if held else []
-
-    def _met(self, one: Part, two: Part, tolerance: float) -> tuple[list[Part], Part]:
-        """The end of a run with the begin of the next, as parts, and what is left of the next."""
-        end, begin = _end(one, True), _end(two, False)
-        # of a run that is not longer than this part the other half is for its other end
-        longest = min(end.lasts, begin.lasts, (0.5 if two.ends else 1.0) * float(np.sum(two.motion.duration)))
-        feed = float(max(end.pieces.feed[0], begin.pieces.feed[0]))
-        lasts = overlap(
-            rows(end.motion), float(end.pieces.length[0]), end.direction, end.most,
-            rows(begin.motion), begin.direction, begin.most,
-            longest * (1.0 - 1e-6), tolerance, self._limits, feed,
-        )  # fmt: skip
-        return overlapped(one, two, lasts, tolerance) if lasts >= _SHORTEST else ([one], two)
+def aligned(one: Motion, two: Motion) -> tuple[Motion, Motion]:
+    """Two motions on a piece each, equally long, with the same pieces of time."""
+    ends = [np.cumsum(each.duration) for each in (one, two)]
+    cuts = np.unique(np.concatenate([[0.0], *ends]))
+    total = min(float(each[-1]) for each in ends)
+    near = _SLIVER * total
+    cuts = cuts[np.concatenate([[True], np.diff(cuts) > near])]
+    cuts = np.append(cuts[cuts < total - near], total)
+    found = list[Motion]()
+    for motion, end in zip((one, two), ends, strict=True):
+        m = np.minimum(np.searchsorted(end, 0.5 * (cuts[1:] + cuts[:-1])), len(end) - 1)
+        t = cuts[:-1] - (end[m] - motion.duration[m])
+        x, v, a, j, s = (each[m] for each in motion[2:])
+        x = x + t * (v + t * (a / 2.0 + t * (j / 6.0 + t * s / 24.0)))
+        v, a, j = v + t * (a + t * (j / 2.0 + t * s / 6.0)), a + t * (j + t * s / 2.0), j + t * s
+        found.append(Motion(np.diff(cuts), 0 * m, x, v, a, j, s))
+    return found[0], found[1]
 
 
 def overlapped(one: Part, two: Part, lasts: float, tolerance: float) -> tuple[list[Part], Part]:
@@ -294,7 +251,7 @@ def overlapped(one: Part, two: Part, lasts: float, tolerance: float) -> tuple[li
     first, rest = split(two.motion, lasts)
     n = len(one.pieces.length)
     pieces = Pieces(*(each[n - 1 :] for each in one.pieces))
-    last, first = last._replace(piece=0 * last.piece), first._replace(piece=0 * first.piece)
+    last, first = aligned(last, first)
     entering = Entering(Pieces(*(each[:1] for each in two.pieces)), first, tolerance)
     leaves = [Part(pieces, last, True, entering)]
     if len(alone.duration):

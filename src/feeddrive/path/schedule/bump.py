@@ -1,0 +1,285 @@
+"""Stretches of a straight line whose ends overlap with their neighbors at a speed: the time bump of a corner.
+
+A run that passes a corner at the speed v has a node there, where u'' = u''' = 0.  Its direction would jump by t1 - t0;
+added to it is v (t1 - t0) phi(t), phi = K * (t)_+ - (t)_+, K = box(w) * box(w) * box(s), s <= w, which is 0 at
+|t| >= h = w + s/2.  The same is an overlap of two stops by 2 h: with H the step of speed smoothed by K, the one run has
+the speed u' - v H, goes on for h behind the node, and comes to rest in the corner; the other begins h before the node
+and has the speed u' - v (1 - H).  Both are nearest to the corner at the node, v phi(0) away:
+
+    phi(0) = w/6 + s²/(24 w) - s³/(192 w²)
+"""
+
+from __future__ import annotations
+
+from math import sqrt
+
+from feeddrive.language.kernels.kernel import kernel
+from feeddrive.language.kernels.plain import zeros
+from feeddrive.language.kernels.source import Floats, Floats2
+from feeddrive.path.motion import cubic, way
+from feeddrive.path.schedule.overlap import BELOW, together
+from feeddrive.path.schedule.ramp import boxcars, jerk_before, phase
+
+LENGTH, CAP, ACCELERATION, JERK, SNAP, HEAD, TAIL = 0, 1, 2, 3, 4, 5, 10  # of a stretch
+SPEED, WIDE, SHORT, JERK_SHARE, SNAP_SHARE = 0, 1, 2, 3, 4  # of its head and its tail
+NUMBERS = 15  # of a stretch
+ROWS = 40  # of its motion at most
+_HALVINGS = 8  # of the speed in a corner
+_PEAK_HALVINGS = 45
+
+
+@kernel
+def _phase(at: float, v: float, a: float, j: float, s: float, T: float, count: int, out: Floats2) -> int:
+    """Append a piece of time, if it has a duration."""
+    if T <= 0.0:
+        return count
+    out[count] = T, at, v, a, j, s
+    return count + 1
+
+
+@kernel
+def _ramp(low: float, rise: float, a: float, b: float, c: float, x: float, up: bool, count: int, out: Floats2) -> int:
+    """Append the phases of a ramp from x on."""
+    if rise <= 0.0 or a <= 0.0:
+        return count
+    sense = 1.0 if up else -1.0
+    jerk = rise / (b * c)
+    v = low if up else low + rise
+    acceleration = 0.0
+    for number in range(7):
+        T, s = phase(number, rise, a, b, c)
+        s = sense * s
+        j = sense * jerk_before(number, jerk)
+        count = _phase(x, v, acceleration, j, s, T, count, out)
+        if T > 0.0:
+            x = x + way(v, acceleration, j, s, T)
+            v, acceleration = cubic(v, acceleration, j, s, T), acceleration + T * (j + 0.5 * T * s)
+    return count
+
+
+@kernel
+def _box(v: float, wide: float, short: float, out: Floats2) -> int:
+    """The five phases of v H, from rest to the speed v."""
+    k = v / (wide * wide * short)
+    x = 0.0
+    u = 0.0
+    a = 0.0
+    j = 0.0
+    for number in range(5):
+        T = short if number % 2 == 0 else wide - short
+        s = 0.0
+        if number == 0 or number == 4:
+            s = k
+        elif number == 2:
+            s = -2.0 * k
+        j = 0.0 if number == 0 else (k * short if number < 3 else -k * short)
+        out[number] = T, x, u, a, j, s
+        x = x + way(u, a, j, s, T)
+        u, a = cubic(u, a, j, s, T), a + T * (j + 0.5 * T * s)
+    return 5
+
+
+@kernel
+def straight(stretch: Floats, out: Floats2) -> int:
+    """The quickest motion on a stretch, in rows of duration, x and u' .. u'''' at their begin; how many, 0: none.
+
+    length, highest speed; acceleration, jerk and snap along the line; of its head and of its tail the speed in the
+    node, w and s of the bump there (0: none, the stretch begins or ends with the node), shares of jerk and snap of the
+    ramp to it.
+    """
+    length = stretch[0]
+    v0 = stretch[5]
+    v1 = stretch[10]
+    A = stretch[2]
+    low = max(v0, v1)
+    high = stretch[1]
+    if low > high:
+        return 0
+    a = b = c = d = e = f = used = 0.0
+    peak = high
+    for again in range(_PEAK_HALVINGS):
+        a, b, c = boxcars(peak - v0, A, stretch[8] * stretch[3], stretch[9] * stretch[4])
+        d, e, f = boxcars(peak - v1, A, stretch[13] * stretch[3], stretch[14] * stretch[4])
+        used = 0.5 * ((v0 + peak) * (a + b + c) + (v1 + peak) * (d + e + f))
+        if used <= length:
+            if again == 0 or high - peak <= 1e-9 * peak:
+                break
+            low = peak
+        else:
+            high = peak
+            if high <= low * (1.0 + 1e-12):
+                return 0
+        peak = 0.5 * (low + high)
+    if used > length:
+        peak = low
+        a, b, c = boxcars(peak - v0, A, stretch[8] * stretch[3], stretch[9] * stretch[4])
+        d, e, f = boxcars(peak - v1, A, stretch[13] * stretch[3], stretch[14] * stretch[4])
+        used = 0.5 * ((v0 + peak) * (a + b + c) + (v1 + peak) * (d + e + f))
+        if used > length or peak <= 0.0:
+            return 0
+    base = zeros(18, 6)
+    h0 = stretch[6] + 0.5 * stretch[7]
+    h1 = stretch[11] + 0.5 * stretch[12]
+    count = _phase(-v0 * h0, v0, 0.0, 0.0, 0.0, h0, 0, base)
+    count = _ramp(v0, peak - v0, a, b, c, 0.0, True, count, base)
+    rise = 0.5 * (v0 + peak) * (a + b + c)
+    fall = 0.5 * (v1 + peak) * (d + e + f)
+    count = _phase(rise, peak, 0.0, 0.0, 0.0, (length - fall - rise) / peak, count, base)
+    count = _ramp(v1, peak - v1, d, e, f, length - fall, False, count, base)
+    count = _phase(length, v1, 0.0, 0.0, 0.0, h1, count, base)
+    total = 0.0
+    for k in range(count):
+        total = total + base[k, 0]
+    head = zeros(5, 6)
+    tail = zeros(5, 6)
+    heads = 0
+    tails = 0
+    if h0 > 0.0:
+        heads = _box(v0, stretch[6], stretch[7], head)
+    if h1 > 0.0:
+        tails = _box(v1, stretch[11], stretch[12], tail)
+    # the sum, wherever one of the three goes on to its next phase
+    m = 0
+    p = 0
+    q = 0
+    tb = 0.0
+    th = 0.0
+    tt = total - 2.0 * h1
+    t = 0.0
+    made = 0
+    while m < count:
+        end = tb + base[m, 0]
+        if p < heads:
+            end = min(end, th + head[p, 0])
+        if q < tails:
+            end = min(end, tt + tail[q, 0] if t >= tt else tt)
+        if end - t > 1e-13 * total:
+            g = t - tb
+            x = base[m, 1] + way(base[m, 2], base[m, 3], base[m, 4], base[m, 5], g)
+            v = cubic(base[m, 2], base[m, 3], base[m, 4], base[m, 5], g)
+            u = base[m, 3] + g * (base[m, 4] + 0.5 * g * base[m, 5])
+            j = base[m, 4] + g * base[m, 5]
+            s = base[m, 5]
+            if p < heads:
+                g = t - th
+                x = x + v0 * (h0 - t) + (head[p, 1] + way(head[p, 2], head[p, 3], head[p, 4], head[p, 5], g))
+                v = v - v0 + cubic(head[p, 2], head[p, 3], head[p, 4], head[p, 5], g)
+                u = u + (head[p, 3] + g * (head[p, 4] + 0.5 * g * head[p, 5]))
+                j = j + (head[p, 4] + g * head[p, 5])
+                s = s + head[p, 5]
+            if q < tails and t >= tt:
+                g = t - tt
+                x = x - (tail[q, 1] + way(tail[q, 2], tail[q, 3], tail[q, 4], tail[q, 5], g))
+                v = v - cubic(tail[q, 2], tail[q, 3], tail[q, 4], tail[q, 5], g)
+                u = u - (tail[q, 3] + g * (tail[q, 4] + 0.5 * g * tail[q, 5]))
+                j = j - (tail[q, 4] + g * tail[q, 5])
+                s = s - tail[q, 5]
+            out[made] = end - t, x, v, u, j, s
+            made = made + 1
+        # to the next phase of each that ends here
+        if tb + base[m, 0] <= end:
+            tb = tb + base[m, 0]
+            m = m + 1
+        if p < heads and th + head[p, 0] <= end:
+            th = th + head[p, 0]
+            p = p + 1
+        if q < tails and t >= tt and tt + tail[q, 0] <= end:
+            tt = tt + tail[q, 0]
+            q = q + 1
+        t = end
+    return made
+
+
+@kernel
+def lasting(rows: Floats2, count: int) -> float:
+    """The duration of the first rows."""
+    total = 0.0
+    for k in range(count):
+        total = total + rows[k, 0]
+    return total
+
+
+@kernel
+def width(away: float, short: float) -> tuple[float, float]:
+    """w and s of the bump with phi(0) = away (s), s as given, or w where that is shorter."""
+    if 39.0 * short >= 192.0 * away:
+        w = away * 192.0 / 39.0
+        return w, w
+    w = 6.0 * away
+    for _ in range(60):
+        w = 6.0 * away - short * short / (4.0 * w) * (1.0 - short / (8.0 * w))
+    return w, short
+
+
+@kernel
+def bump(
+    one: Floats, direction0: Floats, most0: Floats2, two: Floats, direction1: Floats, most1: Floats2,
+    before: Floats2, before_length: float, before_direction: Floats, before_most: Floats2,
+    lasts: float, before_tolerance: float, before_feed: float, half: bool,
+    tolerance: float, limits: Floats2, feed: float, fastest: float, quickest: float,
+    rows0: Floats2, rows1: Floats2, found: Floats,
+) -> float:  # fmt: skip
+    """The quickest bump between two stretches: its tail and head in `found`, and the time of both, which overlap.
+
+    `before` overlaps with the first stretch for `lasts` seconds.  0 if none is quicker than `quickest`; `half` leaves
+    half of the second one for the corner behind it.
+    """
+    gap = 0.0
+    for i in range(len(limits)):
+        g = direction1[i] - direction0[i]
+        gap = gap + g * g
+    near = tolerance * BELOW / sqrt(gap)
+    best = quickest
+    ours = 0.0
+    for shape in range(4):
+        share = 1.0 if shape == 0 else (0.93 if shape == 1 else (0.85 if shape == 2 else 0.7))
+        low = 0.0
+        high = fastest
+        v = fastest
+        for _ in range(_HALVINGS):
+            short = 4.0 * one[3] / one[4]
+            w, short = width(near / v, short)
+            one[10] = v
+            one[11] = w
+            one[12] = short
+            one[13] = share
+            one[14] = 0.5
+            for k in range(5):
+                two[5 + k] = one[10 + k]
+            good = False
+            time = time0 = time1 = both = 0.0
+            n = straight(one, rows0)
+            m = 0
+            if n > 0:
+                m = straight(two, rows1)
+            if m > 0:
+                time0 = lasting(rows0, n)
+                time1 = lasting(rows1, m)
+                both = 2.0 * w + short
+                time = time0 + time1 - both
+                if time >= best:
+                    break  # slower ones take longer
+                good = both <= time0 - lasts and both <= (0.5 * time1 if half else time1)
+            if good:
+                most, away = together(
+                    rows0, n, one[0], direction0, most0, rows1, m, direction1, most1, both, limits, feed
+                )  # fmt: skip
+                good = most <= 1.0 + 1e-10 and away <= tolerance
+            if good and lasts > 0.0:
+                most, away = together(
+                    before, len(before), before_length, before_direction, before_most,
+                    rows0, n, direction0, most0, lasts, limits, before_feed,
+                )  # fmt: skip
+                good = most <= 1.0 + 1e-10 and away <= before_tolerance
+            if good:
+                low = v
+                best = time
+                ours = time
+                for k in range(5):
+                    found[k] = one[10 + k]
+            else:
+                high = v
+            if high - low <= 0.01 * high:
+                break
+            v = 0.5 * (low + high)
+    return ours

@@ -1,0 +1,214 @@
+"""How the corners between runs are passed: as overlapped stops or with a time bump, whichever is quicker."""
+
+from __future__ import annotations
+
+from math import sqrt
+from typing import NamedTuple
+
+import numpy as np
+
+from feeddrive.path.motion import Motion, Part, rows
+from feeddrive.path.pieces import LINE, Pieces, derivatives
+from feeddrive.path.schedule.bump import HEAD, NUMBERS, ROWS, TAIL, bump, straight
+from feeddrive.path.schedule.overlap import overlap, overlapped
+from feeddrive.path.schedule.room import bounds, cap, cube_root
+
+_SHORTEST = 1e-4  # s of overlap; less is not worth parts of their own
+
+
+class _End(NamedTuple):
+    """What a corner sees of a run: a motion on one piece of its path, its direction there and its bounds."""
+
+    rows: np.ndarray
+    lasts: float  # s
+    length: float
+    feed: float
+    direction: np.ndarray
+    most: np.ndarray
+
+
+class _Stretch(NamedTuple):
+    """A part of a motion, on one line and from node to node, that may be made anew: rows of `first` to before `last`."""
+
+    first: int
+    last: int
+    numbers: np.ndarray  # as of `straight`
+
+
+class _Run(NamedTuple):
+    """A part whose end is not fixed yet, and how it overlaps with the part before.
+
+    whole  it is a run along one line, and its head and its tail are made together
+    """
+
+    part: Part
+    tolerance: float  # of the corner in which it ends, m
+    whole: _Stretch | None
+    lasts: float = 0.0  # s
+    corner: float = 0.0  # tolerance of that corner
+
+
+class Crossings:
+    """Lets each run begin before the one before it has ended, as far as limits and tolerances allow.
+
+    limits  of velocity .. snap of each axis, m/s .. m/s⁴, shape (N, 4)
+    """
+
+    def __init__(self, limits: np.ndarray) -> None:
+        self._limits = np.ascontiguousarray(limits, float)
+        self._fixed: Part | None = None  # its end may overlap with the next
+        self._open: _Run | None = None
+
+    def add(self, part: Part, tolerance: float) -> list[Part]:
+        """What leaves once the next part is known; `tolerance` of the corner in which it ends, m, 0: none."""
+        one, two = self._open, self._run(part, tolerance)
+        self._open = two
+        if one is None:
+            return []
+        if one.part.ends and one.tolerance > 0.0:
+            one, self._open = self._met(one, two)
+        return self._fix(one)
+
+    def end(self) -> list[Part]:
+        """What is left, with which the motion stops."""
+        one, self._open = self._open, None
+        leaves = self._fix(one) if one else []
+        last, self._fixed = self._fixed, None
+        return [*leaves, last] if last else leaves
+
+    def _run(self, part: Part, tolerance: float) -> _Run:
+        """A part; along a line of its own in closed form."""
+        motion = part.motion
+        if len(part.pieces.length) == 1 and part.ends and motion.x[0] == 0.0 and motion.speed[0] == 0.0:
+            stretch = self._stretch(part.pieces, 0, motion, 0, len(motion.duration), True)
+            if stretch is not None:
+                part = part._replace(motion=_made(stretch, motion, 0))
+                return _Run(part, tolerance, stretch._replace(last=len(part.motion.duration)))
+        return _Run(part, tolerance, None)
+
+    def _fix(self, run: _Run) -> list[Part]:
+        """The motion of a run is fixed: what leaves."""
+        before, self._fixed = self._fixed, run.part
+        if before is None:
+            return []
+        if run.lasts == 0.0:
+            return [before]
+        leaves, self._fixed = overlapped(before, run.part, run.lasts, run.corner)
+        return leaves
+
+    def _met(self, one: _Run, two: _Run) -> tuple[_Run, _Run]:
+        """Two runs with the corner between them, the first one as it will be."""
+        end, begin = _end(one.part, True), _end(two.part, False)
+        feed = max(end.feed, begin.feed)
+        # of a run that is a single part the other half is for its other end
+        share = 0.5 if two.part.ends else 1.0
+        longest = min(
+            end.lasts, begin.lasts, share * _time(two.part.motion), _time(one.part.motion) - one.lasts
+        ) * (1.0 - 1e-6)  # fmt: skip
+        lasts = overlap(
+            end.rows, len(end.rows), end.length, end.direction, end.most,
+            begin.rows, len(begin.rows), begin.direction, begin.most, longest, one.tolerance, self._limits, feed,
+        )  # fmt: skip
+        lasts = lasts if lasts >= _SHORTEST else 0.0
+        tail = one.whole or self._tail(one.part)
+        head = two.whole or self._head(two.part)
+        if tail is not None and head is not None:
+            found = self._bump(one, end, tail, two, begin, head, lasts, feed)
+            if found is not None:
+                return found
+        return one, two._replace(lasts=lasts, corner=one.tolerance)
+
+    def _bump(
+        self, one: _Run, end: _End, tail: _Stretch, two: _Run, begin: _End, head: _Stretch, lasts: float, feed: float
+    ) -> tuple[_Run, _Run] | None:
+        """Both with a bump, if that is quicker than with an overlap of `lasts` seconds."""
+        motion0, motion1 = one.part.motion, two.part.motion
+        quickest = _time(motion0, tail) + _time(motion1, head) - lasts
+        numbers0, numbers1 = tail.numbers.copy(), head.numbers.copy()
+        gap = sqrt(float(np.sum((begin.direction - end.direction) ** 2)))
+        turn = float(np.abs(begin.direction - end.direction).max())
+        jerk = float((self._limits[:, 2] / np.maximum(np.abs(begin.direction - end.direction), 1e-12)).min())
+        near = one.tolerance / gap
+        fastest = min(numbers0[1], numbers1[1], cube_root(2.2 * jerk * 36.0 * near * near)) if turn > 0 else numbers0[1]
+        before = _end(self._fixed, True) if one.whole and one.lasts > 0.0 and self._fixed else None
+        rechecked = (
+            (before.rows, before.length, before.direction, before.most)
+            if before else (np.zeros((0, 6)), 1.0, end.direction, end.most)
+        )  # fmt: skip
+        found = np.zeros(5)
+        rows0, rows1 = np.zeros((ROWS, 6)), np.zeros((ROWS, 6))
+        time = bump(
+            numbers0, end.direction, end.most, numbers1, begin.direction, begin.most, *rechecked,
+            one.lasts if one.whole else 0.0, one.corner, max(before.feed, end.feed) if before else feed,
+            two.whole is not None, one.tolerance, self._limits, feed, float(fastest), quickest, rows0, rows1, found,
+        )  # fmt: skip
+        if time == 0.0:
+            return None
+        numbers0[TAIL : TAIL + 5] = found
+        numbers1[HEAD : HEAD + 5] = found
+        tail, head = tail._replace(numbers=numbers0), head._replace(numbers=numbers1)
+        n = len(one.part.pieces.length) - 1
+        made0, made1 = _made(tail, motion0, n), _made(head, motion1, 0)
+        whole = head._replace(last=len(made1.duration)) if two.whole else None
+        lasts = 2.0 * float(found[1]) + float(found[2])
+        run = two._replace(part=two.part._replace(motion=made1), whole=whole, lasts=lasts, corner=one.tolerance)
+        return one._replace(part=one.part._replace(motion=made0)), run
+
+    def _tail(self, part: Part) -> _Stretch | None:
+        """From the first node on the last piece to the stop."""
+        motion, last = part.motion, len(part.pieces.length) - 1
+        nodes = np.flatnonzero((motion.piece == last) & (motion.acceleration == 0.0) & (motion.jerk == 0.0))
+        if not len(nodes):
+            return None
+        return self._stretch(part.pieces, last, motion, int(nodes[0]), len(motion.duration), True)
+
+    def _head(self, part: Part) -> _Stretch | None:
+        """From rest to the last node on the first piece."""
+        motion = part.motion
+        nodes = np.flatnonzero((motion.piece == 0) & (motion.acceleration == 0.0) & (motion.jerk == 0.0))
+        return self._stretch(part.pieces, 0, motion, 0, int(nodes[-1]), False) if len(nodes) else None
+
+    def _stretch(self, pieces: Pieces, k: int, motion: Motion, first: int, last: int, stops: bool) -> _Stretch | None:
+        if pieces.kind[k] != LINE or last <= first:
+            return None
+        length, most = float(pieces.length[k]), np.zeros((len(self._limits), 4))
+        norm = bounds(LINE, length, pieces.shape[k], most)
+        fastest = cap(most, norm, float(pieces.feed[k]), self._limits, 1.0)
+        with np.errstate(divide="ignore"):
+            room = np.min(self._limits[:, 1:] / np.maximum(most[:, :1], 1e-300), axis=0)
+        ends = length if stops else float(motion.x[last])
+        numbers = np.zeros(NUMBERS)
+        numbers[:5] = ends - float(motion.x[first]), fastest, *room
+        numbers[HEAD], numbers[TAIL] = motion.speed[first], 0.0 if stops else motion.speed[last]
+        numbers[[HEAD + 3, HEAD + 4, TAIL + 3, TAIL + 4]] = 1.0
+        return _Stretch(first, last, numbers)
+
+
+def _time(motion: Motion, stretch: _Stretch | None = None) -> float:
+    return float(np.sum(motion.duration[stretch.first : stretch.last] if stretch else motion.duration))
+
+
+def _made(stretch: _Stretch, motion: Motion, k: int) -> Motion:
+    """A motion with a stretch on piece k made anew."""
+    room = np.zeros((ROWS, 6))
+    count = straight(stretch.numbers, room)
+    new = room[:count]
+    x = float(motion.x[stretch.first])
+    columns = [new[:, 0], np.full(count, k, np.int64), new[:, 1] + x, *new[:, 2:].T]
+    parts = zip(motion, columns, strict=True)
+    return Motion(*(np.concatenate([old[: stretch.first], made, old[stretch.last :]]) for old, made in parts))
+
+
+def _end(part: Part, last: bool) -> _End:
+    """Of a part on its last or its first piece."""
+    pieces, motion = part.pieces, part.motion
+    k = len(pieces.length) - 1 if last else 0
+    inside = motion.piece == k
+    if not last and not inside.all():
+        inside[np.flatnonzero(inside)[-1]] = False  # it may go on to the next piece
+    on = Motion(*(each[inside] for each in motion))
+    kind, length, shape = int(pieces.kind[k]), float(pieces.length[k]), pieces.shape[k]
+    r, most = np.zeros((len(shape), 5)), np.zeros((len(shape), 4))
+    derivatives(kind, length, shape, length if last else 0.0, r)
+    bounds(kind, length, shape, most)
+    return _End(rows(on), float(np.sum(on.duration)), length, float(pieces.feed[k]), r[:, 1].copy(), most)
