@@ -30,7 +30,7 @@ def corner(angle: float, length: float = 0.03) -> np.ndarray:
 def test_a_corner_is_rounded_within_its_tolerance(degrees: float, tolerance: float):
     """Distance of the blend to the two lines by dense points; that of the corner's tip to the blend, too."""
     segments = lines(corner(np.radians(degrees)), 0.1)
-    (run,), joint = joined(segments, np.full(2, tolerance), sharpest=4.0)
+    (run,), joint = joined(segments, np.full(2, tolerance), sharpest=4.0, lonely=np.inf)
     path = points(run, 40)
     tip, direction = np.array([0.03, 0.0, 0.0]), np.array([np.cos(np.radians(degrees)), np.sin(np.radians(degrees)), 0])
     before = np.hypot(np.maximum(path[:, 0] - 0.03, 0.0), path[:, 1])
@@ -49,7 +49,7 @@ def test_a_blend_does_not_care_how_the_corner_lies():
     base = corner(1.0)
     turn = np.linalg.qr(np.random.default_rng(6).normal(size=(3, 3)))[0]
     found = [
-        joined(lines(each, 0.1), np.full(2, 1e-5), sharpest=4.0)[0][0].length[0]
+        joined(lines(each, 0.1), np.full(2, 1e-5), sharpest=4.0, lonely=np.inf)[0][0].length[0]
         for each in (base, base * [1, -1, 1], base @ turn.T, base[::-1])
     ]
     assert found == pytest.approx([found[0]] * 4, rel=1e-6)
@@ -62,7 +62,7 @@ def test_derivatives_meet_at_every_joint():
         arc((0.0, 0.005), 0.005, -0.5 * np.pi, 0.5 * np.pi, 0.1),
         lines(np.array([[0.0, 0.01, 0.0], [-0.03, 0.01, 0.0], [-0.04, 0.02, 0.0]]), 0.1),
     )
-    (run,), _ = joined(segments, np.full(4, 1e-5), sharpest=4.0)
+    (run,), _ = joined(segments, np.full(4, 1e-5), sharpest=4.0, lonely=np.inf)
     assert (run.kind == POLYNOMIAL).sum() == 24
     a, b, sizes = np.zeros((3, 5)), np.zeros((3, 5)), np.zeros(3)
     jumps = np.zeros(3)
@@ -80,7 +80,7 @@ def test_lines_in_one_direction_need_no_blend_and_stops_stay_stops():
     runs, joint = joined(straight, np.full(1000, 1e-5))
     assert len(runs) == 1
     assert joint.deviation.max() <= 1e-14
-    (run, other), joint = joined(lines(corner(0.5), 0.1), np.zeros(2), sharpest=4.0)
+    (run, other), joint = joined(lines(corner(0.5), 0.1), np.zeros(2), sharpest=4.0, lonely=np.inf)
     assert joint.stop.tolist() == [1, 1]
     assert run.kind.tolist() == other.kind.tolist() == [LINE]
     # sharper than asked for: a stop, although there is a tolerance

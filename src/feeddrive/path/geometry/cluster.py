@@ -23,7 +23,7 @@ from feeddrive.path.geometry.spline import (
 )
 
 LARGEST_STEP = 0.01  # m
-_BLEND = 0.156  # distance of a blend over its length and 2 sin θ/2
+BLEND = 0.156  # distance of a blend over its length and 2 sin θ/2
 _SHARE = 0.999  # of the tolerance
 _ROUNDS = 40
 _STRAIGHT = 1e-13  # rad, between lines in one direction
@@ -96,7 +96,7 @@ def clustered(
         if k + 1 == len(length) or tolerance[k] <= 0.0 or kind[k] != 0 or kind[k + 1] != 0:
             continue
         turn = chord(length[k], shape[k], length[k + 1], shape[k + 1])
-        if tolerance[k] <= _BLEND * turn * 0.5 * min(length[k], length[k + 1]):
+        if tolerance[k] <= BLEND * turn * 0.5 * min(length[k], length[k + 1]):
             continue
         near = _NEAR * tolerance[k]
         if turn > 2.0 * sharpest and since > near:

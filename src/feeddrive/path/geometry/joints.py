@@ -16,11 +16,12 @@ from feeddrive.language.kernels.kernel import kernel
 from feeddrive.language.kernels.plain import zeros
 from feeddrive.language.kernels.source import Floats, Floats2, Floats3, Ints
 from feeddrive.path.geometry.blend import blend, part_of, state_near
-from feeddrive.path.geometry.cluster import LARGEST_STEP, clustered, fitted, spline_pieces
+from feeddrive.path.geometry.cluster import BLEND, LARGEST_STEP, clustered, fitted, spline_pieces
 from feeddrive.path.geometry.segments import Chain
 from feeddrive.path.pieces import Pieces, Section, derivatives, one_after_the_other, part_of_pieces, turned
 
 _CUTS = 8  # pieces of a blend
+LONELY = 4.5  # lengths of a blend; between longer lines a corner is passed quicker by runs that overlap
 _SMOOTH = 1e-9  # rad, and of the curvature: less is no corner
 
 
@@ -72,8 +73,9 @@ def _meeting(a: Floats2, b: Floats2) -> tuple[float, float, float]:
 
 @kernel
 def _passed(
-    k: int, kind: Ints, length: Floats, shape: Floats3, tolerance: Floats, sharpest: float, a: Floats2, b: Floats2
-) -> tuple[int, float, float]:
+    k: int, kind: Ints, length: Floats, shape: Floats3, tolerance: Floats, sharpest: float, lonely: float,
+    a: Floats2, b: Floats2,
+) -> tuple[int, float, float]:  # fmt: skip
     """How the joint behind k may be passed, 0: not, 1: as it is, 2: by a blend; cosine and chord of its angle."""
     if k + 1 == len(length) or tolerance[k] < 0.0:
         return 0, 0.0, 0.0
@@ -83,7 +85,8 @@ def _passed(
     shorter = min(length[k], length[k + 1])
     if turn <= 1e-14 and jump * shorter <= 1e-14 and kind[k] == 0 and kind[k + 1] == 0:
         return 1, cosine, turn
-    if tolerance[k] > 0.0 and turn <= 2.0 * sharpest:
+    alone = kind[k] == 0 and kind[k + 1] == 0 and lonely * tolerance[k] < BLEND * turn * shorter
+    if tolerance[k] > 0.0 and turn <= 2.0 * sharpest and not alone:
         return 2, cosine, turn
     return 0, cosine, turn
 
@@ -91,7 +94,8 @@ def _passed(
 @kernel
 def join(
     kind: Ints, length: Floats, origin: Floats2, shape: Floats3, feed: Floats, line: Ints,
-    tolerance: Floats, sharpest: float, begin: float, flows: bool, ends: bool, deviation: Floats, stop: Ints,
+    tolerance: Floats, sharpest: float, lonely: float, begin: float, flows: bool, ends: bool,
+    deviation: Floats, stop: Ints,
     kinds: Ints, lengths: Floats, origins: Floats2, shapes: Floats3, feeds: Floats, lines: Ints, runs: Ints,
     inside: Ints, sharing: Floats, corner: Floats, group: Ints, slope: Floats2, far: Floats,
     at: Floats, goal: Floats, at_next: Floats, goal_next: Floats, knots: Floats, x: Floats, control: Floats2,
@@ -105,6 +109,7 @@ def join(
 
     tolerance  of the joint behind each segment, m; negative: stop there; 0: stop unless it is smooth
     sharpest   rad; at a corner beyond it the run stops
+    lonely     lengths of a blend; it stops at a corner of longer lines, too
     runs       number of the run of each piece
     inside     which joints are in a cluster; those of one that cannot be fitted are taken out
     sharing .. far, at .. curve  room for n + 1 segments, and for the knots of a cluster, as in `fitted`
@@ -129,7 +134,7 @@ def join(
                 last = last + 1
             if last == n - 1 and not ends:
                 break
-            way, cosine, turn = _passed(last, kind, length, shape, tolerance, sharpest, a, b)
+            way, cosine, turn = _passed(last, kind, length, shape, tolerance, sharpest, lonely, a, b)
             end = 0.5 * length[last] if way > 0 else 0.0
             steps = fitted(
                 k, last, 0.5 * length[k] if flows else 0.0, end, flows, way > 0, length, shape, origin, tolerance,
@@ -154,7 +159,7 @@ def join(
         span = 0.0
         deviation[k] = 0.0
         stop[k] = 1
-        way, cosine, turn = _passed(k, kind, length, shape, tolerance, sharpest, a, b)
+        way, cosine, turn = _passed(k, kind, length, shape, tolerance, sharpest, lonely, a, b)
         if way == 1:
             stop[k] = 0
         elif way == 2:
@@ -201,10 +206,10 @@ def join(
 
 
 class Joiner:
-    """Joins the segments of chains in their order; beyond `sharpest` (rad) a corner is a stop."""
+    """Joins the segments of chains in their order; `sharpest` and `lonely` as in `join`."""
 
-    def __init__(self, sharpest: float = 0.35) -> None:
-        self._sharpest, self._taken, self._flows = sharpest, 0.0, False
+    def __init__(self, sharpest: float = 0.35, lonely: float = LONELY) -> None:
+        self._sharpest, self._lonely, self._taken, self._flows = sharpest, lonely, 0.0, False
         self._held: tuple[Pieces, np.ndarray] | None = None  # the last segments of a chain that goes on
 
     def join(self, chain: Chain) -> tuple[list[Section], Joint]:
@@ -214,7 +219,7 @@ class Joiner:
             segments = one_after_the_other([self._held[0], segments])
             tolerance = np.concatenate([self._held[1], tolerance])
         sections, joint, self._taken = _joined(
-            segments, tolerance, self._sharpest, self._taken, self._flows, chain.ends
+            segments, tolerance, self._sharpest, self._lonely, self._taken, self._flows, chain.ends
         )
         n, known = len(tolerance), len(joint.stop)
         if known:
@@ -223,14 +228,16 @@ class Joiner:
         return sections, joint
 
 
-def joined(segments: Pieces, tolerance: np.ndarray, sharpest: float = 0.35) -> tuple[list[Pieces], Joint]:
-    """The runs of segments that follow each other, and how each joint is passed; `tolerance` as in `join`, m."""
-    sections, joint = Joiner(sharpest).join(Chain(segments, tolerance, True))
+def joined(
+    segments: Pieces, tolerance: np.ndarray, sharpest: float = 0.35, lonely: float = LONELY
+) -> tuple[list[Pieces], Joint]:
+    """The runs of segments that follow each other, and how each joint is passed; parameters as in `join`."""
+    sections, joint = Joiner(sharpest, lonely).join(Chain(segments, tolerance, True))
     return [each.pieces for each in sections], joint
 
 
 def _joined(
-    segments: Pieces, tolerance: np.ndarray, sharpest: float, taken: float, flows: bool, ends: bool
+    segments: Pieces, tolerance: np.ndarray, sharpest: float, lonely: float, taken: float, flows: bool, ends: bool
 ) -> tuple[list[Section], Joint, float]:
     """The sections, the joints behind the segments that are done, and the last result of `join`."""
     n, axes = segments.origin.shape
@@ -246,7 +253,17 @@ def _joined(
         )  # fmt: skip
         try:
             count, ended, known, taken = join(
-                *segments, tolerance, sharpest, taken, flows, ends, *joint, *out, inside.copy(), *_room(n, many, axes)
+                *segments,
+                tolerance,
+                sharpest,
+                lonely,
+                taken,
+                flows,
+                ends,
+                *joint,
+                *out,
+                inside.copy(),
+                *_room(n, many, axes),
             )
             break
         except IndexError:

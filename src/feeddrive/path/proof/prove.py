@@ -352,7 +352,7 @@ def _fault(row: np.ndarray, line: np.ndarray, begins: np.ndarray) -> Fault:
     elif which == -4:
         what = "the motion runs backwards, or has no duration"
     elif which == -6:
-        what = "two runs overlap that do not meet in a corner, or on more than a piece of path each, or not by the same pieces of time"
+        what = "two runs overlap that do not meet in a corner, or by more than a piece of path or other pieces of time"
     elif which == -8:
         what = "the part does not go on from where the one before has ended"
     elif which == -7:

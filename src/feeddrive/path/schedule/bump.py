@@ -19,10 +19,11 @@ from feeddrive.language.kernels.source import Floats, Floats2
 from feeddrive.path.motion import cubic, way
 from feeddrive.path.schedule.overlap import BELOW, together
 from feeddrive.path.schedule.ramp import boxcars, jerk_before, phase
+from feeddrive.path.schedule.room import cube_root
 
-LENGTH, CAP, ACCELERATION, JERK, SNAP, HEAD, TAIL = 0, 1, 2, 3, 4, 5, 10  # of a stretch
-SPEED, WIDE, SHORT, JERK_SHARE, SNAP_SHARE = 0, 1, 2, 3, 4  # of its head and its tail
-NUMBERS = 15  # of a stretch
+# places of what describes a stretch, as in `straight`
+LENGTH, FASTEST, ACCELERATION, JERK, SNAP, HEAD, TAIL, NUMBERS = 0, 1, 2, 3, 4, 5, 10, 15
+WIDE, SHORT, JERK_SHARE, SNAP_SHARE = 1, 2, 3, 4  # of its head and of its tail, behind the speed there
 ROWS = 40  # of its motion at most
 _HALVINGS = 8  # of the speed in a corner
 _PEAK_HALVINGS = 45
@@ -87,19 +88,23 @@ def straight(stretch: Floats, out: Floats2) -> int:
     node, w and s of the bump there (0: none, the stretch begins or ends with the node), shares of jerk and snap of the
     ramp to it.
     """
-    length = stretch[0]
-    v0 = stretch[5]
-    v1 = stretch[10]
-    A = stretch[2]
+    length = stretch[LENGTH]
+    v0 = stretch[HEAD]
+    v1 = stretch[TAIL]
+    A = stretch[ACCELERATION]
     low = max(v0, v1)
-    high = stretch[1]
+    high = stretch[FASTEST]
     if low > high:
         return 0
     a = b = c = d = e = f = used = 0.0
     peak = high
     for again in range(_PEAK_HALVINGS):
-        a, b, c = boxcars(peak - v0, A, stretch[8] * stretch[3], stretch[9] * stretch[4])
-        d, e, f = boxcars(peak - v1, A, stretch[13] * stretch[3], stretch[14] * stretch[4])
+        a, b, c = boxcars(
+            peak - v0, A, stretch[HEAD + JERK_SHARE] * stretch[JERK], stretch[HEAD + SNAP_SHARE] * stretch[SNAP]
+        )
+        d, e, f = boxcars(
+            peak - v1, A, stretch[TAIL + JERK_SHARE] * stretch[JERK], stretch[TAIL + SNAP_SHARE] * stretch[SNAP]
+        )
         used = 0.5 * ((v0 + peak) * (a + b + c) + (v1 + peak) * (d + e + f))
         if used <= length:
             if again == 0 or high - peak <= 1e-9 * peak:
@@ -108,18 +113,22 @@ def straight(stretch: Floats, out: Floats2) -> int:
         else:
             high = peak
             if high <= low * (1.0 + 1e-12):
-                return 0
+                break
         peak = 0.5 * (low + high)
     if used > length:
         peak = low
-        a, b, c = boxcars(peak - v0, A, stretch[8] * stretch[3], stretch[9] * stretch[4])
-        d, e, f = boxcars(peak - v1, A, stretch[13] * stretch[3], stretch[14] * stretch[4])
+        a, b, c = boxcars(
+            peak - v0, A, stretch[HEAD + JERK_SHARE] * stretch[JERK], stretch[HEAD + SNAP_SHARE] * stretch[SNAP]
+        )
+        d, e, f = boxcars(
+            peak - v1, A, stretch[TAIL + JERK_SHARE] * stretch[JERK], stretch[TAIL + SNAP_SHARE] * stretch[SNAP]
+        )
         used = 0.5 * ((v0 + peak) * (a + b + c) + (v1 + peak) * (d + e + f))
         if used > length or peak <= 0.0:
             return 0
     base = zeros(18, 6)
-    h0 = stretch[6] + 0.5 * stretch[7]
-    h1 = stretch[11] + 0.5 * stretch[12]
+    h0 = stretch[HEAD + WIDE] + 0.5 * stretch[HEAD + SHORT]
+    h1 = stretch[TAIL + WIDE] + 0.5 * stretch[TAIL + SHORT]
     count = _phase(-v0 * h0, v0, 0.0, 0.0, 0.0, h0, 0, base)
     count = _ramp(v0, peak - v0, a, b, c, 0.0, True, count, base)
     rise = 0.5 * (v0 + peak) * (a + b + c)
@@ -135,9 +144,9 @@ def straight(stretch: Floats, out: Floats2) -> int:
     heads = 0
     tails = 0
     if h0 > 0.0:
-        heads = _box(v0, stretch[6], stretch[7], head)
+        heads = _box(v0, stretch[HEAD + WIDE], stretch[HEAD + SHORT], head)
     if h1 > 0.0:
-        tails = _box(v1, stretch[11], stretch[12], tail)
+        tails = _box(v1, stretch[TAIL + WIDE], stretch[TAIL + SHORT], tail)
     # the sum, wherever one of the three goes on to its next phase
     m = 0
     p = 0
@@ -216,19 +225,26 @@ def bump(
     one: Floats, direction0: Floats, most0: Floats2, two: Floats, direction1: Floats, most1: Floats2,
     before: Floats2, before_length: float, before_direction: Floats, before_most: Floats2,
     lasts: float, before_tolerance: float, before_feed: float, half: bool,
-    tolerance: float, limits: Floats2, feed: float, fastest: float, quickest: float,
+    tolerance: float, limits: Floats2, feed: float, quickest: float,
     rows0: Floats2, rows1: Floats2, found: Floats,
 ) -> float:  # fmt: skip
     """The quickest bump between two stretches: its tail and head in `found`, and the time of both, which overlap.
 
     `before` overlaps with the first stretch for `lasts` seconds.  0 if none is quicker than `quickest`; `half` leaves
-    half of the second one for the corner behind it.
+    half of the second one for the corner behind it.  With w = 6 near/v and the jerk v |t1 - t0|/w² of the bump, which
+    may cancel that of the ramps, so that 2.2 times the limit is never held, v³ is at most 2.2 · 36 jerk near².
     """
     gap = 0.0
+    jerk = 1e300
     for i in range(len(limits)):
-        g = direction1[i] - direction0[i]
+        g = abs(direction1[i] - direction0[i])
         gap = gap + g * g
+        if g * jerk > limits[i, 2]:
+            jerk = limits[i, 2] / g
+    if gap <= 1e-18:
+        return 0.0
     near = tolerance * BELOW / sqrt(gap)
+    fastest = min(min(one[FASTEST], two[FASTEST]), cube_root(79.2 * jerk * near * near))
     best = quickest
     ours = 0.0
     for shape in range(4):
@@ -237,15 +253,15 @@ def bump(
         high = fastest
         v = fastest
         for _ in range(_HALVINGS):
-            short = 4.0 * one[3] / one[4]
+            short = 4.0 * one[JERK] / one[SNAP]
             w, short = width(near / v, short)
-            one[10] = v
-            one[11] = w
-            one[12] = short
-            one[13] = share
-            one[14] = 0.5
+            one[TAIL] = v
+            one[TAIL + WIDE] = w
+            one[TAIL + SHORT] = short
+            one[TAIL + JERK_SHARE] = share
+            one[TAIL + SNAP_SHARE] = 0.5
             for k in range(5):
-                two[5 + k] = one[10 + k]
+                two[HEAD + k] = one[TAIL + k]
             good = False
             time = time0 = time1 = both = 0.0
             n = straight(one, rows0)
@@ -262,7 +278,7 @@ def bump(
                 good = both <= time0 - lasts and both <= (0.5 * time1 if half else time1)
             if good:
                 most, away = together(
-                    rows0, n, one[0], direction0, most0, rows1, m, direction1, most1, both, limits, feed
+                    rows0, n, one[LENGTH], direction0, most0, rows1, m, direction1, most1, both, limits, feed
                 )  # fmt: skip
                 good = most <= 1.0 + 1e-10 and away <= tolerance
             if good and lasts > 0.0:
@@ -276,7 +292,7 @@ def bump(
                 best = time
                 ours = time
                 for k in range(5):
-                    found[k] = one[10 + k]
+                    found[k] = one[TAIL + k]
             else:
                 high = v
             if high - low <= 0.01 * high:

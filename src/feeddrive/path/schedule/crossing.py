@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from math import sqrt
 from typing import NamedTuple
 
 import numpy as np
 
 from feeddrive.path.motion import Motion, Part, rows
 from feeddrive.path.pieces import LINE, Pieces, derivatives
-from feeddrive.path.schedule.bump import HEAD, NUMBERS, ROWS, TAIL, bump, straight
+from feeddrive.path.schedule.bump import HEAD, JERK_SHARE, NUMBERS, ROWS, SNAP_SHARE, TAIL, bump, straight
 from feeddrive.path.schedule.overlap import overlap, overlapped
-from feeddrive.path.schedule.room import bounds, cap, cube_root
+from feeddrive.path.schedule.room import bounds, cap
 
 _SHORTEST = 1e-4  # s of overlap; less is not worth parts of their own
 
@@ -28,7 +27,7 @@ class _End(NamedTuple):
 
 
 class _Stretch(NamedTuple):
-    """A part of a motion, on one line and from node to node, that may be made anew: rows of `first` to before `last`."""
+    """What may be made anew of a motion: on one line, from node to node, pieces of time `first` to before `last`."""
 
     first: int
     last: int
@@ -81,8 +80,9 @@ class Crossings:
         motion = part.motion
         if len(part.pieces.length) == 1 and part.ends and motion.x[0] == 0.0 and motion.speed[0] == 0.0:
             stretch = self._stretch(part.pieces, 0, motion, 0, len(motion.duration), True)
-            if stretch is not None:
-                part = part._replace(motion=_made(stretch, motion, 0))
+            made = _made(stretch, motion, 0) if stretch is not None else motion
+            if stretch is not None and len(made.duration):
+                part = part._replace(motion=made)
                 return _Run(part, tolerance, stretch._replace(last=len(part.motion.duration)))
         return _Run(part, tolerance, None)
 
@@ -125,22 +125,15 @@ class Crossings:
         motion0, motion1 = one.part.motion, two.part.motion
         quickest = _time(motion0, tail) + _time(motion1, head) - lasts
         numbers0, numbers1 = tail.numbers.copy(), head.numbers.copy()
-        gap = sqrt(float(np.sum((begin.direction - end.direction) ** 2)))
-        turn = float(np.abs(begin.direction - end.direction).max())
-        jerk = float((self._limits[:, 2] / np.maximum(np.abs(begin.direction - end.direction), 1e-12)).min())
-        near = one.tolerance / gap
-        fastest = min(numbers0[1], numbers1[1], cube_root(2.2 * jerk * 36.0 * near * near)) if turn > 0 else numbers0[1]
-        before = _end(self._fixed, True) if one.whole and one.lasts > 0.0 and self._fixed else None
-        rechecked = (
-            (before.rows, before.length, before.direction, before.most)
-            if before else (np.zeros((0, 6)), 1.0, end.direction, end.most)
-        )  # fmt: skip
-        found = np.zeros(5)
-        rows0, rows1 = np.zeros((ROWS, 6)), np.zeros((ROWS, 6))
+        # the head of a whole run that overlaps already is made anew with its tail, and looked at again
+        again = one.whole is not None and one.lasts > 0.0 and self._fixed is not None
+        before = _end(self._fixed, True) if again and self._fixed else end
+        found, rows0, rows1 = np.zeros(5), np.zeros((ROWS, 6)), np.zeros((ROWS, 6))
         time = bump(
-            numbers0, end.direction, end.most, numbers1, begin.direction, begin.most, *rechecked,
-            one.lasts if one.whole else 0.0, one.corner, max(before.feed, end.feed) if before else feed,
-            two.whole is not None, one.tolerance, self._limits, feed, float(fastest), quickest, rows0, rows1, found,
+            numbers0, end.direction, end.most, numbers1, begin.direction, begin.most,
+            before.rows, before.length, before.direction, before.most,
+            one.lasts if again else 0.0, one.corner, max(before.feed, end.feed),
+            two.whole is not None, one.tolerance, self._limits, feed, quickest, rows0, rows1, found,
         )  # fmt: skip
         if time == 0.0:
             return None
@@ -180,7 +173,7 @@ class Crossings:
         numbers = np.zeros(NUMBERS)
         numbers[:5] = ends - float(motion.x[first]), fastest, *room
         numbers[HEAD], numbers[TAIL] = motion.speed[first], 0.0 if stops else motion.speed[last]
-        numbers[[HEAD + 3, HEAD + 4, TAIL + 3, TAIL + 4]] = 1.0
+        numbers[[end + share for end in (HEAD, TAIL) for share in (JERK_SHARE, SNAP_SHARE)]] = 1.0
         return _Stretch(first, last, numbers)
 
 
