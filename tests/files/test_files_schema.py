@@ -153,7 +153,7 @@ def test_what_the_reader_reads_the_schema_admits(tmp_path: Path, path: Path) -> 
     blocks = [block for members in catalogue().values() for block in members.values()]
     text = path.read_text(encoding="utf-8")
     admitted = refused = 0
-    for _ in range(150):
+    for _ in range(150 if path.stem == "mill" else 60):
         content = tomllib.loads(text)
         table = draw.choice(tables(content))
         if draw.random() < 0.4 and table:
@@ -171,7 +171,7 @@ def test_what_the_reader_reads_the_schema_admits(tmp_path: Path, path: Path) -> 
             continue
         admitted += 1
         assert problems(MACHINE if path in MACHINES else JOB, changed) == [], changed
-    assert min(admitted, refused) > 5
+    assert min(admitted, refused) > 3
 
 
 def test_schemas_are_written(tmp_path: Path) -> None:

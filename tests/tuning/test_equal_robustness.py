@@ -65,6 +65,7 @@ def with_dadsc(loop: Loop) -> Loop:
     return replace(loop, control=replace(loop.control, law=law, feedforward=()))
 
 
+@pytest.mark.slow(reason="two laws are tuned from two starts each; the comparison has their figures quickly")
 def test_the_cascade_and_dadsc_on_a_rigid_drive_at_equal_robustness(motor: Loop) -> None:
     """0.90 and 1.04 nm √s/N at two samples of dead time, as computed before this project began, to their digits."""
     cascade, dadsc = tuned(motor, starts=2), tuned(with_dadsc(motor), starts=2)
@@ -271,6 +272,7 @@ class ToyLaw(Law):
         return self.State(reading.position_load, integral), self.Kp * (self.Kv * error - velocity) + integral
 
 
+@pytest.mark.slow(reason="a comparison that settles; a law of one's own has a quick one through the command's option")
 def test_a_new_law_is_compared_without_another_line(motor: Loop, monkeypatch: pytest.MonkeyPatch) -> None:
     """It stands in the catalogue as a file under blocks/controller would, and nowhere else."""
     found = {family: dict(known) for family, known in catalogue.catalogue().items()}

@@ -419,7 +419,7 @@ def test_bad_input_is_named(screw: fd.Loop) -> None:
 
 def test_unstable_gains_of_today_are_no_obstacle(screw: fd.Loop) -> None:
     wild = tree.vary(screw.control, {"law.Kp": 6e5, "law.Kv": 2000.0})
-    found = tune_control(wild, screw, limits=BARS, filters="kept")
+    found = tune_control(wild, screw, limits=BARS, filters="kept", starts=1)
     assert found.after[0].rope_snap < 9.1e-9
     assert not found.before[0].stable
     assert "today's loop is unstable" in found.recommendation()
