@@ -118,7 +118,7 @@ def random_loop(seed: int) -> fd.Loop:
 
 def perturbed(loop: LoopResponse, r: float, a: float, sign: float) -> float:
     """|z| of the largest pole with P (1 + Δ), Δ = ± r (1 - a z)/(z - a), an all-pass of size r, at the input."""
-    P, C = loop.plant, loop.control
+    P, (C,) = loop.plant, loop.samples
     n, m = len(P.states), len(C.states)
     K = C.D @ P.C  # force from the plant's states, and from the control's
     # Δ f: q' = a q + f,  d = ± r ((1 - a²) q - a f)
@@ -238,14 +238,16 @@ def test_the_deployed_control_is_the_traced_one() -> None:
     f = np.geomspace(1.0, 9000.0, 60)
     known = ControlResponse(loop.control, float(loop.sample_time), ["law.Kp"])
     expected = known.at([float(fd.parameters(loop)["axis.x.control.law.Kp"])], f).value
+    models: list[fd.StateSpace] = []
     for arithmetic, tolerance in (("float64", 1e-9), ("float32", 1e-3)):
         made = deployed(loop.control, float(loop.sample_time), arithmetic)
+        assert isinstance(made.model, fd.StateSpace)
+        models.append(made.model)
         for i, reading in enumerate(("reading_motor", "reading_load")):
             got = made.model.response(f, input=reading).response
             assert got == pytest.approx(expected[i], rel=tolerance)
         assert all(rounded(x, arithmetic) == x for x in made.numbers.values())
-    exact = deployed(loop.control, float(loop.sample_time))
-    assert np.any(exact.model.A != made.model.A)
+    assert np.any(models[0].A != models[1].A)
 
 
 def test_rounding_that_destabilises_is_seen() -> None:
@@ -264,9 +266,9 @@ def test_what_cannot_be_certified_says_where_by_how_much_and_what_to_do() -> Non
         fd.certificate.certify_loop(loop, radius=0.6)
     with pytest.raises(NotCertifiedError, match=r"not stable: an oscillation of .* Hz grows"):
         fd.certificate.certify_loop(fd.vary(loop, {"axis.x.control.law.Kp": 4e5}))
-    two_rates = replace(loop.control, law=replace(loop.control.law, position_every=16))
-    with pytest.raises(ParameterError, match=r"two rates, 0\.05 ms and 0\.8 ms"):
-        deployed(two_rates, 5e-5)
+    two_rates = replace(loop, control=replace(loop.control, law=replace(loop.control.law, position_every=16)))
+    with pytest.raises(ParameterError, match=r"one disc for both encoders.*measured apart"):
+        fd.certificate.certify_loop(two_rates, {"both": measured(loop, 0.0)})
     with pytest.raises(ParameterError, match="needs its sample_time"):
         fd.certificate.certify_loop(loop.control, {"x": loop})
     with pytest.raises(ParameterError, match=r"every 1 ms, not 0\.05 ms"):

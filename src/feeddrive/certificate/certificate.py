@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from feeddrive.certificate import check
-from feeddrive.certificate.discs import LoopResponse, matrices
+from feeddrive.certificate.discs import LoopResponse, control_of, matrices
 from feeddrive.language.errors import NotCertifiedError
 from feeddrive.language.table import Result, Table
 
@@ -49,6 +49,11 @@ class Certificate(Result):
         return float.fromhex(self.document["sample_time_s"])
 
     @property
+    def two_rates(self) -> bool:
+        """Whether the law repeats itself only after several samples."""
+        return "samples" in self.document["control"]
+
+    @property
     def arithmetic(self) -> str:
         """The arithmetic of the coefficients."""
         return self.document["arithmetic"]
@@ -63,7 +68,7 @@ class Certificate(Result):
         """Control and plant by name of the plant, for responses and pictures."""
         T, control = self.sample_time, self.document["control"]
         readings = control["readings"]
-        own = matrices(control, readings, ["force"], T)
+        own = control_of(control, T)
         return {
             each["name"]: LoopResponse(own, matrices(each["model"], ["cut"], readings, T), each["radius"])
             for each in self.document["plants"]
@@ -98,12 +103,19 @@ class Certificate(Result):
             r = [x for band in each["radius"] for x in band["r"]]
             loop = self.loops[each["name"]]
             f = loop.lines()
-            gains = loop.gains(f).sum(axis=0)
-            peak = float(np.max(np.abs(gains) / np.abs(1.0 + gains)))
+            peak = float(np.max(loop.size(f) / loop.room(f)[0]))
             rows.append([
                 each["name"], f"{min(r):.3g} .. {max(r):.3g}" if min(r) < max(r) else f"{r[0]:.3g}", f"{peak:.3g}",
                 "-" if each["reserve"] is None else f"{each['reserve']:.3g}", f"{each['reserve_at_Hz']:.3g}",
                 f"{loop.growth:.6f}", str(sum(len(lines) for lines in each["lines"])),
             ])  # fmt: skip
-        heads = ["plant", "r", "max |L/(1+L)|", "wider by", "at Hz", "max |z|", "lines"]
+        heads = [
+            "plant",
+            "r",
+            "max Σ|H|" if self.two_rates else "max |L/(1+L)|",
+            "wider by",
+            "at Hz",
+            "max |z|",
+            "lines",
+        ]
         return Table(self.sentence(), heads, rows)

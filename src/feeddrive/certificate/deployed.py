@@ -12,6 +12,7 @@ from feeddrive.blocks.plant.two_mass import TwoMass
 from feeddrive.language.errors import ParameterError
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.control import Control
+from feeddrive.loop.lifting import MOST, Lifted, lifted
 from feeddrive.loop.linearize import StateSpace, linearize
 from feeddrive.loop.loop import Loop
 
@@ -24,12 +25,12 @@ _KEPT = 2.0**-300, 2.0**300  # sizes that a certificate holds
 class Deployed:
     """Force over readings, with the numbers that the controller stores.
 
-    model    from `readings` to the force, in the states of the control
+    model    from `readings` to the force, in the states of the control; of a law with two rates for each sample
     numbers  parameters and prepared numbers by name, after rounding
     coarse   those that rounding moves by more than 1 %, with that share
     """
 
-    model: StateSpace
+    model: StateSpace | Lifted
     arithmetic: str
     numbers: Mapping[str, float]
     coarse: Mapping[str, float]
@@ -61,14 +62,13 @@ def deployed(control: Control, sample_time: float, arithmetic: str = "float64", 
 
     The traced step is linearized, so that the matrices are those of the code that runs: a rounded filter coefficient
     moves the pole that the controller has.  Guard and force limit are left out.
-    Raises ParameterError for a law with two rates, whose period is several samples.
+    Raises ParameterError for a law with more than 64 samples in a period.
     """
     law = control.law
-    if law.period() > 1:
+    if law.period() > MOST:
         raise ParameterError(
-            f"the law '{law.kind}' has two rates, {1e3 * sample_time:g} ms and "
-            f"{1e3 * law.period() * sample_time:g} ms, and a certificate proves loops with one rate only: take poles "
-            f"and margins from tune, or set position_every = 1"
+            f"the law '{law.kind}' repeats itself every {law.period()} samples, and a certificate takes at most "
+            f"{MOST}: set position_every <= {MOST}, or take a longer sample time"
         )
     swings = 0.1 / sample_time  # rad/s of an axis that only provides readings
     axis = Axis(plant=TwoMass(mass_motor=1.0, mass_load=1.0, stiffness=0.5 * swings * swings))
@@ -85,25 +85,33 @@ def deployed(control: Control, sample_time: float, arithmetic: str = "float64", 
 
     loop = Loop(control=bare, axis=axis, sample_time=sample_time)
     try:
-        whole = linearize(loop, ["cut", *READINGS], ["force"], velocity=velocity, stored=stored)
+        names = ["cut", *READINGS], ["force"]
+        if law.period() > 1:
+            samples = lifted(loop, *names, velocity=velocity, stored=stored).samples
+        else:
+            samples = (linearize(loop, *names, velocity=velocity, stored=stored),)
     except ParameterError:
         gone = [name for name, share in coarse.items() if share == 1.0]
         if not gone:
             raise
         raise ParameterError(f"{arithmetic} has too few digits for this control: {gone[0]} becomes zero") from None
-    own = [i for i, name in enumerate(whole.states) if name.startswith("control.")]
-    model = StateSpace(
-        whole.A[np.ix_(own, own)], whole.B[own][:, 1:], whole.C[:, own], whole.D[:, 1:], float(sample_time),
-        tuple(whole.states[i].removeprefix("control.") for i in own), READINGS, ("force",),
-    )  # fmt: skip
-    used = [i for i in range(2) if np.any(model.B[:, i]) or np.any(model.D[:, i])]
+    own = [i for i, name in enumerate(samples[0].states) if name.startswith("control.")]
+    used = [i for i in (1, 2) if any(np.any(each.B[own, i]) or np.any(each.D[:, i]) for each in samples)]
     if not used:
         raise ParameterError(f"the law '{law.kind}' does not use any reading: there is no loop to certify")
-    model = replace(model, B=model.B[:, used], D=model.D[:, used], inputs=tuple(READINGS[i] for i in used))
-    sizes = np.abs(np.concatenate([each.ravel() for each in (model.A, model.B, model.C, model.D)]))
+    states = tuple(samples[0].states[i].removeprefix("control.") for i in own)
+    models = tuple(
+        StateSpace(
+            each.A[np.ix_(own, own)], each.B[np.ix_(own, used)], each.C[:, own], each.D[:, used], float(sample_time),
+            states, tuple(READINGS[i - 1] for i in used), ("force",),
+        )
+        for each in samples
+    )  # fmt: skip
+    sizes = np.abs(np.concatenate([x.ravel() for each in models for x in (each.A, each.B, each.C, each.D)]))
     wrong = sizes[(sizes != 0.0) & ((sizes < _KEPT[0]) | (sizes > _KEPT[1]))]
     if wrong.size:
         raise ParameterError(f"the control holds the coefficient {wrong[0]:g}, too large or too small to certify")
+    model = models[0] if len(models) == 1 else Lifted(models)
     return Deployed(model, arithmetic, {k: v for k, v in numbers.items() if _fits(v)}, coarse)
 
 

@@ -12,11 +12,19 @@ import numpy as np
 
 from feeddrive.certificate.plants import NominalPlant
 from feeddrive.language.errors import ParameterError
+from feeddrive.loop.lifting import Lifted
 from feeddrive.loop.linearize import StateSpace
 
 _BESIDE = np.linspace(-4.0, 4.0, 33)  # half widths of a resonance at which lines are added
 _PER_DECADE, _LOWEST = 150, 1e-6  # of Nyquist
 _REFINED = 6  # rounds, each of which takes the search ten times nearer
+
+
+def control_of(given: Mapping[str, Any], T: float) -> StateSpace | Lifted:
+    """The control of a certificate."""
+    rates = given.get("samples", [given])
+    found = tuple(matrices({"states": given["states"], **each}, given["readings"], ["force"], T) for each in rates)
+    return Lifted(found) if "samples" in given else found[0]
 
 
 def matrices(given: Mapping[str, Any], inputs: Sequence[str], outputs: Sequence[str], T: float) -> StateSpace:
@@ -33,31 +41,57 @@ def matrices(given: Mapping[str, Any], inputs: Sequence[str], outputs: Sequence[
 
 @dataclass(frozen=True, eq=False)
 class LoopResponse:
-    """Control and plant of a certificate. `bands` are its steps of r, with one radius or one for each reading."""
+    """Control and plant of a certificate. `bands` are its steps of r, with one radius or one for each reading.
 
-    control: StateSpace
+    With two rates Hl is the force at f + l/(NT) that a sine of 1 N at f, at the plant's input, adds to in the closed
+    loop: with discs of r it is stable if r Σ|Hl| < 1 at all f.  At N = 1 that is r |L| < |1 + L|.
+    """
+
+    control: StateSpace | Lifted
     plant: StateSpace
     bands: Sequence[Mapping[str, Any]]
 
-    @cached_property
-    def closed(self) -> np.ndarray:
-        """The closed loop, x' = A x."""
-        C, P = self.control, self.plant
-        return np.block([[C.A, C.B @ P.C], [P.B @ C.C, P.A + P.B @ C.D @ P.C]])
+    @property
+    def samples(self) -> tuple[StateSpace, ...]:
+        """The control in each sample of a period, one or several."""
+        return self.control.samples if isinstance(self.control, Lifted) else (self.control,)
 
     @cached_property
-    def growth(self) -> float:
-        """|z| of the largest pole of the closed loop."""
-        return float(np.max(np.abs(np.linalg.eigvals(self.closed))))
+    def closed(self) -> Lifted:
+        """The closed loop from the plant's input to the force."""
+        P = self.plant
+        n = self.samples[0].A.shape[0]
+        names = (*self.samples[0].states, *P.states), ("cut",), ("force",)
+        found: list[StateSpace] = []
+        for C in self.samples:
+            A = np.block([[C.A, C.B @ P.C], [P.B @ C.C, P.A + P.B @ C.D @ P.C]])
+            B, row = np.vstack([np.zeros((n, 1)), P.B]), np.hstack([C.C, C.D @ P.C])
+            found.append(StateSpace(A, B, row, np.zeros((1, 1)), P.sample_time, *names))
+        return Lifted(tuple(found))
 
     @cached_property
     def pole(self) -> complex:
-        """The largest pole of the closed loop."""
-        found = np.linalg.eigvals(self.closed)
-        return complex(found[np.argmax(np.abs(found))])
+        """The largest pole of the closed loop, over a period."""
+        return complex(self.closed.poles()[0])
+
+    @property
+    def growth(self) -> float:
+        """|z| of the largest pole of the closed loop, over a period."""
+        return abs(self.pole)
+
+    def images(self, frequency: np.ndarray) -> np.ndarray:
+        """Hl of shape (lines, N)."""
+        A, B, C, D = self.closed.stacked(["cut"], ["force"])
+        N, n, T = len(self.samples), A.shape[0], self.control.sample_time
+        turn = np.exp(2j * np.pi * T * np.outer(frequency, np.arange(N)))
+        z = np.exp(2j * np.pi * T * N * frequency)
+        states = np.linalg.solve(z[:, None, None] * np.eye(n) - A, (turn @ B.T)[:, :, None])[:, :, 0]
+        return np.fft.fft((states @ C.T + turn @ D.T) * np.conj(turn), axis=1) / N
 
     def gains(self, frequency: np.ndarray) -> np.ndarray:
-        """-Ci Pi for each reading, shape (readings, lines)."""
+        """-Ci Pi for each reading, shape (readings, lines); with two rates the gain that a sine meets, in one row."""
+        if isinstance(self.control, Lifted):
+            return 1.0 / (1.0 + self.images(frequency)[None, :, 0]) - 1.0
         found = [
             -self.control.response(frequency, input=reading).response
             * self.plant.response(frequency, output=output).response
@@ -74,17 +108,29 @@ class LoopResponse:
         return np.maximum(r[left], r[right]).T
 
     def room(self, frequency: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """|1 + L| and Σ ri |Li|, or r |L| with one disc."""
+        """|1 + L|, and what the discs take of it: Σ ri |Li|, or r |L| with one disc; with two rates r |1 + L| Σ|Hl|."""
+        if isinstance(self.control, Lifted):
+            images = self.images(frequency)
+            distance = 1.0 / np.abs(1.0 + images[:, 0])
+            return distance, self.radii(frequency)[0] * distance * np.sum(np.abs(images), axis=1)
         gains, r = self.gains(frequency), self.radii(frequency)
         whole = gains.sum(axis=0)
         taken = r[0] * np.abs(whole) if r.shape[0] == 1 else np.sum(r * np.abs(gains), axis=0)
         return np.abs(1.0 + whole), taken
 
+    def size(self, frequency: np.ndarray) -> np.ndarray:
+        """What a disc of r = 1 takes of |1 + L|: |L|, with two rates |1 + L| Σ|Hl|."""
+        if isinstance(self.control, Lifted):
+            images = self.images(frequency)
+            return np.sum(np.abs(images), axis=1) / np.abs(1.0 + images[:, 0])
+        return np.abs(self.gains(frequency).sum(axis=0))
+
     def lines(self) -> np.ndarray:
         """Hz up to Nyquist: even over ln f, denser around every resonance, and on every edge of the radius."""
         T = self.control.sample_time
         nyquist = 0.5 / T
-        poles = np.concatenate([self.plant.poles(), self.control.poles(), np.linalg.eigvals(self.closed)])
+        last = self.samples[-1], self.closed.samples[-1]
+        poles = np.concatenate([each.poles() for each in (self.plant, *last)])
         poles = poles[(np.abs(poles) > 0.1) & (np.abs(poles.imag) > 0.0)]
         s = np.log(poles) / T
         near = (np.abs(s.imag)[:, None] + np.abs(s.real)[:, None] * _BESIDE).ravel() / (2.0 * np.pi)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -128,14 +128,19 @@ def period_of(loop: System) -> int:
 
 
 def lifted(
-    loop: System, inputs: Sequence[str], outputs: Sequence[str], *, velocity: float | Mapping[str, float] = 0.05
+    loop: System,
+    inputs: Sequence[str],
+    outputs: Sequence[str],
+    *,
+    velocity: float | Mapping[str, float] = 0.05,
+    stored: Callable[[str, float], float] | None = None,
 ) -> Lifted:
     """The linear models of all samples of a period, from any inputs to any signals, as in `linearize`.
 
     Raises what `linearize` raises.
     """
     check_system(loop)
-    found = samples_of_a_period(loop, inputs, outputs, velocity=velocity)
+    found = samples_of_a_period(loop, inputs, outputs, velocity=velocity, stored=stored)
     n = len(found.names)
     keep = kept_states(found.jacobians, n)
     names = tuple(found.names[i] for i in keep)

@@ -19,7 +19,10 @@ _SHADE = "#f6dbc8"
 
 
 def certificate(found: Certificate) -> Any:
-    """|1 + L|/|L| of each plant over the certified radius, the plants with the smallest reserve first."""
+    """|1 + L|/|L| of each plant over the certified radius, the plants with the smallest reserve first.
+
+    With two rates 1/Σ|H| instead, over the force at a frequency and its images that a sine of 1 N there adds to.
+    """
     plants = sorted(found.document["plants"], key=lambda each: each["reserve"] or np.inf)[:_MOST]
     figure, axes = style.picture(len(plants), height=1.0 + 2.2 * len(plants))
     nyquist = 0.5 / found.sample_time
@@ -29,8 +32,8 @@ def certificate(found: Certificate) -> Any:
         f = loop.lines()
         f = f[f >= low]
         distance, taken = loop.room(f)
-        size = np.abs(loop.gains(f).sum(axis=0))
-        ax.plot(f, distance / size, label="|1 + L|/|L|", **style.curve(0))
+        size = loop.size(f)
+        ax.plot(f, distance / size, label="1/Σ|H|" if found.two_rates else "|1 + L|/|L|", **style.curve(0))
         ax.fill_between(f, taken / size, 1e-9, color=style.color(1), alpha=0.25, linewidth=0.0)
         ax.plot(f, taken / size, label="radius r of the discs", **style.curve(1))
         for band in _measured(each):
@@ -42,7 +45,7 @@ def certificate(found: Certificate) -> Any:
         style.plain_decades(ax.yaxis, crowded=len(plants) > 1)
         if each["reserve"] is not None:
             place = np.array([each["reserve_at_Hz"]])
-            there = float((loop.room(place)[0] / np.abs(loop.gains(place).sum(axis=0)))[0])
+            there = float((loop.room(place)[0] / loop.size(place))[0])
             ax.plot(place, [there], style.MARKERS[0], color=style.color(0), markersize=5)
             said = f"discs could be {each['reserve']:.3g} times as wide, at {each['reserve_at_Hz']:.4g} Hz"
         else:

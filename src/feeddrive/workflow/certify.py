@@ -247,17 +247,24 @@ def control_table(found: Certificate) -> Table:
 def _pictures(found: Certificate) -> Iterator[Shown]:
     plants = found.document["plants"]
     least = "" if all(each["reserve"] is None for each in plants) else " The dot is where the discs have least room."
+    above = (
+        "1/Σ|H|, one over what a sine of 1 N adds to the force there and at its images"
+        if found.two_rates
+        else ("the distance of L from -1 over |L|")
+    )
     seen = (
         " Green at the lower edge: where the plant was measured." if any(any(each["lines"]) for each in plants) else ""
     )
     yield Shown(
         "margin",
         "Margin against the discs",
-        "Proven: the blue curve, the distance of L from -1 over |L|, lies above the dashed orange one, the radius of "
+        f"Proven: the blue curve, {above}, lies above the dashed orange one, the radius of "
         f"the discs, at every frequency; shaded orange is what the discs take.{least}{seen}",
-        "Distance |1 + L|/|L| and the radius of the discs over frequency, for each plant.",
+        "Room around the plant and the radius of the discs over frequency, for each plant.",
         found.plot,
     )
+    if found.two_rates:
+        return  # one L has no disc of its own: a plant is met at a frequency and all its images at once
     yield Shown(
         "discs",
         "Discs in the complex plane",
