@@ -14,6 +14,7 @@ from feeddrive.certificate import check
 from feeddrive.certificate.deployed import deployed, rounded
 from feeddrive.certificate.discs import LoopResponse, deviations, given
 from feeddrive.language.errors import NotCertifiedError, ParameterError
+from feeddrive.loop.linearize import StateSpace
 from feeddrive.tuning.control_response import ControlResponse
 
 Held = dict[str, list[list[str]]]
@@ -238,10 +239,10 @@ def test_the_deployed_control_is_the_traced_one() -> None:
     f = np.geomspace(1.0, 9000.0, 60)
     known = ControlResponse(loop.control, float(loop.sample_time), ["law.Kp"])
     expected = known.at([float(fd.parameters(loop)["axis.x.control.law.Kp"])], f).value
-    models: list[fd.StateSpace] = []
+    models: list[StateSpace] = []
     for arithmetic, tolerance in (("float64", 1e-9), ("float32", 1e-3)):
         made = deployed(loop.control, float(loop.sample_time), arithmetic)
-        assert isinstance(made.model, fd.StateSpace)
+        assert isinstance(made.model, StateSpace)
         models.append(made.model)
         for i, reading in enumerate(("reading_motor", "reading_load")):
             got = made.model.response(f, input=reading).response
