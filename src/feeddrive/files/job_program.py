@@ -4,6 +4,14 @@
 file = "part.ngc"                  # beside the job
 tools = "tool.tbl"                 # optional, as offsets, tables_inch, skip_deleted of `feeddrive plan`
 limits = "limits.toml"             # in place of [axis.x.limits] of the machine file
+
+or the recorded setpoints of another planner, smoothed (`path/smoothing.py`):
+
+[program]
+recorded = "log.csv.gz"
+columns = { x = "x_mm", y = "y_mm" }
+sample_time_ms = 1                 # of a log without a column of time
+average_ms = 4                     # of each of four averages
 """
 
 from __future__ import annotations
@@ -16,14 +24,21 @@ from pathlib import Path
 import numpy as np
 
 from feeddrive.blocks.reference.recorded import Recorded
+from feeddrive.files.columns import Column
+from feeddrive.files.formats import OpenedFile
 from feeddrive.files.machine import MachineFile, planned_limits
+from feeddrive.files.read_log import read_log
 from feeddrive.files.toml_file import Section
-from feeddrive.language.errors import FeeddriveError, NotPlannedError
+from feeddrive.language import units
+from feeddrive.language.errors import FeeddriveError, NotPlannedError, ParameterError
+from feeddrive.loop.simulate import samples
 from feeddrive.path.program.reading import read_program
 from feeddrive.path.setpoints import Setpoints
+from feeddrive.path.smoothing import reach, smoothed
 
-FILES = ("file", "tools", "offsets", "limits")
+FILES = ("file", "tools", "offsets", "limits", "recorded")
 _FLAGS = ("tables_inch", "skip_deleted")
+_AVERAGE = 4e-3  # s, if nothing is said
 MOST = 4_000_000
 """Samples of a program that a job runs: a row of each of its signals is held in memory."""
 
@@ -45,6 +60,8 @@ def read_planned(section: Section, place: Path, machine: MachineFile) -> Planned
     Raises ParameterError or FileError as the section and its files are wrong, ProgramError at a line of the program,
     NotPlannedError if it is too long or its proof does not hold.
     """
+    if "recorded" in section.values:
+        return _recorded(section, place, machine)
     section.refuse_unknown((*FILES, *_FLAGS))
     files = {name: _file(section, place, name) for name in FILES}
     inch, skip = (_flag(section, name) for name in _FLAGS)
@@ -77,15 +94,64 @@ def read_planned(section: Section, place: Path, machine: MachineFile) -> Planned
                 )
     rows = np.concatenate(kept)
     names = {name.upper(): name for name in machine.loops}
-    references = {
-        names[letter]: Recorded(
-            position=rows[:, i, 0].copy(), velocity=rows[:, i, 1].copy(), acceleration=rows[:, i, 2].copy(),
-            jerk=rows[:, i, 3].copy(), snap=rows[:, i, 4].copy(), sample_time=T,
-        )
-        for i, letter in enumerate(limits.letters)
-    }  # fmt: skip
+    references = {names[letter]: _reference(rows[:, i], T) for i, letter in enumerate(limits.letters)}
     said = f"part program {program.name}, {setpoints.blocks:,} blocks in {setpoints.time:.6g} s, planned and proven"
     return PlannedProgram(references, said)
+
+
+def _reference(rows: np.ndarray, T: float) -> Recorded:
+    """Position to snap in columns as a reference."""
+    position, velocity, acceleration, jerk, snap = (np.ascontiguousarray(each) for each in rows.T)
+    return Recorded(
+        position=position, velocity=velocity, acceleration=acceleration, jerk=jerk, snap=snap, sample_time=T
+    )
+
+
+def _recorded(section: Section, place: Path, machine: MachineFile) -> PlannedProgram:
+    """Setpoints that another planner has recorded, of the axes that have a column."""
+    times = {name: key for name in ("sample_time", "average") for key in section.values if key.startswith(name)}
+    section.refuse_unknown(("recorded", "columns", *times.values()))
+    path = _file(section, place, "recorded")
+    assert path is not None
+    columns = section.section("columns")
+    columns.refuse_unknown(machine.loops)
+    file, step = OpenedFile(path), _time(section, times.get("sample_time", ""))
+    T = float(next(iter(machine.loops.values())).sample_time)
+    references: dict[str, Recorded] = {}
+    farthest, rows = 0.0, 0
+    for axis, name in columns.values.items():
+        if not isinstance(name, str):
+            raise columns.error(f"{columns.dotted(axis)} must be the name of a column in quotes", axis)
+        log = read_log(file, {"setpoint_position": Column(name=name)}, sample_time=step)
+        average = max(1, round((_time(section, times.get("average", "")) or _AVERAGE) / log.sample_time))
+        early = reach(average) * log.sample_time  # from rest to rest
+        ends = log.sample_time * (len(log) - 1)
+        instants = np.arange(samples(ends + 2.0 * early, T)) * T - early
+        smooth = smoothed(log["setpoint_position"], log.sample_time, average, instants)
+        references[axis] = _reference(smooth, T)
+        recorded = np.interp(instants, np.arange(len(log)) * log.sample_time, log["setpoint_position"])
+        farthest, rows = max(farthest, float(np.max(np.abs(smooth[:, 0] - recorded)))), average
+    if not references:
+        raise columns.error(f"{columns.dotted()} names no axis")
+    return PlannedProgram(
+        references,
+        f"setpoints recorded in {path.name}, averaged four times over {rows} rows as control points of a "
+        f"spline of fifth degree; an axis is at most {1e6 * farthest:.4g} um from the record",
+    )
+
+
+def _time(section: Section, key: str) -> float | None:
+    """A time in s, or in the unit that its key names; None without a key."""
+    if not key:
+        return None
+    value = section.values[key]
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0.0 < value < 1e9:
+        raise section.error(f"{section.dotted(key)} must be a time > 0", key)
+    unit = key.removeprefix("sample_time").removeprefix("average").lstrip("_")
+    try:
+        return units.scaled(value, units.factor(unit, "s") if unit else 1.0)
+    except ParameterError as error:
+        raise section.error(f"{section.dotted(key)}: {error}", key) from None
 
 
 def _file(section: Section, place: Path, name: str) -> Path | None:

@@ -36,6 +36,7 @@ DIALECT = "https://json-schema.org/draft/2020-12/schema"
 _WORD = "(?:[GMkcmun]?(?:m|g|s|A|rad|N|W|J|V|Hz)|kg|t|min|h|in|deg|mdeg|rev|U|rpm|percent|1|per)[0-9]?"
 _SUFFIX = f"(?:_{_WORD})+"
 _TEXT: Schema = {"type": "string"}
+_POSITIVE: Schema = {"type": "number", "exclusiveMinimum": 0}
 _WHOLE: Schema = {"type": "integer", "minimum": 0}
 
 
@@ -235,6 +236,7 @@ def job_schema() -> Schema:
             "tables_inch": {"type": "boolean", "description": "tools and offsets are in inches"},
             "skip_deleted": {"type": "boolean", "description": "leave out lines that begin with /"},
         },
+        "patternProperties": {f"^(sample_time|average){_SUFFIX}$": _POSITIVE},
         "additionalProperties": False,
     }
     law: Schema = {
