@@ -9,262 +9,273 @@ caps.  Each stretch has one, as its nodes were reached by ramps that hold, so th
 
 from __future__ import annotations
 
-from math import sqrt
-
 from feeddrive.language.kernels.kernel import kernel
 from feeddrive.language.kernels.plain import zeros
 from feeddrive.language.kernels.source import Floats, Floats2, Floats3, Ints
-from feeddrive.path.schedule.ramp import fit, jerk_before, phase, speed_at
+from feeddrive.path.schedule.hump import COLUMNS, fastest_cap, hump, hump_time, least_cap, piece_at, too_fast
+from feeddrive.path.schedule.ramp import boxcars, fit, jerk_before, phase, straight
 
-_HALVINGS = 40  # of the peak of a hump
 _TRIES = 8  # slow pieces of a stretch, of which one is held
+_ABOVE = 1.1  # of a speed that is held: to which ramps on either side are compared
 MARGIN = 4e-15  # of the way that is planned at once: so long before a joint a ramp ends, for rounding not to cross it
-COLUMNS = 12  # of a stretch: u and speed of both nodes, peak, lengths of the ramps up and down, whether it is done
 
 
 @kernel
-def piece_at(begin: Floats, u: float, right: bool) -> int:
-    """The piece on which u lies; at a joint the one to the right, or to the left."""
-    low = 0
-    high = len(begin) - 1
-    while high - low > 1:
-        middle = (low + high) // 2
-        if begin[middle] < u or (right and begin[middle] == u):
-            low = middle
-        else:
-            high = middle
-    return low
-
-
-@kernel
-def _held(caps: Floats2, begin: Floats, first: int, last: int, left: float, right: float, peak: float) -> bool:
-    """Whether a plateau from `left` to `right` keeps the caps."""
-    for p in range(first, last + 1):
-        if peak > caps[p, 0] * (1.0 + 1e-12) and begin[p + 1] > left and begin[p] < right:
-            return False
-    return True
-
-
-@kernel
-def hump(
-    begin: Floats, most: Floats3, caps: Floats2, limits: Floats2, stretch: Floats, fastest: float, free: bool
-) -> bool:
-    """Fill in the highest peak up to `fastest` and its ramps; False if not even the faster node can be reached."""
-    u0 = stretch[0]
-    u1 = stretch[1]
-    v0 = stretch[2]
-    v1 = stretch[3]
-    first = piece_at(begin, u0, True)
-    last = piece_at(begin, u1, False)
-    least = max(v0, v1)
-    a = b = c = d = e = f = up = 0.0
-    slowest = fastest
-    for p in range(first, last + 1):
-        slowest = min(slowest, 0.5 * caps[p, 0])
-    low = least
-    peak = high = max(fastest, least)
-    found = False
-    for again in range(_HALVINGS):
-        # the fastest, then what surely can be had, then between
-        if again == 0:
-            peak = high
-        elif found:
-            peak = sqrt(low * high)
-        elif least > 0.0:
-            peak = least
-        else:
-            peak = slowest
-            slowest = 0.25 * slowest
-        good = peak > 0.0
-        if good:
-            good, a, b, c = fit(begin, most, caps, limits, u0, first, 1, u1, v0, peak, free)
-            if good:
-                up = 0.5 * (v0 + peak) * (a + b + c)
-                good, d, e, f = fit(begin, most, caps, limits, u1, last, -1, u0 + up, v1, peak, free)
-                if good and not free:
-                    good = _held(caps, begin, first, last, u0 + up, u1 - 0.5 * (v1 + peak) * (d + e + f), peak)
-                if good:
-                    found = True
-                    low = peak
-                    stretch[4] = peak
-                    stretch[5] = a
-                    stretch[6] = b
-                    stretch[7] = c
-                    stretch[8] = d
-                    stretch[9] = e
-                    stretch[10] = f
-        if good and again == 0:
-            return True
-        if not good and least > 0.0 and not found and again > 0:
-            return False
-        if not good:
-            high = peak
-        if again > 1 and found and high - low <= 1e-3 * high:
-            break
-    return found
-
-
-@kernel
-def _slowest(begin: Floats, caps: Floats2, stretch: Floats, above: float) -> int:
-    """Of the pieces that a hump crosses faster than ramps should, the one with the lowest cap > `above`; -1: none."""
-    u0 = stretch[0]
-    u1 = stretch[1]
-    first = piece_at(begin, u0, True)
-    last = piece_at(begin, u1, False)
-    found = -1
-    for p in range(first, last + 1):
-        if caps[p, 0] <= above or (found >= 0 and caps[p, 0] >= caps[found, 0]):
-            continue
-        v = min(
-            speed_at(begin[p + 1] - u0, stretch[2], stretch[4] - stretch[2], stretch[5], stretch[6], stretch[7]),
-            speed_at(u1 - begin[p], stretch[3], stretch[4] - stretch[3], stretch[8], stretch[9], stretch[10]),
-        )
-        if v > caps[p, 1] * (1.0 + 1e-9):
-            found = p
-    return found
-
-
-@kernel
-def _fastest(begin: Floats, caps: Floats2, stretch: Floats) -> float:
-    """The highest cap of a stretch."""
-    found = 0.0
-    for p in range(piece_at(begin, stretch[0], True), piece_at(begin, stretch[1], False) + 1):
-        found = max(found, caps[p, 0])
-    return found
-
-
-@kernel
-def _time(stretch: Floats) -> float:
-    """Of a hump, s."""
-    up = stretch[5] + stretch[6] + stretch[7]
-    down = stretch[8] + stretch[9] + stretch[10]
-    way = stretch[1] - stretch[0] - 0.5 * (stretch[2] + stretch[4]) * up - 0.5 * (stretch[3] + stretch[4]) * down
-    return up + down + max(way, 0.0) / stretch[4]
+def _late(
+    begin: Floats, most: Floats3, caps: Floats2, limits: Floats2, u: float, sense: int, end: float, c: float
+) -> float:
+    """By how much a ramp from c at u, up to `_ABOVE` c, is later than that speed would be, s; it may go up to `end`."""
+    high = _ABOVE * c
+    first = piece_at(begin, u, sense > 0)
+    a, j, s = straight(most[first], limits)
+    one, two, three = boxcars(high - c, a, j, s)
+    far = min(abs(end - u), 4.0 * (c + high) * (one + two + three))
+    good, one, two, three, _ = fit(begin, most, caps, limits, u, first, sense, u + sense * far, c, high, False, 1.0)
+    if not good:
+        return abs(end - u) * (1.0 / c - 1.0 / high)
+    return (1.0 - 0.5 * (c + high) / high) * (one + two + three)
 
 
 @kernel
 def _split(
-    begin: Floats, most: Floats3, caps: Floats2, limits: Floats2, now: Floats, p: int, reach: float,
-    left: Floats, right: Floats,
-) -> float:  # fmt: skip
-    """Hold piece p at its cap from where the ramps from both nodes end: fill in what is left of it and right of it.
+    begin: Floats, most: Floats3, caps: Floats2, limits: Floats2, now: Floats, p: int, c: float,
+    left: Floats, right: Floats, left2: Floats, right2: Floats,
+) -> bool:  # fmt: skip
+    """Hold piece p at c from where the ramps from both nodes end: fill in what is left of it and right of it.
 
-    Each of both has a hump that holds, or no way at all.  With `reach` 1 neighbors are held, too, which ramps may not
-    cross at that speed.  Ramps end `MARGIN` before the piece, and begin so far behind it.  The time of both humps and
-    the plateau, s; 0 if there is no such plateau.
+    Either it alone is held, or neighbors, too, which ramps may not cross at that speed: what is quicker.  Each of both
+    sides has a hump that holds, or no way at all.  Ramps end `MARGIN` before the plateau, and begin so far behind it.
+    False if there is no such plateau.
     """
-    c = caps[p, 0]
     if c < now[2] or c < now[3]:
-        return 0.0
+        return False
     first = piece_at(begin, now[0], True)
     last = piece_at(begin, now[1], False)
+    margin = MARGIN * (begin[len(begin) - 1] - begin[0])
     low = p
-    while low > first and caps[low - 1, 1] <= reach * c and caps[low - 1, 0] >= c:
+    while low > first and caps[low - 1, 1] <= c and caps[low - 1, 0] >= c:
         low = low - 1
     high = p
-    while high < last and caps[high + 1, 1] <= reach * c and caps[high + 1, 0] >= c:
+    while high < last and caps[high + 1, 1] <= c and caps[high + 1, 0] >= c:
         high = high + 1
-    good, a, b, d = fit(begin, most, caps, limits, now[0], first, 1, now[1], now[2], c, False)
+    farthest = min(now[1], begin[high + 1] + margin)
+    good, a, b, d, _ = fit(begin, most, caps, limits, now[0], first, 1, farthest, now[2], c, False, 1.0)
     if not good:
-        return 0.0
+        return False
+    reached = now[0] + 0.5 * (now[2] + c) * (a + b + d)
+    farthest = max(reached, begin[low] - margin)
+    good, e, f, g, _ = fit(begin, most, caps, limits, now[1], last, -1, farthest, now[3], c, False, 1.0)
+    if not good:
+        return False
+    behind = now[1] - 0.5 * (now[3] + c) * (e + f + g)
+    late = -1.0
+    for wide in range(2):
+        one = low if wide == 1 else p
+        two = high if wide == 1 else p
+        if wide == 1 and low == p and high == p:
+            break
+        ends = max(begin[one] - margin, reached)
+        goes = min(begin[two + 1] + margin, behind)
+        if (
+            ends > goes or ends >= now[1] or goes <= now[0]
+            or least_cap(caps, begin, first, one, reached, ends) < c
+            or least_cap(caps, begin, two, last, goes, behind) < c
+        ):  # fmt: skip
+            continue
+        for k in range(COLUMNS):
+            left2[k] = 0.0
+            right2[k] = 0.0
+        left2[0] = now[0]
+        left2[1] = ends
+        left2[2] = now[2]
+        left2[3] = c
+        left2[4] = c
+        left2[5] = a
+        left2[6] = b
+        left2[7] = d
+        right2[0] = goes
+        right2[1] = now[1]
+        right2[2] = c
+        right2[3] = now[3]
+        right2[4] = c
+        right2[8] = e
+        right2[9] = f
+        right2[10] = g
+        # what it takes longer than at a speed a little above c, with the ramps to that on either side
+        other = (goes - ends) * (1.0 / c - 1.0 / (_ABOVE * c))
+        if ends > now[0]:
+            other = other + _late(begin, most, caps, limits, ends, -1, now[0], c)
+        if goes < now[1]:
+            other = other + _late(begin, most, caps, limits, goes, 1, now[1], c)
+        if late < 0.0 or other < late:
+            late = other
+            for k in range(COLUMNS):
+                left[k] = left2[k]
+                right[k] = right2[k]
+    return late >= 0.0
+
+
+@kernel
+def _brake(
+    begin: Floats, most: Floats3, caps: Floats2, limits: Floats2,
+    left: float, right: float, v0: float, v1: float, row: Floats,
+) -> bool:  # fmt: skip
+    """Fill in a stretch that holds v0 and then brakes to v1; whether there is one."""
+    for k in range(COLUMNS):
+        row[k] = 0.0
+    row[0] = left
+    row[1] = right
+    row[2] = v0
+    row[3] = v1
+    row[4] = v0
+    last = piece_at(begin, right, False)
+    good, row[8], row[9], row[10], _ = fit(begin, most, caps, limits, right, last, -1, left, v1, v0, False, 1.0)
+    goes = right - 0.5 * (v0 + v1) * (row[8] + row[9] + row[10])
+    return good and least_cap(caps, begin, piece_at(begin, left, True), last, left, goes) >= v0 * (1.0 - 1e-12)
+
+
+@kernel
+def _beginning(
+    begin: Floats, most: Floats3, caps: Floats2, limits: Floats2, quick: Floats2, u0: float, u1: float, v0: float,
+    slow: Ints, stack: Floats2,
+) -> int:  # fmt: skip
+    """A plan to a stop at u1 that holds, its last stretch first: how many stretches; 0: there is none.
+
+    From rest a hump.  A motion that comes faster than a piece ahead allows is braked before pieces that are slower than
+    all before them: `slow` holds them.  Of these as few as possible.
+    """
+    row = stack[0]
+    for k in range(COLUMNS):
+        row[k] = 0.0
+    row[0] = u0
+    row[1] = u1
+    if v0 == 0.0:
+        return 1 if hump(begin, most, caps, limits, row, fastest_cap(begin, caps, row), False) else 0
     margin = MARGIN * (begin[len(begin) - 1] - begin[0])
-    ends = max(begin[low] - margin, now[0] + 0.5 * (now[2] + c) * (a + b + d))
-    good, a, b, d = fit(begin, most, caps, limits, now[1], last, -1, now[0], now[3], c, False)
-    if not good:
-        return 0.0
-    goes = min(begin[high + 1] + margin, now[1] - 0.5 * (now[3] + c) * (a + b + d))
-    if ends > goes or ends >= now[1] or goes <= now[0]:
-        return 0.0
-    left[0] = now[0]
-    left[1] = ends
-    left[2] = now[2]
-    left[3] = c
-    right[0] = goes
-    right[1] = now[1]
-    right[2] = c
-    right[3] = now[3]
-    time = (goes - ends) / c
-    if ends > now[0]:
-        if not hump(begin, most, caps, limits, left, _fastest(begin, caps, left), False):
-            return 0.0
-        time = time + _time(left)
-    if goes < now[1]:
-        if not hump(begin, most, caps, limits, right, _fastest(begin, caps, right), False):
-            return 0.0
-        time = time + _time(right)
+    many = 0
+    least = v0
+    for p in range(piece_at(begin, u0, True) + 1, piece_at(begin, u1, False) + 1):
+        if caps[p, 0] < least:
+            least = caps[p, 0]
+            slow[many] = p
+            many = many + 1
+    right = u1
+    v1 = 0.0
+    count = 0
+    while True:
+        # the farthest of them from which one ramp brakes: -1 is the motion itself
+        found = -2
+        misses = 0
+        for back in range(many + 1):
+            k = many - 1 - back
+            left = u0 if k < 0 else begin[slow[k]] - margin
+            good = False
+            if k < 0:
+                good = _brake(begin, most, quick, limits, u0, right, v0, v1, stack[count])
+            elif left < right:
+                good = _brake(begin, most, caps, limits, left, right, caps[slow[k], 0], v1, stack[count])
+            if good:
+                found = k
+                misses = 0
+            elif found > -2:
+                misses = misses + 1
+                if misses == 2:
+                    break
+        if found == -2:
+            return 0
+        count = count + 1
+        if found < 0:
+            _brake(begin, most, quick, limits, u0, right, v0, v1, stack[count - 1])
+            return count
+        left = begin[slow[found]] - margin
+        _brake(begin, most, caps, limits, left, right, caps[slow[found], 0], v1, stack[count - 1])
+        right = left
+        v1 = caps[slow[found], 0]
+        many = found
+
+
+@kernel
+def _whole(begin: Floats, most: Floats3, caps: Floats2, limits: Floats2, left: Floats, right: Floats) -> float:
+    """The time of both humps and of the plateau between them, s."""
+    time = (right[0] - left[1]) / left[3]
+    if left[1] > left[0]:
+        hump(begin, most, caps, limits, left, fastest_cap(begin, caps, left), False)
+        time = time + hump_time(left)
+    if right[1] > right[0]:
+        hump(begin, most, caps, limits, right, fastest_cap(begin, caps, right), False)
+        time = time + hump_time(right)
     return time
 
 
 @kernel
 def plan(
-    begin: Floats, most: Floats3, caps: Floats2, limits: Floats2,
-    u0: float, u1: float, v0: float, v1: float, stack: Floats2, out: Floats2,
+    begin: Floats, most: Floats3, caps: Floats2, limits: Floats2, quick: Floats2, u0: float, u1: float, v0: float,
+    slow: Ints, stack: Floats2, out: Floats2,
 ) -> int:  # fmt: skip
-    """Plan from u0 at speed v0 to u1 at speed v1: rows of `out` filled, or 0 if v0 is too fast to stop in time."""
+    """Plan from u0 at speed v0 to a stop at u1: rows of `out` filled, or 0 if v0 is too fast to stop in time."""
     free = zeros(COLUMNS)
     left = zeros(COLUMNS)
     right = zeros(COLUMNS)
     left2 = zeros(COLUMNS)
     right2 = zeros(COLUMNS)
-    stack[0, 0] = u0
-    stack[0, 1] = u1
-    stack[0, 2] = v0
-    stack[0, 3] = v1
-    stack[0, 11] = 0.0
-    if not hump(begin, most, caps, limits, stack[0], _fastest(begin, caps, stack[0]), False):
-        return 0
-    height = 1
+    height = _beginning(begin, most, caps, limits, quick, u0, u1, v0, slow, stack)
     count = 0
     while height > 0:
         height = height - 1
         now = stack[height]
-        # a stretch is split while there is room for the rows of all that are waiting; its own hump holds anyway
-        if now[11] == 0.0 and height + 3 <= len(stack) and count + height + 3 <= len(out):
-            for k in range(4):
+        if now[11] == 0.0:
+            for k in range(COLUMNS):
                 free[k] = now[k]
             p = -1
-            if hump(begin, most, caps, limits, free, _fastest(begin, caps, free), True):
-                p = _slowest(begin, caps, free, 0.0)
-                if p < 0 and free[4] > now[4]:
-                    for k in range(4, 11):
-                        now[k] = free[k]
-            split = 0.0
-            for _ in range(_TRIES):
-                if p < 0:
-                    break
-                split = _split(begin, most, caps, limits, now, p, 0.0, left, right)
-                other = _split(begin, most, caps, limits, now, p, 1.0, left2, right2)
-                if other > 0.0 and (split == 0.0 or other < split):
-                    split = other
-                    for k in range(11):
-                        left[k] = left2[k]
-                        right[k] = right2[k]
-                if split > 0.0:
-                    break
-                p = _slowest(begin, caps, free, caps[p, 0])
-            if split > 0.0:
+            if hump(begin, most, caps, limits, free, fastest_cap(begin, caps, free), True):
+                p = too_fast(begin, caps, free, 0.0)
+            split = False
+            # a stretch is split while there is room for the rows of all that are waiting; its own hump holds anyway
+            if p < 0:
+                for k in range(4, COLUMNS):
+                    now[k] = free[k]
+            elif height + 3 <= len(stack) and count + height + 3 <= len(out):
+                # the slowest that is not slower than both nodes; else the next; else more slowly
+                p = too_fast(begin, caps, free, max(now[2], now[3]) * (1.0 - 1e-9))
+                slowest = p
+                for _ in range(_TRIES):
+                    if p < 0 or split:
+                        break
+                    split = _split(begin, most, caps, limits, now, p, caps[p, 0], left, right, left2, right2)
+                    p = too_fast(begin, caps, free, caps[p, 0])
+                if not split:
+                    hump(begin, most, caps, limits, now, fastest_cap(begin, caps, now), False)
+                    c = 1.0
+                    for _ in range(2):
+                        if slowest < 0 or split:
+                            break
+                        c = 0.5 * c
+                        split = _split(
+                            begin, most, caps, limits, now, slowest, c * caps[slowest, 0], left, right, left2, right2
+                        ) and _whole(begin, most, caps, limits, left, right) < hump_time(now)
+            if split:
                 if right[1] > right[0]:
-                    for k in range(11):
+                    for k in range(COLUMNS):
                         stack[height, k] = right[k]
-                    stack[height, 11] = 0.0
                     height = height + 1
                 if right[0] > left[1]:
+                    for k in range(COLUMNS):
+                        stack[height, k] = 0.0
                     stack[height, 0] = left[1]
                     stack[height, 1] = right[0]
-                    stack[height, 2] = caps[p, 0]
-                    stack[height, 3] = caps[p, 0]
-                    stack[height, 4] = caps[p, 0]
-                    for k in range(5, 11):
-                        stack[height, k] = 0.0
+                    stack[height, 2] = left[3]
+                    stack[height, 3] = left[3]
+                    stack[height, 4] = left[3]
                     stack[height, 11] = 1.0
                     height = height + 1
                 if left[1] > left[0]:
-                    for k in range(11):
+                    for k in range(COLUMNS):
                         stack[height, k] = left[k]
-                    stack[height, 11] = 0.0
                     height = height + 1
                 continue
-        for k in range(11):
+            if height + 3 > len(stack) or count + height + 3 > len(out):
+                hump(begin, most, caps, limits, now, fastest_cap(begin, caps, now), False)
+        for k in range(COLUMNS):
             out[count, k] = now[k]
         count = count + 1
     return count

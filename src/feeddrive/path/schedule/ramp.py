@@ -14,10 +14,12 @@ from math import sqrt
 
 from feeddrive.language.kernels.kernel import kernel
 from feeddrive.language.kernels.source import Floats, Floats2, Floats3
-from feeddrive.path.motion import when
+from feeddrive.path.motion import cubic, way, when
 from feeddrive.path.schedule.room import cube_root
 
-_HALVINGS = 6  # in search of the quickest ramp
+_WALKS = 16  # along a ramp, in search of the quickest
+_NEAR = 0.006  # logarithm of the time that a ramp may be too slow
+_ABOVE = 1.0 + 2e-9  # of speed, acceleration and jerk: what Newton's method leaves
 
 
 @kernel
@@ -46,7 +48,7 @@ def phase(number: int, rise: float, L1: float, L2: float, L3: float) -> tuple[fl
         return L1, -snap
     if number == 1 or number == 5:
         return L2 - L1, 0.0
-    return L3 - L1 - L2, 0.0
+    return max(L3 - L1 - L2, 0.0), 0.0
 
 
 @kernel
@@ -58,13 +60,13 @@ def jerk_before(number: int, jerk: float) -> float:
 
 
 @kernel
-def speed_at(way: float, low: float, rise: float, L1: float, L2: float, L3: float) -> float:
+def speed_at(far: float, low: float, rise: float, L1: float, L2: float, L3: float) -> float:
     """The speed of a ramp upwards when it has gone this way, m/s."""
-    if way <= 0.0:
+    if far <= 0.0:
         return low
     total = L1 + L2 + L3
     whole = (low + 0.5 * rise) * total
-    if way >= whole:
+    if far >= whole:
         return low + rise
     jerk = rise / (L2 * L3)
     v = low
@@ -74,8 +76,8 @@ def speed_at(way: float, low: float, rise: float, L1: float, L2: float, L3: floa
     for number in range(7):
         T, s = phase(number, rise, L1, L2, L3)
         step = T * (v + T * (0.5 * a + T * (j / 6.0 + T * s / 24.0)))
-        if gone + step >= way or number == 6:
-            t = when(way - gone, v, a, j, s, 0.0, T)
+        if gone + step >= far or number == 6:
+            t = when(far - gone, v, a, j, s, 0.0, T)
             # not rounded down
             return min(low + rise, (v + t * (a + t * (0.5 * j + t * s / 6.0))) * (1.0 + 1e-12))
         gone = gone + step
@@ -86,32 +88,76 @@ def speed_at(way: float, low: float, rise: float, L1: float, L2: float, L3: floa
 
 
 @kernel
-def _fits_piece(
+def _lacks(
     most: Floats2, cap: float, crossing: float, limits: Floats2, v: float, a: float, j: float, s: float, free: bool
-) -> bool:
-    """Whether speeds, accelerations, jerks and snaps of u up to these keep the limits on a piece."""
+) -> float:
+    """How much slower a ramp must be to keep the limits on a piece: of the logarithm of its time; negative: quicker.
+
+    v .. s are the largest speed .. snap of u there.  Newton's step of use = limit, where u'', u''', u'''' fall with the
+    first, second, third power of the time: the use is convex in its logarithm, so that it never asks for too much.
+    """
+    least = -0.3
     if free:
         v = min(v, crossing)
     elif v > cap * (1.0 + 1e-12):
-        return False
+        least = 0.02 + 2.0 * (v - cap) / v
     v2 = v * v
+    v3 = v2 * v
+    va = 3.0 * v * a
+    vva = 6.0 * v2 * a
+    mixed = 3.0 * a * a + 4.0 * v * j
     for i in range(len(limits)):
         m1 = most[i, 0]
         m2 = most[i, 1]
         m3 = most[i, 2]
-        if m2 * v2 + m1 * a > limits[i, 1] or m3 * v2 * v + 3.0 * m2 * v * a + m1 * j > limits[i, 2]:
-            return False
-        if most[i, 3] * v2 * v2 + 6.0 * m3 * v2 * a + m2 * (3.0 * a * a + 4.0 * v * j) + m1 * s > limits[i, 3]:
-            return False
-    return True
+        one = m1 * a
+        over = m2 * v2 + one - limits[i, 1]
+        if over > least * one:
+            least = over / max(one, over)
+        one = m2 * va
+        two = m1 * j
+        over = m3 * v3 + one + two - limits[i, 2]
+        one = one + two + two
+        if over > least * one:
+            least = over / max(one, over)
+        one = m3 * vva
+        two = m2 * mixed
+        three = m1 * s
+        over = most[i, 3] * v2 * v2 + one + two + three - limits[i, 3]
+        one = one + two + two + three + three + three
+        if over > least * one:
+            least = over / max(one, over)
+    return least
 
 
 @kernel
-def holds(
+def _until(far: float, v: float, a: float, j: float, s: float, t0: float, t1: float) -> float:
+    """The time in [t0, t1] when a ramp upwards has come this far, from above: Newton's method, the way is convex."""
+    slope = cubic(v, a, j, s, t0)
+    t = t1
+    if slope > 0.0:
+        t = min(t1, t0 + (far - way(v, a, j, s, t0)) / slope)
+    for _ in range(40):
+        slope = cubic(v, a, j, s, t)
+        if slope <= 0.0:
+            break
+        step = (way(v, a, j, s, t) - far) / slope
+        t = t - step
+        if step <= 1e-5 * t:
+            break
+    return min(max(t, t0), t1)
+
+
+@kernel
+def lacking(
     begin: Floats, most: Floats3, caps: Floats2, limits: Floats2,
-    u: float, first: int, way: int, low: float, rise: float, L1: float, L2: float, L3: float, free: bool,
-) -> bool:  # fmt: skip
-    """Whether a ramp keeps every limit on every piece that it crosses, with its largest derivatives there."""
+    u: float, first: int, sense: int, low: float, rise: float, L1: float, L2: float, L3: float, free: bool,
+    enough: float,
+) -> float:  # fmt: skip
+    """How much slower a ramp must be to hold on every piece that it crosses, as of `_lacks`; up to 0: it holds.
+
+    Above `enough` it is not known how much more.
+    """
     jerk = rise / (L2 * L3)
     whole = (low + 0.5 * rise) * (L1 + L2 + L3)
     p = first
@@ -120,95 +166,110 @@ def holds(
     a = 0.0
     j = 0.0
     gone = 0.0
+    least = -0.3
     lasts, s = phase(0, rise, L1, L2, L3)
-
+    step = way(v, a, j, s, lasts)
     t = 0.0  # in the phase, where the piece begins
     while True:
-        far = (begin[p + 1] - u) if way > 0 else (u - begin[p])
+        far = (begin[p + 1] - u) if sense > 0 else (u - begin[p])
         # acceleration and jerk of u where the piece begins, then the largest until it ends
         a_most = a + t * (j + 0.5 * t * s)
         j_most = abs(j + t * s)
         s_most = abs(s)
         v_most = low + rise
-        over = False
-        while True:
-            step = lasts * (v + lasts * (0.5 * a + lasts * (j / 6.0 + lasts * s / 24.0)))
-            if gone + step >= far and far < whole:
-                t = when(far - gone, v, a, j, s, t, lasts)
-                break
+        over = far >= whole
+        while over or gone + step < far:
             if number == 6:
                 over = True
                 t = lasts
                 break
             gone = gone + step
-            v = v + lasts * (a + lasts * (0.5 * j + lasts * s / 6.0))
+            v = cubic(v, a, j, s, lasts)
             a = a + lasts * (j + 0.5 * lasts * s)
             number = number + 1
             j = jerk_before(number, jerk)
             lasts, s = phase(number, rise, L1, L2, L3)
-            lasts = max(lasts, 0.0)
+            step = way(v, a, j, s, lasts)
             t = 0.0
             a_most = max(a_most, a)
             j_most = max(j_most, abs(j))
             s_most = max(s_most, abs(s))
-        a_most = max(a_most, a + t * (j + 0.5 * t * s))
         if not over:
-            v_most = v + t * (a + t * (0.5 * j + t * s / 6.0))
-            j_most = max(j_most, abs(j + t * s))
-        if not _fits_piece(
-            most[p], caps[p, 0], caps[p, 1], limits,
-            min(low + rise, v_most * (1.0 + 1e-12)), a_most * (1.0 + 1e-12), j_most * (1.0 + 1e-12),
-            s_most * (1.0 + 1e-12), free,
-        ):  # fmt: skip
-            return False
-        if over or p + way < 0 or p + way >= len(most):
-            return True
-        p = p + way
+            t = _until(far - gone, v, a, j, s, t, lasts)
+            v_most = min(v_most, cubic(v, a, j, s, t) * _ABOVE)
+        a_most = max(a_most, a + t * (j + 0.5 * t * s)) * _ABOVE
+        j_most = max(j_most, abs(j + t * s)) * _ABOVE
+        least = max(least, _lacks(most[p], caps[p, 0], caps[p, 1], limits, v_most, a_most, j_most, s_most, free))
+        p = p + sense
+        if over or p < 0 or p >= len(most) or least > enough:
+            return least
+
+
+@kernel
+def straight(most: Floats2, limits: Floats2) -> tuple[float, float, float]:
+    """What a piece would leave for acceleration, jerk and snap of u if it were straight."""
+    a = 1e300
+    j = 1e300
+    s = 1e300
+    for i in range(len(limits)):
+        m1 = most[i, 0]
+        if m1 > 0.0:
+            a = min(a, limits[i, 1] / m1)
+            j = min(j, limits[i, 2] / m1)
+            s = min(s, limits[i, 3] / m1)
+    return a, j, s
 
 
 @kernel
 def fit(
-    begin: Floats, most: Floats3, caps: Floats2, limits: Floats2,
-    u: float, first: int, way: int, end: float, low: float, high: float, free: bool,
-) -> tuple[bool, float, float, float]:  # fmt: skip
+    begin: Floats, most: Floats3, caps: Floats2, limits: Floats2, u: float, first: int, sense: int, end: float,
+    low: float, high: float, free: bool, guess: float,
+) -> tuple[bool, float, float, float, float]:  # fmt: skip
     """The quickest ramp found from `low` at u to `high`, within what every piece that it crosses leaves.
 
-    `way` is 1 towards greater u and -1 towards smaller u, along which the speed rises; `first` is the piece it starts
+    `sense` is 1 towards greater u and -1 towards smaller u, along which the speed rises; `first` is the piece it starts
     on, `end` the last u it may reach.  False if there is none.  A free ramp may be quicker than the caps of pieces,
     which then leave it what they leave at their cap for crossing: it shows where caps bind.
 
-    The shape of the ramp is that of the limits on the pieces it may cross, as if they were straight; it is made slower
-    until it holds.
+    The shape of the ramp is that of the limits on its first piece, as if that were straight.  It is made slower until
+    it holds; the last result is by how much, or by how much it would have to be, and `guess` where to begin.
     """
     rise = high - low
     if rise <= 1e-14 * high:
-        return True, 0.0, 0.0, 0.0
-    space = (end - u) * way
-    a_limit = 1e300
-    j_limit = 1e300
-    s_limit = 1e300
-    for i in range(len(limits)):
-        m1 = most[first, i, 0]
-        if m1 > 0.0:
-            a_limit = min(a_limit, limits[i, 1] / m1)
-            j_limit = min(j_limit, limits[i, 2] / m1)
-            s_limit = min(s_limit, limits[i, 3] / m1)
-    L1, L2, L3 = boxcars(rise, a_limit, j_limit, s_limit)
-    slowest = space / ((low + 0.5 * rise) * (L1 + L2 + L3))
+        return True, 0.0, 0.0, 0.0, guess
+    a, j, s = straight(most[first], limits)
+    L1, L2, L3 = boxcars(rise, a, j, s)
+    slowest = (end - u) * sense / ((low + 0.5 * rise) * (L1 + L2 + L3))
     if slowest < 0.5:
-        return False, 0.0, 0.0, 0.0
-    slow = min(slowest, 1.0 + 1e-9)
-    quick = 0.5 * slow
-    # slower by steps until it holds, then between
-    while not holds(begin, most, caps, limits, u, first, way, low, rise, slow * L1, slow * L2, slow * L3, free):
-        if slow >= slowest or slow > 1e6:
-            return False, 0.0, 0.0, 0.0
-        quick = slow
-        slow = min(slowest, 1.6 * slow)
-    for _ in range(_HALVINGS):
-        scale = sqrt(slow * quick)
-        if holds(begin, most, caps, limits, u, first, way, low, rise, scale * L1, scale * L2, scale * L3, free):
+        return False, 0.0, 0.0, 0.0, guess
+    shape = 1.0 + 4e-9  # of straight pieces, where it holds exactly
+    least = 0.5 * min(1.0, slowest)
+    scale = min(max(guess, least), slowest)
+    slow = 0.0  # the quickest that holds
+    quick = 0.0  # the slowest that does not
+    for _ in range(_WALKS):
+        lack = lacking(
+            begin, most, caps, limits, u, first, sense, low, rise, scale * L1, scale * L2, scale * L3, free,
+            0.0 if scale >= slowest else 0.5,
+        )  # fmt: skip
+        lack = min(lack, 0.5)
+        wanted = scale * (1.003 + lack * (1.0 + 0.5 * lack))
+        if lack <= 0.0:
             slow = scale
+            if lack >= -_NEAR or slow <= least:
+                break
         else:
             quick = scale
-    return True, slow * L1, slow * L2, slow * L3
+            if scale >= slowest or scale > 1e6:
+                return False, 0.0, 0.0, 0.0, wanted
+        if quick < shape and shape < slowest and (slow == 0.0 or shape < slow) and abs(wanted - shape) < 0.012:
+            wanted = shape
+        if slow > 0.0:
+            if slow <= (1.0 + _NEAR) * quick:
+                break
+            if wanted <= quick or wanted >= slow:
+                wanted = sqrt(slow * max(quick, least))
+        scale = min(max(wanted, least), slowest)
+    if slow == 0.0:
+        return False, 0.0, 0.0, 0.0, scale
+    return True, slow * L1, slow * L2, slow * L3, slow

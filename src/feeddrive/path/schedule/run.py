@@ -14,7 +14,8 @@ import numpy as np
 
 from feeddrive.path.motion import Motion, Part
 from feeddrive.path.pieces import Pieces, Section, one_after_the_other, part_of_pieces
-from feeddrive.path.schedule.plan import COLUMNS, MARGIN, plan, timed
+from feeddrive.path.schedule.hump import COLUMNS
+from feeddrive.path.schedule.plan import MARGIN, plan, timed
 from feeddrive.path.schedule.room import pieces_room
 
 # shares of what curvature allows, of a piece that is held at its cap and of one that ramps cross: for contours, and for
@@ -109,8 +110,9 @@ class Schedule:
         for room in self._rooms:
             rows = np.zeros((size, COLUMNS))
             given = room.most[:last], room.caps[:last]
-            stack = np.zeros((size, COLUMNS))
-            count = plan(begin, *given, self._limits, self._u, stop, self._speed, 0.0, stack, rows)
+            slow, stack = np.zeros(last, np.int64), np.zeros((size, COLUMNS))
+            quick = self._rooms[0].caps[:last]
+            count = plan(begin, *given, self._limits, quick, self._u, stop, self._speed, slow, stack, rows)
             if count:
                 found.append(rows[:count])
         return _Plan(begin, min(found, key=_time)) if found else None
