@@ -11,6 +11,7 @@ from feeddrive.path.geometry.segments import Chain, Pause, chains
 from feeddrive.path.motion import Part
 from feeddrive.path.program.moves import Move
 from feeddrive.path.schedule.crossing import Crossings
+from feeddrive.path.schedule.lift import Lifter
 from feeddrive.path.schedule.run import Schedule
 
 
@@ -24,12 +25,13 @@ def planned(moves: Iterable[Move], axes: str, limits: np.ndarray) -> Iterator[Pa
 
     Raises ProgramError as `chains` does.  What is yielded is planned, not proven: give it to a `Prover`.
     """
-    joiner, schedule, crossings = Joiner(), Schedule(limits), Crossings(limits)
+    joiner, schedule, lifter, crossings = Joiner(), Schedule(limits), Lifter(limits), Crossings(limits)
     for each in chains(moves, axes):
         if isinstance(each, Chain):
             for section in joiner.join(each)[0]:
                 for part in schedule.add(section):
-                    yield from crossings.add(part, section.tolerance)
+                    for lifted in lifter.add(part):
+                        yield from crossings.add(lifted, section.tolerance)
             if each.ends:
                 yield from crossings.end()
         else:

@@ -339,6 +339,20 @@ def _place(pieces: Pieces, k: int, x: float) -> np.ndarray:
     return pieces.origin[k] + r[:, 0]
 
 
+def faults_of(pieces: Pieces, motion: Motion, limits: np.ndarray) -> np.ndarray:
+    """The faults of a motion that does not begin at rest, as rows of piece, time piece, time in it, limit, share."""
+    axes, first = len(limits), int(motion.piece[0])
+    state = np.array([motion.x[0], motion.speed[0], motion.acceleration[0], motion.jerk[0]])
+    faults = np.zeros((_KEPT, 5))
+    room = [np.zeros((64, 2)), np.zeros((axes, 4, 2)), *(np.zeros((axes, 5)) for _ in range(3))]
+    on = [each[first:] for each in pieces[:5]]
+    _, found = _prove(
+        *on, *motion._replace(piece=motion.piece - first), limits, WIDENED, False, True, state, faults,
+        np.zeros((axes, 4)), np.zeros(2), *room,
+    )  # fmt: skip
+    return faults[:found]
+
+
 def _fault(row: np.ndarray, line: np.ndarray, begins: np.ndarray) -> Fault:
     which = int(row[3])
     if which >= 0:

@@ -1,0 +1,266 @@
+"""Motions made quicker where nodes need not rest: u'' and u''' are free but at the ends of what is lifted.
+
+The plan before has u'' = u''' = 0 at each node, and each ramp takes the least room of all pieces that it crosses.  Here
+u'² is a spline over u between two states of that plan, and all its coefficients are moved at once (`spline`).  What
+comes of it, in pieces of constant snap, is taken if the proof accepts it and it is quicker; else the plan stays.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from feeddrive.path.motion import Motion, Part, cubic, way
+from feeddrive.path.pieces import LINE, Pieces, one_after_the_other, part_of_pieces
+from feeddrive.path.proof.prove import DERIVATIVES, faults_of
+from feeddrive.path.schedule.spans import GRADE, POINTS, graded, in_time, instants, points, states, tops
+from feeddrive.path.schedule.spline import quickest
+
+SHARES = (1.0 - 1e-4, 0.98, 0.98, 0.95)  # of the limits, at points: the rest is for what lies between them
+_FINE = 14.0  # spans in the time of seven phases
+_FINEST = 0.02  # of the mean duration of time pieces; some have no more than what rounding leaves
+_TURNS = 0.15  # of u'/|u''| is the most that a span may last
+_NEAR_REST = 0.8  # of the first phase from rest, and of the last one to rest, stays as it is
+_RESTS = 1e-9  # of the largest speed: it rests
+_TOGETHER = 6  # spans whose last one ends exactly where the spline does
+_STEPS = 40
+_PENALTIES = (1.0, 0.15, 1e-3)  # at first, where each round begins, and at last
+_ROUNDS = 6  # of proofs
+_TIGHTER = 0.01  # of a limit where the proof of it fails: twice that, then twice as much in each round
+_HELD = 0.3  # of the time of what is lifted waits for what follows
+_HUMP = 15  # time pieces of a ramp up, a plateau and a ramp down
+_LEAST = 100  # time pieces that are lifted at once, but at the end of a run
+_TOP = 0.995  # of the speed that feed and velocities allow: a plateau there stays
+
+
+class _Points(NamedTuple):
+    """What `quickest` looks at; see `points`."""
+
+    span: np.ndarray
+    row: np.ndarray
+    r: np.ndarray
+    most: np.ndarray
+    full: np.ndarray
+    weight: np.ndarray
+    away: np.ndarray
+
+
+class Lifter:
+    """Lifts the parts of runs, one after the other; `limits` m/s .. m/s⁴, shape (N, 4).
+
+    The end of what is lifted waits, to be lifted again with what follows; it goes on to where the plan does, so that
+    with the stop of the plan there is always one in hand.
+    """
+
+    def __init__(self, limits: np.ndarray) -> None:
+        self._limits = np.ascontiguousarray(limits, float)
+        self.hand: Part | None = None  # what waits
+        self._spans = 0  # time pieces of it that are spans already
+
+    def add(self, part: Part) -> Iterator[Part]:
+        """The parts that are fixed when this one is known: all, where the run ends."""
+        if self.hand is not None:
+            part = _after(self.hand, part)
+        if not part.ends and len(part.motion.duration) - self._spans < _LEAST:
+            self.hand = part
+            return
+        motion, spans = part.motion, self._spans
+        self.hand, self._spans = None, 0
+        path = _Path(part.pieces, self._limits)
+        rests = _rests(motion)
+        found: list[Motion] = []
+        come, n = 0, len(motion.duration)
+        for first, last in _sections(motion, rests, path.top):
+            begins, ends = bool(rests[first]), bool(rests[last])
+            lifted = path.lifted(_some(motion, first, last), begins, ends, spans if first == 0 else 0)
+            if lifted is not None:
+                found += [_some(motion, come, first), lifted]
+                come = last
+                if last == n and not ends:
+                    self._spans = len(lifted.duration) - begins  # it goes on
+        found.append(_some(motion, come, n))
+        part = part._replace(motion=_one(found))
+        if self._spans:
+            part, self.hand = _cut(part, self._spans)
+            self._spans = len(self.hand.motion.duration)
+        yield part
+
+
+class _Path:
+    """Pieces of a path under limits: u counts from the begin of the first one."""
+
+    def __init__(self, pieces: Pieces, limits: np.ndarray) -> None:
+        n, axes = len(pieces.length), len(limits)
+        self._pieces, self._limits = pieces, limits
+        self._begin = np.concatenate([[0.0], np.cumsum(pieces.length)])
+        self.top = np.zeros(n)
+        tops(pieces.kind, pieces.length, pieces.shape, pieces.feed, limits, self.top, np.zeros((axes, 4)))
+
+    def lifted(self, motion: Motion, begins: bool, ends: bool, spans: int) -> Motion | None:
+        """A quicker motion between the same states, proven, or None; it may begin or end at rest.
+
+        The first `spans` time pieces are spans already.
+        """
+        if len(motion.duration) <= _HUMP and np.all(self._pieces.kind[motion.piece[0] : motion.piece[-1] + 1] == LINE):
+            return None  # on a line it is the quickest one
+        lengths = self._pieces.length
+        if begins:
+            motion = _divided(motion, 0, _NEAR_REST * float(motion.duration[0]), lengths)
+        n = len(motion.duration)
+        if ends:
+            motion = _divided(motion, n - 1, (1.0 - _NEAR_REST) * float(motion.duration[n - 1]), lengths)
+        first, last = int(begins), n
+        lifted = self._between(_some(motion, first, last), _end(_some(motion, last - 1, last)), spans)
+        if lifted is None:
+            return None
+        return _one([_some(motion, 0, first), lifted, _some(motion, last, len(motion.duration))])
+
+    def _between(self, motion: Motion, end: np.ndarray, spans: int) -> Motion | None:
+        """The same without rests; `end` is u' .. u''' where it ends."""
+        time, knots, coefficient = self._spline(motion, end, spans)
+        n = len(time) - 1
+        looked = self._points(time, knots)
+        m = len(looked.span)
+        room = np.zeros(m), np.zeros(m), np.zeros(n + 3), np.zeros(n + 3), np.zeros(n + 3), np.zeros((n + 3, 4))
+        begins, goes_on, ends = _PENALTIES
+        if quickest(*looked, coefficient, begins, goes_on, _STEPS, *room):
+            return None
+        ends_of = np.array([[motion.speed[0], motion.acceleration[0], motion.jerk[0]], end])
+        for number in range(1, _ROUNDS + 1):
+            tried = coefficient.copy()
+            if quickest(*looked, tried, goes_on, ends, _STEPS, *room):
+                return None
+            found = Motion(np.zeros(n), np.zeros(n, np.int64), *(np.zeros(n) for _ in range(5)))
+            more = np.zeros((n + 1, 3)), np.zeros((2 * _TOGETHER, 4)), np.zeros((4, 5))
+            in_time(knots, tried, self._begin, ends_of, _TOGETHER, *found, *more)
+            faults = faults_of(self._pieces, found, self._limits)
+            if not len(faults):
+                return found if np.sum(found.duration) < np.sum(motion.duration) else None
+            for _, where, _, which, _ in faults:
+                if which < -1:
+                    return None
+                near = slice(*np.searchsorted(looked.span, [where - 1, where + 2]))
+                axis, number_of = divmod(int(which), len(DERIVATIVES))
+                if which == -1 or number_of == 0:
+                    looked.most[near] *= 1.0 - 1e-3 * 2.0**number
+                else:
+                    columns = slice(*((0, 2), (2, 5), (5, 9))[number_of - 1])
+                    looked.r[near, axis, columns] *= 1.0 + _TIGHTER * 2.0**number
+        return None
+
+    def _spline(self, motion: Motion, end: np.ndarray, spans: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Times of knots, knots and coefficients of u'²(u) near a motion, with its states at the ends."""
+        n = len(motion.duration)
+        wide = min(7, n)
+        sums = np.convolve(motion.duration, np.ones(wide), "valid")
+        padded = np.concatenate([np.full(wide - 1, np.inf), sums, np.full(wide - 1, np.inf)])
+        step = np.lib.stride_tricks.sliding_window_view(padded, wide).min(axis=1) * (7 / wide / _FINE)
+        step[:spans] = motion.duration[:spans]
+        step = np.maximum(step, _FINEST * np.mean(motion.duration))
+        edge = np.concatenate([step[:1], np.minimum(step[1:], step[:-1]), step[-1:]])
+        speed, acceleration = np.append(motion.speed, end[0]), np.append(motion.acceleration, end[1])
+        edge = np.minimum(edge, _TURNS * speed / np.maximum(np.abs(acceleration), 1e-300))
+        graded(motion.duration, edge)
+        least = np.minimum(step, np.minimum(edge[:-1], edge[1:]))
+        size = 2 + int(np.sum(2.0 + (1.0 + GRADE) * motion.duration / least))
+        time = np.zeros(size)
+        time = time[: instants(motion.duration, step, edge, time)]
+        found = np.zeros((len(time), 4))
+        states(*motion, self._begin, time, found)
+        found[-1, 1:] = end
+        u, v, a, j = found.T
+        # a coefficient is the blossom of u'² at three knots, from its Taylor form at one of them
+        knots = np.concatenate([u[:1], u[:1], u[:1], u, u[-1:], u[-1:], u[-1:]])
+        at = np.clip(np.arange(len(u) + 2) - 1, 0, len(u) - 1)
+        at[2], at[-3] = 0, len(u) - 1
+        p, q, r = (np.lib.stride_tricks.sliding_window_view(knots[1:-1], 3) - u[at][:, None]).T
+        v, a, j = v[at], a[at], j[at]
+        return time, knots, v * v + 2.0 / 3.0 * a * (p + q + r) + j / (3.0 * v) * (p * q + q * r + r * p)
+
+    def _points(self, time: np.ndarray, knots: np.ndarray) -> _Points:
+        pieces, axes = self._pieces, len(self._limits)
+        size = POINTS * (len(time) + len(pieces.length))
+        made = _Points(
+            np.zeros(size, np.int64), np.zeros((size, 4, 4)), np.zeros((size, axes, 9)), np.zeros(size),
+            np.zeros(size, np.int64), np.zeros(size), np.zeros(size),
+        )  # fmt: skip
+        count = points(
+            pieces.kind, pieces.length, pieces.shape, self._begin, self.top, self._limits, np.array(SHARES), knots,
+            time, *made, np.zeros((axes, 5)),
+        )  # fmt: skip
+        return _Points(*(each[:count] for each in made))
+
+
+def _sections(motion: Motion, rests: np.ndarray, top: np.ndarray) -> list[tuple[int, int]]:
+    """Time pieces, from first to before last, that can be lifted: between rests and plateaus as fast as can be."""
+    flat = (motion.acceleration == 0.0) & (motion.jerk == 0.0) & (motion.snap == 0.0)
+    end = np.append(motion.piece[1:], len(top) - 1)
+    for m in np.flatnonzero(flat):
+        flat[m] = motion.speed[m] >= _TOP * np.max(top[motion.piece[m] : end[m] + 1])
+    found: list[tuple[int, int]] = []
+    first = 0
+    for last in np.flatnonzero(np.append(flat, True) | rests):
+        if last > first:
+            found.append((first, int(last)))
+        first = int(last) + (1 if last < len(flat) and flat[last] else 0)
+    return found
+
+
+def _rests(motion: Motion) -> np.ndarray:
+    """Whether it rests before each time piece, and after the last one."""
+    last = len(motion.duration) - 1
+    speed = np.append(motion.speed, _end(_some(motion, last, last + 1))[0])
+    return speed <= _RESTS * np.max(speed)
+
+
+def _some(motion: Motion, first: int, last: int) -> Motion:
+    return Motion(*(each[first:last] for each in motion))
+
+
+def _one(motions: list[Motion]) -> Motion:
+    """One after the other."""
+    return Motion(*(np.concatenate(each) for each in zip(*motions, strict=True)))
+
+
+def _end(motion: Motion) -> np.ndarray:
+    """u' .. u''' where a single time piece ends."""
+    (t,), _, _, (v,), (a,), (j,), (s,) = motion
+    return np.array([cubic(v, a, j, s, t), a + t * (j + 0.5 * t * s), j + t * s])
+
+
+def _divided(motion: Motion, m: int, t: float, length: np.ndarray) -> Motion:
+    """Time piece m as two, the first of which lasts t, on a path of pieces of such lengths."""
+    T, p, x, v, a, j, s = (each[m] for each in motion)
+    there = x + way(v, a, j, s, t)
+    while there > length[p] and p + 1 < len(length):
+        there -= length[p]
+        p += 1
+    first = t, motion.piece[m], x, v, a, j, s
+    second = T - t, p, there, cubic(v, a, j, s, t), a + t * (j + 0.5 * t * s), j + t * s, s
+    halves = zip(motion, zip(first, second, strict=True), strict=True)
+    return Motion(*(np.concatenate([each[:m], two, each[m + 1 :]]).astype(each.dtype) for each, two in halves))
+
+
+def _after(hand: Part, part: Part) -> Part:
+    """Two parts as one."""
+    last = len(hand.pieces.length) - 1
+    pieces = one_after_the_other([part_of_pieces(hand.pieces, 0, last), part.pieces])
+    motion = part.motion._replace(piece=part.motion.piece + last)
+    return part._replace(pieces=pieces, motion=_one([hand.motion, motion]))
+
+
+def _cut(part: Part, spans: int) -> tuple[Part, Part]:
+    """A part as two, at that of its last spans, in the middle of those that may wait, where u''' is least."""
+    motion, n = part.motion, len(part.motion.duration)
+    left = np.cumsum(motion.duration[::-1])[::-1][n - spans :]
+    here = np.flatnonzero((left <= 1.2 * _HELD * left[0]) & (left >= 0.8 * _HELD * left[0]))
+    k = n - spans + (int(here[np.argmin(np.abs(motion.jerk[n - spans + here]))]) if len(here) else spans // 2)
+    p = int(motion.piece[k])
+    last = len(part.pieces.length)
+    rest = _some(motion, k, n)
+    return (
+        part._replace(pieces=part_of_pieces(part.pieces, 0, p + 1), motion=_some(motion, 0, k)),
+        part._replace(pieces=part_of_pieces(part.pieces, p, last), motion=rest._replace(piece=rest.piece - p)),
+    )

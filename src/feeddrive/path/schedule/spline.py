@@ -1,0 +1,282 @@
+"""z(u) = u'² as a cubic spline, as quick as the limits of each axis allow: Newton's method with a barrier.
+
+With r_n the derivatives of an axis by u and z', z'', z''' those of z by u
+
+    q'   = r1 √z
+    q''  = r2 z + r1 z'/2
+    q''' = √z (r3 z + 3/2 r2 z' + r1 z''/2)
+    q''''= r4 z² + 3 r3 z z' + r2 (3/4 z'² + 2 z z'') + r1 (z' z''/4 + z z'''/2)
+
+The time ∫ du/√z gets a penalty -μ log(1 - g²) for each share g of a limit at each point; μ falls.  The penalty of a
+share, not of z, is expanded to second order with the slope of g alone, so that each step solves a positive system with
+three neighbors on either side.  A state of the spline is never accepted that breaks a limit which held before.
+"""
+
+from __future__ import annotations
+
+from math import sqrt
+
+from feeddrive.language.kernels.kernel import kernel
+from feeddrive.language.kernels.plain import zeros
+from feeddrive.language.kernels.source import Floats, Floats2, Floats3, Ints
+
+_LOOSE = 1.03  # times the share of a point that breaks a limit: what it may take
+_INWARDS = 0.3  # the least penalty while one does
+_NEARER = 0.1  # of the way to a limit is left by a step at least
+_FALL = 0.4  # of the penalty in a step
+_HALVINGS = 12  # of a step
+
+
+@kernel
+def basis(knots: Floats, k: int, x: float, out: Floats2) -> int:
+    """z, z', z'', z''' at x in span k from its four coefficients, as rows of `out`; knots[k+3] <= x <= knots[k+4]."""
+    t1 = knots[k + 1]
+    t2 = knots[k + 2]
+    t3 = knots[k + 3]
+    t4 = knots[k + 4]
+    t5 = knots[k + 5]
+    t6 = knots[k + 6]
+    p = (t4 - x) / (t4 - t3)
+    q = (x - t3) / (t4 - t3)
+    n0 = (t4 - x) / (t4 - t2) * p
+    n1 = (x - t2) / (t4 - t2) * p + (t5 - x) / (t5 - t3) * q
+    n2 = (x - t3) / (t5 - t3) * q
+    out[0, 0] = (t4 - x) / (t4 - t1) * n0
+    out[0, 1] = (x - t1) / (t4 - t1) * n0 + (t5 - x) / (t5 - t2) * n1
+    out[0, 2] = (x - t2) / (t5 - t2) * n1 + (t6 - x) / (t6 - t3) * n2
+    out[0, 3] = (x - t3) / (t6 - t3) * n2
+    a0 = 3.0 / (t4 - t1)
+    a1 = 3.0 / (t5 - t2)
+    a2 = 3.0 / (t6 - t3)
+    out[1, 0] = -a0 * n0
+    out[1, 1] = a0 * n0 - a1 * n1
+    out[1, 2] = a1 * n1 - a2 * n2
+    out[1, 3] = a2 * n2
+    b0 = 2.0 / (t4 - t2)
+    b1 = 2.0 / (t5 - t3)
+    out[2, 0] = p * b0 * a0
+    out[2, 1] = -p * b0 * (a0 + a1) + q * b1 * a1
+    out[2, 2] = p * b0 * a1 - q * b1 * (a1 + a2)
+    out[2, 3] = q * b1 * a2
+    g = 1.0 / (t4 - t3)
+    out[3, 0] = -g * b0 * a0
+    out[3, 1] = g * (b1 * a1 + b0 * (a0 + a1))
+    out[3, 2] = -g * (b1 * (a1 + a2) + b0 * a1)
+    out[3, 3] = g * b1 * a2
+    return 0
+
+
+@kernel
+def _penalty(g: float, loose: float) -> tuple[float, float]:
+    """First and second derivative of -log(1 - (g/loose)²) by g."""
+    gap = loose * loose - g * g
+    first = 2.0 * g / gap
+    return first, 2.0 / gap + first * first
+
+
+@kernel
+def shares(z: Floats, r: Floats2, most: float, full: bool) -> float:
+    """The largest share of a limit at a point; r1 .. r4 in shares of the limits, see `lifted`."""
+    if z[0] <= 0.0:
+        return 1e300
+    root = sqrt(z[0])
+    found = z[0] / most if full else 0.0
+    for i in range(len(r)):
+        if full:
+            found = max(found, abs(r[i, 1] * z[0] + 0.5 * r[i, 0] * z[1]))
+            found = max(found, abs(root * (r[i, 4] * z[0] + 1.5 * r[i, 3] * z[1] + 0.5 * r[i, 2] * z[2])))
+        snap = r[i, 8] * z[0] * z[0] + 3.0 * r[i, 7] * z[0] * z[1]
+        snap = snap + r[i, 6] * (0.75 * z[1] * z[1] + 2.0 * z[0] * z[2])
+        found = max(found, abs(snap + r[i, 5] * (0.25 * z[1] * z[2] + 0.5 * z[0] * z[3])))
+    return found
+
+
+@kernel
+def _expanded(
+    z: Floats, r: Floats2, most: float, full: bool, loose: float, weight: float, away: float,
+    slope: Floats, bend: Floats2, g: Floats,
+) -> int:  # fmt: skip
+    """Slope and bend of the time and the penalties at a point, by z .. z'''.  `weight` of penalties, m of `away`."""
+    root = sqrt(z[0])
+    for k in range(4):
+        slope[k] = 0.0
+        for m in range(4):
+            bend[k, m] = 0.0
+    slope[0] = -0.5 * away / (z[0] * root)
+    bend[0, 0] = 0.75 * away / (z[0] * z[0] * root)
+    if full:
+        gap = most * loose - z[0]
+        slope[0] = slope[0] + weight / gap
+        bend[0, 0] = bend[0, 0] + weight / (gap * gap)
+    for i in range(len(r)):
+        if full:
+            g[0] = r[i, 1]
+            g[1] = 0.5 * r[i, 0]
+            first, second = _penalty(g[0] * z[0] + g[1] * z[1], loose)
+            for k in range(2):
+                slope[k] = slope[k] + weight * first * g[k]
+                for m in range(2):
+                    bend[k, m] = bend[k, m] + weight * second * g[k] * g[m]
+            inner = r[i, 4] * z[0] + 1.5 * r[i, 3] * z[1] + 0.5 * r[i, 2] * z[2]
+            g[0] = root * r[i, 4] + 0.5 * inner / root
+            g[1] = 1.5 * root * r[i, 3]
+            g[2] = 0.5 * root * r[i, 2]
+            first, second = _penalty(root * inner, loose)
+            for k in range(3):
+                slope[k] = slope[k] + weight * first * g[k]
+                for m in range(3):
+                    bend[k, m] = bend[k, m] + weight * second * g[k] * g[m]
+        snap = r[i, 8] * z[0] * z[0] + 3.0 * r[i, 7] * z[0] * z[1]
+        snap = snap + r[i, 6] * (0.75 * z[1] * z[1] + 2.0 * z[0] * z[2])
+        snap = snap + r[i, 5] * (0.25 * z[1] * z[2] + 0.5 * z[0] * z[3])
+        g[0] = 2.0 * r[i, 8] * z[0] + 3.0 * r[i, 7] * z[1] + 2.0 * r[i, 6] * z[2] + 0.5 * r[i, 5] * z[3]
+        g[1] = 3.0 * r[i, 7] * z[0] + 1.5 * r[i, 6] * z[1] + 0.25 * r[i, 5] * z[2]
+        g[2] = 2.0 * r[i, 6] * z[0] + 0.25 * r[i, 5] * z[1]
+        g[3] = 0.5 * r[i, 5] * z[0]
+        first, second = _penalty(snap, loose)
+        for k in range(4):
+            slope[k] = slope[k] + weight * first * g[k]
+            for m in range(4):
+                bend[k, m] = bend[k, m] + weight * second * g[k] * g[m]
+    return 0
+
+
+@kernel
+def at(row: Floats2, coefficient: Floats, k: int, z: Floats) -> int:
+    """z, z', z'', z''' from the four coefficients of span k and their `basis`."""
+    for m in range(4):
+        z[m] = (
+            row[m, 0] * coefficient[k] + row[m, 1] * coefficient[k + 1]
+            + row[m, 2] * coefficient[k + 2] + row[m, 3] * coefficient[k + 3]
+        )  # fmt: skip
+    return 0
+
+
+@kernel
+def _system(
+    span: Ints, row: Floats3, r: Floats3, most: Floats, full: Ints, loose: Floats, weight: Floats, away: Floats,
+    mu: float, coefficient: Floats, slope: Floats, band: Floats2,
+) -> int:  # fmt: skip
+    """Slope of time and penalties by the coefficients, and the lower band of their bend."""
+    z = zeros(4)
+    by = zeros(4)
+    g = zeros(4)
+    bend = zeros(4, 4)
+    half = zeros(4, 4)
+    for c in range(len(coefficient)):
+        slope[c] = 0.0
+        for d in range(4):
+            band[c, d] = 0.0
+    for p in range(len(span)):
+        k = int(span[p])
+        at(row[p], coefficient, k, z)
+        _expanded(z, r[p], most[p], full[p] == 1, loose[p], mu * weight[p], away[p], by, bend, g)
+        B = row[p]
+        for a in range(4):
+            slope[k + a] = slope[k + a] + by[0] * B[0, a] + by[1] * B[1, a] + by[2] * B[2, a] + by[3] * B[3, a]
+            for m in range(4):
+                half[m, a] = bend[m, 0] * B[0, a] + bend[m, 1] * B[1, a] + bend[m, 2] * B[2, a] + bend[m, 3] * B[3, a]
+        for a in range(4):
+            for b in range(a + 1):
+                band[k + a, a - b] = (
+                    band[k + a, a - b]
+                    + B[0, a] * half[0, b] + B[1, a] * half[1, b] + B[2, a] * half[2, b] + B[3, a] * half[3, b]
+                )  # fmt: skip
+    return 0
+
+
+@kernel
+def _solved(band: Floats2, first: int, last: int, slope: Floats, step: Floats) -> bool:
+    """step = - band^-1 slope for the coefficients from `first` to before `last`, by Cholesky within the band."""
+    for c in range(first, last):
+        for back in range(4):
+            d = 3 - back
+            if c - d < first:
+                continue
+            value = band[c, d]
+            for e in range(d + 1, 4):
+                if c - e >= first:
+                    value = value - band[c, e] * band[c - d, e - d]
+            if d == 0:
+                if value <= 0.0:
+                    return False
+                band[c, 0] = sqrt(value)
+            else:
+                band[c, d] = value / band[c - d, 0]
+    for c in range(first, last):
+        value = -slope[c]
+        for d in range(1, 4):
+            if c - d >= first:
+                value = value - band[c, d] * step[c - d]
+        step[c] = value / band[c, 0]
+    for back in range(last - first):
+        c = last - 1 - back
+        value = step[c]
+        for d in range(1, 4):
+            if c + d < last:
+                value = value - band[c + d, d] * step[c + d]
+        step[c] = value / band[c, 0]
+    return True
+
+
+@kernel
+def quickest(
+    span: Ints, row: Floats3, r: Floats3, most: Floats, full: Ints, weight: Floats, away: Floats,
+    coefficient: Floats, penalty: float, last: float, steps: int,
+    share: Floats, loose: Floats, tried: Floats, slope: Floats, step: Floats, band: Floats2,
+) -> int:  # fmt: skip
+    """Make the spline quicker, in place; at how many points it breaks a limit after all; three of each end stay.
+
+    A point that breaks a limit has a looser one of its own, which is drawn tight with each step.
+
+    span     of each point, ascending, and `row` its `basis`
+    r        r1 .. r4 of each axis over the limits: (n, N, 9) = r1 r2 for q'', r1 r2 r3 for q''', r1 .. r4 for q''''
+    most     z by velocity and feed
+    full     whether more than q'''' is looked at
+    weight   of the penalties at a point, s; `away` of the time there, m
+    penalty  at first; each step takes a part of it, down to `last`
+    """
+    z = zeros(4)
+    n = len(coefficient)
+    above = 0
+    for p in range(len(span)):
+        at(row[p], coefficient, int(span[p]), z)
+        share[p] = shares(z, r[p], most[p], full[p] == 1)
+    for _ in range(steps):
+        above = 0
+        for p in range(len(span)):
+            loose[p] = 1.0
+            if share[p] >= 1.0:
+                above = above + 1
+                loose[p] = _LOOSE * share[p]
+        if above > 0:
+            penalty = max(penalty, _INWARDS)
+        _system(span, row, r, most, full, loose, weight, away, penalty, coefficient, slope, band)
+        if not _solved(band, 3, n - 3, slope, step):
+            break
+        for p in range(len(span)):
+            loose[p] = loose[p] - _NEARER * (loose[p] - share[p])
+        far = 1.0
+        good = False
+        for _ in range(_HALVINGS):
+            for c in range(n):
+                tried[c] = coefficient[c] + (far * step[c] if c >= 3 and c < n - 3 else 0.0)
+            good = True
+            for p in range(len(span)):
+                at(row[p], tried, int(span[p]), z)
+                share[p] = shares(z, r[p], most[p], full[p] == 1)
+                if share[p] > loose[p]:
+                    good = False
+                    break
+            if good:
+                break
+            far = 0.5 * far
+        if not good:
+            return max(above, 1)
+        for c in range(n):
+            coefficient[c] = tried[c]
+        if above == 0 and far > 0.3:
+            if penalty <= last:
+                break
+            penalty = max(last, _FALL * penalty)
+    return above
