@@ -97,11 +97,10 @@ def largest_norm(c: Floats2) -> float:
     norms = zeros(8)
     points = zeros(8)
     for i in range(len(c)):
+        choices = 1.0
         for k in range(8):
-            value = c[i, k]
-            for j in range(k):
-                value = value * (j + 1) / (7 - j)
-            points[k] = value
+            points[k] = c[i, k] / choices
+            choices = choices * (7 - k) / (k + 1)
         for k in range(7):
             for back in range(7 - k):
                 j = 7 - back

@@ -13,6 +13,7 @@ from feeddrive.language.kernels.kernel import kernel
 from feeddrive.language.kernels.source import Floats, Floats2, Floats3, Ints
 from feeddrive.path.geometry.spline import (
     ENDS,
+    FITTED,
     GRADE,
     control_points,
     deviation,
@@ -27,7 +28,8 @@ BLEND = 0.156  # distance of a blend over its length and 2 sin θ/2
 _SHARE = 0.999  # of the tolerance
 _ROUNDS = 40
 _STRAIGHT = 1e-13  # rad, between lines in one direction
-_NEAR = 10.0  # tolerances on either side of a corner in which it must look like one
+_LEAVES = 3.2  # first steps in the way from a straight end to the first corner
+NEAR = 10.0  # tolerances on either side of a corner in which it must look like one
 _ASIDE = 0.25  # of the tolerance
 
 
@@ -98,7 +100,7 @@ def clustered(
         turn = chord(length[k], shape[k], length[k + 1], shape[k + 1])
         if tolerance[k] <= BLEND * turn * 0.5 * min(length[k], length[k + 1]):
             continue
-        near = _NEAR * tolerance[k]
+        near = NEAR * tolerance[k]
         if turn > 2.0 * sharpest and since > near:
             aside = _ASIDE * tolerance[k]
             if _looks_straight(length, shape, k, -1, near, aside, room[0], room[2]) and _looks_straight(
@@ -143,75 +145,120 @@ def _prepared(
 
 @kernel
 def fitted(
-    first: int, last: int, begin: float, end: float, straight_begin: bool, straight_end: bool,
+    first: int, last: int, begin: float, end: float, straight_begin: bool, straight_end: bool, most_steps: float,
+    fixed: int, many: int, begins: Floats2,
     length: Floats, shape: Floats3, origin: Floats2, tolerance: Floats, sharing: Floats,
-    corner: Floats, group: Ints, slope: Floats2, far: Floats,
+    corner: Floats, group: Ints, slope: Floats2, floor: Floats, far: Floats,
     at: Floats, goal: Floats, at_next: Floats, goal_next: Floats, knots: Floats, x: Floats, control: Floats2,
     segment: Ints, straight: Ints, curved: Ints, state: Floats3, curve: Floats3, room: Floats3,
-) -> int:  # fmt: skip
-    """Fit the lines first .. last from `begin` m behind the first start to `end` m before the last end: steps; 0: none.
+) -> tuple[int, int]:  # fmt: skip
+    """Fit the lines first .. last from `begin` m behind the first start to `end` m before the last end.
+
+    The number of steps, 0 if it fails, and of the places of goals.
 
     begin, end  with `straight_...` the spline has to leave the line only behind them
+    most_steps  of the whole way that the longest step is at most a part of
+    fixed       steps that are given, with all knots before, `many` places of goals from there on, and the state at the
+                first knot, `begins`; or 0
     corner      u where each line begins, counted from `begin`; and the end of the last one
     sharing     tolerance of each line, m: that of its stricter joint
     curve       polynomials of the spans behind knots; where `curved` is 0 they are straight
-    far         bound of the distance to each line, m
+    far         bound of the distance to each line, m; not less than `floor`
     """
     _prepared(first, last, begin, length, shape, tolerance, sharing, corner, group, slope, room[0, 0])
     total = corner[last + 1] - end
-    largest = min(LARGEST_STEP, total / 6.0)
-    first_goal = min(largest, (corner[first + 1]) / 3.2) if straight_begin else largest
-    last_goal = min(largest, (total - corner[last]) / 3.2) if straight_end else largest
-    many = lowered(0.0, first_goal, at, goal, 0)
-    many = lowered(total, last_goal, at, goal, many)
+    largest = min(LARGEST_STEP, total / most_steps)
+    if fixed > 0 and total <= knots[ENDS + fixed]:
+        return 0, 0
+    if fixed == 0:
+        many = lowered(0.0, min(largest, corner[first + 1] / _LEAVES) if straight_begin else largest, at, goal, 0)
+    many = lowered(total, min(largest, (total - corner[last]) / _LEAVES) if straight_end else largest, at, goal, many)
+    bounded = False  # whether distances are bounds; as long as those at corners are too large, they will do
     for again in range(_ROUNDS):
-        count = place_knots(at, goal, many, largest, total, knots)
+        count = place_knots(at, goal, many, largest, total, fixed, knots)
         control_points(corner, group, origin, slope, first, last, total, knots, count, x, control, segment, straight)
         states(knots, count, x, control, segment, straight, slope, state)
+        if fixed > 0:
+            # to the bit as the pieces before have it
+            for i in range(len(begins)):
+                for m in range(1, 4):
+                    state[ENDS, i, m] = begins[i, m]
         k = first
         for m in range(first, last + 1):
-            far[m] = 0.0
+            far[m] = floor[m]
         most = 0.0
-        careful = 0.98 if again < _ROUNDS // 3 else (0.95 if again < _ROUNDS // 2 else 0.85)
-        old = 0
-        new = lowered(0.0, first_goal, at_next, goal_next, 0)
+        careful = 0.95 if again < _ROUNDS // 2 else 0.85
+        old = 1
+        new = lowered(at[0], goal[0], at_next, goal_next, 0)
         for e in range(ENDS, ENDS + count):
             curved[e] = 0
             if spline_span(e, knots, x, control, segment, straight, slope, state, room[1], room[2], curve[e]):
                 curved[e] = 1
                 share, where, k = deviation(
-                    e, knots, curve[e], corner, origin, slope, sharing, k, last, state, control, room[3], room[4], far
-                )
+                    e, knots, curve[e], corner, origin, slope, sharing, k, last, state, control, bounded,
+                    room[3], room[4], far,
+                )  # fmt: skip
                 most = max(most, share)
                 if share > 1.0:
+                    where = max(where, at[0])
                     while old < many and at[old] <= where:
                         new = lowered(at[old], goal[old], at_next, goal_next, new)
                         old = old + 1
                     step = min(largest, goal[old - 1] + GRADE * (where - at[old - 1]))
                     if old < many:
                         step = min(step, goal[old] + GRADE * (at[old] - where))
-                    step = step * min(max(careful / sqrt(share), 0.5), careful)
+                    step = step * min(max(careful / sqrt(share), 0.2), careful)
                     new = lowered(where, step, at_next, goal_next, new)
         if straight_begin and straight[4] != straight[0]:
             most = 2.0
-            goal_next[0] = 0.8 * goal[0]
-        if straight_end and straight[count] != straight[count + 4]:
-            most = 2.0
-            new = lowered(total, 0.8 * (total - knots[ENDS + count - 1]), at_next, goal_next, new)
-        if most <= 1.0:
-            return count
+            goal_next[0] = 0.8 * goal_next[0]
         while old < many:
             new = lowered(at[old], goal[old], at_next, goal_next, new)
             old = old + 1
+        if straight_end and straight[count] != straight[count + 4]:
+            most = 2.0
+            new = lowered(total, 0.8 * (total - knots[ENDS + count - 1]), at_next, goal_next, new)
         many = new
         for m in range(many):
             at[m] = at_next[m]
             goal[m] = goal_next[m]
-    return 0
+        if most <= 1.0 and bounded:
+            return count, many
+        bounded = most <= 1.0
+    return 0, 0
 
 
 @kernel
-def _lines(
+def carried(
+    e: int, u: float, at: Floats, goal: Floats, many: int, knots: Floats, kept: Floats
+) -> int:  # fmt: skip
+    """Keep what the spline needs to go on from knot e: knots into `kept`, places of goals behind them, counted from u.
+
+    How many places.
+    """
+    for k in range(2 * ENDS):
+        kept[k] = knots[e - ENDS + k] - u
+    begin = knots[e + ENDS - 1]
+    p = 0
+    while p + 1 < many and at[p + 1] <= begin:
+        p = p + 1
+    step = goal[p] + GRADE * (begin - at[p])
+    if p + 1 < many:
+        step = min(step, goal[p + 1] + GRADE * (at[p + 1] - begin))
+    at[0] = begin - u
+    goal[0] = step
+    count = 1
+    # those near the end that is none are left out
+    while p + 1 < many and at[p + 1] < knots[e + FITTED]:
+        p = p + 1
+        at[count] = at[p] - u
+        goal[count] = goal[p]
+        count = count + 1
+    return count
+
+
+@kernel
+def straight_pieces(
     u0: float, u1: float, first: int, last: int, corner: Floats, origin: Floats2, slope: Floats2, feed: Floats,
     line: Ints, run: int, count: int,
     kinds: Ints, lengths: Floats, origins: Floats2, shapes: Floats3, feeds: Floats, lines: Ints, runs: Ints,
@@ -248,21 +295,17 @@ def _lines(
 
 @kernel
 def spline_pieces(
-    first: int, last: int, steps: int, begin: float, corner: Floats, origin: Floats2, slope: Floats2, feed: Floats,
+    first: int, last: int, e0: int, e1: int, u: float, corner: Floats, origin: Floats2, slope: Floats2, feed: Floats,
     line: Ints, knots: Floats, control: Floats2, state: Floats3, curve: Floats3, curved: Ints, run: int, count: int,
     kinds: Ints, lengths: Floats, origins: Floats2, shapes: Floats3, feeds: Floats, lines: Ints, runs: Ints,
 ) -> tuple[int, float]:  # fmt: skip
-    """Append the pieces of a cluster but for the straight end in its last line: the new count, that end's length.
-
-    begin  in the first line, m, from where on it is not yet there
-    """
-    u = corner[first] + begin  # how far the pieces have come
+    """Append the pieces of a cluster from u to the last span before knot e1 that is curved: the new count and u."""
     k = first
-    for e in range(ENDS, ENDS + steps):
+    for e in range(e0, e1):
         if curved[e] == 0:
             continue
         if knots[e] > u:
-            count = _lines(
+            count = straight_pieces(
                 u, knots[e], k, last, corner, origin, slope, feed, line, run, count,
                 kinds, lengths, origins, shapes, feeds, lines, runs,
             )  # fmt: skip
@@ -284,10 +327,4 @@ def spline_pieces(
             for m in range(8):
                 shapes[count, i, m] = curve[e, i, m]
         count = count + 1
-    if u < corner[last]:
-        count = _lines(
-            u, corner[last], k, last, corner, origin, slope, feed, line, run, count,
-            kinds, lengths, origins, shapes, feeds, lines, runs,
-        )  # fmt: skip
-        u = corner[last]
-    return count, knots[ENDS + steps] - u
+    return count, u

@@ -16,12 +16,24 @@ from feeddrive.language.kernels.kernel import kernel
 from feeddrive.language.kernels.plain import zeros
 from feeddrive.language.kernels.source import Floats, Floats2, Floats3, Ints
 from feeddrive.path.geometry.blend import blend, part_of, state_near
-from feeddrive.path.geometry.cluster import BLEND, LARGEST_STEP, clustered, fitted, spline_pieces
+from feeddrive.path.geometry.cluster import (
+    BLEND,
+    LARGEST_STEP,
+    NEAR,
+    carried,
+    clustered,
+    fitted,
+    spline_pieces,
+    straight_pieces,
+)
 from feeddrive.path.geometry.segments import Chain
+from feeddrive.path.geometry.spline import ENDS, FITTED
 from feeddrive.path.pieces import Pieces, Section, derivatives, one_after_the_other, part_of_pieces, turned
 
 _CUTS = 8  # pieces of a blend
 LONELY = 4.5  # lengths of a blend; between longer lines a corner is passed quicker by runs that overlap
+_AHEAD = 0.05  # m, way of a cluster that is held
+_SHORT, _LONG = 6.0, 60.0  # steps of a cluster, at least: a whole one, and one whose end is not known
 _SMOOTH = 1e-9  # rad, and of the curvature: less is no corner
 
 
@@ -55,8 +67,15 @@ def _trimmed(kind: int, length: float, shape: Floats2, x0: float, x1: float, out
 
 
 @kernel
-def _meeting(a: Floats2, b: Floats2) -> tuple[float, float, float]:
-    """Of the states of two segments where they meet: cosine of the angle, its chord, largest jump of r''."""
+def _passed(
+    k: int, kind: Ints, length: Floats, shape: Floats3, tolerance: Floats, sharpest: float, lonely: float,
+    a: Floats2, b: Floats2,
+) -> tuple[int, float, float]:  # fmt: skip
+    """How the joint behind k may be passed, 0: not, 1: as it is, 2: by a blend; cosine and chord of its angle."""
+    if k + 1 == len(length) or tolerance[k] < 0.0:
+        return 0, 0.0, 0.0
+    state_near(kind[k], length[k], shape[k], 0.0, True, a)
+    state_near(kind[k + 1], length[k + 1], shape[k + 1], 0.0, False, b)
     cosine = 0.0
     size0 = 0.0
     size1 = 0.0
@@ -68,20 +87,8 @@ def _meeting(a: Floats2, b: Floats2) -> tuple[float, float, float]:
         size1 = size1 + b[i, 1] * b[i, 1]
         turn = turn + (a[i, 1] - b[i, 1]) * (a[i, 1] - b[i, 1])
         jump = max(jump, abs(a[i, 2] - b[i, 2]))
-    return cosine / sqrt(size0 * size1), sqrt(turn), jump
-
-
-@kernel
-def _passed(
-    k: int, kind: Ints, length: Floats, shape: Floats3, tolerance: Floats, sharpest: float, lonely: float,
-    a: Floats2, b: Floats2,
-) -> tuple[int, float, float]:  # fmt: skip
-    """How the joint behind k may be passed, 0: not, 1: as it is, 2: by a blend; cosine and chord of its angle."""
-    if k + 1 == len(length) or tolerance[k] < 0.0:
-        return 0, 0.0, 0.0
-    state_near(kind[k], length[k], shape[k], 0.0, True, a)
-    state_near(kind[k + 1], length[k + 1], shape[k + 1], 0.0, False, b)
-    cosine, turn, jump = _meeting(a, b)
+    cosine = cosine / sqrt(size0 * size1)
+    turn = sqrt(turn)
     shorter = min(length[k], length[k + 1])
     if turn <= 1e-14 and jump * shorter <= 1e-14 and kind[k] == 0 and kind[k + 1] == 0:
         return 1, cosine, turn
@@ -94,25 +101,31 @@ def _passed(
 @kernel
 def join(
     kind: Ints, length: Floats, origin: Floats2, shape: Floats3, feed: Floats, line: Ints,
-    tolerance: Floats, sharpest: float, lonely: float, begin: float, flows: bool, ends: bool,
+    tolerance: Floats, sharpest: float, lonely: float, begin: float, flows: bool, ends: bool, held: int,
     deviation: Floats, stop: Ints,
     kinds: Ints, lengths: Floats, origins: Floats2, shapes: Floats3, feeds: Floats, lines: Ints, runs: Ints,
+    goals: int, kept: Floats, begins: Floats2, floor: Floats, at: Floats, goal: Floats,
     inside: Ints, sharing: Floats, corner: Floats, group: Ints, slope: Floats2, far: Floats,
-    at: Floats, goal: Floats, at_next: Floats, goal_next: Floats, knots: Floats, x: Floats, control: Floats2,
+    at_next: Floats, goal_next: Floats, knots: Floats, x: Floats, control: Floats2,
     segment: Ints, straight: Ints, curved: Ints, state: Floats3, curve: Floats3, room: Floats3,
-) -> tuple[int, int, int, float]:  # fmt: skip
+) -> tuple[int, int, int, float, int, int]:  # fmt: skip
     """The pieces of n segments with blends or splines between them: how many, and the runs that end in them.
 
-    Unless the chain `ends`, the last segment is left for the next call, or all of a cluster that may go on; the third
-    result is the first of these, the fourth what the blend before has taken of it.  They are the next `begin`; `flows`
-    says that the run goes on where the first segment begins.
+    Unless the chain `ends`, the last segment is left for the next call, or a cluster that may go on.  Of a cluster of
+    more than `held` lines the spline goes on up to a knot behind which there is way enough; its pieces from there to a
+    stop behind the last line follow the others.  The third result is the first segment that is left, -1 if a spline
+    that was begun cannot go on; the fourth what the blend before has taken of it; the fifth, the next `goals`, places
+    of goals if a spline was begun; the last the number of all pieces.
 
     tolerance  of the joint behind each segment, m; negative: stop there; 0: stop unless it is smooth
     sharpest   rad; at a corner beyond it the run stops
     lonely     lengths of a blend; it stops at a corner of longer lines, too
+    begin      what the blend before has taken of the first segment
+    flows      whether the run goes on where the first segment begins
     runs       number of the run of each piece
+    kept, begins, floor, at, goal  knots, state, distances and places of goals of a spline that was begun, see `fitted`
     inside     which joints are in a cluster; those of one that cannot be fitted are taken out
-    sharing .. far, at .. curve  room for n + 1 segments, and for the knots of a cluster, as in `fitted`
+    sharing .. far, at_next .. curve  room for n + 1 segments, and for the knots of a cluster, as in `fitted`
     """
     n = len(length)
     axes = len(origin[0])
@@ -126,34 +139,86 @@ def join(
     piece = zeros(8)
     count = 0
     run = 0
+    ahead = 0.0
     k = 0
     while k < (n if ends else n - 1):
         if inside[k] == 1:
             last = k + 1
             while inside[last] == 1:
                 last = last + 1
-            if last == n - 1 and not ends:
-                break
+            goes_on = last == n - 1 and not ends
+            if goes_on and n - k < held:
+                for m in range(k, n):
+                    ahead = ahead + length[m]
+                if n - k < held // 5 or ahead < _AHEAD:
+                    break
+            fixed = 0
+            if k == 0 and goals > 0:
+                fixed = ENDS - 1
+                for m in range(2 * ENDS):
+                    knots[m] = kept[m]
             way, cosine, turn = _passed(last, kind, length, shape, tolerance, sharpest, lonely, a, b)
+            if goes_on:
+                way = 0
             end = 0.5 * length[last] if way > 0 else 0.0
-            steps = fitted(
-                k, last, 0.5 * length[k] if flows else 0.0, end, flows, way > 0, length, shape, origin, tolerance,
-                sharing, corner, group, slope, far, at, goal, at_next, goal_next, knots, x, control,
-                segment, straight, curved, state, curve, room,
+            leaves = flows and fixed == 0
+            steps, places = fitted(
+                k, last, 0.5 * length[k] if leaves else 0.0, end, leaves, way > 0, _LONG if goes_on else _SHORT,
+                fixed, goals, begins, length, shape, origin, tolerance, sharing, corner, group, slope, floor, far,
+                at, goal, at_next, goal_next, knots, x, control, segment, straight, curved, state, curve, room,
             )  # fmt: skip
+            if steps == 0 and fixed > 0:
+                return 0, 0, -1, 0.0, 0, 0
             if steps == 0:
                 for m in range(k, last):
                     inside[m] = 0
             else:
-                count, rest = spline_pieces(
-                    k, last, steps, begin, corner, origin, slope, feed, line, knots, control, state, curve, curved,
+                e = ENDS + steps
+                if goes_on:
+                    # farther on it is not known yet where knots lie, which corners are sharp, where it leaves the line
+                    e = e - FITTED - 2 * ENDS
+                    until = min(corner[last], corner[n] - 2.0 * NEAR * tolerance[last - 1])
+                    while e > ENDS and knots[e + 2 * ENDS] > until:
+                        e = e - 1
+                    if e <= ENDS:
+                        break
+                u = knots[ENDS] if fixed > 0 else corner[k] + begin
+                count, u = spline_pieces(
+                    k, last, ENDS, e, u, corner, origin, slope, feed, line, knots, control, state, curve, curved,
                     run, count, kinds, lengths, origins, shapes, feeds, lines, runs,
                 )  # fmt: skip
-                for m in range(k, last):
+                until = knots[e] if goes_on else corner[last]
+                if u < until:
+                    count = straight_pieces(
+                        u, until, k, last, corner, origin, slope, feed, line,
+                        run, count, kinds, lengths, origins, shapes, feeds, lines, runs,
+                    )  # fmt: skip
+                    u = until
+                left = segment[e - ENDS] if goes_on else last
+                for m in range(k, left):
                     stop[m] = 0
                     deviation[m] = max(far[m], far[m + 1])
-                begin = length[last] - end - rest
+                if goes_on:
+                    every, u = spline_pieces(
+                        k, last, e, ENDS + steps, u, corner, origin, slope, feed, line, knots, control, state, curve,
+                        curved, run, count, kinds, lengths, origins, shapes, feeds, lines, runs,
+                    )  # fmt: skip
+                    every = straight_pieces(
+                        u, corner[n], k, last, corner, origin, slope, feed, line,
+                        run, every, kinds, lengths, origins, shapes, feeds, lines, runs,
+                    )  # fmt: skip
+                    places = carried(e, corner[left], at, goal, places, knots, kept)
+                    for i in range(axes):
+                        for m in range(4):
+                            begins[i, m] = state[e, i, m]
+                    for m in range(left, n):
+                        if corner[m] > knots[e]:
+                            far[m] = 0.0
+                    return count, run, left, 0.0, places, every
+                begin = length[last] - end - (knots[e] - u)
                 k = last
+        elif k == 0 and goals > 0:
+            return 0, 0, -1, 0.0, 0, 0
         end = length[k]
         away = 0.0
         span = 0.0
@@ -202,15 +267,33 @@ def join(
         if stop[k] == 1:
             run = run + 1
         k = k + 1
-    return count, run, k, begin
+    return count, run, k, begin, 0, count
+
+
+class _Begun(NamedTuple):
+    """A spline that was begun, as `join` leaves it."""
+
+    places: int
+    knots: np.ndarray
+    state: np.ndarray
+    far: np.ndarray
+    at: np.ndarray
+    goal: np.ndarray
+    hand: Pieces  # from where it has come to a stop behind the last segment
 
 
 class Joiner:
-    """Joins the segments of chains in their order; `sharpest` and `lonely` as in `join`."""
+    """Joins the segments of chains in their order.
 
-    def __init__(self, sharpest: float = 0.35, lonely: float = LONELY) -> None:
-        self._sharpest, self._lonely, self._taken, self._flows = sharpest, lonely, 0.0, False
+    sharpest, lonely  as in `join`
+    held      lines of a cluster that are held at most; a fifth of them are enough if they are 50 mm long
+    """
+
+    def __init__(self, sharpest: float = 0.35, lonely: float = LONELY, held: int = 8000) -> None:
+        self._sharpest, self._lonely, self._most = sharpest, lonely, held
+        self._taken, self._flows = 0.0, False
         self._held: tuple[Pieces, np.ndarray] | None = None  # the last segments of a chain that goes on
+        self._begun: _Begun | None = None
 
     def join(self, chain: Chain) -> tuple[list[Section], Joint]:
         """What a chain adds to the runs, and how the joints are passed that are behind these segments."""
@@ -218,14 +301,77 @@ class Joiner:
         if self._held:
             segments = one_after_the_other([self._held[0], segments])
             tolerance = np.concatenate([self._held[1], tolerance])
-        sections, joint, self._taken = _joined(
-            segments, tolerance, self._sharpest, self._lonely, self._taken, self._flows, chain.ends
-        )
+        found = self._joined(segments, tolerance, chain.ends)
+        if found is None:
+            return self._stopped(chain)
+        sections, joint = found
         n, known = len(tolerance), len(joint.stop)
         if known:
             self._flows = not chain.ends and joint.stop[-1] == 0
         self._held = None if chain.ends else (part_of_pieces(segments, known, n), tolerance[known:])
         return sections, joint
+
+    def _stopped(self, chain: Chain) -> tuple[list[Section], Joint]:
+        """Where a spline cannot go on, it stops behind the segments that it knows."""
+        assert self._begun is not None
+        assert self._held is not None
+        far, (held, tolerance) = self._begun.far, self._held
+        count, n = len(far), len(tolerance)
+        stop = Section(self._begun.hand, True, 0.0)
+        before = Joint(np.append(np.maximum(far[:-1], far[1:]), 0.0), np.zeros(count, np.int64))
+        before.stop[-1] = 1
+        self._taken, self._flows, self._begun = 0.0, False, None
+        self._held = (part_of_pieces(held, count, n), tolerance[count:]) if n > count else None
+        sections, joint = self.join(chain)
+        return [stop, *sections], Joint(*(np.concatenate(each) for each in zip(before, joint, strict=True)))
+
+    def _joined(self, segments: Pieces, tolerance: np.ndarray, ends: bool) -> tuple[list[Section], Joint] | None:
+        """The sections, and the joints behind the segments that are done; None if a spline cannot go on."""
+        n, axes = segments.origin.shape
+        joint, inside = Joint(np.zeros(n), np.zeros(n, np.int64)), np.zeros(n, np.int64)
+        shape, directions = segments.shape, np.zeros((3, axes))
+        members = clustered(segments.kind, segments.length, shape, tolerance, self._sharpest, directions, inside)
+        many = 2 * members + int(np.sum(segments.length) / LARGEST_STEP) + 50 if members else 0
+        begun = self._begun
+        while True:
+            most = (1 + _CUTS) * n + many
+            out = (
+                np.zeros(most, np.int64), np.zeros(most), np.zeros((most, axes)), np.zeros((most, axes, 8)),
+                np.zeros(most), np.zeros(most, np.int64), np.zeros(most, np.int64),
+            )  # fmt: skip
+            kept, state, far = np.zeros(2 * ENDS), np.zeros((axes, 4)), np.zeros(n)
+            floor, at, goal = (np.zeros(size) for size in (n, many, many))
+            if begun:
+                kept[:], state[:], floor[: len(begun.far)] = begun.knots, begun.state, begun.far
+                at[: begun.places], goal[: begun.places] = begun.at, begun.goal
+            goals = begun.places if begun else 0
+            try:
+                count, ended, known, taken, places, every = join(
+                    *segments, tolerance, self._sharpest, self._lonely, self._taken, self._flows, ends, self._most,
+                    *joint, *out, goals, kept, state, floor, at, goal, inside.copy(), *_room(n, many, axes, far),
+                )  # fmt: skip
+                break
+            except IndexError:
+                many *= 2  # knots than thought
+        if known < 0:
+            return None
+        *columns, runs = (each[:count].copy() for each in out)
+        joint = Joint(*(each[:known] for each in joint))
+        cuts = [0, *(np.flatnonzero(np.diff(runs)) + 1).tolist(), count] if count else []
+        corners = np.maximum(tolerance[:known][joint.stop == 1], 0.0)
+        found = list[Section]()
+        for i, j in pairwise(cuts):
+            corner = float(corners[runs[i]]) if runs[i] < ended else 0.0
+            found.append(Section(Pieces(*(each[i:j] for each in columns)), bool(runs[i] < ended), corner))
+        if known == 0 and begun:
+            return found, joint  # more is waited for
+        self._taken, self._begun = taken, None
+        if places:
+            hand = Pieces(*(each[count:every].copy() for each in out[:-1]))
+            self._begun = _Begun(
+                places, kept, state, far[known:].copy(), at[:places].copy(), goal[:places].copy(), hand
+            )
+        return found, joint
 
 
 def joined(
@@ -236,53 +382,10 @@ def joined(
     return [each.pieces for each in sections], joint
 
 
-def _joined(
-    segments: Pieces, tolerance: np.ndarray, sharpest: float, lonely: float, taken: float, flows: bool, ends: bool
-) -> tuple[list[Section], Joint, float]:
-    """The sections, the joints behind the segments that are done, and the last result of `join`."""
-    n, axes = segments.origin.shape
-    joint, inside = Joint(np.zeros(n), np.zeros(n, np.int64)), np.zeros(n, np.int64)
-    shape, directions = segments.shape, np.zeros((3, axes))
-    members = clustered(segments.kind, segments.length, shape, tolerance, sharpest, directions, inside)
-    many = 2 * members + int(np.sum(segments.length) / LARGEST_STEP) + 50 if members else 0
-    while True:
-        most = (1 + _CUTS) * n + many
-        out = (
-            np.zeros(most, np.int64), np.zeros(most), np.zeros((most, axes)), np.zeros((most, axes, 8)),
-            np.zeros(most), np.zeros(most, np.int64), np.zeros(most, np.int64),
-        )  # fmt: skip
-        try:
-            count, ended, known, taken = join(
-                *segments,
-                tolerance,
-                sharpest,
-                lonely,
-                taken,
-                flows,
-                ends,
-                *joint,
-                *out,
-                inside.copy(),
-                *_room(n, many, axes),
-            )
-            break
-        except IndexError:
-            many *= 2  # knots than thought
-    *columns, runs = (each[:count].copy() for each in out)
-    joint = Joint(*(each[:known] for each in joint))
-    cuts = [0, *(np.flatnonzero(np.diff(runs)) + 1).tolist(), count] if count else []
-    corners = np.maximum(tolerance[:known][joint.stop == 1], 0.0)
-    found = list[Section]()
-    for i, j in pairwise(cuts):
-        corner = float(corners[runs[i]]) if runs[i] < ended else 0.0
-        found.append(Section(Pieces(*(each[i:j] for each in columns)), bool(runs[i] < ended), corner))
-    return found, joint, taken
-
-
-def _room(lines: int, knots: int, axes: int) -> list[np.ndarray]:
+def _room(lines: int, knots: int, axes: int, far: np.ndarray) -> list[np.ndarray]:
     """For the lines of a chain and the knots of a cluster, as in `join`, behind `inside`."""
     return [
-        *(np.zeros(lines + 1) for _ in range(2)), np.zeros(lines, np.int64), np.zeros((lines, axes)), np.zeros(lines),
-        *(np.zeros(knots) for _ in range(6)), np.zeros((knots, axes)), *(np.zeros(knots, np.int64) for _ in range(3)),
+        *(np.zeros(lines + 1) for _ in range(2)), np.zeros(lines, np.int64), np.zeros((lines, axes)), far,
+        *(np.zeros(knots) for _ in range(4)), np.zeros((knots, axes)), *(np.zeros(knots, np.int64) for _ in range(3)),
         np.zeros((knots, axes, 4)), np.zeros((knots, axes, 8)), np.zeros((7, axes, 8)),
     ]  # fmt: skip

@@ -21,7 +21,7 @@ from feeddrive.path.geometry.blend import hermite, largest_norm, part_of
 
 ENDS = 5  # knots beyond each end
 GRADE = 0.35  # of the step, by the way
-_FITTED = 20  # steps before the end that are made to fit it
+FITTED = 20  # steps before the end that are made to fit it
 _QUARTERS = 4  # of a stretch whose hull is too wide
 
 
@@ -45,17 +45,19 @@ def lowered(u: float, step: float, at: Floats, goal: Floats, many: int) -> int:
 
 @kernel
 def place_knots(
-    at: Floats, goal: Floats, many: int, largest: float, total: float, knots: Floats
+    at: Floats, goal: Floats, many: int, largest: float, total: float, fixed: int, knots: Floats
 ) -> int:  # fmt: skip
-    """Knots from 0 to `total` whose steps follow the goals at the places `at`, and their mirror images; how many steps.
+    """Knots up to `total` whose steps follow the goals at the places `at`, and their mirror images; how many steps.
 
+    The first steps may be fixed: then all knots are given up to knots[ENDS + fixed], which is at[0].  Otherwise
     knots[ENDS] is 0.  There are at least five steps, as long as `largest` is at most total/6.
     """
-    u = 0.0
+    if fixed == 0:
+        knots[ENDS] = 0.0
+    u = knots[ENDS + fixed]
     p = 0
-    count = 0
+    count = fixed
     step = 0.0
-    knots[ENDS] = 0.0
     while u < total:
         # the goal in the middle of the step
         step = min(largest, goal[p] + GRADE * (u - at[p]))
@@ -73,22 +75,23 @@ def place_knots(
         while p + 1 < many and at[p + 1] < u:
             p = p + 1
     # the last steps are made shorter to fit the end, the longer ones more
-    fitted = min(count, _FITTED)
+    first = max(fixed, count - FITTED)
     squares = 0.0
-    for k in range(count - fitted, count):
+    for k in range(first, count):
         step = knots[ENDS + k + 1] - knots[ENDS + k]
         squares = squares + step * step
     rest = (u - total) / squares
-    before = knots[ENDS + count - fitted]
+    before = knots[ENDS + first]
     u = before
-    for k in range(count - fitted, count):
+    for k in range(first, count):
         step = knots[ENDS + k + 1] - before
         before = knots[ENDS + k + 1]
         u = u + step * (1.0 - rest * step)
         knots[ENDS + k + 1] = u
     knots[ENDS + count] = total
     for k in range(1, ENDS + 1):
-        knots[ENDS - k] = -knots[ENDS + k]
+        if fixed == 0:
+            knots[ENDS - k] = -knots[ENDS + k]
         knots[ENDS + count + k] = 2.0 * total - knots[ENDS + count - k]
     return count
 
@@ -219,59 +222,70 @@ def spline_span(
 @kernel
 def deviation(
     e: int, knots: Floats, shape: Floats2, corner: Floats, origin: Floats2, slope: Floats2, tolerance: Floats,
-    first: int, last: int, state: Floats3, control: Floats2, piece: Floats2, difference: Floats2, far: Floats,
+    first: int, last: int, state: Floats3, control: Floats2, bounded: bool, piece: Floats2, difference: Floats2,
+    far: Floats,
 ) -> tuple[float, float, int]:  # fmt: skip
-    """A bound of |S - f| on a span as a share of the tolerance of each segment, where, and the last segment it reaches.
+    """|S - f| on a span as a share of the tolerance of each segment, where, and the last segment that it reaches.
 
-    The search for segments begins with `first`.  far[k], the largest distance in m on segment k, is raised.
+    A bound if `bounded`, else the largest at knots and corners.  The search for segments begins with `first`.
+    far[k], the largest distance in m on segment k, is raised.
     """
+    n = len(slope[0])
     begin = knots[e]
     end = knots[e + 1]
     length = end - begin
     k = first
     while k < last and corner[k + 1] <= begin:
         k = k + 1
-    for n in range(len(slope[0])):
-        at = origin[k, n] + slope[k, n] * (begin - corner[k])
-        difference[n, 0] = (control[e - 3, n] - at) + state[e, n, 0]
+    squares = 0.0
+    for i in range(n):
+        at = origin[k, i] + slope[k, i] * (begin - corner[k])
+        difference[i, 0] = (control[e - 3, i] - at) + state[e, i, 0]
+        squares = squares + difference[i, 0] * difference[i, 0]
     most = 0.0
     u = begin
     where = begin
     while True:
         until = end if k == last else min(end, corner[k + 1])
-        size = (until - u) / length
-        norm0 = 0.0
-        norm1 = 0.0
-        for n in range(len(slope[0])):
-            start = difference[n, 0]
-            norm0 = norm0 + start * start
-            part_of(shape[n], (u - begin) / length, size, difference[n])
-            difference[n, 0] = start
-            difference[n, 1] = difference[n, 1] - slope[k, n] * (until - u)
-            over = 0.0
-            for m in range(8):
-                over = over + difference[n, m]
-            norm1 = norm1 + over * over
-        # where the ends alone are too far away, no hull is needed
-        bound = sqrt(max(norm0, norm1))
-        if bound <= tolerance[k]:
+        before = squares
+        squares = 0.0
+        if bounded:
+            for i in range(n):
+                start = difference[i, 0]
+                part_of(shape[i], (u - begin) / length, (until - u) / length, difference[i])
+                difference[i, 0] = start
+                difference[i, 1] = difference[i, 1] - slope[k, i] * (until - u)
             bound = largest_norm(difference)
             if bound > tolerance[k]:
                 bound = 0.0
                 for part in range(_QUARTERS):
-                    for n in range(len(slope[0])):
-                        part_of(difference[n], part / _QUARTERS, 1.0 / _QUARTERS, piece[n])
+                    for i in range(n):
+                        part_of(difference[i], part / _QUARTERS, 1.0 / _QUARTERS, piece[i])
                     bound = max(bound, largest_norm(piece))
+            for i in range(n):
+                over = 0.0
+                for m in range(8):
+                    over = over + difference[i, m]
+                difference[i, 0] = over
+                squares = squares + over * over
+        else:
+            x0 = (u - begin) / length
+            x1 = (until - begin) / length
+            for i in range(n):
+                p0 = 0.0
+                p1 = 0.0
+                for back in range(7):
+                    p0 = (p0 + shape[i, 7 - back]) * x0
+                    p1 = (p1 + shape[i, 7 - back]) * x1
+                over = difference[i, 0] + (p1 - p0) - slope[k, i] * (until - u)
+                difference[i, 0] = over
+                squares = squares + over * over
+            bound = sqrt(max(before, squares))
         far[k] = max(far[k], bound)
-        if bound / tolerance[k] > most:
+        if bound > most * tolerance[k]:
             most = bound / tolerance[k]
-            where = u if norm0 > norm1 else until
+            where = u if before > squares else until
         if until >= end:
             return most, where, k
-        for n in range(len(slope[0])):
-            over = 0.0
-            for m in range(8):
-                over = over + difference[n, m]
-            difference[n, 0] = over
         u = until
         k = k + 1

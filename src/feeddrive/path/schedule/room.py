@@ -121,7 +121,8 @@ def root(value: float, degree: int) -> float:
 @kernel
 def cap(most: Floats2, norm: float, feed: float, limits: Floats2, share: float) -> float:
     """The speed at which a piece is passed: by the feed, by each velocity, by `share` of what its curvature allows."""
-    speed = feed / norm
+    # |r'| of splines is 1 but for a little: they get the same cap as lines
+    speed = feed / norm if norm > 1.0 + 1e-10 else feed
     for i in range(len(limits)):
         if most[i, 0] > 0.0:
             speed = min(speed, limits[i, 0] / most[i, 0])
