@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from paths import LIMITS, arc, joined_up, lines
+from paths import LIMITS, arc, joined_up, lines, random_limits
 
 from feeddrive.path.geometry.joints import joined
 from feeddrive.path.motion import Motion, Part
@@ -233,3 +233,36 @@ def test_zigzags_are_never_slower_than_from_stop_to_stop(sharpest: float):
 @pytest.mark.parametrize(("sharpest", "mean"), [(175.0, 0.84), (45.0, 0.78)])
 def test_zigzags_take_less_time_than_from_stop_to_stop(sharpest: float, mean: float):
     assert np.mean(_zigzags(sharpest, 40)) <= mean
+
+
+def _polyline(draw: np.random.Generator) -> Pieces:
+    """Of one scale, of lengths over decades, along axes, or there and back; fed at 0.1 mm/s to 1 m/s, or traversed."""
+    n, kind, scale = int(draw.integers(2, 25)), int(draw.integers(0, 4)), 10.0 ** draw.uniform(-6.0, -0.5)
+    moves = draw.normal(size=(n, 3)) * scale
+    if kind == 1:
+        moves *= 10.0 ** draw.uniform(-5.0, 0.0, size=(n, 1))
+    elif kind == 2:
+        moves *= np.eye(3)[draw.integers(0, 3, n)]
+    elif kind == 3:
+        moves = moves[:, :1] * draw.normal(size=3)
+    feed = 10.0 ** draw.uniform(-4.0, 0.0) if draw.random() < 0.9 else np.inf
+    return lines(np.vstack([np.zeros(3), np.cumsum(moves, axis=0)]), feed)
+
+
+def _polylines(count: int, seed: int) -> None:
+    draw = np.random.default_rng(seed)
+    for number in range(count):
+        limits = random_limits(draw) * 10.0 ** draw.uniform(-0.5, 0.5, size=LIMITS.shape)
+        found = proof(passed(_polyline(draw), 10.0 ** draw.uniform(-6.5, -3.0), limits), limits)
+        assert found.count == 0, f"path {number}: {found.faults[0]}"
+        assert found.missed <= 1.0 + 1e-9
+
+
+def test_no_limit_is_broken_where_runs_overlap():
+    """Polylines within 0.3 um to 1 mm, unequal axes, limits over decades."""
+    _polylines(15, 4)
+
+
+@pytest.mark.slow(reason="500 random polylines, where the quick test has 15")
+def test_no_limit_is_broken_where_many_runs_overlap():
+    _polylines(500, 5)

@@ -103,8 +103,11 @@ def prove_sum(
     kind0: int, length0: float, shape0: Floats2, motion0: Floats2,
     kind1: int, length1: float, shape1: Floats2, motion1: Floats2,
     limits: Floats2, widened: float, feed: float, faults: Floats2, uses: Floats2, r: Floats3, q: Floats3,
-) -> tuple[int, int]:  # fmt: skip
-    """Spans looked at and faults found, in rows of `faults`: time piece, time in it, limit; both have the same ones."""
+) -> tuple[int, int, float]:  # fmt: skip
+    """Spans looked at, faults found, and a bound of the distance, m, of motions with the same pieces of time.
+
+    Each fault is a row of `faults`: time piece, time in it, limit, share.
+    """
     spans = 0
     found = 0
     halves = zeros(64, 2)
@@ -152,7 +155,8 @@ def prove_sum(
             halves[count] = middle, e
             halves[count + 1] = b, middle
             count = count + 2
-    return spans, found
+    away = distance(kind0, length0, shape0, motion0, kind1, length1, shape1, motion1, r)
+    return spans, found, away
 
 
 @kernel

@@ -20,7 +20,7 @@ from feeddrive.language.kernels.source import Floats, Floats2, Floats3, Ints
 from feeddrive.language.table import Result, Table
 from feeddrive.path.motion import Entering, Motion, Part, chain, cubic, rows, way, when
 from feeddrive.path.pieces import Pieces, derivatives
-from feeddrive.path.proof.overlap import distance, prove_sum
+from feeddrive.path.proof.overlap import prove_sum
 from feeddrive.path.proof.ranges import cubic_range, line_range, parabola_range, share_of_limits, slopes
 
 WIDENED = 1e-9  # of a limit
@@ -81,14 +81,15 @@ def _noted(faults: Floats2, found: int, p: int, m: int, time: float, which: floa
 def _prove(
     kind: Ints, length: Floats, origin: Floats2, shape: Floats3, feed: Floats,
     duration: Floats, piece: Ints, x: Floats, speed: Floats, acceleration: Floats, jerk: Floats, snap: Floats,
-    limits: Floats2, widened: float, ends: bool, alone: bool,
-    state: Floats, faults: Floats2, uses: Floats2, jumps: Floats,
+    limits: Floats2, widened: float, begins: bool, ends: bool, alone: bool,
+    state: Floats, place: Floats, faults: Floats2, uses: Floats2, jumps: Floats,
     halves: Floats2, r: Floats3, before: Floats2, after: Floats2, q: Floats2,
 ) -> tuple[int, int]:  # fmt: skip
     """Tests made and faults found; each a row of `faults`: piece of the path, time piece, time in it, limit, share.
 
     A motion that is not `alone` is only proven to have no jumps: its limits are those of a sum, for `prove_sum`.
-    `state` is x, u' .. u''' where the part before ended, on the first piece of this one; then where this one ends.
+    `state` is x, u' .. u''' where the part before ended, on the first piece of this one, and `place` the position there
+    unless a run begins; then where this one ends.
     """
     tests = 0
     found = 0
@@ -102,6 +103,14 @@ def _prove(
         backwards = min(backwards, widened * limits[i, 0])
     p = 0
     came = state[0]
+    derivatives(kind[0], length[0], shape[0], came, before)
+    apart = 0.0
+    size = 1.0
+    for i in range(n):
+        apart = max(apart, abs(origin[0, i] + before[i, 0] - place[i]))
+        size = max(size, 1.0 + abs(place[i]))
+    if not begins and apart > 1e-12 * size:
+        found = _noted(faults, found, 0, 0, 0.0, -8.0, apart)
     v = state[1]
     a = state[2]
     j = state[3]
@@ -199,6 +208,9 @@ def _prove(
         a = a + T * (j + 0.5 * T * s)
         j = j + T * s
         v = v1
+    derivatives(kind[p], length[p], shape[p], came, before)
+    for i in range(n):
+        place[i] = origin[p, i] + before[i, 0]
     state[0] = came
     state[1] = v
     state[2] = a
@@ -257,6 +269,7 @@ class Prover:
         self._state, self._time, self._place = np.zeros(4), 0.0, np.zeros(axes)
         self._faults, self._use, self._jumps = np.zeros((_KEPT, 5)), np.zeros((axes, 4)), np.zeros(2)
         self._room = [np.zeros((64, 2)), np.zeros((axes, 4, 2)), *(np.zeros((axes, 5)) for _ in range(3))]
+        self._both = [np.zeros((3, axes, 5)), np.zeros((2, axes, 5))]
         self._said: list[Fault] = []
         self._count = self._spans = 0
         self._missed = 0.0
@@ -268,50 +281,41 @@ class Prover:
         self._along(part.pieces, part.motion, part.ends, alone)
         if part.entering is not None:
             # the next run begins here, from rest
-            self._state[:], self._time = 0.0, 0.0
+            self._state[:], self._time, corner = 0.0, 0.0, self._place.copy()
             self._along(part.entering.pieces, part.entering.motion, False, alone)
-            self._together(part, part.entering, time)
+            self._together(part, part.entering, corner, time)
         if (part.ends and alone) or self._count > before:
             self._state[:], self._time = 0.0, 0.0
         return self._count == before
 
     def _along(self, pieces: Pieces, motion: Motion, ends: bool, alone: bool) -> None:
         """One run: without jumps, and within its limits if it is alone; it goes on from where the part before ended."""
-        place = _place(pieces, 0, self._state[0])
-        if self._time > 0.0 and np.abs(place - self._place).max() > 1e-12 * (1.0 + np.abs(place).max()):
-            self._refuse(pieces, self._time, -8, 0.0)
         spans, found = _prove(
             pieces.kind, pieces.length, pieces.origin, pieces.shape, pieces.feed, *motion, self._limits, self._widened,
-            ends, alone, self._state, self._faults, self._use, self._jumps, *self._room,
+            self._time == 0.0, ends, alone, self._state, self._place, self._faults, self._use, self._jumps, *self._room,
         )  # fmt: skip
         begins = self._time + np.concatenate([[0.0], np.cumsum(motion.duration)])
         self._note(found, spans, pieces.line, begins)
-        self._time, self._place = float(begins[-1]), _place(pieces, -1, self._state[0])
+        self._time = float(begins[-1])
 
-    def _together(self, part: Part, entering: Entering, time: float) -> None:
+    def _together(self, part: Part, entering: Entering, corner: np.ndarray, time: float) -> None:
         """Two runs that overlap: on one piece each, equally long, from the corner; limits of the sum, and distance."""
         one, two = part.pieces, entering.pieces
         alike = np.array_equal(part.motion.duration, entering.motion.duration)
         if len(one.length) != 1 or len(two.length) != 1 or not part.ends or not alike:
             self._refuse(one, time, -6, 0.0)
             return
-        corner = _place(one, 0, float(one.length[0]))
         apart = float(np.abs(corner - two.origin[0]).max())
         self._jumps[0] = max(self._jumps[0], apart)
         if apart > 1e-12 * (1.0 + np.abs(corner).max()):
             self._refuse(one, time, -6, 0.0)
             return
-        kind0, length0, motion0 = int(one.kind[0]), float(one.length[0]), rows(part.motion)
-        kind1, length1, motion1 = int(two.kind[0]), float(two.length[0]), rows(entering.motion)
-        axes = len(self._limits)
-        spans, found = prove_sum(
-            kind0, length0, one.shape[0], motion0, kind1, length1, two.shape[0], motion1,
-            self._limits, self._widened, float(max(one.feed[0], two.feed[0])), self._faults, self._use,
-            np.zeros((2, axes, 5)), np.zeros((2, axes, 5)),
+        spans, found, away = prove_sum(
+            int(one.kind[0]), float(one.length[0]), one.shape[0], rows(part.motion),
+            int(two.kind[0]), float(two.length[0]), two.shape[0], rows(entering.motion),
+            self._limits, self._widened, float(max(one.feed[0], two.feed[0])), self._faults, self._use, *self._both,
         )  # fmt: skip
         self._note(found, spans, one.line, time + np.concatenate([[0.0], np.cumsum(part.motion.duration)]))
-        room = np.zeros((3, axes, 5))
-        away = distance(kind0, length0, one.shape[0], motion0, kind1, length1, two.shape[0], motion1, room)
         self._missed = max(self._missed, away / entering.tolerance)
         if not away <= entering.tolerance * (1.0 + self._widened):
             self._refuse(one, time, -7, away / entering.tolerance)
@@ -332,13 +336,6 @@ class Prover:
         return Proof(tuple(self._said), self._count, self._use.copy(), jump, apart, self._missed, self._spans)
 
 
-def _place(pieces: Pieces, k: int, x: float) -> np.ndarray:
-    """The position at x on a piece."""
-    r = np.zeros((pieces.origin.shape[1], 5))
-    derivatives(int(pieces.kind[k]), float(pieces.length[k]), pieces.shape[k], x, r)
-    return pieces.origin[k] + r[:, 0]
-
-
 def faults_of(pieces: Pieces, motion: Motion, limits: np.ndarray) -> np.ndarray:
     """The faults of a motion that does not begin at rest, as rows of piece, time piece, time in it, limit, share."""
     axes, first = len(limits), int(motion.piece[0])
@@ -347,8 +344,8 @@ def faults_of(pieces: Pieces, motion: Motion, limits: np.ndarray) -> np.ndarray:
     room = [np.zeros((64, 2)), np.zeros((axes, 4, 2)), *(np.zeros((axes, 5)) for _ in range(3))]
     on = [each[first:] for each in pieces[:5]]
     _, found = _prove(
-        *on, *motion._replace(piece=motion.piece - first), limits, WIDENED, False, True, state, faults,
-        np.zeros((axes, 4)), np.zeros(2), *room,
+        *on, *motion._replace(piece=motion.piece - first), limits, WIDENED, True, False, True, state,
+        np.zeros(axes), faults, np.zeros((axes, 4)), np.zeros(2), *room,
     )  # fmt: skip
     return faults[:found]
 

@@ -126,7 +126,7 @@ def straight(stretch: Floats, out: Floats2) -> int:
         used = 0.5 * ((v0 + peak) * (a + b + c) + (v1 + peak) * (d + e + f))
         if used > length or peak <= 0.0:
             return 0
-    base = zeros(18, 6)
+    base = zeros(20, 6)
     h0 = stretch[HEAD + WIDE] + 0.5 * stretch[HEAD + SHORT]
     h1 = stretch[TAIL + WIDE] + 0.5 * stretch[TAIL + SHORT]
     count = _phase(-v0 * h0, v0, 0.0, 0.0, 0.0, h0, 0, base)
@@ -136,9 +136,6 @@ def straight(stretch: Floats, out: Floats2) -> int:
     count = _phase(rise, peak, 0.0, 0.0, 0.0, (length - fall - rise) / peak, count, base)
     count = _ramp(v1, peak - v1, d, e, f, length - fall, False, count, base)
     count = _phase(length, v1, 0.0, 0.0, 0.0, h1, count, base)
-    total = 0.0
-    for k in range(count):
-        total = total + base[k, 0]
     head = zeros(5, 6)
     tail = zeros(5, 6)
     heads = 0
@@ -147,55 +144,77 @@ def straight(stretch: Floats, out: Floats2) -> int:
         heads = _box(v0, stretch[HEAD + WIDE], stretch[HEAD + SHORT], head)
     if h1 > 0.0:
         tails = _box(v1, stretch[TAIL + WIDE], stretch[TAIL + SHORT], tail)
-    # the sum, wherever one of the three goes on to its next phase
-    m = 0
+    # the tail begins with a piece of the base, which is cut there: a long one has no digits left for its end
+    first = count
+    left = 2.0 * h1
+    while first > 0 and left > 0.0:
+        first = first - 1
+        if left < base[first, 0]:
+            for k in range(count - first):
+                m = count - k
+                for i in range(6):
+                    base[m, i] = base[m - 1, i]
+            count = count + 1
+            x, v, u, j, s = base[first, 1], base[first, 2], base[first, 3], base[first, 4], base[first, 5]
+            t = base[first, 0] - left
+            base[first, 0] = t
+            first = first + 1
+            base[first] = left, x + way(v, u, j, s, t), cubic(v, u, j, s, t), u + t * (j + 0.5 * t * s), j + t * s, s
+            left = 0.0
+        else:
+            left = left - base[first, 0]
+    # the sum, wherever one of the three goes on to its next phase; times since the begin of each phase lose no digits
+    near = 1e-12 * (h0 + h1)
     p = 0
     q = 0
     tb = 0.0
     th = 0.0
-    tt = total - 2.0 * h1
-    t = 0.0
+    tt = 0.0
+    since = 0.0
     made = 0
+    m = 0
     while m < count:
-        end = tb + base[m, 0]
+        runs = m >= first
+        h = base[m, 0] - tb
         if p < heads:
-            end = min(end, th + head[p, 0])
-        if q < tails:
-            end = min(end, tt + tail[q, 0] if t >= tt else tt)
-        if end - t > 1e-13 * total:
-            g = t - tb
-            x = base[m, 1] + way(base[m, 2], base[m, 3], base[m, 4], base[m, 5], g)
-            v = cubic(base[m, 2], base[m, 3], base[m, 4], base[m, 5], g)
-            u = base[m, 3] + g * (base[m, 4] + 0.5 * g * base[m, 5])
-            j = base[m, 4] + g * base[m, 5]
+            h = min(h, head[p, 0] - th)
+        if q < tails and runs:
+            h = min(h, tail[q, 0] - tt)
+        if h > near:
+            x = base[m, 1] + way(base[m, 2], base[m, 3], base[m, 4], base[m, 5], tb)
+            v = cubic(base[m, 2], base[m, 3], base[m, 4], base[m, 5], tb)
+            u = base[m, 3] + tb * (base[m, 4] + 0.5 * tb * base[m, 5])
+            j = base[m, 4] + tb * base[m, 5]
             s = base[m, 5]
             if p < heads:
-                g = t - th
-                x = x + v0 * (h0 - t) + (head[p, 1] + way(head[p, 2], head[p, 3], head[p, 4], head[p, 5], g))
-                v = v - v0 + cubic(head[p, 2], head[p, 3], head[p, 4], head[p, 5], g)
-                u = u + (head[p, 3] + g * (head[p, 4] + 0.5 * g * head[p, 5]))
-                j = j + (head[p, 4] + g * head[p, 5])
+                x = x + v0 * (h0 - since) + (head[p, 1] + way(head[p, 2], head[p, 3], head[p, 4], head[p, 5], th))
+                v = v - v0 + cubic(head[p, 2], head[p, 3], head[p, 4], head[p, 5], th)
+                u = u + (head[p, 3] + th * (head[p, 4] + 0.5 * th * head[p, 5]))
+                j = j + (head[p, 4] + th * head[p, 5])
                 s = s + head[p, 5]
-            if q < tails and t >= tt:
-                g = t - tt
-                x = x - (tail[q, 1] + way(tail[q, 2], tail[q, 3], tail[q, 4], tail[q, 5], g))
-                v = v - cubic(tail[q, 2], tail[q, 3], tail[q, 4], tail[q, 5], g)
-                u = u - (tail[q, 3] + g * (tail[q, 4] + 0.5 * g * tail[q, 5]))
-                j = j - (tail[q, 4] + g * tail[q, 5])
+            if q < tails and runs:
+                x = x - (tail[q, 1] + way(tail[q, 2], tail[q, 3], tail[q, 4], tail[q, 5], tt))
+                v = v - cubic(tail[q, 2], tail[q, 3], tail[q, 4], tail[q, 5], tt)
+                u = u - (tail[q, 3] + tt * (tail[q, 4] + 0.5 * tt * tail[q, 5]))
+                j = j - (tail[q, 4] + tt * tail[q, 5])
                 s = s - tail[q, 5]
-            out[made] = end - t, x, v, u, j, s
+            out[made] = h, x, v, u, j, s
             made = made + 1
-        # to the next phase of each that ends here
-        if tb + base[m, 0] <= end:
-            tb = tb + base[m, 0]
+        since = since + h
+        tb = tb + h
+        if base[m, 0] - tb <= near:
             m = m + 1
-        if p < heads and th + head[p, 0] <= end:
-            th = th + head[p, 0]
-            p = p + 1
-        if q < tails and t >= tt and tt + tail[q, 0] <= end:
-            tt = tt + tail[q, 0]
-            q = q + 1
-        t = end
+            tb = 0.0
+        if p < heads:
+            th = th + h
+            if head[p, 0] - th <= near:
+                p = p + 1
+                th = 0.0
+        if q < tails and runs:
+            tt = tt + h
+            if tail[q, 0] - tt <= near:
+                q = q + 1
+                tt = 0.0
     return made
 
 
@@ -227,12 +246,12 @@ def bump(
     lasts: float, before_tolerance: float, before_feed: float, half: bool,
     tolerance: float, limits: Floats2, feed: float, quickest: float,
     rows0: Floats2, rows1: Floats2, found: Floats,
-) -> float:  # fmt: skip
-    """The quickest bump between two stretches: its tail and head in `found`, and the time of both, which overlap.
+) -> tuple[int, int]:  # fmt: skip
+    """The quickest bump between two stretches: put into both, its speed, w, s and shares in `found`; rows of both.
 
-    `before` overlaps with the first stretch for `lasts` seconds.  0 if none is quicker than `quickest`; `half` leaves
-    half of the second one for the corner behind it.  With w = 6 near/v and the jerk v |t1 - t0|/w² of the bump, which
-    may cancel that of the ramps, so that 2.2 times the limit is never held, v³ is at most 2.2 · 36 jerk near².
+    `before` overlaps with the first stretch for `lasts` seconds.  None if it is not quicker than `quickest` s for both;
+    `half` leaves half of the second one for the corner behind it.  With w = 6 near/v, and since ramps cancel less than
+    1.2 times the limit of the jerk v |t1 - t0|/w², v³ is at most 2.2 · 36 jerk near².
     """
     gap = 0.0
     jerk = 1e300
@@ -242,11 +261,12 @@ def bump(
         if g * jerk > limits[i, 2]:
             jerk = limits[i, 2] / g
     if gap <= 1e-18:
-        return 0.0
+        return 0, 0
     near = tolerance * BELOW / sqrt(gap)
     fastest = min(min(one[FASTEST], two[FASTEST]), cube_root(79.2 * jerk * near * near))
     best = quickest
     ours = 0.0
+
     for shape in range(4):
         share = 1.0 if shape == 0 else (0.93 if shape == 1 else (0.85 if shape == 2 else 0.7))
         low = 0.0
@@ -293,9 +313,18 @@ def bump(
                 ours = time
                 for k in range(5):
                     found[k] = one[TAIL + k]
+
             else:
                 high = v
             if high - low <= 0.01 * high:
                 break
             v = 0.5 * (low + high)
-    return ours
+    n = 0
+    m = 0
+    if ours > 0.0:
+        for k in range(5):
+            one[TAIL + k] = found[k]
+            two[HEAD + k] = found[k]
+        n = straight(one, rows0)
+        m = straight(two, rows1)
+    return n, m

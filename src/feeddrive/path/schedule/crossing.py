@@ -8,9 +8,23 @@ import numpy as np
 
 from feeddrive.path.motion import Motion, Part, rows
 from feeddrive.path.pieces import LINE, Pieces, derivatives
-from feeddrive.path.schedule.bump import HEAD, JERK_SHARE, NUMBERS, ROWS, SNAP_SHARE, TAIL, bump, straight
+from feeddrive.path.schedule.bump import (
+    FASTEST,
+    HEAD,
+    JERK_SHARE,
+    LENGTH,
+    NUMBERS,
+    ROWS,
+    SHORT,
+    SNAP,
+    SNAP_SHARE,
+    TAIL,
+    WIDE,
+    bump,
+    straight,
+)
 from feeddrive.path.schedule.overlap import overlap, overlapped
-from feeddrive.path.schedule.room import bounds, cap
+from feeddrive.path.schedule.room import bounds
 
 _SHORTEST = 1e-4  # s of overlap; less is not worth parts of their own
 
@@ -79,11 +93,11 @@ class Crossings:
         """A part; along a line of its own in closed form."""
         motion = part.motion
         if len(part.pieces.length) == 1 and part.ends and motion.x[0] == 0.0 and motion.speed[0] == 0.0:
-            stretch = self._stretch(part.pieces, 0, motion, 0, len(motion.duration), True)
-            made = _made(stretch, motion, 0) if stretch is not None else motion
-            if stretch is not None and len(made.duration):
-                part = part._replace(motion=made)
-                return _Run(part, tolerance, stretch._replace(last=len(part.motion.duration)))
+            stretch, made = self._stretch(part.pieces, 0, motion, 0, len(motion.duration), True), np.zeros((ROWS, 6))
+            count = straight(stretch.numbers, made) if stretch is not None else 0
+            if stretch is not None and count:
+                part = part._replace(motion=_spliced(stretch, motion, 0, made[:count]))
+                return _Run(part, tolerance, stretch._replace(last=count))
         return _Run(part, tolerance, None)
 
     def _fix(self, run: _Run) -> list[Part]:
@@ -129,21 +143,18 @@ class Crossings:
         again = one.whole is not None and one.lasts > 0.0 and self._fixed is not None
         before = _end(self._fixed, True) if again and self._fixed else end
         found, rows0, rows1 = np.zeros(5), np.zeros((ROWS, 6)), np.zeros((ROWS, 6))
-        time = bump(
+        count0, count1 = bump(
             numbers0, end.direction, end.most, numbers1, begin.direction, begin.most,
             before.rows, before.length, before.direction, before.most,
             one.lasts if again else 0.0, one.corner, max(before.feed, end.feed),
             two.whole is not None, one.tolerance, self._limits, feed, quickest, rows0, rows1, found,
         )  # fmt: skip
-        if time == 0.0:
+        if not count0:
             return None
-        numbers0[TAIL : TAIL + 5] = found
-        numbers1[HEAD : HEAD + 5] = found
-        tail, head = tail._replace(numbers=numbers0), head._replace(numbers=numbers1)
         n = len(one.part.pieces.length) - 1
-        made0, made1 = _made(tail, motion0, n), _made(head, motion1, 0)
-        whole = head._replace(last=len(made1.duration)) if two.whole else None
-        lasts = 2.0 * float(found[1]) + float(found[2])
+        made0, made1 = _spliced(tail, motion0, n, rows0[:count0]), _spliced(head, motion1, 0, rows1[:count1])
+        whole = _Stretch(0, count1, numbers1) if two.whole else None
+        lasts = 2.0 * float(found[WIDE]) + float(found[SHORT])
         run = two._replace(part=two.part._replace(motion=made1), whole=whole, lasts=lasts, corner=one.tolerance)
         return one._replace(part=one.part._replace(motion=made0)), run
 
@@ -164,14 +175,13 @@ class Crossings:
     def _stretch(self, pieces: Pieces, k: int, motion: Motion, first: int, last: int, stops: bool) -> _Stretch | None:
         if pieces.kind[k] != LINE or last <= first:
             return None
-        length, most = float(pieces.length[k]), np.zeros((len(self._limits), 4))
-        norm = bounds(LINE, length, pieces.shape[k], most)
-        fastest = cap(most, norm, float(pieces.feed[k]), self._limits, 1.0)
-        with np.errstate(divide="ignore"):
-            room = np.min(self._limits[:, 1:] / np.maximum(most[:, :1], 1e-300), axis=0)
+        length = float(pieces.length[k])
+        slope = np.maximum(np.abs(pieces.shape[k, :, 1]) / length, 1e-300)
+        room = np.min(self._limits / slope[:, None], axis=0) * (1.0 - 1e-12)
         ends = length if stops else float(motion.x[last])
         numbers = np.zeros(NUMBERS)
-        numbers[:5] = ends - float(motion.x[first]), fastest, *room
+        numbers[LENGTH], numbers[FASTEST : SNAP + 1] = ends - float(motion.x[first]), room
+        numbers[FASTEST] = min(numbers[FASTEST], float(pieces.feed[k]) / float(np.sqrt(slope @ slope)))
         numbers[HEAD], numbers[TAIL] = motion.speed[first], 0.0 if stops else motion.speed[last]
         numbers[[end + share for end in (HEAD, TAIL) for share in (JERK_SHARE, SNAP_SHARE)]] = 1.0
         return _Stretch(first, last, numbers)
@@ -181,13 +191,10 @@ def _time(motion: Motion, stretch: _Stretch | None = None) -> float:
     return float(np.sum(motion.duration[stretch.first : stretch.last] if stretch else motion.duration))
 
 
-def _made(stretch: _Stretch, motion: Motion, k: int) -> Motion:
-    """A motion with a stretch on piece k made anew."""
-    room = np.zeros((ROWS, 6))
-    count = straight(stretch.numbers, room)
-    new = room[:count]
+def _spliced(stretch: _Stretch, motion: Motion, k: int, new: np.ndarray) -> Motion:
+    """A motion with a stretch on piece k made anew, in rows as of `straight`."""
     x = float(motion.x[stretch.first])
-    columns = [new[:, 0], np.full(count, k, np.int64), new[:, 1] + x, *new[:, 2:].T]
+    columns = [new[:, 0], np.full(len(new), k, np.int64), new[:, 1] + x, *new[:, 2:].T]
     parts = zip(motion, columns, strict=True)
     return Motion(*(np.concatenate([old[: stretch.first], made, old[stretch.last :]]) for old, made in parts))
 
@@ -201,7 +208,12 @@ def _end(part: Part, last: bool) -> _End:
         inside[np.flatnonzero(inside)[-1]] = False  # it may go on to the next piece
     on = Motion(*(each[inside] for each in motion))
     kind, length, shape = int(pieces.kind[k]), float(pieces.length[k]), pieces.shape[k]
-    r, most = np.zeros((len(shape), 5)), np.zeros((len(shape), 4))
-    derivatives(kind, length, shape, length if last else 0.0, r)
-    bounds(kind, length, shape, most)
-    return _End(rows(on), float(np.sum(on.duration)), length, float(pieces.feed[k]), r[:, 1].copy(), most)
+    most, direction = np.zeros((len(shape), 4)), shape[:, 1] / length
+    if kind == LINE:
+        most[:, 0] = np.abs(direction)
+    else:
+        r = np.zeros((len(shape), 5))
+        derivatives(kind, length, shape, length if last else 0.0, r)
+        direction = r[:, 1].copy()
+        bounds(kind, length, shape, most)
+    return _End(rows(on), float(np.sum(on.duration)), length, float(pieces.feed[k]), direction, most)

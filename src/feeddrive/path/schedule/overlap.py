@@ -210,15 +210,27 @@ def split(motion: Motion, t: float) -> tuple[Motion, Motion]:
     ends = np.cumsum(motion.duration)
     m = min(int(np.searchsorted(ends, t, side="right")), len(ends) - 1)
     b = t - (float(ends[m - 1]) if m else 0.0)
-    near = _SLIVER * float(ends[-1])
-    if b <= near or motion.duration[m] - b <= near:
+    return _split_in(motion, m, b, float(motion.duration[m]) - b, _SLIVER * t)
+
+
+def split_off(motion: Motion, lasts: float) -> tuple[Motion, Motion]:
+    """A motion but for its last seconds, and these."""
+    left = np.cumsum(motion.duration[::-1])[::-1]  # from the begin of each piece of time on
+    m = max(int(np.count_nonzero(left > lasts)) - 1, 0)
+    rest = lasts - (float(left[m + 1]) if m + 1 < len(left) else 0.0)
+    return _split_in(motion, m, float(motion.duration[m]) - rest, rest, _SLIVER * lasts)
+
+
+def _split_in(motion: Motion, m: int, b: float, rest: float, near: float) -> tuple[Motion, Motion]:
+    """A piece of time is cut b seconds after its begin and `rest` before its end; not within `near` of these."""
+    if b <= near or rest <= near:
         m += int(b > near)
         return Motion(*(each[:m] for each in motion)), Motion(*(each[m:] for each in motion))
     first = Motion(*(each[: m + 1].copy() for each in motion))
     second = Motion(*(each[m:].copy() for each in motion))
     x, v, a, j, s = (float(each[m]) for each in motion[2:])
     first.duration[m] = b
-    second.duration[0] -= b
+    second.duration[0] = rest
     second.x[0] = x + way(v, a, j, s, b)
     second.speed[0] = cubic(v, a, j, s, b)
     second.acceleration[0] = a + b * (j + 0.5 * b * s)
@@ -247,7 +259,7 @@ def aligned(one: Motion, two: Motion) -> tuple[Motion, Motion]:
 
 def overlapped(one: Part, two: Part, lasts: float, tolerance: float) -> tuple[list[Part], Part]:
     """Two runs of which the second begins `lasts` s before the first ends: both until then, and what is left of it."""
-    alone, last = split(one.motion, float(np.sum(one.motion.duration)) - lasts)
+    alone, last = split_off(one.motion, lasts)
     first, rest = split(two.motion, lasts)
     n = len(one.pieces.length)
     pieces = Pieces(*(each[n - 1 :] for each in one.pieces))
