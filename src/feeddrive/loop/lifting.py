@@ -192,7 +192,7 @@ def tracking(loop: System, frequency: np.ndarray, *, velocity: float = 0.05, axi
     Of a law that repeats itself only after several samples the part at the frequency itself, as of `compliance`.
     """
     port, _ = _port(loop, axis)
-    model = _any(loop, [f"{port}{name}" for name in SETPOINT], [f"{port}position_load"], velocity)
+    model = linear_model(loop, [f"{port}{name}" for name in SETPOINT], [f"{port}position_load"], velocity)
     s = 2j * np.pi * np.asarray(frequency, dtype=float)
     total = model.response(frequency, f"{port}position_load", f"{port}{SETPOINT[0]}")
     for order, name in enumerate(SETPOINT[1:], start=1):
@@ -207,11 +207,14 @@ def compliance(loop: System, frequency: np.ndarray, *, velocity: float = 0.05, a
     loop.
     """
     port, _ = _port(loop, axis)
-    model = _any(loop, [f"{port}load_force"], [f"{port}position_load"], velocity)
+    model = linear_model(loop, [f"{port}load_force"], [f"{port}position_load"], velocity)
     return model.response(frequency, f"{port}position_load", f"{port}load_force")
 
 
-def _any(loop: System, inputs: Sequence[str], outputs: Sequence[str], velocity: float) -> StateSpace | Lifted:
+def linear_model(
+    loop: System, inputs: Sequence[str], outputs: Sequence[str], velocity: float = 0.05
+) -> StateSpace | Lifted:
+    """The linear model of a loop, with that of each sample of a period if it has several."""
     return (lifted if period_of(loop) > 1 else linearize)(loop, inputs, outputs, velocity=velocity)
 
 

@@ -15,7 +15,8 @@ from feeddrive.blocks.plant.rigid import Rigid
 from feeddrive.blocks.sensor.encoder import Encoder
 from feeddrive.language import tree
 from feeddrive.language.errors import ParameterError, UnstableError
-from feeddrive.loop.linearize import StateSpace, linearize
+from feeddrive.loop.lifting import Lifted, linear_model
+from feeddrive.loop.linearize import StateSpace
 from feeddrive.loop.loop import Loop
 
 FORMS = ("model_free", "model_based", "axis_model")
@@ -27,7 +28,7 @@ _DECADES, _STRIDE = 7.0, 0.1  # range and resolution of the search for an admiss
 
 def error_model(
     loop: Loop, form: str = "model_free", *, plant: Plant | None = None, least_mass: float = 0.0
-) -> StateSpace:
+) -> StateSpace | Lifted:
     """Ĝ_d: from a force that the feedforward lacks, in N, to the following error, in m, at the loop's sample time.
 
         e = x_set - x = G_d [φᵀ (θ0 - θ) + w],   G_d = P / (1 + P C)
@@ -39,20 +40,16 @@ def error_model(
                  mass is fed forward or the law needs two encoders, the axis itself.
     axis_model   the same with the axis of the loop: for a machine file whose axis was identified.
 
-    C comes from the linear model of the control itself, that is, from the simulated code, for any law.
+    C comes from the linear model of the control itself, that is, from the simulated code, for any law. For a law with
+    two rates Ĝ_d has a model for each sample of a period: feedforward, its columns and the error are those of the fast
+    samples.  A trial is taken to begin where the slow part runs; another beginning changes next to nothing.
     Raises UnstableError, with the nearest mass that is admissible, for a model loop that is not stable; UnstableError
-    for a controller without a stable inverse; ParameterError for another form and for a law with a slow part.
+    for a controller without a stable inverse; ParameterError for another form.
     Source: Wu, Han, Xiong & Ding 2017, eq. (1)-(10), the part that was available; the three forms of Ĝ_d, the
     model-free inverse among them, and the sampled form are this library's.
     """
     if form not in FORMS:
         raise ParameterError(f"form = {form!r} must be one of {', '.join(FORMS)}")
-    period = loop.control.law.period()
-    if period > 1:
-        raise ParameterError(
-            f"the law '{loop.control.law.kind}' repeats itself only every {period} samples, so that its error model is "
-            f"no filter at the sample time; admissible is a period of 1 sample: run its position loop every sample"
-        )
     if form == "model_free":
         return _inverse(loop)
     if form == "axis_model":
@@ -64,36 +61,46 @@ def error_model(
     return _required(loop, Rigid(mass=mass, viscous=block.viscous or 0.0))
 
 
-def true_error_model(loop: Loop) -> StateSpace:
+def true_error_model(loop: Loop) -> StateSpace | Lifted:
     """G_d of a simulated loop without friction and quantizers, as the reference for a Ĝ_d."""
     return _required(loop, None)
 
 
-def filtered(model: StateSpace, columns: np.ndarray, *, moving: bool = False) -> np.ndarray:
-    """Columns, shape (n, columns), through a model with one input and one output.
+def _samples(model: StateSpace | Lifted) -> tuple[StateSpace, ...]:
+    return model.samples if isinstance(model, Lifted) else (model,)
+
+
+def filtered(model: StateSpace | Lifted, columns: np.ndarray, *, moving: bool = False) -> np.ndarray:
+    """Columns, shape (n, columns), through a model with one input and one output; the first row is its first sample.
 
     Before the first row the columns are taken as 0, or, if the axis was `moving`, as those of the first row.
     """
-    A, b, c, d = model.A, model.B[:, :1], model.C[:1], model.D[0, 0]
-    n = A.shape[0]
+    samples = _samples(model)
+    N, n = len(samples), samples[0].A.shape[0]
     state = np.zeros((n, columns.shape[1]))
     if moving and n:
-        state = np.linalg.solve(np.eye(n) - A, b @ columns[:1])
-    driven = columns[:, None, :] * b
+        through, pushed = np.eye(n), state
+        for each in samples:
+            through, pushed = each.A @ through, each.A @ pushed + each.B[:, :1] @ columns[:1]
+        state = np.linalg.solve(np.eye(n) - through, pushed)
     states = np.empty((columns.shape[0], n, columns.shape[1]))
-    for k, push in enumerate(driven):
+    for k, row in enumerate(columns):
         states[k] = state
-        state = A @ state + push
-    return (c @ states)[:, 0, :] + d * columns
+        state = samples[k % N].A @ state + row * samples[k % N].B[:, :1]
+    found = np.empty(columns.shape)
+    for k, each in enumerate(samples):
+        found[k::N] = (each.C[:1] @ states[k::N])[:, 0, :] + each.D[0, 0] * columns[k::N]
+    return found
 
 
-def decay(model: StateSpace, share: float = 0.01) -> int:
+def decay(model: StateSpace | Lifted, share: float = 0.01) -> int:
     """Samples after which the slowest motion of a model has fallen to a share."""
-    slowest = float(np.max(np.abs(model.poles()), initial=0.0))
-    return 1 if slowest <= 0.0 else max(1, int(np.ceil(np.log(share) / np.log(min(slowest, 1.0 - 1e-9)))))
+    slowest = _growth(model)
+    turns = 1.0 if slowest <= 0.0 else np.log(share) / np.log(min(slowest, 1.0 - 1e-9))
+    return max(1, len(_samples(model)) * int(np.ceil(turns)))
 
 
-def _required(loop: Loop, plant: Plant | None) -> StateSpace:
+def _required(loop: Loop, plant: Plant | None) -> StateSpace | Lifted:
     """The model loop's G_d, if it is stable; without a plant that of the axis with its viscous friction."""
     model = _closed(loop, plant)
     size = _growth(model)
@@ -110,7 +117,7 @@ def _required(loop: Loop, plant: Plant | None) -> StateSpace:
     )
 
 
-def _closed(loop: Loop, plant: Plant | None) -> StateSpace:
+def _closed(loop: Loop, plant: Plant | None) -> StateSpace | Lifted:
     """From a force behind the limit to the position, without all nonlinear parts."""
     control = dataclasses.replace(loop.control, guard=None, force_limit=None, feedforward=(), prefilter=None)
     ends: dict[str, Any] = {
@@ -120,10 +127,11 @@ def _closed(loop: Loop, plant: Plant | None) -> StateSpace:
         friction = getattr(loop.axis, f"friction_{end}") if plant is None else None
         ends[f"friction_{end}"] = None if friction is None else Viscous(viscous=float(friction.linear()))
     axis = dataclasses.replace(loop.axis, plant=plant or loop.axis.plant, forces=(), **ends)
-    return linearize(dataclasses.replace(loop, control=control, axis=axis), ["added_force"], ["position_load"])
+    return linear_model(dataclasses.replace(loop, control=control, axis=axis), ["added_force"], ["position_load"])
 
 
-def _growth(model: StateSpace) -> float:
+def _growth(model: StateSpace | Lifted) -> float:
+    """|z| of the largest pole, over a period."""
     return float(np.max(np.abs(model.poles()), initial=0.0))
 
 
@@ -146,31 +154,36 @@ def _nearest(loop: Loop, plant: Rigid) -> float | None:
     return None
 
 
-def _inverse(loop: Loop) -> StateSpace:
+def _inverse(loop: Loop) -> StateSpace | Lifted:
     """1/C, with C from both readings, moved together, to the force."""
     control = dataclasses.replace(
         loop.control, guard=None, force_limit=None, feedforward=(), prefilter=None, filters=()
     )
-    whole = linearize(dataclasses.replace(loop, control=control), ["cut", "reading_motor", "reading_load"], ["force"])
-    push, D = whole.B[:, 1:2] + whole.B[:, 2:3], float(whole.D[0, 1] + whole.D[0, 2])
-    reached = np.any(push != 0.0, axis=1)
-    for _ in range(push.shape[0]):
-        reached = reached | np.any(whole.A[:, reached] != 0.0, axis=1)
+    bare = dataclasses.replace(loop, control=control)
+    samples = _samples(linear_model(bare, ["cut", "reading_motor", "reading_load"], ["force"]))
+    push = [each.B[:, 1:2] + each.B[:, 2:3] for each in samples]
+    n = push[0].shape[0]
+    reached = np.any([each != 0.0 for each in push], axis=(0, 2))
+    for _ in range(n):
+        reached = reached | np.any([each.A[:, reached] != 0.0 for each in samples], axis=(0, 2))
     keep = np.flatnonzero(reached)
-    A, B, C = whole.A[np.ix_(keep, keep)], push[keep], whole.C[:, keep]
+    names = tuple(samples[0].states[i] for i in keep)
+    passed = [float(each.D[0, 1] + each.D[0, 2]) for each in samples]
+    inverse: list[StateSpace] = []
     # the force answers the reading by -C; solved for the reading it is the inverse, with the sign of G_d
-    inverse, size = A, np.inf
-    if D != 0.0:
-        inverse = A - B @ C / D
-        size = float(np.max(np.abs(np.linalg.eigvals(inverse)), initial=0.0))
+    for each, b, d in zip(samples, push, passed if all(passed) else [], strict=False):
+        back, seen = b[keep] / d, each.C[:, keep]
+        whole = each.A[np.ix_(keep, keep)] - b[keep] @ seen / d
+        rest = seen / d, np.array([[-1.0 / d]]), each.sample_time, names, ("added_force",), ("position_load",)
+        inverse.append(StateSpace(whole, back, *rest))
+    found = inverse[0] if len(inverse) == 1 else Lifted(tuple(inverse))
+    size = _growth(found) if inverse else np.inf
     if not size < _EDGE:
         raise UnstableError(
             f"the controller '{loop.control.law.kind}' has no stable inverse: |z| = {size:.6f} of its zeros must be "
             f"< 1: take form = 'model_based'"
         )
-    names = tuple(whole.states[i] for i in keep)
-    through = np.array([[-1.0 / D]])
-    return StateSpace(inverse, B / D, C / D, through, whole.sample_time, names, ("added_force",), ("position_load",))
+    return found
 
 
 LEAST_REVERSAL = 0.02  # share of the moving samples in each direction that separates friction from gravity

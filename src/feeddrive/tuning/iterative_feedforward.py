@@ -296,10 +296,17 @@ def _least(block: DisturbanceCompensator, name: str, least_mass: float) -> float
 
 def _remarks(loop: Loop) -> list[str]:
     """Remarks on the control that concern the meaning of the parameters."""
-    share = dict(tree.leaves(loop.control.law)).get("velocity_feedforward")
-    if share is None or share == 1.0:
-        return []
-    return [
-        f"the law feeds {share:g} of the set velocity forward and not all of it, so that `viscous` and `mass` also "
-        "compensate for the missing part: they are not properties of the axis, and are valid for these gains only"
-    ]
+    law, said = loop.control.law, list[str]()
+    share = dict(tree.leaves(law)).get("velocity_feedforward")
+    if share is not None and share != 1.0:
+        said.append(
+            f"the law feeds {share:g} of the set velocity forward and not all of it, so that `viscous` and `mass` also "
+            "compensate for the missing part: they are not properties of the axis, and are valid for these gains only"
+        )
+    if law.period() > 1:
+        said.append(
+            f"the slow part of the law runs every {law.period()} samples, so that its command comes late, and `mass` "
+            f"and `viscous` also compensate for that: they are not properties of the axis, and are valid for these "
+            f"gains and rates only"
+        )
+    return said

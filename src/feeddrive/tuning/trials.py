@@ -13,6 +13,7 @@ from feeddrive.blocks.families import Load, Plant, Reference
 from feeddrive.language import tree
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.table import Result, Table
+from feeddrive.loop.lifting import Lifted
 from feeddrive.loop.linearize import StateSpace
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import samples, simulate
@@ -285,18 +286,23 @@ def _played(loop: Loop, force: np.ndarray) -> Loop:
     return dataclasses.replace(loop, control=dataclasses.replace(loop.control, compensation=(*others, block)))
 
 
-def _lines(model: StateSpace, size: int) -> np.ndarray:
+def _lines(model: StateSpace | Lifted, size: int) -> np.ndarray:
     return np.fft.rfftfreq(size, model.sample_time)
 
 
-def _response(model: StateSpace, frequency: np.ndarray) -> np.ndarray:
-    """From 0 Hz on, where an FRF has no line."""
+def _response(model: StateSpace | Lifted, frequency: np.ndarray) -> np.ndarray:
+    """From 0 Hz on, where an FRF has no line; with two rates the answer at the frequency itself."""
+    if isinstance(model, Lifted):
+        A, B, C, D = model.stacked(model.inputs, model.outputs)
+        held = np.ones(B.shape[1])
+        still = np.mean(C @ np.linalg.solve(np.eye(A.shape[0]) - A, B @ held) + D @ held)
+        return np.concatenate([[still], model.response(frequency[1:], model.outputs[0], model.inputs[0]).response])
     n = model.A.shape[0]
     still = model.C[0] @ np.linalg.solve(np.eye(n) - model.A, model.B[:, 0]) + model.D[0, 0]
     return np.concatenate([[still], model.response(frequency[1:]).response])
 
 
-def _correction(model: StateSpace, frequency: np.ndarray) -> np.ndarray:
+def _correction(model: StateSpace | Lifted, frequency: np.ndarray) -> np.ndarray:
     """L at the frequencies."""
     g = _response(model, frequency)
     return g.conj() / (np.abs(g) ** 2 + (_REGULAR * np.max(np.abs(g))) ** 2)
@@ -306,7 +312,9 @@ def _robust(frequency: np.ndarray, bandwidth: float) -> np.ndarray:
     return 1.0 / (1.0 + (frequency / bandwidth) ** 4)
 
 
-def _next(model: StateSpace, force: np.ndarray, error: np.ndarray, gain: float, bandwidth: float) -> np.ndarray:
+def _next(
+    model: StateSpace | Lifted, force: np.ndarray, error: np.ndarray, gain: float, bandwidth: float
+) -> np.ndarray:
     n = error.size
     size = 1 << (n + 2 * decay(model) - 1).bit_length()
     frequency = _lines(model, size)
@@ -316,7 +324,7 @@ def _next(model: StateSpace, force: np.ndarray, error: np.ndarray, gain: float, 
     return np.fft.irfft(_robust(frequency, bandwidth) * both, size)[:n]
 
 
-def _rate(model: StateSpace, true: StateSpace, gain: float, bandwidth: float) -> float:
+def _rate(model: StateSpace | Lifted, true: StateSpace | Lifted, gain: float, bandwidth: float) -> float:
     frequency = _lines(model, 1 << 14)
     left = _robust(frequency, bandwidth) * (1.0 - gain * _correction(model, frequency) * _response(true, frequency))
     return float(np.max(np.abs(left[frequency >= 1.0])))
