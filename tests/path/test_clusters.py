@@ -115,6 +115,29 @@ def test_a_corner_in_smooth_chords_is_a_stop_and_one_in_noise_is_none() -> None:
     assert not joint.stop[:-1].any()
 
 
+def test_lines_of_nearly_no_length_are_smoothed_with_the_others() -> None:
+    """Down to 1e-17 m between lines of 0.1 mm, back and forth: proven; the path ends on the last corner."""
+    draw = np.random.default_rng(17)
+    moves = 10.0 ** draw.uniform(-17.0, -4.0, (60, 1)) * draw.normal(size=(60, 3))
+    moves[::4] = [1e-4, 0.0, 0.0]
+    corners = 0.05 + np.cumsum(moves, axis=0)
+    corners = corners[np.append(True, np.any(np.diff(corners, axis=0) != 0.0, axis=1))]
+    runs, joint = rounded(corners, 1e-5)
+    assert joint.deviation.max() <= 1e-5
+    prover = Prover(LIMITS)
+    assert all(prover.prove(Part(run, plan_run(run, LIMITS), True)) for run in runs), prover.proof().faults[0]
+    assert np.abs(runs[-1].origin[-1] + ends_at(runs[-1]) - corners[-1]).max() <= 1e-15
+
+
+def test_a_cluster_that_cannot_be_fitted_has_blends_and_stops() -> None:
+    """Points on a line but for rounding, within less than rounding: no path but with stops, and the same ends."""
+    corners = np.linspace([0.01, 0.0, 0.0], [0.011, 0.003, 0.002], 1001)
+    runs, joint = rounded(corners, 1e-19)
+    assert joint.deviation.max() <= 1e-19
+    assert len(runs) == joint.stop.sum() > 100
+    assert np.abs(runs[-1].origin[-1] + ends_at(runs[-1]) - corners[-1]).max() <= 1e-15
+
+
 def test_collinear_points_are_one_line() -> None:
     """1e5 of them: the time of one line, within 1e-12 where the directions are equal to the bit, 1e-9 where not."""
     for end, within in (([0.1, 0.0, 0.0], 1e-12), ([0.03, 0.05, 0.08], 1e-9)):

@@ -17,7 +17,7 @@ from feeddrive.path.geometry.spline import (
     GRADE,
     control_points,
     deviation,
-    lowered,
+    envelope,
     place_knots,
     spline_span,
     states,
@@ -171,10 +171,18 @@ def fitted(
     if fixed > 0 and total <= knots[ENDS + fixed]:
         return 0, 0
     if fixed == 0:
-        many = lowered(0.0, min(largest, corner[first + 1] / _LEAVES) if straight_begin else largest, at, goal, 0)
-    many = lowered(total, min(largest, (total - corner[last]) / _LEAVES) if straight_end else largest, at, goal, many)
+        at[0] = 0.0
+        goal[0] = min(largest, corner[first + 1] / _LEAVES) if straight_begin else largest
+        many = 1
+    for m in range(many):
+        at_next[m] = at[m]
+        goal_next[m] = goal[m]
+    at_next[many] = total
+    goal_next[many] = min(largest, (total - corner[last]) / _LEAVES) if straight_end else largest
+    new = many + 1
     bounded = False  # whether distances are bounds; as long as those at corners are too large, they will do
     for again in range(_ROUNDS):
+        many = envelope(at_next, goal_next, new, at, goal)
         count = place_knots(at, goal, many, largest, total, fixed, knots)
         control_points(corner, group, origin, slope, first, last, total, knots, count, x, control, segment, straight)
         states(knots, count, x, control, segment, straight, slope, state)
@@ -188,8 +196,8 @@ def fitted(
             far[m] = floor[m]
         most = 0.0
         careful = 0.95 if again < _ROUNDS // 2 else 0.85
-        old = 1
-        new = lowered(at[0], goal[0], at_next, goal_next, 0)
+        old = 0
+        new = 0
         for e in range(ENDS, ENDS + count):
             curved[e] = 0
             if spline_span(e, knots, x, control, segment, straight, slope, state, room[1], room[2], curve[e]):
@@ -202,26 +210,29 @@ def fitted(
                 if share > 1.0:
                     where = max(where, at[0])
                     while old < many and at[old] <= where:
-                        new = lowered(at[old], goal[old], at_next, goal_next, new)
+                        at_next[new] = at[old]
+                        goal_next[new] = goal[old]
+                        new = new + 1
                         old = old + 1
                     step = min(largest, goal[old - 1] + GRADE * (where - at[old - 1]))
                     if old < many:
                         step = min(step, goal[old] + GRADE * (at[old] - where))
-                    step = step * min(max(careful / sqrt(share), 0.2), careful)
-                    new = lowered(where, step, at_next, goal_next, new)
+                    at_next[new] = where
+                    goal_next[new] = step * min(max(careful / sqrt(share), 0.2), careful)
+                    new = new + 1
+        while old < many:
+            at_next[new] = at[old]
+            goal_next[new] = goal[old]
+            new = new + 1
+            old = old + 1
         if straight_begin and straight[4] != straight[0]:
             most = 2.0
             goal_next[0] = 0.8 * goal_next[0]
-        while old < many:
-            new = lowered(at[old], goal[old], at_next, goal_next, new)
-            old = old + 1
         if straight_end and straight[count] != straight[count + 4]:
             most = 2.0
-            new = lowered(total, 0.8 * (total - knots[ENDS + count - 1]), at_next, goal_next, new)
-        many = new
-        for m in range(many):
-            at[m] = at_next[m]
-            goal[m] = goal_next[m]
+            at_next[new] = total
+            goal_next[new] = 0.8 * (total - knots[ENDS + count - 1])
+            new = new + 1
         if most <= 1.0 and bounded:
             return count, many
         bounded = most <= 1.0

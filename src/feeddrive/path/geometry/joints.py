@@ -105,7 +105,7 @@ def join(
     deviation: Floats, stop: Ints,
     kinds: Ints, lengths: Floats, origins: Floats2, shapes: Floats3, feeds: Floats, lines: Ints, runs: Ints,
     goals: int, kept: Floats, begins: Floats2, floor: Floats, at: Floats, goal: Floats,
-    inside: Ints, sharing: Floats, corner: Floats, group: Ints, slope: Floats2, far: Floats,
+    directions: Floats2, inside: Ints, sharing: Floats, corner: Floats, group: Ints, slope: Floats2, far: Floats,
     at_next: Floats, goal_next: Floats, knots: Floats, x: Floats, control: Floats2,
     segment: Ints, straight: Ints, curved: Ints, state: Floats3, curve: Floats3, room: Floats3,
 ) -> tuple[int, int, int, float, int, int]:  # fmt: skip
@@ -125,7 +125,7 @@ def join(
     runs       number of the run of each piece
     kept, begins, floor, at, goal  knots, state, distances and places of goals of a spline that was begun, see `fitted`
     inside     which joints are in a cluster; those of one that cannot be fitted are taken out
-    sharing .. far, at_next .. curve  room for n + 1 segments, and for the knots of a cluster, as in `fitted`
+    directions, sharing .. far, at_next .. curve  room for n + 1 segments, and for knots, as in `fitted`
     """
     n = len(length)
     axes = len(origin[0])
@@ -138,6 +138,7 @@ def join(
     r = room[6]
     piece = zeros(8)
     count = 0
+    clustered(kind, length, shape, tolerance, sharpest, directions, inside)
     run = 0
     ahead = 0.0
     k = 0
@@ -289,7 +290,7 @@ class Joiner:
     held      lines of a cluster that are held at most; a fifth of them are enough if they are 50 mm long
     """
 
-    def __init__(self, sharpest: float = 0.35, lonely: float = LONELY, held: int = 8000) -> None:
+    def __init__(self, sharpest: float = 0.35, lonely: float = LONELY, held: int = 5000) -> None:
         self._sharpest, self._lonely, self._most = sharpest, lonely, held
         self._taken, self._flows = 0.0, False
         self._held: tuple[Pieces, np.ndarray] | None = None  # the last segments of a chain that goes on
@@ -328,10 +329,8 @@ class Joiner:
     def _joined(self, segments: Pieces, tolerance: np.ndarray, ends: bool) -> tuple[list[Section], Joint] | None:
         """The sections, and the joints behind the segments that are done; None if a spline cannot go on."""
         n, axes = segments.origin.shape
-        joint, inside = Joint(np.zeros(n), np.zeros(n, np.int64)), np.zeros(n, np.int64)
-        shape, directions = segments.shape, np.zeros((3, axes))
-        members = clustered(segments.kind, segments.length, shape, tolerance, self._sharpest, directions, inside)
-        many = 2 * members + int(np.sum(segments.length) / LARGEST_STEP) + 50 if members else 0
+        joint = Joint(np.zeros(n), np.zeros(n, np.int64))
+        many = 2 * n + int(np.sum(segments.length) / LARGEST_STEP) + 50
         begun = self._begun
         while True:
             most = (1 + _CUTS) * n + many
@@ -348,7 +347,7 @@ class Joiner:
             try:
                 count, ended, known, taken, places, every = join(
                     *segments, tolerance, self._sharpest, self._lonely, self._taken, self._flows, ends, self._most,
-                    *joint, *out, goals, kept, state, floor, at, goal, inside.copy(), *_room(n, many, axes, far),
+                    *joint, *out, goals, kept, state, floor, at, goal, *_room(n, many, axes, far),
                 )  # fmt: skip
                 break
             except IndexError:
@@ -383,8 +382,9 @@ def joined(
 
 
 def _room(lines: int, knots: int, axes: int, far: np.ndarray) -> list[np.ndarray]:
-    """For the lines of a chain and the knots of a cluster, as in `join`, behind `inside`."""
+    """For the lines of a chain and the knots of a cluster, as in `join`."""
     return [
+        np.zeros((3, axes)), np.zeros(lines, np.int64),
         *(np.zeros(lines + 1) for _ in range(2)), np.zeros(lines, np.int64), np.zeros((lines, axes)), far,
         *(np.zeros(knots) for _ in range(4)), np.zeros((knots, axes)), *(np.zeros(knots, np.int64) for _ in range(3)),
         np.zeros((knots, axes, 4)), np.zeros((knots, axes, 8)), np.zeros((7, axes, 8)),

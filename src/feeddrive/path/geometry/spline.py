@@ -26,21 +26,27 @@ _QUARTERS = 4  # of a stretch whose hull is too wide
 
 
 @kernel
-def lowered(u: float, step: float, at: Floats, goal: Floats, many: int) -> int:
-    """Append a place where steps may be `step` at most, and drop those that do not count beside it; how many.
+def envelope(given: Floats, steps: Floats, count: int, at: Floats, goal: Floats) -> int:
+    """Of places where steps may be so long at most, those that count: how many, into `at` and `goal`.
 
     Steps grow by GRADE of the way from each place; the first place stays.
     """
-    if many > 0:
+    at[0] = given[0]
+    goal[0] = steps[0]
+    many = 1
+    for k in range(1, count):
+        u = given[k]
+        step = steps[k]
         if step >= goal[many - 1] + GRADE * (u - at[many - 1]):
-            return many
+            continue
         while many > 1 and goal[many - 1] >= step + GRADE * (u - at[many - 1]):
             many = many - 1
         if many == 1:
             goal[0] = min(goal[0], step + GRADE * (u - at[0]))
-    at[many] = u
-    goal[many] = step
-    return many + 1
+        at[many] = u
+        goal[many] = step
+        many = many + 1
+    return many
 
 
 @kernel
