@@ -132,8 +132,8 @@ def test_lines_of_nearly_no_length_are_smoothed_with_the_others() -> None:
 def test_a_cluster_that_cannot_be_fitted_has_blends_and_stops() -> None:
     """Points on a line but for rounding, within less than rounding: no path but with stops, and the same ends."""
     corners = np.linspace([0.01, 0.0, 0.0], [0.011, 0.003, 0.002], 1001)
-    runs, joint = rounded(corners, 1e-19)
-    assert joint.deviation.max() <= 1e-19
+    runs, joint = rounded(corners, 1e-25)
+    assert joint.deviation.max() <= 1e-25
     assert len(runs) == joint.stop.sum() > 100
     assert np.abs(runs[-1].origin[-1] + ends_at(runs[-1]) - corners[-1]).max() <= 1e-15
 

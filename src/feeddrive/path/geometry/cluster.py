@@ -27,6 +27,7 @@ LARGEST_STEP = 0.01  # m
 BLEND = 0.156  # distance of a blend over its length and 2 sin θ/2
 _SHARE = 0.999  # of the tolerance
 _ROUNDS = 40
+_ENOUGH = 40  # steps for each line
 _STRAIGHT = 1e-13  # rad, between lines in one direction
 _LEAVES = 3.2  # first steps in the way from a straight end to the first corner
 NEAR = 10.0  # tolerances on either side of a corner in which it must look like one
@@ -183,7 +184,11 @@ def fitted(
     bounded = False  # whether distances are bounds; as long as those at corners are too large, they will do
     for again in range(_ROUNDS):
         many = envelope(at_next, goal_next, new, at, goal)
-        count = place_knots(at, goal, many, largest, total, fixed, knots)
+        count = place_knots(
+            at, goal, many, largest, total, fixed, _ENOUGH * (last - first + 2 + int(total / largest)), knots
+        )
+        if count == 0:
+            return 0, 0
         control_points(corner, group, origin, slope, first, last, total, knots, count, x, control, segment, straight)
         states(knots, count, x, control, segment, straight, slope, state)
         if fixed > 0:

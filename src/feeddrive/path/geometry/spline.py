@@ -51,12 +51,12 @@ def envelope(given: Floats, steps: Floats, count: int, at: Floats, goal: Floats)
 
 @kernel
 def place_knots(
-    at: Floats, goal: Floats, many: int, largest: float, total: float, fixed: int, knots: Floats
+    at: Floats, goal: Floats, many: int, largest: float, total: float, fixed: int, most: int, knots: Floats
 ) -> int:  # fmt: skip
     """Knots up to `total` whose steps follow the goals at the places `at`, and their mirror images; how many steps.
 
     The first steps may be fixed: then all knots are given up to knots[ENDS + fixed], which is at[0].  Otherwise
-    knots[ENDS] is 0.  There are at least five steps, as long as `largest` is at most total/6.
+    knots[ENDS] is 0.  There are at least five steps, as long as `largest` is at most total/6; 0 if more than `most`.
     """
     if fixed == 0:
         knots[ENDS] = 0.0
@@ -77,6 +77,8 @@ def place_knots(
                 step = min(step, goal[q + 1] + GRADE * (at[q + 1] - middle))
         u = u + step
         count = count + 1
+        if count > most:
+            return 0
         knots[ENDS + count] = u
         while p + 1 < many and at[p + 1] < u:
             p = p + 1
