@@ -188,6 +188,7 @@ def test_margins_of_a_measured_axis_hold_the_true_one(capsys: pytest.CaptureFixt
     assert text.count("the closed loop is stable") == 2
 
 
+@pytest.mark.slow(reason="what no line tells is searched for long; its fits have quick tests")
 def test_masses_come_out_and_what_no_line_tells_is_said(capsys: pytest.CaptureFixture[str]) -> None:
     text = said("identify_masses.py", capsys)
     found = {name: (float(value), float(error)) for name, value, error in

@@ -175,7 +175,7 @@ def test_all_crossings_are_those_of_python_control(
         assert found.modulus_margin <= np.min(sm) + 1e-5
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(
     Kv=st.floats(5.0, 500.0),
     Kp=st.floats(1e3, 8e5),

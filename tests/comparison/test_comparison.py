@@ -113,6 +113,7 @@ def test_the_screen_has_the_reason_of_a_refusal_in_one_sentence(found: Compariso
     assert said[1:] == [f"Cannot control this axis: twisting: {law}."]
 
 
+@pytest.mark.pictures
 def test_the_directory_holds_what_it_promises(found: Comparison, tmp_path: Path) -> None:
     report = write_comparison(found, tmp_path / "out")
     page = report.read_text(encoding="utf-8")

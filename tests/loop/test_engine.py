@@ -184,7 +184,7 @@ def given(loop: Loop, count: int) -> np.ndarray | None:
 @pytest.mark.parametrize("name", LOOPS)
 def test_native_code_has_the_bits_of_python(name: str):
     loop, load = LOOPS[name]
-    count = 3000
+    count = 2400  # the first 2000 at rest
     expected = oracle(loop, load, count, seed=3)
     run = simulate(loop, REFERENCE, load=load, enable=given(loop, count), duration=(count - 1) * loops.T, seed=3)
     for signal in Signals._fields:

@@ -67,25 +67,21 @@ def fixed(layout: Layout) -> Fixed:
 def _read_by_rules(layout: Layout, held: set[int]) -> dict[int, float]:
     """Operations on fixed parameters that rules on other parameters read, with their values."""
     graph, leaves = layout.graph, layout.leaves
-    free = [kind == "parameter" and node not in held for node, (kind, _) in leaves.items()]
-    moving = {node for node, moves in zip(leaves, free, strict=True) if moves}
-    depends: list[bool] = []
-    for index, node in enumerate(graph.nodes):
-        depends.append(index in moving or any(depends[i] for i in arguments(node)))
-    wanted: set[int] = set()
-    for rule in layout.conditions[len(layout.routine.parameters) :]:
-        if depends[rule]:
-            for index in reachable(graph, [rule]):
-                if depends[index]:
-                    wanted |= {i for i in arguments(graph.nodes[index]) if not depends[i]}
-    wanted = {i for i in wanted if graph.nodes[i][0] not in ("const", "truth", "input") and reaches(graph, i, held)}
+    moves = _depending(graph, {node for node, (kind, _) in leaves.items() if kind == "parameter"} - held)
+    stands = _depending(graph, held)
+    rules = [rule for rule in layout.conditions[len(layout.routine.parameters) :] if moves[rule]]
+    read = {i for index in reachable(graph, rules) if moves[index] for i in arguments(graph.nodes[index])}
+    wanted = {i for i in read if stands[i] and not moves[i] and graph.nodes[i][0] not in ("const", "truth", "input")}
     values = LayoutRun(layout, wide=True).values(sorted(wanted))
     return dict(zip(sorted(wanted), values, strict=True))
 
 
-def reaches(graph: Graph, node: int, held: set[int]) -> bool:
-    """Whether a node depends on one of some others."""
-    return bool(held & set(reachable(graph, [node])))
+def _depending(graph: Graph, others: set[int]) -> list[bool]:
+    """Of each node whether it is one of some others or depends on one."""
+    found: list[bool] = []
+    for index, node in enumerate(graph.nodes):
+        found.append(index in others or any(found[i] for i in arguments(node)))
+    return found
 
 
 class Printing(Protocol):
