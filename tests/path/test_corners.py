@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from copy import copy
 from typing import NamedTuple
 
 import numpy as np
 import pytest
 from paths import LIMITS, arc, joined_up, lines, random_limits
 
-from feeddrive.path.geometry.joints import joined
+from feeddrive.path.geometry.joints import Joiner, joined
+from feeddrive.path.geometry.segments import Chain
 from feeddrive.path.motion import Motion, Part
 from feeddrive.path.pieces import Pieces
 from feeddrive.path.proof.prove import Proof, Prover
@@ -16,7 +18,7 @@ from feeddrive.path.sample import Sampler
 from feeddrive.path.schedule.bump import ROWS, straight, width
 from feeddrive.path.schedule.crossing import Crossings
 from feeddrive.path.schedule.overlap import overlapped
-from feeddrive.path.schedule.run import plan_run
+from feeddrive.path.schedule.run import Schedule, plan_run
 
 
 def passed(segments: Pieces, tolerance: float, limits: np.ndarray = LIMITS, share: float = 1.0) -> list[Part]:
@@ -194,6 +196,25 @@ def test_nothing_is_left_of_a_segment_between_two_blends():
     (run,), _ = joined(lines(points, 0.15), np.full(4, 1e-4))
     assert run.length.min() > 1e-6
     assert proof([Part(run, plan_run(run, LIMITS), True)]).count == 0
+
+
+def test_wherever_the_stream_is_cut_overlapping_runs_come_to_a_stop():
+    """What has left, what is still open, and the stop in hand of the schedule: proven after each part."""
+    draw = np.random.default_rng(9)
+    square = np.array([[0.0, 0, 0], [0.02, 0, 0], [0.02, 0.02, 0], [0.0, 0.02, 0], [0.0, 0.001, 0]])
+    wave = np.array([[0.0005 * k, 0.0003 * np.sin(0.5 * k), 0.0] for k in range(60)])
+    segments = lines(np.vstack([square, wave]) + 1e-5 * draw.normal(size=(65, 3)), 0.15)
+    schedule, crossings, before, cuts = Schedule(LIMITS, 20), Crossings(LIMITS), list[Part](), 0
+    for section in Joiner().join(Chain(segments, np.full(64, 2e-5), True))[0]:
+        for part in schedule.add(section):
+            before += crossings.add(part, section.tolerance)
+            stop = schedule.stop()
+            left = [*copy(crossings).end(), *([stop] if stop else [])]
+            assert left[-1].ends
+            found = proof([*before, *left])
+            assert found.count == 0, found.faults[0]
+            cuts += 1
+    assert cuts > 6
 
 
 def zigzag(draw: np.random.Generator, sharpest: float) -> tuple[Pieces, float]:

@@ -29,6 +29,10 @@ def planned(moves: Iterable[Move], axes: str, limits: np.ndarray) -> Iterator[Pa
     for each in chains(moves, axes):
         if isinstance(each, Chain):
             for section in joiner.join(each)[0]:
+                leaves = crossings.add_line(section) if schedule.rests else None
+                if leaves is not None:
+                    yield from leaves
+                    continue
                 for part in schedule.add(section):
                     for lifted in lifter.add(part):
                         yield from crossings.add(lifted, section.tolerance)

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from feeddrive.path.motion import Motion, Part, rows
-from feeddrive.path.pieces import LINE, Pieces, derivatives
+from feeddrive.path.pieces import LINE, Pieces, Section, derivatives
 from feeddrive.path.schedule.bump import (
     FASTEST,
     HEAD,
@@ -74,8 +74,17 @@ class Crossings:
 
     def add(self, part: Part, tolerance: float) -> list[Part]:
         """What leaves once the next part is known; `tolerance` of the corner in which it ends, m, 0: none."""
-        one, two = self._open, self._run(part, tolerance)
-        self._open = two
+        begins = part.motion.x[0] == 0.0 and part.motion.speed[0] == 0.0
+        run = self._line(Section(part.pieces, part.ends, tolerance)) if begins else None
+        return self._next(run or _Run(part, tolerance, None))
+
+    def add_line(self, section: Section) -> list[Part] | None:
+        """The same for a run that is one line, in closed form; None for any other section of a run."""
+        run = self._line(section)
+        return self._next(run) if run else None
+
+    def _next(self, two: _Run) -> list[Part]:
+        one, self._open = self._open, two
         if one is None:
             return []
         if one.part.ends and one.tolerance > 0.0:
@@ -89,16 +98,17 @@ class Crossings:
         last, self._fixed = self._fixed, None
         return [*leaves, last] if last else leaves
 
-    def _run(self, part: Part, tolerance: float) -> _Run:
-        """A part; along a line of its own in closed form."""
-        motion = part.motion
-        if len(part.pieces.length) == 1 and part.ends and motion.x[0] == 0.0 and motion.speed[0] == 0.0:
-            stretch, made = self._stretch(part.pieces, 0, motion, 0, len(motion.duration), True), np.zeros((ROWS, 6))
-            count = straight(stretch.numbers, made) if stretch is not None else 0
-            if stretch is not None and count:
-                part = part._replace(motion=_spliced(stretch, motion, 0, made[:count]))
-                return _Run(part, tolerance, stretch._replace(last=count))
-        return _Run(part, tolerance, None)
+    def _line(self, section: Section) -> _Run | None:
+        """A run that begins here and is one line."""
+        pieces = section.pieces
+        if not section.ends or len(pieces.length) != 1 or pieces.kind[0] != LINE:
+            return None
+        numbers, made = self._numbers(pieces, 0, float(pieces.length[0]), 0.0, 0.0), np.zeros((ROWS, 6))
+        count = straight(numbers, made)
+        if not count:
+            return None
+        part = Part(pieces, _motion(made[:count], 0, 0.0), True)
+        return _Run(part, section.tolerance, _Stretch(0, count, numbers))
 
     def _fix(self, run: _Run) -> list[Part]:
         """The motion of a run is fixed: what leaves."""
@@ -162,29 +172,30 @@ class Crossings:
         """From the first node on the last piece to the stop."""
         motion, last = part.motion, len(part.pieces.length) - 1
         nodes = np.flatnonzero((motion.piece == last) & (motion.acceleration == 0.0) & (motion.jerk == 0.0))
-        if not len(nodes):
+        if not len(nodes) or part.pieces.kind[last] != LINE:
             return None
-        return self._stretch(part.pieces, last, motion, int(nodes[0]), len(motion.duration), True)
+        m = int(nodes[0])
+        length = float(part.pieces.length[last]) - float(motion.x[m])
+        return _Stretch(m, len(motion.piece), self._numbers(part.pieces, last, length, float(motion.speed[m]), 0.0))
 
     def _head(self, part: Part) -> _Stretch | None:
         """From rest to the last node on the first piece."""
         motion = part.motion
         nodes = np.flatnonzero((motion.piece == 0) & (motion.acceleration == 0.0) & (motion.jerk == 0.0))
-        return self._stretch(part.pieces, 0, motion, 0, int(nodes[-1]), False) if len(nodes) else None
-
-    def _stretch(self, pieces: Pieces, k: int, motion: Motion, first: int, last: int, stops: bool) -> _Stretch | None:
-        if pieces.kind[k] != LINE or last <= first:
+        m = int(nodes[-1]) if len(nodes) else 0
+        if not m or part.pieces.kind[0] != LINE:
             return None
-        length = float(pieces.length[k])
-        slope = np.maximum(np.abs(pieces.shape[k, :, 1]) / length, 1e-300)
-        room = np.min(self._limits / slope[:, None], axis=0) * (1.0 - 1e-12)
-        ends = length if stops else float(motion.x[last])
+        return _Stretch(0, m, self._numbers(part.pieces, 0, float(motion.x[m]), 0.0, float(motion.speed[m])))
+
+    def _numbers(self, pieces: Pieces, k: int, length: float, begin: float, end: float) -> np.ndarray:
+        """What describes a stretch of a line, from node to node."""
+        slope = np.maximum(np.abs(pieces.shape[k, :, 1]) / float(pieces.length[k]), 1e-300)
         numbers = np.zeros(NUMBERS)
-        numbers[LENGTH], numbers[FASTEST : SNAP + 1] = ends - float(motion.x[first]), room
+        numbers[FASTEST : SNAP + 1] = np.min(self._limits / slope[:, None], axis=0) * (1.0 - 1e-12)
         numbers[FASTEST] = min(numbers[FASTEST], float(pieces.feed[k]) / float(np.sqrt(slope @ slope)))
-        numbers[HEAD], numbers[TAIL] = motion.speed[first], 0.0 if stops else motion.speed[last]
+        numbers[LENGTH], numbers[HEAD], numbers[TAIL] = length, begin, end
         numbers[[end + share for end in (HEAD, TAIL) for share in (JERK_SHARE, SNAP_SHARE)]] = 1.0
-        return _Stretch(first, last, numbers)
+        return numbers
 
 
 def _time(motion: Motion, stretch: _Stretch | None = None) -> float:
@@ -193,10 +204,15 @@ def _time(motion: Motion, stretch: _Stretch | None = None) -> float:
 
 def _spliced(stretch: _Stretch, motion: Motion, k: int, new: np.ndarray) -> Motion:
     """A motion with a stretch on piece k made anew, in rows as of `straight`."""
-    x = float(motion.x[stretch.first])
-    columns = [new[:, 0], np.full(len(new), k, np.int64), new[:, 1] + x, *new[:, 2:].T]
-    parts = zip(motion, columns, strict=True)
+    parts = zip(motion, _motion(new, k, float(motion.x[stretch.first])), strict=True)
     return Motion(*(np.concatenate([old[: stretch.first], made, old[stretch.last :]]) for old, made in parts))
+
+
+def _motion(new: np.ndarray, k: int, x: float) -> Motion:
+    """Rows as of `straight`, from x on piece k on."""
+    return Motion(
+        new[:, 0].copy(), np.full(len(new), k, np.int64), new[:, 1] + x, *(each.copy() for each in new[:, 2:].T)
+    )
 
 
 def _end(part: Part, last: bool) -> _End:

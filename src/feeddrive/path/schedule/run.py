@@ -57,6 +57,11 @@ class Schedule:
         self._u, self._speed, self._wide = 0.0, 0.0, self._window  # u on the first of the pieces
         self._hand: _Plan | None = None  # the rest of the last plan, to its stop
 
+    @property
+    def rests(self) -> bool:
+        """Whether the next section begins a run."""
+        return self._pieces is None
+
     def add(self, section: Section) -> Iterator[Part]:
         """The parts of the motion that are fixed when this section is known: all, where the run ends."""
         self._append(section.pieces)
