@@ -55,23 +55,43 @@ class Pause(NamedTuple):
 
 
 class _Collected:
-    """Segments so far, as rows."""
+    """Segments so far: kind, length, start, way to the end, feed and line of each, and the shape of each arc."""
 
     def __init__(self) -> None:
-        self.rows: list[tuple[int, float, np.ndarray, np.ndarray, float, int]] = []
+        self.rows: list[tuple[int, float, list[float], list[float], float, int]] = []
         self.tolerance: list[float] = []
+        self.arcs: dict[int, np.ndarray] = {}
+
+    def add(self, move: Straight | Arc, columns: Sequence[int], speed: float, tolerance: float) -> None:
+        """A move, unless it goes nowhere; `columns` of the machine's axes."""
+        start = [move.start[column] for column in columns]
+        way = [move.end[column] - move.start[column] for column in columns]
+        if isinstance(move, Straight):
+            kind, length = LINE, math.hypot(*way)
+            if length == 0.0:
+                return
+        else:
+            kind = ARC
+            length, self.arcs[len(self.rows)] = _arc(move, start, way, columns)
+        self.rows.append((kind, length, start, way, speed, move.source.number))
+        self.tolerance.append(tolerance)
 
     def chain(self, ends: bool) -> Chain:
         """All of them, or all but the last, which stays."""
         count = len(self.rows) - (0 if ends else 1)
-        kind, length, origin, shape, feed, line = zip(*self.rows[:count], strict=True)
-        pieces = Pieces(
-            np.array(kind), np.array(length), np.array(origin), np.array(shape), np.array(feed), np.array(line)
-        )
+        kind, length, start, way, feed, line = zip(*self.rows[:count], strict=True)
+        origin = np.array(start)
+        shape = np.zeros((*origin.shape, 8))
+        shape[:, :, 1] = way
+        for k, each in self.arcs.items():
+            if k < count:
+                shape[k] = each
+        pieces = Pieces(np.array(kind), np.array(length), origin, shape, np.array(feed), np.array(line))
         # a joint keeps the stricter of the modes before and behind it
         tolerance = np.array(self.tolerance)
         tolerance[:-1] = np.minimum(tolerance[:-1], tolerance[1:])
         del self.rows[:count], self.tolerance[:count]
+        self.arcs = {k - count: each for k, each in self.arcs.items() if k >= count}
         return Chain(pieces, tolerance[:count], ends)
 
 
@@ -81,13 +101,14 @@ def chains(moves: Iterable[Move], axes: str) -> Iterator[Chain | Pause]:
     Raises ProgramError for what is not planned: rotary axes, moves that follow the spindle, splines.
     """
     columns = [_LETTERS.index(letter) for letter in axes]
+    refused = [k for k, letter in enumerate(_LETTERS) if letter in _ROTARY or letter not in axes]
     collected, feed, tolerance, turns = _Collected(), Feed(Line("", 0, ""), 0.0, 0.0), 0.0, 0.0
     for move in moves:
-        if isinstance(move, Straight | Arc):
-            row = _segment(move, axes, columns, _speed(move, feed, turns))
-            if row is not None:
-                collected.rows.append(row)
-                collected.tolerance.append(tolerance)
+        if isinstance(move, (Straight, Arc)):
+            for column in refused:
+                if move.start[column] != move.end[column]:
+                    raise _refused(move.source, _missing(_LETTERS[column], axes))
+            collected.add(move, columns, _speed(move, feed, turns), tolerance)
             if len(collected.rows) > AT_ONCE:
                 yield collected.chain(False)
         elif isinstance(move, PathMode):
@@ -119,25 +140,9 @@ def _speed(move: Straight | Arc, feed: Feed, turns: float) -> float:
     return speed
 
 
-def _segment(
-    move: Straight | Arc, axes: str, columns: Sequence[int], speed: float
-) -> tuple[int, float, np.ndarray, np.ndarray, float, int] | None:
-    """A row of `Pieces`; none for a move that goes nowhere."""
-    for column, letter in enumerate(_LETTERS):
-        if move.start[column] != move.end[column]:
-            if letter in _ROTARY:
-                raise _refused(move.source, f"the rotary axis {letter} is not planned yet")
-            if letter not in axes:
-                raise _refused(move.source, f"the machine has no axis {letter}; it has {', '.join(axes)}")
-    start, end = (np.array([point[column] for column in columns]) for point in (move.start, move.end))
+def _arc(move: Arc, start: list[float], way: list[float], columns: Sequence[int]) -> tuple[float, np.ndarray]:
+    """Length and shape of an arc, as in `Pieces`."""
     shape = np.zeros((len(columns), 8))
-    way = end - start
-    if isinstance(move, Straight):
-        length = float(np.linalg.norm(way))
-        if length == 0.0:
-            return None
-        shape[:, 1] = way
-        return LINE, length, start, shape, speed, move.source.number
     angle = move.angle
     first, second = (columns.index(axis) for axis in move.axes[:2])
     x, y = start[first] - move.center[0], start[second] - move.center[1]
@@ -146,12 +151,18 @@ def _segment(
     shape[[first, second], 1] = -sense * y, sense * x
     # what the circle misses of the end, and the other axes, go linearly along
     s, versine = math.sin(abs(angle)), 2.0 * math.sin(0.5 * angle) ** 2
-    drift = way - (shape[:, 1] * s - shape[:, 0] * versine)
+    drift = np.array(way) - (shape[:, 1] * s - shape[:, 0] * versine)
     straight = np.delete(drift, [first, second])
     length = math.hypot(math.hypot(x, y) * abs(angle), float(np.linalg.norm(straight)))
     shape[:, 2] = drift / length
     shape[:, 3] = abs(angle) / length
-    return ARC, length, start, shape, speed, move.source.number
+    return length, shape
+
+
+def _missing(letter: str, axes: str) -> str:
+    if letter in _ROTARY:
+        return f"the rotary axis {letter} is not planned yet"
+    return f"the machine has no axis {letter}; it has {', '.join(axes)}"
 
 
 def _refused(line: Line, reason: str) -> ProgramError:
