@@ -16,6 +16,7 @@ import time
 import traceback
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -26,9 +27,9 @@ from feeddrive.blocks.load.recorded_force import RecordedForce
 from feeddrive.blocks.reference.recorded import Recorded
 from feeddrive.bus import ethercat
 from feeddrive.bus.cia402 import FAULT_RESET, OBJECTS
-from feeddrive.bus.client import DriveClient, transport_of
+from feeddrive.bus.client import DriveClient, driven_together, transport_of
 from feeddrive.bus.drive_file import DriveScaling
-from feeddrive.bus.play import listened, play_profile
+from feeddrive.bus.play import listened, play_profile, play_together
 from feeddrive.bus.profile import Profile
 from feeddrive.bus.transport import Claim, read_object, write_object
 from feeddrive.bus.virtual import ethercat_slave
@@ -304,6 +305,41 @@ def second(bus: str) -> dict[str, Any]:
     return found
 
 
+def _two(interface: str, **changes: Any) -> list[DriveClient]:
+    """Masters of two stations of one segment; the changes are those of the second drive."""
+    segment = ethercat.Segment(interface)
+    drives = drive("ethercat", station=1), drive("ethercat", station=2, **changes)
+    return [DriveClient(transport_of(each, interface, None, segment), each, paced=False) for each in drives]
+
+
+def plan(bus: str) -> dict[str, Any]:
+    """Two axes of a plan: against `simulate` of each; and one of them beyond its travel after some way."""
+    sent = [profile(400, 0.02, peak=0.0), profile(400, -0.011, peak=0.0)]
+    metre = SCALING.metre
+    found: dict[str, Any] = {"off": []}
+    with powered(bus, stations=2) as bench:
+        clients = _two(bench.interface)
+        with driven_together(clients):
+            played = play_together(clients, sent, names=["x", "y"])
+        for each, motion in zip(played, sent, strict=True):
+            target = np.array([SCALING.increments(x) * metre for x in motion.set_position])
+            velocity = np.array([SCALING.increments(v) * metre for v in motion.velocity])
+            reference = Recorded(position=target, velocity=velocity, sample_time=T)
+            truth = simulate(bench_loop(), reference, start=(0.0, 0.0))
+            found["off"].append(float(np.max(np.abs(each.log["reading_load"] - truth["reading_load"]))) / metre)
+        found["aborted"], found["lost"] = [each.aborted for each in played], [each.lost for each in played]
+        found["state"], found["place"] = bench.state, bench.place
+    with powered(bus, stations=2) as bench:
+        clients = _two(bench.interface, limits=replace(LIMITS, travel=0.004))
+        with driven_together(clients):
+            ended = play_together(clients, sent, names=["x", "y"])
+        found["ended"] = [each.aborted for each in ended]
+        found["rows"] = [len(each.log) for each in ended]
+        found["way"] = [float(abs(each.log["reading_load"][-1])) for each in ended]
+        found["after"] = bench.state
+    return found
+
+
 def foreign(bus: str) -> dict[str, Any]:
     """Masters of another make, which know nothing of the lock: sending here, sending on the line, held up in OP."""
     found: dict[str, Any] = {}
@@ -430,7 +466,7 @@ def said(asked: Any) -> str:
 
 
 SCENARIOS = (exact, torque, speed, losses, faults, limits, wrong, refusals, silence, kinds, second, hearing, mapping,
-             held_up, pulled, foreign)  # fmt: skip
+             held_up, pulled, foreign, plan)  # fmt: skip
 ANSWER = "ANSWER "  # before the result on its line
 
 if __name__ == "__main__":

@@ -49,6 +49,25 @@ def test_position_mode_is_the_simulation_to_half_an_increment(tried: Scenario) -
     assert found["force_per_mille"] <= half
 
 
+def test_the_axes_of_a_plan_move_in_the_same_cycles() -> None:
+    """Two stations of a segment follow their motions as each does alone, to half an increment, with no frame lost."""
+    found = over_ethercat("plan")
+    assert found["aborted"] == [None, None]
+    assert found["lost"] == [0, 0]
+    assert max(found["off"]) <= 0.5 + 1e-6
+    assert found["place"] == pytest.approx(-0.011, abs=1e-5)
+    assert found["state"] == "SWITCH_ON_DISABLED"
+
+
+def test_what_ends_the_motion_of_one_axis_stops_all_in_the_same_cycle() -> None:
+    """The second axis leaves its 4 mm: both get a quick stop there, 7 of 20 mm on the way of the first."""
+    found = over_ethercat("plan")
+    assert all("station 2: travel = 0.004" in each and "the axis was stopped" in each for each in found["ended"])
+    assert found["rows"][0] == found["rows"][1] < 250
+    assert found["way"][0] == pytest.approx(found["way"][1] * 20.0 / 11.0, rel=0.1)
+    assert found["after"] == "SWITCH_ON_DISABLED"
+
+
 def test_torque_mode_accelerates_by_newton(tried: Scenario) -> None:
     """x(t) = F/c (t - m/c (1 - exp(-ct/m))) of 100 kg and 300 N s/m, 298 samples long; the spring gives under 10 um."""
     found = tried("torque")

@@ -49,7 +49,10 @@ class Paper:
     def operate(self, content: bytes) -> None:
         raise AssertionError("a drive that is refused is not operated")
 
-    def exchange(self, content: bytes, timeout: float) -> bytes | None:
+    def put(self, content: bytes) -> None:
+        pass
+
+    def take(self, timeout: float) -> bytes | None:
         raise AssertionError("a drive that is refused is not driven")
 
     def state(self) -> str:

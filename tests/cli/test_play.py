@@ -65,6 +65,60 @@ def mass_of(path: Path) -> tuple[float, float]:
     return float(line.split()[2]), float(line.split("standard error ")[1].split()[0])
 
 
+@pytest.mark.slow(reason="three commands and a bus of two drives: 20 s")
+def test_a_plan_is_played_on_all_axes_of_a_segment(call, tmp_path: Path) -> None:
+    """Setpoints of the plan reach both drives, rounded to their increments, in the same cycles; the axes follow."""
+    (tmp_path / "part.ngc").write_text("G64 P0.05\nG1 X12 F6000\nG1 Y-9\nX0 Y0\nM2\n", encoding="utf-8")
+    assert call("plan", "part.ngc", "--machine", "xy_table", "--out", "plan")[0] == 0
+    play = "play plan --drive drive_x.toml --drive drive_y.toml --unpaced --out measured"
+    done = beside(tmp_path, "xy_table", "--interface veth1 --master veth0", play)
+    assert done.returncode == 0, done.stderr + done.stdout
+    sent = read_log("plan/setpoints.parquet")
+    for axis, reach in (("x", 12e-3), ("y", -9e-3)):
+        log = read_log(f"measured/measured_{axis}.parquet")
+        assert len(log) == len(sent)
+        assert np.max(np.abs(log["set_position"] - sent[f"{axis}.set_position"])) <= 0.5e-7
+        farthest = log["reading_load"][np.argmax(np.abs(log["reading_load"]))]
+        assert farthest == pytest.approx(reach, abs=1e-4)
+
+
+def test_a_plan_needs_a_drive_for_each_axis(call, tmp_path: Path) -> None:
+    """Nothing reaches the bus: missing, strange and doubled axes, several buses, share of a plan."""
+    (tmp_path / "part.ngc").write_text("G1 X12 Y3 F6000\nM2\n", encoding="utf-8")
+    assert call("plan", "part.ngc", "--machine", "xy_table", "--out", "plan")[0] == 0
+    drive = """{}bus = "{}"
+interface = "nothing"
+cycle_time_us = 250
+[scaling]
+increment_um = 0.1
+rated_force = 300
+[limits]
+travel_mm = {}
+velocity = 1
+force = 1000
+following_error_mm = 5
+"""
+    for name, axis, bus, travel in (
+        ("x", "x", "ethercat", 100), ("y", "y", "ethercat", 100), ("z", "z", "ethercat", 100),
+        ("c", "y", "canopen", 100), ("n", "", "ethercat", 100), ("s", "y", "ethercat", 1),
+    ):  # fmt: skip
+        text = drive.format(f'axis = "{axis}"\n' if axis else "", bus, travel)
+        (tmp_path / f"{name}.toml").write_text(text, encoding="utf-8")
+    for drives, said in (
+        ("x", "there is no drive for y"), ("xyz", "there is no axis z"), ("xx", "names an axis of its own"),
+        ("xc", "on drives of one EtherCAT segment"), ("xn", "names an axis of its own"), ("xs", "limits.travel"),
+        ("xy", "interface 'nothing' is not there"),
+    ):  # fmt: skip
+        code, _, error = call(
+            "play", "plan", "--yes", *(each for name in drives for each in ("--drive", f"{name}.toml"))
+        )
+        assert (code, said in error) == (2, True), (drives, error)
+    code, _, error = call("play", "plan", "--yes", "--share", "0.5", "--drive", "x.toml")
+    assert "a plan is played as it was proven" in error
+    code, _, error = call("play", "plan/setpoints.parquet", "a.csv", "--drive", "x.toml", "--drive", "y.toml")
+    assert "2 drive files are given" in error
+
+
 @pytest.mark.slow(reason="six commands and a bus; a move is played over it quickly")
 def test_excite_play_frf_identify_gives_the_mass_back(call, tmp_path: Path) -> None:
     """EMPS over EtherCAT: 95.154 kg within four of its own standard errors, and they are under a thousandth."""

@@ -27,6 +27,7 @@ class CANopen:
         self._network: Any = None
         self._node: Any = None
         self._sent = self._told = Layout(())
+        self._content = b""
         self._arrived: dict[int, bytes] = {}
         self._news = Condition()
         self._claim = Claim()
@@ -131,19 +132,24 @@ class CANopen:
     def operate(self, content: bytes) -> None:
         """To OPERATIONAL."""
         self._node.nmt.state = "OPERATIONAL"
+        self.put(content)
         for _ in range(20):
-            if self.exchange(content, 0.1) is not None:
+            if self.take(0.1) is not None:
                 return
         raise BusError(f"{self.where}: sends no process data in OPERATIONAL")
 
-    def exchange(self, content: bytes, timeout: float) -> bytes | None:
+    def put(self, content: bytes) -> None:
+        """For the next SYNC."""
+        self._content = content
+
+    def take(self, timeout: float) -> bytes | None:
         """Send all messages and SYNC, receive all answers; None if an answer is missing."""
         with self._news:
             if self._late:  # they must not pass for answers to the next one
                 self._news.wait_for(lambda: len(self._arrived) == len(self._of_told), timeout)
             self._arrived.clear()
         try:
-            self._send(content)
+            self._send(self._content)
         except OSError:  # the bus is gone, or switched itself off: nothing will come back
             return None
         with self._news:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import time
+from collections.abc import Generator, Sequence
 from types import TracebackType
 from typing import NamedTuple
 
@@ -26,6 +28,7 @@ from feeddrive.bus.cia402 import (
 )
 from feeddrive.bus.commissioning import check_scaling, identify, set_watchdog, write_cycle_time, write_limits
 from feeddrive.bus.drive_file import BusDrive
+from feeddrive.bus.ethercat import EtherCAT, Segment
 from feeddrive.bus.pace import Pace
 from feeddrive.bus.transport import Transport, has_object, write_object
 from feeddrive.language.errors import BusError
@@ -69,6 +72,8 @@ class DriveClient:
         self._timeout = max(2e-3, 2.0 * drive.cycle_time) if paced else 1.0
         self._operating = self._unreachable = False
         self._heard = 0.0  # time of the last answer, on the monotonic clock
+        self.answer: ActualValues | None = None  # to the last cycle; None if it was lost
+        self.together = [self]  # all that are driven in the same cycles, this one among them
 
     def __enter__(self) -> DriveClient:
         try:
@@ -90,6 +95,8 @@ class DriveClient:
             if error is None:
                 raise
         finally:
+            self.together[:] = [each for each in self.together if each is not self]
+            self.together = [self]
             self.transport.close()
 
     @property
@@ -104,6 +111,14 @@ class DriveClient:
 
     def open(self) -> None:
         """Find, check, limit and map the drive, and begin the exchange; it stays switched off."""
+        self.find()
+        self.map()
+        self.watch()
+        self.operate()
+        self.hear()
+
+    def find(self) -> None:
+        """Find, check and limit the drive."""
         transport = self.transport
         transport.open()
         self.identity = identify(transport, self.drive)
@@ -120,19 +135,31 @@ class DriveClient:
             places = ", ".join(f"{OBJECTS[name].place} ({name})" for name in missing)
             raise BusError(f"{transport.where}: has no object {places}, without which it cannot be driven")
         self._sent, self._back = (layout.keeping(sorted(there)) for layout in (self._sent, self._back))
-        transport.map(self._sent, self._back)
+
+    def map(self) -> None:
+        """Choose what is exchanged in each cycle."""
+        self.transport.map(self._sent, self._back)
         self._values["mode"] = self.mode
+
+    def watch(self) -> None:
+        """Set the drive's own watchdog."""
         if self.pace.cycle_time is not None:  # else time is that of the frames, and stands still without them
-            self.remarks += set_watchdog(transport, self.drive)
-        transport.operate(self._sent.pack(self._values))
+            self.remarks += set_watchdog(self.transport, self.drive)
+
+    def operate(self) -> None:
+        """Begin the exchange."""
+        self.transport.operate(self._sent.pack(self._values))
         self._operating = True
+
+    def hear(self) -> None:
+        """Wait for the first answer."""
         for _ in range(_FIRST):  # the first ones may be lost on the way
             if self._follow() is not None:
                 break
         for _ in range(self.drive.lag):
             self._follow()
         if self.told is None:
-            raise BusError(f"{transport.where}: {transport.state()}, but its process data are lost")
+            raise BusError(f"{self.transport.where}: {self.transport.state()}, but its process data are lost")
 
     def cycle(self) -> ActualValues | None:
         """One exchange with what was commanded; None for a lost frame.
@@ -150,7 +177,15 @@ class DriveClient:
         return self._exchange()
 
     def _exchange(self) -> ActualValues | None:
-        answered = self.transport.exchange(self._sent.pack(self._values), self._timeout)
+        """One cycle of all that are driven together; the answer of this one."""
+        for each in self.together:
+            each.transport.put(each._sent.pack(each._values))
+        for each in self.together:
+            each.answer = each._take()
+        return self.answer
+
+    def _take(self) -> ActualValues | None:
+        answered = self.transport.take(self._timeout)
         if answered is None:
             self.lost += 1
             self.lost_in_row += 1
@@ -241,6 +276,11 @@ class DriveClient:
         self._follow(FAULT_RESET)
         self._until(PowerState.SWITCH_ON_DISABLED, {PowerState.FAULT: FAULT_RESET})
 
+    def prepare_stop(self) -> None:
+        """Let the next cycle, whoever waits for it, begin a quick stop; `stop` sees it through."""
+        if self.state is PowerState.ENABLED:
+            self._values["controlword"] = QUICK_STOP
+
     def stop(self) -> None:
         """Quick stop, and wait until the drive has switched itself off; then disable voltage in any case."""
         stopping = {PowerState.ENABLED: QUICK_STOP, PowerState.QUICK_STOP: QUICK_STOP}
@@ -302,12 +342,33 @@ class DriveClient:
         return f"the drive left operation by itself and is in {at}"
 
 
-def transport_of(drive: BusDrive, interface: str, bitrate: int | None) -> Transport:
-    """The transport of a drive. Raises MissingExtraError without its package, when it is opened."""
-    if drive.bus == "ethercat":
-        from feeddrive.bus.ethercat import EtherCAT
+@contextlib.contextmanager
+def driven_together(clients: Sequence[DriveClient]) -> Generator[None]:
+    """Drives of one segment, opened, and exchanged in the same cycles by the clock of the first.
 
-        return EtherCAT(interface, drive.station)
+    They are switched off at the end, whatever happened.  Raises BusError as each of them.
+    """
+    with contextlib.ExitStack() as stack:
+        for each in clients:
+            stack.push(each)
+        for step in (DriveClient.find, DriveClient.map, DriveClient.watch, DriveClient.operate):
+            for each in clients:
+                step(each)
+        together = list(clients)
+        for each in clients:
+            each.pace, each.together = clients[0].pace, together
+        for each in clients:
+            each.hear()
+        yield
+
+
+def transport_of(drive: BusDrive, interface: str, bitrate: int | None, segment: Segment | None = None) -> Transport:
+    """The transport of a drive, on a segment with others or on one of its own.
+
+    Raises MissingExtraError without its package, when it is opened.
+    """
+    if drive.bus == "ethercat":
+        return EtherCAT(interface, drive.station, segment)
     from feeddrive.bus.canopen import CANopen
 
     return CANopen(interface, drive.station, bitrate)

@@ -5,6 +5,7 @@ interface = "eth1"              # canopen: socketcan:can0
 station = 1                     # position on the segment, or number of the node
 cycle_time_us = 250
 mode = "csp"                    # csv, cst
+axis = "x"                      # of a plan that it plays; optional
 [scaling]
 counts_per_turn = 1048576
 lead_mm = 10
@@ -102,25 +103,29 @@ class BusDrive(Block):
 
 @dataclass(frozen=True)
 class DriveFile:
-    """The content of a drive file."""
+    """The content of a drive file; `axis` is that of a plan which the drive moves, empty if none is named."""
 
     name: str
     interface: str
     bitrate: int | None
     drive: BusDrive
+    axis: str = ""
 
 
 def read_drive(path: str | Path) -> DriveFile:
     """Read a drive file. Raises FileError and ParameterError with file and line."""
     file = read_toml(path)
     root = file.root()
-    drive = read_block(BusDrive, root, besides={"interface", "bitrate"})
+    drive = read_block(BusDrive, root, besides={"interface", "bitrate", "axis"})
     interface, bitrate = root.values.get("interface"), root.values.get("bitrate")
     if not isinstance(interface, str) or not interface:
         raise root.error('interface is missing: name it as a text, as "eth1" or "socketcan:can0"', "interface")
     if bitrate is not None and (isinstance(bitrate, bool) or not isinstance(bitrate, int) or bitrate <= 0):
         raise root.error("bitrate must be a whole number of bits per second, as 1000000", "bitrate")
-    return DriveFile(file.name, interface, bitrate, drive)
+    axis = root.values.get("axis", "")
+    if not isinstance(axis, str):
+        raise root.error('axis must be the name of an axis in quotes: axis = "x"', "axis")
+    return DriveFile(file.name, interface, bitrate, drive, axis)
 
 
 def interpolation_time(cycle_time: float) -> tuple[int, int]:

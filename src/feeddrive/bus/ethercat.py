@@ -23,64 +23,164 @@ _OUTPUTS_CONTROL, _FEEDS_WATCHDOG = 0x0814, 0x40  # of sync manager 2: its contr
 _TOWARDS_OP = 2.0  # s of process data until a slave must be in OP
 
 
-class EtherCAT:
-    """A drive at a position of the segment, 1 the first. See `Transport`."""
+class Segment:
+    """The stations of an interface that are driven together: one frame a cycle has the outputs of all of them.
 
-    def __init__(self, interface: str, station: int) -> None:
-        self.interface, self.station = interface, station
-        self.where = f"EtherCAT {interface}, station {station}"
-        self._sent = self._told = Layout(())
-        self._master: Any = None
-        self._slave: Any = None
+    Each station opens, maps and operates by itself; what concerns all is done when the last one has come so far.
+    """
+
+    def __init__(self, interface: str) -> None:
+        self.interface = interface
+        self.stations: list[EtherCAT] = []
+        self.master: Any = None
+        self.soem: Any = None
         self._claim = Claim()
+        self._put: set[int] = set()  # stations whose outputs wait for the next frame
+        self._back = False  # whether the last frame came back whole
 
-    def open(self) -> None:
-        """To PRE-OP."""
+    def open(self, where: str) -> None:
+        """To PRE-OP; the first station does it."""
+        if self.master is not None:
+            return
         try:
             import pysoem
         except ImportError:
             raise MissingExtraError("pysoem", "bus", "EtherCAT") from None
         check_interface(self.interface)
-        self._claim.take(self.where, self.interface)
-        _check_alone(self.where, self.interface)
-        self._soem = pysoem
+        self._claim.take(where, self.interface)
+        _check_alone(where, self.interface)
+        self.soem = pysoem
         pysoem.settings.always_release_gil = True  # other threads of the process go on while it waits for a frame
         pysoem.settings.timeouts.ret = _PATIENCE
         pysoem.settings.timeouts.safe = 2 * _PATIENCE
-        self._master = pysoem.Master()
+        self.master = pysoem.Master()
         try:
-            self._master.open(self.interface)
+            self.master.open(self.interface)
         except ConnectionError:
-            self._master = None
+            self.master = None
             raise BusError(not_permitted(self.interface)) from None
-        self._find()
+        self.find()
 
-    def _find(self) -> None:
+    def find(self) -> None:
         """All stations from INIT to PRE-OP: FMMUs and sync managers of an earlier mapping are cleared."""
-        found = self._master.config_init()
+        found = self.master.config_init()
         if found <= 0:
             raise BusError(
                 f"EtherCAT {self.interface}: no station answers; check cable, supply, and that it is the interface to "
                 "the drives"
             )
-        if self.station > found:
-            raise BusError(
-                f"EtherCAT {self.interface}: station {self.station} is not there, there are {found}; "
-                "correct `station` in the drive file"
-            )
-        self._slave = self._master.slaves[self.station - 1]
+        for each in self.stations:
+            if each.station > found:
+                raise BusError(
+                    f"EtherCAT {self.interface}: station {each.station} is not there, there are {found}; "
+                    "correct `station` in the drive file"
+                )
+            each.slave = self.master.slaves[each.station - 1]
+
+    def map(self) -> None:
+        """Map the stations once each of them is assigned; see `EtherCAT.map`."""
+        if not all(each.assigned for each in self.stations):
+            return
+        wrong = ""
+        for attempt in range(_ATTEMPTS):
+            if attempt:
+                self.find()
+                for each in self.stations:
+                    each.assign()
+            try:
+                self.master.config_map()
+            except self.soem.ConfigMapError as error:
+                wrong = f"{self.stations[0].where}: the process data cannot be mapped: {error.error_list}"
+                continue
+            found = [each.wrongly_mapped() for each in self.stations]
+            wrong = next((said for said, _ in found if said), "")
+            if not wrong:
+                return
+            if attempt and any(fixed for _, fixed in found):
+                break
+        raise BusError(wrong)
+
+    def operate(self) -> None:
+        """To SAFE-OP and OP once each station is ready; the exchange runs meanwhile, as drives watch for it."""
+        if not all(each.ready for each in self.stations):
+            return
+        if self.master.state_check(self.soem.SAFEOP_STATE, 10 * _STEP) != self.soem.SAFEOP_STATE:
+            raise BusError(self._behind("SAFE-OP", self.soem.SAFEOP_STATE))
+        self.exchange(0.1)
+        self.master.state = self.soem.OP_STATE
+        self.master.write_state()
+        until = time.monotonic() + _TOWARDS_OP
+        while time.monotonic() < until:
+            self.exchange(0.1)
+            if self.master.state_check(self.soem.OP_STATE, 2000) == self.soem.OP_STATE:
+                return
+        raise BusError(self._behind("OP", self.soem.OP_STATE))
+
+    def _behind(self, name: str, wanted: int) -> str:
+        """The first station that is not in a state, and in which it is."""
+        self.master.read_state()
+        late = [each for each in self.stations if each.slave.state != wanted] or self.stations
+        return f"{late[0].where}: does not go to {name}: {late[0].state()}"
+
+    def put(self, station: int) -> None:
+        """A station has new outputs."""
+        self._put.add(station)
+
+    def took(self, station: int, timeout: float) -> bool:
+        """Whether the frame of this cycle came back whole; it is sent if the station's outputs wait for it."""
+        if station in self._put:
+            self.exchange(timeout)
+        return self._back
+
+    def exchange(self, timeout: float) -> None:
+        """One frame with the outputs of all; lost if the working counter is not the expected one."""
+        self._put.clear()
+        self.master.send_processdata()
+        self._back = self.master.receive_processdata(int(1e6 * timeout)) == self.master.expected_wkc
+
+    def close(self, station: EtherCAT) -> None:
+        """Back to INIT when the last station leaves; never raises."""
+        self.stations = [each for each in self.stations if each is not station]
+        if self.stations:
+            return
+        self._claim.free()
+        if self.master is None:
+            return
+        with contextlib.suppress(Exception):  # an error of a dead bus must not hide the first one
+            self.master.state = self.soem.INIT_STATE
+            self.master.write_state()
+        with contextlib.suppress(Exception):
+            self.master.close()
+        self.master = None
+
+
+class EtherCAT:
+    """A drive at a position of the segment, 1 the first. See `Transport`; stations of a `segment` share its frames."""
+
+    def __init__(self, interface: str, station: int, segment: Segment | None = None) -> None:
+        self.interface, self.station = interface, station
+        self.where = f"EtherCAT {interface}, station {station}"
+        self.slave: Any = None
+        self.assigned = self.ready = False
+        self._sent = self._told = Layout(())
+        self._segment = segment or Segment(interface)
+        self._segment.stations.append(self)
+
+    def open(self) -> None:
+        """To PRE-OP."""
+        self._segment.open(self.where)
 
     def read(self, index: int, subindex: int) -> bytes:
         """By SDO."""
-        return bytes(self._sdo(self._slave.sdo_read, index, subindex))
+        return bytes(self._sdo(self.slave.sdo_read, index, subindex))
 
     def write(self, index: int, subindex: int, content: bytes) -> None:
         """By SDO."""
-        self._sdo(self._slave.sdo_write, index, subindex, content)
+        self._sdo(self.slave.sdo_write, index, subindex, content)
 
     def _sdo(self, ask: Callable[..., Any], index: int, subindex: int, *content: bytes) -> Any:
         """Repeated if a frame was lost: reading or writing the same value twice has no effect."""
-        soem, lost = self._soem, "no answer"
+        soem, lost = self._segment.soem, "no answer"
         for _ in range(_ATTEMPTS):
             try:
                 return ask(index, subindex, *content)
@@ -98,38 +198,36 @@ class EtherCAT:
         counts as fixed only if it reads back twice differently from what was written.
         """
         self._sent, self._told = sent, told
-        wrong = ""
-        for attempt in range(_ATTEMPTS):
-            if attempt:
-                self._find()
-            for first, assigned, layout in ((0x1600, 0x1C12, sent), (0x1A00, 0x1C13, told)):
-                self.write(assigned, 0, b"\x00")
-                write_mapping(self, first, layout)
-                for k in range(len(layout.groups)):
-                    self.write(assigned, k + 1, (first + k).to_bytes(2, "little"))
-                self.write(assigned, 0, bytes([len(layout.groups)]))
-            try:
-                self._master.config_map()
-            except self._soem.ConfigMapError as error:
-                wrong = f"the process data cannot be mapped: {error.error_list}"
-                continue
-            sizes = len(self._slave.output), len(self._slave.input)
-            held = holds_mapping(self, 0x1600, 0x1C12, sent) and holds_mapping(self, 0x1A00, 0x1C13, told)
-            if held and sizes == (sent.size, told.size):
-                return
-            wrong = (
-                f"maps {sizes[0]} bytes out and {sizes[1]} bytes in, where {sent.size} and {told.size} were asked for; "
-            )
-            if held:
-                wrong += (
-                    "the mapping reads back as it was written, so answers are lost: look at the cable, and at what "
-                    "else this computer does"
-                )
-            else:
-                wrong += "it reads back as another mapping than was written: it is fixed"
-                if attempt:
-                    break
-        raise BusError(f"{self.where}: {wrong}")
+        self.assign()
+        self.assigned = True
+        self._segment.map()
+
+    def assign(self) -> None:
+        """Write mapping and assignment."""
+        for first, assigned, layout in ((0x1600, 0x1C12, self._sent), (0x1A00, 0x1C13, self._told)):
+            self.write(assigned, 0, b"\x00")
+            write_mapping(self, first, layout)
+            for k in range(len(layout.groups)):
+                self.write(assigned, k + 1, (first + k).to_bytes(2, "little"))
+            self.write(assigned, 0, bytes([len(layout.groups)]))
+
+    def wrongly_mapped(self) -> tuple[str, bool]:
+        """What is wrong with the mapping, empty if nothing is; and whether the drive holds another one."""
+        sent, told = self._sent, self._told
+        sizes = len(self.slave.output), len(self.slave.input)
+        held = holds_mapping(self, 0x1600, 0x1C12, sent) and holds_mapping(self, 0x1A00, 0x1C13, told)
+        if held and sizes == (sent.size, told.size):
+            return "", False
+        wrong = (
+            f"{self.where}: maps {sizes[0]} bytes out and {sizes[1]} bytes in, where {sent.size} and {told.size} were "
+            "asked for; "
+        )
+        if not held:
+            return f"{wrong}it reads back as another mapping than was written: it is fixed", True
+        return (
+            f"{wrong}the mapping reads back as it was written, so answers are lost: look at the cable, and at what "
+            "else this computer does"
+        ), False
 
     def watch(self, seconds: float) -> None:
         """The process data watchdog of the slave controller, in steps of 0.1 ms, and the bit by which outputs feed it.
@@ -137,10 +235,10 @@ class EtherCAT:
         Registers 0x0400 and 0x0420 and bit 6 of the control of sync manager 2 by ETG.1000.4.
         """
         try:
-            self._slave.set_watchdog("processdata", 1e3 * seconds)
-            got = 1e-3 * float(self._slave.get_watchdog("processdata"))
-            control = int(self._slave._fprd(_OUTPUTS_CONTROL, 1)[0])
-        except (self._soem.WkcError, ValueError, TypeError, IndexError) as error:
+            self.slave.set_watchdog("processdata", 1e3 * seconds)
+            got = 1e-3 * float(self.slave.get_watchdog("processdata"))
+            control = int(self.slave._fprd(_OUTPUTS_CONTROL, 1)[0])
+        except (self._segment.soem.WkcError, ValueError, TypeError, IndexError) as error:
             raise BusError(f"{self.where}: its watchdog cannot be set ({type(error).__name__}: {error})") from None
         if abs(got - seconds) > 1e-3 + 0.01 * seconds or not control & _FEEDS_WATCHDOG:
             why = f"reads back as {1e3 * got:g} ms" if control & _FEEDS_WATCHDOG else "is switched off for its outputs"
@@ -150,50 +248,36 @@ class EtherCAT:
             )
 
     def operate(self, content: bytes) -> None:
-        """To SAFE-OP and OP; the exchange runs meanwhile, as drives watch for it."""
-        if self._master.state_check(self._soem.SAFEOP_STATE, 10 * _STEP) != self._soem.SAFEOP_STATE:
-            raise BusError(f"{self.where}: does not go to SAFE-OP: {self.state()}")
-        self.exchange(content, 0.1)
-        self._master.state = self._soem.OP_STATE
-        self._master.write_state()
-        until = time.monotonic() + _TOWARDS_OP
-        while time.monotonic() < until:
-            self.exchange(content, 0.1)
-            if self._master.state_check(self._soem.OP_STATE, 2000) == self._soem.OP_STATE:
-                return
-        raise BusError(f"{self.where}: does not go to OP: {self.state()}")
+        """To SAFE-OP and OP, with all stations of the segment."""
+        self.slave.output = content
+        self.ready = True
+        self._segment.operate()
 
-    def exchange(self, content: bytes, timeout: float) -> bytes | None:
-        """One frame; lost if the working counter is not the expected one."""
-        self._slave.output = content
-        self._master.send_processdata()
-        if self._master.receive_processdata(int(1e6 * timeout)) != self._master.expected_wkc:
-            return None
-        return bytes(self._slave.input)
+    def put(self, content: bytes) -> None:
+        """Outputs of the next frame."""
+        self.slave.output = content
+        self._segment.put(self.station)
+
+    def take(self, timeout: float) -> bytes | None:
+        """Inputs of the frame of this cycle; None if it was lost."""
+        return bytes(self.slave.input) if self._segment.took(self.station, timeout) else None
 
     def state(self) -> str:
         """AL state and AL status code."""
         names = {1: "INIT", 2: "PRE-OP", 3: "BOOT", 4: "SAFE-OP", 8: "OP"}
-        state = self._master.read_state()
-        state = self._slave.state
+        self._segment.master.read_state()
+        state = self.slave.state
         if state == 0:
             return "it does not answer"
         text = names.get(state & 0x0F, str(state))
-        if state & 0x10 or self._slave.al_status:
-            text += f", {self._soem.al_status_code_to_string(self._slave.al_status)} (0x{self._slave.al_status:04X})"
+        if state & 0x10 or self.slave.al_status:
+            said = self._segment.soem.al_status_code_to_string(self.slave.al_status)
+            text += f", {said} (0x{self.slave.al_status:04X})"
         return f"it is in {text}"
 
     def close(self) -> None:
         """Back to INIT."""
-        self._claim.free()
-        if self._master is None:
-            return
-        with contextlib.suppress(Exception):  # an error of a dead bus must not hide the first one
-            self._master.state = self._soem.INIT_STATE
-            self._master.write_state()
-        with contextlib.suppress(Exception):
-            self._master.close()
-        self._master = None
+        self._segment.close(self)
 
 
 _STATES = struct.pack("<HBBHHHHHH", 0x1000 + 14, 7, 0x5A, 0, 0x0130, 2, 0, 0, 0)  # BRD of every AL status

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import signal
 import threading
-from collections.abc import Callable, Generator, Mapping
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import FrameType
 
@@ -57,70 +57,106 @@ def interruption() -> Generator[Callable[[], bool]]:
 
 
 def play_profile(client: DriveClient, profile: Profile, *, name: str = "", progress: Progress | None = None) -> Played:
-    """Switch the drive on, play, hold, switch it off.
+    """Switch the drive on, play, hold, switch it off; see `play_together`."""
+    return play_together([client], [profile], names=[name], progress=progress)[0]
 
-    The motion is relative to where the axis stands.  Row k of the log holds what was sent in cycle k and the drive's
+
+def play_together(
+    clients: Sequence[DriveClient],
+    profiles: Sequence[Profile],
+    *,
+    names: Sequence[str] = (),
+    progress: Progress | None = None,
+) -> list[Played]:
+    """Switch the drives on, play a profile on each in the same cycles, hold, switch them off.
+
+    The motions are relative to where the axes stand.  Row k of a log holds what was sent in cycle k and the drive's
     answer to it, `lag` cycles later.  `progress` is updated ten times a second; cancelling it ends the motion as
-    Ctrl-C does, with a controlled stop.  Raises BusError if the drive cannot be
-    switched on; the reason of any later end is in `Played.aborted`.
+    Ctrl-C does, with a controlled stop.  What ends the motion of one ends that of all: they get the quick stop in the
+    same cycle.  Raises BusError if a drive cannot be switched on; the reason of any later end is in `Played.aborted`.
     """
-    if np.any(profile.excitation):
-        client.excites(profile.unit)
-    client.enable()
-    assert client.told is not None
-    start = client.told.position
-    rows = _Rows(client, start)
-    lag, count = client.drive.lag, profile.excitation.size
-    said = max(1, round(0.1 / client.drive.cycle_time))
+    first, drive = clients[0], clients[0].drive
+    for client, profile in zip(clients, profiles, strict=True):
+        if np.any(profile.excitation):
+            client.excites(profile.unit)
+    for client in clients:
+        client.enable()
+    kept = [_Rows(client) for client in clients]
+    lag, count = max(client.drive.lag for client in clients), max(each.excitation.size for each in profiles)
+    said = max(1, round(0.1 / drive.cycle_time))
     aborted = ""
-    client.pace.begin()
-    lost_before = client.lost
-    with interruption() as interrupted, urgent(client.pace.cycle_time is not None) as permitted:
-        held = count + max(lag, round(_SETTLING / client.drive.cycle_time))
+    first.pace.begin()
+    lost_before = [client.lost for client in clients]
+    with interruption() as interrupted, urgent(first.pace.cycle_time is not None) as permitted:
+        held = count + max(lag, round(_SETTLING / drive.cycle_time))
         for k in range(held):
-            i = min(k, count - 1)
+            sent: list[Mapping[str, float]] = []
             try:
-                sent = _target(client, profile, i, start, rest=k >= count)
-                told = client.cycle()
+                for rows, profile in zip(kept, profiles, strict=True):
+                    last = profile.excitation.size
+                    sent.append(_target(rows.client, profile, min(k, last - 1), rows.start, rest=k >= last))
+                first.cycle()
             except BusError as error:
-                aborted = str(error).removeprefix(f"{client.transport.where}: ")
+                aborted = str(error).removeprefix(f"{first.transport.where}: ")
                 break
-            rows.add(sent, told)
+            for rows, each in zip(kept, sent, strict=True):
+                rows.add(each, rows.client.answer)
             by_hand = interrupted() or (progress is not None and progress.cancelled)
-            aborted = "stopped by hand" if by_hand else client.trouble() or _beyond(client, start, told, sent)
+            aborted = "stopped by hand" if by_hand else _trouble(kept, sent)
             if aborted:
                 break
             if progress is not None and k % said == 0:
-                progress.show_step(profile.name, min(k, count), count, "")  # never raises, so that no cycle breaks
-        lateness = client.pace.lateness()
+                progress.show_step(profiles[0].name, min(k, count), count, "")  # never raises, so that no cycle breaks
+        lateness = first.pace.lateness()
         if aborted:
-            aborted += _halt(client)
-        else:
+            for client in clients:
+                client.prepare_stop()
+        ends = [f"{aborted}{_halt(client)}" if aborted else "" for client in clients]
+        for client in () if aborted else clients:
             client.disable()
-    remarks = list(client.remarks)
-    lost = client.lost - lost_before
+    played: list[Played] = []
+    for rows, profile, before, end, name in zip(
+        kept, profiles, lost_before, ends, names or [""] * len(clients), strict=True
+    ):
+        lost = rows.client.lost - before
+        remarks = [*rows.client.remarks, *_remarks(rows.client, lost, permitted, lateness)]
+        log = rows.log(
+            profile, name or profile.name, min(profile.excitation.size, max(0, len(rows.told) - rows.client.drive.lag)),
+            end, lateness,
+        )  # fmt: skip
+        played.append(Played(log, end or None, lost, lateness, tuple(remarks)))
+    return played
+
+
+def _remarks(client: DriveClient, lost: int, permitted: bool, lateness: Lateness | None) -> Iterator[str]:
+    """What must be known of a motion."""
     if lost:
-        remarks.append(
+        yield (
             f"{lost} frames were lost; their rows hold the last values (column lost): repeat the measurement if there "
             "are many."
         )
     if client.pace.cycle_time is not None and not permitted:
-        remarks.append(
-            "Real-time priority was not permitted: run as root, or give CAP_SYS_NICE, for fewer late cycles."
-        )
+        yield "Real-time priority was not permitted: run as root, or give CAP_SYS_NICE, for fewer late cycles."
     if lateness is not None and lateness.missed:
-        remarks.append(
+        yield (
             f"{lateness.missed} cycles began more than a cycle late, {1e3 * lateness.slipped:.3g} ms in all; the "
             "motion paused for as long, and the times of the log do not show it."
         )
-    log = rows.log(profile, name or profile.name, min(count, max(0, len(rows.told) - lag)), aborted, lateness)
-    return Played(log, aborted or None, lost, lateness, tuple(remarks))
+
+
+def _trouble(kept: Sequence[_Rows], sent: Sequence[Mapping[str, float]]) -> str:
+    """Why the motion ends: the first drive that no longer follows, or leaves its limits; empty while there is none."""
+    for rows, each in zip(kept, sent, strict=True):
+        found = rows.client.trouble() or _beyond(rows.client, rows.start, rows.client.answer, each)
+        if found:
+            return found if len(kept) == 1 else f"{rows.client.transport.where}: {found}"
+    return ""
 
 
 def listened(client: DriveClient, seconds: float) -> Played:
     """A log of the drive while it is switched off, at rest or moved by hand. Raises BusError if it stops answering."""
     assert client.told is not None
-    rows, zero = _Rows(client, client.told.position), np.zeros(0)
+    rows, zero = _Rows(client), np.zeros(0)
     count = max(1, round(seconds / client.drive.cycle_time))
     client.pace.begin()
     with interruption() as interrupted:
@@ -192,9 +228,9 @@ def _halt(client: DriveClient) -> str:
 class _Rows:
     """Sent and received values, cycle by cycle."""
 
-    def __init__(self, client: DriveClient, start: float) -> None:
+    def __init__(self, client: DriveClient) -> None:
         assert client.told is not None
-        self.client, self.start = client, start
+        self.client, self.start = client, client.told.position
         self.sent: list[Mapping[str, float]] = []
         self.told: list[ActualValues] = []
         self.lost: list[float] = []

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -58,12 +59,7 @@ def read_profile(path: str | Path, drive: BusDrive, *, share: float = 1.0, ramp:
             f"{' or '.join(_UNITS[drive.mode])}"
         )
     step, T = log.sample_time, drive.cycle_time
-    every = round(T / step)
-    if every < 1 or abs(T / step - every) > 1e-6 * every:
-        raise ParameterError(
-            f"{path}: has a row every {1e6 * step:g} us, of which cycle_time = {1e6 * T:g} us of the drive file is no "
-            "whole multiple: design it for a machine file with that sample time"
-        )
+    every = _every(path, step, T, "design it for a machine file with that sample time")
     _check_band(str(path), excitation, every, step)
     excitation, set_position = excitation[::every].copy(), set_position[::every].copy()
     if "set_velocity" in log.channels:
@@ -74,6 +70,59 @@ def read_profile(path: str | Path, drive: BusDrive, *, share: float = 1.0, ramp:
         str(path), str(log.provenance["sha256"]), T, unit, _ramped(excitation, round(ramp / T)), set_position, velocity
     )
     check_profile(found, drive)
+    return found
+
+
+def _every(path: str | Path, step: float, T: float, advice: str) -> int:
+    """Rows of a file in a cycle of the bus."""
+    every = round(T / step)
+    if every < 1 or abs(T / step - every) > 1e-6 * every:
+        raise ParameterError(
+            f"{path}: has a row every {1e6 * step:g} us, of which cycle_time = {1e6 * T:g} us of the drive file is no "
+            f"whole multiple: {advice}"
+        )
+    return every
+
+
+def read_plan_profiles(setpoints: Path, drives: Mapping[str, BusDrive]) -> list[Profile]:
+    """The motion of each axis of a plan, for the drive of this name, from where the axis stands.
+
+    setpoints  setpoints.parquet of `feeddrive plan`
+
+    Raises ParameterError for axes without a drive, drives without an axis, other modes than csp, cycle times that
+    differ, and a motion that does not fit the limits of a drive; LogError for what is no plan.
+    """
+    log = read_log(setpoints)
+    axes = [name.removesuffix(".set_position") for name in log.channels if name.endswith(".set_position")]
+    if not axes:
+        raise ParameterError(f"{setpoints}: has no columns such as x.set_position, as feeddrive plan writes them")
+    moving = [axis for axis in axes if np.ptp(log[f"{axis}.set_position"]) > 0.0]
+    missing, strange = [each for each in moving if each not in drives], [each for each in drives if each not in axes]
+    if missing or strange:
+        raise ParameterError(
+            f"{setpoints}: moves the axes {', '.join(moving) or '(none)'}, and there "
+            + (f"is no drive for {', '.join(missing)}" if missing else f"is no axis {', '.join(strange)}")
+            + ': give one drive file (--drive) for each axis, with its name as  axis = "x"'
+        )
+    times = {drive.cycle_time for drive in drives.values()}
+    modes = {drive.mode for drive in drives.values()}
+    if len(times) > 1 or modes != {"csp"}:
+        raise ParameterError(
+            "the drives of a plan have one cycle_time and the mode csp, not "
+            f"{', '.join(f'{1e6 * each:g} us' for each in sorted(times))} and {', '.join(sorted(modes))}"
+        )
+    found: list[Profile] = []
+    for axis, drive in drives.items():
+        every = _every(setpoints, log.sample_time, drive.cycle_time, "plan it with --sample-time")
+        position = log[f"{axis}.set_position"][::every]
+        rest = np.zeros(len(position))
+        velocity = log[f"{axis}.set_velocity"][::every].copy()
+        sha = str(log.provenance["sha256"])
+        profile = Profile(
+            f"{setpoints}, axis {axis}", sha, drive.cycle_time, "N", rest, position - position[0], velocity
+        )
+        check_profile(profile, drive)
+        found.append(profile)
     return found
 
 

@@ -34,8 +34,8 @@ class RefusedError(BusError):
 class Transport(Protocol):
     """One drive on one bus.
 
-    `where` is bus, interface and station, for errors.  The order is open, objects, `map`, `operate`, `exchange` ...,
-    close; all raise BusError.
+    `where` is bus, interface and station, for errors.  The order is open, objects, `map`, `watch`, `operate`, `put` and
+    `take` ..., close; all raise BusError.  Of drives that share a frame each is taken so far before the next step.
     """
 
     where: str
@@ -59,8 +59,14 @@ class Transport(Protocol):
     def operate(self, content: bytes) -> None:
         """Begin the exchange of process data, with this content."""
 
-    def exchange(self, content: bytes, timeout: float) -> bytes | None:
-        """One cycle: send, and return what was received within `timeout` s; None for a lost frame."""
+    def put(self, content: bytes) -> None:
+        """What is sent in the next cycle."""
+
+    def take(self, timeout: float) -> bytes | None:
+        """One cycle: send, and return what was received within `timeout` s; None for a lost frame.
+
+        Of drives that share a frame all are put before; the first that is taken sends it.
+        """
         ...
 
     def state(self) -> str:

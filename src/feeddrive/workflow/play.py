@@ -8,13 +8,15 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TypeVar
 
-from feeddrive.bus.client import DriveClient, transport_of
+from feeddrive.bus.client import DriveClient, driven_together, transport_of
 from feeddrive.bus.drive_file import DriveFile, read_drive
+from feeddrive.bus.ethercat import Segment
 from feeddrive.bus.pace import Lateness
-from feeddrive.bus.play import Played, listened, play_profile
-from feeddrive.bus.profile import Profile, read_profile
+from feeddrive.bus.play import Played, listened, play_profile, play_together
+from feeddrive.bus.profile import Profile, read_plan_profiles, read_profile
 from feeddrive.files.atomic_io import new_directory
 from feeddrive.files.log import write_log
+from feeddrive.files.plan_files import PLAN, SETPOINTS
 from feeddrive.language.errors import AbortedError, BusError, FeeddriveError, ParameterError
 from feeddrive.language.progress import Progress
 from feeddrive.language.table import Table
@@ -28,8 +30,12 @@ T = TypeVar("T")
 class PlayRequest(Request):
     """What is played on which drive, how strongly, and how it begins."""
 
-    profiles: tuple[Path, ...] = argument("What `feeddrive excite` wrote to be sent; one a log")
-    drive: Path = option("a drive file (TOML): bus, scaling, limits")
+    profiles: tuple[Path, ...] = argument(
+        "What `feeddrive excite` wrote to be sent, one a log; or what `feeddrive plan` wrote, a directory"
+    )
+    drive: tuple[Path, ...] = option(
+        "a drive file (TOML): bus, scaling, limits; for a plan one for each axis, all on one EtherCAT segment"
+    )
     share: float = option("of the excitation; begin with 0.1", default=1.0, least=0.0, most=1.0)
     ramp: float = option("time over which the amplitude rises and falls", default=0.0, unit="s", least=0.0)
     reset_fault: bool = option("reset a fault of the drive first", default=False)
@@ -39,7 +45,24 @@ class PlayRequest(Request):
 
     def usual_out(self) -> Path:
         """By the name of what it is about."""
-        return Path("results") / f"play_{self.drive.stem}"
+        return Path("results") / f"play_{self.drive[0].stem}"
+
+    def check(self) -> None:
+        """One plan on several drives, or any number of profiles on one."""
+        if self.plan is not None and (self.share != 1.0 or self.ramp):
+            raise ParameterError("--share and --ramp are for an excitation: a plan is played as it was proven")
+        if self.plan is None and len(self.drive) != 1:
+            raise ParameterError(
+                f"{len(self.drive)} drive files are given: profiles are played on one drive, and only the directory of "
+                "a plan (feeddrive plan) on one for each axis"
+            )
+
+    @property
+    def plan(self) -> Path | None:
+        """The setpoints of a plan; None for profiles."""
+        given = self.profiles[0]
+        folder = given.parent if given.name in (PLAN, SETPOINTS) else given
+        return folder / SETPOINTS if len(self.profiles) == 1 and (folder / PLAN).is_file() else None
 
 
 class ListenRequest(Request):
@@ -62,14 +85,13 @@ def play(request: PlayRequest, progress: Progress) -> Outcome[Sequence[Played]]:
     All profiles are read and checked before the bus is touched.  A person is asked unless `yes` says not to.  Logs are
     kept also of a motion that was aborted; what aborted it is the error of the outcome.
     """
-    file = read_drive(request.drive)
+    if request.plan is not None:
+        return _play_plan(request, request.plan, progress)
+    file = read_drive(request.drive[0])
     profiles = [read_profile(path, file.drive, share=request.share, ramp=request.ramp) for path in request.profiles]
     done: list[Played] = []
     trouble: FeeddriveError | None = None
-    if not (request.yes or request.unpaced):  # before the bus is opened: a drive in operation does not wait
-        progress.remark(f"- {WARNING}")
-        if not progress.confirm("Is the travel clear, and the stop at hand?"):
-            raise AbortedError(f"{file.name}: it was not confirmed that the travel is clear; nothing was moved")
+    _ask(request, file.name, progress)
     for profile in profiles:
         try:
             reset = request.reset_fault and not done
@@ -93,6 +115,56 @@ def listen(request: ListenRequest, progress: Progress) -> Outcome[Played]:
         _greet(progress, client)
         heard = listened(client, request.seconds)
     return _outcome(heard, [heard], request.out, None)
+
+
+def _ask(request: PlayRequest, name: str, progress: Progress) -> None:
+    """Before the bus is opened: a drive in operation does not wait."""
+    if request.yes or request.unpaced:
+        return
+    progress.remark(f"- {WARNING}")
+    if not progress.confirm("Is the travel clear, and the stop at hand?"):
+        raise AbortedError(f"{name}: it was not confirmed that the travel is clear; nothing was moved")
+
+
+def _play_plan(request: PlayRequest, setpoints: Path, progress: Progress) -> Outcome[Sequence[Played]]:
+    """All axes of a plan in the same cycles of one segment."""
+    files = [read_drive(path) for path in request.drive]
+    named = {file.axis: file for file in files}
+    if "" in named or len(named) < len(files):
+        raise ParameterError(
+            f'{", ".join(file.name for file in files)}: for a plan each names an axis of its own, as  axis = "x"'
+        )
+    segments = {(file.drive.bus, file.interface) for file in files}
+    if len(files) > 1 and (len(segments) > 1 or files[0].drive.bus != "ethercat"):
+        raise ParameterError(
+            f"{', '.join(file.name for file in files)}: several axes are played on drives of one EtherCAT segment, "
+            'whose frames have the targets of all of them: one interface, bus = "ethercat"'
+        )
+    profiles = read_plan_profiles(setpoints, {axis: file.drive for axis, file in named.items()})
+    name = ", ".join(file.name for file in files)
+    _ask(request, name, progress)
+    segment = Segment(files[0].interface) if files[0].drive.bus == "ethercat" else None
+    clients = [
+        DriveClient(transport_of(file.drive, file.interface, file.bitrate, segment), file.drive,
+                    paced=not request.unpaced) for file in files
+    ]  # fmt: skip
+    done: list[Played] = []
+    trouble: FeeddriveError | None = None
+    try:
+        with driven_together(clients):
+            for client in clients:
+                _greet(progress, client)
+                if request.reset_fault:
+                    client.reset_fault()
+            done = play_together(clients, profiles, names=list(named), progress=progress)
+    except BusError as error:
+        trouble = BusError(f"{name}: {error}")
+        if not done:
+            raise trouble from None
+    ends = [each.aborted for each in done if each.aborted]
+    if trouble is None and ends:
+        trouble = AbortedError(f"{name}: {ends[0]}")
+    return _outcome(done, done, request.out, trouble, list(named))
 
 
 def _play(
@@ -142,10 +214,12 @@ def _greet(progress: Progress, client: DriveClient) -> None:
         progress.remark(f"- {remark}")
 
 
-def _outcome(result: T, done: Sequence[Played], out: Path | None, trouble: FeeddriveError | None) -> Outcome[T]:
-    """Tables and remarks of all logs, and where they were written."""
+def _outcome(
+    result: T, done: Sequence[Played], out: Path | None, trouble: FeeddriveError | None, names: Sequence[str] = ()
+) -> Outcome[T]:
+    """Tables and remarks of all logs, and where they were written, by number or by axis."""
     said: list[Table | str] = []
-    written = [] if out is None else _write(out, done)
+    written = [] if out is None else _write(out, done, names or [str(k) for k in range(1, len(done) + 1)])
     for k, played in enumerate(done):
         said.append(played.log.table())
         said += [f"- {remark}" for remark in played.remarks]
@@ -155,8 +229,11 @@ def _outcome(result: T, done: Sequence[Played], out: Path | None, trouble: Feedd
     return Outcome(result, said, error=trouble)
 
 
-def _write(out: Path, done: Sequence[Played]) -> list[Path]:
-    names = [f"{'aborted' if played.aborted else 'measured'}_{k}.parquet" for k, played in enumerate(done, start=1)]
+def _write(out: Path, done: Sequence[Played], called: Sequence[str]) -> list[Path]:
+    names = [
+        f"{'aborted' if played.aborted else 'measured'}_{each}.parquet"
+        for each, played in zip(called, done, strict=True)
+    ]
     with new_directory(out) as folder:
         for name, played in zip(names, done, strict=True):
             write_log(folder / name, played.log)

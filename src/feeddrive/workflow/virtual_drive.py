@@ -91,7 +91,8 @@ def virtual_drive(request: VirtualDriveRequest, progress: Progress) -> Outcome[i
                 path = file if len(drives) == 1 else file.with_stem(f"{file.stem}_{name}")
                 station = 1 + place if request.bus == "ethercat" else request.station
                 described = (request.bus, request.master or request.interface, station, firmware.cycle_time)
-                write_whole(path, drive_text(loops[name], firmware.scaling, *described))
+                text = drive_text(loops[name], firmware.scaling, *described)
+                write_whole(path, f'axis = "{name}"\n{text}' if name else text)
                 progress.remark(f"Written: {path}")
         if request.bus == "ethercat":
             serve_ethercat(firmwares, request.interface, ready=ready, stopped=stopped, watchdog=request.watchdog_ms)
