@@ -56,6 +56,7 @@ def test_the_exit_code_is_1_if_a_claim_does_not_hold(run, monkeypatch, got: floa
     assert said in Path("results/wu2017/report.html").read_text(encoding="utf-8")
 
 
+@pytest.mark.slow(reason="claims are tested beside their experiment, the door above, a page with its pictures there")
 @pytest.mark.pictures
 def test_a_paper_runs_and_writes_every_claim(run) -> None:
     """The quickest of the four, through the door; the claims themselves are tested beside their experiment."""

@@ -26,6 +26,7 @@ from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.linearize import linearize
 from feeddrive.loop.loop import Loop
 from screw_responses import SCREW, F, closed_form, responses
+from slow_share import all_but
 
 DATA = Path(__file__).parents[3] / "shared" / "data"
 BENCH = DATA / "tokyo_motor_bench"
@@ -245,7 +246,14 @@ def test_what_nothing_tells_has_an_error_without_end() -> None:
     assert fit["mass_load"].error > 10.0 * 33.0
 
 
-@pytest.mark.parametrize("band", [(5.0, 100.0), (5.0, 120.0), (100.0, 250.0), (140.0, 250.0), (140.0, 200.0)])
+@pytest.mark.parametrize(
+    "band",
+    all_but(
+        [((5.0, 100.0),), ((140.0, 200.0),)],
+        [((5.0, 100.0),), ((5.0, 120.0),), ((100.0, 250.0),), ((140.0, 250.0),), ((140.0, 200.0),)],
+        "bands between those below and above",
+    ),
+)
 def test_a_resonance_at_the_edge_of_the_lines_or_beyond_is_found(band: tuple[float, float]) -> None:
     """Antiresonance 117.5 Hz, resonance 131.6 Hz: neither need have its top among the lines."""
     motor, _ = responses(SCREW, noise=0.01, variance=True)

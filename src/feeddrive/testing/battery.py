@@ -179,28 +179,30 @@ class Rows:
         exercise = _exercise(data, asked)
         expected = _bits(_without_denormal(flat(exercise.run())))
         for lanes in (1, 8):
-            *_, found = exercise.native(lanes)
+            found = exercise.native(lanes)
             for lane in range(lanes):
                 assert _bits(found[:, lane]) == expected, f"{lanes} lanes"
 
     @compiled_once
     @given(data=st.data())
-    def test_c_computes_the_same_bits_as_native_code(
+    def test_c_computes_the_same_bits_as_floats(
         self,
         asked: type[Block],
         data: st.DataObject,
         tmp_path_factory: pytest.TempPathFactory,
     ) -> None:
-        made, constants, rows, found = _exercise(data, asked).native(1)
+        exercise = _exercise(data, asked)
+        expected = _bits(_without_denormal(flat(exercise.run())))
+        made, constants, rows = exercise.plan(1)
         folder = tmp_path_factory.mktemp("c")
         library = c_loop.compiled(c_loop.text(made, "feeddrive_run"), folder, "-Wno-unused-parameter", "-O0")
-        outputs = np.empty_like(found)
+        outputs = np.empty((len(made.outputs), 1))
         tables = (ctypes.c_void_p * max(1, len(rows)))(*[row.ctypes.data for row in rows])
         arrays = (constants, np.empty((1, 0)), np.zeros((len(made.memory), 1)), outputs)
         function = library.feeddrive_run
         function.restype, function.argtypes = None, [ctypes.c_int64, ctypes.c_int64, *[ctypes.c_void_p] * 5]
         function(1, 0, *(array.ctypes.data for array in arrays), ctypes.addressof(tables))
-        assert _bits(outputs[:, 0]) == _bits(found[:, 0])
+        assert _bits(outputs[:, 0]) == expected
 
     @few
     @given(data=st.data())

@@ -291,16 +291,20 @@ class Exercise(NamedTuple):
         )
         return program.keeping(list(program.outputs)), numbers, tables
 
-    def native(self, lanes: int) -> tuple[Plan, np.ndarray, list[np.ndarray], np.ndarray]:
-        """Its plan, constants and tables, and what the machine code makes of them: (outputs, lanes)."""
+    def plan(self, lanes: int) -> tuple[Plan, np.ndarray, list[np.ndarray]]:
+        """Its plan, constants (one row each, over the lanes) and tables."""
         program, numbers, tables = self.program()
         made = plan(program, lanes=lanes, varying=list(numbers) if lanes > 1 else ())
         constants = np.repeat([[numbers[name]] for name, _ in made.constants], lanes, axis=1).astype(float)
         constants = np.ascontiguousarray(constants.reshape(len(made.constants), lanes))
-        rows = [tables[name] for name, _ in made.tables]
+        return made, constants, [tables[name] for name, _ in made.tables]
+
+    def native(self, lanes: int) -> np.ndarray:
+        """What machine code makes of it: (outputs, lanes)."""
+        made, constants, rows = self.plan(lanes)
         outputs = np.empty((1, len(made.outputs), lanes))
         native(made).run(1, 0, constants, np.empty((1, 0)), np.zeros((len(made.memory), lanes)), outputs, rows)
-        return made, constants, rows, outputs[0]
+        return outputs[0]
 
 
 def flat(answers: Answers) -> list[Any]:
