@@ -60,6 +60,11 @@ def rows(motion: Motion) -> np.ndarray:
     return np.column_stack([motion.duration, *motion[2:]])
 
 
+def from_rows(new: np.ndarray, piece: int, x: float = 0.0) -> Motion:
+    """The motion of such rows from x on, on one piece of the path."""
+    return Motion(new[:, 0].copy(), np.full(len(new), piece), new[:, 1] + x, *(each.copy() for each in new[:, 2:].T))
+
+
 @kernel
 def cubic(a: float, b: float, c: float, d: float, t: float) -> float:
     """a + b t + c t²/2 + d t³/6: u' from u' .. u'''' at t = 0."""

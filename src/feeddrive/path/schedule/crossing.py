@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from feeddrive.path.motion import Motion, Part, rows
+from feeddrive.path.motion import Motion, Part, from_rows, rows
 from feeddrive.path.pieces import LINE, Pieces, Section, derivatives
 from feeddrive.path.schedule.bump import (
     FASTEST,
@@ -107,7 +107,7 @@ class Crossings:
         count = straight(numbers, made)
         if not count:
             return None
-        part = Part(pieces, _motion(made[:count], 0, 0.0), True)
+        part = Part(pieces, from_rows(made[:count], 0), True)
         return _Run(part, section.tolerance, _Stretch(0, count, numbers))
 
     def _fix(self, run: _Run) -> list[Part]:
@@ -204,15 +204,8 @@ def _time(motion: Motion, stretch: _Stretch | None = None) -> float:
 
 def _spliced(stretch: _Stretch, motion: Motion, k: int, new: np.ndarray) -> Motion:
     """A motion with a stretch on piece k made anew, in rows as of `straight`."""
-    parts = zip(motion, _motion(new, k, float(motion.x[stretch.first])), strict=True)
+    parts = zip(motion, from_rows(new, k, float(motion.x[stretch.first])), strict=True)
     return Motion(*(np.concatenate([old[: stretch.first], made, old[stretch.last :]]) for old, made in parts))
-
-
-def _motion(new: np.ndarray, k: int, x: float) -> Motion:
-    """Rows as of `straight`, from x on piece k on."""
-    return Motion(
-        new[:, 0].copy(), np.full(len(new), k, np.int64), new[:, 1] + x, *(each.copy() for each in new[:, 2:].T)
-    )
 
 
 def _end(part: Part, last: bool) -> _End:

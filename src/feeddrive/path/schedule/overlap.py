@@ -14,7 +14,7 @@ import numpy as np
 from feeddrive.language.kernels.kernel import kernel
 from feeddrive.language.kernels.plain import zeros
 from feeddrive.language.kernels.source import Floats, Floats2
-from feeddrive.path.motion import Entering, Motion, Part, cubic, way
+from feeddrive.path.motion import Entering, Motion, Part, cubic, from_rows, rows, way
 from feeddrive.path.pieces import Pieces
 
 _HALVINGS = 24  # of the time in which both move
@@ -205,67 +205,75 @@ def overlap(
     return low
 
 
-def split(motion: Motion, t: float) -> tuple[Motion, Motion]:
-    """A motion until the time t (s) and from then on; both are on the same piece of the path there."""
-    ends = np.cumsum(motion.duration)
-    m = min(int(np.searchsorted(ends, t, side="right")), len(ends) - 1)
-    b = t - (float(ends[m - 1]) if m else 0.0)
-    return _split_in(motion, m, b, float(motion.duration[m]) - b, _SLIVER * t)
+@kernel
+def _state_at(row: Floats, t: float, lasts: float, out: Floats) -> int:
+    """A piece of time from t on, for `lasts` seconds."""
+    out[0] = lasts
+    out[1] = row[1] + way(row[2], row[3], row[4], row[5], t)
+    out[2] = cubic(row[2], row[3], row[4], row[5], t)
+    out[3] = row[3] + t * (row[4] + 0.5 * t * row[5])
+    out[4] = row[4] + t * row[5]
+    out[5] = row[5]
+    return 0
 
 
-def split_off(motion: Motion, lasts: float) -> tuple[Motion, Motion]:
-    """A motion but for its last seconds, and these."""
-    left = np.cumsum(motion.duration[::-1])[::-1]  # from the begin of each piece of time on
-    m = max(int(np.count_nonzero(left > lasts)) - 1, 0)
-    rest = lasts - (float(left[m + 1]) if m + 1 < len(left) else 0.0)
-    return _split_in(motion, m, float(motion.duration[m]) - rest, rest, _SLIVER * lasts)
+@kernel
+def shared(
+    one: Floats2, two: Floats2, lasts: float, last: Floats2, first: Floats2, rest: Floats
+) -> tuple[int, int, float, int]:
+    """The last seconds of the one and the first of the other motion, in pieces of time that both have, and how many.
 
-
-def _split_in(motion: Motion, m: int, b: float, rest: float, near: float) -> tuple[Motion, Motion]:
-    """A piece of time is cut b seconds after its begin and `rest` before its end; not within `near` of these."""
-    if b <= near or rest <= near:
-        m += int(b > near)
-        return Motion(*(each[:m] for each in motion)), Motion(*(each[m:] for each in motion))
-    first = Motion(*(each[: m + 1].copy() for each in motion))
-    second = Motion(*(each[m:].copy() for each in motion))
-    x, v, a, j, s = (float(each[m]) for each in motion[2:])
-    first.duration[m] = b
-    second.duration[0] = rest
-    second.x[0] = x + way(v, a, j, s, b)
-    second.speed[0] = cubic(v, a, j, s, b)
-    second.acceleration[0] = a + b * (j + 0.5 * b * s)
-    second.jerk[0] = j + b * s
-    return first, second
-
-
-def aligned(one: Motion, two: Motion) -> tuple[Motion, Motion]:
-    """Two motions on a piece each, equally long, with the same pieces of time."""
-    ends = [np.cumsum(each.duration) for each in (one, two)]
-    cuts = np.unique(np.concatenate([[0.0], *ends]))
-    total = min(float(each[-1]) for each in ends)
-    near = _SLIVER * total
-    cuts = cuts[np.concatenate([[True], np.diff(cuts) > near])]
-    cuts = np.append(cuts[cuts < total - near], total)
-    found = list[Motion]()
-    for motion, end in zip((one, two), ends, strict=True):
-        m = np.minimum(np.searchsorted(end, 0.5 * (cuts[1:] + cuts[:-1])), len(end) - 1)
-        t = cuts[:-1] - (end[m] - motion.duration[m])
-        x, v, a, j, s = (each[m] for each in motion[2:])
-        x = x + t * (v + t * (a / 2.0 + t * (j / 6.0 + t * s / 24.0)))
-        v, a, j = v + t * (a + t * (j / 2.0 + t * s / 6.0)), a + t * (j + t * s / 2.0), j + t * s
-        found.append(Motion(np.diff(cuts), 0 * m, x, v, a, j, s))
-    return found[0], found[1]
+    Then the piece in which the one ends alone, after how many seconds of it, and that in which the other goes on alone:
+    `rest` is what is left of it.  What ends within 1e-12 of the time together ends together.
+    """
+    near = _SLIVER * lasts
+    m = len(one)
+    left = lasts
+    while m > 0 and left > near:
+        m = m - 1
+        if left < one[m, 0] - near:
+            break
+        left = left - one[m, 0]
+    # what is left of both present pieces: no digits are lost where they are long
+    left0 = left if left > near else one[m, 0]
+    begins = m
+    alone = one[m, 0] - left0
+    n = 0
+    left1 = two[0, 0]
+    count = 0
+    while m < len(one) and n < len(two):
+        h = min(left0, left1)
+        if h > near:
+            _state_at(one[m], one[m, 0] - left0, h, last[count])
+            _state_at(two[n], two[n, 0] - left1, h, first[count])
+            count = count + 1
+        left0 = left0 - h
+        left1 = left1 - h
+        if left0 <= near:
+            m = m + 1
+            left0 = one[m, 0] if m < len(one) else 0.0
+        if left1 <= near:
+            n = n + 1
+            left1 = two[n, 0] if n < len(two) else 0.0
+    if n < len(two):
+        _state_at(two[n], two[n, 0] - left1, left1, rest)
+    return count, begins, alone, n
 
 
 def overlapped(one: Part, two: Part, lasts: float, tolerance: float) -> tuple[list[Part], Part]:
     """Two runs of which the second begins `lasts` s before the first ends: both until then, and what is left of it."""
-    alone, last = split_off(one.motion, lasts)
-    first, rest = split(two.motion, lasts)
-    n = len(one.pieces.length)
-    pieces = Pieces(*(each[n - 1 :] for each in one.pieces))
-    last, first = aligned(last, first)
-    entering = Entering(Pieces(*(each[:1] for each in two.pieces)), first, tolerance)
-    leaves = [Part(pieces, last, True, entering)]
-    if len(alone.duration):
-        leaves.insert(0, one._replace(motion=alone, ends=False))
-    return leaves, two._replace(motion=rest)
+    ends, begins = rows(one.motion), rows(two.motion)
+    last, first, rest = (np.zeros((len(ends) + len(begins), 6)) for _ in range(3))
+    count, m, alone, n = shared(ends, begins, lasts, last, first, rest[0])
+    entering = Entering(Pieces(*(each[:1] for each in two.pieces)), from_rows(first[:count], 0), tolerance)
+    k = len(one.pieces.length) - 1
+    leaves = [Part(Pieces(*(each[k:] for each in one.pieces)), from_rows(last[:count], 0), True, entering)]
+    before = Motion(*(each[: m + int(alone > 0.0)].copy() for each in one.motion))
+    if len(before.duration):
+        before.duration[-1] = alone if alone > 0.0 else before.duration[-1]
+        leaves.insert(0, one._replace(motion=before, ends=False))
+    behind = Motion(*(each[n:].copy() for each in two.motion))
+    if len(behind.duration):
+        for column, value in zip([behind.duration, *behind[2:]], rest[0].tolist(), strict=True):
+            column[0] = value
+    return leaves, two._replace(motion=behind)
