@@ -47,7 +47,8 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     if config.option.slow_share is None:
         return
     slow = [item.nodeid for item in items if item.get_closest_marker("slow")]
-    share = slow_share.drawn(slow, slow_share.read_durations(), config.option.slow_share, config.option.slow_seed)
+    durations = slow_share.limits(items) | slow_share.read_durations()
+    share = slow_share.drawn(slow, durations, config.option.slow_share, config.option.slow_seed)
     config.hook.pytest_deselected(items=[item for item in items if item.nodeid not in share])
     items[:] = [item for item in items if item.nodeid in share]
 

@@ -21,6 +21,12 @@ def missing_reasons(items: Iterable[pytest.Item]) -> list[str]:
     return [name for name, mark in marks if not (mark.args == () and str(mark.kwargs.get("reason", "")).strip())]
 
 
+def limits(items: Iterable[pytest.Item]) -> dict[str, float]:
+    """What a test of its own `timeout` may take (s): who gives it half an hour did not mean `UNKNOWN` seconds."""
+    marks = ((item.nodeid, item.get_closest_marker("timeout")) for item in items)
+    return {name: float(mark.args[0]) for name, mark in marks if mark is not None and mark.args}
+
+
 def drawn(names: Iterable[str], durations: Mapping[str, float], seconds: float, seed: str) -> set[str]:
     """Tests in an order given by the seed, as many as `seconds` of their stored durations hold.
 

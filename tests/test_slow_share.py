@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from slow_share import UNKNOWN, drawn, missing_reasons
+from slow_share import UNKNOWN, drawn, limits, missing_reasons
 
 NAMES = [f"test_{k}" for k in range(40)]
 SECONDS = {name: 1.0 + k for k, name in enumerate(NAMES)}
@@ -27,6 +27,14 @@ def test_every_test_comes_round() -> None:
 
 def test_a_test_that_nobody_timed_counts_as_long() -> None:
     assert len(drawn(NAMES, {}, 3.5 * UNKNOWN, "a")) == 3
+
+
+def test_a_test_with_half_an_hour_of_its_own_is_not_drawn_before_somebody_timed_it() -> None:
+    """A search of 1800 s counted 20 s, and a share of 100 s might have drawn it."""
+    marks = {"search": pytest.mark.timeout(1800).mark, "usual": None}
+    items = [SimpleNamespace(nodeid=name, get_closest_marker=lambda _, mark=mark: mark) for name, mark in marks.items()]
+    assert limits(items) == {"search": 1800.0}
+    assert drawn(marks, limits(items), 100.0, "a") == {"usual"}
 
 
 def test_a_slow_test_says_why() -> None:
