@@ -13,33 +13,57 @@ from feeddrive.language.kernels.kernel import kernel
 from feeddrive.language.kernels.plain import zeros
 from feeddrive.language.kernels.source import Floats, Floats2, Floats3, Ints
 from feeddrive.path.schedule.hump import COLUMNS, fastest_cap, hump, hump_time, least_cap, piece_at, too_fast
-from feeddrive.path.schedule.ramp import boxcars, fit, jerk_before, phase, straight
+from feeddrive.path.schedule.ramp import fit, jerk_before, phase
 
 _TRIES = 8  # slow pieces of a stretch, of which one is held
-_ABOVE = 1.1  # of a speed that is held: to which ramps on either side are compared
+_HIGHEST, _LEAST = 16.0, 4.0  # times a speed that is held: up to which ramps on either side are compared
 MARGIN = 4e-15  # of the way that is planned at once: so long before a joint a ramp ends, for rounding not to cross it
 
 
 @kernel
-def _late(
-    begin: Floats, most: Floats3, caps: Floats2, limits: Floats2, u: float, sense: int, end: float, c: float
-) -> float:
-    """By how much a ramp from c at u, up to `_ABOVE` c, is later than that speed would be, s; it may go up to `end`."""
-    high = _ABOVE * c
-    first = piece_at(begin, u, sense > 0)
-    a, j, s = straight(most[first], limits)
-    one, two, three = boxcars(high - c, a, j, s)
-    far = min(abs(end - u), 4.0 * (c + high) * (one + two + three))
-    good, one, two, three, _ = fit(begin, most, caps, limits, u, first, sense, u + sense * far, c, high, False, 1.0)
-    if not good:
-        return abs(end - u) * (1.0 / c - 1.0 / high)
-    return (1.0 - 0.5 * (c + high) / high) * (one + two + three)
+def _gain(
+    begin: Floats, most: Floats3, caps: Floats2, limits: Floats2, near: float, far: float, sense: int, end: float,
+    c: float,
+) -> float:  # fmt: skip
+    """What is won by a ramp that begins at `far` with the speed c, not before, at `near`; s.  It may go up to `end`.
+
+    For the highest speed of some to which both have one.
+    """
+    factor = _HIGHEST
+    while factor > _LEAST:
+        high = factor * c
+        one = piece_at(begin, near, sense > 0)
+        good, a, b, d, _ = fit(begin, most, caps, limits, near, one, sense, end, c, high, False, 1.0)
+        if good:
+            two = piece_at(begin, far, sense > 0)
+            good, e, f, g, _ = fit(begin, most, caps, limits, far, two, sense, end, c, high, False, 1.0)
+            if good:
+                late = abs(far - near) * (1.0 / c - 1.0 / high)
+                return (1.0 - 0.5 * (c + high) / high) * (a + b + d - e - f - g) - late
+        factor = 0.5 * (1.0 + factor)
+    return 0.0
+
+
+@kernel
+def _leaves(
+    begin: Floats, caps: Floats2, now: Floats, first: int, low: int, high: int, last: int,
+    reached: float, ends: float, goes: float, behind: float, c: float,
+) -> bool:  # fmt: skip
+    """Whether ramps to c that end at `reached` and begin at `behind` leave a plateau, held from `ends` to `goes`."""
+    if ends > goes or ends >= now[1] or goes <= now[0]:
+        return False
+    # the ramp to the other node alone, as it is
+    if (ends <= now[0] and goes == behind) or (goes >= now[1] and ends == reached):
+        return False
+    return (
+        least_cap(caps, begin, first, low, reached, ends) >= c and least_cap(caps, begin, high, last, goes, behind) >= c
+    )
 
 
 @kernel
 def _split(
     begin: Floats, most: Floats3, caps: Floats2, limits: Floats2, now: Floats, p: int, c: float,
-    left: Floats, right: Floats, left2: Floats, right2: Floats,
+    left: Floats, right: Floats,
 ) -> bool:  # fmt: skip
     """Hold piece p at c from where the ramps from both nodes end: fill in what is left of it and right of it.
 
@@ -68,51 +92,46 @@ def _split(
     if not good:
         return False
     behind = now[1] - 0.5 * (now[3] + c) * (e + f + g)
-    late = -1.0
-    for wide in range(2):
-        one = low if wide == 1 else p
-        two = high if wide == 1 else p
-        if wide == 1 and low == p and high == p:
-            break
-        ends = max(begin[one] - margin, reached)
-        goes = min(begin[two + 1] + margin, behind)
-        if (
-            ends > goes or ends >= now[1] or goes <= now[0]
-            or least_cap(caps, begin, first, one, reached, ends) < c
-            or least_cap(caps, begin, two, last, goes, behind) < c
-        ):  # fmt: skip
-            continue
-        for k in range(COLUMNS):
-            left2[k] = 0.0
-            right2[k] = 0.0
-        left2[0] = now[0]
-        left2[1] = ends
-        left2[2] = now[2]
-        left2[3] = c
-        left2[4] = c
-        left2[5] = a
-        left2[6] = b
-        left2[7] = d
-        right2[0] = goes
-        right2[1] = now[1]
-        right2[2] = c
-        right2[3] = now[3]
-        right2[4] = c
-        right2[8] = e
-        right2[9] = f
-        right2[10] = g
-        # what it takes longer than at a speed a little above c, with the ramps to that on either side
-        other = (goes - ends) * (1.0 / c - 1.0 / (_ABOVE * c))
-        if ends > now[0]:
-            other = other + _late(begin, most, caps, limits, ends, -1, now[0], c)
-        if goes < now[1]:
-            other = other + _late(begin, most, caps, limits, goes, 1, now[1], c)
-        if late < 0.0 or other < late:
-            late = other
-            for k in range(COLUMNS):
-                left[k] = left2[k]
-                right[k] = right2[k]
-    return late >= 0.0
+    ends = max(begin[p] - margin, reached)
+    goes = min(begin[p + 1] + margin, behind)
+    wide_ends = max(begin[low] - margin, reached)
+    wide_goes = min(begin[high + 1] + margin, behind)
+    narrow = _leaves(begin, caps, now, first, p, p, last, reached, ends, goes, behind, c)
+    wide = (low < p or high > p) and _leaves(
+        begin, caps, now, first, low, high, last, reached, wide_ends, wide_goes, behind, c
+    )
+    if narrow and wide:
+        gain = 0.0
+        if wide_ends < ends:
+            gain = _gain(begin, most, caps, limits, ends, wide_ends, -1, now[0], c)
+        if wide_goes > goes:
+            gain = gain + _gain(begin, most, caps, limits, goes, wide_goes, 1, now[1], c)
+        narrow = gain <= 0.0
+    if not narrow and not wide:
+        return False
+    if not narrow:
+        ends = wide_ends
+        goes = wide_goes
+    for k in range(COLUMNS):
+        left[k] = 0.0
+        right[k] = 0.0
+    left[0] = now[0]
+    left[1] = ends
+    left[2] = now[2]
+    left[3] = c
+    left[4] = c
+    left[5] = a
+    left[6] = b
+    left[7] = d
+    right[0] = goes
+    right[1] = now[1]
+    right[2] = c
+    right[3] = now[3]
+    right[4] = c
+    right[8] = e
+    right[9] = f
+    right[10] = g
+    return True
 
 
 @kernel
@@ -216,8 +235,6 @@ def plan(
     free = zeros(COLUMNS)
     left = zeros(COLUMNS)
     right = zeros(COLUMNS)
-    left2 = zeros(COLUMNS)
-    right2 = zeros(COLUMNS)
     height = _beginning(begin, most, caps, limits, quick, u0, u1, v0, slow, stack)
     count = 0
     while height > 0:
@@ -241,7 +258,7 @@ def plan(
                 for _ in range(_TRIES):
                     if p < 0 or split:
                         break
-                    split = _split(begin, most, caps, limits, now, p, caps[p, 0], left, right, left2, right2)
+                    split = _split(begin, most, caps, limits, now, p, caps[p, 0], left, right)
                     p = too_fast(begin, caps, free, caps[p, 0])
                 if not split:
                     hump(begin, most, caps, limits, now, fastest_cap(begin, caps, now), False)
@@ -251,7 +268,7 @@ def plan(
                             break
                         c = 0.5 * c
                         split = _split(
-                            begin, most, caps, limits, now, slowest, c * caps[slowest, 0], left, right, left2, right2
+                            begin, most, caps, limits, now, slowest, c * caps[slowest, 0], left, right
                         ) and _whole(begin, most, caps, limits, left, right) < hump_time(now)
             if split:
                 if right[1] > right[0]:

@@ -18,7 +18,7 @@ from feeddrive.path.motion import cubic, way, when
 from feeddrive.path.schedule.room import cube_root
 
 _WALKS = 16  # along a ramp, in search of the quickest
-_NEAR = 0.006  # logarithm of the time that a ramp may be too slow
+_NEAR = 0.003  # logarithm of the time that a ramp may be too slow
 _ABOVE = 1.0 + 2e-9  # of speed, acceleration and jerk: what Newton's method leaves
 
 
