@@ -356,7 +356,7 @@ def timed(
             duration, piece, x, speed, acceleration, jerk, snap,
         )  # fmt: skip
         down = 0.5 * (v1 + peak) * (rows[k, 8] + rows[k, 9] + rows[k, 10])
-        if u1 - down > u:
+        if u1 - down - u > MARGIN * (begin[len(begin) - 1] - begin[0]):
             p = piece_at(begin, u, True)
             duration[count] = (u1 - down - u) / peak
             piece[count] = p
