@@ -98,6 +98,20 @@ def test_a_proof_states_the_largest_use_of_a_straight_move():
     assert "every limit holds" in str(found)
 
 
+def test_a_slow_line_near_the_start_of_a_long_curve_leaves_a_plan():
+    """5 mm at 42 mm/s, 2 mm at 2.1 mm/s, chords at 17 mm/s: of 40 peaks, each 3 % lower, none was low enough."""
+    angle = 0.05 * np.arange(100)
+    curve = 0.03 * np.column_stack([np.sin(angle), np.cos(angle) - 1.0, 0.0 * angle])
+    segments = lines(np.vstack([[[-0.007, 0.0, 0.0], [-0.002, 0.0, 0.0]], curve]), 0.0169)
+    feed = segments.feed.copy()
+    feed[:2] = 0.0423, 0.0021
+    (run,), _ = joined(segments._replace(feed=feed), np.full(len(feed), 1e-5))
+    motion = plan_run(run, LIMITS)
+    prover = Prover(LIMITS)
+    assert prover.prove(Part(run, motion, True)), prover.proof().faults[0]
+    assert float(np.sum(motion.duration)) <= 1.05 * float(np.sum(segments.length / feed))
+
+
 def test_no_limit_is_broken_on_random_curves():
     """In continuous time, by the interval proof, joints included; limits over decades, unequal axes, seed 1."""
     draw = np.random.default_rng(1)

@@ -13,6 +13,7 @@ from feeddrive.language.kernels.source import Floats, Floats2, Floats3
 from feeddrive.path.schedule.ramp import boxcars, fit, speed_at, straight
 
 _PEAKS = 40  # tried for a hump
+_FAR = 6  # of them none of which holds
 _FULL = 1.0 - 3e-6  # of a stretch: more ways of ramps need not be
 COLUMNS = 12
 
@@ -97,7 +98,7 @@ def hump(
     peak = max(_filling(u1 - u0, v0, v1, high, a, b, c, d, e, f, up, down), least)
     if low > 0.0 and peak <= 1.0005 * low:
         return True
-    for _ in range(_PEAKS):
+    for again in range(_PEAKS):
         if peak <= 0.0:
             break
         wanted = 0.0
@@ -140,6 +141,9 @@ def hump(
                 break
             if wanted <= 1.0005 * low or (fails and wanted >= 0.9995 * high):
                 wanted = sqrt(low * high) if low > 0.0 else max(0.3 * high, least)
+            if low == 0.0 and again >= _FAR:
+                # a slow piece is far from where the ramps are looked at: no peak near the high one holds
+                wanted = max(min(wanted, 0.3 * high), least)
         peak = wanted
     return stretch[4] > 0.0
 
