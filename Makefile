@@ -6,7 +6,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test slow slow-share mutate bench docs format clean
+.PHONY: help demo test types tests slow slow-share mutate bench docs format clean
 
 help:
 	@echo "make demo    install into $(VENV), run the bundled job, name the report to open"
@@ -24,9 +24,15 @@ demo: $(VENV)/installed
 test: $(VENV)/installed-dev
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
-	$(BIN)/pyright --pythonpath $(BIN)/python
 # workers and the commands that tests start read modules that are compiled, also where containers forbid to write them
 	$(BIN)/python -m compileall -q src
+# pyright has one thread, so that the tests begin beside it
+	@$(MAKE) --no-print-directory -j 2 types tests
+
+types: $(VENV)/installed-dev
+	$(BIN)/pyright --pythonpath $(BIN)/python
+
+tests: $(VENV)/installed-dev
 	$(BIN)/python -m pytest -n 2 --dist loadfile -m "not slow"
 
 slow: $(VENV)/installed-dev

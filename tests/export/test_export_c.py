@@ -111,7 +111,7 @@ def test_a_closed_loop_has_the_simulators_bits(name: str) -> None:
     assert same_bits(streamed(made, files(made), Trial(inputs, {})).outputs[:, 0], simulated["force"])
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", all_but(["cascade_ppi", "dadsc, mode"], LOOPS, WHY))
 def test_single_precision_has_the_bits_of_its_operations(name: str) -> None:
     """Against the same operations in Python, each rounded to single precision."""
     made = laid_out(LOOPS[name], "float")

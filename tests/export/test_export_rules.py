@@ -31,6 +31,7 @@ from feeddrive.language import tree
 from feeddrive.loop.routine import Routine
 from feeddrive.loop.routine_trace import controller_routine, plant_routine
 from feeddrive.tuning.candidates import candidates
+from slow_share import all_but
 
 PLANTS = {
     "two masses": TWO,
@@ -278,7 +279,7 @@ def asking(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str, str], tup
     return program_of
 
 
-@pytest.mark.parametrize("form", ["c", "header"])
+@pytest.mark.parametrize("form", all_but(["c"], ["c", "header"], "the same text in one file"))
 @pytest.mark.parametrize("name", DEFECTS)
 @pytest.mark.skipif(shutil.which("gcc") is None, reason="NOT TESTED: exported C needs gcc: apt-get install gcc")
 def test_a_refused_change_leaves_the_old_control_and_a_refused_start_the_safe_force(

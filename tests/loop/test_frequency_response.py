@@ -42,13 +42,13 @@ EXACT = FRF(F, np.array([0.3 + 0.4j, 3.0 + 0.0j, 0.1j]))
     ],
 )
 def test_the_variance_is_that_of_many_measurements(change: Callable[[FRF], FRF]) -> None:
-    """Against 4000 draws: a variance from n complex draws deviates by 1/sqrt(n), 1.6 %; five of that."""
+    """Against 1500 draws: a variance from n complex draws deviates by 1/sqrt(n), 2.6 %; five of that."""
     rng = np.random.default_rng(3)
-    draws = 4000
+    draws = 1500
     noise = (rng.standard_normal((draws, 3)) + 1j * rng.standard_normal((draws, 3))) * SMALL * abs(TRUTH) / np.sqrt(2)
     seen = np.array([change(measured(TRUTH + each)).response for each in noise])
     expected = np.mean(abs(seen - change(measured()).response) ** 2, axis=0)
-    assert change(measured()).variance == pytest.approx(expected, rel=0.08)
+    assert change(measured()).variance == pytest.approx(expected, rel=0.13)
 
 
 def test_two_measured_responses_leave_no_variance() -> None:
