@@ -34,12 +34,19 @@ snap_mm_per_s4 = 5e7
 """
 
 
+@pytest.fixture
+def no_report(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without the pictures, which take longer than all else and have a test of their own."""
+    monkeypatch.setattr(sys.modules["feeddrive.workflow.plan"], "build_plan", lambda _: "")
+
+
 def part(folder: Path, text: str = PART) -> Path:
     path = folder / "part.ngc"
     path.write_text(text, encoding="utf-8")
     return path
 
 
+@pytest.mark.usefixtures("no_report")
 def test_the_files_hold_what_the_plan_says(tmp_path: Path) -> None:
     """Setpoints keep the limits, end where the program ends, and each sample follows from the one before.
 
@@ -129,6 +136,14 @@ def test_the_course_holds_the_extremes_of_all_samples(tmp_path: Path) -> None:
     np.testing.assert_array_equal(course.position, whole[at, :, 0])
 
 
+@pytest.mark.parametrize(("mode", "stops"), [("", 0), ("G64\n", 0), ("G61\n", 1)])
+def test_a_tolerance_of_the_command_holds_where_the_program_states_none(mode: str, stops: int, tmp_path: Path) -> None:
+    """A gentle corner of 2 deg: within 50 um no stop, at exact stops one."""
+    path = part(tmp_path, f"{mode}G1 X10 F6000\nX20 Y0.35\nM2\n")
+    assert plan(path, machine="xy_table", tolerance=5e-5).stop_count == stops
+    assert plan(path, machine="xy_table").stop_count == 1
+
+
 def refused(folder: Path, text: str, **given: Any) -> str:
     chosen: dict[str, Any] = {"machine": "xy_table", "out": folder / "out", **given}
     with pytest.raises(FeeddriveError) as caught:
@@ -188,6 +203,7 @@ def test_a_machine_without_limits_says_what_to_add(tmp_path: Path) -> None:
         PlanRequest(Path("part.ngc"))
 
 
+@pytest.mark.usefixtures("no_report")
 def test_what_is_not_proven_leaves_no_setpoints(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A plan that uses 1e-6 more of its limits than there is: exit 1, the reason, plan.json alone."""
     made = setpoints.planned
@@ -203,6 +219,7 @@ def test_what_is_not_proven_leaves_no_setpoints(tmp_path: Path, monkeypatch: pyt
     assert sorted(each.name for each in out.iterdir()) == [".feeddrive", "plan.json", "report.html"]
 
 
+@pytest.mark.usefixtures("no_report")
 def test_a_cancelled_plan_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys.modules["feeddrive.workflow.plan"], "_SHOWN", 0.0)
 
@@ -236,6 +253,7 @@ def job_of(folder: Path) -> Path:
     return job
 
 
+@pytest.mark.usefixtures("no_report")
 def test_a_job_takes_a_program_as_the_reference_of_all_axes(tmp_path: Path) -> None:
     """Position to snap are those of the plan, bit for bit; the copy in the results reads the same program."""
     job = fd.read_job(job_of(tmp_path))
@@ -279,6 +297,7 @@ def test_a_wrong_program_section_is_refused(section: str, said: str, tmp_path: P
         fd.read_job(job)
 
 
+@pytest.mark.usefixtures("no_report")
 def test_stops_that_are_too_many_for_the_plan_stand_in_a_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for module in ("workflow.plan", "files.plan_files"):
         monkeypatch.setattr(sys.modules[f"feeddrive.{module}"], "FEW", 10)
@@ -293,6 +312,7 @@ def test_stops_that_are_too_many_for_the_plan_stand_in_a_file(tmp_path: Path, mo
 
 @pytest.mark.slow(reason="LinuxCNC's HAL runs a second at its own pace")
 @needs_linuxcnc
+@pytest.mark.usefixtures("no_report")
 def test_the_streamer_of_linuxcnc_gives_the_setpoints(tmp_path: Path) -> None:
     """Each line comes out of the pins, one a period, bit for bit."""
     plan(part(tmp_path, "G1 X5 Y2 F3000\nM2\n"), machine="xy_table", sample_time=1e-3, out=tmp_path / "out")

@@ -93,17 +93,19 @@ def plan_causes(plan: Planned) -> Any:
     whole = np.bincount(column, weights=lengths, minlength=_COLUMNS)
     shown = [name for name in names if plan.seconds.get(name, 0.0) > 2e-3 * plan.cycle_time]
     shown.sort(key=lambda name: -plan.seconds[name])
-    figure, axes = style.picture(max(len(shown), 1), height=0.8 + 0.36 * max(len(shown), 1))
-    for ax, name in zip(axes, shown, strict=False):
+    figure, (ax,) = style.picture(height=0.8 + 0.34 * max(len(shown), 1))
+    for row, name in enumerate(shown):
         here = found == names.index(name)
         part = np.bincount(column[here], weights=lengths[here], minlength=_COLUMNS) / np.maximum(whole, 1e-12)
-        ax.stairs(part, edges, fill=True, color=_cause_color(name))
-        ax.set_ylim(0.0, 1.0)
-        ax.set_yticks([])
-        ax.grid(visible=False)
-        ax.set_ylabel(name, rotation=0, ha="right", va="center", fontsize=style.SMALL)
-        style.note(ax, f"{100.0 * plan.seconds[name] / plan.cycle_time:.3g} %", x=1.075, y=0.2)
-    axes[-1].set_xlabel("time (s)", fontsize=style.TEXT)
+        ax.stairs(0.8 * part - row, edges, baseline=-row, fill=True, color=_cause_color(name))
+        ax.axhline(-row, color=style.GRID, linewidth=0.8)
+        told = f"{100.0 * plan.seconds[name] / plan.cycle_time:.3g} %"
+        ax.annotate(told, (1.005, -row + 0.4), xycoords=("axes fraction", "data"), ha="left", va="center",
+                    fontsize=style.SMALL, color=style.MUTED)  # fmt: skip
+    ax.set_yticks([0.4 - row for row in range(len(shown))], shown)
+    ax.set_ylim(0.1 - max(len(shown), 1), 1.0)
+    ax.grid(visible=False, axis="y")
+    ax.set_xlabel("time (s)", fontsize=style.TEXT)
     return figure
 
 

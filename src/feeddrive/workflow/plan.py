@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import contextlib
 from collections import Counter
-from collections.abc import Generator
+from collections.abc import Generator, Iterable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from time import monotonic
 
@@ -18,7 +19,7 @@ from feeddrive.language.errors import ParameterError
 from feeddrive.language.progress import Progress
 from feeddrive.path.limits import Limits
 from feeddrive.path.planned import FEW, Planned, Recorder
-from feeddrive.path.program.moves import Move
+from feeddrive.path.program.moves import Move, PathMode
 from feeddrive.path.program.reading import FrontEnd, read_program
 from feeddrive.path.setpoints import Setpoints, Standstill
 from feeddrive.report import build_plan
@@ -45,6 +46,10 @@ class PlanRequest(Request):
     tables_inch: bool = option("tools and offsets are in inches", default=False)
     skip_deleted: bool = option("leave out lines that begin with /", default=False)
     front_end: str = option("what reads the program", default="auto", options=("auto", "own", "rs274"))
+    tolerance: float | None = option(
+        "of corners where the program states none (G64 without P); it stops there if this is left out",
+        default=None, unit="m", entered="mm", above=0.0,
+    )  # fmt: skip
     sample_time: float | None = option(
         "from setpoint to setpoint; that of the machine's loops if it is left out",
         default=None, unit="s", entered="ms", above=0.0, most=1e3,
@@ -118,9 +123,10 @@ def _moves(request: PlanRequest, limits: Limits, progress: Progress) -> Generato
         tables_inch=request.tables_inch, skip_deleted=request.skip_deleted, front_end=front_end,
     )  # fmt: skip
     of = _lines_of(request.program)
+    stated = moves if request.tolerance is None else _with_tolerance(moves, request.tolerance)
     farthest, shown, watched = 0, monotonic(), monotonic()
     with contextlib.closing(moves):
-        for count, move in enumerate(moves):
+        for count, move in enumerate(stated):
             yield move
             farthest = max(farthest, move.source.number)
             if count % 64:
@@ -132,6 +138,19 @@ def _moves(request: PlanRequest, limits: Limits, progress: Progress) -> Generato
             if request.watch and now - watched >= _WATCHED:
                 watched = now
                 progress.remark(f"line {farthest:,} of {of:,}, {count:,} moves")
+
+
+def _with_tolerance(moves: Iterable[Move], tolerance: float) -> Iterator[Move]:
+    """Moves that are continuous within a tolerance where the program asks for a continuous path and states none."""
+    begun = False
+    for move in moves:
+        if isinstance(move, PathMode) and move.mode == "continuous" and move.tolerance == 0.0:
+            yield replace(move, tolerance=tolerance)
+        else:
+            if not begun and not isinstance(move, PathMode):
+                yield PathMode(move.source, "continuous", tolerance)
+            yield move
+        begun = True
 
 
 def _lines_of(program: Path) -> int:
