@@ -34,6 +34,7 @@ _CUTS = 8  # pieces of a blend
 LONELY = 4.5  # lengths of a blend; between longer lines a corner is passed quicker by runs that overlap
 _AHEAD = 0.05  # m, way of a cluster that is held
 _SHORT, _LONG = 6.0, 60.0  # steps of a cluster, at least: a whole one, and one whose end is not known
+_BENT = 0.2  # rad; next to an arc, where no bump is made, only sharper corners
 _SMOOTH = 1e-9  # rad, and of the curvature: less is no corner
 
 
@@ -92,7 +93,7 @@ def _passed(
     shorter = min(length[k], length[k + 1])
     if turn <= 1e-14 and jump * shorter <= 1e-14 and kind[k] == 0 and kind[k + 1] == 0:
         return 1, cosine, turn
-    alone = kind[k] == 0 and kind[k + 1] == 0 and lonely * tolerance[k] < BLEND * turn * shorter
+    alone = ((kind[k] == 0 and kind[k + 1] == 0) or turn > _BENT) and lonely * tolerance[k] < BLEND * turn * shorter
     if tolerance[k] > 0.0 and turn <= 2.0 * sharpest and not alone:
         return 2, cosine, turn
     return 0, cosine, turn
@@ -119,7 +120,7 @@ def join(
 
     tolerance  of the joint behind each segment, m; negative: stop there; 0: stop unless it is smooth
     sharpest   rad; at a corner beyond it the run stops
-    lonely     lengths of a blend; it stops at a corner of longer lines, too
+    lonely     lengths of a blend; it stops at a corner of longer segments, too, of arcs from 0.2 rad on
     begin      what the blend before has taken of the first segment
     flows      whether the run goes on where the first segment begins
     runs       number of the run of each piece
