@@ -115,6 +115,18 @@ def test_a_corner_in_smooth_chords_is_a_stop_and_one_in_noise_is_none() -> None:
     assert not joint.stop[:-1].any()
 
 
+def test_a_corner_between_clusters_shares_its_tolerance_with_them() -> None:
+    """Runs overlap in nine tenths of it where a spline begins or ends, whose first and last span keep one tenth."""
+    corners = with_corner()
+    segments = lines(corners, 0.1)
+    one, two = Joiner().join(Chain(segments, np.full(len(segments.length), 1e-5), True))[0]
+    assert one.tolerance == pytest.approx(9e-6)
+    for pieces in (part_of_pieces(one.pieces, len(one.pieces.length) - 1, len(one.pieces.length)), two.pieces):
+        assert distance(points(part_of_pieces(pieces, 0, 1), 40), corners).max() <= 1e-6
+    square = lines(np.array([[0.0, 0.0, 0.0], [0.02, 0.0, 0.0], [0.02, 0.02, 0.0]]), 0.1)
+    assert Joiner().join(Chain(square, np.full(2, 1e-5), True))[0][0].tolerance == 1e-5
+
+
 def test_lines_of_nearly_no_length_are_smoothed_with_the_others() -> None:
     """Down to 1e-17 m between lines of 0.1 mm, back and forth: proven; the path ends on the last corner."""
     draw = np.random.default_rng(17)

@@ -26,6 +26,7 @@ from feeddrive.path.geometry.spline import (
 LARGEST_STEP = 0.01  # m
 BLEND = 0.156  # distance of a blend over its length and 2 sin θ/2
 _SHARE = 0.999  # of the tolerance
+CROSSED = 0.9  # of it for the corner in which a run ends, where another one begins
 _ROUNDS = 40
 _ENOUGH = 40  # steps for each line
 _STRAIGHT = 1e-13  # rad, between lines in one direction
@@ -146,7 +147,8 @@ def _prepared(
 
 @kernel
 def fitted(
-    first: int, last: int, begin: float, end: float, straight_begin: bool, straight_end: bool, most_steps: float,
+    first: int, last: int, begin: float, end: float, straight_begin: bool, straight_end: bool,
+    crossed_begin: bool, crossed_end: bool, most_steps: float,
     fixed: int, many: int, begins: Floats2,
     length: Floats, shape: Floats3, origin: Floats2, tolerance: Floats, sharing: Floats,
     corner: Floats, group: Ints, slope: Floats2, floor: Floats, far: Floats,
@@ -157,7 +159,8 @@ def fitted(
 
     The number of steps, 0 if it fails, and of the places of goals.
 
-    begin, end  with `straight_...` the spline has to leave the line only behind them
+    begin, end  with `straight_...` the spline has to leave the line only behind them; with `crossed_...` it is a corner
+                that is passed within the tolerance, too, of which its last span leaves CROSSED
     most_steps  of the whole way that the longest step is at most a part of
     fixed       steps that are given, with all knots before, `many` places of goals from there on, and the state at the
                 first knot, `begins`; or 0
@@ -211,6 +214,8 @@ def fitted(
                     e, knots, curve[e], corner, origin, slope, sharing, k, last, state, control, bounded,
                     room[3], room[4], far,
                 )  # fmt: skip
+                if (e == ENDS and crossed_begin) or (e == ENDS + count - 1 and crossed_end):
+                    share = share / (1.0 - CROSSED)
                 most = max(most, share)
                 if share > 1.0:
                     where = max(where, at[0])

@@ -18,6 +18,7 @@ from feeddrive.language.kernels.source import Floats, Floats2, Floats3, Ints
 from feeddrive.path.geometry.blend import blend, part_of, state_near
 from feeddrive.path.geometry.cluster import (
     BLEND,
+    CROSSED,
     LARGEST_STEP,
     NEAR,
     carried,
@@ -28,7 +29,7 @@ from feeddrive.path.geometry.cluster import (
 )
 from feeddrive.path.geometry.segments import Chain
 from feeddrive.path.geometry.spline import ENDS, FITTED
-from feeddrive.path.pieces import Pieces, Section, derivatives, one_after_the_other, part_of_pieces, turned
+from feeddrive.path.pieces import POLYNOMIAL, Pieces, Section, derivatives, one_after_the_other, part_of_pieces, turned
 
 _CUTS = 8  # pieces of a blend
 LONELY = 4.5  # lengths of a blend; between longer lines a corner is passed quicker by runs that overlap
@@ -164,10 +165,13 @@ def join(
                 way = 0
             end = 0.5 * length[last] if way > 0 else 0.0
             leaves = flows and fixed == 0
+            crossed = not flows and fixed == 0
+            stops = way == 0 and not goes_on and last + 1 < n and tolerance[last] > 0.0
             steps, places = fitted(
-                k, last, 0.5 * length[k] if leaves else 0.0, end, leaves, way > 0, _LONG if goes_on else _SHORT,
-                fixed, goals, begins, length, shape, origin, tolerance, sharing, corner, group, slope, floor, far,
-                at, goal, at_next, goal_next, knots, x, control, segment, straight, curved, state, curve, room,
+                k, last, 0.5 * length[k] if leaves else 0.0, end, leaves, way > 0, crossed, stops,
+                _LONG if goes_on else _SHORT, fixed, goals, begins, length, shape, origin, tolerance, sharing,
+                corner, group, slope, floor, far, at, goal, at_next, goal_next, knots, x, control,
+                segment, straight, curved, state, curve, room,
             )  # fmt: skip
             if steps == 0 and fixed > 0:
                 return 0, 0, -1, 0.0, 0, 0
@@ -362,6 +366,8 @@ class Joiner:
         found = list[Section]()
         for i, j in pairwise(cuts):
             corner = float(corners[runs[i]]) if runs[i] < ended else 0.0
+            if columns[0][j - 1] == POLYNOMIAL or j == count or columns[0][j] == POLYNOMIAL:
+                corner = CROSSED * corner
             found.append(Section(Pieces(*(each[i:j] for each in columns)), bool(runs[i] < ended), corner))
         if known == 0 and begun:
             return found, joint  # more is waited for
