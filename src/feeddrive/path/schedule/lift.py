@@ -19,7 +19,8 @@ from feeddrive.path.schedule.spans import GRADE, POINTS, graded, in_time, instan
 from feeddrive.path.schedule.spline import quickest
 
 SHARES = (1.0 - 1e-4, 0.98, 0.98, 0.95)  # of the limits, at points: the rest is for what lies between them
-_FINE = 14.0  # spans in the time of seven phases
+_FINE = 7.0  # spans in the time of half a ramp
+_HALF = 4  # time pieces of it: all of a ramp as short as can be
 _FINEST = 0.02  # of the mean duration of time pieces; some have no more than what rounding leaves
 _TURNS = 0.15  # of u'/|u''| is the most that a span may last
 _NEAR_REST = 0.8  # of the first phase from rest, and of the last one to rest, stays as it is
@@ -27,7 +28,7 @@ _RESTS = 1e-9  # of the largest speed: it rests
 _TOGETHER = 6  # spans whose last one ends exactly where the spline does
 _STEPS = 40
 _PENALTIES = (1.0, 0.15, 1e-3)  # at first, where each round begins, and at last
-_ROUNDS = 10  # of proofs
+_ROUNDS = 8  # of proofs
 _TIGHTER = 0.01  # of a limit where the proof of it fails: twice that, then twice as much in each round
 _HELD = 0.3  # of the time of what is lifted waits for what follows
 _HUMP = 15  # time pieces of a ramp up, a plateau and a ramp down
@@ -72,7 +73,9 @@ class Lifter:
         rests = _rests(motion)
         found: list[Motion] = []
         come, n = 0, len(motion.duration)
-        for first, last in _sections(motion, rests, path.top):
+        waiting = _sections(motion, rests, path.top, part.pieces.length)[::-1]
+        while waiting:
+            first, last = waiting.pop()
             begins, ends = bool(rests[first]), bool(rests[last])
             lifted = path.lifted(_some(motion, first, last), begins, ends, spans if first == 0 else 0)
             if lifted is not None:
@@ -80,6 +83,8 @@ class Lifter:
                 come = last
                 if last == n and not ends:
                     self._spans = len(lifted.duration) - begins  # it goes on
+            else:
+                waiting += _halves(motion, first, last)
         found.append(_some(motion, come, n))
         part = part._replace(motion=_one(found))
         if self._spans:
@@ -153,10 +158,10 @@ class _Path:
     def _spline(self, motion: Motion, end: np.ndarray, spans: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Times of knots, knots and coefficients of u'²(u) near a motion, with its states at the ends."""
         n = len(motion.duration)
-        wide = min(7, n)
+        wide = min(_HALF, n)
         sums = np.convolve(motion.duration, np.ones(wide), "valid")
         padded = np.concatenate([np.full(wide - 1, np.inf), sums, np.full(wide - 1, np.inf)])
-        step = np.lib.stride_tricks.sliding_window_view(padded, wide).min(axis=1) * (7 / wide / _FINE)
+        step = np.lib.stride_tricks.sliding_window_view(padded, wide).min(axis=1) * (1.0 / _FINE)
         step[:spans] = motion.duration[:spans]
         step = np.maximum(step, _FINEST * np.mean(motion.duration))
         edge = np.concatenate([step[:1], np.minimum(step[1:], step[:-1]), step[-1:]])
@@ -193,10 +198,12 @@ class _Path:
         return _Points(*(each[:count] for each in made))
 
 
-def _sections(motion: Motion, rests: np.ndarray, top: np.ndarray) -> list[tuple[int, int]]:
+def _sections(motion: Motion, rests: np.ndarray, top: np.ndarray, length: np.ndarray) -> list[tuple[int, int]]:
     """Time pieces, from first to before last, that can be lifted: between rests and plateaus as fast as can be."""
     flat = (motion.acceleration == 0.0) & (motion.jerk == 0.0) & (motion.snap == 0.0)
-    end = np.append(motion.piece[1:], len(top) - 1)
+    # a time piece that ends at a joint does not see the piece behind it
+    end = np.append(motion.piece[1:] - (motion.x[1:] <= 1e-9 * length[motion.piece[1:]]), len(top) - 1)
+    end = np.maximum(end, motion.piece)
     for m in np.flatnonzero(flat):
         flat[m] = motion.speed[m] >= _TOP * np.max(top[motion.piece[m] : end[m] + 1])
     found: list[tuple[int, int]] = []
@@ -206,6 +213,16 @@ def _sections(motion: Motion, rests: np.ndarray, top: np.ndarray) -> list[tuple[
             found.append((first, int(last)))
         first = int(last) + (1 if last < len(flat) and flat[last] else 0)
     return found
+
+
+def _halves(motion: Motion, first: int, last: int) -> list[tuple[int, int]]:
+    """What is lifted in place of a section that cannot be: both sides of its middle node, the second one first."""
+    inner = np.arange(first + _HUMP, last - _HUMP)
+    nodes = inner[(motion.acceleration[inner] == 0.0) & (motion.jerk[inner] == 0.0)]
+    if not len(nodes):
+        return []
+    k = int(nodes[np.argmin(np.abs(nodes - 0.5 * (first + last)))])
+    return [(k, last), (first, k)]
 
 
 def _rests(motion: Motion) -> np.ndarray:

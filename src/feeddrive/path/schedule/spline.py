@@ -21,6 +21,7 @@ from feeddrive.language.kernels.plain import zeros
 from feeddrive.language.kernels.source import Floats, Floats2, Floats3, Ints
 
 _LOOSE = 1.03  # times the share of a point that breaks a limit: what it may take
+_TOUCHES = 1.0 - 1e-6  # a share as large is taken for one that breaks a limit: its penalty would be too steep
 _INWARDS = 0.3  # the least penalty while one does
 _NEARER = 0.1  # of the way to a limit is left by a step at least
 _FALL = 0.4  # of the penalty in a step
@@ -245,10 +246,9 @@ def quickest(
     for _ in range(steps):
         above = 0
         for p in range(len(span)):
-            loose[p] = 1.0
+            loose[p] = 1.0 if share[p] < _TOUCHES else _LOOSE * share[p]
             if share[p] >= 1.0:
                 above = above + 1
-                loose[p] = _LOOSE * share[p]
         if above > 0:
             penalty = max(penalty, _INWARDS)
         _system(span, row, r, most, full, loose, weight, away, penalty, coefficient, slope, band)
