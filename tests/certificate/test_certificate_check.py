@@ -184,7 +184,7 @@ CHANGES = [
     (other_sample_time, "half the sample rate"),
     (fewer_digits, "Kp is not a number of float32"),
     (other_version, "version"),
-    (other_format, "not a certificate"),
+    (other_format, "no certificate"),
     (a_decimal, "hexadecimal"),
     (huge, "out of range"),
     (beyond_all, "out of range"),

@@ -46,7 +46,7 @@ def test_a_machine_gets_a_certificate_and_a_report(tmp_path: Path) -> None:
     assert "PROVEN: plants: 1" in run("check", str(out / "certificate.json"))
     text = (out / "certificate.json").read_text().replace('"confidence": 0.95', '"confidence": 0.9')
     (tmp_path / "other.json").write_text(text)
-    assert "REFUSED: its content does not fit its SHA-256" in run("check", str(tmp_path / "other.json"), code=1)
+    assert "other.json: its content does not fit its SHA-256" in run("check", str(tmp_path / "other.json"), code=1)
 
 
 def measured(tmp_path: Path) -> str:

@@ -107,6 +107,15 @@ def test_several_logs_and_a_position_that_is_differenced_give_the_same_curve(tmp
     assert '[axis.x.friction_load]\nkind = "stribeck"' in section
 
 
+def test_an_offset_of_a_hundredth_of_friction_becomes_no_force(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It is found, by the criterion and by 10 of its errors, and is said; an axis of a machine is not pulled by it."""
+    monkeypatch.setattr("test_friction_command.OFFSET", -0.3)
+    output = called(written(tmp_path, both()), *NAMED, "--out", str(tmp_path / "out"))
+    assert "stribeck with offset" in output
+    assert "gravity" not in (tmp_path / "out" / "machine.toml").read_text(encoding="utf-8")
+    assert "becomes no constant force: that takes more than 3 of its errors and 5 % of Coulomb friction" in output
+
+
 def test_friction_goes_where_the_axis_has_it(tmp_path: Path) -> None:
     log = written(tmp_path, both())
     output = " ".join(called(log, *NAMED, "--machine", "ball_screw", "--out", str(tmp_path / "out")).split())

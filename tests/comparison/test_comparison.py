@@ -23,7 +23,7 @@ from feeddrive.blocks.feedforward.disturbance_compensator import DisturbanceComp
 from feeddrive.blocks.observer.disturbance_recovery import DisturbanceRecovery
 from feeddrive.blocks.reference.snap_limited_move import SnapLimitedMove
 from feeddrive.cli.terminal import show
-from feeddrive.comparison.compare import PLAIN, TODAY, Comparison, compare_laws
+from feeddrive.comparison.compare import FIXED, PLAIN, TODAY, Comparison, compare_laws
 from feeddrive.comparison.figures import CRITERIA, Criterion, duty_of, ranks
 from feeddrive.comparison.report import figures_csv, write_comparison
 from feeddrive.files.machine import MachineFile, read_machine
@@ -251,6 +251,21 @@ class HandWheel(Law):
         velocity = (reading.position_load - state.position) / T
         integral = state.integral + self.Ki * T * error
         return self.State(reading.position_load, integral), self.Kp * (self.Kv * error - velocity) + integral
+
+
+class Spring(Law):
+    """A spring and a damper that are chosen: nothing is left to tune."""
+
+    stiffness: float = parameter("N/m", "force per following error", above=0, default=4e5)
+    damping: float = parameter("N s/m", "force per velocity", above=0, default=4e3)
+
+    def start(self, prepared, setpoint, reading):
+        return reading.position_load
+
+    def step(self, prepared, state, setpoint, reading, T):
+        velocity = (reading.position_load - state) / T
+        error = setpoint.position - reading.position_load
+        return reading.position_load, self.stiffness * error - self.damping * velocity
 '''
 
 
@@ -260,9 +275,16 @@ def test_a_law_of_ones_own_by_package_and_class(tmp_path: Path, monkeypatch: pyt
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "path", [*sys.path])
     law = imported(Law, "my_own_laws:HandWheel")
-    found = compare_laws(read_machine("linear_motor"), laws=[law], reference=SHORT, starts=1)
-    assert [each.name for each in found.competitors] == [TODAY, PLAIN, "hand wheel"]
+    spring = imported(Law, "my_own_laws:Spring")
+    found = compare_laws(read_machine("linear_motor"), laws=[law, spring], reference=SHORT, starts=1)
+    assert [each.name for each in found.competitors] == [TODAY, PLAIN, "hand wheel", "spring"]
     assert found["hand wheel"].figures["noise_gain_N_per_m"] is not None
+    left = found["spring"]  # ended the whole comparison: no tunables
+    assert left.tuned is None
+    assert left.figures["noise_gain_N_per_m"] is not None
+    assert FIXED in left.remark
+    assert "Nothing to tune, so judged as it is: spring." in in_short(found)
+    write_comparison(found, tmp_path / "report")
     for place, why in (
         ("my_own_laws:Nothing", "there is no class 'Nothing'"),
         ("no_such_package:Law", "cannot be imported"),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import html
 import json
+import math
 import re
 from functools import cache
 from pathlib import Path
@@ -17,14 +18,16 @@ from feeddrive.blocks.reference.snap_limited_move import SnapLimitedMove
 from feeddrive.files.machine import BUNDLED, machine_toml, read_machine
 from feeddrive.files.run_files import summary_text
 from feeddrive.language import tree
-from feeddrive.language.errors import ParameterError, StructureError
+from feeddrive.language.errors import FeeddriveError, ParameterError, StructureError
 from feeddrive.language.units import turning, turning_text
 from feeddrive.loop.machine import Machine
 from feeddrive.loop.simulate import simulate
 from feeddrive.workflow.certify import certify
 from feeddrive.workflow.command import Outcome
 from feeddrive.workflow.excite import excite
+from feeddrive.workflow.force import force
 from feeddrive.workflow.identify import identify, machine_text
+from feeddrive.workflow.request import fields_of
 from feeddrive.workflow.run_job import run, summary
 from feeddrive.workflow.tune import tune
 from feeddrive.workflow.tune_sources import in_metres
@@ -263,6 +266,28 @@ def test_what_does_not_fit_an_axis_that_turns_is_refused(tmp_path: Path) -> None
 
 
 @pytest.mark.slow(reason="a search of gains with certificate and report")
+def test_errors_inside_a_command_are_in_the_units_of_an_axis_that_turns(tmp_path: Path) -> None:
+    """A table that reaches its limit; a job at whose 5th sample it diverges; the same of an axis that does not turn."""
+    with pytest.raises(FeeddriveError) as refused:
+        excite(FILE, band="10..100", amplitude=1e4)
+    assert not linear_units(str(refused.value)), refused.value
+    assert "N m" in str(refused.value)
+    with pytest.raises(FeeddriveError) as moving:
+        certify(FILE, velocity=math.nan)
+    assert not linear_units(str(moving.value)), moving.value
+    with pytest.raises(FeeddriveError) as other:
+        excite("ball_screw", band="10..100", amplitude=1e6)
+    assert re.search(r"\d N[ ,;.:]", str(other.value)), other.value
+
+
+def test_help_has_both_units() -> None:
+    said = {each.name: each.help() for each in fields_of(excite.request)}  # type: ignore[arg-type]
+    assert "(N; N m of an axis that turns)" in said["force"]
+    assert "(m; rad of an axis that turns)" in said["travel"]
+    given = {each.name: each.help() for each in fields_of(force.request)}  # type: ignore[arg-type]
+    assert "axis that turns" not in given["lead"] + given["motor_constant"]
+
+
 def test_the_way_from_the_log_to_a_tuned_loop(tmp_path: Path) -> None:
     identify(log(tmp_path), machine="rotary_table", axis="c", out=tmp_path / "found")
     machine = tmp_path / "found" / "machine.toml"

@@ -114,7 +114,7 @@ class DriveFile:
 
 def read_drive(path: str | Path) -> DriveFile:
     """Read a drive file. Raises FileError and ParameterError with file and line."""
-    file = read_toml(path)
+    file = read_toml(path, "a drive file")
     root = file.root()
     drive = read_block(BusDrive, root, besides={"interface", "bitrate", "axis"})
     interface, bitrate = root.values.get("interface"), root.values.get("bitrate")

@@ -37,6 +37,7 @@ Numerators = dict[tuple[int, int], Poly]  # by output and input
 Polynomials = tuple[Poly, Numerators]
 
 FORMAT, VERSION, MOST_BYTES = "feeddrive certificate", 1, 64_000_000
+OTHER = "it is no certificate; give the certificate.json that `feeddrive certify` wrote"
 KEPT = Fraction(999, 1000)  # of a claimed reserve that is proven
 NODES, DEPTH = 20_000, 160  # stretches of u before the check gives up
 BROKEN = (LookupError, TypeError, AttributeError, ValueError, ArithmeticError, RecursionError)
@@ -263,8 +264,8 @@ def parse(content: bytes) -> dict[str, Any]:
     try:
         document = json.loads(content.decode(), object_pairs_hook=once, parse_constant=refuse)
     except (ValueError, RecursionError) as error:
-        raise RefusedError(f"it is no certificate, as it is not JSON or cut off: {str(error)[:80]}") from None
-    need(isinstance(document, dict), "it is not a certificate of feeddrive")
+        raise RefusedError(f"{OTHER}: not JSON, or cut off: {str(error)[:80]}") from None
+    need(isinstance(document, dict), OTHER)
     return document
 
 
@@ -337,7 +338,7 @@ def inside(plant: Any, Dp: Poly, Np: Numerators, bands: Bands, sure: float, T: f
 
 def verified(document: Mapping[str, Any]) -> list[str]:
     """The proof, a sentence for each plant; RefusedError with the reason if anything does not hold."""
-    need(document.get("format") == FORMAT, "it is not a certificate of feeddrive")
+    need(document.get("format") == FORMAT, OTHER)
     need(document.get("version") == VERSION, f"its version is {document.get('version')!r:.20}, this is for {VERSION}")
     missing = {"sample_time_s", "arithmetic", "numbers", "control", "plants", "outside", "confidence"} - set(document)
     need(not missing, f"it has no {', '.join(sorted(missing))}")
@@ -381,17 +382,16 @@ def checked(path: str) -> tuple[list[str], bool]:
     except OSError as error:
         said = [f"REFUSED: {path} cannot be read: {error.strerror}"]
     except RefusedError as error:
-        said = [f"REFUSED: {error}"]
+        said = [f"REFUSED: {path}: {error}"]
     except BROKEN as error:
-        said = [f"REFUSED: it is not built as a certificate is: {type(error).__name__} {error}"]
+        said = [f"REFUSED: {path}: it is not built as a certificate is: {type(error).__name__} {error}"]
     shown = (" ".join(line.split()) for line in said)
     return ["".join(c if c.isprintable() and c.isascii() else "?" for c in line) for line in shown], proven
 
 
 def main(arguments: list[str]) -> int:
     """Check one file; the last line is the verdict."""
-    usage = ["REFUSED: give one file: check.py CERTIFICATE.json"]
-    said, proven = checked(arguments[0]) if len(arguments) == 1 else (usage, False)
+    said, proven = checked(arguments[0]) if len(arguments) == 1 else (["REFUSED: give one certificate.json"], False)
     sys.stdout.write("\n".join(said) + "\n")
     return 0 if proven else 1
 

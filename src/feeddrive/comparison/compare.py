@@ -39,9 +39,11 @@ from feeddrive.loop.simulate import Run, simulate
 from feeddrive.tuning.candidates import PLAIN, Candidate, Refusal, candidates
 from feeddrive.tuning.trajectory_prefilter import tune_prefilter
 from feeddrive.tuning.trials import iterate_trials
+from feeddrive.tuning.tunables import own_tunables
 from feeddrive.tuning.tuned import Tuned
 
 TODAY = "today's gains"
+FIXED = "it has nothing to tune and is judged as it is"
 _TRIALS = 6  # in which a compensator learns
 # key, factor and digits of the figures of the short table
 _SHOWN = (
@@ -207,7 +209,7 @@ def compare_laws(
     progress           reports each step, and how many there are
 
     The present control comes first and is not changed, stable or not.  A law that does not fit the axis is refused
-    with the reason.  Raises ParameterError for an axis or a law that is not there.
+    with the reason, one with nothing to tune is judged as it is.  Raises ParameterError for an unknown axis or law.
     """
     if not isinstance(machine, MachineFile):  # pyright: ignore[reportUnnecessaryIsInstance]
         remedy = "run a job with fd.run(job)" if isinstance(machine, Job) else "give what fd.read_machine(...) returns"
@@ -222,19 +224,29 @@ def compare_laws(
         raise ParameterError(f"noise_ratio = {noise_ratio:g} must be >= 1: P-PI itself has 1")
     rule = Rule(sensitivity_peak, delay_margin_samples, noise_ratio, velocity, starts)
     kept = None if keep is None else Kept(Path(keep))
-    searched = [each for each in possible if not each.like]
+    searched = [each for each in possible if not each.like and own_tunables(each.loop.control)]
     bar = Bar(progress, len(searched), len(possible) + 1)
     tuned, rule = tuned_all(searched, rule, workers, bar, kept)
     bar.next(f"{TODAY}: the work")
     competitors = [_judged(TODAY, loop, None, "as in the machine file", duty, rule, seed)]
+    refusals = [*refused, *(found for found in tuned.values() if isinstance(found, Refusal))]
     for candidate in possible:
         bar.next(f"{candidate.name}: the work")
+        made = tuned.get(candidate.like or candidate.name)  # None: the law has nothing to tune
+        if isinstance(made, Refusal):
+            if candidate.like:
+                refusals.append(Refusal(candidate.name, f"'{made.name}', whose gains it takes, cannot control it"))
+            continue
+        ready = candidate.loop if made is None else made.loops[0]
         if candidate.like:
-            tuned[candidate.name] = _like(candidate, tuned, duty, seed)
-        made = tuned[candidate.name]
-        if isinstance(made, Tuned):
-            competitors.append(_judged(candidate.name, made.loops[0], made, candidate.remark, duty, rule, seed))
-    refusals = [*refused, *(found for found in tuned.values() if isinstance(found, Refusal))]
+            try:
+                ready = _like(candidate, ready.control.law, duty, seed)
+            except FeeddriveError as error:
+                refusals.append(Refusal(candidate.name, str(error)))
+                continue
+            made = None if made is None else replace(made, control=ready.control, loops=(ready,))
+        remark = candidate.remark if made else "; ".join(each for each in (candidate.remark, FIXED) if each)
+        competitors.append(_judged(candidate.name, ready, made, remark, duty, rule, seed))
     if all(each.move is None for each in competitors):
         reasons = "; ".join(f"{each.name}: {each.unfit}" for each in competitors)
         raise UnstableError(f"{machine.file.name}: axis '{name}': no law can be run on it: {reasons}")
@@ -271,21 +283,15 @@ def _velocity(duty: Duty, loop: Loop) -> float:
     return 0.5 * largest if largest > 0.0 else 0.01
 
 
-def _like(candidate: Candidate, known: Mapping[str, Tuned | Refusal], duty: Duty, seed: int) -> Tuned | Refusal:
-    """What differs from another candidate in the setpoint's path only takes over its gains."""
-    made = known.get(candidate.like)
-    if not isinstance(made, Tuned):
-        return Refusal(candidate.name, f"it takes over the gains of '{candidate.like}', which cannot control this axis")
-    loop = replace(candidate.loop, control=replace(candidate.loop.control, law=made.control.law))
-    try:
-        if candidate.then == "trials":
-            loop = iterate_trials(loop, duty.move, _TRIALS, seed=seed).loop
-        if candidate.then == "prefilter":
-            fitted = tune_prefilter(loop, duty.move, seed=seed)[-1].prefilter
-            loop = replace(loop, control=replace(loop.control, prefilter=fitted))
-    except FeeddriveError as error:
-        return Refusal(candidate.name, str(error))
-    return replace(made, control=loop.control, loops=(loop,))
+def _like(candidate: Candidate, law: Law, duty: Duty, seed: int) -> Loop:
+    """The loop of a candidate that differs from another one in the setpoint's path only, with the law of that one."""
+    loop = replace(candidate.loop, control=replace(candidate.loop.control, law=law))
+    if candidate.then == "trials":
+        return iterate_trials(loop, duty.move, _TRIALS, seed=seed).loop
+    if candidate.then == "prefilter":
+        fitted = tune_prefilter(loop, duty.move, seed=seed)[-1].prefilter
+        return replace(loop, control=replace(loop.control, prefilter=fitted))
+    return loop
 
 
 def _judged(name: str, loop: Loop, tuned: Tuned | None, remark: str, duty: Duty, rule: Rule, seed: int) -> Competitor:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import tomllib
 import zlib
 from collections.abc import Callable
 from functools import cached_property
@@ -34,6 +35,8 @@ _PIECE = 10_000_000  # bytes that gzip unpacks at a time: a decompression bomb i
 _LEAST = 256  # bytes that a member of a gzip file is given first
 _PAD = 65536  # bytes of zeros between members that are skipped at a time
 _HDF5 = b"\x89HDF\r\n\x1a\n"
+_MOST_TOML = 4_000_000  # bytes; no TOML file of ours is larger
+_PAIR = re.compile(rb"(?:\s*#[^\n]*\n|\s)*(?:\[[^,\n]*\]|[\w.\"'-]+[ \t]*=)")  # how a TOML file begins
 _READABLE = "MATLAB (.mat), CSV, Parquet, numpy (.npy), UFF 58, MDF4, also packed by gzip"
 
 # text formats that have a header of their own
@@ -147,8 +150,21 @@ def refuse_others(name: str, content: bytes, readable: str) -> None:
     for start, what, advice in _OTHERS:
         if content.startswith(start):
             raise LogError(f"{name}: is {what}, not a log that can be read ({readable}); {advice}")
+    if _is_toml(content):
+        raise LogError(f"{name}: is a TOML file, not a log that can be read ({readable}); give the log itself")
     if not content.startswith((b"\xff\xfe", b"\xfe\xff")) and re.search(rb"[\0-\x08\x0e-\x1f]", content[:65536]):
         raise LogError(f"{name}: is a binary file of an unknown kind; readable are {readable}{_expected(name)}")
+
+
+def _is_toml(content: bytes) -> bool:
+    """Whether a text is TOML: a machine file, a job, the roles of columns. A table of numbers never is."""
+    if not _PAIR.match(content[:65536]) or len(content) > _MOST_TOML:
+        return False
+    try:
+        tomllib.loads(content.decode())
+    except ValueError:  # no TOML, no UTF-8
+        return False
+    return True
 
 
 def _expected(name: str) -> str:

@@ -143,7 +143,7 @@ def read_job(path: JobLike, log: str | Path | None = None) -> Job:
     if not isinstance(path, str | Path):  # pyright: ignore[reportUnnecessaryIsInstance]
         raise ParameterError(f"a job is a file, a bundled name or fd.read_job(...), not a {type(path).__name__}")
     place = found(path, "jobs")
-    file = read_toml(place)
+    file = read_toml(place, "a job")
     root = file.root()
     root.refuse_unknown(_KEYS)
     machine = _machine(root, place)

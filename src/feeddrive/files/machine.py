@@ -136,7 +136,7 @@ def read_machine(path: MachineLike, *, quoting: bool = True) -> MachineFile:
         raise ParameterError(
             f"a machine is a file, a bundled name or fd.read_machine(...), not a {type(path).__name__}"
         )
-    file = read_toml(found(path, "machines"), quoting=quoting)
+    file = read_toml(found(path, "machines"), "a machine file", quoting=quoting)
     root = file.root()
     text = {name: _text(root, name) for name in _TEXTS}
     sections = root.named("axis")

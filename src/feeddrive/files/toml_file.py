@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 import tomllib
 from bisect import bisect_right
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -292,13 +292,47 @@ def is_rotary(content: Mapping[str, Any], key: Key) -> bool:
     return isinstance(axis, dict) and axis.get("rotary") is True
 
 
-def read_toml(path: str | Path, *, quoting: bool = True) -> TomlFile:
+# what a file is by its keys, and what takes it
+_KINDS: dict[str, tuple[Callable[[Mapping[str, Any]], bool], str]] = {
+    "a machine file": (
+        lambda keys: isinstance(keys.get("axis"), dict),
+        "it has sections [axis.NAME]; `feeddrive tune`, `export` and others take it, and a job names it",
+    ),
+    "a job": (
+        lambda keys: isinstance(keys.get("machine"), str) and not keys.keys().isdisjoint({"reference", "law", "log"}),
+        "it names a machine file, as  machine = ...; `feeddrive run` takes it",
+    ),
+    "a drive file": (
+        lambda keys: isinstance(keys.get("interface"), str),
+        "it has an interface, scaling and limits; `feeddrive play` and `listen` take it by --drive",
+    ),
+    "roles of a log's columns": (
+        lambda keys: isinstance(keys.get("log"), dict) and "machine" not in keys,
+        "`feeddrive channels` writes it, and other commands take it by --channels",
+    ),
+}
+_PAIR = re.compile(r"^\s*(?:\[[^,]*\]\s*(?:#.*)?$|[\w.\"'-]+\s*=)", re.MULTILINE)
+
+
+def read_toml(path: str | Path, wanted: str = "", *, quoting: bool = True) -> TomlFile:
     """Read a TOML file. Raises FileError with file, line and what to do if it is missing, too large or not TOML.
 
+    wanted   "a machine file", "a job" or "a drive file": a file of another kind is refused, and its kind is said
     quoting  show the line in errors; False for a file that is named only by another file
     """
-    content = read_whole(path, MOST_BYTES)
-    return parse_toml(_decoded(str(path), content), str(path), quoting=quoting)
+    name, content = str(path), read_whole(path, MOST_BYTES)
+    try:
+        text = _decoded(name, content)
+    except FileError as error:
+        raise FileError(f"{error}; {wanted} is wanted here" if wanted else str(error)) from None
+    if wanted and text.strip() and not _PAIR.search(text):
+        raise FileError(f"{name}: is no TOML text; {wanted} is wanted here: {_KINDS[wanted][1]}")
+    file = parse_toml(text, name, quoting=quoting)
+    is_kind = {kind: fits(file.content) for kind, (fits, _) in _KINDS.items()}
+    if wanted and not is_kind[wanted] and any(is_kind.values()):
+        other = next(kind for kind, fits in is_kind.items() if fits)
+        raise FileError(f"{name}: is {other}, not {wanted}; {_KINDS[other][1]}")
+    return file
 
 
 def _decoded(name: str, content: bytes) -> str:

@@ -10,6 +10,8 @@ from feeddrive.language.errors import ParameterError
 from feeddrive.language.table import Table
 
 NORMAL = 1.959963985  # half width of a 95 % interval of a normal error, in standard errors
+SIGNIFICANT = 3.0  # standard errors beyond which an offset is not 0
+LEAST_PULL = 0.05  # share of Coulomb friction beyond which an offset is a force of the axis
 
 
 @dataclass(frozen=True)
@@ -94,6 +96,15 @@ class Estimate:
         factor = lever ** power(self.unit)
         unit = table_unit(self.unit)
         return replace(self, value=factor * self.value, unit=unit, error=factor * self.error, ols=factor * self.ols)
+
+
+def pulls(offset: Estimate, coulomb: float) -> bool:
+    """Whether an offset is a force of the axis: more than 3 standard errors and 5 % of Coulomb friction.
+
+    A smaller one cannot move the axis, and counts of the encoder at rest make it too: their error is the same for
+    hundreds of rows, more than standard errors account for.
+    """
+    return abs(offset.value) > max(SIGNIFICANT * offset.error, LEAST_PULL * coulomb)
 
 
 def estimates_table(title: str, estimates: tuple[Estimate, ...]) -> Table:

@@ -14,7 +14,7 @@ from feeddrive.blocks.friction.coulomb import Coulomb
 from feeddrive.blocks.friction.directional import Directional
 from feeddrive.blocks.friction.directional_stribeck import DirectionalStribeck
 from feeddrive.blocks.friction.stribeck import Stribeck
-from feeddrive.identification.estimate import SHAFT, Estimate, Frame, estimates_table, require_table
+from feeddrive.identification.estimate import SHAFT, Estimate, Frame, estimates_table, pulls, require_table
 from feeddrive.identification.regression import TracedForce, errors, information, likely_memory, steady_curve
 from feeddrive.identification.steady_runs import SteadyRuns
 from feeddrive.language import tree
@@ -194,6 +194,11 @@ class FrictionCurve(Result):
         """The curve as a friction block; raises ParameterError while it is one of a shaft."""
         require_table(self.frame, "the friction curve")
         return self.model.block(self.values)
+
+    @property
+    def is_pulled(self) -> bool:
+        """Whether the offset is a force of the axis (`pulls`)."""
+        return self.model.offset and pulls(self["offset"], self["coulomb"].value)
 
     def gravity(self) -> Gravity | None:
         """The constant force behind the offset, as it acts on the table; None without one."""

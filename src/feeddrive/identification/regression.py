@@ -85,13 +85,16 @@ def ols_covariance(columns: np.ndarray, residual: np.ndarray) -> np.ndarray:
     return float(residual @ residual) / max(n - p, 1) * _inverse(columns)
 
 
-def robust_covariance(columns: np.ndarray, residual: np.ndarray, lags: int | None = None) -> np.ndarray:
+def robust_covariance(
+    columns: np.ndarray, residual: np.ndarray, lags: int | None = None, *, smooth: int = 1
+) -> np.ndarray:
     """n / (n - p) (XᵀX)⁻¹ S (XᵀX)⁻¹, with S the long-run covariance of the scores z(k) = x(k) r(k):
 
         S = Γ(0) + Σ w(j) (Γ(j) + Γ(j)ᵀ),   Γ(j) = Σ z(k) z(k-j)ᵀ,   w(j) = 1 - j / (lags + 1)
 
     columns   shape (n, p), or (signals, n, p) for several signals with errors that are correlated at each time
     residual  shape (n,), or (signals, n)
+    smooth    sums of up to so many rows show how long scores hang together, where white noise hides it row by row
 
     The residual may have any autocorrelation of finite length.  `lags` follows from that length if it is not given:
     1.1447 (α n)^⅓ of Andrews 1991, taken twice, with α from the first autocorrelation of each score.  S is the more
@@ -102,7 +105,11 @@ def robust_covariance(columns: np.ndarray, residual: np.ndarray, lags: int | Non
     stacked = columns if columns.ndim == 3 else columns[None]
     remains = residual if residual.ndim == 2 else residual[None]
     n, p = stacked.shape[1:]
-    return n / max(n - p, 1) * _long_run(_scores(stacked, remains), lags)
+    scores = _scores(stacked, remains)
+    if lags is None and smooth > 1:
+        widths = [1 << power for power in range(smooth.bit_length())]
+        lags = max(width * memory(_summed(scores, width)) for width in widths)
+    return n / max(n - p, 1) * _long_run(scores, lags)
 
 
 def _scores(columns: np.ndarray, residual: np.ndarray) -> np.ndarray:
@@ -126,7 +133,10 @@ def _long_run(scores: np.ndarray, lags: int | None = None) -> np.ndarray:
 
 def _in_blocks(scores: np.ndarray) -> np.ndarray:
     """Sums of consecutive rows so that at most `MOST_ROWS` remain: the covariance over long lags is not changed."""
-    size = -(-scores.shape[0] // MOST_ROWS)
+    return _summed(scores, -(-scores.shape[0] // MOST_ROWS))
+
+
+def _summed(scores: np.ndarray, size: int) -> np.ndarray:
     return scores if size == 1 else np.add.reduceat(scores, np.arange(0, scores.shape[0], size), axis=0)
 
 

@@ -21,10 +21,19 @@ _HIGHEST = 0.45  # of the sample rate: upper limit of filter frequencies
 
 
 def law_tunables(control: Control) -> tuple[str, ...]:
+    """Those that a law has to be tuned by. Raises ParameterError for a law that has none."""
+    found = own_tunables(control)
+    if not found:
+        raise ParameterError(
+            f"the law '{control.law.kind}' names no tunables: state which parameters are to be tuned (tunables=...)"
+        )
+    return found
+
+
+def own_tunables(control: Control) -> tuple[str, ...]:
     """Dotted names of the tunables declared by the law, its observers and its compensations, if present.
 
-    Of a law that names none, its own parameters > 0 without a default.
-    Raises ParameterError for a law that has none of these either.
+    Of a law that names none, its own parameters > 0 without a default; empty if it has none of these either.
     """
     law, there = control.law, dict(tree.leaves(control))
     names = [f"law.{name}" for name in law.to_tune()]
@@ -33,12 +42,7 @@ def law_tunables(control: Control) -> tuple[str, ...]:
         observer = getattr(block, "observer", None)
         if isinstance(observer, Observer):
             names += [f"{where}.observer.{name}" for name in observer.tunables]
-    found = tuple(dict.fromkeys(name for name in names if name in there))
-    if not found:
-        raise ParameterError(
-            f"the law '{law.kind}' names no tunables: state which parameters are to be tuned (tunables=...)"
-        )
-    return found
+    return tuple(dict.fromkeys(name for name in names if name in there))
 
 
 def filter_tunables(control: Control) -> tuple[str, ...]:

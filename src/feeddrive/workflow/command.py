@@ -12,7 +12,8 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
 from importlib import import_module
 from pathlib import Path
 from typing import Any, Generic, NamedTuple, ParamSpec, TypeVar
@@ -26,6 +27,8 @@ from feeddrive.workflow.request import OUT, Request, fields_of
 P = ParamSpec("P")
 R = TypeVar("R", bound=Request)
 T = TypeVar("T")
+
+_MODELS = ("machine", "source", "controller", "baseline", "job")  # fields that may name a machine file or a job
 
 
 @dataclass(frozen=True, repr=False)
@@ -57,9 +60,14 @@ class Outcome(Generic[T]):
     failure: str | None = None
     error: FeeddriveError | None = None
 
+    @property
+    def turns(self) -> bool:
+        """Whether it is about an axis that turns."""
+        return self.rotary or bool(getattr(self.result, "rotary", False))
+
     def said(self, *, verbose: bool = True) -> Iterator[Table | str]:
         """What a person reads of the result, in order; without the details unless `verbose`."""
-        if not (self.rotary or getattr(self.result, "rotary", False)):
+        if not self.turns:
             yield from self._said(verbose)
             return
         kept = self.result.quoted if isinstance(self.result, Result) else ()
@@ -127,7 +135,43 @@ class Command(Generic[P, R, T]):
                 from feeddrive.files.atomic_io import check_directory
 
                 check_directory(place)
-        return self.work(request, progress or Progress())
+        try:
+            found = self.work(request, progress or Progress())
+        except FeeddriveError as error:
+            if _turns(request):
+                _worded(error, request)
+            raise
+        if found.turns and found.error is not None:
+            _worded(found.error, request)
+        return replace(found, failure=turning_text(found.failure)) if found.turns and found.failure else found
+
+
+def _worded(error: FeeddriveError, request: Request) -> None:
+    """The message in the units of an axis that turns; the names of files stay."""
+    kept = [str(value) for each in fields_of(type(request)) if isinstance(value := getattr(request, each.name), Path)]
+    error.args = (turning_text(str(error), kept), *error.args[1:])
+
+
+def _turns(request: Request) -> bool:
+    """Whether all axes that a request may be about turn, as far as its machine files and jobs can be read."""
+    from feeddrive.files.job import Job, read_job
+    from feeddrive.files.machine import MachineFile, read_machine
+    from feeddrive.loop.loop import Loop
+
+    found = list[Loop]()
+    for each in fields_of(type(request)):
+        value = getattr(request, each.name)
+        for read in (read_machine, read_job) if isinstance(value, str | Path) and each.name in _MODELS else ():
+            with suppress(FeeddriveError):
+                value = read(value)
+                break
+        value = value.machine if isinstance(value, Job) else value
+        if isinstance(value, MachineFile):
+            axis = str(getattr(request, "axis", ""))
+            found += [value.loops[axis]] if axis in value.loops else list(value.loops.values())
+        elif isinstance(value, Loop):
+            found.append(value)
+    return bool(found) and all(loop.axis.rotary for loop in found)
 
 
 def command(request: Callable[P, R]) -> Callable[[Callable[[R, Progress], Outcome[T]]], Command[P, R, T]]:

@@ -91,6 +91,9 @@ def in_short(found: Comparison) -> list[str]:
     """Which laws have no place, and why, by name."""
     tuned = [each for each in found.competitors if each.tuned is not None]
     groups = {
+        "Nothing to tune, so judged as it is": [
+            each for each in found.competitors if each.tuned is None and each.name != TODAY
+        ],
         "Not settled, so not ranked (more --starts may find better gains)": [c for c in tuned if not c.settled],
         "Outside of the rule, so not ranked": [c for c in found.competitors if c.outside and c.settled],
         "Without figures, unstable or out of bounds": [c for c in found.competitors if c.unfit],

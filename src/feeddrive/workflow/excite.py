@@ -40,7 +40,7 @@ class ExciteRequest(Request):
 
     machine: MachineLike = argument("A machine file (TOML), or the name of a bundled machine")
     band: str = option("Hz, as 5..500")
-    amplitude: float = option("peak: N on the force, m on the setpoint")
+    amplitude: float = option("peak: N on the force, m on the setpoint; N m and rad of an axis that turns")
     axis: str | None = option("the axis, if the machine has several", default=None)
     where: str = option("force or setpoint", default="force")
     resolution: float = option("from line to line", default=1.0, unit="Hz")

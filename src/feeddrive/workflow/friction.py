@@ -18,7 +18,7 @@ from feeddrive.files.formats import OpenedFile
 from feeddrive.files.log import Log
 from feeddrive.files.machine import MachineFile
 from feeddrive.files.toml_edit import TomlEdit
-from feeddrive.identification.estimate import SHAFT
+from feeddrive.identification.estimate import LEAST_PULL, SHAFT, SIGNIFICANT
 from feeddrive.identification.friction_curve import Compared, FrictionCurve, fit_friction
 from feeddrive.identification.motion.identify import own_viscous
 from feeddrive.identification.steady_runs import LEAST_ROWS, SteadyRuns, steady_runs
@@ -47,6 +47,7 @@ from feeddrive.workflow.request import argument, called, option
 
 _POOR = 0.15  # share of the force's RMS that a curve may leave before it is advised against
 _SLOW = 2  # runs in each direction that must be slower than the Stribeck velocity for its level to be seen
+_AT_END = 0.9  # of the largest speed: a Stribeck velocity beyond it is that of the end of the search
 _OPEN = 0.5  # standard error over value from which a parameter counts as not known
 
 
@@ -178,6 +179,12 @@ def remarks(curve: FrictionCurve, loop: Loop | None) -> list[str]:
         if name.startswith("viscous") and value < 0.0:
             said.append(f"{name} is negative and counts as 0 in a block: friction falls up to the fastest run")
     axis = None if loop is None or curve.frame is SHAFT else loop.axis
+    if curve.model.offset and not curve.is_pulled and (axis is None or _weight(axis) is None):
+        pull = curve["offset"]
+        said.append(
+            f"the offset of {pull.value:.3g} ± {pull.error:.2g} {pull.unit} becomes no constant force: that takes "
+            f"more than {SIGNIFICANT:g} of its errors and {100.0 * LEAST_PULL:g} % of Coulomb friction"
+        )
     if axis is None:
         return said
     own = own_viscous(axis)
@@ -189,7 +196,7 @@ def remarks(curve: FrictionCurve, loop: Loop | None) -> list[str]:
         )
     elif own > 0.0:
         said.append(f"the plant has {own:.4g} N s/m of its own, which is taken off the viscous friction")
-    weight = next((each for each in axis.forces if isinstance(each, Gravity)), None)
+    weight = _weight(axis)
     if weight is not None and not curve.model.offset:
         said.append(
             f"the machine has a constant force of {float(weight.force):.4g} N, and the runs show none: it stays"
@@ -233,7 +240,7 @@ def recommendation(curve: FrictionCurve) -> str:
 
 def machine_text(curve: FrictionCurve, machine: MachineFile | None, axis: str) -> str:
     """A machine file with the friction and the constant force, comments kept; without one, the sections alone."""
-    gravity = curve.gravity()
+    gravity = curve.gravity() if curve.is_pulled or (machine and _weight(machine.loop(axis).axis)) else None
     if machine is None:
         place = "friction_load"
         parts = [to_toml(curve.block(), f"axis.{axis}.{place}")]
@@ -287,6 +294,11 @@ def _gravity(edit: TomlEdit, axis: str, before: Axis, gravity: Gravity) -> None:
         edit.add(_force(gravity, axis))
 
 
+def _weight(axis: Axis) -> Gravity | None:
+    """The constant force of an axis."""
+    return next((each for each in axis.forces if isinstance(each, Gravity)), None)
+
+
 def _index(axis: Axis) -> int:
     """Of the constant force among the forces, or of the one that is to come."""
     return next((i for i, each in enumerate(axis.forces) if isinstance(each, Gravity)), len(axis.forces))
@@ -337,6 +349,8 @@ def _missing(curve: FrictionCurve) -> tuple[str, str]:
         return "", ""
     v = curve.runs.velocity
     slow = min(int(np.sum((sign * v > 0.0) & (sign * v < vs))) for sign in (1.0, -1.0))
+    if vs > _AT_END * float(np.max(np.abs(v))):
+        return f"the Stribeck velocity came out at the fastest run, {vs:.2g} {curve.frame.velocity}", "coulomb"
     if slow >= _SLOW:
         return "", ""
     return (

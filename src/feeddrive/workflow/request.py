@@ -66,7 +66,9 @@ class Field:
         meaning = self.declared.meaning
         options = [str(each) for each in self.declared.options]
         named = f": {', '.join(options[:-1])} or {options[-1]}" if options else ""
-        unit = f" ({self.declared.unit})" if self.declared.unit else ""
+        here = self.declared.unit
+        turned = here if self.name == "lead" or here.endswith("/A") else units.turning(here)  # a screw's, a motor's
+        unit = f" ({here}; {turned} of an axis that turns)" if turned != here else f" ({here})" if here else ""
         return f"{meaning[:1].upper()}{meaning[1:]}{named}{unit}."
 
     def checked(self, value: Any) -> Any:

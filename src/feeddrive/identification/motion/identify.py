@@ -147,6 +147,11 @@ def identify_motion(
         remarks += axis_remarks(start.axis, rigid)
     if loop is not None and start is not None and is_richer(start.axis):
         loop, refinement = _by_friction(log, start, rigid, loop, refinement, remarks)
+    if refinement is not None and refinement.count:
+        remarks.append(
+            f"readings stand on counts of {1e6 * refinement.count:.3g} {log.micro}: the output error was fitted to the "
+            "mean of runs with such counts, without the rows at rest, and its errors hold what the counts do"
+        )
     if refinement is not None and refinement.delay:
         late = refinement.delay
         rigid = _rigid(log, friction, how, known + late)

@@ -5,13 +5,14 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 
 from feeddrive.analysis.replay import Replay, estimate_start, replay
 from feeddrive.blocks.reference.recorded import Recorded
 from feeddrive.identification.estimate import Estimate, estimates_table
+from feeddrive.identification.motion.counts import at_rest, count_of, drawn, spread, unknown_force
 from feeddrive.identification.motion.motion_log import MotionLog
 from feeddrive.identification.regression import errors, robust_covariance
 from feeddrive.language import tree
@@ -27,6 +28,13 @@ _MOST = 12  # steps of Gauss and Newton
 _DONE = 1e-5  # of the cost: the last step is one that lowers it by less
 DELAYS = (0, 1)  # samples of dead time, in addition to that of the loop, that are always tried
 _LATEST = 10  # samples: as long as the last delay tried is the best, one more is tried, up to this
+_FEW, _RUNS = 4, 16  # runs with counts: to see whether they matter, and where they do
+_STUDENT = 2.131 / 1.960  # an interval from 16 runs over that from many: Student's t
+_ROUNDS = 3  # corrections by what counts do on average
+_MATTERS = 0.1  # of a standard error: what counts shift or scatter less is left as it is
+_SMOOTH = 16  # rows over which scores are summed to see how long they hang together: noise of counts hides it
+_MOVING = 10  # rows in motion a parameter without which rows at rest must count, too
+_LEAST = 0.5  # of the variance of a residual: the least that does not come from counts, so that no row has all weight
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -38,6 +46,7 @@ class Refinement(Result):
     cost        weighted RMS before and after; 1 is the best fit with the chosen delay
     by_delay    samples of dead time that were tried -> RMS of the position residual, m
     replay      of the fitted loop
+    count       m: length of the counts of the readings, if what they do to the fit was accounted for; else 0
     """
 
     name: str
@@ -48,6 +57,7 @@ class Refinement(Result):
     delay: int
     replay: Replay
     steps: int
+    count: float = 0.0
 
     def __getitem__(self, parameter: str) -> Estimate:
         return next(each for each in self.estimates if each.name.endswith(parameter))
@@ -121,25 +131,26 @@ def refine(
     if all(fit is None for fit in fits.values()):
         raise DivergedError(f"{log.name}: the loop diverges along the log's reference: check its gains and its start")
     there = {d: fit for d, fit in fits.items() if fit is not None}
-    by_delay = {d: fit[1] for d, fit in there.items()}
+    by_delay = {d: fit.left for d, fit in there.items()}
     best = min(by_delay, key=lambda d: by_delay[d])
-    fitted, _, found, steps = there[best]
+    fit = there[best]
     measured = {"set_position": log.set_position, "position_load": log.position, "force": log.force}
     return Refinement(
         name=log.name,
-        loop=fitted,
-        estimates=found,
+        loop=fit.loop,
+        estimates=fit.estimates,
         start={name: float(tree.get(loop, name)) for name in chosen},
         by_delay=by_delay,
         delay=best,
-        replay=replay(fitted, measured, skip=skip, name="fitted"),
-        steps=steps,
+        replay=replay(fit.loop, measured, skip=skip, name="fitted"),
+        steps=fit.steps,
+        count=fit.counted,
     )
 
 
-def _is_last(fits: Mapping[int, Any]) -> bool:
+def _is_last(fits: Mapping[int, _Fit | None]) -> bool:
     """Whether the longest delay has the least position residual so far."""
-    left = {d: fit[1] for d, fit in fits.items() if fit is not None}
+    left = {d: fit.left for d, fit in fits.items() if fit is not None}
     return bool(left) and min(left, key=lambda d: left[d]) == max(fits)
 
 
@@ -162,10 +173,18 @@ def _signals(loop: Loop, log: MotionLog, skip: int) -> np.ndarray:
     return np.array([run[name][skip : log.position.size] for name in _SIGNALS])
 
 
-def _fitted(
-    loop: Loop, log: MotionLog, names: tuple[str, ...], skip: int
-) -> tuple[Loop, float, tuple[Estimate, ...], int] | None:
-    """The fitted loop, its position residual, its parameters and the steps it took; None if it diverges."""
+class _Fit(NamedTuple):
+    """A fitted loop, its position residual in m, its parameters, its steps, and the count that was accounted for."""
+
+    loop: Loop
+    left: float
+    estimates: tuple[Estimate, ...]
+    steps: int
+    counted: float = 0.0
+
+
+def _fitted(loop: Loop, log: MotionLog, names: tuple[str, ...], skip: int) -> _Fit | None:
+    """The fitted loop with its errors; None if it diverges."""
     measured = np.array([log.position[skip:], log.force[skip:]])
     try:
         model = _signals(loop, log, skip)
@@ -174,24 +193,122 @@ def _fitted(
     steps = 0
     sizes = _sizes(measured - model)
     while True:
-        columns = _columns(loop, log, names, skip, model) / sizes[:, None, None]
-        left = (measured - model) / sizes[:, None]
+        columns = _columns(loop, log, names, skip, model) / sizes[:, :, None]
+        left = (measured - model) / sizes
         change = _step(log, columns, left, names)
         loop, model, gained = _advance(loop, log, names, skip, change, (measured, sizes, model))
         steps += 1
         if gained < _DONE or steps == _MOST:
             break
         sizes = _sizes(measured - model)
-    left = (measured - model) / sizes[:, None]
+    left = (measured - model) / sizes
     # with both signals divided by their own RMS the sum over them is one least-squares problem
-    robust = errors(robust_covariance(columns, left))
+    covariance = robust_covariance(columns, left)
+    try:
+        counted = _with_counts(loop, log, names, skip, columns * sizes[:, :, None], errors(covariance))
+    except DivergedError:
+        return None
+    if counted is not None:
+        return counted._replace(steps=steps + counted.steps)
+    found = _estimates(loop, names, columns, left, errors(covariance))
+    return _Fit(loop, float(np.sqrt(np.mean((measured - model)[0] ** 2))), found, steps)
+
+
+def _with_counts(
+    loop: Loop, log: MotionLog, names: tuple[str, ...], skip: int, slopes: np.ndarray, before: np.ndarray
+) -> _Fit | None:
+    """The fit to the mean of runs with counts; None where they shift no value by `_MATTERS` of its error `before`.
+
+        r = measured - mean,   σ²(k) = max(mean r² - mean s², r²/2) + s²(k)
+        cov = cov(runs) + max(0, cov(r) - cov(r of a run))
+
+    s² is the variance of the runs at each row.  Rows at rest do not count.  cov(runs) is the covariance of what the
+    same step makes of other runs, each in place of the log: where a reading stands on its count, rounding is no noise.
+    cov(r) is that of the residual, less what it says of counts.  After the first correction the runs have the unknown
+    force of the log, too, which dry friction does not average away.
+    Source: the parametric bootstrap, Efron & Tibshirani 1993; the weights and the choice of rows are ours.
+    """
+    count = count_of(log.position)
+    if count == 0.0:
+        return None
+    measured = np.array([log.position[skip:], log.force[skip:]])
+    model = _signals(loop, log, skip)
+    runs = drawn(loop, log, skip, count, _FEW, seed=0)
+    sizes = _sizes(measured - model)
+    moved = np.array([_solved(slopes / sizes[:, :, None], (run - model) / sizes) for run in runs])
+    if np.all(np.abs(np.mean(moved, axis=0)) + np.std(moved, axis=0) < _MATTERS * before):
+        return None
+    weighed, unknown = _Weighed.of(loop, log, names, skip, count), None
+    for turn in range(_ROUNDS):
+        change = _step(log, weighed.columns, weighed.left, names)
+        loop = tree.vary(loop, {name: _bounded(loop, name, dv) for name, dv in zip(names, change, strict=True)})
+        weighed = _Weighed.of(loop, log, names, skip, count, unknown)
+        if turn == 0:
+            unknown = weighed.unknown
+    others = drawn(loop, log, skip, count, _RUNS, 2, unknown)
+    others = (others - np.mean(others, axis=0)) / weighed.scale
+    moved = np.array([_solved(weighed.columns, other) for other in others])
+    ours, theirs = (
+        np.mean([np.diag(robust_covariance(weighed.columns, left, smooth=_SMOOTH)) for left in these], axis=0)
+        for these in ([weighed.left], others[:_FEW])
+    )
+    robust = np.sqrt(np.maximum(0.0, ours - theirs) + _STUDENT**2 * np.sum(moved**2, axis=0) / (_RUNS - 1))
+    found = _estimates(loop, names, weighed.columns, weighed.left, robust)
+    return _Fit(loop, float(np.sqrt(np.mean((measured - weighed.mean)[0] ** 2))), found, _ROUNDS, count)
+
+
+class _Weighed(NamedTuple):
+    """Mean of runs with counts and the deviation of each row from it, shape (2, n); both weighed: slopes and residual.
+
+    The deviation of rows at rest is infinite, so that their weight is 0.
+    """
+
+    mean: np.ndarray
+    scale: np.ndarray
+    columns: np.ndarray
+    left: np.ndarray
+    unknown: np.ndarray
+
+    @classmethod
+    def of(
+        cls,
+        loop: Loop,
+        log: MotionLog,
+        names: tuple[str, ...],
+        skip: int,
+        count: float,
+        unknown: np.ndarray | None = None,
+    ) -> _Weighed:
+        """At the values of a loop."""
+        measured = np.array([log.position[skip:], log.force[skip:]])
+        runs = drawn(loop, log, skip, count, _RUNS, 1, unknown)
+        mean, scatter = np.mean(runs, axis=0), spread(runs)
+        squares = np.mean((measured - mean) ** 2, axis=1, keepdims=True)
+        scale = np.sqrt(np.maximum(squares - np.mean(scatter, axis=1, keepdims=True), _LEAST * squares) + scatter)
+        rest = at_rest(log, skip)
+        rest &= np.count_nonzero(~rest) > _MOVING * len(names)
+        scale[:, rest] = np.inf
+        columns = _columns(loop, log, names, skip, _signals(loop, log, skip)) / scale[:, :, None]
+        felt = unknown_force((measured - mean)[1], (runs - mean)[:, 1], ~rest)
+        return cls(mean, scale, columns, (measured - mean) / scale, felt)
+
+
+def _estimates(
+    loop: Loop, names: tuple[str, ...], columns: np.ndarray, left: np.ndarray, robust: np.ndarray
+) -> tuple[Estimate, ...]:
     flat = columns.reshape(-1, len(names))
     white = errors(np.linalg.inv(flat.T @ flat) * float(np.mean(left**2)))
-    found = tuple(
+    return tuple(
         Estimate(name, float(tree.get(loop, name)), tree.declaration(loop, name).unit, float(e), float(o))
         for name, e, o in zip(names, robust, white, strict=True)
     )
-    return loop, float(np.sqrt(np.mean((measured - model)[0] ** 2))), found, steps
+
+
+def _solved(columns: np.ndarray, left: np.ndarray) -> np.ndarray:
+    """Least squares: by how much the parameters would differ."""
+    flat = columns.reshape(-1, columns.shape[-1])
+    sizes = np.linalg.norm(flat, axis=0)
+    return np.linalg.lstsq(flat / sizes, left.ravel(), rcond=1e-10)[0] / sizes
 
 
 def _encoder(loop: Loop, parameter: str) -> list[str]:
@@ -203,7 +320,8 @@ def _encoder(loop: Loop, parameter: str) -> list[str]:
 
 
 def _sizes(residual: np.ndarray) -> np.ndarray:
-    return np.maximum(np.sqrt(np.mean(residual**2, axis=1)), np.finfo(float).tiny)
+    """The RMS of both signals, shape (2, 1)."""
+    return np.maximum(np.sqrt(np.mean(residual**2, axis=1, keepdims=True)), np.finfo(float).tiny)
 
 
 def _columns(loop: Loop, log: MotionLog, names: tuple[str, ...], skip: int, model: np.ndarray) -> np.ndarray:
@@ -225,7 +343,7 @@ def _step(log: MotionLog, columns: np.ndarray, left: np.ndarray, names: tuple[st
                 f"{log.name}: {name} is not identifiable: the run does not change with it; record next a motion in "
                 f"which it acts, or leave it out"
             )
-    return np.linalg.lstsq(flat / sizes, left.ravel(), rcond=1e-10)[0] / sizes
+    return _solved(columns, left)
 
 
 def _advance(
@@ -238,7 +356,7 @@ def _advance(
 ) -> tuple[Loop, np.ndarray, float]:
     """The loop after the part of the step that lowers the cost, its signals, and the share by which the cost fell."""
     measured, sizes, model = now
-    before = float(np.mean(((measured - model) / sizes[:, None]) ** 2))
+    before = float(np.mean(((measured - model) / sizes) ** 2))
     for share in (1.0, 0.5, 0.25, 0.1, 0.01):
         values = {name: _bounded(loop, name, share * dv) for name, dv in zip(names, change, strict=True)}
         try:
@@ -246,7 +364,7 @@ def _advance(
             signals = _signals(tried, log, skip)
         except (DivergedError, ParameterError):
             continue
-        after = float(np.mean(((measured - signals) / sizes[:, None]) ** 2))
+        after = float(np.mean(((measured - signals) / sizes) ** 2))
         if after < before:
             return tried, signals, 1.0 - after / before
     return loop, model, 0.0

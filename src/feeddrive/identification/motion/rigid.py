@@ -11,7 +11,16 @@ from feeddrive.blocks.force.gravity import Gravity
 from feeddrive.blocks.friction.coulomb import Coulomb
 from feeddrive.blocks.friction.directional import Directional
 from feeddrive.blocks.plant.rigid import Rigid
-from feeddrive.identification.estimate import SHAFT, TABLE, Estimate, Frame, estimates_table, lever, require_table
+from feeddrive.identification.estimate import (
+    SHAFT,
+    TABLE,
+    Estimate,
+    Frame,
+    estimates_table,
+    lever,
+    pulls,
+    require_table,
+)
 from feeddrive.identification.motion.motion_log import MotionLog, Preparation, Prepared, prepare
 from feeddrive.identification.regression import (
     Residuals,
@@ -36,8 +45,6 @@ NAMES = {
 }
 LEAST_REVERSAL = 0.05  # least share of the moving rows in each direction
 LEAST_OWN = 0.02  # share of a column's size that the other columns must leave unexplained
-SIGNIFICANT = 3.0  # standard errors beyond which an offset is not 0
-LEAST_PULL = 0.05  # share of Coulomb friction beyond which an offset is a force of the axis
 LARGEST_ERROR = 0.5  # largest standard error over value of a mass that counts as identified
 
 
@@ -104,15 +111,8 @@ class RigidFit(Result):
 
     @property
     def is_pulled(self) -> bool:
-        """Whether the offset is a force of the axis: more than 3 standard errors and 5 % of Coulomb friction.
-
-        A smaller one cannot move the axis, and counts of the encoder at rest make it too: their error is the same for
-        hundreds of rows, more than standard errors account for.
-        """
-        if self.friction != "symmetric":
-            return False
-        offset = self["offset"]
-        return abs(offset.value) > max(SIGNIFICANT * offset.error, LEAST_PULL * self["coulomb"].value)
+        """Whether the offset is a force of the axis (`pulls`)."""
+        return self.friction == "symmetric" and pulls(self["offset"], self["coulomb"].value)
 
     def gravity(self) -> Gravity | None:
         """The constant force that the drive had to overcome, as it acts on the table; None for directional friction."""
