@@ -32,8 +32,9 @@ test: $(VENV)/installed-dev
 types: $(VENV)/installed-dev
 	$(BIN)/pyright --pythonpath $(BIN)/python
 
+# without MAKEFLAGS, since the exports that tests build have makefiles of their own
 tests: $(VENV)/installed-dev
-	$(BIN)/python -m pytest -n 2 --dist loadfile -m "not slow"
+	MAKEFLAGS= $(BIN)/python -m pytest -n 2 --dist loadfile -m "not slow"
 
 slow: $(VENV)/installed-dev
 	$(BIN)/python -m pytest -n 2 -m slow
