@@ -43,12 +43,14 @@ def with_python() -> list[Path]:
     return [page for page in PAGES if any(blocks(page, "python"))]
 
 
-TUNED = ROOT / "docs/tuning.md"
+LONG = [ROOT / "docs" / name for name in ("tuning.md", "laws/comparison.md", "fmu.md")]
 
 
 @pytest.mark.parametrize(
     "page",
-    all_but([page for page in with_python() if page != TUNED], with_python(), "searches of the tuner, 12 s"),
+    all_but(
+        [page for page in with_python() if page not in LONG], with_python(), "searches of the tuner, compiled FMUs"
+    ),
     ids=shown,
 )
 def test_python_of_a_page_runs_from_top_to_bottom(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):

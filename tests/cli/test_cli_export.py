@@ -66,7 +66,7 @@ def machine(tmp_path: Path) -> Path:
     "words",
     [
         [],
-        ["--header-only"],
+        pytest.param(["--header-only"], marks=pytest.mark.slow(reason="the same text in one file")),
         pytest.param(["--precision", "float"], marks=pytest.mark.slow(reason="the same proof in other numbers")),
     ],
 )
@@ -102,7 +102,7 @@ def test_a_machine_file_without_a_name_verifies(tmp_path: Path) -> None:
     ("target", "samples", "program", "package"),
     [
         ("linuxcnc", "3000", "halrun", "linuxcnc-uspace linuxcnc-uspace-dev"),
-        ("fmu2", "3000", None, ""),
+        pytest.param("fmu2", "3000", None, "", marks=pytest.mark.slow(reason="the other version of fmu3")),
         ("fmu3", "3000", None, ""),
         ("cortex-m", "300", "qemu-system-arm", "gcc-arm-none-eabi libnewlib-arm-none-eabi qemu-system-arm"),
     ],

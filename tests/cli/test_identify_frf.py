@@ -113,6 +113,7 @@ def test_encoders_must_be_told_apart(tmp_path: Path) -> None:
     assert "did you mean one" in str(done.exception)
 
 
+@pytest.mark.slow(reason="a fit of each structure; the choice has a quick test of the fit")
 def test_the_structure_of_a_machine_file_is_a_candidate(tmp_path: Path) -> None:
     """Motor, screw and table; a data sheet's rotor makes the others identifiable."""
     chain = ThreeMassChain(

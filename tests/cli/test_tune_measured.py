@@ -166,6 +166,7 @@ def test_limits_that_are_at_odds_say_what_can_be_reached(tmp_path: Path) -> None
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.slow(reason="rules have quick tests of their own")
 def test_a_rule_of_the_trade_is_judged_like_a_search(tmp_path: Path) -> None:
     said = command("tune", "ball_screw", "--recipe", "margins-robust", "--out", str(tmp_path / "robust"))
     assert "Leave the control as it is: this rule gives" in said

@@ -45,7 +45,7 @@ BESIDE = (  # all blocks that compute in another way: exponential, filters, obse
     "pole_placement, exact commands",
 )
 QUICK = [("cascade_ppi", core) for core in CORES]
-QUICK += [("pole_placement", "m4f"), ("dadsc", "m7dp"), (BESIDE[0], "m4f"), (BESIDE[3], "m7dp")]
+QUICK += [("dadsc", "m7dp"), (BESIDE[0], "m4f"), (BESIDE[3], "m7dp")]
 CASES = all_but(
     QUICK,
     [(name, core) for name in LOOPS for core in CORES if name in LAWS or core != "m7"],

@@ -134,7 +134,7 @@ def in_hal(directory: Path, folder: Path, loop: Loop, law: LinuxcncPid, run: dic
 @pytest.mark.parametrize(
     "case",
     all_but(
-        ("hanging axis", "linear motor, one pid and a low pass", "stick and slip, learned feedforward"), CASES,
+        ("linear motor, one pid and a low pass", "stick and slip, learned feedforward"), CASES,
         "a session of HAL for each; the quick ones have both routes and every part",
     ),
 )  # fmt: skip

@@ -217,6 +217,7 @@ def test_c_refuses_what_python_refuses_in_many_cases(tmp_path: Path) -> None:
     )
 
 
+@pytest.mark.slow(reason="four laws are compiled; the rules are broken one by one quickly")
 @pytest.mark.skipif(shutil.which("gcc") is None, reason="NOT TESTED: exported C needs gcc: apt-get install gcc")
 def test_laws_on_the_ball_screw_once_accepted_on_the_target_what_python_refused(tmp_path: Path) -> None:
     """A far too fast DADSC and GPI observer: refused for five Taylor states, accepted by both for three and one."""

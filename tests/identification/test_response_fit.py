@@ -189,6 +189,7 @@ def test_the_errors_cover_the_truth() -> None:
     assert 0.92 <= sum(share.values()) / len(share) <= 0.98, share
 
 
+@pytest.mark.slow(reason="sixteen fits of the same axis")
 def test_known_variances_make_a_better_fit_and_are_believed() -> None:
     """Ten times the noise on every second line: weights take the good half."""
     random = np.random.default_rng(5)
@@ -303,6 +304,7 @@ def test_dead_time_and_current_loop_are_found_or_said_to_hang_together() -> None
     assert "current_loop" in short.not_identifiable or any("current_loop" in said for said in short.remarks)
 
 
+@pytest.mark.slow(reason="three modes of a stage have a quick fit")
 def test_any_number_of_modes_in_si() -> None:
     plant = Modal(
         mass=150.0,
@@ -342,6 +344,7 @@ def test_units(unit: str, output: str, force: str, order: int) -> None:
     assert (found.output, found.input, found.order) == (output, force, order)
 
 
+@pytest.mark.slow(reason="the command asks it quickly")
 def test_a_result_in_amperes_becomes_si_by_the_force_constant() -> None:
     motor, load = responses(SCREW, noise=0.001)
     in_amperes = [replace(frf * 50.0, unit="m/A") for frf in (motor, load)]
@@ -414,7 +417,11 @@ def stage() -> list[FRF]:
 
 
 @needs_stage
-@pytest.mark.parametrize(("modes", "band"), [(None, None), (3, (10.0, 400.0))], ids=["all lines", "to 400 Hz"])
+@pytest.mark.parametrize(
+    ("modes", "band"),
+    all_but([(3, (10.0, 400.0))], [(None, None), (3, (10.0, 400.0))], "fits of one mode after the other"),
+    ids=["all lines", "to 400 Hz"],
+)
 def test_positioning_stage(modes: int | None, band: tuple[float, float] | None) -> None:
     """Modes of the model published with the data, without any start and without being told their number."""
     fit = fit_modes(stage(), modes, band=band)

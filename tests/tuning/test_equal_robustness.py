@@ -80,6 +80,7 @@ def test_the_cascade_and_dadsc_on_a_rigid_drive_at_equal_robustness(motor: Loop)
     assert np.ptp(rates) < 0.01 * rates.mean()
 
 
+@pytest.mark.slow(reason="a grid of 343 loops; another search finds the same optimum quickly")
 def test_equal_to_a_grid_of_all_gains(motor: Loop) -> None:
     """No point of a grid around the end is better by more than the grid's own coarseness, and one comes near."""
     found = tuned(motor)

@@ -377,6 +377,7 @@ class TestSaturation:
 
 
 class TestStandardErrors:
+    @pytest.mark.slow(reason="sixty runs; the errors of white noise are compared quickly")
     def test_they_are_the_scatter_over_many_runs(self) -> None:
         """100 N white force noise, coloured by the loop: 60 runs know a scatter to ±10 %, a run its own to ±15 %."""
         loop = linear_loop(TRUE)
