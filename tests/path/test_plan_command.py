@@ -199,6 +199,7 @@ def test_a_wrong_file_of_limits_is_refused_with_its_line(text: str, said: str, t
 
 def test_a_machine_without_limits_says_what_to_add(tmp_path: Path) -> None:
     assert "[axis.x.limits]" in refused(tmp_path, PART, machine="ball_screw")
+    assert "a part program moves axes along lines" in refused(tmp_path, PART, machine="rotary_table")
     with pytest.raises(ParameterError, match="--machine is missing"):
         PlanRequest(Path("part.ngc"))
 

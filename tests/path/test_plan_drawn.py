@@ -12,7 +12,7 @@ import pytest
 import feeddrive as fd
 from feeddrive.files.machine import planned_limits
 from feeddrive.language.errors import ProgramError
-from feeddrive.path.limits import Limits
+from feeddrive.path.limits import MachineLimits
 from feeddrive.path.program.moves import Arc, Move, Straight
 from feeddrive.path.program.reading import read_program
 from feeddrive.path.setpoints import Setpoints
@@ -61,7 +61,7 @@ def program(draw: random.Random) -> str:
     return "\n".join(lines) + "\nM2\n"
 
 
-def check(path: Path, T: float, limits: Limits) -> bool:
+def check(path: Path, T: float, limits: MachineLimits) -> bool:
     """The samples of a program keep limits, follow from each other and end where it ends; False if it is refused."""
     ends: list[tuple[float, ...]] = [(0.0, 0.0, 0.0)]
 

@@ -35,7 +35,7 @@ from feeddrive.loop.axis import Axis
 from feeddrive.loop.control import Control
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.machine import Machine
-from feeddrive.path.limits import LETTERS, AxisLimits, Limits
+from feeddrive.path.limits import LETTERS, AxisLimits, MachineLimits
 
 BUNDLED = Path(__file__).parent / "bundled"
 _TEXTS = ("name", "source", "remark")
@@ -209,7 +209,7 @@ def _limits(sections: Mapping[str, Section]) -> dict[str, AxisLimits]:
     return {name: read_block(AxisLimits, section) for name, section in given.items() if section is not None}
 
 
-def planned_limits(machine: MachineFile | None, limits: str | Path | None) -> Limits:
+def planned_limits(machine: MachineFile | None, limits: str | Path | None) -> MachineLimits:
     """Limits by letter of the axes that a part program moves: of a machine, of a file of limits, or of both.
 
     A file of limits has sections [axis.x.limits] as a machine file has; they replace those of the machine, of which
@@ -230,7 +230,7 @@ def planned_limits(machine: MachineFile | None, limits: str | Path | None) -> Li
                 raise section.error(f"axis '{name}' is none that is planned: {', '.join(LETTERS.lower())}")
         given = _limits(sections)
     if machine is None:
-        return Limits({name.upper(): each for name, each in given.items()})
+        return MachineLimits({name.upper(): each for name, each in given.items()})
     found: dict[str, AxisLimits] = {}
     for name, loop in machine.loops.items():
         if loop.axis.rotary or len(name) != 1 or name.upper() not in LETTERS:
@@ -242,7 +242,12 @@ def planned_limits(machine: MachineFile | None, limits: str | Path | None) -> Li
                 "velocity, acceleration, jerk and snap, or a file with such sections (--limits)"
             )
         found[name.upper()] = own if own.resolution is not None else replace(own, resolution=_resolution(loop))
-    return Limits(found)
+    if not found:
+        raise ParameterError(
+            f"{machine.file.name}: a part program moves axes along lines, with the names {', '.join(LETTERS.lower())}, "
+            f"and there is none; there are: {', '.join(machine.loops)}"
+        )
+    return MachineLimits(found)
 
 
 def _resolution(loop: Loop) -> float | None:

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from feeddrive.files.run_files import parquet_stream, run_stream
-from feeddrive.path.limits import Limits
+from feeddrive.path.limits import MachineLimits
 from feeddrive.path.planned import FEW, Planned
 from feeddrive.path.proof.prove import DERIVATIVES, WIDENED
 from feeddrive.path.setpoints import REASONS, Samples, Standstill
@@ -35,7 +35,9 @@ _UNITS = ("m", "m/s", "m/s2", "m/s3", "m/s4")
 class SetpointWriter:
     """Samples into files, in constant memory."""
 
-    def __init__(self, folder: Path, limits: Limits, sample_time: float, parquet: Any, stops: Any, stream: Any) -> None:
+    def __init__(
+        self, folder: Path, limits: MachineLimits, sample_time: float, parquet: Any, stops: Any, stream: Any
+    ) -> None:
         self._letters, self._sample_time = limits.letters, sample_time
         self._parquet, self._stops, self._stream = parquet, stops, stream
         self._held: list[Samples] = []
@@ -90,7 +92,7 @@ class SetpointWriter:
 
 
 @contextlib.contextmanager
-def setpoint_files(folder: Path, limits: Limits, sample_time: float, program: str) -> Generator[SetpointWriter]:
+def setpoint_files(folder: Path, limits: MachineLimits, sample_time: float, program: str) -> Generator[SetpointWriter]:
     """Files of setpoints and stops in a folder, to be filled; they appear at the end, or not at all."""
     letters = [letter.lower() for letter in limits.letters]
     units = {f"{letter}.{name}": unit for letter in letters for name, unit in zip(_SIGNALS, _UNITS, strict=True)}

@@ -53,7 +53,7 @@ class AxisLimits(Block):
 
 
 @dataclass(frozen=True)
-class Limits:
+class MachineLimits:
     """Of all axes by letter: X, Y, Z ..., in the order in which setpoints have them."""
 
     axes: Mapping[str, AxisLimits]

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from feeddrive.language.table import Result, Table
-from feeddrive.path.limits import Limits
+from feeddrive.path.limits import MachineLimits
 from feeddrive.path.proof.prove import DERIVATIVES, Proof
 from feeddrive.path.setpoints import Samples, Standstill
 
@@ -114,7 +114,7 @@ class Planned(Result):
 
     program: str
     machine: str
-    limits: Limits
+    limits: MachineLimits
     sample_time: float
     samples: int
     cycle_time: float

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from feeddrive.path.geometry.segments import Pause
-from feeddrive.path.limits import Limits
+from feeddrive.path.limits import MachineLimits
 from feeddrive.path.motion import Part
 from feeddrive.path.pieces import derivatives
 from feeddrive.path.plan import planned
@@ -83,7 +83,7 @@ class Setpoints:
     Raises ProgramError as `read_program` and `planned` do, at the line.
     """
 
-    def __init__(self, moves: Iterable[Move], limits: Limits, sample_time: float) -> None:
+    def __init__(self, moves: Iterable[Move], limits: MachineLimits, sample_time: float) -> None:
         self.limits, self.sample_time = limits, sample_time
         self.stops: list[Standstill] = []
         self.blocks = self.line = self.samples = self.runs = 0
@@ -179,7 +179,7 @@ class Setpoints:
 
 
 def causes(share: np.ndarray, speed: np.ndarray, feed: np.ndarray) -> np.ndarray:
-    """What limits a motion, by its place in `Limits.causes`.
+    """What limits a motion, by its place in `MachineLimits.causes`.
 
     share  of each limit that is used, shape (n, N, 4); speed and feed along the path, m/s, shape (n,); the feed is 0
            at a standstill

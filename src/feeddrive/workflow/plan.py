@@ -17,7 +17,7 @@ from feeddrive.files.machine import MachineFile, planned_limits, read_machine
 from feeddrive.files.plan_files import PLAN, SETPOINTS, STREAMER, SetpointWriter, setpoint_files, write_plan
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.progress import Progress
-from feeddrive.path.limits import Limits
+from feeddrive.path.limits import MachineLimits
 from feeddrive.path.planned import FEW, Planned, Recorder
 from feeddrive.path.program.moves import Move, PathMode
 from feeddrive.path.program.reading import FrontEnd, read_program
@@ -115,7 +115,7 @@ def _planned(setpoints: Setpoints, program: str, machine: str, writer: SetpointW
     )  # fmt: skip
 
 
-def _moves(request: PlanRequest, limits: Limits, progress: Progress) -> Generator[Move]:
+def _moves(request: PlanRequest, limits: MachineLimits, progress: Progress) -> Generator[Move]:
     """The moves of the program; as they are read the progress is reported."""
     front_end: FrontEnd = request.front_end  # type: ignore[assignment]
     moves = read_program(
