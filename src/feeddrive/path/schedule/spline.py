@@ -94,51 +94,100 @@ def shares(z: Floats, r: Floats2, most: float, full: bool) -> float:
 
 @kernel
 def _expanded(
-    z: Floats, r: Floats2, most: float, full: bool, loose: float, weight: float, away: float,
-    slope: Floats, bend: Floats2, g: Floats,
-) -> int:  # fmt: skip
+    z: Floats,
+    r: Floats2,
+    most: float,
+    full: bool,
+    loose: float,
+    weight: float,
+    away: float,
+    slope: Floats,
+    bend: Floats2,
+) -> int:
     """Slope and bend of the time and the penalties at a point, by z .. z'''.  `weight` of penalties, m of `away`."""
-    root = sqrt(z[0])
-    for k in range(4):
-        slope[k] = 0.0
-        for m in range(4):
-            bend[k, m] = 0.0
-    slope[0] = -0.5 * away / (z[0] * root)
-    bend[0, 0] = 0.75 * away / (z[0] * z[0] * root)
+    z0 = z[0]
+    z1 = z[1]
+    z2 = z[2]
+    z3 = z[3]
+    root = sqrt(z0)
+    s0 = -0.5 * away / (z0 * root)
+    s1 = 0.0
+    s2 = 0.0
+    s3 = 0.0
+    b00 = 0.75 * away / (z0 * z0 * root)
+    b01 = 0.0
+    b02 = 0.0
+    b03 = 0.0
+    b11 = 0.0
+    b12 = 0.0
+    b13 = 0.0
+    b22 = 0.0
+    b23 = 0.0
+    b33 = 0.0
     if full:
-        gap = most * loose - z[0]
-        slope[0] = slope[0] + weight / gap
-        bend[0, 0] = bend[0, 0] + weight / (gap * gap)
+        gap = most * loose - z0
+        s0 = s0 + weight / gap
+        b00 = b00 + weight / (gap * gap)
     for i in range(len(r)):
         if full:
-            g[0] = r[i, 1]
-            g[1] = 0.5 * r[i, 0]
-            first, second = _penalty(g[0] * z[0] + g[1] * z[1], loose)
-            for k in range(2):
-                slope[k] = slope[k] + weight * first * g[k]
-                for m in range(2):
-                    bend[k, m] = bend[k, m] + weight * second * g[k] * g[m]
-            inner = r[i, 4] * z[0] + 1.5 * r[i, 3] * z[1] + 0.5 * r[i, 2] * z[2]
-            g[0] = root * r[i, 4] + 0.5 * inner / root
-            g[1] = 1.5 * root * r[i, 3]
-            g[2] = 0.5 * root * r[i, 2]
+            g0 = r[i, 1]
+            g1 = 0.5 * r[i, 0]
+            first, second = _penalty(g0 * z0 + g1 * z1, loose)
+            s0 = s0 + weight * first * g0
+            s1 = s1 + weight * first * g1
+            h0 = weight * second * g0
+            b00 = b00 + h0 * g0
+            b01 = b01 + h0 * g1
+            b11 = b11 + weight * second * g1 * g1
+            inner = r[i, 4] * z0 + 1.5 * r[i, 3] * z1 + 0.5 * r[i, 2] * z2
+            g0 = root * r[i, 4] + 0.5 * inner / root
+            g1 = 1.5 * root * r[i, 3]
+            g2 = 0.5 * root * r[i, 2]
             first, second = _penalty(root * inner, loose)
-            for k in range(3):
-                slope[k] = slope[k] + weight * first * g[k]
-                for m in range(3):
-                    bend[k, m] = bend[k, m] + weight * second * g[k] * g[m]
-        snap = r[i, 8] * z[0] * z[0] + 3.0 * r[i, 7] * z[0] * z[1]
-        snap = snap + r[i, 6] * (0.75 * z[1] * z[1] + 2.0 * z[0] * z[2])
-        snap = snap + r[i, 5] * (0.25 * z[1] * z[2] + 0.5 * z[0] * z[3])
-        g[0] = 2.0 * r[i, 8] * z[0] + 3.0 * r[i, 7] * z[1] + 2.0 * r[i, 6] * z[2] + 0.5 * r[i, 5] * z[3]
-        g[1] = 3.0 * r[i, 7] * z[0] + 1.5 * r[i, 6] * z[1] + 0.25 * r[i, 5] * z[2]
-        g[2] = 2.0 * r[i, 6] * z[0] + 0.25 * r[i, 5] * z[1]
-        g[3] = 0.5 * r[i, 5] * z[0]
+            s0 = s0 + weight * first * g0
+            s1 = s1 + weight * first * g1
+            s2 = s2 + weight * first * g2
+            h0 = weight * second * g0
+            h1 = weight * second * g1
+            b00 = b00 + h0 * g0
+            b01 = b01 + h0 * g1
+            b02 = b02 + h0 * g2
+            b11 = b11 + h1 * g1
+            b12 = b12 + h1 * g2
+            b22 = b22 + weight * second * g2 * g2
+        snap = r[i, 8] * z0 * z0 + 3.0 * r[i, 7] * z0 * z1
+        snap = snap + r[i, 6] * (0.75 * z1 * z1 + 2.0 * z0 * z2)
+        snap = snap + r[i, 5] * (0.25 * z1 * z2 + 0.5 * z0 * z3)
+        g0 = 2.0 * r[i, 8] * z0 + 3.0 * r[i, 7] * z1 + 2.0 * r[i, 6] * z2 + 0.5 * r[i, 5] * z3
+        g1 = 3.0 * r[i, 7] * z0 + 1.5 * r[i, 6] * z1 + 0.25 * r[i, 5] * z2
+        g2 = 2.0 * r[i, 6] * z0 + 0.25 * r[i, 5] * z1
+        g3 = 0.5 * r[i, 5] * z0
         first, second = _penalty(snap, loose)
-        for k in range(4):
-            slope[k] = slope[k] + weight * first * g[k]
-            for m in range(4):
-                bend[k, m] = bend[k, m] + weight * second * g[k] * g[m]
+        s0 = s0 + weight * first * g0
+        s1 = s1 + weight * first * g1
+        s2 = s2 + weight * first * g2
+        s3 = s3 + weight * first * g3
+        h0 = weight * second * g0
+        h1 = weight * second * g1
+        h2 = weight * second * g2
+        b00 = b00 + h0 * g0
+        b01 = b01 + h0 * g1
+        b02 = b02 + h0 * g2
+        b03 = b03 + h0 * g3
+        b11 = b11 + h1 * g1
+        b12 = b12 + h1 * g2
+        b13 = b13 + h1 * g3
+        b22 = b22 + h2 * g2
+        b23 = b23 + h2 * g3
+        b33 = b33 + weight * second * g3 * g3
+    slope[0] = s0
+    slope[1] = s1
+    slope[2] = s2
+    slope[3] = s3
+    bend[0] = b00, b01, b02, b03
+    bend[1] = b01, b11, b12, b13
+    bend[2] = b02, b12, b22, b23
+    bend[3] = b03, b13, b23, b33
     return 0
 
 
@@ -161,7 +210,6 @@ def _system(
     """Slope of time and penalties by the coefficients, and the lower band of their bend."""
     z = zeros(4)
     by = zeros(4)
-    g = zeros(4)
     bend = zeros(4, 4)
     half = zeros(4, 4)
     for c in range(len(coefficient)):
@@ -171,7 +219,7 @@ def _system(
     for p in range(len(span)):
         k = int(span[p])
         at(row[p], coefficient, k, z)
-        _expanded(z, r[p], most[p], full[p] == 1, loose[p], mu * weight[p], away[p], by, bend, g)
+        _expanded(z, r[p], most[p], full[p] == 1, loose[p], mu * weight[p], away[p], by, bend)
         B = row[p]
         for a in range(4):
             slope[k + a] = slope[k + a] + by[0] * B[0, a] + by[1] * B[1, a] + by[2] * B[2, a] + by[3] * B[3, a]
