@@ -51,6 +51,28 @@ def state_near(kind: int, length: float, shape: Floats2, away: float, at_end: bo
 
 
 @kernel
+def trimmed(kind: int, length: float, shape: Floats2, x0: float, x1: float, out: Floats2) -> float:
+    """The part of a segment between two places, into `out`; its length."""
+    rest = x1 - x0
+    if kind == 0:
+        for i in range(len(shape)):
+            for k in range(8):
+                out[i, k] = 0.0
+            out[i, 1] = shape[i, 1] / length * rest
+        return rest
+    s, v = turned(shape[0, 3] * x0)
+    c = 1.0 - v
+    for i in range(len(shape)):
+        for k in range(8):
+            out[i, k] = 0.0
+        out[i, 0] = shape[i, 0] * c + shape[i, 1] * s
+        out[i, 1] = shape[i, 1] * c - shape[i, 0] * s
+        out[i, 2] = shape[i, 2]
+        out[i, 3] = shape[0, 3]
+    return rest
+
+
+@kernel
 def hermite(a: Floats2, b: Floats2, length: float, out: Floats2) -> int:
     """Coefficients of the polynomial in ξ = x/length between two states r .. r''' (N, 4), into `out` (N, 8).
 

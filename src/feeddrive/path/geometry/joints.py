@@ -15,7 +15,7 @@ import numpy as np
 from feeddrive.language.kernels.kernel import kernel
 from feeddrive.language.kernels.plain import zeros
 from feeddrive.language.kernels.source import Floats, Floats2, Floats3, Ints
-from feeddrive.path.geometry.blend import blend, part_of, state_near
+from feeddrive.path.geometry.blend import blend, part_of, state_near, trimmed
 from feeddrive.path.geometry.cluster import (
     BLEND,
     CROSSED,
@@ -29,7 +29,7 @@ from feeddrive.path.geometry.cluster import (
 )
 from feeddrive.path.geometry.segments import Chain
 from feeddrive.path.geometry.spline import ENDS, FITTED
-from feeddrive.path.pieces import POLYNOMIAL, Pieces, Section, derivatives, one_after_the_other, part_of_pieces, turned
+from feeddrive.path.pieces import POLYNOMIAL, Pieces, Section, derivatives, one_after_the_other, part_of_pieces
 
 _CUTS = 8  # pieces of a blend
 LONELY = 4.5  # lengths of a blend; between longer lines a corner is passed quicker by runs that overlap
@@ -44,28 +44,6 @@ class Joint(NamedTuple):
 
     deviation: np.ndarray  # m, proven distance to the corner's segments; 0 where there is no blend
     stop: np.ndarray  # whether the run ends there
-
-
-@kernel
-def _trimmed(kind: int, length: float, shape: Floats2, x0: float, x1: float, out: Floats2) -> float:
-    """The part of a segment between two places, into `out`; its length."""
-    rest = x1 - x0
-    if kind == 0:
-        for i in range(len(shape)):
-            for k in range(8):
-                out[i, k] = 0.0
-            out[i, 1] = shape[i, 1] / length * rest
-        return rest
-    s, v = turned(shape[0, 3] * x0)
-    c = 1.0 - v
-    for i in range(len(shape)):
-        for k in range(8):
-            out[i, k] = 0.0
-        out[i, 0] = shape[i, 0] * c + shape[i, 1] * s
-        out[i, 1] = shape[i, 1] * c - shape[i, 0] * s
-        out[i, 2] = shape[i, 2]
-        out[i, 3] = shape[0, 3]
-    return rest
 
 
 @kernel
@@ -245,7 +223,7 @@ def join(
                 end = length[k] - away
         if end - begin > 1e-12 * length[k]:
             kinds[count] = kind[k]
-            lengths[count] = _trimmed(kind[k], length[k], shape[k], begin, end, shapes[count])
+            lengths[count] = trimmed(kind[k], length[k], shape[k], begin, end, shapes[count])
             derivatives(kind[k], length[k], shape[k], begin, r)
             for i in range(axes):
                 origins[count, i] = origin[k, i] + r[i, 0]
