@@ -60,13 +60,13 @@ def test_lifted_motions_are_proven_and_never_slower() -> None:
 
 
 def test_a_ramp_as_short_as_rounding_does_not_ask_for_spans_as_short() -> None:
-    """Time pieces of 3e-17 s in the middle of a random curve, which caps that differ by rounding had made."""
+    """Eight time pieces of 3e-17 s in the middle of a random curve, which caps that differ by rounding had made."""
     draw = np.random.default_rng(33)
     limits, pieces = random_limits(draw), random_curve(draw)
     (part,) = Schedule(limits, 400).add(Section(pieces, True))
     m = len(part.motion.duration) // 2
-    short = [np.insert(each, m, each[m]) for each in part.motion]
-    short[0][m] = 3e-17
+    short = [np.insert(each, [m] * 8, each[m]) for each in part.motion]
+    short[0][m : m + 8] = 3e-17
     after = list(Lifter(limits).add(part._replace(motion=Motion(*short))))
     assert duration(after) < 0.9 * duration([part])
     assert sum(len(each.motion.duration) for each in after) < 10_000
