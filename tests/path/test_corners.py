@@ -287,3 +287,20 @@ def test_no_limit_is_broken_where_runs_overlap():
 @pytest.mark.slow(reason="500 random polylines, where the quick test has 15")
 def test_no_limit_is_broken_where_many_runs_overlap():
     _polylines(500, 5)
+
+
+def test_a_line_leaves_room_for_the_bend_of_the_arc_that_it_meets():
+    """A half disc: the line takes 0.93 of its jerk, and both overlap; with all of it they cannot."""
+    half = joined_up(arc((0.0, 0.0), 0.01, 0.0, np.pi, 0.15), lines(np.array([[-0.01, 0, 0], [0.01, 0, 0]]), 0.15))
+    for segments in (half, _reversed(half)):
+        parts = passed(segments, 5e-5)
+        assert [each.entering is not None for each in parts] == [False, True, False]
+        found = proof(parts)
+        assert found.count == 0, found.faults[0]
+        assert time(parts) <= time(passed(segments, 0.0)) - 0.01
+
+
+def _reversed(segments: Pieces) -> Pieces:
+    """The line first, then the arc."""
+    line, bow = (Pieces(*(each[k : k + 1] for each in segments)) for k in (1, 0))
+    return joined_up(line, bow)

@@ -23,9 +23,10 @@ from feeddrive.path.schedule.bump import (
     bump,
     straight,
 )
-from feeddrive.path.schedule.overlap import overlap, overlapped
+from feeddrive.path.schedule.overlap import overlap, overlapped, together
 from feeddrive.path.schedule.room import bounds
 
+_SLOWED = (0.93, 0.85)  # shares of the jerk
 _SHORTEST = 1e-4  # s of overlap; less is not worth parts of their own
 
 
@@ -120,8 +121,8 @@ class Crossings:
         leaves, self._fixed = overlapped(before, run.part, run.lasts, run.corner)
         return leaves
 
-    def _met(self, one: _Run, two: _Run) -> tuple[_Run, _Run]:
-        """Two runs with the corner between them, the first one as it will be."""
+    def _stopped(self, one: _Run, two: _Run) -> tuple[_Run, _Run]:
+        """Both as they are, and how long they overlap."""
         end, begin = _end(one.part, True), _end(two.part, False)
         feed = max(end.feed, begin.feed)
         # of a run that is a single part the other half is for its other end
@@ -133,14 +134,49 @@ class Crossings:
             end.rows, len(end.rows), end.length, end.direction, end.most,
             begin.rows, len(begin.rows), begin.direction, begin.most, longest, one.tolerance, self._limits, feed,
         )  # fmt: skip
-        lasts = lasts if lasts >= _SHORTEST else 0.0
+        return one, two._replace(lasts=lasts if lasts >= _SHORTEST else 0.0, corner=one.tolerance)
+
+    def _met(self, one: _Run, two: _Run) -> tuple[_Run, _Run]:
+        """Two runs with the corner between them, the first one as it will be."""
+        best = self._stopped(one, two)
         tail = one.whole or self._tail(one.part)
         head = two.whole or self._head(two.part)
         if tail is not None and head is not None:
-            found = self._bump(one, end, tail, two, begin, head, lasts, feed)
-            if found is not None:
-                return found
-        return one, two._replace(lasts=lasts, corner=one.tolerance)
+            end, begin = _end(one.part, True), _end(two.part, False)
+            return self._bump(one, end, tail, two, begin, head, best[1].lasts, max(end.feed, begin.feed)) or best
+        # next to an arc a line leaves room for what the bend takes of its axis
+        for share in _SLOWED if (tail is None) != (head is None) else ():
+            slowed = self._slowed(one, tail, TAIL, share), self._slowed(two, head, HEAD, share)
+            if slowed[0] and slowed[1]:
+                found = self._stopped(slowed[0], slowed[1])
+                if _together(found) < _together(best) and self._holds(found[0]):
+                    best = found
+        return best
+
+    def _slowed(self, run: _Run, stretch: _Stretch | None, at: int, share: float) -> _Run | None:
+        """A run with a share of the jerk and its square of the snap in a ramp to the corner that lies on a line."""
+        if stretch is None:
+            return run
+        numbers, made = stretch.numbers.copy(), np.zeros((ROWS, 6))
+        numbers[[at + JERK_SHARE, at + SNAP_SHARE]] = share, share * share
+        count = straight(numbers, made)
+        if not count:
+            return None
+        k = len(run.part.pieces.length) - 1 if at == TAIL else 0
+        part = run.part._replace(motion=_spliced(stretch, run.part.motion, k, made[:count]))
+        return run._replace(part=part, whole=_Stretch(0, count, numbers) if run.whole else None)
+
+    def _holds(self, run: _Run) -> bool:
+        """Whether a run that was made anew may still overlap with the one before as it does."""
+        if run.lasts == 0.0 or self._fixed is None:
+            return True
+        end, begin = _end(self._fixed, True), _end(run.part, False)
+        share, away = together(
+            end.rows, len(end.rows), end.length, end.direction, end.most,
+            begin.rows, len(begin.rows), begin.direction, begin.most,
+            run.lasts, self._limits, max(end.feed, begin.feed),
+        )  # fmt: skip
+        return share <= 1.0 + 1e-10 and away <= run.corner
 
     def _bump(
         self, one: _Run, end: _End, tail: _Stretch, two: _Run, begin: _End, head: _Stretch, lasts: float, feed: float
@@ -196,6 +232,11 @@ class Crossings:
         numbers[LENGTH], numbers[HEAD], numbers[TAIL] = length, begin, end
         numbers[[end + share for end in (HEAD, TAIL) for share in (JERK_SHARE, SNAP_SHARE)]] = 1.0
         return numbers
+
+
+def _together(both: tuple[_Run, _Run]) -> float:
+    """The time of both runs, s."""
+    return _time(both[0].part.motion) + _time(both[1].part.motion) - both[1].lasts
 
 
 def _time(motion: Motion, stretch: _Stretch | None = None) -> float:

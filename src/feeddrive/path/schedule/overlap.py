@@ -23,23 +23,41 @@ BELOW = 1.0 - 1e-10  # of a tolerance: rounding
 
 
 @kernel
-def _bent(most: Floats, v: float, a: float, j: float, s: float, away: float, out: Floats) -> int:
-    """Add to `out` what velocity .. snap of an axis may differ from those along the tangent at the corner.
-
-    v, a, j and s are the largest of u' .. u'''', `most` bounds r' .. r'''' and `away` the way to the corner.
-    """
-    turned = most[1] * away
-    out[0] = out[0] + turned * v
-    out[1] = out[1] + turned * a + most[1] * v * v
-    out[2] = out[2] + turned * j + 3.0 * most[1] * v * a + most[2] * v * v * v
-    out[3] = (
-        out[3]
-        + turned * s
-        + most[1] * (3.0 * a * a + 4.0 * v * j)
-        + 6.0 * most[2] * v * v * a
-        + most[3] * v * v * v * v
-    )
+def _widened(low: float, high: float, down: float, up: float, more: float, out: Floats) -> int:
+    """Add [low, high] · [-down, up] ± more to the interval in `out`."""
+    out[0] = out[0] + min(min(-low * down, -high * down), min(low * up, high * up)) - more
+    out[1] = out[1] + max(max(-low * down, -high * down), max(low * up, high * up)) + more
     return 0
+
+
+@kernel
+def _bent(most: Floats, c: float, v: float, a: float, j: float, s: float, h: float, away: float, out: Floats2) -> int:
+    """Add to the rows of `out` by how much velocity .. snap of an axis may differ from those along the tangent.
+
+    c is r' of the axis at the corner, `most` bounds r' .. r'''' and `away` the way to the corner; u' .. u'''' as they
+    are at the begin of h seconds.
+    """
+    # r' - c
+    up = min(most[1] * away, max(most[0] - c, 0.0))
+    down = min(most[1] * away, max(most[0] + c, 0.0))
+    j1 = j + h * s
+    a1 = a + 0.5 * h * j
+    a2 = a + h * (j + 0.5 * h * s)
+    A = max(max(abs(a), abs(a1)), abs(a2))
+    J = max(abs(j), abs(j1))
+    V = abs(v) + h * A
+    _widened(0.0, V, down, up, 0.0, out[0])
+    _widened(min(min(a, a1), a2), max(max(a, a1), a2), down, up, most[1] * V * V, out[1])
+    _widened(min(j, j1), max(j, j1), down, up, 3.0 * most[1] * V * A + most[2] * V * V * V, out[2])
+    more = most[1] * (3.0 * A * A + 4.0 * V * J) + 6.0 * most[2] * V * V * A + most[3] * V * V * V * V
+    _widened(s, s, down, up, more, out[3])
+    return 0
+
+
+@kernel
+def _largest(value: float, rest: Floats) -> float:
+    """Of |value + rest|, of an interval."""
+    return max(abs(value + rest[0]), abs(value + rest[1]))
 
 
 @kernel
@@ -59,7 +77,7 @@ def together(
     p0 = zeros(4)
     p1 = zeros(4)
     p2 = zeros(4)
-    rest = zeros(4)
+    rest = zeros(4, 2)
     curved = 0.0
     for i in range(axes):
         curved = max(curved, max(most0[i, 1], most1[i, 1]))
@@ -108,20 +126,10 @@ def together(
                 j = c0 * j0 + c1 * j1
                 s = c0 * s0 + c1 * s1
                 for k in range(4):
-                    rest[k] = 0.0
+                    rest[k] = 0.0, 0.0
                 if curved > 0.0:
-                    for k in range(2):
-                        w = v0 if k == 0 else v1
-                        g = a0 if k == 0 else a1
-                        y = j0 if k == 0 else j1
-                        z = abs(s0) if k == 0 else abs(s1)
-                        y = max(abs(y), abs(y + h * (s0 if k == 0 else s1)))
-                        g = abs(g) + h * y
-                        w = abs(w) + h * g
-                        if k == 0:
-                            _bent(most0[i], w, g, y, z, far0, rest)
-                        else:
-                            _bent(most1[i], w, g, y, z, far1, rest)
+                    _bent(most0[i], c0, v0, a0, j0, s0, h, far0, rest)
+                    _bent(most1[i], c1, v1, a1, j1, s1, h, far1, rest)
                 p0[0] = v
                 p0[1] = v + h * a / 3.0
                 p0[2] = v + h * (2.0 * a + 0.5 * h * j) / 3.0
@@ -131,13 +139,14 @@ def together(
                 p1[2] = a + h * (j + 0.5 * h * s)
                 most = 0.0
                 for k in range(4):
-                    fast = abs(p0[k]) + rest[0]
+                    fast = _largest(p0[k], rest[0])
                     p2[k] = p2[k] + fast * fast
                     most = max(most, fast)
                 share = max(share, most / limits[i, 0])
-                share = max(share, (max(max(abs(p1[0]), abs(p1[1])), abs(p1[2])) + rest[1]) / limits[i, 1])
-                share = max(share, (max(abs(j), abs(j + h * s)) + rest[2]) / limits[i, 2])
-                share = max(share, (abs(s) + rest[3]) / limits[i, 3])
+                for k in range(3):
+                    share = max(share, _largest(p1[k], rest[1]) / limits[i, 1])
+                share = max(share, max(_largest(j, rest[2]), _largest(j + h * s, rest[2])) / limits[i, 2])
+                share = max(share, _largest(s, rest[3]) / limits[i, 3])
             for k in range(4):
                 speed = max(speed, p2[k])
             share = max(share, sqrt(speed) / feed)
