@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import contextlib
 import json
-from collections.abc import Generator, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -36,9 +36,14 @@ class SetpointWriter:
     """Samples into files, in constant memory."""
 
     def __init__(
-        self, folder: Path, limits: MachineLimits, sample_time: float, parquet: Any, stops: Any, stream: Any
+        self,
+        letters: str,
+        sample_time: float,
+        parquet: Callable[[np.ndarray, Mapping[str, np.ndarray]], None],
+        stops: Callable[[Mapping[str, np.ndarray]], None],
+        stream: Callable[[np.ndarray], None],
     ) -> None:
-        self._letters, self._sample_time = limits.letters, sample_time
+        self._letters, self._sample_time = letters, sample_time
         self._parquet, self._stops, self._stream = parquet, stops, stream
         self._held: list[Samples] = []
         self._stood: list[Standstill] = []
@@ -105,7 +110,7 @@ def setpoint_files(folder: Path, limits: MachineLimits, sample_time: float, prog
         parquet_stream(folder / STOPS, names, told) as stops,
         (folder / STREAMER).open("wb") as text,
     ):
-        writer = SetpointWriter(folder, limits, sample_time, parquet, stops, lambda rows: _lines(text, rows))
+        writer = SetpointWriter(limits.letters, sample_time, parquet, stops, lambda rows: _lines(text, rows))
         yield writer
         writer.flush()
     (folder / HAL).write_text(_hal(letters, sample_time, program), encoding="utf-8")
