@@ -18,8 +18,11 @@ from feeddrive.files.machine import planned_limits
 from feeddrive.language.errors import CancelledError, FeeddriveError, ParameterError
 from feeddrive.language.progress import Progress
 from feeddrive.path import setpoints
+from feeddrive.path.motion import Part
+from feeddrive.path.plan import planned
 from feeddrive.path.planned import Recorder
 from feeddrive.path.program.reading import read_program
+from feeddrive.path.sample import Sampler
 from feeddrive.workflow.plan import FAULT, PlanRequest, plan
 from hal_programs import needs_linuxcnc
 
@@ -296,6 +299,19 @@ def test_a_wrong_program_section_is_refused(section: str, said: str, tmp_path: P
     job.write_text(f'machine = "xy_table"\naxis = "y"\n[program]\n{section}\n', encoding="utf-8")
     with pytest.raises(FeeddriveError, match=said):
         fd.read_job(job)
+
+
+def test_a_long_part_is_sampled_in_slices(tmp_path: Path) -> None:
+    """Runs, an overlap and a corner spline, at most seven samples at once: the bits of all at once."""
+    limits = planned_limits(fd.read_machine("xy_table"), None)
+    path = part(tmp_path, "G64 P0.05 G1 X8 F6000\nY5\nX3\nX2.9 Y5.05\nX2.8 Y5.15\nX0\nM2\n")
+    whole, cut = Sampler(1e-3), Sampler(1e-3)
+    parts = [each for each in planned(read_program(path), "XY", limits.array) if isinstance(each, Part)]
+    assert any(each.entering is not None for each in parts)
+    for each in parts:
+        slices = list(cut.slices(each, 7))
+        assert max(map(len, slices)) <= 7
+        np.testing.assert_array_equal(np.concatenate(slices), whole.sample(each))
 
 
 @pytest.mark.usefixtures("no_report")

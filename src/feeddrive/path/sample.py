@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from feeddrive.language.kernels.kernel import kernel
@@ -54,19 +56,28 @@ class Sampler:
 
     def sample(self, part: Part) -> np.ndarray:
         """Position, velocity .. snap of each axis at the instants within a part, m .. m/s⁴, shape (n, N, 5)."""
-        ends = self._begin + float(np.sum(part.motion.duration))
-        found = self._along(part.pieces, part.motion, ends)
-        if part.entering is not None:
-            corner = part.entering.pieces.origin[0]
-            other = self._along(part.entering.pieces, part.entering.motion, ends)
-            found[:, :, 0] -= corner
-            found += other
-        self._begin, self._first = ends, self._first + len(found)
-        return found
+        return np.concatenate(list(self.slices(part)))
 
-    def _along(self, pieces: Pieces, motion: Motion, ends: float) -> np.ndarray:
+    def slices(self, part: Part, most: int = 16384) -> Iterator[np.ndarray]:
+        """The same, at most so many instants at once: a part may last for hours."""
+        ends = self._begin + float(np.sum(part.motion.duration))
+        full = True
+        while full:
+            found = self._along(part.pieces, part.motion, ends, most)
+            full = len(found) == most
+            if part.entering is not None:
+                corner = part.entering.pieces.origin[0]
+                other = self._along(part.entering.pieces, part.entering.motion, ends, most)
+                found[:, :, 0] -= corner
+                found += other
+            self._first += len(found)
+            yield found
+        self._begin = ends
+
+    def _along(self, pieces: Pieces, motion: Motion, ends: float, most: int) -> np.ndarray:
         axes = pieces.origin.shape[1]
-        out = np.empty((max(0, int(np.ceil(ends / self._sample_time)) + 1 - self._first), axes, 5))
+        left = max(0, int(np.ceil(ends / self._sample_time)) + 1 - self._first)
+        out = np.empty((min(most, left), axes, 5))
         path = (pieces.kind, pieces.length, pieces.origin, pieces.shape)
         count = _sample(*path, *motion, self._begin, self._sample_time, self._first, out, np.zeros((axes, 5)))
         return out[:count]

@@ -23,6 +23,7 @@ from feeddrive.path.sample import Sampler
 
 _TANGENT = 1e-6  # rad: a smaller corner is none
 _AT_FEED = 0.999  # of the feed: the feed is what limits the speed
+_AT_ONCE = 16384  # samples of a standstill
 _HALF = 0.5  # of a limit: a sample that uses less of all of them is limited by none
 
 PAUSES = {
@@ -101,11 +102,11 @@ class Setpoints:
     def __iter__(self) -> Iterator[Samples]:
         for each in planned(self._counted(), self.limits.letters, self._array):
             if isinstance(each, Part):
-                yield self._part(each)
+                yield from self._part(each)
             else:
-                yield self._pause(each)
+                yield from self._pause(each)
         ends = self.time
-        yield self._rest(self.sample_time, self._last_line)  # the end itself
+        yield from self._rest(self.sample_time, self._last_line)  # the end itself
         self.time = ends
 
     @property
@@ -120,7 +121,7 @@ class Setpoints:
             self.blocks += isinstance(move, Straight | Arc | Spline)
             yield move
 
-    def _part(self, part: Part) -> Samples:
+    def _part(self, part: Part) -> Iterator[Samples]:
         pieces, motion = part.pieces, part.motion
         if self._along is not None:  # a run begins where another one has ended
             if self._waits is None:
@@ -131,37 +132,41 @@ class Setpoints:
                 self._stand(PAUSES.get(self._waits.why, self._waits.why), 0.0, self._waits.line)
         self._along = self._waits = None
         self.proven = self.prover.prove(part) and self.proven
-        values = self._sampler.sample(part)
-        times = (self.samples + np.arange(len(values))) * self.sample_time - self.time
-        line, feed = _where(part, times)
-        found = Samples(self.samples, values, line, feed, self.proven)
-        self._attribute(found)
-        self.samples += len(values)
+        for values in self._sampler.slices(part):
+            times = (self.samples + np.arange(len(values))) * self.sample_time - self.time
+            found = Samples(self.samples, values, *_where(part, times), self.proven)
+            self._attribute(found)
+            self.samples += len(values)
+            yield found
         self.time += float(np.sum(motion.duration))
         self._last_line = int(pieces.line[-1])
         if part.ends and part.entering is None:
             self.runs += 1
             self._position, self._along = _end(part)
-        return found
 
-    def _pause(self, pause: Pause) -> Samples:
+    def _pause(self, pause: Pause) -> Iterator[Samples]:
         if pause.duration > 0.0:
             self._stand(PAUSES.get(pause.why, pause.why), pause.duration, pause.line)
             self._along = self._waits = None
         elif self._waits is None:
             self._waits = pause
-        return self._rest(pause.duration, pause.line)
+        yield from self._rest(pause.duration, pause.line)
 
     def _stand(self, reason: str, duration: float, line: int, angle: float = 0.0) -> None:
         self.stops.append(Standstill(self.time, duration, line, self._position, reason, angle))
 
-    def _rest(self, duration: float, line: int) -> Samples:
-        values = self._sampler.rest(self._position, duration)
-        found = Samples(self.samples, values, np.full(len(values), line), np.zeros(len(values)), self.proven)
-        self.samples += len(values)
-        self.time += duration
-        self._counts[-1] += len(values)
-        return found
+    def _rest(self, duration: float, line: int) -> Iterator[Samples]:
+        """A standstill, at most so many samples at once."""
+        ends, longest = self.time + duration, _AT_ONCE * self.sample_time
+        while duration > 0.0:
+            now = min(duration, longest)
+            values = self._sampler.rest(self._position, now)
+            found = Samples(self.samples, values, np.full(len(values), line), np.zeros(len(values)), self.proven)
+            self.samples += len(values)
+            self._counts[-1] += len(values)
+            yield found
+            duration -= now
+        self.time = ends
 
     def _corner(self, part: Part) -> float:
         """The angle between the end of the run before and the begin of this one, rad."""
