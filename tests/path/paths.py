@@ -4,7 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from feeddrive.path.pieces import ARC, LINE, POLYNOMIAL, Pieces
+from feeddrive.path.motion import Part
+from feeddrive.path.pieces import ARC, LINE, POLYNOMIAL, Pieces, derivatives
+from feeddrive.path.plan import planned
+from feeddrive.path.program.lines import Line
+from feeddrive.path.program.moves import Arc, Feed, Move, PathMode, Point, Straight
+from feeddrive.path.proof.prove import Prover
 
 # m/s, m/s², m/s³, m/s⁴ of each of three axes
 LIMITS = np.array([[0.5, 5.0, 100.0, 5e4]] * 3)
@@ -87,3 +92,83 @@ def random_curve(draw: np.random.Generator) -> Pieces:
 def random_limits(draw: np.random.Generator) -> np.ndarray:
     """Unequal axes, over decades."""
     return LIMITS * np.exp(draw.normal(size=LIMITS.shape))
+
+
+KINDS = ("free lines", "micro segments", "reversals", "parallel to the axes", "arcs", "mixed")
+_LINE = Line("random", 0, "")
+
+
+def _point(xyz: np.ndarray) -> Point:
+    return (*(float(each) for each in xyz), 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+def _arc(draw: np.random.Generator, here: np.ndarray, size: float) -> Arc:
+    """An arc or helix of up to three turns in one of the three planes; one in four is a full circle."""
+    first, second, across = ((0, 1, 2), (2, 0, 1), (1, 2, 0))[int(draw.integers(3))]
+    radius, begin = size * draw.uniform(0.2, 2.0), draw.uniform(0.0, 2.0 * np.pi)
+    center = float(here[first] - radius * np.cos(begin)), float(here[second] - radius * np.sin(begin))
+    turns = int(draw.choice([-3, -1, -1, 1, 1, 2]))
+    end = here.copy()
+    if draw.random() > 0.25:
+        angle = begin + np.sign(turns) * draw.uniform(0.05, 6.2)
+        end[first], end[second] = center[0] + radius * np.cos(angle), center[1] + radius * np.sin(angle)
+    if draw.random() < 0.5:
+        end[across] += size * draw.normal()
+    return Arc(_LINE, _point(here), _point(end), (first, second, across), center, turns)
+
+
+def random_program(draw: np.random.Generator, kind: str, most: int = 30) -> tuple[list[Move], np.ndarray]:
+    """Moves of one of `KINDS`, at most so many, and limits: feed 0.1 to 1000 mm/s, within nothing to 0.5 mm.
+
+    Half of them have limits of each axis drawn over three decades.
+    """
+    limits = LIMITS * 10.0 ** draw.uniform(-1.5, 1.5, LIMITS.shape) if draw.random() < 0.5 else LIMITS.copy()
+    mode = str(draw.choice(["exact_path", "exact_stop", *["continuous"] * 8]))
+    tolerance = 10.0 ** draw.uniform(-6.0, np.log10(5e-4)) if mode == "continuous" else 0.0
+    feed = 10.0 ** draw.uniform(-4.0, 0.0)
+    found: list[Move] = [PathMode(_LINE, mode, tolerance), Feed(_LINE, feed, 0.0)]
+    here, heading = 0.2 * draw.normal(size=3), draw.normal(size=3)
+    size, count = 10.0 ** draw.uniform(-5.0, -1.3), int(draw.integers(1, most + 1))
+    if kind == "micro segments":
+        size, count = 10.0 ** draw.uniform(-6.0, -3.0), 3 * count
+    bend = 10.0 ** draw.uniform(-2.5, 0.0)
+    for _ in range(count):
+        this = str(draw.choice(KINDS[:5])) if kind == "mixed" else kind
+        if this == "arcs" and draw.random() < 0.7:
+            found.append(_arc(draw, here, size))
+        else:
+            if this == "free lines" or this == "arcs":
+                heading = draw.normal(size=3)
+            elif this == "micro segments":
+                heading = heading / np.linalg.norm(heading) + bend * draw.normal(size=3)
+            elif this == "reversals":
+                heading = -heading if draw.random() < 0.7 else draw.normal(size=3)
+            else:
+                heading = np.eye(3)[int(draw.integers(3))] * draw.choice([-1.0, 1.0])
+            step = size * np.exp(draw.normal()) * heading / np.linalg.norm(heading)
+            found.append(Straight(_LINE, _point(here), _point(here + step), bool(draw.random() < 0.1)))
+        here = np.array(found[-1].end[:3])
+    return found, limits
+
+
+def check_random(number: int, seed: int, most: int = 30) -> tuple[int, int]:
+    """Plans and proves random program `number` of a seed; its moves and spans of time.  Raises if one does not hold."""
+    draw = np.random.default_rng([seed, number])
+    kind = KINDS[number % len(KINDS)]
+    moves, limits = random_program(draw, kind, most)
+    prover, last = Prover(limits), None
+    for each in planned(moves, "XYZ", limits):
+        if isinstance(each, Part):
+            prover.prove(each)
+            last = each
+    proof = prover.proof()
+    assert proof.count == 0, f"program {number} of seed {seed}, {kind}: {proof.faults[0]}"
+    assert proof.jump <= 1e-9, f"program {number} of seed {seed}, {kind}: {proof.jump}"
+    assert last is not None
+    pieces, r = last.pieces, np.zeros((3, 5))
+    length = float(pieces.length[-1])
+    derivatives(int(pieces.kind[-1]), length, pieces.shape[-1], length, r)
+    end = np.array(moves[-1].end[:3])
+    miss = np.abs(pieces.origin[-1] + r[:, 0] - end).max()
+    assert miss <= 1e-12 * (1.0 + np.abs(end).max()), f"program {number} of seed {seed}, {kind}: ends {miss} m away"
+    return len(moves) - 2, proof.spans

@@ -1,0 +1,157 @@
+"""Part programs to proven setpoints: lines a minute, memory, the first call.
+
+    python benchmarks/planner.py [--blocks 100000] [--memory] [--first]
+
+Programs of chords: a curve with chords of 50 µm and of 1 mm (smooth), and a zigzag with corners of 20 degrees (corners).
+`--memory` reads a program of a million lines from a file, and says how memory grows from its first ten thousand on.
+`--first` is the first plan in a fresh process, without machine code on disk and with it.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import resource
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+
+from feeddrive.path.geometry.segments import Pause
+from feeddrive.path.plan import planned
+from feeddrive.path.program.lines import Line
+from feeddrive.path.program.moves import Feed, Move, PathMode, Straight
+from feeddrive.path.program.reading import read_program
+from feeddrive.path.proof.prove import Prover
+from feeddrive.path.sample import Sampler
+
+LIMITS = np.array([[0.5, 5.0, 100.0, 5e4]] * 3)  # m/s .. m/s⁴
+EVERY = 10_000  # blocks between looks at the memory
+
+
+def curve(step: float, count: int) -> Iterator[tuple[float, float]]:
+    """Points on a wavy spiral, step in m."""
+    angle = 0.0
+    for _ in range(count):
+        radius = 0.05 + 0.01 * np.sin(7.0 * angle)
+        angle += step / radius
+        yield radius * float(np.cos(angle)), radius * float(np.sin(angle))
+
+
+def zigzag(step: float, count: int) -> Iterator[tuple[float, float]]:
+    """Corners of 20 degrees to the left and to the right in turn."""
+    x = y = 0.0
+    for k in range(count):
+        heading = np.radians(10.0 if k % 2 else -10.0)
+        x, y = x + step * float(np.cos(heading)), y + step * float(np.sin(heading))
+        yield x, y
+
+
+def moves(points: Iterator[tuple[float, float]], tolerance: float, feed: float) -> Iterator[Move]:
+    yield PathMode(Line("", 1, ""), "continuous", tolerance)
+    yield Feed(Line("", 1, ""), feed, 0.0)
+    start = None
+    for k, (x, y) in enumerate(points):
+        end = (x, y, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+        if start is not None:
+            yield Straight(Line("", k, ""), start, end, False)
+        start = end
+
+
+def resident() -> float:
+    """Memory of this process, MB."""
+    return int(Path("/proc/self/statm").read_text().split()[1]) * resource.getpagesize() / 1e6
+
+
+def speed(name: str, points: Callable[[int], Iterator[tuple[float, float]]], tolerance: float, count: int) -> None:
+    """A row: lines a minute of processor time, planned and proven."""
+    given = list(moves(points(count), tolerance, 0.1))
+    begun = time.process_time()
+    found = list(planned(given, "XYZ", LIMITS))
+    planning = time.process_time() - begun
+    prover = Prover(LIMITS)
+    begun = time.process_time()
+    for each in found:
+        if not isinstance(each, Pause):
+            prover.prove(each)
+    proving = time.process_time() - begun
+    if prover.proof().count:
+        raise SystemExit(f"{name}: {prover.proof()}")
+    print(f"| {name} | {60 * count / planning:.2g} | {60 * count / (planning + proving):.2g} |", flush=True)
+
+
+def memory(count: int) -> None:
+    """Reads, plans, proves and samples a program of `count` lines."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "long.ngc"
+        with open(path, "w", encoding="utf-8") as file:
+            file.write("G21 G90 G64 P0.01 F6000\n")
+            for x, y in curve(2e-4, count):
+                file.write(f"G1 X{1e3 * x:.4f} Y{1e3 * y:.4f}\n")
+            file.write("M2\n")
+        read, seen = 0, list[float]()
+
+        def counted() -> Iterator[Move]:
+            nonlocal read
+            for move in read_program(path):
+                yield move
+                read += 1
+                if read % EVERY == 0:
+                    seen.append(resident())
+
+        prover, sampler, begun, samples = Prover(LIMITS), Sampler(1e-3), time.process_time(), 0
+        for each in planned(counted(), "XYZ", LIMITS):
+            if not isinstance(each, Pause):
+                prover.prove(each)
+                samples += len(sampler.sample(each))
+        took = time.process_time() - begun
+    print(f"{read} moves in {took:.0f} s of processor time, {samples} setpoints, {prover.proof().count} faults")
+    print(f"memory at {EVERY} moves {seen[0]:.1f} MB, largest later {max(seen):.1f} MB, at the end {seen[-1]:.1f} MB")
+
+
+def first() -> None:
+    """The time of a first plan, proof and sampling in fresh processes, imports left out."""
+    with tempfile.TemporaryDirectory() as cache:
+        for what in ("nothing on disk", "machine code on disk"):
+            asked = [sys.executable, __file__, "--child"]
+            said = subprocess.run(
+                asked, env={**os.environ, "XDG_CACHE_HOME": cache}, capture_output=True, text=True, check=True
+            )
+            print(f"first plan, {what}: {said.stdout.strip()}")
+
+
+def child() -> None:
+    """One fresh process."""
+    given = list(moves(curve(1e-3, 60), 1e-5, 0.1)) + list(moves(zigzag(2e-2, 4), 1e-5, 0.1))
+    begun = time.process_time()
+    prover, sampler = Prover(LIMITS), Sampler(1e-3)
+    for each in planned(given, "XYZ", LIMITS):
+        if not isinstance(each, Pause):
+            prover.prove(each)
+            sampler.sample(each)
+    print(f"{time.process_time() - begun:.2f} s of processor time, {prover.proof().count} faults")
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--blocks", type=int, default=100_000)
+    parser.add_argument("--memory", action="store_true")
+    parser.add_argument("--first", action="store_true")
+    parser.add_argument("--child", action="store_true")
+    asked = parser.parse_args()
+    if asked.child:
+        child()
+    elif asked.memory:
+        memory(max(asked.blocks, 10 * EVERY))
+    elif asked.first:
+        first()
+    else:
+        print("| lines | planned a minute | and proven |\n|---|--:|--:|")
+        speed("curve, chords of 50 um, within 10 um", lambda count: curve(5e-5, count), 1e-5, asked.blocks)
+        speed("curve, chords of 1 mm, within 10 um", lambda count: curve(1e-3, count), 1e-5, asked.blocks)
+        speed("zigzag of 20 degrees, 1 mm, within 10 um", lambda count: zigzag(1e-3, count), 1e-5, asked.blocks // 10)
+        speed("zigzag of 20 degrees, 1 mm, within 1 um", lambda count: zigzag(1e-3, count), 1e-6, asked.blocks // 10)
