@@ -2,7 +2,7 @@
 
     python benchmarks/planner.py [--blocks 100000] [--memory] [--first]
 
-Programs of chords: a curve with chords of 50 µm and of 1 mm (smooth), and a zigzag with corners of 20 degrees (corners).
+Programs of chords: a curve with chords of 50 µm and of 1 mm, and a zigzag with corners of 20 degrees.
 `--memory` reads a program of a million lines from a file, and says how memory grows from its first ten thousand on.
 `--first` is the first plan in a fresh process, without machine code on disk and with it.
 """

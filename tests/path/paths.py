@@ -117,8 +117,8 @@ def _arc(draw: np.random.Generator, here: np.ndarray, size: float) -> Arc:
     return Arc(_LINE, _point(here), _point(end), (first, second, across), center, turns)
 
 
-def random_program(draw: np.random.Generator, kind: str, most: int = 30) -> tuple[list[Move], np.ndarray]:
-    """Moves of one of `KINDS`, at most so many, and limits: feed 0.1 to 1000 mm/s, within nothing to 0.5 mm.
+def random_program(draw: np.random.Generator, kind: str, most: int = 30) -> tuple[list[Move], np.ndarray, np.ndarray]:
+    """Moves of one of `KINDS`, at most so many, their end and limits: feed 0.1 to 1000 mm/s, within nothing to 0.5 mm.
 
     Half of them have limits of each axis drawn over three decades.
     """
@@ -135,7 +135,7 @@ def random_program(draw: np.random.Generator, kind: str, most: int = 30) -> tupl
     for _ in range(count):
         this = str(draw.choice(KINDS[:5])) if kind == "mixed" else kind
         if this == "arcs" and draw.random() < 0.7:
-            found.append(_arc(draw, here, size))
+            move = _arc(draw, here, size)
         else:
             if this == "free lines" or this == "arcs":
                 heading = draw.normal(size=3)
@@ -146,16 +146,17 @@ def random_program(draw: np.random.Generator, kind: str, most: int = 30) -> tupl
             else:
                 heading = np.eye(3)[int(draw.integers(3))] * draw.choice([-1.0, 1.0])
             step = size * np.exp(draw.normal()) * heading / np.linalg.norm(heading)
-            found.append(Straight(_LINE, _point(here), _point(here + step), bool(draw.random() < 0.1)))
-        here = np.array(found[-1].end[:3])
-    return found, limits
+            move = Straight(_LINE, _point(here), _point(here + step), bool(draw.random() < 0.1))
+        found.append(move)
+        here = np.array(move.end[:3])
+    return found, here, limits
 
 
 def check_random(number: int, seed: int, most: int = 30) -> tuple[int, int]:
     """Plans and proves random program `number` of a seed; its moves and spans of time.  Raises if one does not hold."""
     draw = np.random.default_rng([seed, number])
     kind = KINDS[number % len(KINDS)]
-    moves, limits = random_program(draw, kind, most)
+    moves, end, limits = random_program(draw, kind, most)
     prover, last = Prover(limits), None
     for each in planned(moves, "XYZ", limits):
         if isinstance(each, Part):
@@ -168,7 +169,6 @@ def check_random(number: int, seed: int, most: int = 30) -> tuple[int, int]:
     pieces, r = last.pieces, np.zeros((3, 5))
     length = float(pieces.length[-1])
     derivatives(int(pieces.kind[-1]), length, pieces.shape[-1], length, r)
-    end = np.array(moves[-1].end[:3])
     miss = np.abs(pieces.origin[-1] + r[:, 0] - end).max()
     assert miss <= 1e-12 * (1.0 + np.abs(end).max()), f"program {number} of seed {seed}, {kind}: ends {miss} m away"
     return len(moves) - 2, proof.spans

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from paths import LIMITS, random_curve, random_limits
+from paths import LIMITS, check_random, random_curve, random_limits
 
 from feeddrive.language.errors import ProgramError
 from feeddrive.path.geometry.segments import Chain, Pause, chains
@@ -105,7 +105,7 @@ def spiral(folder: Path, blocks: int) -> Path:
 
 
 def test_a_program_that_comes_in_windows_is_planned_as_at_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The same path, to the bit, in the same time, 1e-9 of it: windows of 30 segments change neither."""
+    """The same path, to the bit; in the same time within 2e-3, as lifting sees the path up to the end of a window."""
 
     def path(found: list[Part | Pause]) -> list[np.ndarray]:
         pieces, goes_on = list[Pieces](), 0
@@ -120,7 +120,7 @@ def test_a_program_that_comes_in_windows_is_planned_as_at_once(tmp_path: Path, m
     proof, found = proven(spiral(tmp_path, 80))
     assert proof.count == 0
     assert sum(isinstance(each, Part) and not each.ends for each in found) > 1
-    assert moving(found) == pytest.approx(moving(whole), rel=1e-9)
+    assert moving(found) == pytest.approx(moving(whole), rel=2e-3)
     assert all(map(np.array_equal, path(found), path(whole)))
 
 
@@ -175,3 +175,20 @@ def test_segments_end_where_the_program_says(tmp_path: Path) -> None:
 def test_what_is_not_planned_is_refused_at_its_line(text: str, reason: str, tmp_path: Path) -> None:
     with pytest.raises(ProgramError, match=reason):
         proven(program(tmp_path, text))
+
+
+def test_random_programs_of_six_kinds_hold() -> None:
+    """Feeds, tolerances and limits over decades; `python benchmarks/random_programs.py` has a hundred thousand."""
+    for number in range(100):
+        check_random(number, 1, 6)
+
+
+@pytest.mark.slow(reason="a thousand random programs, up to 30 moves each; the quick test has a hundred of up to 6")
+def test_many_random_programs_of_six_kinds_hold() -> None:
+    for number in range(1000):
+        check_random(number, 2)
+
+
+def test_lifting_leaves_time_pieces_alone_that_have_no_way() -> None:
+    """The way of some is lost in rounding: two knots of the spline of u'² were one."""
+    check_random(53, 1)
