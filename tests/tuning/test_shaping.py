@@ -13,6 +13,7 @@ from feeddrive.analysis.loop_model import Robustness, loop_model, robustness
 from feeddrive.analysis.margins import margins
 from feeddrive.language import tree
 from feeddrive.language.errors import NotIdentifiableError, ParameterError, UnstableError
+from feeddrive.language.progress import Progress
 from feeddrive.loop.lifting import compliance, loop_gain
 from feeddrive.tuning import traced_control
 from feeddrive.tuning.candidates import candidates
@@ -21,11 +22,12 @@ from feeddrive.tuning.control_response import ControlResponse
 from feeddrive.tuning.criteria import GOALS, Criteria
 from feeddrive.tuning.limits import Limits
 from feeddrive.tuning.operating_point import OperatingPoint, measured_point, modelled_point, response_on
-from feeddrive.tuning.search import least_quadratic
+from feeddrive.tuning.search import Search, least_quadratic
 from feeddrive.tuning.smoothing import smoothed
 from feeddrive.tuning.tunables import law_tunables
 from feeddrive.tuning.tune import assess, tune_control
 from feeddrive.tuning.tuned import two_digits
+from feeddrive.tuning.tuner import Tuner
 from random_drives import outcome
 from slow_share import all_but
 
@@ -477,6 +479,11 @@ def test_a_position_loop_at_another_rate_is_tuned(screw: fd.Loop, measured: bool
     soft = compliance(slow, point.frequency).response
     assert np.max(np.abs(made.compliance / soft - 1.0)) < (2e-4 if measured else 1e-7)
     assert not encircles(made)
+    exact, rough = (
+        Criteria((point,), criteria.control, "rope-snap", BARS, (0.0, np.inf), near=near)(x) for near in (False, True)
+    )
+    assert rough.goal == pytest.approx(exact.goal, abs=1e-2)  # of a logarithm: 1 % of the rope-snap error
+    assert not np.array_equal(rough.slope, exact.slope)
     for i in range(3):
         step = 1e-5 * np.eye(3)[i]
         moved = (criteria.answers(x + step)[0].gain - criteria.answers(x - step)[0].gain) / 2e-5
@@ -498,6 +505,21 @@ def test_encirclement_of_two_rates_is_that_of_its_poles(screw: fd.Loop, every: i
         assert unstable(found) is not stable, (Kv, Kp)
         seen.add(stable)
     assert seen == {True, False}
+
+
+def test_a_search_of_two_rates_ends_with_all_images(screw: fd.Loop) -> None:
+    """The rough search, half of the lines and the nearest images, is not where it ends: no step from there pays."""
+    law = replace(screw.control.law, position_every=4)
+    slow = replace(screw, control=replace(screw.control, law=law))
+    names = ("law.Kv", "law.Kp")
+    tuner = Tuner((modelled_point(slow),), "rope-snap", BARS, (0.0, np.inf), 0.95, 1, 0, 0.05, Progress())
+    best = tuner.tuned(slow.control, names, starts=1)
+    assert not best.criteria.near
+    assert best.criteria.points[0].frequency.size >= tuner.kept[0].size
+    whole = tuner.criteria(slow.control, names)
+    assert whole(best.end.x).goal == pytest.approx(best.end.judged.goal, rel=1e-12)
+    again = Search(whole, *best.box).descend(best.end.x, 0.05)
+    assert float(again.judged.goal[0]) > float(best.end.judged.goal[0]) - 2e-3
 
 
 @pytest.mark.slow(reason="two whole searches, one with 16 images on each line: 15 s")

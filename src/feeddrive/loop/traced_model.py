@@ -105,30 +105,58 @@ class LinearModel(NamedTuple):
 
 
 def resolved(A: np.ndarray, B: np.ndarray, C: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(z - A)⁻¹ B of shape (points, n, inputs) and C (z - A)⁻¹ of shape (points, outputs, n).
+    """(z - A)⁻¹ B of shape (points, n, inputs) and C (z - A)⁻¹ of shape (points, outputs, n)."""
+    inverse = Resolvent(A, z)
+    return inverse.after(B), inverse.before(C)
+
+
+class Resolvent:
+    """(z - A)⁻¹ at many points z.
 
     By the Schur form of the balanced A, row by row over all points at once: as safe as solving for each point.
     """
-    from scipy.linalg import matrix_balance, schur  # not for commands that only read
 
-    if not A.size:
-        return np.zeros((z.size, 0, B.shape[1]), complex), np.zeros((z.size, C.shape[0], 0), complex)
-    balanced, (scale, _) = matrix_balance(A, permute=False, separate=True)
-    form = schur(balanced, output="complex")
-    S, Z = form[0], form[1]
-    n = scale.size
-    right = Z.conj().T @ (B / scale[:, None])
-    left = (C * scale) @ Z
-    x = np.repeat(right[:, :, None], z.size, axis=2)
-    w = np.repeat(left.T[:, :, None], z.size, axis=2)
-    for i in range(n - 1, -1, -1):
-        x[i] /= z - S[i, i]
-        x[:i] += S[:i, i, None, None] * x[i]
-    for i in range(n):
-        w[i] /= z - S[i, i]
-        w[i + 1 :] += S[i, i + 1 :, None, None] * w[i]
-    forth, back = Z * scale[:, None], Z.conj().T / scale
-    return forth @ x.transpose(2, 0, 1), w.transpose(2, 1, 0) @ back
+    def __init__(self, A: np.ndarray, z: np.ndarray) -> None:
+        from scipy.linalg import matrix_balance, schur  # not for commands that only read
+
+        self.z, self.scale = z, np.zeros(0)
+        if A.size:
+            balanced, (self.scale, _) = matrix_balance(A, permute=False, separate=True)
+            self.form, self.vectors = schur(balanced, output="complex")[:2]
+
+    def after(self, B: np.ndarray) -> np.ndarray:
+        """(z - A)⁻¹ B of shape (points, n, columns), of one B for all points or of one each."""
+        n, z = self.scale.size, self.z
+        if not n:
+            return np.zeros((z.size, 0, B.shape[-1]), complex)
+        S, Z = self.form, self.vectors
+        right = Z.conj().T @ (B / self.scale[:, None])
+        x = (
+            np.repeat(right[:, :, None], z.size, axis=2)
+            if B.ndim == 2
+            else np.ascontiguousarray(right.transpose(1, 2, 0))
+        )
+        for i in range(n - 1, -1, -1):
+            x[i] /= z - S[i, i]
+            x[:i] += S[:i, i, None, None] * x[i]
+        return (Z * self.scale[:, None]) @ x.transpose(2, 0, 1)
+
+    def before(self, C: np.ndarray) -> np.ndarray:
+        """C (z - A)⁻¹ of shape (points, rows, n), of one C for all points or of one each."""
+        n, z = self.scale.size, self.z
+        if not n:
+            return np.zeros((z.size, C.shape[-2], 0), complex)
+        S, Z = self.form, self.vectors
+        left = (C * self.scale) @ Z
+        w = (
+            np.repeat(left.T[:, :, None], z.size, axis=2)
+            if C.ndim == 2
+            else np.ascontiguousarray(left.transpose(2, 1, 0))
+        )
+        for i in range(n):
+            w[i] /= z - S[i, i]
+            w[i + 1 :] += S[i, i + 1 :, None, None] * w[i]
+        return w.transpose(2, 1, 0) @ (Z.conj().T / self.scale)
 
 
 # A tangent that is zero whatever the values is None, and costs nothing.

@@ -11,6 +11,7 @@ import numpy as np
 from feeddrive.analysis.margins import Margins, bandwidth, margins, peak_deviation
 from feeddrive.analysis.stiffness import Stiffness, force_noise_of_lines, rope_snap_of_lines, stiffness
 from feeddrive.loop.frequency_response import FRF
+from feeddrive.loop.linearize import StateSpace
 from feeddrive.tuning.control_response import Response
 from feeddrive.tuning.operating_point import OperatingPoint
 
@@ -136,7 +137,13 @@ _EDGE = 1.0 - 1e-9  # of |z|: a motion that decays more slowly does not count as
 
 
 def unstable(answer: Answer) -> bool:
-    """Whether the closed loop is unstable: by its eigenvalues for an axis that is a model, else by encirclement of -1.
+    """Whether the closed loop is unstable: by its eigenvalues if the axis is a model, else by encirclement of -1."""
+    axis, samples = answer.point.model, answer.response.samples
+    return encircles(answer) if axis is None or samples is None else grows(axis, samples)
+
+
+def grows(axis: StateSpace, samples: np.ndarray) -> bool:
+    """Whether an axis and the samples [A B; c d] of a control make an unstable loop, by eigenvalues over a period.
 
     From one period to the next, x of the axis and ξ of the control are moved by the product over its samples k of
 
@@ -144,9 +151,6 @@ def unstable(answer: Answer) -> bool:
 
     States of the control that the force does not depend on, as an integral with a gain of 0, do not count.
     """
-    axis, samples = answer.point.model, answer.response.samples
-    if axis is None or samples is None:
-        return encircles(answer)
     samples = _with_effect(samples)
     n, many = samples.shape[1] - 1, axis.A.shape[0]
     force = axis.inputs.index("cut")

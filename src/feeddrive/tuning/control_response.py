@@ -14,12 +14,12 @@ from feeddrive.language.errors import ParameterError
 from feeddrive.loop.control import Control
 from feeddrive.loop.lifting import MOST, images_turn
 from feeddrive.loop.trace import node_values
-from feeddrive.loop.traced_model import require_slopes, resolved
+from feeddrive.loop.traced_model import Resolvent, require_slopes, resolved
 from feeddrive.tuning.traced_control import READINGS, needed, traced_control
 
 _SPEED = 0.05  # m/s of the operating point
 _AT_ONE = 1e-5  # of |z|: a pole this near counts as 1, since a double pole is known only to the square root of rounding
-_NEAR = 3  # images on either side of a line that count at a look
+_NEAR = 3  # images on either side of a line that count where the nearest are enough
 _BLOCK = 2**18  # entries of the matrices of all images that are made at once
 Axis = Callable[[np.ndarray], np.ndarray]  # frequency in Hz -> readings of motor and load over the command, m/N
 
@@ -175,16 +175,18 @@ class ControlResponse:
         frequency: np.ndarray,
         images: np.ndarray | None = None,
         *,
-        look: bool = False,
+        near: bool = False,
+        slopes: bool = True,
     ) -> Response:
         """The response and its slopes on lines in Hz up to Nyquist. Raises ParameterError if it is not finite.
 
         images  of the axis on these lines (`images`), for a law with two rates; without them its images are not closed
                 by an axis, which makes no difference far below its own rate
-        look    without slopes, and with the nearest images alone: for a law with two rates
+        near    with the nearest images alone, for a law with two rates
+        slopes  False: without them, for a law with two rates
         """
         if self.period > 1:
-            return self._over_a_period(values, frequency, images, look)
+            return self._over_a_period(values, frequency, images, near, slopes)
         return _response(*self.model(values), np.exp(2j * np.pi * frequency * self.T), self.T)
 
     def of_model(self, matrix: np.ndarray, frequency: np.ndarray) -> Response:
@@ -196,19 +198,17 @@ class ControlResponse:
         values: Sequence[float] | np.ndarray,
         frequency: np.ndarray,
         images: np.ndarray | None,
-        look: bool,
+        near: bool,
+        with_slopes: bool,
     ) -> Response:
         """`at` for a control with a slow part, some lines at a time."""
-        key = (np.asarray(values, float).tobytes(), look)
-        if self._last is None or self._last[0] != key:  # the lines of the goal and those below it come in turns
-            self._last = key, self._lifted(values, not look)
-        big, slopes, samples = self._last[1]
+        big, slopes, samples = self._kept_lifted(values, with_slopes)
         N, n = self.period, big.shape[0] - self.period
         if not (np.all(np.isfinite(big)) and np.all(np.isfinite(slopes))):
             raise ParameterError("the linear model of the control holds numbers that are not finite")
         count = max(1, _BLOCK // (N * N))
-        near = _NEAR if look else N
-        kept = [0] if images is None else [0, *(k for k in range(1, N) if k <= near or k >= N - near)]
+        most = _NEAR if near else N
+        kept = [0] if images is None else [0, *(k for k in range(1, N) if k <= most or k >= N - most)]
         parts: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
         for first in range(0, frequency.size, count):
             own = slice(first, first + count)
@@ -224,6 +224,19 @@ class ControlResponse:
         value, slope = (np.concatenate([part[i] for part in parts], axis=1) for i in range(2))
         return Response(value, slope, unstable, np.concatenate([part[2] for part in parts]), N, samples)
 
+    def of_a_period(self, values: Sequence[float] | np.ndarray) -> np.ndarray:
+        """[A B; c d] of each sample of a period, shape (N, n + 1, n + 2)."""
+        return self._kept_lifted(values, False)[2]
+
+    def _kept_lifted(
+        self, values: Sequence[float] | np.ndarray, with_slopes: bool
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """`_lifted`, kept for the lines of the goal and those below it, which come in turns."""
+        key = (np.asarray(values, float).tobytes(), with_slopes)
+        if self._last is None or self._last[0] != key:
+            self._last = key, self._lifted(values, with_slopes)
+        return self._last[1]
+
     def _lifted(
         self, values: Sequence[float] | np.ndarray, with_slopes: bool
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -237,12 +250,14 @@ class ControlResponse:
         samples, changes = self._samples(values, with_slopes)
         for k, (matrix, change) in enumerate(zip(samples, changes, strict=True)):
             after = matrix[:, :n] @ through
-            shifted = np.einsum("ab,bjp->ajp", matrix[:, :n], moved) + np.einsum("abp,bj->ajp", change[:, :n], through)
             own = slice(n + 2 * k, n + 2 * k + 2)
             after[:, own] += matrix[:, n:]
-            shifted[:, own] += change[:, n:]
-            through, moved = after[:n], shifted[:n]
-            big[n + k], slopes[n + k] = after[n], shifted[n]
+            if count:
+                shifted = np.einsum("ab,bjp->ajp", matrix[:, :n], moved)
+                shifted += np.einsum("abp,bj->ajp", change[:, :n], through)
+                shifted[:, own] += change[:, n:]
+                moved, slopes[n + k] = shifted[:n], shifted[n]
+            through, big[n + k] = after[:n], after[n]
         big[:n], slopes[:n] = through, moved
         return big, slopes, samples
 
@@ -272,27 +287,31 @@ def _closed_by(
     big: np.ndarray, slopes: np.ndarray, turns: np.ndarray, cycles: np.ndarray, axis: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """C(f) and its slopes by the axis at the images, and det(1 + L) of them; `cycles` f T of the lines."""
-    N = turns.shape[1]
-    n = big.shape[0] - N
+    lines, N, many = *turns.shape[:2], slopes.shape[2]
+    n, K = big.shape[0] - N, axis.shape[2]
     A, B, C, D = big[:n, :n], big[:n, n:], big[n:, :n], big[n:, n:]
-    x, w = resolved(A, B, C, np.exp(2j * np.pi * cycles * N))
-    answered = np.conj(turns).transpose(0, 2, 1) @ (C @ x + D) / N  # (lines, images, samples and readings)
-    split = answered.reshape(*answered.shape[:2], N, 2)
-    harmonics = np.einsum("lmjr,ljk->lmrk", split, turns, optimize=True)
-    gain = -np.einsum("lmrk,rlk->lmk", harmonics[:, :, :, 1:], axis)
-    others = np.eye(axis.shape[2]) + gain[:, 1:]
-    back = np.linalg.solve(others, harmonics[:, 1:, :, 0])  # forces at the images by the readings at the line
-    value = harmonics[:, 0, :, 0] - np.einsum("lk,lkr->lr", gain[:, 0], back)
-    if not slopes.shape[2]:
+    inverse = Resolvent(A, np.exp(2j * np.pi * cycles * N))
+    # readings in time: of a force at each image through the axis, and of both readings at the line itself
+    heard = np.zeros((lines, N, 2, K + 2), complex)
+    heard[:, :, :, :K] = turns[:, :, None, 1:] * axis.transpose(1, 0, 2)[:, None]
+    for r in range(2):
+        heard[:, :, r, K + r] = turns[:, :, 0]
+    heard = heard.reshape(lines, 2 * N, K + 2)
+    states = inverse.after(B @ heard)
+    harmonics = np.conj(turns).transpose(0, 2, 1) @ (C @ states + D @ heard) / N
+    gain, direct = -harmonics[:, :, :K], harmonics[:, :, K:]
+    others = np.eye(K) + gain[:, 1:]
+    back = np.linalg.solve(others, direct[:, 1:])  # forces at the images by the readings at the line
+    value = direct[:, 0] - (gain[:, :1] @ back)[:, 0]
+    if not many:
         return value.T, np.zeros((2, cycles.size, 0)), np.linalg.det(others)
     ahead = -np.linalg.solve(others.transpose(0, 2, 1), gain[:, 0, :, None])[:, :, 0]
     # the line and its images in time: readings, and how each force counts
-    read = np.einsum("ljk,qlk,lkr->ljqr", turns[:, :, 1:], axis, back, optimize=True)
-    for r in range(2):
-        read[:, :, r, r] += turns[:, :, 0]
-    read = read.reshape(turns.shape[0], 2 * N, 2)
-    counts = (np.conj(turns[:, :, 0]) + np.einsum("lm,ljm->lj", ahead, np.conj(turns[:, :, 1:]))) / N
-    right = np.concatenate([x @ read, read], axis=1)
-    left = np.concatenate([(counts[:, None] @ w)[:, 0], counts], axis=1)
-    slope = np.einsum("la,abp,lbr->rlp", left, slopes, right, optimize=True)
+    both = np.concatenate([back, np.broadcast_to(np.eye(2), (lines, 2, 2))], axis=1)
+    counts = (np.conj(turns[:, :, 0]) + (np.conj(turns[:, :, 1:]) @ ahead[:, :, None])[:, :, 0]) / N
+    right = np.concatenate([states @ both, heard @ both], axis=1)
+    left = np.concatenate([inverse.before((counts @ C)[:, None])[:, 0], counts], axis=1)
+    flat = slopes.reshape(slopes.shape[0], -1)  # real: twice two real products are half of a complex one
+    through = (np.real(left) @ flat + 1j * (np.imag(left) @ flat)).reshape(lines, -1, many)
+    slope = (right.transpose(0, 2, 1) @ through).transpose(1, 0, 2)
     return value.T, slope, np.linalg.det(others)

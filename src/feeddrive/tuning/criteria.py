@@ -10,7 +10,7 @@ import numpy as np
 from feeddrive.analysis.margins import bandwidth_crossing
 from feeddrive.analysis.stiffness import rope_snap_weights, trapezoid_weights
 from feeddrive.language.errors import FeeddriveError, NotIdentifiableError
-from feeddrive.tuning.closed_loop import Answer, Below, answer, unstable
+from feeddrive.tuning.closed_loop import Answer, Below, answer, grows, unstable
 from feeddrive.tuning.control_response import ControlResponse, Response
 from feeddrive.tuning.limits import Bound, Limits, bounds_of, notches_stay_notches
 from feeddrive.tuning.operating_point import OperatingPoint
@@ -19,12 +19,12 @@ GOALS = ("rope-snap", "stiffness", "least-stiffness", "bandwidth")
 _BESIDE = 0.02  # weight of the logarithm of the rope-snap error, added to another goal
 
 
-_COARSE, _FEWEST = 4, 50  # looks at two rates take every fourth line, if at least so many are left
+_FEWEST = 50  # lines that are left at least where every so many are taken
 
 
-def _some(lines: int) -> np.ndarray:
-    """Indices of every fourth line and of the last."""
-    return np.union1d(np.arange(0, lines, _COARSE), lines - 1)
+def some(lines: np.ndarray, every: int) -> np.ndarray:
+    """Every so many of the lines and the last, if enough are left; else all."""
+    return np.union1d(lines[::every], lines[-1:]) if lines.size >= every * _FEWEST else lines
 
 
 class Evaluation(NamedTuple):
@@ -38,7 +38,10 @@ class Evaluation(NamedTuple):
 
 
 class Criteria:
-    """Evaluates goal and limits of a control at all operating points."""
+    """Evaluates goal and limits of a control at all operating points.
+
+    near  of a control with two rates the nearest images count alone: for a search that is not the last one
+    """
 
     def __init__(
         self,
@@ -47,8 +50,11 @@ class Criteria:
         goal: str,
         limits: Limits,
         band: tuple[float, float],
+        *,
+        near: bool = False,
     ) -> None:
         self.points, self.control, self.goal, self.limits, self.band = points, control, goal, limits, band
+        self.near = near
         self._known: dict[bytes, Evaluation] = {}
         self._below = [Below(point) for point in points]
         every = [part.frequency for pair in zip(self._below, points, strict=True) for part in pair]
@@ -72,7 +78,7 @@ class Criteria:
         """The closed loops of a control with two rates, whose response depends on the axis as well."""
 
         def response(frequency: np.ndarray, images: np.ndarray | None) -> Response:
-            found = self.control.at(values, frequency, images, look=look)
+            found = self.control.at(values, frequency, images, near=self.near, slopes=not look)
             return _to_logarithms(found, np.zeros(0) if look else values)
 
         return [
@@ -96,9 +102,10 @@ class Criteria:
         The control is computed once for all of them, so that a look costs a fraction of a step of the search.  With two
         rates each is computed by itself, on every fourth line only and with the nearest images.
         """
-        if self.control.period > 1 and min(point.frequency.size for point in self.points) >= _COARSE * _FEWEST:
-            coarser = tuple(point.chosen(_some(point.frequency.size)) for point in self.points)
-            yield from Criteria(coarser, self.control, self.goal, self.limits, self.band)._looked(x)
+        if self.control.period > 1:
+            every = 2 if self.near else 4
+            coarser = tuple(point.chosen(some(np.arange(point.frequency.size), every)) for point in self.points)
+            yield from Criteria(coarser, self.control, self.goal, self.limits, self.band, near=True)._looked(x)
         else:
             yield from self._looked(x)
 
@@ -107,6 +114,11 @@ class Criteria:
         for each, matrix in zip(x, models, strict=True):
             try:
                 if matrix is None:
+                    samples = self.control.of_a_period(np.exp(each))
+                    axes = (point.model for point in self.points if point.model is not None)
+                    if any(grows(axis, samples) for axis in axes):  # poles first: they cost a fraction of the lines
+                        yield None
+                        continue
                     answers = self._of_two_rates(np.exp(each), look=True)
                 else:
                     answers = self._answers(self.control.of_model(matrix, self._lines), np.zeros(0))

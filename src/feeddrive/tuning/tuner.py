@@ -14,7 +14,7 @@ from feeddrive.language.errors import NotIdentifiableError, UnstableError
 from feeddrive.language.progress import Progress
 from feeddrive.loop.control import Control
 from feeddrive.tuning.control_response import ControlResponse
-from feeddrive.tuning.criteria import Criteria, needed, require_covered, require_good
+from feeddrive.tuning.criteria import Criteria, needed, require_covered, require_good, some
 from feeddrive.tuning.limits import Limits
 from feeddrive.tuning.operating_point import OperatingPoint
 from feeddrive.tuning.search import End, Search
@@ -64,24 +64,29 @@ class Tuner:
         self.noisy = any(point.variance is not None for point in points)
         self.evaluations, self.progress = 0, progress
 
-    def criteria(self, control: Control, names: tuple[str, ...], whole: bool = False) -> Criteria:
-        """Of a set of tunables, on the lines of the search or on all."""
+    def criteria(
+        self, control: Control, names: tuple[str, ...], whole: bool = False, *, rough: bool = False
+    ) -> Criteria:
+        """Of a set of tunables, on the lines of the search or on all; with two rates also on half of them, `rough`."""
         response = ControlResponse(control, self.points[0].sample_time, names, self.velocity)
-        points = self.points if whole else tuple(s.chosen(k) for s, k in zip(self.points, self.kept, strict=True))
-        return Criteria(points, response, self.goal, self.limits, self.band)
+        kept = [some(each, 2) for each in self.kept] if rough else self.kept
+        points = self.points if whole else tuple(s.chosen(k) for s, k in zip(self.points, kept, strict=True))
+        return Criteria(points, response, self.goal, self.limits, self.band, near=rough)
 
     def tuned(self, control: Control, names: tuple[str, ...], starts: int | None = None) -> Best:
         """The best result of some searches, on all lines, with the reserve for the noise."""
         x = logarithms(control, names)
         low, high = box(control, names, x, self.points[0].sample_time)
-        criteria = self.criteria(control, names)
-        search = Search(criteria, low, high)
+        rough = control.law.period() > 1
+        search = Search(self.criteria(control, names, rough=rough), low, high)
         self.progress.step("where to begin")
         first = self._begin(search, x, speeds(control, names))
         self.progress.step(f"{len(names)} tunables, first search")
         wanted = self.starts if starts is None else starts
         ends, unsettled = self._searched(search, control, names, x, first, wanted)
         end = min(ends, key=lambda each: search.merit(each.judged))
+        if rough:
+            end = self._exactly(search, control, names, end)
         end = self._from_below(search, end, x, speeds(control, names))
         costs = [float(np.max(each.judged.goal)) for each in ends]
         end = self._on_all_lines(control, names, search, end)
@@ -119,6 +124,14 @@ class Tuner:
             unsettled,
             (search.low, search.high),
         )
+
+    def _exactly(self, search: Search, control: Control, names: tuple[str, ...], end: End) -> End:
+        """The end of a rough search, searched on with all images and all lines of the search."""
+        self.evaluations += search.criteria.count
+        search.criteria = self.criteria(control, names)
+        if search.judge(end.x) is None:
+            return search.descend(self._begin(search, end.x, speeds(control, names)))
+        return search.descend(end.x, 0.05)
 
     def _searched(
         self, search: Search, control: Control, names: tuple[str, ...], x: np.ndarray, first: np.ndarray, starts: int
@@ -161,7 +174,7 @@ class Tuner:
     def _under(self, search: Search, limits: Limits) -> Search:
         """A search as the given one, within other limits."""
         known = search.criteria
-        criteria = Criteria(known.points, known.control, self.goal, limits, self.band)
+        criteria = Criteria(known.points, known.control, self.goal, limits, self.band, near=known.near)
         other = Search(criteria, search.low, search.high)
         other.sure = search.sure
         return other
