@@ -82,11 +82,12 @@ def test_fine_counts_leave_the_fit_as_it_is() -> None:
 def test_errors_cover_the_truth_with_counts_and_dwells(count: float) -> None:
     """Share of 95 % intervals that hold the truth, over 60 logs, every other one with a reset time.
 
-    With 95 % held each, fewer than 50 of 60 have a chance of 1e-3; wider than the truth by half is no error either.
+    With 95 % held each, fewer than 53 of 60 have a chance of 1 %; measured were 56 to 59. Wider than the truth by half
+    is no error either.
     """
     z = [list(off(with_dwells(seed, count, seed % 2 == 0, 4.0), count, seed % 2 == 0).values()) for seed in range(60)]
     held = np.mean(np.abs(z) < 1.96, axis=0)
-    assert np.all(held >= 0.83), (count, held)
+    assert np.all(held >= 0.87), (count, held)
     assert np.all(np.sqrt(np.mean(np.square(z), axis=0)) > 0.5), (count, held)
 
 

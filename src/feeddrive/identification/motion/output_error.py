@@ -220,12 +220,12 @@ def _with_counts(
     """The fit to the mean of runs with counts; None where they shift no value by `_MATTERS` of its error `before`.
 
         r = measured - mean,   σ²(k) = max(mean r² - mean s², r²/2) + s²(k)
-        cov = cov(runs) + max(0, cov(r) - cov(r of a run))
+        cov = cov(runs) + cov(r)
 
     s² is the variance of the runs at each row.  Rows at rest do not count.  cov(runs) is the covariance of what the
     same step makes of other runs, each in place of the log: where a reading stands on its count, rounding is no noise.
-    cov(r) is that of the residual, less what it says of counts.  After the first correction the runs have the unknown
-    force of the log, too, which dry friction does not average away.
+    cov(r) is that of the residual, which holds a part of the counts again: errors are rather too wide.  After the first
+    correction the runs have the unknown force of the log, too, which dry friction does not average away.
     Source: the parametric bootstrap, Efron & Tibshirani 1993; the weights and the choice of rows are ours.
     """
     count = count_of(log.position)
@@ -248,11 +248,8 @@ def _with_counts(
     others = drawn(loop, log, skip, count, _RUNS, 2, unknown)
     others = (others - np.mean(others, axis=0)) / weighed.scale
     moved = np.array([_solved(weighed.columns, other) for other in others])
-    ours, theirs = (
-        np.mean([np.diag(robust_covariance(weighed.columns, left, smooth=_SMOOTH)) for left in these], axis=0)
-        for these in ([weighed.left], others[:_FEW])
-    )
-    robust = np.sqrt(np.maximum(0.0, ours - theirs) + _STUDENT**2 * np.sum(moved**2, axis=0) / (_RUNS - 1))
+    covariance = robust_covariance(weighed.columns, weighed.left, smooth=_SMOOTH)
+    robust = np.sqrt(np.diag(covariance) + _STUDENT**2 * np.sum(moved**2, axis=0) / (_RUNS - 1))
     found = _estimates(loop, names, weighed.columns, weighed.left, robust)
     return _Fit(loop, float(np.sqrt(np.mean((measured - weighed.mean)[0] ** 2))), found, _ROUNDS, count)
 
