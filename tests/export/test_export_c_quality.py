@@ -29,7 +29,6 @@ DEVIATIONS = {
     "21.15": "memcpy between a number and its bits, which C99 defines and a pointer of another type does not",
 }
 
-OF_ONE_LOOP = {"linuxcnc_pid": {"12.1"}}  # two conditionals, whose operands do stand in parentheses
 LONG = 350  # lines of a function that cppcheck reads whole: the time grows with the third power, 440 take 90 s
 PIECE = 60  # lines of a piece of a longer one
 
@@ -57,6 +56,9 @@ def misra(files: dict[str, str], place: Path) -> dict[str, list[str]]:
     for line in done.stderr.splitlines():
         rule, _, where = line.partition(" ")
         assert rule.startswith("misra-c2012-"), f"cppcheck says more than MISRA: {line}"
+        file, _, number = where.rpartition(":")
+        if rule.endswith("-12.1") and "? (" in "".join(files[file].split("\n")[int(number) - 2 : int(number)]):
+            continue  # cppcheck removes the parentheses of `a ? (b * c) : d` before its addon asks for them
         found.setdefault(rule.removeprefix("misra-c2012-"), []).append(where)
     return found
 
@@ -122,8 +124,7 @@ def test_misra_rules_but_for_those_with_a_reason(name: str, tmp_path: Path) -> N
     """The parameters' check and design, of up to 3,000 lines, is read in pieces: whole, cppcheck takes hours."""
     files = exported(name)
     files["axis_x_configure.c"] = in_pieces(files["axis_x_configure.c"])
-    found = undeclared(misra(files, tmp_path))
-    assert set(found) <= OF_ONE_LOOP.get(name, set()), found
+    assert not undeclared(misra(files, tmp_path))
 
 
 _CALLED = """
@@ -157,6 +158,9 @@ def test_the_checker_finds_what_is_not_allowed(tmp_path: Path) -> None:
     """A checker that finds nothing proves nothing: an octal number (7.1), a parameter that is changed (17.8)."""
     text = "int f(int a);\nint f(int a)\n{\n    if (a > 017) {\n        a = 0;\n    }\n    return a;\n}\n"
     assert {"7.1", "17.8"} <= set(misra({"f.c": text}, tmp_path))
+    text = "double f(double a);\ndouble f(double a)\n{\n    return ((a * 2.0) + 1.0) - RIGHT;\n}\n"
+    for right, rules in (("((a < 1.0) ? (a * 2.0) : a)", set()), ("((a < 1.0) ? a * 2.0 : a)", {"12.1"})):
+        assert set(misra({"f.c": text.replace("RIGHT", right)}, tmp_path)) == rules
 
 
 _MAIN = """
