@@ -125,7 +125,7 @@ class _Path:
     def _between(self, motion: Motion, end: np.ndarray, spans: int) -> Motion | None:
         """The same without rests; `end` is u' .. u''' where it ends."""
         time, knots, coefficient = self._spline(motion, end, spans)
-        if np.any(np.diff(knots[2:-2]) <= 0.0):
+        if np.any(np.diff(knots[3:-3]) <= 0.0):
             return None  # time pieces that have no way but for rounding
         n = len(time) - 1
         looked = self._points(time, knots)
