@@ -10,8 +10,8 @@ import pytest
 from paths import LIMITS, check_random, random_curve, random_limits
 
 from feeddrive.language.errors import ProgramError
-from feeddrive.path.geometry.segments import Chain, Pause, chains
-from feeddrive.path.motion import Part
+from feeddrive.path.geometry.segments import Chain, chains
+from feeddrive.path.motion import Part, Pause
 from feeddrive.path.pieces import Pieces, Section, derivatives, part_of_pieces
 from feeddrive.path.plan import planned
 from feeddrive.path.program.reading import read_program

@@ -55,6 +55,14 @@ class Part(NamedTuple):
     entering: Entering | None = None
 
 
+class Pause(NamedTuple):
+    """A standstill: a dwell or a hold of `duration` s, or 0 s at what waits for something else."""
+
+    duration: float
+    why: str
+    line: int
+
+
 def rows(motion: Motion) -> np.ndarray:
     """Duration, x, speed, acceleration, jerk and snap as the columns of one array, without the index of the piece."""
     return np.column_stack([motion.duration, *motion[2:]])

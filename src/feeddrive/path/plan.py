@@ -7,24 +7,31 @@ from collections.abc import Iterable, Iterator
 import numpy as np
 
 from feeddrive.path.geometry.joints import Joiner
-from feeddrive.path.geometry.segments import Chain, Pause, chains
-from feeddrive.path.motion import Part
+from feeddrive.path.geometry.segments import Chain, chains
+from feeddrive.path.motion import Part, Pause
+from feeddrive.path.override import Override
 from feeddrive.path.program.moves import Move
 from feeddrive.path.schedule.crossing import Crossings
 from feeddrive.path.schedule.lift import Lifter
 from feeddrive.path.schedule.run import Schedule
 
 
-def planned(moves: Iterable[Move], axes: str, limits: np.ndarray) -> Iterator[Part | Pause]:
+def planned(
+    moves: Iterable[Move], axes: str, limits: np.ndarray, override: Override | None = None
+) -> Iterator[Part | Pause]:
     """The runs of a program, each from rest to rest in one or more parts, and the pauses between them.
 
     Segments come in windows, and a part leaves as soon as it is fixed: memory does not grow with the program.
 
-    axes    letters of the machine's axes, in the order of `limits`
-    limits  of velocity .. snap of each axis, m/s .. m/s⁴, shape (N, 4)
+    axes      letters of the machine's axes, in the order of `limits`
+    limits    of velocity .. snap of each axis, m/s .. m/s⁴, shape (N, 4)
+    override  of the feed; with it nothing is lifted, so that what is fixed is never far ahead
 
     Raises ProgramError as `chains` does.  What is yielded is planned, not proven: give it to a `Prover`.
     """
+    if override is not None:
+        yield from _overridden(moves, axes, limits, override)
+        return
     joiner, schedule, lifter, crossings = Joiner(), Schedule(limits), Lifter(limits), Crossings(limits)
     for each in chains(moves, axes):
         if isinstance(each, Chain):
@@ -40,3 +47,28 @@ def planned(moves: Iterable[Move], axes: str, limits: np.ndarray) -> Iterator[Pa
                 yield from crossings.end()
         else:
             yield each
+
+
+def _overridden(moves: Iterable[Move], axes: str, limits: np.ndarray, override: Override) -> Iterator[Part | Pause]:
+    joiner, schedule, crossings = Joiner(), Schedule(limits, override=override), Crossings(limits)
+
+    def leaving(parts: Iterable[Part]) -> Iterator[Part]:
+        for part in parts:
+            if part.entering is not None:  # both runs have counted it
+                schedule.time -= float(np.sum(part.motion.duration))
+            yield part
+
+    for each in chains(moves, axes):
+        if isinstance(each, Pause):
+            schedule.time += each.duration
+            yield each
+            continue
+        for section in joiner.join(each)[0]:
+            for part in schedule.add(section):
+                if isinstance(part, Pause):
+                    yield from leaving(crossings.end())
+                    yield part
+                else:
+                    yield from leaving(crossings.add(part, section.tolerance))
+        if each.ends:
+            yield from leaving(crossings.end())

@@ -12,9 +12,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from feeddrive.path.geometry.segments import Pause
 from feeddrive.path.limits import MachineLimits
-from feeddrive.path.motion import Part
+from feeddrive.path.motion import Part, Pause
 from feeddrive.path.pieces import derivatives
 from feeddrive.path.plan import planned
 from feeddrive.path.program.moves import Arc, Move, Spline, Straight

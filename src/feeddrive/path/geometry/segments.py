@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from feeddrive.language.errors import ProgramError
+from feeddrive.path.motion import Pause
 from feeddrive.path.pieces import ARC, LINE, Pieces
 from feeddrive.path.program.blocks import AXES
 from feeddrive.path.program.lines import Line
@@ -44,14 +45,6 @@ class Chain(NamedTuple):
     segments: Pieces
     tolerance: np.ndarray
     ends: bool
-
-
-class Pause(NamedTuple):
-    """A standstill: a dwell of `duration` s, or 0 s at what waits for something else."""
-
-    duration: float
-    why: str
-    line: int
 
 
 class _Collected:

@@ -1,7 +1,7 @@
 """The hump of one stretch: the ramp from its left node up to a peak, a plateau, and the ramp down to its right node.
 
 A stretch is a row of `COLUMNS` numbers: u and speed of both nodes, the peak (0: none is known), the lengths of the
-ramps up and down, and whether it is done.
+ramps up and down, and whether it is done.  A brake is a stretch without a ramp up.
 """
 
 from __future__ import annotations
@@ -184,3 +184,53 @@ def hump_time(stretch: Floats) -> float:
     down = stretch[8] + stretch[9] + stretch[10]
     way = stretch[1] - stretch[0] - 0.5 * (stretch[2] + stretch[4]) * up - 0.5 * (stretch[3] + stretch[4]) * down
     return up + down + max(way, 0.0) / stretch[4]
+
+
+@kernel
+def brake(
+    begin: Floats, most: Floats3, caps: Floats2, limits: Floats2,
+    left: float, right: float, v0: float, v1: float, row: Floats,
+) -> bool:  # fmt: skip
+    """Fill in a stretch that holds v0 and then brakes to v1; whether there is one."""
+    for k in range(COLUMNS):
+        row[k] = 0.0
+    row[0] = left
+    row[1] = right
+    row[2] = v0
+    row[3] = v1
+    row[4] = v0
+    last = piece_at(begin, right, False)
+    good, row[8], row[9], row[10], _ = fit(begin, most, caps, limits, right, last, -1, left, v1, v0, False, 1.0)
+    goes = right - 0.5 * (v0 + v1) * (row[8] + row[9] + row[10])
+    return good and least_cap(caps, begin, piece_at(begin, left, True), last, left, goes) >= v0 * (1.0 - 1e-12)
+
+
+@kernel
+def brake_soon(
+    begin: Floats, most: Floats3, caps: Floats2, limits: Floats2,
+    left: float, stop: float, v0: float, v1: float, row: Floats,
+) -> bool:  # fmt: skip
+    """Fill in a stretch from `left` that brakes from v0 to v1 in as little way as is found; whether there is one.
+
+    It ends at `stop` at the latest.
+    """
+    a, j, s = straight(most[piece_at(begin, left, True)], limits)
+    L1, L2, L3 = boxcars(v0 - v1, a, j, s)
+    way = 0.5 * (v0 + v1) * (L1 + L2 + L3) * (1.0 + 1e-8)
+    low = 0.0
+    high = 0.0
+    for _ in range(60):
+        high = min(way, stop - left)
+        if brake(begin, most, caps, limits, left, left + high, v0, v1, row):
+            break
+        if way >= stop - left:
+            return False
+        low = high
+        way = 1.3 * way
+    while high - low > 1e-3 * high and low > 0.0:
+        middle = 0.5 * (low + high)
+        if brake(begin, most, caps, limits, left, left + middle, v0, v1, row):
+            high = middle
+        else:
+            low = middle
+    return brake(begin, most, caps, limits, left, left + high, v0, v1, row)

@@ -12,7 +12,7 @@ from __future__ import annotations
 from feeddrive.language.kernels.kernel import kernel
 from feeddrive.language.kernels.plain import zeros
 from feeddrive.language.kernels.source import Floats, Floats2, Floats3, Ints
-from feeddrive.path.schedule.hump import COLUMNS, fastest_cap, hump, hump_time, least_cap, piece_at, too_fast
+from feeddrive.path.schedule.hump import COLUMNS, brake, fastest_cap, hump, hump_time, least_cap, piece_at, too_fast
 from feeddrive.path.schedule.ramp import fit, jerk_before, phase
 
 _TRIES = 8  # slow pieces of a stretch, of which one is held
@@ -135,25 +135,6 @@ def _split(
 
 
 @kernel
-def _brake(
-    begin: Floats, most: Floats3, caps: Floats2, limits: Floats2,
-    left: float, right: float, v0: float, v1: float, row: Floats,
-) -> bool:  # fmt: skip
-    """Fill in a stretch that holds v0 and then brakes to v1; whether there is one."""
-    for k in range(COLUMNS):
-        row[k] = 0.0
-    row[0] = left
-    row[1] = right
-    row[2] = v0
-    row[3] = v1
-    row[4] = v0
-    last = piece_at(begin, right, False)
-    good, row[8], row[9], row[10], _ = fit(begin, most, caps, limits, right, last, -1, left, v1, v0, False, 1.0)
-    goes = right - 0.5 * (v0 + v1) * (row[8] + row[9] + row[10])
-    return good and least_cap(caps, begin, piece_at(begin, left, True), last, left, goes) >= v0 * (1.0 - 1e-12)
-
-
-@kernel
 def _beginning(
     begin: Floats, most: Floats3, caps: Floats2, limits: Floats2, quick: Floats2, u0: float, u1: float, v0: float,
     slow: Ints, stack: Floats2,
@@ -190,9 +171,9 @@ def _beginning(
             left = u0 if k < 0 else begin[slow[k]] - margin
             good = False
             if k < 0:
-                good = _brake(begin, most, quick, limits, u0, right, v0, v1, stack[count])
+                good = brake(begin, most, quick, limits, u0, right, v0, v1, stack[count])
             elif left < right:
-                good = _brake(begin, most, caps, limits, left, right, caps[slow[k], 0], v1, stack[count])
+                good = brake(begin, most, caps, limits, left, right, caps[slow[k], 0], v1, stack[count])
             if good:
                 found = k
                 misses = 0
@@ -204,10 +185,10 @@ def _beginning(
             return 0
         count = count + 1
         if found < 0:
-            _brake(begin, most, quick, limits, u0, right, v0, v1, stack[count - 1])
+            brake(begin, most, quick, limits, u0, right, v0, v1, stack[count - 1])
             return count
         left = begin[slow[found]] - margin
-        _brake(begin, most, caps, limits, left, right, caps[slow[found], 0], v1, stack[count - 1])
+        brake(begin, most, caps, limits, left, right, caps[slow[found], 0], v1, stack[count - 1])
         right = left
         v1 = caps[slow[found], 0]
         many = found

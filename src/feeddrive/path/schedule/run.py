@@ -3,18 +3,23 @@
 Each window ends with a stop, so that there is always one in hand.  Of its plan the nodes in its first part are kept;
 the next window goes on from the last of them.  If a slower path that comes into view asks for more than can be braked
 from there, the plan before is followed to its next node, at the latest to its stop.
+
+With an override the motion is fixed from node to node, and on plateaus by `HORIZON` at most.  At each of these the
+factor of the feed is asked: where it has changed, the motion brakes as soon as the limits allow, or is planned anew.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 
-from feeddrive.path.motion import Motion, Part
+from feeddrive.path.motion import Motion, Part, Pause
+from feeddrive.path.override import Override
 from feeddrive.path.pieces import Pieces, Section, one_after_the_other, part_of_pieces
-from feeddrive.path.schedule.hump import COLUMNS
+from feeddrive.path.schedule.hump import COLUMNS, brake_soon
 from feeddrive.path.schedule.plan import MARGIN, plan, timed
 from feeddrive.path.schedule.room import pieces_room
 
@@ -23,6 +28,9 @@ from feeddrive.path.schedule.room import pieces_room
 SHARES = ((0.9, 0.6), (0.7, 0.4))
 WINDOW = 400  # pieces
 _KEPT = 0.6  # of the way of a window
+HORIZON = 0.05
+"""s of a plateau that are fixed at once when the factor of the feed may change."""
+_CAPS = 8  # tries of the speed to which a motion brakes
 
 
 class _Room(NamedTuple):
@@ -33,10 +41,14 @@ class _Room(NamedTuple):
 
 
 class _Plan(NamedTuple):
-    """Stretches from the present node on, and where each piece of the path begins there; the last is where they end."""
+    """Stretches from the present node on, and where each piece of the path begins there; the last is where they end.
+
+    ends  the run ends there, too
+    """
 
     begin: np.ndarray
     rows: np.ndarray
+    ends: bool
 
 
 class Schedule:
@@ -44,10 +56,12 @@ class Schedule:
 
     limits  of velocity .. snap of each axis, m/s .. m/s⁴, shape (N, 4)
     window  pieces that are planned at once; more where ramps are longer
+    time    s, of what is fixed; with an override whoever takes other pauses adds them
     """
 
-    def __init__(self, limits: np.ndarray, window: int = WINDOW) -> None:
+    def __init__(self, limits: np.ndarray, window: int = WINDOW, override: Override | None = None) -> None:
         self._limits, self._window = np.ascontiguousarray(limits, float), window
+        self._override, self._factor, self.time = override, 1.0, 0.0
         self._begin()
 
     def _begin(self) -> None:
@@ -62,7 +76,7 @@ class Schedule:
         """Whether the next section begins a run."""
         return self._pieces is None
 
-    def add(self, section: Section) -> Iterator[Part]:
+    def add(self, section: Section) -> Iterator[Part | Pause]:
         """The parts of the motion that are fixed when this section is known: all, where the run ends."""
         self._append(section.pieces)
         while self._pieces is not None:
@@ -70,32 +84,97 @@ class Schedule:
             last = min(n, self._wide)
             if last < self._wide and not section.ends:
                 return
-            found = self._planned(last, section.ends and last == n)
+            ends = section.ends and last == n
+            if self._override is not None:
+                followed = yield from self._follow(self._override, last, ends)
+                if followed:
+                    continue
+            found = self._planned(last, ends, self._rooms, self._u, self._speed)
             if found is None:
                 assert self._hand is not None  # from rest there is a plan
                 yield self._go(self._hand, 1)
                 continue
-            if last == n and section.ends:
-                part = _part(self._pieces, found.begin, found.rows, True)
-                self._begin()
-                yield part
-                return
-            found, count = _cut(found)
-            if count:
-                self._wide = self._window
+            found, count = (found, len(found.rows)) if ends else _cut(found)
+            if not count:
+                self._wide = 2 * last  # ramps are longer than the window
+                continue
+            self._wide = self._window
+            if self._override is None:
                 yield self._go(found, count)
             else:
-                self._wide = 2 * last  # ramps are longer than the window
+                yield from self._go_on(self._override, found, count)
+
+    def _go_on(self, override: Override, found: _Plan, count: int) -> Iterator[Part]:
+        """The same as `_go`, node by node, as long as the factor stays."""
+        steps = _steps(found.rows[:count])
+        found = found._replace(rows=np.vstack([steps, found.rows[count:]]))
+        for _ in range(len(steps)):
+            part = self._go(found, 1)
+            if len(part.motion.duration):  # a plateau may be as short as rounding
+                yield part
+            if self._hand is None or override.at(self.time) != self._factor:
+                return
+            found = self._hand
+
+    def _follow(self, override: Override, last: int, ends: bool) -> Generator[Part | Pause, None, bool]:
+        """Turn to the factor in force now; whether the motion has gone on for that."""
+        wanted = override.at(self.time)
+        if wanted == self._factor:
+            return False
+        if wanted == 0.0 and self._speed == 0.0:
+            assert self._pieces is not None
+            duration = override.moves_again(self.time) - self.time
+            self.time += duration
+            yield Pause(duration, "Hold", int(self._pieces.line[0]))
+            return True
+        if wanted > self._factor or self._speed == 0.0:
+            self._turn_to(wanted)
+            return False
+        found = self._braked(last, ends, wanted)
+        if found is not None:
+            yield self._go(found, 1)
+            if wanted > 0.0:
+                self._turn_to(wanted)
+        else:  # from a later node
+            assert self._hand is not None
+            rows = self._hand.rows
+            yield self._go(self._hand._replace(rows=np.vstack([_steps(rows[:1]), rows[1:]])), 1)
+        return True
+
+    def _turn_to(self, factor: float) -> None:
+        """Plan for another factor of the feed from here on."""
+        assert self._pieces is not None
+        self._factor, self._rooms = factor, self._rooms_of(self._pieces, factor)
+
+    def _braked(self, last: int, ends: bool, factor: float) -> _Plan | None:
+        """A plan that first brakes to where it can go on with this factor, 0: to rest; None if there is none."""
+        assert self._pieces is not None
+        begin = np.concatenate([[0.0], np.cumsum(self._pieces.length[:last])])
+        rooms = self._rooms_of(part_of_pieces(self._pieces, 0, last), factor) if factor > 0.0 else None
+        speed = min(self._speed, float(rooms[0].caps[0, 0])) if rooms else 0.0
+        room, row, stop = self._rooms[0], np.zeros(COLUMNS), begin[-1] * (1.0 - MARGIN)
+        given = begin, room.most[:last], room.caps[:last], self._limits, self._u, stop, self._speed
+        for _ in range(_CAPS):
+            if not brake_soon(*given, speed, row):
+                return None
+            if rooms is None:
+                return _Plan(begin, row[None, :], False)
+            lowest = float(np.min(rooms[0].caps[: int(np.searchsorted(begin, row[1], side="left")), 0]))
+            if speed <= lowest:
+                behind = self._planned(last, ends, rooms, float(row[1]), speed)
+                return behind._replace(rows=np.vstack([row, behind.rows])) if behind is not None else None
+            speed = lowest
+        return None
 
     def stop(self) -> Part | None:
         """From the end of the last part to the stop that is in hand; None at rest before a run."""
         if self._pieces is None or self._hand is None or not len(self._hand.rows):
             return None
         pieces = part_of_pieces(self._pieces, 0, len(self._hand.begin) - 1)
-        return _part(pieces, self._hand.begin, self._hand.rows, True)
+        return self._part(pieces, self._hand.begin, self._hand.rows, True)
 
     def _append(self, pieces: Pieces) -> None:
-        rooms = [_room(pieces, self._limits, shares) for shares in SHARES]
+        rooms = self._rooms_of(pieces, self._factor)
         if self._pieces is None:
             self._pieces, self._rooms = pieces, rooms
             return
@@ -105,26 +184,30 @@ class Schedule:
             for both in zip(self._rooms, rooms, strict=True)
         ]
 
-    def _planned(self, last: int, ends: bool) -> _Plan | None:
-        """The quickest plan to a stop at the end of so many pieces; None if the speed is too high for one."""
+    def _planned(self, last: int, ends: bool, rooms: list[_Room], u: float, speed: float) -> _Plan | None:
+        """The quickest plan from u to a stop at the end of so many pieces; None if the speed is too high for one."""
         assert self._pieces is not None
         begin = np.concatenate([[0.0], np.cumsum(self._pieces.length[:last])])
         stop = begin[-1] if ends else begin[-1] * (1.0 - MARGIN)
         size = 4 * last + 16
         found: list[np.ndarray] = []
-        for room in self._rooms:
+        for room in rooms:
             rows = np.zeros((size, COLUMNS))
             given = room.most[:last], room.caps[:last]
             slow, stack = np.zeros(last, np.int64), np.zeros((size, COLUMNS))
-            quick = self._rooms[0].caps[:last]
-            count = plan(begin, *given, self._limits, quick, self._u, stop, self._speed, slow, stack, rows)
+            quick = rooms[0].caps[:last]
+            count = plan(begin, *given, self._limits, quick, u, stop, speed, slow, stack, rows)
             if count:
                 found.append(rows[:count])
-        return _Plan(begin, min(found, key=_time)) if found else None
+        return _Plan(begin, min(found, key=_time), ends) if found else None
 
     def _go(self, found: _Plan, count: int) -> Part:
         """The first `count` stretches of a plan; the others are in hand."""
         assert self._pieces is not None
+        if found.ends and count == len(found.rows):
+            whole = self._part(self._pieces, found.begin, found.rows, True)
+            self._begin()
+            return whole
         kept, begin = found.rows[:count], found.begin
         pieces, node = self._pieces, float(kept[-1, 1])
         place = min(int(np.searchsorted(begin, node, side="right")) - 1, len(begin) - 2)
@@ -133,24 +216,38 @@ class Schedule:
         self._u, self._speed = max(node - float(begin[place]), 0.0), float(kept[-1, 3])
         self._pieces = part_of_pieces(pieces, place, len(pieces.length))
         self._rooms = [_Room(room.most[place:], room.caps[place:]) for room in self._rooms]
-        self._hand = _Plan(begin[place:], found.rows[count:])
-        return _part(part_of_pieces(pieces, 0, place + 1), begin, kept, False)
+        self._hand = _Plan(begin[place:], found.rows[count:], found.ends)
+        return self._part(part_of_pieces(pieces, 0, place + 1), begin, kept, False)
+
+    def _rooms_of(self, pieces: Pieces, factor: float) -> list[_Room]:
+        """For each of `SHARES`, with this factor of the feed."""
+        n, limits, found = len(pieces.length), self._limits.copy(), list[_Room]()
+        limits[:, 0] *= min(factor, 1.0)  # on a traverse they are the feed
+        for shares in SHARES:
+            most, caps = np.zeros((n, len(limits), 4)), np.zeros((n, 2))
+            feed = pieces.feed * factor
+            pieces_room(pieces.kind, pieces.length, pieces.shape, feed, limits, *shares, most, caps)
+            found.append(_Room(most, caps))
+        return found
+
+    def _part(self, pieces: Pieces, begin: np.ndarray, rows: np.ndarray, ends: bool) -> Part:
+        """In pieces of constant snap: two ramps of seven phases and a plateau for each stretch."""
+        size = 15 * len(rows)
+        room = Motion(np.zeros(size), np.zeros(size, np.int64), *(np.zeros(size) for _ in range(5)))
+        count = timed(begin, np.ascontiguousarray(rows), len(rows), *room)
+        motion = Motion(*(each[:count].copy() for each in room))
+        self.time += float(np.sum(motion.duration))
+        return Part(pieces._replace(feed=pieces.feed * self._factor), motion, ends)
 
 
 def plan_run(pieces: Pieces, limits: np.ndarray, window: int = WINDOW) -> Motion:
     """The motion along a whole run; `limits` and `window` as of a `Schedule`."""
     motions, first = list[Motion](), 0
     for part in Schedule(limits, window).add(Section(pieces, True)):
+        assert isinstance(part, Part)  # it holds only with an override
         motions.append(part.motion._replace(piece=part.motion.piece + first))
         first += len(part.pieces.length) - 1  # where a part ends, the next one begins
     return Motion(*(np.concatenate(each) for each in zip(*motions, strict=True)))
-
-
-def _room(pieces: Pieces, limits: np.ndarray, shares: tuple[float, float]) -> _Room:
-    n = len(pieces.length)
-    most, caps = np.zeros((n, len(limits), 4)), np.zeros((n, 2))
-    pieces_room(pieces.kind, pieces.length, pieces.shape, pieces.feed, limits, *shares, most, caps)
-    return _Room(most, caps)
 
 
 def _time(rows: np.ndarray) -> float:
@@ -178,9 +275,27 @@ def _cut(found: _Plan) -> tuple[_Plan, int]:
     return found, count
 
 
-def _part(pieces: Pieces, begin: np.ndarray, rows: np.ndarray, ends: bool) -> Part:
-    """In pieces of constant snap: two ramps of seven phases and a plateau for each stretch."""
-    size = 15 * len(rows)
-    room = Motion(np.zeros(size), np.zeros(size, np.int64), *(np.zeros(size) for _ in range(5)))
-    count = timed(begin, np.ascontiguousarray(rows), len(rows), *room)
-    return Part(pieces, Motion(*(each[:count].copy() for each in room)), ends)
+def _steps(rows: np.ndarray) -> np.ndarray:
+    """Stretches cut at all their nodes: behind ramps, and after each `HORIZON` of a plateau."""
+    found = []
+    for row in rows:
+        u0, u1, v0, v1, peak = row[:5]
+        low = u0 + 0.5 * (v0 + peak) * row[5:8].sum()
+        high = u1 - 0.5 * (v1 + peak) * row[8:11].sum()
+        cuts = [u0]
+        if low > u0:
+            cuts.append(low)
+        many = int(np.ceil((high - low) / (HORIZON * peak))) if high - low > 1e-12 * (u1 - u0) else 0
+        cuts += [low + (high - low) * (k + 1) / many for k in range(many)]
+        if u1 > cuts[-1] and v1 < peak:
+            cuts.append(u1)
+        cuts[-1] = u1
+        for k, (begin, end) in enumerate(pairwise(cuts)):
+            step = row.copy()
+            step[0], step[1] = begin, end
+            if k:
+                step[2], step[5:8] = peak, 0.0
+            if end < u1:
+                step[3], step[8:11] = peak, 0.0
+            found.append(step)
+    return np.array(found)

@@ -1,0 +1,56 @@
+"""Feed override and feed hold: the factor of the feed as a function of time."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from feeddrive.language.errors import ParameterError
+
+MOST = 2.0
+"""The largest factor."""
+
+
+class Override(NamedTuple):
+    """Steps of the factor of the feed; made by `override`.
+
+    time    at which each begins, s from the start of the program, the first at 0, shape (n,)
+    factor  of the feed from then on, 0 .. 2; 0 holds the motion, shape (n,)
+    """
+
+    time: np.ndarray
+    factor: np.ndarray
+
+    def at(self, time: float) -> float:
+        """The factor at a time, s."""
+        return float(self.factor[np.searchsorted(self.time, time, side="right") - 1])
+
+    def moves_again(self, time: float) -> float:
+        """The first time from `time` on at which the factor is not 0, s."""
+        k = int(np.searchsorted(self.time, time, side="right")) - 1
+        if self.factor[k] > 0.0:
+            return time
+        return float(self.time[k + int(np.argmax(self.factor[k:] > 0.0))])
+
+
+def override(steps: Sequence[tuple[float, float]]) -> Override:
+    """An override from pairs of time (s) and factor; before the first of them the factor is 1.
+
+    Raises ParameterError for times that do not rise, a factor outside 0 .. 2, and a hold that never ends.
+    """
+    time, factor = [0.0], [1.0]
+    for k, (begin, value) in enumerate(steps):
+        if not 0.0 <= begin < np.inf or (k and begin <= time[-1]):
+            raise ParameterError(f"override: the times must rise from 0 s on, step {k + 1} is at {begin:g} s")
+        if not 0.0 <= value <= MOST:
+            raise ParameterError(f"override: the factor of step {k + 1} must be in 0 .. {MOST:g}, got {value:g}")
+        if begin == 0.0:
+            factor[0] = value
+            continue
+        time.append(float(begin))
+        factor.append(float(value))
+    if factor[-1] == 0.0:
+        raise ParameterError("override: the last factor is 0, a hold that never ends: add a step with a factor > 0")
+    return Override(np.array(time), np.array(factor, float))

@@ -1,0 +1,151 @@
+"""Feed hold and override as functions of time: limits hold, the path is the same, reactions are quick."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from paths import LIMITS
+
+from feeddrive.language.errors import ParameterError
+from feeddrive.path.motion import Motion, Pause, way
+from feeddrive.path.override import Override, override
+from feeddrive.path.plan import planned
+from feeddrive.path.program.reading import read_program
+from feeddrive.path.proof.prove import Prover
+from feeddrive.path.sample import Sampler
+
+# lines with a blend, a corner of 90 degrees, arcs, a cluster of chords, a traverse and a dwell
+PROGRAM = """G21 G90 G64 P0.02
+G0 X5
+G1 X25 Y0.5 F6000
+G2 X35 Y10.5 I0 J10
+G1 Y30
+X20
+{chords}
+G4 P0.05
+G1 X0 Y0
+M2
+"""
+
+
+class Moved(NamedTuple):
+    """What became of a program."""
+
+    time: float
+    way: float  # m, that u has gone in all runs
+    positions: np.ndarray
+    holds: list[tuple[float, float]]  # since when and for how long, s
+
+
+@pytest.fixture(scope="module")
+def program(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    angle = np.linspace(0.0, 3.0, 60)[1:]
+    chords = "\n".join(f"X{20 - 8 * np.sin(a):.4f} Y{22 + 8 * np.cos(a):.4f}" for a in angle)
+    path = tmp_path_factory.mktemp("override") / "part.ngc"
+    path.write_text(PROGRAM.format(chords=chords), encoding="utf-8")
+    return path
+
+
+def gone(motion: Motion) -> float:
+    """Way of u, m."""
+    rows = zip(*(each.tolist() for each in (*motion[3:], motion.duration)), strict=True)
+    return sum(way(*row) for row in rows)
+
+
+def moved(program: Path, override: Override | None) -> Moved:
+    """A program under an override, proven."""
+    prover, sampler = Prover(LIMITS), Sampler(1e-3)
+    time = far = 0.0
+    positions: list[np.ndarray] = []
+    holds: list[tuple[float, float]] = []
+    for each in planned(read_program(program), "XYZ", LIMITS, override):
+        if isinstance(each, Pause):
+            if each.why == "Hold":
+                holds.append((time, each.duration))
+            time += each.duration
+            positions.append(sampler.rest(positions[-1][-1] if positions else np.zeros(3), each.duration)[:, :, 0])
+            continue
+        assert prover.prove(each), prover.proof().faults[0]
+        time += float(np.sum(each.motion.duration))
+        far += gone(each.motion) + (gone(each.entering.motion) if each.entering else 0.0)
+        samples = sampler.sample(each)[:, :, 0]
+        if len(samples):
+            positions.append(samples)
+    return Moved(time, far, np.concatenate(positions), holds)
+
+
+def same_path(found: Moved, whole: Moved) -> None:
+    """Nothing of the path is lost or passed twice."""
+    assert found.way == pytest.approx(whole.way, rel=1e-12)
+    # both stop at the same place; the last sample is less than 1 ms before, 1e-8 m at these limits
+    assert np.abs(found.positions[-1] - whole.positions[-1]).max() <= 1e-8
+
+
+def held(program: Path, whole: Moved, begin: float) -> float:
+    """Time until the motion stands after a hold that begins then, s."""
+    found = moved(program, override([(begin, 0.0), (begin + 1.0, 1.0)]))
+    same_path(found, whole)
+    if not found.holds:  # at a dwell, or where it rests anyway
+        assert found.time < whole.time + 1.0
+        return 0.0
+    ((since, lasts),) = found.holds
+    assert since + lasts == pytest.approx(begin + 1.0, abs=1e-9)
+    return since - begin
+
+
+def test_a_hold_at_any_time_stands_within_a_fifth_of_a_second(program: Path) -> None:
+    """From 100 mm/s the shortest stop takes 0.066 s; before it the ramp that has begun, or 0.05 s of a plateau."""
+    whole = moved(program, override([]))
+    for begin in np.linspace(0.02, 0.95, 6) * whole.time:
+        assert held(program, whole, float(begin)) <= 0.2
+
+
+@pytest.mark.slow(reason="a program is planned and proven for a hold at every 10 ms: 30 s")
+def test_a_hold_at_every_10_ms(program: Path) -> None:
+    whole = moved(program, override([]))
+    for begin in np.arange(0.0, whole.time, 0.01):
+        assert held(program, whole, float(begin)) <= 0.2
+
+
+def test_steps_of_the_factor_keep_the_limits_and_the_path(program: Path) -> None:
+    """Random steps between 0 and 200 %, seed 11; the proof has the larger feed of both while the motion brakes."""
+    draw, whole = np.random.default_rng(11), moved(program, override([]))
+    for _ in range(3):
+        time = np.cumsum(draw.uniform(0.02, 0.5, 12))
+        factor = draw.choice([0.0, 0.1, 0.5, 1.0, 1.5, 2.0], 12)
+        factor[-1] = 1.0
+        same_path(moved(program, override(list(zip(time.tolist(), factor.tolist(), strict=True)))), whole)
+
+
+def test_a_factor_scales_the_feed(program: Path) -> None:
+    """At a thirtieth of the feed of 100 mm/s ramps cost little: the way over the feed, within 2 %."""
+    whole = moved(program, override([]))
+    slow = moved(program, override([(0.0, 1.0 / 30.0)]))
+    same_path(slow, whole)
+    traverse = 5e-3 * 30.0 / 0.5
+    assert slow.time - 0.05 == pytest.approx(traverse + (whole.way - 5e-3) * 30.0 / 0.1, rel=0.02)
+    assert moved(program, override([(0.0, 2.0)])).time < whole.time
+
+
+def test_without_steps_it_costs_little_more_than_the_plan_without_lifting(program: Path) -> None:
+    """With an override nothing is lifted: at most a tenth slower than the plan for this program."""
+    assert moved(program, override([])).time <= 1.1 * moved(program, None).time
+
+
+@pytest.mark.parametrize(
+    ("steps", "reason"),
+    [
+        ([(1.0, 0.5), (1.0, 0.7)], "the times must rise from 0 s on, step 2 is at 1 s"),
+        ([(-1.0, 0.5)], "the times must rise from 0 s on, step 1 is at -1 s"),
+        ([(float("nan"), 0.5)], "the times must rise"),
+        ([(1.0, 2.1)], r"the factor of step 1 must be in 0 \.\. 2, got 2.1"),
+        ([(1.0, float("nan"))], "the factor of step 1 must be in"),
+        ([(1.0, 0.0)], "a hold that never ends"),
+    ],
+)
+def test_steps_that_make_no_sense_are_refused(steps: list[tuple[float, float]], reason: str) -> None:
+    with pytest.raises(ParameterError, match=reason):
+        override(steps)
