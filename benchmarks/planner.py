@@ -126,13 +126,15 @@ def first() -> None:
 
 def child() -> None:
     """One fresh process."""
-    given = list(moves(curve(1e-3, 60), 1e-5, 0.1)) + list(moves(zigzag(2e-2, 4), 1e-5, 0.1))
+    programs = [list(moves(points, 1e-5, 0.1)) for points in (curve(1e-3, 60), zigzag(2e-2, 4))]
     begun = time.process_time()
-    prover, sampler = Prover(LIMITS), Sampler(1e-3)
-    for each in planned(given, "XYZ", LIMITS):
-        if not isinstance(each, Pause):
-            prover.prove(each)
-            sampler.sample(each)
+    prover = Prover(LIMITS)
+    for given in programs:
+        sampler = Sampler(1e-3)
+        for each in planned(given, "XYZ", LIMITS):
+            if not isinstance(each, Pause):
+                prover.prove(each)
+                sampler.sample(each)
     print(f"{time.process_time() - begun:.2f} s of processor time, {prover.proof().count} faults")
 
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import gzip
+import resource
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -14,8 +16,10 @@ from feeddrive.path.geometry.segments import Chain, chains
 from feeddrive.path.motion import Part, Pause
 from feeddrive.path.pieces import Pieces, Section, derivatives, part_of_pieces
 from feeddrive.path.plan import planned
+from feeddrive.path.program.moves import Move
 from feeddrive.path.program.reading import read_program
 from feeddrive.path.proof.prove import Proof, Prover
+from feeddrive.path.sample import Sampler
 from feeddrive.path.schedule.run import Schedule, plan_run
 
 LOGS = Path(__file__).parents[3] / "shared" / "data" / "linuxcnc_logs"
@@ -192,3 +196,29 @@ def test_many_random_programs_of_six_kinds_hold() -> None:
 def test_lifting_leaves_time_pieces_alone_that_have_no_way() -> None:
     """The way of some is lost in rounding: two knots of the spline of u'² were one."""
     check_random(53, 1)
+
+
+@pytest.mark.slow(reason="a hundred thousand lines in ten seconds")
+def test_memory_does_not_grow_with_the_program(tmp_path: Path) -> None:
+    """From 10,000 lines on by less than 5 MB: read, planned, proven and sampled."""
+    status = Path("/proc/self/statm")
+    if not status.exists():
+        pytest.skip("NOT TESTED whether memory grows: there is no /proc/self/statm")
+    lines = (f"X{50 * np.cos(a) + 5 * np.cos(7 * a):.4f} Y{50 * np.sin(a):.4f}" for a in 0.002 * np.arange(100_000))
+    path = program(tmp_path, "\n".join(["G21 G90 G64 P0.01 G1 F6000", *lines, "M2"]))
+    seen = list[int]()
+
+    def counted() -> Iterator[Move]:
+        for number, move in enumerate(read_program(path)):
+            if number % 10_000 == 9_999:
+                seen.append(int(status.read_text().split()[1]) * resource.getpagesize())
+            yield move
+
+    prover, sampler = Prover(LIMITS), Sampler(1e-3)
+    for each in planned(counted(), "XYZ", LIMITS):
+        if isinstance(each, Part):
+            prover.prove(each)
+            sampler.sample(each)
+    assert prover.proof().count == 0
+    assert len(seen) == 10
+    assert max(seen) - seen[0] < 5e6
