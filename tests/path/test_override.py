@@ -11,7 +11,7 @@ from paths import LIMITS
 
 from feeddrive.language.errors import ParameterError
 from feeddrive.path.motion import Motion, Pause, way
-from feeddrive.path.override import Override, override
+from feeddrive.path.override import Override, override, read_steps
 from feeddrive.path.plan import planned
 from feeddrive.path.program.reading import read_program
 from feeddrive.path.proof.prove import Prover
@@ -141,11 +141,30 @@ def test_without_steps_it_costs_little_more_than_the_plan_without_lifting(progra
         ([(1.0, 0.5), (1.0, 0.7)], "the times must rise from 0 s on, step 2 is at 1 s"),
         ([(-1.0, 0.5)], "the times must rise from 0 s on, step 1 is at -1 s"),
         ([(float("nan"), 0.5)], "the times must rise"),
-        ([(1.0, 2.1)], r"the factor of step 1 must be in 0 \.\. 2, got 2.1"),
-        ([(1.0, float("nan"))], "the factor of step 1 must be in"),
+        ([(1.0, 2.1)], r"the factor of step 1 must be 0 \.\. 2 \(0 \.\. 200 %\), got 2.1"),
+        ([(1.0, float("nan"))], "the factor of step 1 must be"),
         ([(1.0, 0.0)], "a hold that never ends"),
     ],
 )
 def test_steps_that_make_no_sense_are_refused(steps: list[tuple[float, float]], reason: str) -> None:
     with pytest.raises(ParameterError, match=reason):
         override(steps)
+
+
+def test_steps_are_read_from_a_text() -> None:
+    found = read_steps("1:50, 2.5: 0 %,3:120%")
+    assert found.time.tolist() == [0.0, 1.0, 2.5, 3.0]
+    assert found.factor.tolist() == [1.0, 0.5, 0.0, 1.2]
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        ("1=50", r"'1=50' is no step \(there is no colon\): give"),
+        ("1:half", "'1:half' is no step: give"),
+        ("", "'' is no"),
+    ],
+)
+def test_a_text_that_is_no_steps_is_refused(text: str, reason: str) -> None:
+    with pytest.raises(ParameterError, match=reason):
+        read_steps(text)

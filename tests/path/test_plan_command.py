@@ -207,11 +207,25 @@ def test_a_machine_without_limits_says_what_to_add(tmp_path: Path) -> None:
         PlanRequest(Path("part.ngc"))
 
 
+def test_a_hold_is_a_stop_with_its_place(tmp_path: Path) -> None:
+    held = plan(part(tmp_path), machine="xy_table", override="0.2:0, 1:100")
+    whole = plan(part(tmp_path), machine="xy_table")
+    assert held.stop_reasons["feed hold"] == 1
+    (stop,) = [each for each in held.stops if each.reason == "feed hold"]
+    assert stop.time + stop.duration == pytest.approx(1.0, abs=1e-9)
+    # it stands where the setpoints do
+    at = np.searchsorted(held.course.time, stop.time + 0.5 * stop.duration)
+    assert np.abs(held.course.position[at] - stop.position).max() <= 1e-9
+    assert held.cycle_time > whole.cycle_time
+
+
 @pytest.mark.usefixtures("no_report")
 def test_what_is_not_proven_leaves_no_setpoints(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A plan that uses 1e-6 more of its limits than there is: exit 1, the reason, plan.json alone."""
     made = setpoints.planned
-    monkeypatch.setattr(setpoints, "planned", lambda moves, axes, limits: made(moves, axes, limits * (1.0 + 1e-6)))
+    monkeypatch.setattr(
+        setpoints, "planned", lambda moves, axes, limits, *rest: made(moves, axes, limits * (1 + 1e-6), *rest)
+    )
     out = tmp_path / "out"
     told = CliRunner().invoke(commands.app, ["plan", str(part(tmp_path)), "--machine", "xy_table", "--out", str(out)])
     assert told.exit_code == 1

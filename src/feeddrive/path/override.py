@@ -45,7 +45,9 @@ def override(steps: Sequence[tuple[float, float]]) -> Override:
         if not 0.0 <= begin < np.inf or (k and begin <= time[-1]):
             raise ParameterError(f"override: the times must rise from 0 s on, step {k + 1} is at {begin:g} s")
         if not 0.0 <= value <= MOST:
-            raise ParameterError(f"override: the factor of step {k + 1} must be in 0 .. {MOST:g}, got {value:g}")
+            raise ParameterError(
+                f"override: the factor of step {k + 1} must be 0 .. {MOST:g} (0 .. {100.0 * MOST:g} %), got {value:g}"
+            )
         if begin == 0.0:
             factor[0] = value
             continue
@@ -54,3 +56,22 @@ def override(steps: Sequence[tuple[float, float]]) -> Override:
     if factor[-1] == 0.0:
         raise ParameterError("override: the last factor is 0, a hold that never ends: add a step with a factor > 0")
     return Override(np.array(time), np.array(factor, float))
+
+
+def read_steps(text: str) -> Override:
+    """An override from a text of steps, each the time in s, a colon and the feed in %: `1:50, 2:0, 3.5:120`.
+
+    Raises ParameterError as `override` does, and for what is no such text.
+    """
+    steps: list[tuple[float, float]] = []
+    for each in text.split(","):
+        time, colon, percent = each.partition(":")
+        try:
+            steps.append((float(time), float(percent.strip().removesuffix("%")) / 100.0))
+        except ValueError:
+            missing = "" if colon else " (there is no colon)"
+            raise ParameterError(
+                f"override: {each.strip()!r} is no step{missing}: give the time in s, a colon and the feed in %, such "
+                "as 1:50, 2:0, 3.5:120"
+            ) from None
+    return override(steps)

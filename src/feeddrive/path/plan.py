@@ -41,6 +41,7 @@ def planned(
                     yield from leaves
                     continue
                 for part in schedule.add(section):
+                    assert isinstance(part, Part)  # it holds only with an override
                     for lifted in lifter.add(part):
                         yield from crossings.add(lifted, section.tolerance)
             if each.ends:

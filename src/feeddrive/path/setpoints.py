@@ -13,7 +13,8 @@ from typing import NamedTuple
 import numpy as np
 
 from feeddrive.path.limits import MachineLimits
-from feeddrive.path.motion import Part, Pause
+from feeddrive.path.motion import Part, Pause, way
+from feeddrive.path.override import Override
 from feeddrive.path.pieces import derivatives
 from feeddrive.path.plan import planned
 from feeddrive.path.program.moves import Arc, Move, Spline, Straight
@@ -26,6 +27,7 @@ _AT_ONCE = 16384  # samples of a standstill
 _HALF = 0.5  # of a limit: a sample that uses less of all of them is limited by none
 
 PAUSES = {
+    "Hold": "feed hold",
     "Dwell": "dwell (G4)",
     "Stop": "program stop (M0, M1, M60)",
     "ToolChange": "tool change",
@@ -83,12 +85,14 @@ class Setpoints:
     Raises ProgramError as `read_program` and `planned` do, at the line.
     """
 
-    def __init__(self, moves: Iterable[Move], limits: MachineLimits, sample_time: float) -> None:
+    def __init__(
+        self, moves: Iterable[Move], limits: MachineLimits, sample_time: float, override: Override | None = None
+    ) -> None:
         self.limits, self.sample_time = limits, sample_time
         self.stops: list[Standstill] = []
         self.blocks = self.line = self.samples = self.runs = 0
         self.time = 0.0
-        self._array, self._moves = limits.array, moves
+        self._array, self._moves, self._override = limits.array, moves, override
         self.prover = Prover(self._array)
         self._sampler = Sampler(sample_time)
         self._counts = np.zeros(4 * len(limits.axes) + 3, np.int64)
@@ -99,7 +103,7 @@ class Setpoints:
         self.proven = True
 
     def __iter__(self) -> Iterator[Samples]:
-        for each in planned(self._counted(), self.limits.letters, self._array):
+        for each in planned(self._counted(), self.limits.letters, self._array, self._override):
             if isinstance(each, Part):
                 yield from self._part(each)
             else:
@@ -139,9 +143,10 @@ class Setpoints:
             yield found
         self.time += float(np.sum(motion.duration))
         self._last_line = int(pieces.line[-1])
+        self._position, along = _end(part)
         if part.ends and part.entering is None:
             self.runs += 1
-            self._position, self._along = _end(part)
+            self._along = along
 
     def _pause(self, pause: Pause) -> Iterator[Samples]:
         if pause.duration > 0.0:
@@ -214,8 +219,13 @@ def _where(part: Part, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _end(part: Part) -> tuple[np.ndarray, np.ndarray]:
-    """Position and direction at the end of a run."""
-    pieces = part.pieces
+    """Position and direction at the end of a part that rests there."""
+    pieces, motion = part.pieces, part.motion
+    p, last = int(motion.piece[-1]), len(pieces.length) - 1
+    x = float(motion.x[-1] + way(*(float(each[-1]) for each in (*motion[3:], motion.duration))))
+    while p < last and (part.ends or x > pieces.length[p]):
+        x, p = x - float(pieces.length[p]), p + 1
+    length = float(pieces.length[p])
     r = np.zeros((pieces.origin.shape[1], 5))
-    derivatives(int(pieces.kind[-1]), float(pieces.length[-1]), pieces.shape[-1], float(pieces.length[-1]), r)
-    return pieces.origin[-1] + r[:, 0], r[:, 1] / np.linalg.norm(r[:, 1])
+    derivatives(int(pieces.kind[p]), length, pieces.shape[p], length if part.ends else min(x, length), r)
+    return pieces.origin[p] + r[:, 0], r[:, 1] / np.linalg.norm(r[:, 1])

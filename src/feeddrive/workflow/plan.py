@@ -18,6 +18,7 @@ from feeddrive.files.plan_files import PLAN, SETPOINTS, STREAMER, SetpointWriter
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.progress import Progress
 from feeddrive.path.limits import MachineLimits
+from feeddrive.path.override import read_steps
 from feeddrive.path.planned import FEW, Planned, Recorder
 from feeddrive.path.program.moves import Move, PathMode
 from feeddrive.path.program.reading import FrontEnd, read_program
@@ -50,6 +51,10 @@ class PlanRequest(Request):
         "of corners where the program states none (G64 without P); it stops there if this is left out",
         default=None, unit="m", entered="mm", above=0.0,
     )  # fmt: skip
+    override: str | None = option(
+        "steps of the feed in % from these times on, in s: 1:50, 2:0, 3.5:120; 0 holds; 100 before the first",
+        default=None,
+    )  # fmt: skip
     sample_time: float | None = option(
         "from setpoint to setpoint; that of the machine's loops if it is left out",
         default=None, unit="s", entered="ms", above=0.0, most=1e3,
@@ -81,9 +86,10 @@ def plan(request: PlanRequest, progress: Progress) -> Outcome[Planned]:
     if sample_time is None:
         assert machine is not None
         sample_time = float(next(iter(machine.loops.values())).sample_time)
+    override = None if request.override is None else read_steps(request.override)
     names = request.program.name, called(request.machine if machine is None else machine.name)
     with contextlib.closing(_moves(request, limits, progress)) as moves:  # whatever ends it, the program is closed
-        setpoints = Setpoints(moves, limits, sample_time)
+        setpoints = Setpoints(moves, limits, sample_time, override)
         if request.out is None:
             return _outcome(_planned(setpoints, *names, None), None)
         with new_directory(request.out) as folder:
