@@ -171,6 +171,25 @@ def test_what_the_machine_cannot_do_is_refused_at_its_line(text: str, said: str,
     assert said in refused(tmp_path, f"{text}M2\n")
 
 
+@pytest.mark.parametrize(("mm", "held"), [("0.0000000000000001", False), ("0.0000000009", False), ("0.000001", True)])
+def test_a_tolerance_below_rounding_is_refused_without_a_resolution_too(mm: str, held: bool, tmp_path: Path) -> None:
+    file = one_axis(tmp_path)
+    text = f"G21\nG64 P{mm}\nG1 X1 F600\nM2\n"
+    if held:
+        assert plan(part(tmp_path, text), limits=file, sample_time=1e-2).blocks == 1
+        return
+    said = refused(tmp_path, text, machine=None, limits=file, sample_time=1e-2)
+    assert "line 2: P: the tolerance of" in said
+    assert "is smaller than the rounding of positions, 1e-09 mm: give a larger one" in said
+
+
+@pytest.mark.parametrize("text", ["", "%\n%\n", "(nothing)\n; at all\n", "M3 S100\nM2\n"])
+def test_a_program_that_does_not_move_has_a_report_too(text: str, tmp_path: Path) -> None:
+    found = fd.workflow.plan(part(tmp_path, text), machine="xy_table", out=tmp_path / "out")
+    assert (found.cycle_time, found.blocks) == (0.0, 0)
+    assert "The cycle takes 0 s" in (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+
+
 def test_limits_of_a_file_replace_those_of_the_machine(tmp_path: Path) -> None:
     file = one_axis(tmp_path)
     file.write_text(LIMITS.format("travel_most_mm = 20"), encoding="utf-8")

@@ -156,6 +156,21 @@ def test_the_modes_of_the_path_decide_where_it_stops(tmp_path: Path) -> None:
         assert [each.duration for each in found if isinstance(each, Pause) and each.duration] == [0.25]
 
 
+def test_a_run_that_begins_elsewhere_than_the_last_one_ended_is_not_proven(tmp_path: Path) -> None:
+    """A lost run, with stops around it, and one that is displaced by 2e-12 m (1e-12 may round)."""
+    text = "G21 G90 F3000 G61.1\nG1 X20\nG4 P0.1\nG1 Y20\nX40\nM2\n"
+    parts = [each for each in proven(program(tmp_path, text))[1] if isinstance(each, Part)]
+    displaced = parts[1]._replace(pieces=parts[1].pieces._replace(origin=parts[1].pieces.origin + 2e-12))
+    assert [each.ends for each in parts] == [True] * 3
+    for wrong, line in (([parts[0], parts[2]], 5), ([parts[0], displaced, parts[2]], 4)):
+        prover = Prover(LIMITS)
+        held = [prover.prove(each) for each in wrong]
+        assert held == [each is parts[0] or each is not wrong[1] for each in wrong]
+        (fault,) = prover.proof().faults
+        assert fault.line == line
+        assert "does not go on from where the one before has ended" in fault.what
+
+
 def test_segments_end_where_the_program_says(tmp_path: Path) -> None:
     """Ends of arcs and helices in all planes, whose radii differ by the rounding of three decimals: 1e-15 m."""
     blocks = ("G17 G3 X10 Y10 Z3 I0.0004 J10", "G18 G2 X20 Z-7 I10 K0", "G19 G3 Y20 Z3 J0 K10", "G2 J5 K0", "M2")

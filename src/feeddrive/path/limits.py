@@ -25,6 +25,8 @@ from feeddrive.path.proof.prove import DERIVATIVES
 
 LETTERS = "XYZUVW"
 """Axes that are planned: those of a part program that move along a line."""
+ROUNDING = 1e-12
+"""m: positions are proven to follow each other within it; no tolerance is smaller."""
 FEED, NONE, STANDSTILL = "feed", "no limit above half", "standstill"
 
 
@@ -93,18 +95,20 @@ class MachineLimits:
         return re.sub(r"\baxis (\d+)", lambda found: f"axis {self.letters[int(found[1])]}", text)
 
     def resolved(self, moves: Iterable[Move]) -> Iterator[Move]:
-        """The moves, of which no tolerance is smaller than what an axis resolves.
+        """The moves, of which no tolerance is smaller than what an axis resolves, nor than rounding.
 
         Raises ProgramError at the line of a tolerance that is.
         """
         coarse = max(self.axes, key=lambda letter: self.axes[letter].resolution or 0.0)
-        resolution = self.axes[coarse].resolution or 0.0
+        found = float(self.axes[coarse].resolution or 0.0)
+        resolution = max(found, ROUNDING)
+        what = f"the resolution of axis {coarse}" if found >= ROUNDING else "the rounding of positions"
         for move in moves:
             if isinstance(move, PathMode) and 0.0 < move.tolerance < resolution:
                 raise ProgramError(
                     move.source.file, move.source.number, 0, "P",
-                    f"the tolerance of {1e3 * move.tolerance:.4g} mm is smaller than the resolution of axis {coarse}, "
-                    f"{1e3 * float(resolution):.4g} mm: give a larger one",
+                    f"the tolerance of {1e3 * move.tolerance:.4g} mm is smaller than {what}, "
+                    f"{1e3 * resolution:.4g} mm: give a larger one",
                 )  # fmt: skip
             yield move
 

@@ -53,9 +53,9 @@ def _lead(plan: Planned) -> Sequence[str]:
         "written. This is a fault of feeddrive, not of the program."
     )
     first = f"The cycle takes {plan.cycle_time:.6g} s, with {plan.stop_count:,} stops. {held}"
-    most = sorted(plan.seconds.items(), key=lambda each: -each[1])[:3]
+    most = sorted(plan.seconds.items(), key=lambda each: -each[1])[:3] if plan.cycle_time else []
     told = ", ".join(f"{name} {100.0 * seconds / plan.cycle_time:.3g} %" for name, seconds in most)
-    return [first, f"What limits it for most of the time: {told}."] if most and plan.cycle_time else [first]
+    return [first, f"What limits it for most of the time: {told}."] if most else [first]
 
 
 def _proof(plan: Planned) -> str:

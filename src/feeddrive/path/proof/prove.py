@@ -81,7 +81,7 @@ def _noted(faults: Floats2, found: int, p: int, m: int, time: float, which: floa
 def _prove(
     kind: Ints, length: Floats, origin: Floats2, shape: Floats3, feed: Floats,
     duration: Floats, piece: Ints, x: Floats, speed: Floats, acceleration: Floats, jerk: Floats, snap: Floats,
-    limits: Floats2, widened: float, begins: bool, ends: bool, alone: bool,
+    limits: Floats2, widened: float, anywhere: bool, ends: bool, alone: bool,
     state: Floats, place: Floats, faults: Floats2, uses: Floats2, jumps: Floats,
     halves: Floats2, r: Floats3, before: Floats2, after: Floats2, q: Floats2,
 ) -> tuple[int, int]:  # fmt: skip
@@ -89,7 +89,7 @@ def _prove(
 
     A motion that is not `alone` is only proven to have no jumps: its limits are those of a sum, for `prove_sum`.
     `state` is x, u' .. u''' where the part before ended, on the first piece of this one, and `place` the position there
-    unless a run begins; then where this one ends.
+    unless it begins `anywhere`; then where this one ends.
     """
     tests = 0
     found = 0
@@ -109,7 +109,7 @@ def _prove(
     for i in range(n):
         apart = max(apart, abs(origin[0, i] + before[i, 0] - place[i]))
         size = max(size, 1.0 + abs(place[i]))
-    if not begins and apart > 1e-12 * size:
+    if not anywhere and apart > 1e-12 * size:
         found = _noted(faults, found, 0, 0, 0.0, -8.0, apart)
     v = state[1]
     a = state[2]
@@ -267,6 +267,7 @@ class Prover:
         axes = len(limits)
         self._limits, self._widened = np.ascontiguousarray(limits, float), widened
         self._state, self._time, self._place = np.zeros(4), 0.0, np.zeros(axes)
+        self._stands = False  # whether a run has ended at `_place`, where the next one must begin
         self._faults, self._use, self._jumps = np.zeros((_KEPT, 5)), np.zeros((axes, 4)), np.zeros(2)
         self._room = [np.zeros((64, 2)), np.zeros((axes, 4, 2)), *(np.zeros((axes, 5)) for _ in range(3))]
         self._both = [np.zeros((3, axes, 5)), np.zeros((2, axes, 5))]
@@ -278,21 +279,22 @@ class Prover:
         """Whether the next part holds."""
         before = self._count
         time, alone = self._time, part.entering is None
-        self._along(part.pieces, part.motion, part.ends, alone)
+        self._along(part.pieces, part.motion, part.ends, alone, not self._stands)
         if part.entering is not None:
             # the next run begins here, from rest
             self._state[:], self._time, corner = 0.0, 0.0, self._place.copy()
-            self._along(part.entering.pieces, part.entering.motion, False, alone)
+            self._along(part.entering.pieces, part.entering.motion, False, alone, True)
             self._together(part, part.entering, corner, time)
         if (part.ends and alone) or self._count > before:
             self._state[:], self._time = 0.0, 0.0
+        self._stands = self._count == before
         return self._count == before
 
-    def _along(self, pieces: Pieces, motion: Motion, ends: bool, alone: bool) -> None:
-        """One run: without jumps, and within its limits if it is alone; it goes on from where the part before ended."""
+    def _along(self, pieces: Pieces, motion: Motion, ends: bool, alone: bool, anywhere: bool) -> None:
+        """One run: without jumps, within its limits if `alone`, from where the last one ended or `anywhere`."""
         spans, found = _prove(
             pieces.kind, pieces.length, pieces.origin, pieces.shape, pieces.feed, *motion, self._limits, self._widened,
-            self._time == 0.0, ends, alone, self._state, self._place, self._faults, self._use, self._jumps, *self._room,
+            anywhere, ends, alone, self._state, self._place, self._faults, self._use, self._jumps, *self._room,
         )  # fmt: skip
         begins = self._time + np.concatenate([[0.0], np.cumsum(motion.duration)])
         self._note(found, spans, pieces.line, begins)
@@ -365,7 +367,7 @@ def _fault(row: np.ndarray, line: np.ndarray, begins: np.ndarray) -> Fault:
     elif which == -6:
         what = "two runs overlap that do not meet in a corner, or by more than a piece of path or other pieces of time"
     elif which == -8:
-        what = "the part does not go on from where the one before has ended"
+        what = "the part does not go on from where the one before has ended, so that a move is lost or displaced"
     elif which == -7:
         what = f"two runs that overlap miss the corner by {row[4]:.9g} of its tolerance"
     else:
