@@ -123,8 +123,8 @@ PLACES = (
     _place("wu2017", "compensator (6), (7)", f"{FEEDFORWARD}.disturbance_compensator", "DisturbanceCompensator.step",
            "total"),
     _place("wu2017", "error model, model-free", "feeddrive.tuning.error_model", "_inverse", "inverse through return"),
-    _place("wu2017", "error model, model-free", "feeddrive.tuning.error_model", "filtered", "state return",
-           "state = A @ state + push", "state = A @ state + driven[max(k - 1, 0)]"),
+    _place("wu2017", "error model, model-free", "feeddrive.tuning.error_model", "filtered", "state output",
+           "+ row * samples", "+ columns[max(k - 1, 0)] * samples"),
     _place("wu2017", "update", "feeddrive.tuning.iterative_feedforward", "next_iteration", "changed"),
     _place("wu2017", "convergence", "feeddrive.tuning.trials", "convergence", "return"),
 )  # fmt: skip

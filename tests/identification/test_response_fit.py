@@ -288,6 +288,7 @@ def test_an_encoder_that_counts_backward_is_named() -> None:
         fit_two_mass(motor, -load)
 
 
+@pytest.mark.slow(reason="two fits with dead time and current loop: 10 s of CPU")
 def test_dead_time_and_current_loop_are_found_or_said_to_hang_together() -> None:
     f = np.linspace(5.0, 1500.0, 600)
     exact = closed_form(SCREW, f, late=3e-4, lag=400.0)

@@ -288,6 +288,7 @@ def test_help_has_both_units() -> None:
     assert "axis that turns" not in given["lead"] + given["motor_constant"]
 
 
+@pytest.mark.slow(reason="a whole identification and tuning of a rotary axis: 12 s; the way of a linear one is quick")
 def test_the_way_from_the_log_to_a_tuned_loop(tmp_path: Path) -> None:
     identify(log(tmp_path), machine="rotary_table", axis="c", out=tmp_path / "found")
     machine = tmp_path / "found" / "machine.toml"

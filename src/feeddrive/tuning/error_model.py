@@ -89,7 +89,8 @@ def filtered(model: StateSpace | Lifted, columns: np.ndarray, *, moving: bool = 
         state = samples[k % N].A @ state + row * samples[k % N].B[:, :1]
     found = np.empty(columns.shape)
     for k, each in enumerate(samples):
-        found[k::N] = (each.C[:1] @ states[k::N])[:, 0, :] + each.D[0, 0] * columns[k::N]
+        output = (each.C[:1] @ states[k::N])[:, 0, :] + each.D[0, 0] * columns[k::N]
+        found[k::N] = output
     return found
 
 
