@@ -139,6 +139,15 @@ def test_both_front_ends_read_the_same_tables(tmp_path: Path):
 
 
 @needs_rs274
+@pytest.mark.parametrize("block", ["T1 M6", "G41 D1 G1 X10 F100", "G43 H1"])
+def test_no_tool_that_rs274_has_of_its_own_is_taken(block: str, tmp_path: Path):
+    """Its tool 1 has a diameter of 3.175 mm: the path was off by 1.5875 mm, and nobody was told."""
+    with pytest.raises(ProgramError, match=r"line 2, .*Requested tool 1 not found in .*; give the tool table"):
+        moves(tmp_path, f"G21\n{block}\nM2\n", front_end="rs274")
+    assert moves(tmp_path, "G21\nG41.1 D2 G1 X10 F100\nX20\nG40 X30\nM2\n", front_end="rs274")
+
+
+@needs_rs274
 def test_an_error_of_rs274_has_the_line_of_the_program(tmp_path: Path):
     source = "G21 (mm)\n\no1 repeat [2]\n  g1 x1 F100\no1 endrepeat\n  N7 G41 D77\nM2\n"
     with pytest.raises(ProgramError, match=r"rs274 refuses it: .*tool table") as caught:

@@ -83,14 +83,14 @@ def rs274_commands(
         command = [PROGRAM, "-g", *(["-b"] if skip_deleted else [])]
         unit = 1.0 if tables_inch else INCH
         for option, text in (("-t", _tool_table(tools, unit)), ("-v", _parameter_file(numbered, unit))):
-            if text:
+            if text or option == "-t":  # without a table the interpreter has tools of its own
                 table = Path(folder) / f"table{option}"
                 table.write_text(text)
                 command += [option, str(table)]
         output = Path(folder) / "canonical.txt"
         code, complaint = _run([*command, str(copy), str(output)], program, output)
         try:
-            yield from _read(source, output, complaint, code)
+            yield from _read(source, output, complaint, code, tools is None)
         finally:
             source.close()
 
@@ -190,7 +190,7 @@ def _with_number(line: Line) -> str:
     return f"{start[1]}N{line.number} {line.text[start.end() :]}"
 
 
-def _read(source: _Source, output: Path, complaint: str, code: int) -> Iterator[Command]:
+def _read(source: _Source, output: Path, complaint: str, code: int, no_tools: bool) -> Iterator[Command]:
     line = source.line(0)
     if output.exists():
         with output.open(encoding="utf-8", errors="replace") as file:
@@ -206,10 +206,10 @@ def _read(source: _Source, output: Path, complaint: str, code: int) -> Iterator[
     if "File ended with no percent sign or program end" in complaint:
         yield Command("FINISH", (), source.last())
     elif code:
-        raise _refused(source, line, complaint, code)
+        raise _refused(source, line, complaint, code, no_tools)
 
 
-def _refused(source: _Source, line: Line, complaint: str, code: int) -> ProgramError:
+def _refused(source: _Source, line: Line, complaint: str, code: int, no_tools: bool) -> ProgramError:
     """The error of the interpreter, at the line that it prints with it."""
     said = [text for text in complaint.splitlines() if text.strip() and text.strip() != "executing"]
     for text in said[1:]:
@@ -219,4 +219,6 @@ def _refused(source: _Source, line: Line, complaint: str, code: int) -> ProgramE
     word = plain(line.text.strip())[:40]
     column = 1 + len(line.text) - len(line.text.lstrip())
     reason = plain(said[0]) if said else f"it ended with status {code} and no message"
+    if no_tools and "tool table" in reason:
+        reason += "; give the tool table"
     return ProgramError(line.file, line.number, column, word, f"{PROGRAM} refuses it: {reason}")
