@@ -14,7 +14,7 @@ from drive_logs import T, simulated
 from feeddrive.files.read_log import read_log
 from feeddrive.identification.motion.identify import identify_motion
 from feeddrive.identification.motion.motion_log import MotionLog
-from feeddrive.language.errors import FeeddriveError, LogError, ParameterError
+from feeddrive.language.errors import FeeddriveError, LogError, NotIdentifiableError, ParameterError
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.workflow.channels import channels
 from feeddrive.workflow.cogging import cogging
@@ -82,9 +82,22 @@ def sine(t: np.ndarray, frequency: float) -> tuple[np.ndarray, np.ndarray]:
     return 1e-3 * np.sin(w * t), -0.095 * w * w * np.sin(w * t) + 20.0 * np.sign(np.cos(w * t)) + noise(t)
 
 
+def shifted(values: np.ndarray, rows: int) -> np.ndarray:
+    """Each value some rows earlier; the last one is held."""
+    return np.concatenate([values[rows:], np.full(rows, values[-1])])
+
+
 def spiked(force: np.ndarray) -> np.ndarray:
     out = force.copy()
     out[3000] = 1e4
+    return out
+
+
+def jumped(position: np.ndarray) -> np.ndarray:
+    """Two single rows off: by 4 m, and by as much as a tenth of the travel."""
+    out = position.copy()
+    out[3000] += 4.0
+    out[4500] -= 0.02
     return out
 
 
@@ -106,6 +119,16 @@ WRONG: dict[str, tuple[str, Callable[[Signals], tuple[np.ndarray, ...]], tuple[s
     "inverted position": (NAMED, lambda s: (s.t, s.r, -s.x, s.f), ("sign of force or position is inverted",)),
     "swapped": (NAMED, lambda s: (s.t, s.r, s.f, s.x), ("position and force are swapped", "--position 'force_N")),
     "a spike": (NAMED, lambda s: (s.t, s.r, s.x, spiked(s.f)), ("1 spike", "row 3001", "repair these rows")),
+    "jumps of the position": (NAMED, lambda s: (s.t, s.r, jumped(s.x), s.f),
+                              ("position has 2 jumps there and back", "at row 3001", "repair these rows")),
+    "milliseconds in the head, seconds below": ("t [ms],pos_m,force_N", lambda s: (s.t, s.x, s.f),
+                                                ("long as its time was read", "--time 't:s'")),
+    "microseconds": ("t,pos_m,force_N", lambda s: (1e6 * s.t, s.x, s.f), ("--time t:us", "unit = 'us'")),
+    "percent": ("t,pos_m,torque [%]", lambda s: (s.t, s.x, s.f / 9.0),
+                ("no column can be taken for the force: 'torque' needs a factor", "--force 'column*FACTOR'")),
+    "amperes": ("t,pos_m,current [A]", lambda s: (s.t, s.x, s.f / 60.0), ("'current' is a current in A",)),
+    "counts": ("t,x [inc],force_N", lambda s: (s.t, s.x / 1e-6, s.f),
+               ("taken for the position: 'x' needs a factor, m per inc", "--position 'column*FACTOR'")),
     "35 Hz": ("t,pos_m,force_N", lambda s: (s.t, *sine(s.t, 35.0)), ("rows are left where the axis moves",)),
     "20 Hz": ("t,pos_m,force_N", lambda s: (s.t, *sine(s.t, 20.0)), ("one frequency",)),
     "rest": ("t,pos_m,force_N", lambda s: (s.t, 5e-8 * np.round(0.4 * noise(s.t)), noise(s.t)),
@@ -123,6 +146,48 @@ def test_a_log_that_is_wrong_ends_with_its_reason_and_writes_nothing(what: str, 
     for each in words:
         assert each in said
     assert "Use " not in said
+
+
+@pytest.mark.parametrize("cell", ["empty", "quoted"])
+def test_a_column_that_is_no_numbers_is_named_as_the_reason(cell: str, tmp_path: Path) -> None:
+    """Every fourth cell is filled, as of a slower recorder, or a comma stands in quotes."""
+    s = signals()
+    shown = [("" if k % 4 else f"{x:.9g}") if cell == "empty" else f'"{1e3 * x:.6f}"'.replace(".", ",")
+             for k, x in enumerate(s.x[:2000])]  # fmt: skip
+    rows = [f"{t:.9g},{x},{f:.9g}" for t, x, f in zip(s.t, shown, s.f, strict=False)]
+    path = tmp_path / "log.csv"
+    path.write_text("\n".join(["t,x_mm,force_N", *rows]) + "\n", encoding="utf-8")
+    assert "no column can be taken for the position: 'x_mm' is text (cells that are empty" in refused(path, tmp_path)
+
+
+def test_a_force_beyond_the_limit_of_the_machine_is_said() -> None:
+    """It was called saturated, with the share of the rows beyond the limit."""
+    s = signals()
+    most = float(np.max(np.abs(s.f)))
+    with pytest.raises(NotIdentifiableError, match=r"beyond the limit of .* N that the machine has: one of the two"):
+        MotionLog(name="log", position=s.x, force=s.f, sample_time=T, force_limit=0.5 * most)
+
+
+def test_set_and_actual_position_that_are_swapped_are_said() -> None:
+    """The axis seems to feel the force before it acts; the set position that trails says why."""
+    s = signals()
+    late = np.concatenate([np.full(3, s.x[0]), s.x[:-3]])
+    with pytest.raises(NotIdentifiableError, match="set position and position are swapped"):
+        identify_motion(MotionLog(name="log", position=shifted(s.x, 3), force=s.f, sample_time=T, set_position=late))
+
+
+def test_a_dead_time_counts_also_where_no_law_explains_the_force() -> None:
+    """A set position that the law did not follow: no law is found, and the mass is still that of the late force."""
+    s = signals()
+    other = 0.1 * np.sin(2.0 * np.pi * 0.37 * s.t)
+    early = shifted(s.f, 3)
+    with_set, without = (
+        identify_motion(MotionLog(name="log", position=s.x, force=early, sample_time=T, set_position=each))
+        for each in (other, None)
+    )
+    assert with_set.control is None
+    assert without.delay.nearest > 0
+    assert [each.value for each in with_set.rigid.estimates] == [each.value for each in without.rigid.estimates]
 
 
 @needs_emps

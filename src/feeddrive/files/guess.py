@@ -15,7 +15,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from feeddrive.files.atomic_io import write_whole
@@ -213,7 +213,8 @@ class Guess(Result):
     """Roles of the channels of a log: `mapping` for `read_log`, `reasons` of each, and open questions.
 
     `needs` names channels whose role is clear but whose unit needs a factor (percent of a rated torque, counts), with
-    the factor's meaning; `unused` names channels without a role, with the reason.
+    the factor's meaning; `unused` names channels without a role, with the reason; `lost` the column that would have a
+    role if its cells were numbers, and what they are.
     """
 
     name: str
@@ -222,6 +223,7 @@ class Guess(Result):
     needs: Mapping[str, tuple[str, str]]
     unused: Mapping[str, str]
     sample_time: float | None = None
+    lost: Mapping[str, tuple[str, str]] = field(default_factory=dict[str, tuple[str, str]])
 
     def table(self) -> Table:
         """Role, channel, unit and reason; then what needs a factor, then what is unused."""
@@ -283,6 +285,12 @@ def guess_roles(log: Log, axis: str | None = None) -> Guess:
                 _second(name, each, role, other, mapping, reasons)
         else:
             _take(name, each, role, mapping, reasons, needs)
+    lost: dict[str, tuple[str, str]] = {}
+    for name, why in log.left_out.items():
+        each = read_name(name, unit_in_name(name))
+        role = each.exact or _role(each)
+        if role and role != "time" and role not in (*mapping, *needs, *lost) and each.axis in ("", wanted or each.axis):
+            lost[role], unused[name] = (name, why), f"like {role}, but {why}"
     order = [role for role in ROLES if role in mapping]
     return Guess(
         log.name,
@@ -291,6 +299,7 @@ def guess_roles(log: Log, axis: str | None = None) -> Guess:
         needs,
         unused,
         log.sample_time if log.provenance.get("clock") == "given" else None,
+        lost,
     )
 
 

@@ -366,10 +366,11 @@ def _check_plausible(name: str, sample_time: float) -> None:
     if not _FASTEST <= sample_time <= _SLOWEST:
         read = [f"{unit} ({1e3 * step:.4g} ms)" for unit, step in time_units(sample_time)]
         likely = f"; likeliest are {' and '.join(read)} from one row to the next" if read else ""
+        unit = read[0].partition(" ")[0] if read else "ms"
         raise LogError(
             f"{name}: a sample time of {sample_time:.6g} s is not one of a servo loop, {_FASTEST:g} to {_SLOWEST:g} s; "
-            f"is the time in another unit{likely}? Then state it: --time t:ms, or  time = "
-            f"{{ column = 't', unit = 'ms' }}"
+            f"is the time in another unit{likely}? Then state it: --time t:{unit}, or  time = "
+            f"{{ column = 't', unit = '{unit}' }}"
         )
 
 

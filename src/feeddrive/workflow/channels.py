@@ -80,15 +80,17 @@ def mapped(
     path = path if isinstance(path, OpenedFile) else OpenedFile(path)
     told = {role: column(text, role) for role, text in named.items() if text is not None}
     optional: Mapping[str, Column] = {}
+    open_: dict[str, str] = {}
     if channels is not None:
         request = requested(channels, path.path)
         told = {**request.channels, **told}
         optional, sample_time = request.optional, sample_time or request.sample_time
         mapping = {role: each for role, each in told.items() if role in wanted}
     else:
-        mapping = _guessed_roles(path, told, named.get("time"), wanted, sample_time, progress)
+        mapping, open_ = _guessed_roles(path, told, named.get("time"), wanted, sample_time, progress)
     whole = with_units(path, mapping, unit)
     log = read_log(path, whole, optional=optional, sample_time=sample_time)
+    log = replace(log, left_out={**open_, **log.left_out}) if open_ else log
     sure = {role for role, each in whole.items() if each != mapping[role]}
     sure |= {role for role, each in told.items() if each.unit or each.factor is not None}
     unused = tuple(f"{role} ('{each.name}')" for role, each in told.items() if role not in (*wanted, "time"))
@@ -102,8 +104,8 @@ def _guessed_roles(
     wanted: Collection[str],
     sample_time: float | None,
     progress: Progress,
-) -> dict[str, Column]:
-    """The roles that were told, and guesses of the others, which are shown."""
+) -> tuple[dict[str, Column], dict[str, str]]:
+    """The roles that were told, and guesses of the others, which are shown; and why columns miss a likely role."""
     guess = guess_roles(whole_log(path, time, sample_time))
     guessed = {role: each for role, each in guess.mapping.items() if role in wanted and role not in told}
     # a column that was named for one role does not stand for another
@@ -118,7 +120,42 @@ def _guessed_roles(
             f"{path}: no column is known by its name or unit; there are: {names}. Name them, as "
             f"with --set-position 'r:mm' --position 'x:mm' --force 'f:N', or give them with --channels"
         )
-    return mapping
+    return mapping, {role: why for role, why in _open(guess, wanted).items() if role not in mapping}
+
+
+def _open(guess: Guess, wanted: Collection[str]) -> dict[str, str]:
+    """Why columns that look like a role do not have it: a factor is missing, or their cells are no numbers."""
+    found = {role: f"'{name}' needs a factor, {what}" for role, (name, what) in guess.needs.items()}
+    for role, each in guess.mapping.items():
+        if role == "current" and role not in wanted:
+            found[role] = f"'{each.name}' is a current in {each.unit or 'A'} and needs a factor to N"
+    for role, (name, why) in guess.lost.items():
+        cells = " (cells that are empty, or have a decimal comma in quotes, are no numbers)" if why == "text" else ""
+        found[role] = f"'{name}' is {why}{cells}"
+    return found
+
+
+_ACTING = ("force", "torque", "current", "command")
+
+
+def no_column(path: Path | OpenedFile, log: Log, roles: Collection[str], what: str, options: str) -> LogError:
+    """That a log has no column of one of the roles: what stands in the way of those that look like one, or its roles.
+
+    what     the quantity, as `the force`
+    options  that name a column for it
+    """
+    likely = {role: log.left_out[role] for role in roles if role in log.left_out}
+    if likely:
+        how = ""
+        if any("needs a factor" in why for why in likely.values()):
+            acts = any(role in _ACTING for role in likely)
+            option_ = options.split()[0].rstrip(",")
+            how = f"; give it with a factor{' to N' if acts else ''}, as {option_} 'column*FACTOR'"
+            how += " (feeddrive force finds it)" if acts else ""
+        return LogError(f"{path}: no column can be taken for {what}: {'; '.join(likely.values())}{how}")
+    names = ", ".join(log.channels)
+    there = f"; with a role there are: {names}" if names else ""
+    return LogError(f"{path}: has no column with a usual name for {what}: name it with {options}{there}")
 
 
 def requested(channels: Path, path: Path) -> LogRequest:

@@ -15,11 +15,11 @@ from feeddrive.files.log import Log, LogLike
 from feeddrive.files.machine import MachineFile, MachineLike, read_machine
 from feeddrive.files.read_log import read_log
 from feeddrive.identification.estimate import SHAFT, lever
-from feeddrive.language.errors import LogError, ParameterError
+from feeddrive.language.errors import ParameterError
 from feeddrive.language.progress import Progress
 from feeddrive.language.table import Table
 from feeddrive.loop.loop import Loop
-from feeddrive.workflow.channels import mapped
+from feeddrive.workflow.channels import mapped, no_column
 from feeddrive.workflow.request import OUT, UNIT, Request, argument, called, option
 
 # along the table and round the shaft, the first that is there is taken; a position is differenced
@@ -127,11 +127,7 @@ def chosen(
     there = [role for role in roles if role in log.channels]
     told = [role for role in there if named.get(role) is not None]
     if not there:
-        names = ", ".join(log.channels)
-        raise LogError(
-            f"{path}: has no column with a usual name for its {what}: name it with {options}"
-            + (f"; with a role there are: {names}" if names else "")
-        )
+        raise no_column(path, log, roles, f"its {what}", options)
     return (told or there)[0]
 
 

@@ -33,7 +33,7 @@ from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.machine import Machine
 from feeddrive.report.page import Shown, definitions, header, page, picture, table
-from feeddrive.workflow.channels import mapped
+from feeddrive.workflow.channels import mapped, no_column
 from feeddrive.workflow.command import Outcome, command
 from feeddrive.workflow.drive_logs import axis_name, columns_said, narrow, written
 from feeddrive.workflow.identify_responses import IdentifyRequest, identify_responses, responses_in
@@ -167,9 +167,7 @@ def _channels(path: Path, log: Log, loop: Loop | None, force_constant: float | N
     rotary = position is None and angle is not None
     position = angle if rotary else position
     if position is None:
-        raise LogError(
-            f"{path}: has no column with a usual name for the position: name it with --position{_there(log)}"
-        )
+        raise no_column(path, log, (*_POSITIONS, *_ANGLES), "the position", "--position")
     set_position = channels.get("setpoint_angle" if rotary else "setpoint_position")
     force = channels.get("torque" if rotary else "force")
     if force is None and "command" in channels:
@@ -182,19 +180,12 @@ def _channels(path: Path, log: Log, loop: Loop | None, force_constant: float | N
         constant = float(motor.force_per_unit()) if motor is not None and force_constant is None else force_constant
         force = constant * channels["command"]
     if force is None:
-        raise LogError(
-            f"{path}: has no column with a usual name for the force: name it with --force or --command{_there(log)}"
-        )
+        raise no_column(path, log, ("force", "torque", "command", "current"), "the force", "--force or --command")
     return {
         "name": str(path), "position": position, "force": force, "set_position": set_position,
         "sample_time": log.sample_time, "force_limit": None if limit is None or rotary else float(limit),
         "rotary": rotary,
     }  # fmt: skip
-
-
-def _there(log: Log) -> str:
-    names = [*log.channels]
-    return f"; with a role there are: {', '.join(names)}" if names else ""
 
 
 def machine_text(found: Identified, machine: MachineFile | None, axis: str) -> str | None:

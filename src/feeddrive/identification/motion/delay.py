@@ -113,6 +113,12 @@ def _check(log: MotionLog, best: int, delays: np.ndarray, residual: np.ndarray) 
     at_zero = float(residual[np.flatnonzero(delays == 0)[0]])
     clear = float(np.min(residual)) < CLEAR * at_zero  # otherwise there is no evidence for a delay other than 0
     late = best * log.sample_time > LATEST
+    if clear and best < -1 and _trails(log):
+        raise NotIdentifiableError(
+            f"{log.name}: set position and position are swapped: the set position trails the position, and the axis "
+            f"seems to feel the force {-best} samples before it was logged; name their columns the other way round, "
+            f"with --set-position and --position"
+        )
     if clear and (best < -1 or late or abs(best) == REACH):
         when = (
             f"{-best} samples before" if best < 0 else f"{best} samples ({1e3 * best * log.sample_time:.3g} ms) after"
@@ -121,6 +127,13 @@ def _check(log: MotionLog, best: int, delays: np.ndarray, residual: np.ndarray) 
             f"{log.name}: force and position are not synchronised: the axis seems to feel the force {when} it was "
             f"logged; record both channels with one recorder and one trigger, or shift one of them by that much"
         )
+
+
+def _trails(log: MotionLog) -> bool:
+    """Whether the set position comes after the position: (r - x) v < 0 on average."""
+    if log.set_position is None:
+        return False
+    return float(np.mean((log.set_position - log.position) * np.gradient(log.set_position))) < 0.0
 
 
 def _check_drift(log: MotionLog, columns: np.ndarray, forces: list[np.ndarray], delays: np.ndarray) -> None:

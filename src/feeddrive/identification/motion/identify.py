@@ -154,6 +154,9 @@ def identify_motion(
         )
     if refinement is not None and refinement.delay:
         late = refinement.delay
+    elif refinement is None and start is None and closed and delay.clear:  # no loop decides: the inverse dynamics do
+        late = max(0, delay.nearest)
+    if late:
         rigid = _rigid(log, friction, how, known + late)
     remarks += _about(rigid, late)
     seen = friction_map(log.position, log.force, rigid["mass"].value, log.sample_time)

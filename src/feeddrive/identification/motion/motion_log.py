@@ -16,6 +16,9 @@ LARGEST = 1e100  # in SI: its square does not overflow
 _USUAL_SHARE = 0.99  # of the rows, whose largest force is the usual one
 _NEAR, _AROUND, _NOISE = 9, 61, 8.0  # rows of the medians about a spike; standard deviations that it exceeds
 _SPIKE = 5.0  # times the usual force: no real force peak is so short and so high
+_JUMP = 3.0  # usual steps by which a row of a position leaves its neighbors
+_JUMP_TRAVEL = 1e-3  # of the travel, the least that counts
+_BEYOND = 1.05  # times its limit, beyond which a force was not commanded under that limit
 _SPIKE_ROWS = 3  # samples that a spike lasts at most
 MOST_SATURATED = 0.01  # share of the samples that may sit at the largest force
 
@@ -53,6 +56,7 @@ class MotionLog:
             raise LogError(f"{self.name}: has {self.position.size} rows; identification needs at least {LEAST_ROWS}")
         self._check_saturation()
         self._check_spikes()
+        self._check_jumps()
 
     @property
     def frame(self) -> Frame:
@@ -89,6 +93,14 @@ class MotionLog:
         """A saturated force is not the force that acted on the axis."""
         force = self.force
         most = float(np.max(np.abs(force))) if self.force_limit is None else self.force_limit
+        largest = float(np.max(np.abs(force)))
+        if largest > _BEYOND * most:
+            unit = self.frame.force
+            raise NotIdentifiableError(
+                f"{self.name}: the force reaches {largest:.5g} {unit}, beyond the limit of {most:.5g} {unit} that the "
+                f"machine has: one of the two is wrong; check the unit or factor of the force, and the force limit and "
+                f"axis of the machine file"
+            )
         there = np.abs(force) >= most * (1.0 - 1e-9)
         held = there[1:] & there[:-1]  # a peak reaches its value once; a limit holds it over several samples
         share = float(np.mean(held))
@@ -113,6 +125,33 @@ class MotionLog:
                 f"{self.force[k]:.4g} {self.frame.force} at row {k + 1} ({k * self.sample_time:.4g} s), where "
                 f"{100.0 * _USUAL_SHARE:g} % of the log stay within {most:.4g} {self.frame.force}: no mass reacts "
                 "to them; repair these rows, or cut the log there"
+            )
+
+    def _check_jumps(self) -> None:
+        """Rows of a position that leave their neighbors and come back at once: an encoder line, not the axis.
+
+        A position that rises or falls steadily is its own median, so that only reversals and noise depart from it:
+
+            |x - median9(x)| > 3 · usual step, which 99 % of the steps from row to row do not exceed,
+                               and > 1e-3 of the travel: jumps of a few counts in a slow run stay
+        """
+        steps = np.abs(np.diff(self.position))
+        usual = float(np.quantile(steps, _USUAL_SHARE))
+        least = max(_JUMP * usual, _JUMP_TRAVEL * float(np.ptp(self.position)))
+        if float(np.max(steps)) <= least:
+            return
+        from scipy.ndimage import median_filter  # not for commands that only read
+
+        away = np.abs(self.position - median_filter(self.position, _NEAR, mode="nearest"))
+        found = short_runs(away > least, _SPIKE_ROWS)
+        if np.any(found):
+            k = int(np.argmax(np.where(found, away, 0.0)))
+            unit = self.frame.position
+            raise NotIdentifiableError(
+                f"{self.name}: the position has {int(np.sum(found))} jump{'s' * (int(np.sum(found)) != 1)} there and "
+                f"back, the largest to {self.position[k]:.4g} {unit} at row {k + 1} ({k * self.sample_time:.4g} s), "
+                f"{away[k]:.4g} {unit} off its neighbors, where {100.0 * _USUAL_SHARE:g} % of the steps stay within "
+                f"{usual:.4g} {unit}: no axis moves so; repair these rows, or cut the log there"
             )
 
     def without_spikes(self) -> tuple[MotionLog, tuple[str, ...]]:
@@ -237,7 +276,9 @@ def prepare(log: MotionLog, how: Preparation) -> Prepared:
     if samples < _LEAST_ROWS * factor:
         raise LogError(
             f"{log.name}: {samples} samples are left of {log.position.size} after the ends are cut; "
-            f"{_LEAST_ROWS * factor} are needed: record {(_LEAST_ROWS * factor - samples) * T:.3g} s more"
+            f"{_LEAST_ROWS * factor} are needed: the log is {log.position.size * T:.3g} s long as its time was read; "
+            f"state the unit if it is another, as --time 't:s', else record {(_LEAST_ROWS * factor - samples) * T:.3g} "
+            "s more"
         )
     channels = (velocity, acceleration, np.ones_like(velocity), delayed(log.force, how.delay))
     few = [decimated(channel[rows], factor) for channel in channels]
