@@ -183,6 +183,13 @@ def test_a_tolerance_below_rounding_is_refused_without_a_resolution_too(mm: str,
     assert "is smaller than the rounding of positions, 1e-09 mm: give a larger one" in said
 
 
+def test_options_that_are_too_small_are_named(tmp_path: Path) -> None:
+    """A tolerance of the command has no line; samples every ns would fill the disk."""
+    said = refused(tmp_path, PART, tolerance=1e-5 * 1e-3)
+    assert said.startswith("--tolerance: the tolerance of 1e-05 mm is smaller than the resolution of axis X")
+    assert "must be >= 0.001 ms" in refused(tmp_path, PART, sample_time=1e-9)
+
+
 @pytest.mark.parametrize("text", ["", "%\n%\n", "(nothing)\n; at all\n", "M3 S100\nM2\n"])
 def test_a_program_that_does_not_move_has_a_report_too(text: str, tmp_path: Path) -> None:
     found = fd.workflow.plan(part(tmp_path, text), machine="xy_table", out=tmp_path / "out")

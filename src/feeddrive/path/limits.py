@@ -99,18 +99,24 @@ class MachineLimits:
 
         Raises ProgramError at the line of a tolerance that is.
         """
+        for move in moves:
+            too_small = self.too_small(move.tolerance) if isinstance(move, PathMode) else ""
+            if too_small:
+                raise ProgramError(move.source.file, move.source.number, 0, "P", too_small)
+            yield move
+
+    def too_small(self, tolerance: float) -> str:
+        """Why a tolerance of the path, m, is smaller than what an axis resolves, or than rounding; else nothing."""
         coarse = max(self.axes, key=lambda letter: self.axes[letter].resolution or 0.0)
         found = float(self.axes[coarse].resolution or 0.0)
         resolution = max(found, ROUNDING)
+        if not 0.0 < tolerance < resolution:
+            return ""
         what = f"the resolution of axis {coarse}" if found >= ROUNDING else "the rounding of positions"
-        for move in moves:
-            if isinstance(move, PathMode) and 0.0 < move.tolerance < resolution:
-                raise ProgramError(
-                    move.source.file, move.source.number, 0, "P",
-                    f"the tolerance of {1e3 * move.tolerance:.4g} mm is smaller than {what}, "
-                    f"{1e3 * resolution:.4g} mm: give a larger one",
-                )  # fmt: skip
-            yield move
+        return (
+            f"the tolerance of {1e3 * tolerance:.4g} mm is smaller than {what}, {1e3 * resolution:.4g} mm: "
+            "give a larger one"
+        )
 
 
 def _travel(limits: AxisLimits) -> tuple[float, float] | None:

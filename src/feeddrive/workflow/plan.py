@@ -57,7 +57,7 @@ class PlanRequest(Request):
     )  # fmt: skip
     sample_time: float | None = option(
         "from setpoint to setpoint; that of the machine's loops if it is left out",
-        default=None, unit="s", entered="ms", above=0.0, most=1e3,
+        default=None, unit="s", entered="ms", least=1e-3, most=1e3,
     )  # fmt: skip
     watch: bool = option("print a line of progress every 5 s", default=False)
     out: Path | None = option(OUT, short="-o", default=None)
@@ -82,6 +82,9 @@ def plan(request: PlanRequest, progress: Progress) -> Outcome[Planned]:
     """
     machine = None if request.machine is None else read_machine(request.machine)
     limits = planned_limits(machine, request.limits)
+    too_small = "" if request.tolerance is None else limits.too_small(request.tolerance)
+    if too_small:
+        raise ParameterError(f"--tolerance: {too_small}")
     sample_time = request.sample_time
     if sample_time is None:
         assert machine is not None
