@@ -176,6 +176,19 @@ def test_set_and_actual_position_that_are_swapped_are_said() -> None:
         identify_motion(MotionLog(name="log", position=shifted(s.x, 3), force=s.f, sample_time=T, set_position=late))
 
 
+def test_a_machine_file_with_a_law_that_did_not_run_is_no_verdict_to_use() -> None:
+    """In closed loop the wrong law leaves a third of the force; the verdict was to use what came out."""
+    from types import SimpleNamespace
+
+    s = signals()
+    found = identify_motion(MotionLog(name="log", position=s.x, force=s.f, sample_time=T))
+    assert found.recommendation.startswith("Use these values")
+    poor: Any = SimpleNamespace(replay=SimpleNamespace(share=lambda _: 0.366))
+    wrong = replace(found, refinement=poor)
+    assert "leaves 36.6 % of the force in closed loop" in wrong.unusable
+    assert wrong.recommendation.startswith("Do not tune on these values")
+
+
 def test_a_dead_time_counts_also_where_no_law_explains_the_force() -> None:
     """A set position that the law did not follow: no law is found, and the mass is still that of the late force."""
     s = signals()

@@ -75,7 +75,17 @@ class Identified(Result):
                 f"the error on stretches that were not used is {unused:.3g} %, on those that were used {left:.3g} "
                 "%, so the axis changed along the log"
             )
+        if self._law_leaves > POOR:
+            return (
+                f"the law of the machine file, or the one that was found, leaves {100.0 * self._law_leaves:.3g} % of "
+                "the force in closed loop, so it is not the law that ran"
+            )
         return ""
+
+    @property
+    def _law_leaves(self) -> float:
+        """Share of the force that the loop, simulated with its law, does not explain; 0 without one."""
+        return 0.0 if self.refinement is None else self.refinement.replay.share("force")
 
     @property
     def recommendation(self) -> str:
@@ -87,6 +97,8 @@ class Identified(Result):
                 f"Do not tune on these values: {self.unusable}, so the axis bends, binds or is driven by something "
                 f"else; measure a frequency response next (feeddrive excite)."
             )
+        if self._law_leaves > POOR:
+            return f"Do not tune on these values: {self.unusable}; state in the machine file the law that made the log."
         if self.unusable:
             return f"Measure once more before you trust these values: {self.unusable}."
         unused = 100.0 * self.rigid.validation.relative
