@@ -19,7 +19,7 @@ from feeddrive.language.kernels.kernel import kernel
 from feeddrive.language.kernels.source import Floats, Floats2, Floats3, Ints
 from feeddrive.language.table import Result, Table
 from feeddrive.path.motion import Entering, Motion, Part, chain, cubic, rows, way, when
-from feeddrive.path.pieces import Pieces, derivatives
+from feeddrive.path.pieces import Pieces, derivatives, part_of_pieces
 from feeddrive.path.proof.overlap import prove_sum
 from feeddrive.path.proof.ranges import cubic_range, line_range, parabola_range, share_of_limits, slopes
 
@@ -344,9 +344,10 @@ def faults_of(pieces: Pieces, motion: Motion, limits: np.ndarray) -> np.ndarray:
     state = np.array([motion.x[0], motion.speed[0], motion.acceleration[0], motion.jerk[0]])
     faults = np.zeros((_KEPT, 5))
     room = [np.zeros((64, 2)), np.zeros((axes, 4, 2)), *(np.zeros((axes, 5)) for _ in range(3))]
-    on = [each[first:] for each in pieces[:5]]
+    on = part_of_pieces(pieces, first, len(pieces.length))
     _, found = _prove(
-        *on, *motion._replace(piece=motion.piece - first), limits, WIDENED, True, False, True, state,
+        on.kind, on.length, on.origin, on.shape, on.feed, *motion._replace(piece=motion.piece - first),
+        limits, WIDENED, True, False, True, state,
         np.zeros(axes), faults, np.zeros((axes, 4)), np.zeros(2), *room,
     )  # fmt: skip
     return faults[:found]
