@@ -171,6 +171,17 @@ def test_a_run_that_begins_elsewhere_than_the_last_one_ended_is_not_proven(tmp_p
         assert "does not go on from where the one before has ended" in fault.what
 
 
+def test_limits_far_beyond_any_machine_are_planned_without_a_warning(tmp_path: Path) -> None:
+    """A snap of 1e11 m/s⁴ divided by the share of an axis that does not move had overflowed."""
+    limits = np.array([[5.0, 1e3, 1e7, 1e11]] * 3)
+    with np.errstate(all="raise", under="ignore"):
+        moves = read_program(program(tmp_path, "G21 G90 G64 P0.02 F30000\nG1 X20\nY20\nX0\nM2\n"))
+        parts = [each for each in planned(moves, "XYZ", limits) if isinstance(each, Part)]
+    prover = Prover(limits)
+    held = [prover.prove(each) for each in parts]
+    assert held == [True] * len(parts)
+
+
 def test_segments_end_where_the_program_says(tmp_path: Path) -> None:
     """Ends of arcs and helices in all planes, whose radii differ by the rounding of three decimals: 1e-15 m."""
     blocks = ("G17 G3 X10 Y10 Z3 I0.0004 J10", "G18 G2 X20 Z-7 I10 K0", "G19 G3 Y20 Z3 J0 K10", "G2 J5 K0", "M2")

@@ -225,7 +225,7 @@ class Crossings:
 
     def _numbers(self, pieces: Pieces, k: int, length: float, begin: float, end: float) -> np.ndarray:
         """What describes a stretch of a line, from node to node."""
-        slope = np.maximum(np.abs(pieces.shape[k, :, 1]) / float(pieces.length[k]), 1e-300)
+        slope = np.maximum(np.abs(pieces.shape[k, :, 1]) / float(pieces.length[k]), 1e-200)
         numbers = np.zeros(NUMBERS)
         numbers[FASTEST : SNAP + 1] = np.min(self._limits / slope[:, None], axis=0) * (1.0 - 1e-12)
         numbers[FASTEST] = min(numbers[FASTEST], float(pieces.feed[k]) / float(np.sqrt(slope @ slope)))
