@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -209,11 +209,9 @@ def _where(part: Part, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     m = np.clip(np.searchsorted(begins, times, side="right") - 1, 0, len(begins) - 1)
     far = np.cumsum(pieces.length)
     u = (far - pieces.length)[motion.piece[m]] + motion.x[m]
-    t, v, a, j, s = (
-        times - begins[m],
-        *(row[m] for row in (motion.speed, motion.acceleration, motion.jerk, motion.snap)),
-    )
-    u += t * (v + t * (0.5 * a + t * (j / 6.0 + t * s / 24.0)))
+    v, a, j, s = (row[m] for row in motion[3:])
+    gone: Any = way.python  # plain arithmetic, which takes arrays, too
+    u += gone(v, a, j, s, times - begins[m])
     p = np.clip(np.searchsorted(far, u), 0, len(far) - 1)
     return pieces.line[p], pieces.feed[p]
 
