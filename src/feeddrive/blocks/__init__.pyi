@@ -18,8 +18,10 @@ from feeddrive.blocks.controller.stock_biquad import StockBiquad as StockBiquad
 from feeddrive.blocks.controller.stock_pid import StockPid as StockPid
 from feeddrive.blocks.coupling.dynamometer_force import DynamometerForce as DynamometerForce
 from feeddrive.blocks.coupling.force_record import ForceRecord as ForceRecord
+from feeddrive.blocks.coupling.geometry import Geometry as Geometry
 from feeddrive.blocks.coupling.milling_cut import MillingCut as MillingCut
 from feeddrive.blocks.coupling.mode_shape import ModeShape as ModeShape
+from feeddrive.blocks.coupling.straightness import Straightness as Straightness
 from feeddrive.blocks.coupling.structure_mode import StructureMode as StructureMode
 from feeddrive.blocks.cutting.helical_cutter import HelicalCutter as HelicalCutter
 from feeddrive.blocks.feedforward.disturbance_compensator import DisturbanceCompensator as DisturbanceCompensator

@@ -14,6 +14,8 @@ velocity = 0.5
 kind = "structure_mode"
 [[couplings.shapes]]
 axis = "x"
+[geometry] # squareness, scales and straightness: where the tool point is
+squareness_xy_urad = 20
 """
 
 from __future__ import annotations
@@ -25,6 +27,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import TypeAlias
 
+from feeddrive.blocks.coupling.geometry import Geometry
 from feeddrive.blocks.machine_families import Coupling
 from feeddrive.files.blocks_from_toml import read_block
 from feeddrive.files.blocks_to_toml import to_toml
@@ -55,6 +58,7 @@ class MachineFile(Result):
     file: TomlFile
     couplings: tuple[Coupling, ...] = ()
     limits: Mapping[str, AxisLimits] = field(default_factory=dict[str, AxisLimits])
+    geometry: Geometry | None = None
 
     @property
     def quoted(self) -> tuple[str, ...]:
@@ -118,7 +122,7 @@ class MachineFile(Result):
 
         Raises ParameterError and StructureError as `Machine`.
         """
-        return Machine.of(self.loops, (*self.couplings, *couplings))
+        return Machine.of(self.loops, (*self.couplings, *couplings), self.geometry)
 
 
 MachineLike: TypeAlias = str | Path | MachineFile
@@ -142,8 +146,9 @@ def read_machine(path: MachineLike, *, quoting: bool = True) -> MachineFile:
     sections = root.named("axis")
     loops = {name: _loop(root, name, section) for name, section in sections.items()}
     couplings, limits = _couplings(root, loops), _limits(sections)
+    geometry = _geometry(root, loops)
     name = text["name"] or Path(file.name).stem
-    return MachineFile(name, text["source"], text["remark"], loops, file, couplings, limits)
+    return MachineFile(name, text["source"], text["remark"], loops, file, couplings, limits, geometry)
 
 
 def machine_toml(
@@ -166,7 +171,8 @@ def machine_toml(
             to_toml(each.control, f"axis.{axis}.control", rotary=each.axis.rotary),
             *([to_toml(limits[axis], f"axis.{axis}.limits", rotary=each.axis.rotary)] if axis in limits else []),
         ]
-    return "\n".join([*parts, *(to_toml(each, "couplings", listed=True) for each in machine.couplings)])
+    parts += [to_toml(each, "couplings", listed=True) for each in machine.couplings]
+    return "\n".join([*parts, *([] if machine.geometry is None else [to_toml(machine.geometry, "geometry")])])
 
 
 def _couplings(root: Section, loops: Mapping[str, Loop]) -> tuple[Coupling, ...]:
@@ -181,6 +187,19 @@ def _couplings(root: Section, loops: Mapping[str, Loop]) -> tuple[Coupling, ...]
             place = "" if text.startswith(section.dotted()) else f"{section.dotted()}: "
             raise type(error)(f"{section.where()}: {place}{text}") from None
     return found
+
+
+def _geometry(root: Section, loops: Mapping[str, Loop]) -> Geometry | None:
+    """The geometry errors, checked with the axes."""
+    section = root.optional("geometry")
+    if section is None:
+        return None
+    geometry = read_block(Geometry, section)
+    try:
+        Machine.of(loops, (), geometry)
+    except (ParameterError, StructureError) as error:
+        raise type(error)(f"{section.where()}: {error}") from None
+    return geometry
 
 
 def found(path: str | Path, folder: str) -> Path:
@@ -199,7 +218,7 @@ def _loop(root: Section, name: str, section: Section) -> Loop:
     axis = read_block(Axis, section, besides={"control", "limits"})
     control = read_block(Control, section.section("control"))
     return read_block(
-        Loop, root, besides={"axis", "couplings", *_TEXTS}, given={"axis": axis, "control": control, "name": name}
+        Loop, root, besides={"axis", "couplings", "geometry", *_TEXTS}, given={"axis": axis, "control": control, "name": name}
     )
 
 

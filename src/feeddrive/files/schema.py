@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any, TypeAlias
 
 from feeddrive.blocks.families import Load, Reference
+from feeddrive.blocks.coupling.geometry import Geometry
 from feeddrive.blocks.machine_families import Coupling
 from feeddrive.files.atomic_io import write_whole
 from feeddrive.files.blocks_from_toml import Hint, defaults, hints, members, options_of_type
@@ -187,7 +188,8 @@ def machine_schema() -> Schema:
         "items": blocks.part(Hint((Coupling,))),
         "description": "interactions of the axes: structure modes that they share, a cut, a recorded force",
     }
-    root = blocks.fields(Loop, {**texts, "axis": axes, "couplings": couplings}, without=("axis", "control"))
+    more = {"axis": axes, "couplings": couplings, "geometry": blocks.block(Geometry)}
+    root = blocks.fields(Loop, {**texts, **more}, without=("axis", "control"))
     root["required"] = ["axis"]
     return _file("machine", "A machine: axes with their physics and today's control", root, blocks)
 

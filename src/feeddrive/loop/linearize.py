@@ -17,7 +17,7 @@ from feeddrive.language.ring import Ring
 from feeddrive.language.table import Result, Table
 from feeddrive.language.units import units_of
 from feeddrive.loop.frequency_response import FRF
-from feeddrive.loop.loop import SETPOINT, UNITS, Loop, Probe, Signals, quantity
+from feeddrive.loop.loop import SETPOINT, UNITS, Loop, Probe, quantity
 from feeddrive.loop.machine import Machine, System, check_system
 from feeddrive.loop.runner import Prepared
 from feeddrive.loop.trace import lengths, node_values
@@ -152,7 +152,7 @@ def samples_of_a_period(
     if len(set(inputs)) < len(inputs):
         raise ParameterError(f"an input is named twice in {', '.join(inputs)}: name each once")
     for name in outputs:
-        _place([f"{port}{each}" for port in loop.ports() for each in Signals._fields], name, "signal")
+        _place(loop.signals(), name, "signal")
     at = _everywhere(loop, position, velocity)
     setpoint, start = _setpoints(loop, at, 0.0), at if isinstance(loop, Machine) else at[loop.name]
     prepared = Prepared(loop, setpoint, start)

@@ -43,6 +43,14 @@ class Signals(NamedTuple):
     trip: Annotated[Number, Unit("")]  # 0, or the code of the guard
 
 
+class ToolPoint(NamedTuple):
+    """What a machine with geometry errors adds: where the tool is, as `tool.x`."""
+
+    x: Annotated[Number, Unit("m")]
+    y: Annotated[Number, Unit("m")]
+    z: Annotated[Number, Unit("m")]
+
+
 class Probe(NamedTuple):
     """Points at which a loop can be opened or excited for analysis; absent ones cost no operations."""
 
@@ -62,7 +70,7 @@ class Probe(NamedTuple):
         return acting if self.added_force is None else acting + self.added_force
 
 
-UNITS = units_of(Signals)
+UNITS = {**units_of(Signals), **units_of(ToolPoint)}
 SETPOINT = tuple(f"set_{name}" for name in Setpoint._fields)
 
 
@@ -183,6 +191,10 @@ class Loop(Block):
     def ports(self) -> tuple[str, ...]:
         """The prefix of the names of inputs and signals of each axis: empty, since there is one axis."""
         return ("",)
+
+    def signals(self) -> list[str]:
+        """The names of its signals."""
+        return list(Signals._fields)
 
     def loops(self) -> dict[str, Loop]:
         """The loop itself by the name of its axis."""

@@ -7,6 +7,7 @@ from collections.abc import Collection, Iterator, Mapping
 from functools import lru_cache
 from typing import Any, NamedTuple, TypeAlias
 
+from feeddrive.blocks.coupling.geometry import Geometry
 from feeddrive.blocks.machine_families import Coupling
 from feeddrive.blocks.signals import Motion, Noise
 from feeddrive.language import ops
@@ -18,6 +19,7 @@ from feeddrive.loop.core import Acting, Core, Push, Shared, acting
 from feeddrive.loop.hold import Columns, JointHold, Timing
 from feeddrive.loop.loop import Loop, Signals, inputs_of, reported
 
+_TOOL = "tool"  # prefix of the signals of the tool point
 _SEEDS = 2.0**40  # between the noise of one axis and that of the next
 
 
@@ -165,6 +167,7 @@ class Machine(Block):
 
     axis: Any = part("axes by name")
     couplings: tuple[Coupling, ...] = part("what acts between them", default=())
+    geometry: Geometry | None = part("geometry errors; with them there are the signals tool.x ...", default=None)
     sample_time: Number = parameter("s", "time from sample to sample", above=0)
 
     class Prepared(NamedTuple):
@@ -188,14 +191,18 @@ class Machine(Block):
         super().__post_init__()
 
     @classmethod
-    def of(cls, loops: Mapping[str, Loop], couplings: tuple[Coupling, ...] = ()) -> Machine:
+    def of(
+        cls, loops: Mapping[str, Loop], couplings: tuple[Coupling, ...] = (), geometry: Geometry | None = None
+    ) -> Machine:
         """The machine of some loops. Raises ParameterError if their sample times differ."""
         times = {name: float(loop.sample_time) for name, loop in loops.items()}
         if len(set(times.values())) != 1:
             shown = ", ".join(f"{name}: {time:g} s" for name, time in times.items())
             raise ParameterError(f"the axes of a machine have one sample time, not {shown or 'none'}")
         axes = {name: DrivenAxis(control=loop.control, axis=loop.axis) for name, loop in loops.items()}
-        return cls(axis=named(axes), couplings=couplings, sample_time=next(iter(times.values())))
+        return cls(
+            axis=named(axes), couplings=couplings, geometry=geometry, sample_time=next(iter(times.values()))
+        )
 
     def axes(self) -> dict[str, DrivenAxis]:
         """The axes by name."""
@@ -214,7 +221,7 @@ class Machine(Block):
 
     def with_loops(self, loops: Mapping[str, Loop]) -> Machine:
         """The same machine with other loops on its axes."""
-        return Machine.of({**self.loops(), **loops}, self.couplings)
+        return Machine.of({**self.loops(), **loops}, self.couplings, self.geometry)
 
     def check(self) -> None:
         """Couplings name axes that are there; substeps are common; each axis runs as a loop of its own."""
@@ -231,9 +238,19 @@ class Machine(Block):
             for name in coupling.axes():
                 if name not in axes:
                     raise StructureError(f"couplings.{i}: {coupling.kind} acts on axis '{name}', which is not there")
+        self._check_geometry(axes)
         if isinstance(self.sample_time, float):
             for name in axes:
                 self.loop(name)
+
+    def _check_geometry(self, axes: Collection[str]) -> None:
+        for way, name in {} if self.geometry is None else self.geometry.axes().items():
+            if name not in axes:
+                raise StructureError(
+                    f"geometry.along_{way}: axis '{name}' is not there; the machine has {', '.join(axes)}"
+                )
+        if self.geometry is not None and _TOOL in axes:
+            raise StructureError(f"an axis cannot be named '{_TOOL}': signals of the tool point are {_TOOL}.x ...")
 
     def rules(self) -> Iterator[Rule]:
         """What couplings and shared modes ask for; the rules of the axes are those of their loops."""
@@ -246,6 +263,11 @@ class Machine(Block):
     def ports(self) -> tuple[str, ...]:
         """The prefix of the names of inputs and signals of each axis."""
         return tuple(f"{name}." for name in self.axes())
+
+    def signals(self) -> list[str]:
+        """The names of its signals: those of each axis, and with a geometry those of the tool point."""
+        there = [f"{port}{name}" for port in self.ports() for name in Signals._fields]
+        return there if self.geometry is None else [*there, *(f"{_TOOL}.{way}" for way in self.geometry.axes())]
 
     def timing(self, partial: Collection[str] = ()) -> Any:
         """The delay structure of the dead time of each axis, with a fraction of a sample for those named."""
@@ -299,6 +321,9 @@ class Machine(Block):
         for name, (setpoint, motion, motor, reading, command) in found.items():
             row = reported(setpoint, motion, motor, reading, command, done[name], loads[name])
             signals |= {f"{name}.{signal}": value for signal, value in zip(Signals._fields, row, strict=True)}
+        if self.geometry is not None:
+            position = {name: row[1].position_load for name, row in found.items()}
+            signals |= {f"{_TOOL}.{way}": at for way, at in self.geometry.tool(position).items()}
         held = {name: Loop.State(controls[name], axis) for name, axis in zip(axes, after.axis, strict=True)}
         return self.State(named(held), after.shared, after.couplings), signals
 

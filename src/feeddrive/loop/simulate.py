@@ -18,7 +18,7 @@ from feeddrive.loop.changes import Changes, Course, changed_loops
 from feeddrive.loop.engine.native import Native
 from feeddrive.loop.engine.plan import ARITHMETIC
 from feeddrive.loop.groups import grouped
-from feeddrive.loop.loop import UNITS, Signals, quantity, unit_of
+from feeddrive.loop.loop import UNITS, quantity, unit_of
 from feeddrive.loop.machine import System, check_system, turning_ports
 from feeddrive.loop.runner import Prepared, cores
 from feeddrive.loop.statistics import LEFT, gathered
@@ -162,11 +162,9 @@ def known(system: System, record: Sequence[str], arithmetic: str) -> list[str]:
     """The names of signals as a list. Raises ParameterError for a signal or an arithmetic that is not known."""
     if arithmetic not in ARITHMETIC:
         raise ParameterError(f"arithmetic = {arithmetic!r} must be one of {', '.join(ARITHMETIC)}")
-    ports = system.ports()
+    there = system.signals()
     for signal in record:
-        port, dot, name = signal.rpartition(".")
-        if name not in UNITS or f"{port}{dot}" not in ports:
-            there = everywhere(system, Signals._fields)
+        if signal not in there:
             raise ParameterError(f"there is no signal '{signal}'{nearest(signal, there)}")
     return list(record)
 
@@ -313,7 +311,7 @@ def stream(
     not reused.
     """
     check_system(loop)
-    record = known(loop, everywhere(loop, Signals._fields) if record is None else record, arithmetic)
+    record = known(loop, loop.signals() if record is None else record, arithmetic)
     work = Work(loop, reference, load, enable, added_force)
     count = sample_count(work, duration)
     if chunk is None:

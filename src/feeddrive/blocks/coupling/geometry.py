@@ -1,0 +1,67 @@
+"""The geometry errors of a machine: where the tool point is while its axes stand somewhere."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from feeddrive.blocks.coupling.straightness import Straightness
+from feeddrive.language.block import Block, Number, choice, parameter, part
+from feeddrive.language.errors import StructureError
+
+
+class Geometry(Block):
+    """Scale, squareness and straightness errors: the tool point from the true positions of the tables.
+
+        tool.x = x + scale_x x + squareness_xy y + squareness_xz z + straightness
+        tool.y = y + scale_y y + squareness_yz z + straightness
+        tool.z = z + scale_z z + straightness
+
+    A positive squareness means that the tool goes towards larger x while y grows: the angle between the axes is less
+    than a right one.  The errors are seen by no encoder of an axis, only by what measures at the tool: a circle test, a
+    part.  Cutting forces and controls act on the axes and do not see them.
+    Source: ISO 230-1; signs as in the circle test, x += squareness_xy y.
+    """
+
+    along_x: str = choice("axis that moves the tool along x", default="x")
+    along_y: str = choice("axis that moves the tool along y", default="y")
+    along_z: str | None = choice("axis that moves the tool along z; absent: none", default=None)
+    scale_x: Number = parameter("", "relative error of the length along x", above=-1, default=0)
+    scale_y: Number = parameter("", "the same along y", above=-1, default=0)
+    scale_z: Number = parameter("", "the same along z", above=-1, default=0)
+    squareness_xy: Number = parameter("rad", "error of the right angle between x and y", least=-0.5, most=0.5, default=0)
+    squareness_xz: Number = parameter("rad", "the same between x and z", least=-0.5, most=0.5, default=0)
+    squareness_yz: Number = parameter("rad", "the same between y and z", least=-0.5, most=0.5, default=0)
+    straightness: tuple[Straightness, ...] = part("straightness errors of the guideways", default=())
+
+    def check(self) -> None:
+        """Each direction has an axis of its own, and straightness errors are across."""
+        if len(set(self.axes().values())) < len(self.axes()):
+            raise StructureError(
+                f"geometry: x, y and z must be moved by different axes, not {', '.join(self.axes().values())}"
+            )
+        for i, each in enumerate(self.straightness):
+            if each.along == each.across:
+                raise StructureError(
+                    f"geometry.straightness.{i}: along and across are both {each.along}: an error along the motion is "
+                    f"one of the scale or of the screw (lead_error)"
+                )
+            for way in (each.along, each.across):
+                if way not in self.axes():
+                    raise StructureError(f"geometry.straightness.{i}: no axis moves the tool along {way}")
+
+    def axes(self) -> dict[str, str]:
+        """The axis that moves the tool, by direction."""
+        third = {} if self.along_z is None else {"z": self.along_z}
+        return {"x": self.along_x, "y": self.along_y, **third}
+
+    def tool(self, position: Mapping[str, Number]) -> dict[str, Number]:
+        """The tool point by direction (m), from the position of the table of each axis by name (m)."""
+        at = {way: position[axis] for way, axis in self.axes().items()}
+        found = {"x": at["x"] + self.scale_x * at["x"] + self.squareness_xy * at["y"], "y": at["y"] + self.scale_y * at["y"]}
+        if "z" in at:
+            found["x"] = found["x"] + self.squareness_xz * at["z"]
+            found["y"] = found["y"] + self.squareness_yz * at["z"]
+            found["z"] = at["z"] + self.scale_z * at["z"]
+        for each in self.straightness:
+            found[each.across] = found[each.across] + each.at(at[each.along])
+        return found

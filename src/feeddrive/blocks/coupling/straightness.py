@@ -1,0 +1,24 @@
+"""The straightness of a guideway."""
+
+from __future__ import annotations
+
+from feeddrive.language import ops
+from feeddrive.language.block import Block, Number, choice, parameter, table
+
+
+class Straightness(Block):
+    """How far the guideway of one axis carries the tool point aside: a row of errors along its travel.
+
+    The error is interpolated linearly between entries at start, start + spacing, ... and held beyond the ends.
+    Source: ISO 230-1, straightness error of a linear motion.
+    """
+
+    along: str = choice("direction of the motion", options=("x", "y", "z"))
+    across: str = choice("direction of the error", options=("x", "y", "z"))
+    row: Number = table("m", "errors along the travel")
+    start: Number = parameter("m", "position of the first entry")
+    spacing: Number = parameter("m", "distance between entries", above=0)
+
+    def at(self, position: Number) -> Number:
+        """The error in m."""
+        return ops.interpolate(self.row, (position - self.start) / self.spacing)
