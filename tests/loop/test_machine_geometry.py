@@ -14,7 +14,10 @@ from feeddrive.loop.linearize import linearize
 from feeddrive.loop.machine import Machine
 from feeddrive.loop.simulate import simulate
 
-CIRCLE = {"x": Circle(radius=0.02, feed=0.1, turns=0.5, phase=90), "y": Circle(radius=0.02, feed=0.1, turns=0.5, phase=0)}
+CIRCLE = {
+    "x": Circle(radius=0.02, feed=0.1, turns=0.5, phase=90),
+    "y": Circle(radius=0.02, feed=0.1, turns=0.5, phase=0),
+}
 
 
 def with_errors() -> tuple[Machine, Machine]:
@@ -37,7 +40,7 @@ def test_the_tool_point_follows_from_the_tables():
 
 
 def test_the_tool_point_is_part_of_the_linear_model():
-    """A millimeter of x is a millimeter and its scale error at the tool, one of y is the squareness, at any frequency."""
+    """A millimeter of x is one and its scale error at the tool, a millimeter of y is the squareness."""
     _, machine = with_errors()
     tables = [f"{axis}.position_load" for axis in "xy"]
     model = linearize(machine, ["x.set_position", "y.set_position"], ["tool.x", *tables])
@@ -53,10 +56,11 @@ def test_a_file_holds_it(tmp_path):
     path.write_text(machine_toml(machine, "table"))
     again = read_machine(path).machine()
     assert again.signals() == machine.signals()
-    assert again.geometry is not None and again.geometry.squareness_xy == 4e-5
+    assert again.geometry is not None
+    assert again.geometry.squareness_xy == 4e-5
     wrong = path.read_text().replace('along_y = "y"', 'along_y = "b"')
     path.write_text(wrong)
-    with pytest.raises(StructureError, match=r"table.toml:\d+.*along_y: axis 'b' is not there"):
+    with pytest.raises(StructureError, match=r"table\.toml:\d+.*along_y: axis 'b' is not there"):
         read_machine(path)
 
 
@@ -68,7 +72,7 @@ def test_what_does_not_fit_is_refused():
     with pytest.raises(StructureError, match="no axis moves the tool along z"):
         Geometry(straightness=(Straightness(along="x", across="z", row=np.zeros(2), start=0.0, spacing=1.0),))
     machine, _ = with_errors()
-    with pytest.raises(ParameterError, match="no signal 'tool.x'"):
+    with pytest.raises(ParameterError, match=r"no signal 'tool\.x'"):
         simulate(machine, CIRCLE, record=["tool.x"])
     with pytest.raises(StructureError, match="cannot be named 'tool'"):
         Machine.of({**machine.loops(), "tool": machine.loop("x")}, geometry=Geometry())

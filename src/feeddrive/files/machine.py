@@ -218,7 +218,10 @@ def _loop(root: Section, name: str, section: Section) -> Loop:
     axis = read_block(Axis, section, besides={"control", "limits"})
     control = read_block(Control, section.section("control"))
     return read_block(
-        Loop, root, besides={"axis", "couplings", "geometry", *_TEXTS}, given={"axis": axis, "control": control, "name": name}
+        Loop,
+        root,
+        besides={"axis", "couplings", "geometry", *_TEXTS},
+        given={"axis": axis, "control": control, "name": name},
     )
 
 

@@ -16,8 +16,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeAlias
 
-from feeddrive.blocks.families import Load, Reference
 from feeddrive.blocks.coupling.geometry import Geometry
+from feeddrive.blocks.families import Load, Reference
 from feeddrive.blocks.machine_families import Coupling
 from feeddrive.files.atomic_io import write_whole
 from feeddrive.files.blocks_from_toml import Hint, defaults, hints, members, options_of_type

@@ -200,9 +200,7 @@ class Machine(Block):
             shown = ", ".join(f"{name}: {time:g} s" for name, time in times.items())
             raise ParameterError(f"the axes of a machine have one sample time, not {shown or 'none'}")
         axes = {name: DrivenAxis(control=loop.control, axis=loop.axis) for name, loop in loops.items()}
-        return cls(
-            axis=named(axes), couplings=couplings, geometry=geometry, sample_time=next(iter(times.values()))
-        )
+        return cls(axis=named(axes), couplings=couplings, geometry=geometry, sample_time=next(iter(times.values())))
 
     def axes(self) -> dict[str, DrivenAxis]:
         """The axes by name."""

@@ -28,7 +28,9 @@ class Geometry(Block):
     scale_x: Number = parameter("", "relative error of the length along x", above=-1, default=0)
     scale_y: Number = parameter("", "the same along y", above=-1, default=0)
     scale_z: Number = parameter("", "the same along z", above=-1, default=0)
-    squareness_xy: Number = parameter("rad", "error of the right angle between x and y", least=-0.5, most=0.5, default=0)
+    squareness_xy: Number = parameter(
+        "rad", "error of the right angle between x and y", least=-0.5, most=0.5, default=0
+    )
     squareness_xz: Number = parameter("rad", "the same between x and z", least=-0.5, most=0.5, default=0)
     squareness_yz: Number = parameter("rad", "the same between y and z", least=-0.5, most=0.5, default=0)
     straightness: tuple[Straightness, ...] = part("straightness errors of the guideways", default=())
@@ -57,7 +59,10 @@ class Geometry(Block):
     def tool(self, position: Mapping[str, Number]) -> dict[str, Number]:
         """The tool point by direction (m), from the position of the table of each axis by name (m)."""
         at = {way: position[axis] for way, axis in self.axes().items()}
-        found = {"x": at["x"] + self.scale_x * at["x"] + self.squareness_xy * at["y"], "y": at["y"] + self.scale_y * at["y"]}
+        found = {
+            "x": at["x"] + self.scale_x * at["x"] + self.squareness_xy * at["y"],
+            "y": at["y"] + self.scale_y * at["y"],
+        }
         if "z" in at:
             found["x"] = found["x"] + self.squareness_xz * at["z"]
             found["y"] = found["y"] + self.squareness_yz * at["z"]
