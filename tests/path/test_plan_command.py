@@ -61,7 +61,11 @@ def test_the_files_hold_what_the_plan_says(tmp_path: Path) -> None:
     assert record["violations"] == 0
     assert record["blocks"] == 5
     assert record["cycle_time_s"] == found.cycle_time
-    assert [each["reason"] for each in record["stops"]] == ["corner of 90°", setpoints.EXACT, "dwell (G4)"]
+    assert [each["reason"] for each in record["stops"]] == [
+        "corner of 90°, exact path (G61)",
+        "bend, exact path (G61)",
+        "dwell (G4)",
+    ]
     assert [each["line"] for each in record["stops"]] == [4, 5, 6]
     assert record["stops"][2]["position_m"] == pytest.approx({"X": 0.05, "Y": 0.05}, abs=1e-15)
     log = fd.read_log(tmp_path / "out" / "setpoints.parquet")

@@ -5,11 +5,13 @@ from __future__ import annotations
 import gzip
 import resource
 from collections.abc import Iterator
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 import pytest
 from paths import LIMITS, check_random, random_curve, random_limits
+from scipy.spatial import KDTree
 
 from feeddrive.language.errors import ProgramError
 from feeddrive.path.geometry.segments import Chain, chains
@@ -197,14 +199,73 @@ def test_segments_end_where_the_program_says(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "reason"),
     [
-        ("G1 X1 F100\nG1 A5\nM2\n", "line 2: the rotary axis A is not planned yet"),
-        ("G1 X1 F100\nG1 U5\nM2\n", "line 2: the machine has no axis U; it has X, Y, Z"),
-        ("G1 X1 F100\nG5 X2 Y1 I1 J0 P0 Q1\nM2\n", r"line 2: a spline \(G5\) is not planned yet"),
+        ("G1 X1 F100\nG1 A5\nM2\n", "line 2, column 4: A: the machine has no axis A; it has X, Y, Z"),
+        ("G1 X1 F100\nG1 U5\nM2\n", "line 2, column 4: U: the machine has no axis U; it has X, Y, Z"),
+        ("M3 S100\nG1 X1 F100\n G33 X2 K1\nM2\n", "line 3, column 2: G33: a move that follows the spindle begins at"),
+        ("S100 G95 F1\n G1 X1\nM2\n", "line 2, column 2: G95 is a feed for each turn of the spindle, which stands"),
     ],
 )
 def test_what_is_not_planned_is_refused_at_its_line(text: str, reason: str, tmp_path: Path) -> None:
     with pytest.raises(ProgramError, match=reason):
         proven(program(tmp_path, text))
+
+
+def test_a_feed_by_the_turn_follows_the_speed_of_the_spindle(tmp_path: Path) -> None:
+    """G95 F0.2 at 600 and 1,200 rpm: 2 and 4 mm/s; the machine stands while the speed changes."""
+    text = "M3 S600 G95 F0.2\nG1 X4\nS1200\nX12\nM2\n"
+    found = planned(read_program(program(tmp_path, text)), "XYZ", LIMITS)
+    feeds = [part.pieces.feed for part in found if isinstance(part, Part)]
+    assert np.concatenate(feeds) == pytest.approx([2e-3, 4e-3], rel=1e-15)
+
+
+SPLINES = """F6000 G5 X50 Y20 I20 J0 P-20 Q0
+G5 X100 Y0 P-10 Q10
+G5.1 X140 Y0 I20 J40
+G1 X160 Y-40
+G5 X100 Y0 I0 J0 P0 Q0
+G5 X101 Y0 I50 J50 P-50 Q50
+M2
+"""
+POINTS = [
+    [(0, 0), (20, 0), (30, 20), (50, 20)], [(50, 20), (70, 20), (90, 10), (100, 0)], [(100, 0), (120, 40), (140, 0)],
+    [(140, 0), (160, -40)], [(160, -40), (160, -40), (100, 0), (100, 0)], [(100, 0), (150, 50), (51, 50), (101, 0)],
+]  # fmt: skip
+"""Of the Bezier curves of that program, mm; the last one has a loop, the one before no direction at its ends."""
+
+
+def bezier(points: list[tuple[int, int]], count: int) -> np.ndarray:
+    """A Bezier curve by de Casteljau's construction, m."""
+    s, at = np.linspace(0.0, 1.0, count)[:, None], [np.array(each) * 1e-3 for each in points]
+    while len(at) > 1:
+        at = [(1.0 - s) * a + s * b for a, b in pairwise(at)]
+    return at[0]
+
+
+@pytest.mark.parametrize(("mode", "tolerance", "runs"), [("G61", 0.0, 6), ("G64", 0.0, 6), ("G64 P0.01", 1e-5, 3)])
+def test_splines_are_followed_within_the_tolerance(mode: str, tolerance: float, runs: int, tmp_path: Path) -> None:
+    """From each sample to the curves: P, and 1 nm for what these bend between points that are some um apart."""
+    prover, sampler, rows = Prover(LIMITS), Sampler(1e-3), list[np.ndarray]()
+    for part in planned(read_program(program(tmp_path, f"{mode}\n{SPLINES}")), "XYZ", LIMITS):
+        assert isinstance(part, Part)
+        assert prover.prove(part)
+        rows.append(sampler.sample(part)[:, :2, 0])
+        runs -= part.ends and part.entering is None
+    assert runs == 0
+    curves = [bezier(each, 20_001) for each in POINTS]
+    assert np.min([away(np.concatenate(rows), curve) for curve in curves], axis=0).max() <= tolerance + 1e-9
+
+
+def away(points: np.ndarray, curve: np.ndarray) -> np.ndarray:
+    """From points to a curve of many chords."""
+    near = np.clip(KDTree(curve).query(points)[1], 1, len(curve) - 2)
+    return np.minimum(*(distance(points, curve[near + k], curve[near + k + 1]) for k in (-1, 0)))
+
+
+def distance(points: np.ndarray, begin: np.ndarray, end: np.ndarray) -> np.ndarray:
+    """From points to lines."""
+    way = end - begin
+    share = np.sum((points - begin) * way, axis=1) / np.maximum(np.sum(way * way, axis=1), 1e-30)
+    return np.linalg.norm(points - begin - np.clip(share, 0.0, 1.0)[:, None] * way, axis=1)
 
 
 def test_random_programs_of_six_kinds_hold() -> None:

@@ -47,12 +47,15 @@ class Part(NamedTuple):
 
     The first piece of the path is the one on which the part before ended.  `ends` says that the run does.  If the next
     run is `entering` then, the part behind goes on from where that one has come.
+
+    mode  of the path (`PathMode`) for which the run ends; empty where its tolerance is not enough
     """
 
     pieces: Pieces
     motion: Motion
     ends: bool
     entering: Entering | None = None
+    mode: str = ""
 
 
 class Pause(NamedTuple):

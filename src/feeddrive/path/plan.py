@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Iterable, Iterator
 
 import numpy as np
 
 from feeddrive.path.geometry.joints import Joiner
-from feeddrive.path.geometry.segments import Chain, chains
+from feeddrive.path.geometry.segments import chains
 from feeddrive.path.motion import Part, Pause
 from feeddrive.path.override import Override
 from feeddrive.path.program.moves import Move
@@ -29,47 +30,39 @@ def planned(
 
     Raises ProgramError as `chains` does.  What is yielded is planned, not proven: give it to a `Prover`.
     """
-    if override is not None:
-        yield from _overridden(moves, axes, limits, override)
-        return
-    joiner, schedule, lifter, crossings = Joiner(), Schedule(limits), Lifter(limits), Crossings(limits)
-    for each in chains(moves, axes):
-        if isinstance(each, Chain):
-            for section in joiner.join(each)[0]:
-                leaves = crossings.add_line(section) if schedule.rests else None
-                if leaves is not None:
-                    yield from leaves
-                    continue
-                for part in schedule.add(section):
-                    assert isinstance(part, Part)  # it holds only with an override
-                    for lifted in lifter.add(part):
-                        yield from crossings.add(lifted, section.tolerance)
-            if each.ends:
-                yield from crossings.end()
-        else:
-            yield each
-
-
-def _overridden(moves: Iterable[Move], axes: str, limits: np.ndarray, override: Override) -> Iterator[Part | Pause]:
     joiner, schedule, crossings = Joiner(), Schedule(limits, override=override), Crossings(limits)
+    lifter = Lifter(limits) if override is None else None
+    joints: deque[str] = deque()  # modes of the path at those that are not decided
+    modes: deque[str] = deque()  # for which runs end that have not left
 
     def leaving(parts: Iterable[Part]) -> Iterator[Part]:
         for part in parts:
             if part.entering is not None:  # both runs have counted it
                 schedule.time -= float(np.sum(part.motion.duration))
-            yield part
+            yield part._replace(mode=modes.popleft()) if part.ends else part
 
     for each in chains(moves, axes):
         if isinstance(each, Pause):
             schedule.time += each.duration
             yield each
             continue
-        for section in joiner.join(each)[0]:
+        sections, joint = joiner.join(each)
+        joints.extend(each.modes)
+        for stop in joint.stop:
+            mode = joints.popleft()
+            if stop:
+                modes.append(mode)
+        for section in sections:
+            line = crossings.add_line(section) if lifter and schedule.rests else None
+            if line is not None:
+                yield from leaving(line)
+                continue
             for part in schedule.add(section):
                 if isinstance(part, Pause):
                     yield from leaving(crossings.end())
                     yield part
-                else:
-                    yield from leaving(crossings.add(part, section.tolerance))
+                    continue
+                for lifted in lifter.add(part) if lifter else (part,):
+                    yield from leaving(crossings.add(lifted, section.tolerance))
         if each.ends:
             yield from leaving(crossings.end())

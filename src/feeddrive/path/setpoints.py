@@ -28,14 +28,21 @@ _HALF = 0.5  # of a limit: a sample that uses less of all of them is limited by 
 
 PAUSES = {
     "Hold": "feed hold",
+    "ExactStop": "exact stop (G61.1)",
     "Dwell": "dwell (G4)",
     "Stop": "program stop (M0, M1, M60)",
     "ToolChange": "tool change",
     "Spindle": "spindle",
     "Switch": "coolant, output or override",
 }
-CORNER, EXACT = "corner", "exact stop, or a bend that no joint within the tolerance rounds"
-REASONS = (CORNER, EXACT, *PAUSES.values())
+CORNERS = {"": "corner", "exact_path": "corner, exact path (G61)", "continuous": "corner, no tolerance (G64 without P)"}
+BENDS = {
+    "": "bend that no joint within the tolerance rounds",
+    "exact_path": "bend, exact path (G61)",
+    "continuous": "bend, no tolerance (G64 without P)",
+}
+"""Where a run ends that the program goes on, by the mode of the path for which it does."""
+REASONS = (*CORNERS.values(), *BENDS.values(), *PAUSES.values())
 
 
 class Standstill(NamedTuple):
@@ -52,7 +59,7 @@ class Standstill(NamedTuple):
     angle: float = 0.0
 
     def __str__(self) -> str:
-        return f"{self.reason} of {np.degrees(self.angle):.3g}°" if self.angle else self.reason
+        return self.reason.replace("corner", f"corner of {np.degrees(self.angle):.3g}°") if self.angle else self.reason
 
 
 class Samples(NamedTuple):
@@ -97,7 +104,8 @@ class Setpoints:
         self._sampler = Sampler(sample_time)
         self._counts = np.zeros(4 * len(limits.axes) + 3, np.int64)
         self._position = np.zeros(len(limits.axes))
-        self._along: np.ndarray | None = None  # direction in which the run before has ended
+        self._along: np.ndarray | None = None  # direction in which the run before has ended, and for which mode
+        self._mode = ""
         self._waits: Pause | None = None  # what the machine waits for since then
         self._last_line = 0
         self.proven = True
@@ -130,7 +138,8 @@ class Setpoints:
             if self._waits is None:
                 angle = self._corner(part)
                 corner = angle > _TANGENT
-                self._stand(CORNER if corner else EXACT, 0.0, int(pieces.line[0]), angle if corner else 0.0)
+                reason = (CORNERS if corner else BENDS)[self._mode]
+                self._stand(reason, 0.0, int(pieces.line[0]), angle if corner else 0.0)
             else:
                 self._stand(PAUSES.get(self._waits.why, self._waits.why), 0.0, self._waits.line)
         self._along = self._waits = None
@@ -146,7 +155,7 @@ class Setpoints:
         self._position, along = _end(part)
         if part.ends and part.entering is None:
             self.runs += 1
-            self._along = along
+            self._along, self._mode = along, part.mode
 
     def _pause(self, pause: Pause) -> Iterator[Samples]:
         if pause.duration > 0.0:
@@ -177,7 +186,7 @@ class Setpoints:
         assert self._along is not None
         r = np.zeros((len(self.limits.axes), 5))
         derivatives(int(part.pieces.kind[0]), float(part.pieces.length[0]), part.pieces.shape[0], 0.0, r)
-        begin = r[:, 1] / np.linalg.norm(r[:, 1])
+        begin = _along(r, float(part.pieces.length[0]), 1.0)
         return 2.0 * float(np.arcsin(min(1.0, 0.5 * float(np.linalg.norm(begin - self._along)))))
 
     def _attribute(self, samples: Samples) -> None:
@@ -226,4 +235,13 @@ def _end(part: Part) -> tuple[np.ndarray, np.ndarray]:
     length = float(pieces.length[p])
     r = np.zeros((pieces.origin.shape[1], 5))
     derivatives(int(pieces.kind[p]), length, pieces.shape[p], length if part.ends else min(x, length), r)
-    return pieces.origin[p] + r[:, 0], r[:, 1] / np.linalg.norm(r[:, 1])
+    return pieces.origin[p] + r[:, 0], _along(r, length, -1.0)
+
+
+def _along(r: np.ndarray, length: float, side: float) -> np.ndarray:
+    """The direction of a path at the begin (`side` 1) or the end (-1) of a piece, where r' of a spline may be 0."""
+    for k in (1, 2, 3):
+        size = float(np.linalg.norm(r[:, k]))
+        if size * length ** (k - 1) > _TANGENT:
+            return side ** (k - 1) * r[:, k] / size
+    return np.zeros(len(r))

@@ -60,6 +60,11 @@ def trimmed(kind: int, length: float, shape: Floats2, x0: float, x1: float, out:
                 out[i, k] = 0.0
             out[i, 1] = shape[i, 1] / length * rest
         return rest
+    if kind == 2:  # whole
+        for i in range(len(shape)):
+            for k in range(8):
+                out[i, k] = shape[i, k]
+        return rest
     s, v = turned(shape[0, 3] * x0)
     c = 1.0 - v
     for i in range(len(shape)):

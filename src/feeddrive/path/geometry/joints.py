@@ -37,6 +37,7 @@ _AHEAD = 0.05  # m, way of a cluster that is held
 _SHORT, _LONG = 6.0, 60.0  # steps of a cluster, at least: a whole one, and one whose end is not known
 _BENT = 0.2  # rad; next to an arc, where no bump is made, only sharper corners
 _SMOOTH = 1e-9  # rad, and of the curvature: less is no corner
+_SAME = 1e-12  # of r' .. r''' times the length, next to a spline
 
 
 class Joint(NamedTuple):
@@ -54,6 +55,20 @@ def _passed(
     """How the joint behind k may be passed, 0: not, 1: as it is, 2: by a blend; cosine and chord of its angle."""
     if k + 1 == len(length) or tolerance[k] < 0.0:
         return 0, 0.0, 0.0
+    if kind[k] == 2 or kind[k + 1] == 2:  # a spline is followed exactly: no blend begins on it
+        derivatives(kind[k], length[k], shape[k], length[k], a)
+        derivatives(kind[k + 1], length[k + 1], shape[k + 1], 0.0, b)
+        scale = 1.0
+        for m in range(1, 4):
+            size = 0.0
+            apart = 0.0
+            for i in range(len(a)):
+                size = max(size, abs(a[i, m]))
+                apart = max(apart, abs(a[i, m] - b[i, m]))
+            if apart * scale > _SAME * (1.0 + size * scale):
+                return 0, 0.0, 0.0
+            scale = scale * length[k]
+        return 1, 0.0, 0.0
     state_near(kind[k], length[k], shape[k], 0.0, True, a)
     state_near(kind[k + 1], length[k + 1], shape[k + 1], 0.0, False, b)
     cosine = 0.0

@@ -1,4 +1,8 @@
-"""Moves of a part program as segments: lines and arcs of the machine's axes, with feed and tolerance."""
+"""Moves of a part program as segments: lines, arcs and splines of the machine's axes, with feed and tolerance.
+
+A move of linear axes and rotary ones is a path in both, in which 1 rad counts as 1 m.  The feed counts along X Y Z; of
+a move without these along U V W; of one of A B C alone it is in degrees, as in LinuxCNC.
+"""
 
 from __future__ import annotations
 
@@ -9,10 +13,11 @@ from typing import NamedTuple
 import numpy as np
 
 from feeddrive.language.errors import ProgramError
+from feeddrive.path.geometry.blend import part_of
 from feeddrive.path.motion import Pause
-from feeddrive.path.pieces import ARC, LINE, Pieces
+from feeddrive.path.pieces import ARC, LINE, POLYNOMIAL, Pieces
 from feeddrive.path.program.blocks import AXES
-from feeddrive.path.program.lines import Line
+from feeddrive.path.program.lines import BlockError, Line, located
 from feeddrive.path.program.moves import (
     Arc,
     Dwell,
@@ -30,90 +35,134 @@ from feeddrive.path.program.moves import (
 )
 
 _LETTERS = AXES.upper()
-_ROTARY = "ABC"
+_COUNTED = ((0, 1, 2), (6, 7, 8), (3, 4, 5))
+"""Axes along which the feed counts: the first of these that move."""
 AT_ONCE = 1000  # segments of a chain
-_STOPS = -1.0  # tolerance of a joint at which the program asks for a stop
+_CHORDS = 0.1  # of the tolerance: how far the chords of a spline may be from it
+_CUTS = 16  # pieces of a spline that is followed exactly
+
+Going = Straight | Arc | Spline
+"""Moves along a path."""
 
 
 class Chain(NamedTuple):
     """Segments that follow each other without a stop that the program asks for.
 
-    tolerance  of the joint behind each segment, m; 0: stop unless the joint is smooth; negative: stop
+    tolerance  of the joint behind each segment, m; 0: stop unless the joint is smooth
     ends       whether such a stop follows; else the next chain goes on from this one
+    modes      why it stops at each joint, as in `PathMode`: that of the stricter move; empty where it has a tolerance
     """
 
     segments: Pieces
     tolerance: np.ndarray
     ends: bool
+    modes: Sequence[str] = ()
+
+
+class _Segment(NamedTuple):
+    """A row of `Pieces`, of which lines have only the way to the end; mode and tolerance (m) of its joints."""
+
+    kind: int
+    length: float
+    start: list[float]
+    way: list[float]
+    speed: float
+    line: int
+    mode: str
+    tolerance: float
+    shape: np.ndarray | None = None
 
 
 class _Collected:
-    """Segments so far: kind, length, start, way to the end, feed and line of each, and the shape of each arc."""
+    """Segments so far, of the chain that is next."""
 
     def __init__(self) -> None:
-        self.rows: list[tuple[int, float, list[float], list[float], float, int]] = []
-        self.tolerance: list[float] = []
-        self.arcs: dict[int, np.ndarray] = {}
-
-    def add(self, move: Straight | Arc, columns: Sequence[int], speed: float, tolerance: float) -> None:
-        """A move, unless it goes nowhere; `columns` of the machine's axes."""
-        start = [move.start[column] for column in columns]
-        way = [move.end[column] - move.start[column] for column in columns]
-        if isinstance(move, Straight):
-            kind, length = LINE, math.hypot(*way)
-            if length == 0.0:
-                return
-        else:
-            kind = ARC
-            length, self.arcs[len(self.rows)] = _arc(move, start, way, columns)
-        self.rows.append((kind, length, start, way, speed, move.source.number))
-        self.tolerance.append(tolerance)
+        self.rows: list[_Segment] = []
 
     def chain(self, ends: bool) -> Chain:
         """All of them, or all but the last, which stays."""
         count = len(self.rows) - (0 if ends else 1)
-        kind, length, start, way, feed, line = zip(*self.rows[:count], strict=True)
-        origin = np.array(start)
+        kind, length, start, way, feed, line, modes, tolerances, _ = zip(*self.rows, strict=True)
+        origin = np.array(start[:count])
         shape = np.zeros((*origin.shape, 8))
-        shape[:, :, 1] = way
-        for k, each in self.arcs.items():
-            if k < count:
-                shape[k] = each
-        pieces = Pieces(np.array(kind), np.array(length), origin, shape, np.array(feed), np.array(line))
+        shape[:, :, 1] = way[:count]
+        for k, row in enumerate(self.rows[:count]):
+            if row.shape is not None:
+                shape[k] = row.shape
+        kinds, lengths, feeds, lines = (np.array(each[:count]) for each in (kind, length, feed, line))
+        pieces = Pieces(kinds, lengths, origin, shape, feeds, lines)
         # a joint keeps the stricter of the modes before and behind it
-        tolerance = np.array(self.tolerance)
+        tolerance = np.array(tolerances)
+        stricter = tolerance[1:] < tolerance[:-1]
+        joints = [modes[k + 1] if k < len(stricter) and stricter[k] else modes[k] for k in range(count)]
         tolerance[:-1] = np.minimum(tolerance[:-1], tolerance[1:])
-        del self.rows[:count], self.tolerance[:count]
-        self.arcs = {k - count: each for k, each in self.arcs.items() if k >= count}
-        return Chain(pieces, tolerance[:count], ends)
+        del self.rows[:count]
+        return Chain(pieces, tolerance[:count], ends, joints)
+
+
+class _Feeds:
+    """How fast a move goes: what the program has said of feed and spindle so far."""
+
+    def __init__(self, axes: str) -> None:
+        self._one = set(axes) <= set("XYZ")  # way of counting
+        self.feed = Feed(Line("", 0, ""), 0.0, 0.0)
+        self.turns = 0.0  # of the spindle, 1/s; 0 while it stands
+
+    def speed(self, move: Going, length: float) -> float:
+        """Path speed at most, m/s, of a move whose path has this length, in all axes."""
+        if isinstance(move, Straight) and move.traverse:
+            return math.inf
+        counted, others = (_COUNTED[0], False) if self._one else _counted(move)
+        feed = self.feed.angular if counted == _COUNTED[2] else self.feed.linear
+        if self.feed.per_turn:
+            if not self.turns:
+                raise _refused(
+                    move.source, "G95 is a feed for each turn of the spindle, which stands: write S and M3 before"
+                )
+            feed *= self.turns
+        if not feed > 0.0:
+            raise _refused(move.source, "the feed is 0: write F in this block or before")
+        return feed * length / _length(move, counted) if others else feed
 
 
 def chains(moves: Iterable[Move], axes: str) -> Iterator[Chain | Pause]:
     """The chains of a program and the pauses between them; `axes` are letters of the machine's axes, such as XYZ.
 
-    Raises ProgramError for what is not planned: rotary axes, moves that follow the spindle, splines.
+    Raises ProgramError for what is not planned: axes that the machine has not, moves that follow the spindle (G33).
     """
     columns = [_LETTERS.index(letter) for letter in axes]
-    refused = [k for k, letter in enumerate(_LETTERS) if letter in _ROTARY or letter not in axes]
-    collected, feed, tolerance, turns = _Collected(), Feed(Line("", 0, ""), 0.0, 0.0), 0.0, 0.0
+    absent = [k for k, letter in enumerate(_LETTERS) if letter not in axes]
+    collected, feeds, tolerance, mode = _Collected(), _Feeds(axes), 0.0, "continuous"
+    stops = False  # whether the move before has asked for a stop behind it
     for move in moves:
-        if isinstance(move, (Straight, Arc)):
-            for column in refused:
+        if isinstance(move, Going):
+            for column in absent:
                 if move.start[column] != move.end[column]:
-                    raise _refused(move.source, _missing(_LETTERS[column], axes))
-            collected.add(move, columns, _speed(move, feed, turns), tolerance)
-            if len(collected.rows) > AT_ONCE:
-                yield collected.chain(False)
+                    letter = _LETTERS[column]
+                    reason = f"the machine has no axis {letter}; it has {', '.join(axes)}"
+                    raise located(move.source, BlockError(reason, letter))
+            if collected.rows and (stops or mode == "exact_stop"):
+                yield collected.chain(True)
+                yield Pause(0.0, "ExactStop", move.source.number)
+            stops = mode == "exact_stop"
+            for segment in _segments(move, columns, feeds, mode, tolerance):
+                collected.rows.append(segment)
+                if len(collected.rows) > AT_ONCE:
+                    yield collected.chain(False)
         elif isinstance(move, PathMode):
-            tolerance = {"exact_stop": _STOPS, "exact_path": 0.0}.get(move.mode, move.tolerance)
+            tolerance = move.tolerance if move.mode == "continuous" else 0.0
+            mode = "" if tolerance else move.mode
         elif isinstance(move, Feed):
-            feed = move
-        elif isinstance(move, Spline | Synchronized):
-            what = "a spline (G5)" if isinstance(move, Spline) else "a move that follows the spindle (G33, G95)"
-            raise _refused(move.source, f"{what} is not planned yet")
+            feeds.feed = move
+        elif isinstance(move, Synchronized):
+            reason = (
+                "a move that follows the spindle begins at an index of the real one, which is not known before: take "
+                "it out of what is planned, or write G95 for a feed by the turn"
+            )
+            raise located(move.source, BlockError(reason, "G33"))
         elif isinstance(move, Dwell | Stop | ToolChange | Spindle | Switch | End):
             if isinstance(move, Spindle):
-                turns = move.spindle_speed / 60.0
+                feeds.turns = abs(move.direction) * move.spindle_speed / 60.0
             if collected.rows:
                 yield collected.chain(True)
             if not isinstance(move, End):
@@ -123,14 +172,78 @@ def chains(moves: Iterable[Move], axes: str) -> Iterator[Chain | Pause]:
         yield collected.chain(True)
 
 
-def _speed(move: Straight | Arc, feed: Feed, turns: float) -> float:
-    """Path speed at most, m/s."""
-    if isinstance(move, Straight) and move.traverse:
-        return math.inf
-    speed = feed.linear * (turns if feed.per_turn else 1.0)
-    if not speed > 0.0:
-        raise _refused(move.source, "the feed is 0: give an F, and with G95 start the spindle")
-    return speed
+def _segments(move: Going, columns: Sequence[int], feeds: _Feeds, mode: str, tolerance: float) -> Iterator[_Segment]:
+    """The segments of a move in `columns` of the machine's axes; none, if it goes nowhere."""
+    number = move.source.number
+    start = [move.start[column] for column in columns]
+    way = [move.end[column] - move.start[column] for column in columns]
+    if isinstance(move, Straight):
+        length = math.hypot(*way)
+        if length > 0.0:
+            yield _Segment(LINE, length, start, way, feeds.speed(move, length), number, mode, tolerance)
+    elif isinstance(move, Arc):
+        length, shape = _arc(move, start, way, columns)
+        yield _Segment(ARC, length, start, way, feeds.speed(move, length), number, mode, tolerance, shape)
+    else:
+        yield from _spline(move, columns, feeds.speed(move, 1.0), mode, tolerance)
+
+
+def _spline(move: Spline, columns: Sequence[int], speed: float, mode: str, tolerance: float) -> Iterator[_Segment]:
+    """A spline as chords within a tenth of the tolerance, which leave the rest of it; without one as it is, from rest.
+
+    The chords of n equal steps are within max|B''| / (8 n²) of a Bezier curve B(0..1).
+    """
+    start = [move.start[column] for column in columns]
+    shape = np.zeros((len(columns), 8))
+    shape[:, 1:4] = _bezier([[point[column] for column in columns] for point in (move.start, *move.points, move.end)])
+    bent = 2.0 * max(float(np.linalg.norm(shape[:, 2])), float(np.linalg.norm(shape[:, 2] + 3.0 * shape[:, 3])))
+    near = _CHORDS * tolerance
+    count = max(1, math.ceil(math.sqrt(bent / (8.0 * near)))) if near else _CUTS
+    number, here, piece = move.source.number, np.zeros(len(columns)), np.zeros_like(shape)
+    whole = float(np.sum(np.linalg.norm(np.diff([_at(shape, k / 64.0) for k in range(65)], axis=0), axis=1)))
+    for k in range(count):
+        there = _at(shape, (k + 1) / count)
+        way = (there - here).tolist()
+        if near:
+            length = math.hypot(*way)
+            if length > 0.0:
+                begin = [*map(sum, zip(start, here.tolist(), strict=True))]
+                yield _Segment(LINE, length, begin, way, speed, number, mode, tolerance - near)
+        elif whole > 0.0:
+            for of, into in zip(shape, piece, strict=True):
+                part_of.python(of, k / count, 1.0 / count, into)
+            origin = [each + float(row[0]) for each, row in zip(start, piece, strict=True)]
+            piece[:, 0] = 0.0
+            yield _Segment(POLYNOMIAL, whole / count, origin, way, speed, number, mode, tolerance, piece.copy())
+        here = there
+
+
+def _bezier(points: Sequence[Sequence[float]]) -> np.ndarray:
+    """The coefficients of first to third degree of a Bezier curve of three or four points, relative to its start."""
+    at = np.array(points) - np.array(points[0])
+    if len(at) == 3:
+        return np.stack([2.0 * at[1], at[2] - 2.0 * at[1], np.zeros_like(at[0])], axis=1)
+    return np.stack([3.0 * at[1], 3.0 * (at[2] - 2.0 * at[1]), at[3] - 3.0 * (at[2] - at[1])], axis=1)
+
+
+def _at(shape: np.ndarray, x: float) -> np.ndarray:
+    return x * (shape[:, 1] + x * (shape[:, 2] + x * shape[:, 3]))
+
+
+def _counted(move: Going) -> tuple[tuple[int, ...], bool]:
+    """The axes along which the feed counts, and whether others move, too."""
+    moved = [move.start[axis] != move.end[axis] for axis in range(9)]
+    if not isinstance(move, Straight):
+        moved[:3] = True, True, True
+    first = next((axes for axes in _COUNTED if any(moved[axis] for axis in axes)), _COUNTED[0])
+    return first, any(moved[axis] for axis in range(9) if axis not in first)
+
+
+def _length(move: Going, axes: tuple[int, ...]) -> float:
+    """The length of a move along some axes."""
+    plane = move.axes[:2] if isinstance(move, Arc) else ()
+    rest = [move.end[axis] - move.start[axis] for axis in axes if axis not in plane]
+    return math.hypot(*rest, move.angle * move.radius if isinstance(move, Arc) else 0.0)
 
 
 def _arc(move: Arc, start: list[float], way: list[float], columns: Sequence[int]) -> tuple[float, np.ndarray]:
@@ -152,11 +265,5 @@ def _arc(move: Arc, start: list[float], way: list[float], columns: Sequence[int]
     return length, shape
 
 
-def _missing(letter: str, axes: str) -> str:
-    if letter in _ROTARY:
-        return f"the rotary axis {letter} is not planned yet"
-    return f"the machine has no axis {letter}; it has {', '.join(axes)}"
-
-
 def _refused(line: Line, reason: str) -> ProgramError:
-    return ProgramError(line.file, line.number, 0, "", reason)
+    return located(line, BlockError(reason, index=0))
