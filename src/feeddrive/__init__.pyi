@@ -10,6 +10,7 @@ from feeddrive import export as export
 from feeddrive import files as files
 from feeddrive import identification as identification
 from feeddrive import loop as loop
+from feeddrive import machining as machining
 from feeddrive import path as path
 from feeddrive import plot as plot
 from feeddrive import testing as testing
