@@ -287,6 +287,5 @@ def test_the_tool_point_of_a_machine_with_geometry_errors_counts() -> None:
     machine = Machine.of({"x": loop, "y": loop}, geometry=Geometry(scale_x=1e-3, scale_y=1e-3))
     run = simulate(machine, circle(R, V))
     table, tool = contour_error(run, signal="position_load"), contour_error(run)
-    assert np.max(np.abs(table.error)) < 3e-6
     settled = (run.time > 1.4) & (run.time < 2.4)
     assert (table.error - tool.error)[settled] == pytest.approx(1e-3 * R, rel=2e-4)  # the circle itself is 2.1 um large
