@@ -239,6 +239,24 @@ def test_ctrl_c_ends_with_one_line_and_nothing_written(tmp_path) -> None:
     assert not any(tmp_path.iterdir()), "nothing half-written"
 
 
+@pytest.mark.skipif(os.name != "posix", reason="NOT RUN: a termination is a signal on POSIX only")
+def test_a_termination_ends_as_ctrl_c_does(tmp_path) -> None:
+    """When files of results are open: the hidden folder that holds them is there."""
+    lines = "\n".join(f"X{k % 7} Y{k % 5}" for k in range(20_000))
+    (tmp_path / "part.ngc").write_text(f"G64 P0.01\nG1 F1000 X1\n{lines}\nM2\n")
+    words = ["plan", "part.ngc", "--machine", "xy_table", "--out", "out"]
+    command = [sys.executable, "-c", "from feeddrive.cli import main; main()", *words]
+    with subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as child:
+        until = time.monotonic() + 60.0
+        while not list(tmp_path.glob(".out.*")) and time.monotonic() < until:
+            time.sleep(0.01)
+        child.send_signal(signal.SIGTERM)
+        _, errors = child.communicate(timeout=60)
+    assert errors == "feeddrive: stopped; nothing was written\n"
+    assert child.returncode == 130
+    assert [each.name for each in tmp_path.iterdir()] == ["part.ngc"]
+
+
 @pytest.mark.parametrize(
     ("place", "words"),
     [

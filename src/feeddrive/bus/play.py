@@ -17,7 +17,7 @@ from feeddrive.bus.pace import Lateness, urgent
 from feeddrive.bus.profile import Profile
 from feeddrive.files.log import Log
 from feeddrive.language.errors import BusError
-from feeddrive.language.progress import Progress
+from feeddrive.language.progress import ENDINGS, Progress
 
 _SETTLING = 0.1  # s that the last target is held before the drive is switched off
 
@@ -31,10 +31,6 @@ class Played:
     lost: int
     lateness: Lateness | None
     remarks: tuple[str, ...]
-
-
-# a keyboard, a service manager, a terminal that closes: the motion ends in order for each of them
-ENDINGS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
 
 
 @contextlib.contextmanager

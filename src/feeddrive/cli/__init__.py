@@ -1,16 +1,19 @@
 """The command line program `feeddrive`.
 
 Every error that a user can cause ends in one line on the error stream and the exit code that its class declares
-(`FeeddriveError.exit_code`): 2 for wrong usage or input, 1 for an outcome that is not good, 130 for Ctrl-C.
+(`FeeddriveError.exit_code`): 2 for wrong usage or input, 1 for an outcome that is not good, 130 for Ctrl-C, for a
+termination and for a terminal that closes.
 """
 
 from __future__ import annotations
 
 import os
+import signal
 import sys
 from typing import NoReturn
 
 from feeddrive.language.errors import CancelledError, FeeddriveError
+from feeddrive.language.progress import ENDINGS
 from feeddrive.language.table import visible
 
 STOPPED = CancelledError.exit_code
@@ -25,6 +28,9 @@ def main() -> None:
     """Run the command line and exit."""
     # Before numpy is there: its threads share out matrices that are too small for it, and wait longer than they work.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    for number in ENDINGS:
+        if signal.getsignal(number) is signal.SIG_DFL:  # one that is ignored stays so, as nohup wants it
+            signal.signal(number, signal.default_int_handler)
     try:
         from feeddrive.cli.terminal import own_words
 

@@ -11,10 +11,14 @@ at its end, completely or not at all.
 
 from __future__ import annotations
 
+import signal
 import threading
 
 from feeddrive.language.errors import CancelledError
 from feeddrive.language.table import Table
+
+ENDINGS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
+"""Signals of a keyboard, a service manager, a terminal that closes: work ends in order for each of them."""
 
 
 class Progress:
