@@ -286,6 +286,17 @@ def test_lifting_leaves_time_pieces_alone_that_have_no_way() -> None:
     check_random(53, 1)
 
 
+def test_lifting_gives_up_where_the_spline_near_a_motion_runs_backwards() -> None:
+    """Its u'² was below 0 at a point, of which the root was taken."""
+    check_random(3759, 20261122)
+
+
+def test_a_line_far_below_its_fastest_speed_keeps_its_limits() -> None:
+    """0.3 um, where the speed between its ramps is found by 45 halvings from 10^5 times as much: ramps of another one
+    were taken."""
+    check_random(13525, 20261122)
+
+
 @pytest.mark.slow(reason="a hundred thousand lines in ten seconds")
 def test_memory_does_not_grow_with_the_program(tmp_path: Path) -> None:
     """From 10,000 lines on by less than 5 MB: read, planned, proven and sampled."""

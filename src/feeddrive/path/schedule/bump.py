@@ -99,6 +99,8 @@ def straight(stretch: Floats, out: Floats2) -> int:
     a = b = c = d = e = f = used = 0.0
     peak = high
     for again in range(_PEAK_HALVINGS):
+        if again > 0:
+            peak = 0.5 * (low + high)
         a, b, c = boxcars(
             peak - v0, A, stretch[HEAD + JERK_SHARE] * stretch[JERK], stretch[HEAD + SNAP_SHARE] * stretch[SNAP]
         )
@@ -114,7 +116,6 @@ def straight(stretch: Floats, out: Floats2) -> int:
             high = peak
             if high <= low * (1.0 + 1e-12):
                 break
-        peak = 0.5 * (low + high)
     if used > length:
         peak = low
         a, b, c = boxcars(

@@ -26,6 +26,7 @@ _INWARDS = 0.3  # the least penalty while one does
 _NEARER = 0.1  # of the way to a limit is left by a step at least
 _FALL = 0.4  # of the penalty in a step
 _HALVINGS = 12  # of a step
+_NOT_FORWARD = 1e300  # the share where u'² is not above 0
 
 
 @kernel
@@ -79,7 +80,7 @@ def _penalty(g: float, loose: float) -> tuple[float, float]:
 def shares(z: Floats, r: Floats2, most: float, full: bool) -> float:
     """The largest share of a limit at a point; r1 .. r4 in shares of the limits, see `lifted`."""
     if z[0] <= 0.0:
-        return 1e300
+        return _NOT_FORWARD
     root = sqrt(z[0])
     found = z[0] / most if full else 0.0
     for i in range(len(r)):
@@ -276,7 +277,8 @@ def quickest(
 ) -> int:  # fmt: skip
     """Make the spline quicker, in place; at how many points it breaks a limit after all; three of each end stay.
 
-    A point that breaks a limit has a looser one of its own, which is drawn tight with each step.
+    A point that breaks a limit has a looser one of its own, which is drawn tight with each step.  Nothing is done, and
+    the answer is 1, if u'² is not above 0 everywhere at first.
 
     span     of each point, ascending, and `row` its `basis`
     r        r1 .. r4 of each axis over the limits: (n, N, 9) = r1 r2 for q'', r1 r2 r3 for q''', r1 .. r4 for q''''
@@ -291,6 +293,8 @@ def quickest(
     for p in range(len(span)):
         at(row[p], coefficient, int(span[p]), z)
         share[p] = shares(z, r[p], most[p], full[p] == 1)
+        if share[p] >= _NOT_FORWARD:
+            return 1
     for _ in range(steps):
         above = 0
         for p in range(len(span)):
