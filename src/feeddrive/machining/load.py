@@ -1,0 +1,286 @@
+"""What a motion asks of motors and spindle: RMS and peak force, heat, losses, energy and power."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.signal import lfilter
+
+from feeddrive.language.errors import ParameterError
+from feeddrive.language.table import Result, Table
+from feeddrive.language.units import turning
+from feeddrive.loop.loop import Loop
+from feeddrive.loop.machine import System, check_system
+from feeddrive.loop.simulate import Run
+
+WARN, TRIP = 0.8, 1.0
+"""Shares of the continuous heat at which a drive warns and trips."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class AxisLoad(Result):
+    """What a motion asks of one motor.  Forces in N at the table, of an axis that turns torques in N m.
+
+    axis            its name
+    sample_time     s
+    force           that the motor makes, held over each sample, shape (n,)
+    rms, peak       of the force; RMS over the whole time, standstills counted
+    continuous_force, peak_force  of the motor, None where they are not stated
+    time_constant   of its heating, s, None where it is not stated
+    heat            share of the continuous heat, shape (n + 1,), from cold; None without the two
+    heat_repeated   the largest share when the motion repeats for ever
+    copper_loss     mean power lost in the winding, W; None without the motor constant
+    work            mechanical energy given to the axis, J: what friction, cut and height take
+    drawn           mechanical energy drawn where braking gives nothing back, J
+    turning         whether the axis turns
+    """
+
+    axis: str
+    sample_time: float
+    force: np.ndarray
+    rms: float
+    peak: float
+    continuous_force: float | None
+    peak_force: float | None
+    time_constant: float | None
+    heat: np.ndarray | None
+    heat_repeated: float | None
+    copper_loss: float | None
+    work: float
+    drawn: float
+    turning: bool = False
+
+    @property
+    def duration(self) -> float:
+        """s."""
+        return len(self.force) * self.sample_time
+
+    @property
+    def of_continuous(self) -> float | None:
+        """RMS force by continuous force."""
+        return None if self.continuous_force is None else self.rms / self.continuous_force
+
+    @property
+    def of_peak(self) -> float | None:
+        """Peak force by the largest of the motor."""
+        return None if self.peak_force is None else self.peak / self.peak_force
+
+    @property
+    def recovered(self) -> float:
+        """Mechanical energy that braking gives back, J."""
+        return self.drawn - self.work
+
+    @property
+    def loss(self) -> float | None:
+        """Energy lost in the winding, J."""
+        return None if self.copper_loss is None else self.copper_loss * self.duration
+
+    @property
+    def verdict(self) -> str:
+        """Whether the motor can do this for ever: fits, warns (from 80 % of the heat), trips, or what is not known."""
+        shares = [] if self.of_continuous is None else [self.of_continuous**2]
+        shares += [] if self.heat_repeated is None else [self.heat_repeated]
+        if self.of_peak is not None and self.of_peak > 1.0:
+            return "beyond the peak force"
+        if not shares:
+            return "no continuous force stated"
+        most = max(shares)
+        return "trips" if most >= TRIP else "warns" if most >= WARN else "fits"
+
+    def table(self) -> Table:
+        """One row."""
+        return _table([self], f"load of axis {self.axis} over {self.duration:.4g} s")
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class SpindleLoad(Result):
+    """Power and energy of the spindle.
+
+    power, peak      mean and largest, W
+    energy           J
+    volume           of chips, m³, None where it is not known
+    specific_energy  J/m³, energy by volume
+    """
+
+    power: float
+    peak: float
+    energy: float
+    volume: float | None
+    specific_energy: float | None
+
+    def table(self) -> Table:
+        """One row."""
+        shown = "-" if self.specific_energy is None else f"{1e-9 * self.specific_energy:.4g}"
+        cells = [f"{self.power:.4g}", f"{self.peak:.4g}", f"{self.energy:.4g}", shown]
+        return Table("spindle", ["", "mean W", "peak W", "J", "J/mm3"], [["spindle", *cells]])
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class MachineLoad(Result):
+    """The load of all axes, and of the spindle if it is known."""
+
+    axes: Mapping[str, AxisLoad]
+    spindle: SpindleLoad | None = field(default=None)
+
+    def energy(self, *, recovers: bool = True) -> float:
+        """Mechanical energy of the axes, losses in their windings where they are known, and the spindle's, J."""
+        found = sum((each.work if recovers else each.drawn) + (each.loss or 0.0) for each in self.axes.values())
+        return found + (0.0 if self.spindle is None else self.spindle.energy)
+
+    def table(self) -> Table:
+        """One row for each axis; the energy of all in the title."""
+        spindle = "" if self.spindle is None else f", {self.spindle.energy:.4g} J of them by the spindle"
+        title = f"load: {self.energy():.4g} J with recovery, {self.energy(recovers=False):.4g} J without{spindle}"
+        return _table(list(self.axes.values()), title)
+
+
+def _table(rows: list[AxisLoad], title: str) -> Table:
+    heads = ["axis", "RMS", "of continuous", "peak", "of peak", "heat, repeated", "copper W", "work J", "drawn J", ""]
+    lines = []
+    for each in rows:
+        unit = turning("N") if each.turning else "N"
+        shares = [_percent(share) for share in (each.of_continuous, each.of_peak, each.heat_repeated)]
+        copper = "-" if each.copper_loss is None else f"{each.copper_loss:.4g}"
+        lines.append(
+            [each.axis, f"{each.rms:.4g} {unit}", shares[0], f"{each.peak:.4g} {unit}", *shares[1:], copper,
+             f"{each.work:.4g}", f"{each.drawn:.4g}", each.verdict]
+        )  # fmt: skip
+    return Table(title, heads, lines)
+
+
+def _percent(share: float | None) -> str:
+    return "-" if share is None else f"{100.0 * share:.3g} %"
+
+
+def axis_load(
+    force: np.ndarray,
+    position: np.ndarray,
+    sample_time: float,
+    *,
+    continuous_force: float | None = None,
+    peak_force: float | None = None,
+    motor_constant: float | None = None,
+    time_constant: float | None = None,
+    axis: str = "x",
+    turning: bool = False,
+) -> AxisLoad:
+    """The load of a motor whose force is held from sample to sample.
+
+        F_rms² = mean F²,   θ' = ((F / F_continuous)² - θ) / τ,   loss = (F / K_m)²,   work = Σ F(k) (x(k+1) - x(k))
+
+    force           N, shape (n,)
+    position        at each sample and at the end of the last one, m, shape (n + 1,)
+    motor_constant  K_m, N/√W: force by the root of the power that it costs in the winding
+    time_constant   τ of the winding's heating, s
+
+    Raises ParameterError for rows that do not fit, numbers that are not finite, and constants that are not > 0.
+    """
+    force, position = np.asarray(force, dtype=np.float64), np.asarray(position, dtype=np.float64)
+    if force.ndim != 1 or not len(force) or position.shape != (len(force) + 1,):
+        raise ParameterError(
+            f"axis {axis}: {np.size(force)} forces need one position more, the end of the last sample, not "
+            f"{np.size(position)}"
+        )
+    if not (np.all(np.isfinite(force)) and np.all(np.isfinite(position))):
+        raise ParameterError(f"axis {axis}: a force or a position is not finite")
+    given = {
+        "sample_time": (sample_time, "s"), "continuous_force": (continuous_force, "N"), "peak_force": (peak_force, "N"),
+        "motor_constant": (motor_constant, "N/W^0.5"), "time_constant": (time_constant, "s"),
+    }  # fmt: skip
+    for name, (value, unit) in given.items():
+        if value is not None and not 0.0 < value < float("inf"):
+            raise ParameterError(f"axis {axis}: {name} = {value:g} {unit} must be finite and > 0 {unit}")
+    work = force * np.diff(position)
+    rms = float(np.sqrt(np.mean(force * force)))
+    heat = repeated = None
+    if continuous_force is not None and time_constant is not None:
+        stays = np.exp(-sample_time / time_constant)
+        heating = -np.expm1(-sample_time / time_constant) * (force / continuous_force) ** 2
+        heat = np.concatenate([[0.0], lfilter([1.0], [1.0, -stays], heating)])
+        left = np.exp(-np.arange(len(heat)) * (sample_time / time_constant))
+        # a cycle that repeats begins as warm as it ends
+        repeated = float(np.max(heat + left * heat[-1] / -np.expm1(-len(force) * sample_time / time_constant)))
+    return AxisLoad(
+        axis=axis,
+        sample_time=sample_time,
+        force=force,
+        rms=rms,
+        peak=float(np.max(np.abs(force))),
+        continuous_force=continuous_force,
+        peak_force=peak_force,
+        time_constant=time_constant,
+        heat=heat,
+        heat_repeated=repeated,
+        copper_loss=None if motor_constant is None else (rms / motor_constant) ** 2,
+        work=float(np.sum(work)),
+        drawn=float(np.sum(np.maximum(work, 0.0))),
+        turning=turning,
+    )
+
+
+def spindle_load(
+    torque: np.ndarray, spindle_speed: float | np.ndarray, sample_time: float, volume: float | None = None
+) -> SpindleLoad:
+    """Power = torque · ω of a spindle.
+
+    torque         N m, shape (n,)
+    spindle_speed  rpm, one number or of each sample
+    volume         of chips, m³, for the specific energy
+
+    Raises ParameterError for numbers that are not finite and a volume that is not > 0.
+    """
+    power = np.asarray(torque, dtype=np.float64) * np.asarray(spindle_speed, dtype=np.float64) * (np.pi / 30.0)
+    if not power.size or not np.all(np.isfinite(power)):
+        raise ParameterError("the power of the spindle needs torques and speeds that are finite")
+    if volume is not None and not volume > 0.0:
+        raise ParameterError(f"volume = {volume:g} m3 of chips must be > 0 m3: leave it out where nothing is cut")
+    energy = float(np.sum(power)) * sample_time
+    each = None if volume is None else energy / volume
+    return SpindleLoad(float(np.mean(power)), float(np.max(np.abs(power))), energy, volume, each)
+
+
+def machine_load(
+    run: Run,
+    system: System,
+    *,
+    motor_constant: Mapping[str, float] | None = None,
+    time_constant: Mapping[str, float] | None = None,
+    spindle: SpindleLoad | None = None,
+) -> MachineLoad:
+    """The load of each axis of a run, with the limits that its motor states in the machine file.
+
+    The force is that which acts in the last substep of a sample (`drive_force`), taken for all of it: with a dead time
+    that is no whole number of samples, and with a slow current loop, the energy is right to first order of the sample
+    time.  The last sample of the run is left out, since its motion is not recorded.
+
+    Constants are given by axis.  Raises ParameterError for a run without `drive_force` and `position_motor` of an axis,
+    for fewer than two samples, and for an axis that is not there.
+    """
+    check_system(system)
+    loops: dict[str, Loop] = dict(zip(system.ports(), system.loops().values(), strict=True))
+    names = dict(zip(system.ports(), system.loops(), strict=True))
+    given = (motor_constant or {}, time_constant or {})
+    for constants in given:
+        absent = [name for name in constants if name not in names.values()]
+        if absent:
+            raise ParameterError(f"there is no axis '{absent[0]}'; there are {', '.join(names.values())}")
+    if run.samples < 2:
+        raise ParameterError("a load needs a run of two samples or more")
+    found: dict[str, AxisLoad] = {}
+    for port, loop in loops.items():
+        name = names[port]
+        peak, continuous = (None, None) if loop.axis.actuator.motor is None else loop.axis.actuator.motor.limits()
+        found[name] = axis_load(
+            run[f"{port}drive_force"][:-1],
+            run[f"{port}position_motor"],
+            run.sample_time,
+            continuous_force=None if continuous is None else float(continuous),
+            peak_force=None if peak is None else float(peak),
+            motor_constant=given[0].get(name),
+            time_constant=given[1].get(name),
+            axis=name,
+            turning=bool(loop.axis.rotary),
+        )
+    return MachineLoad(found, spindle)
