@@ -1,5 +1,10 @@
 """Analysis of loops and signals: margins, sensitivity, stiffness, spectrum, stability, friction map."""
 
+from feeddrive.analysis.contour_control import ContourGain as ContourGain
+from feeddrive.analysis.contour_control import MatchedDynamics as MatchedDynamics
+from feeddrive.analysis.contour_control import contour_gain as contour_gain
+from feeddrive.analysis.contour_control import contour_gains as contour_gains
+from feeddrive.analysis.contour_control import matched_dynamics as matched_dynamics
 from feeddrive.analysis.conversion import as_frf as as_frf
 from feeddrive.analysis.friction_map import FrictionMap as FrictionMap
 from feeddrive.analysis.friction_map import friction_map as friction_map

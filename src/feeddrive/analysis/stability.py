@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from feeddrive.analysis.contour_control import contour_gains
 from feeddrive.analysis.conversion import as_frf
 from feeddrive.blocks.families import Law
 from feeddrive.language import tree
@@ -15,7 +16,7 @@ from feeddrive.language.table import Result, Table
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.linearize import StateSpace, linearize
 from feeddrive.loop.loop import Loop
-from feeddrive.loop.machine import System, check_system
+from feeddrive.loop.machine import Machine, System, check_system
 
 _ROUNDING = 1e-9  # of |z|: what eigenvalues of a small matrix are uncertain by
 
@@ -88,10 +89,17 @@ def stability(system: StateSpace | System, *, velocity: float = 0.05) -> Stabili
 def require_stable(system: StateSpace | System, *, velocity: float = 0.05, where: str = "") -> Stability:
     """The same, or UnstableError with frequency, growth, what to do, and the nearest stable gains of a loop.
 
+    Of a machine the gain of cross-coupled control is checked along all directions of the path.
+
     `where` names the loop in the message.
     """
     found = stability(system, velocity=velocity)
     if found.stable:
+        for each in contour_gains(system) if isinstance(system, Machine) else ():
+            if not each.stable:
+                raise UnstableError(
+                    f"{where + ': ' if where else ''}{each.sentence()}: lower it, to half of that at most"
+                )
         return found
     law = system.control.law if isinstance(system, Loop) else None
     nyquist = 0.5 / found.model.sample_time

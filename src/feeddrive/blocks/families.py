@@ -2,7 +2,8 @@
 
 A block is final: it implements the abstract methods and overrides no method with a body but the empty hooks `prepare`,
 `start` of forces and feedforward, `modes`, `start` and `step` of couplings, `retune`, `period`, `check`, `rules`,
-`sampled_rules`, `substep_rules`, `fed`, `lag`, `settled`, `suits`, `fits`, `begin`, `goes_beside` and `stretches`.
+`sampled_rules`, `substep_rules`, `fed`, `lag`, `settled`, `suits`, `fits`, `begin`, `goes_beside`, `stretches`,
+`position_gain`, and `listen` and `correct` of couplings.
 
     prepare(T)   numbers that depend on parameters only, computed once per run; returns a named tuple
     start(...)   the steady state of a block at rest
@@ -206,6 +207,10 @@ class Law(Block, ABC):
         """Period in samples of a law that varies with time; more than 1 for a law with a slow part (empty hook)."""
         return 1
 
+    def position_gain(self) -> Any:
+        """Velocity in 1/s that the law commands per position error; None if it commands none (empty hook)."""
+        return None
+
     def settled(self) -> Law:
         """The block without its internal limits, for linear models (empty hook)."""
         return self
@@ -252,9 +257,7 @@ class Feedforward(Block, ABC):
 
     @classmethod
     def begin(cls, axis: AxisModel) -> Self:
-        """The block with the values of an axis.  Raises StructureError, with the reason, if there are none (empty
-        hook).
-        """
+        """With the values of an axis.  Raises StructureError, with the reason, if there are none (empty hook)."""
         return begun(cls, axis)
 
     def fed(self) -> tuple[str, ...]:
@@ -332,10 +335,7 @@ class Observer(Block, ABC):
 
 
 class Compensation(Block, ABC):
-    """A compensation, combined with any law: from the reading it computes a setpoint change or an added force.
-
-    Disturbance rejection adds a force; compensation of structural modes moves the setpoint.
-    """
+    """Combined with any law: from the reading it moves the setpoint (structural modes) or adds a force (rejection)."""
 
     title: ClassVar[str] = ""
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 from feeddrive.blocks.families import Nothing
-from feeddrive.blocks.signals import Motion
+from feeddrive.blocks.signals import Motion, Setpoint
 from feeddrive.language.block import Block, Number, Rule, choice
 
 
@@ -21,10 +21,14 @@ class SharedMode(NamedTuple):
 
 
 class Coupling(Block, ABC):
-    """What acts between the axes of a machine: structure modes that they share, or forces at common substeps.
+    """What acts between the axes of a machine: structure modes that they share, or forces at common substeps; or what
+    runs on the controller between their controls.
 
-    A coupling implements `modes`, or `step` with `start` and `prepare`, or both.
+    A coupling implements `modes`, or `step` with `start` and `prepare`, or both; with `controls` it implements `listen`
+    and `correct`, which run on the controller once a sample.
     """
+
+    controls: ClassVar[bool] = False
 
     @abstractmethod
     def axes(self) -> tuple[str, ...]:
@@ -48,6 +52,18 @@ class Coupling(Block, ABC):
         """One substep of h seconds: the new state, and by axis the force in N on its motor's and its load's body.
 
         Motions are predicted for the middle of the substep, `time` is that instant (empty hook).
+        """
+        return state, {}
+
+    def listen(self, setpoints: Mapping[str, Setpoint]) -> Any:
+        """The state on the controller when the axes start at these setpoints (empty hook)."""
+        return Nothing()
+
+    def correct(
+        self, state: Any, setpoints: Mapping[str, Setpoint], positions: Mapping[str, Number]
+    ) -> tuple[Any, Mapping[str, Number]]:
+        """One sample on the controller, from the positions that it read (m): the new state, and by axis the velocity in
+        m/s that is added to what the law of the axis commands (empty hook).
         """
         return state, {}
 

@@ -60,6 +60,15 @@ class Control(Block):
         requested: Number  # N
         guard: Any
 
+    class Judged(NamedTuple):
+        """Setpoint and readings (m) that the law is given, and the state and verdict of the guard, if there is one."""
+
+        setpoint: Setpoint
+        motor: Number
+        load: Number
+        guard: Any
+        verdict: Any = None
+
     class Command(NamedTuple):
         """Forces in N: commanded, wanted before the limit, its three parts; the trip code; 1 while the loop runs."""
 
@@ -147,11 +156,26 @@ class Control(Block):
         T: Number,
     ) -> tuple[State, Command]:
         """One sample, from the readings of the two encoders in m to the commanded force in N."""
+        return self.answer(prepared, state, self.judge(prepared, state, setpoint, motor, load, enable), T)
+
+    def judge(
+        self, prepared: Prepared, state: State, setpoint: Setpoint, motor: Number, load: Number, enable: Number
+    ) -> Judged:
+        """The first half of a sample: the guard has looked at setpoint and readings."""
         if self.guard is None:
-            memory, command = self._run(prepared, state.memory, setpoint, self._reading(state, motor, load), T)
-            return self.State(memory, command.applied, command.requested, state.guard), command
+            return self.Judged(setpoint, motor, load, state.guard)
         guard, verdict = self.guard.step(prepared.guard, state.guard, setpoint, motor, load, enable)
-        reading = self._reading(state, verdict.position_motor, verdict.position_load)
+        return self.Judged(verdict.setpoint, verdict.position_motor, verdict.position_load, guard, verdict)
+
+    def answer(
+        self, prepared: Prepared, state: State, judged: Judged, T: Number, added: Number | None = None
+    ) -> tuple[State, Command]:
+        """The second half: `added` is a velocity in m/s on top of what the law commands (`Law.position_gain`)."""
+        reading = self._reading(state, judged.motor, judged.load)
+        verdict = judged.verdict
+        if self.guard is None:
+            memory, command = self._run(prepared, state.memory, judged.setpoint, reading, T, added)
+            return self.State(memory, command.applied, command.requested, judged.guard), command
         fresh = self._memory(
             prepared,
             verdict.setpoint,
@@ -159,8 +183,8 @@ class Control(Block):
         )
         _check_forgetful(fresh, "control")
         live = self.guard.live(verdict, state.memory, fresh)
-        memory, command = self._run(prepared, live, verdict.setpoint, reading, T)
-        guard, outcome = self.guard.command(guard, verdict, state.applied, command.applied, command.requested)
+        memory, command = self._run(prepared, live, verdict.setpoint, reading, T, added)
+        guard, outcome = self.guard.command(judged.guard, verdict, state.applied, command.applied, command.requested)
         return self.State(memory, outcome.applied, outcome.requested, guard), command._replace(**outcome._asdict())
 
     def check_live(self, old: Control, place: str = "control") -> None:
@@ -193,7 +217,7 @@ class Control(Block):
         return Reading(motor, load, state.applied, state.requested)
 
     def _run(
-        self, prepared: Prepared, memory: Any, setpoint: Setpoint, reading: Reading, T: Number
+        self, prepared: Prepared, memory: Any, setpoint: Setpoint, reading: Reading, T: Number, velocity: Number | None
     ) -> tuple[Memory, Command]:
         """The parts in the order of the signal."""
         prefilter = memory.prefilter
@@ -207,7 +231,10 @@ class Control(Block):
             held, setpoint, force = block.step(made, held, setpoint, reading, T)
             compensation.append(held)
             added = force if i == 0 else added + force
-        law, feedback = _answered(self.law, memory.law, self.law.step(prepared.law, memory.law, setpoint, reading, T))
+        target = setpoint
+        if velocity is not None:
+            target = setpoint._replace(position=setpoint.position + velocity / self.law.position_gain())
+        law, feedback = _answered(self.law, memory.law, self.law.step(prepared.law, memory.law, target, reading, T))
         filters: list[Any] = []
         for filter_, made, held in zip(self.filters, prepared.filters, memory.filters, strict=True):
             held, feedback = filter_.step(made, held, feedback)

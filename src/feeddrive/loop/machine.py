@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
-import keyword
 from collections.abc import Collection, Iterator, Mapping
-from functools import lru_cache
+from functools import reduce
 from typing import Any, NamedTuple, TypeAlias
 
 from feeddrive.blocks.coupling.geometry import Geometry
 from feeddrive.blocks.machine_families import Coupling
-from feeddrive.blocks.signals import Motion, Noise
+from feeddrive.blocks.signals import Motion, Noise, Setpoint
 from feeddrive.language import ops
 from feeddrive.language.block import Block, Number, Rule, parameter, part
 from feeddrive.language.errors import ParameterError, StructureError
-from feeddrive.loop.axis import Axis, slow_enough
+from feeddrive.loop.axis import Axis
 from feeddrive.loop.control import Control
-from feeddrive.loop.core import Acting, Core, Push, Shared, acting
-from feeddrive.loop.hold import Columns, JointHold, Timing
+from feeddrive.loop.core import Acting, Shared, acting
+from feeddrive.loop.hold import JointHold
+from feeddrive.loop.joint import Joint, named
 from feeddrive.loop.loop import Loop, Signals, inputs_of, reported
 
 _TOOL = "tool"  # prefix of the signals of the tool point
@@ -28,131 +28,6 @@ class DrivenAxis(Block):
 
     control: Control = part("all that runs on the controller")
     axis: Axis = part("all that is physics", inline=True)
-
-
-class Joint:
-    """The physics of axes by name with what acts between them: all of a machine but its controls.
-
-    Axes that share structure modes move in one exact hold; all others have their own.  Couplings act at common
-    substeps, from the motions of all axes at the same instant.
-    """
-
-    class Prepared(NamedTuple):
-        """What the linear cores and the couplings prepared."""
-
-        cores: tuple[JointHold, ...]
-        couplings: tuple[Any, ...]
-
-    class State(NamedTuple):
-        """Of the axes by name, of the modes of each core, and of the couplings."""
-
-        axis: Any
-        shared: tuple[Shared, ...]
-        couplings: tuple[Any, ...]
-
-    def __init__(self, axes: Mapping[str, Axis], couplings: tuple[Coupling, ...]) -> None:
-        self.axes, self.couplings = dict(axes), couplings
-        self.cores = self._cores()
-        self._where = {name: place for place, core in enumerate(self.cores) for name in core.axes}
-
-    def _cores(self) -> list[Core]:
-        """Groups of axes that share modes, in the order of the axes."""
-        groups: list[tuple[list[str], list[Any]]] = [([name], []) for name in self.axes]
-        for coupling in self.couplings:
-            modes = coupling.modes()
-            if modes:
-                joined = [group for group in groups if set(group[0]) & set(coupling.axes())]
-                first = joined[0]
-                for other in joined[1:]:
-                    first[0].extend(other[0])
-                    first[1].extend(other[1])
-                    groups.remove(other)
-                first[1].extend(modes)
-        axes = ({name: axis for name, axis in self.axes.items() if name in names} for names, _ in groups)
-        return [Core(own, modes) for own, (_, modes) in zip(axes, groups, strict=True)]
-
-    def substeps(self) -> int:
-        """Of every axis: they are the same."""
-        return self.cores[0].substeps()
-
-    def rules(self, T: Number) -> Iterator[Rule]:
-        """What couplings and shared modes ask for at the substeps."""
-        h = T / self.substeps()
-        for core in self.cores:
-            if core.modes:
-                yield from slow_enough(core.mechanics(), None, h, f"the modes under {', '.join(core.axes)}")
-        for coupling in self.couplings:
-            yield from coupling.substep_rules(h)
-
-    def prepare(self, T: Number, timings: Mapping[str, Timing]) -> Prepared:
-        """All work that depends on parameters only."""
-        h = T / self.substeps()
-        holds = tuple(core.prepare(T, timings) for core in self.cores)
-        return self.Prepared(holds, tuple(coupling.prepare(h) for coupling in self.couplings))
-
-    def start(self, prepared: Prepared, states: Mapping[str, Axis.State], motions: Mapping[str, Motion]) -> State:
-        """The axes as they begin, moving like this, with modes at rest."""
-        zero = ops.zero(next(iter(motions.values())).position_load)
-        shared = tuple(Shared((zero,) * len(core.modes), (zero,) * len(core.modes)) for core in self.cores)
-        couplings = zip(self.couplings, prepared.couplings, strict=True)
-        begun = tuple(each.start(made, {name: motions[name] for name in each.axes()}) for each, made in couplings)
-        return self.State(named(states), shared, begun)
-
-    def motion(self, name: str, state: State) -> Motion:
-        """True position and velocity of the two bodies of an axis."""
-        place = self._where[name]
-        return self.cores[place].motion(name, state.axis._asdict(), state.shared[place])
-
-    def columns(self, prepared: Prepared) -> dict[str, Columns]:
-        """What the forces of each axis do."""
-        return {
-            name: each
-            for core, made in zip(self.cores, prepared.cores, strict=True)
-            for name, each in zip(core.axes, made.axes, strict=True)
-        }
-
-    def advance(
-        self, prepared: Prepared, state: State, at: Mapping[str, Acting], time: Number, T: Number
-    ) -> tuple[State, dict[str, Axis.Step], dict[str, Number | None]]:
-        """All axes from kT to (k+1)T; what each leaves behind for the record, and the mean force on its table."""
-        moved: dict[str, Axis.State] = state.axis._asdict()
-        shared, remembered = list(state.shared), list(state.couplings)
-        loads: dict[str, list[Any]] = {name: [] for name in self.axes}
-        done: dict[str, Axis.Step] = {}
-        substeps = self.substeps()
-        h = T / substeps
-        for index in range(substeps):
-            now = time + index * h
-            pushes = self._coupled(prepared, moved, shared, remembered, now + 0.5 * h, h)
-            for name, push in pushes.items():
-                loads[name].append(push.load)
-            for place, core in enumerate(self.cores):
-                own = {name: moved[name] for name in core.axes}
-                after, shared[place], steps = core.substep(
-                    prepared.cores[place], own, shared[place], at, pushes, index, now, h
-                )
-                moved.update(after)
-                done.update(steps)
-        mean = {name: _mean(at[name].load, each) for name, each in loads.items()}
-        return self.State(named(moved), tuple(shared), tuple(remembered)), done, mean
-
-    def _coupled(
-        self, prepared: Prepared, states: Mapping[str, Axis.State], shared: list[Shared], remembered: list[Any],
-        middle: Number, h: Number,
-    ) -> dict[str, Push]:  # fmt: skip
-        """The forces of all couplings by axis over a substep, whose middle is given; their states move on."""
-        motions: dict[str, Motion] = {}
-        found: dict[str, Push] = {}
-        for i, (coupling, made) in enumerate(zip(self.couplings, prepared.couplings, strict=True)):
-            for name in coupling.axes():
-                if name not in motions:
-                    core = self.cores[self._where[name]]
-                    motions[name] = core.middle(name, states, shared[self._where[name]], h)
-            own = {name: motions[name] for name in coupling.axes()}
-            remembered[i], forces = coupling.step(made, remembered[i], own, middle, h)
-            for name, pair in forces.items():
-                found[name] = found.get(name, Push()) + pair
-        return found
 
 
 class Machine(Block):
@@ -178,11 +53,12 @@ class Machine(Block):
         couplings: tuple[Any, ...]
 
     class State(NamedTuple):
-        """Of the axes by name, of the modes of each core, and of the couplings."""
+        """Of the axes by name, of the modes of each core, of the couplings, and of those on the controller."""
 
         axis: Any
         shared: tuple[Shared, ...]
         couplings: tuple[Any, ...]
+        coordination: tuple[Any, ...]
 
     def __post_init__(self) -> None:
         if isinstance(self.axis, Mapping):
@@ -236,6 +112,14 @@ class Machine(Block):
             for name in coupling.axes():
                 if name not in axes:
                     raise StructureError(f"couplings.{i}: {coupling.kind} acts on axis '{name}', which is not there")
+            for name in each_controlled(coupling):
+                law = axes[name].control.law
+                if law.position_gain() is None or axes[name].axis.rotary:
+                    why = "turns" if axes[name].axis.rotary else f"has the law {law.kind}, which commands no velocity"
+                    raise StructureError(
+                        f"couplings.{i}: {coupling.kind} adds to the velocity that the law of each axis commands, and "
+                        f"axis '{name}' {why}: take axes that move along lines, under a law such as cascade_ppi"
+                    )
         self._check_geometry(axes)
         if isinstance(self.sample_time, float):
             for name in axes:
@@ -289,7 +173,39 @@ class Machine(Block):
             motions[name] = Motion(at, at, speed, speed)
         states = {name: each.axis for name, each in found.items()}
         begun = self.joint().start(Joint.Prepared(prepared.cores, prepared.couplings), states, motions)
-        return self.State(named(found), begun.shared, begun.couplings)
+        return self.State(named(found), begun.shared, begun.couplings, self.listening(setpoint))
+
+    def listening(self, setpoint: Mapping[str, Setpoint]) -> tuple[Any, ...]:
+        """The state of what runs on the controller between the axes."""
+        return tuple(each.listen(_of(each, setpoint)) for each in self.couplings if each.controls)
+
+    def commanded(
+        self, prepared: Any, states: Mapping[str, Any], coordination: tuple[Any, ...],
+        judged: Mapping[str, Control.Judged],
+    ) -> tuple[dict[str, Any], tuple[Any, ...], dict[str, Control.Command]]:  # fmt: skip
+        """The second half of a sample on the controller: what runs between the controls, and their commands.
+
+        While an axis does not run, nothing is added to the others.
+        """
+        setpoints = {name: each.setpoint for name, each in judged.items()}
+        positions = {name: each.load for name, each in judged.items()}
+        added: dict[str, Any] = {}
+        remembered: list[Any] = []
+        for coupling, held in zip((each for each in self.couplings if each.controls), coordination, strict=True):
+            held, found = coupling.correct(held, _of(coupling, setpoints), _of(coupling, positions))
+            verdicts = [judged[name].verdict for name in coupling.axes() if judged[name].verdict is not None]
+            runs = reduce(ops.both, (each.usual for each in verdicts)) if verdicts else None
+            for name, velocity in found.items():
+                velocity = velocity if runs is None else ops.where(runs, velocity, 0.0)
+                added[name] = added[name] + velocity if name in added else velocity
+            remembered.append(held)
+        controls: dict[str, Any] = {}
+        commands: dict[str, Control.Command] = {}
+        for (name, each), made in zip(self.axes().items(), prepared, strict=True):
+            controls[name], commands[name] = each.control.answer(
+                made, states[name], judged[name], self.sample_time, added.get(name)
+            )
+        return controls, tuple(remembered), commands
 
     def sample(
         self, prepared: Prepared, state: State, inputs: Mapping[str, Number], noise: Noise, time: Number
@@ -302,59 +218,49 @@ class Machine(Block):
         moved: dict[str, Axis.State] = {name: held.axis for name, held in states.items()}
         before = Joint.State(named(moved), state.shared, state.couplings)
         found: dict[str, Any] = {}
-        controls: dict[str, Any] = {}
+        judged: dict[str, Control.Judged] = {}
         at: dict[str, Acting] = {}
         for i, (name, each) in enumerate(axes.items()):
             setpoint, load, enable, probe = inputs_of(inputs, f"{name}.")
             motion = joint.motion(name, before)
             moved[name], motor, reading = each.axis.read(moved[name], motion, noise_of(noise, i), T)
             motor, reading = probe.read(motor, reading)
-            controls[name], command = each.control.step(
-                prepared.control[i], states[name].control, setpoint, motor, reading, enable, T
-            )
-            found[name] = setpoint, motion, motor, reading, command
-            at[name], moved[name] = acting(columns[name], moved[name], probe.acting(command.applied), load)
+            held = states[name].control
+            judged[name] = each.control.judge(prepared.control[i], held, setpoint, motor, reading, enable)
+            found[name] = setpoint, motion, motor, reading, probe, load
+        held = {name: each.control for name, each in states.items()}
+        controls, coordination, commands = self.commanded(prepared.control, held, state.coordination, judged)
+        for name, (*_, probe, load) in found.items():
+            force = probe.acting(commands[name].applied)
+            at[name], moved[name] = acting(columns[name], moved[name], force, load)
         after, done, loads = joint.advance(made, before._replace(axis=named(moved)), at, time, T)
         signals: dict[str, Number] = {}
-        for name, (setpoint, motion, motor, reading, command) in found.items():
-            row = reported(setpoint, motion, motor, reading, command, done[name], loads[name])
+        for name, (setpoint, motion, motor, reading, *_) in found.items():
+            row = reported(setpoint, motion, motor, reading, commands[name], done[name], loads[name])
             signals |= {f"{name}.{signal}": value for signal, value in zip(Signals._fields, row, strict=True)}
         if self.geometry is not None:
             position = {name: row[1].position_load for name, row in found.items()}
             signals |= {f"{_TOOL}.{way}": at for way, at in self.geometry.tool(position).items()}
         held = {name: Loop.State(controls[name], axis) for name, axis in zip(axes, after.axis, strict=True)}
-        return self.State(named(held), after.shared, after.couplings), signals
+        return self.State(named(held), after.shared, after.couplings, coordination), signals
 
 
 System: TypeAlias = Loop | Machine  # what is traced to a program
 
 
+def each_controlled(coupling: Coupling) -> tuple[str, ...]:
+    """The axes whose controls a coupling corrects."""
+    return coupling.axes() if coupling.controls else ()
+
+
+def _of(coupling: Coupling, values: Mapping[str, Any]) -> dict[str, Any]:
+    """What belongs to the axes of a coupling."""
+    return {name: values[name] for name in coupling.axes()}
+
+
 def noise_of(noise: Noise, place: int) -> Noise:
     """The noise of the axis at a place among all."""
     return noise if place == 0 else Noise(noise.seed + place * _SEEDS, noise.sample)
-
-
-def named(values: Mapping[str, Any]) -> Any:
-    """A named tuple of values by axis."""
-    return _type(tuple(values))(*values.values())
-
-
-@lru_cache(maxsize=256)
-def _type(names: tuple[str, ...]) -> Any:
-    for name in names:
-        if not name.isidentifier() or keyword.iskeyword(name) or name.startswith("_"):
-            raise ParameterError(f"'{name}' cannot be the name of an axis: letters, digits and _ , first a letter")
-    make: Any = NamedTuple  # names are known at run time only
-    return make("Axes", [(name, Any) for name in names])
-
-
-def _mean(held: Any, coupled: list[Any]) -> Any:
-    """The mean force on a table over the sample; None where there is none."""
-    total: Any = None
-    for each in coupled:
-        total = each if total is None else total + each
-    mean = None if total is None else total / float(len(coupled)) if len(coupled) > 1 else total
-    return mean if held is None else held if mean is None else held + mean
 
 
 def turning_ports(system: System) -> frozenset[str]:

@@ -23,8 +23,9 @@ from feeddrive.language.units import turning_text
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.control import Control
 from feeddrive.loop.core import Acting, acting, advance
+from feeddrive.loop.joint import Joint, named
 from feeddrive.loop.loop import SETPOINT, Loop, quantity, unit_of
-from feeddrive.loop.machine import Joint, Machine, System, named, noise_of, turning_ports
+from feeddrive.loop.machine import Machine, System, noise_of, turning_ports
 from feeddrive.loop.routine import MEANINGS, Condition, Function, Retune, Routine, Variable, meaning_of, target_name
 
 LONGEST_RING = 256  # cells

@@ -223,7 +223,15 @@ def _coupling(block: Any, x: Inputs) -> Answers:
             name: each._replace(position_load=each.position_load + x.T * each.velocity_load)
             for name, each in motions.items()
         }
-    return Answers(start, state, tuple(outputs))
+    if not block.controls:
+        return Answers(start, state, tuple(outputs))
+    setpoints = {name: x.setpoint().shifted(float(i) * x.T) for i, name in enumerate(block.axes())}
+    begun = heard = block.listen(setpoints)
+    for _ in range(STEPS):
+        setpoints = {name: each.shifted(x.T) for name, each in setpoints.items()}
+        heard, added = block.correct(heard, setpoints, dict.fromkeys(block.axes(), x.position_motor))
+        outputs.append(tuple(added.values()))
+    return Answers((start, begun), (state, heard), tuple(outputs))
 
 
 # What is part of a step, and what a block of each family is asked.

@@ -115,6 +115,8 @@ def numbers(declared: Declaration) -> st.SearchStrategy[float]:
 def _choices(declared: Declaration, hint: Any) -> st.SearchStrategy[Any]:
     if declared.options:
         return st.sampled_from(declared.options)
+    if get_origin(hint) is tuple and str in get_args(hint):  # names of axes
+        return st.lists(st.sampled_from("xyz"), min_size=2, max_size=3, unique=True).map(tuple)
     if hint is str or str in get_args(hint):  # the name of an axis
         return st.sampled_from("xyz")
     least = 0 if declared.least is None else int(declared.least)

@@ -70,6 +70,10 @@ class ActiveDisturbanceRejection(Law):
 
         observer: Any
 
+    def position_gain(self) -> Number:
+        """α0/α1."""
+        return self.omega_c / (2.0 * self.zeta_c)
+
     def prepare(self, T: Number) -> Any:
         """Of the observer."""
         return self.observer.prepare(T)

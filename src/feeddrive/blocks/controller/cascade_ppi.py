@@ -94,6 +94,10 @@ class CascadePPI(Law):
         """`position_every` samples."""
         return self.position_every
 
+    def position_gain(self) -> Number:
+        """Kv."""
+        return self.Kv
+
     def prepare(self, T: Number) -> Prepared:
         """The sample time, for a start in motion."""
         return self.Prepared(T)

@@ -67,6 +67,10 @@ class DADSC(Law):
         sliding: Number
         estimate: Number
 
+    def position_gain(self) -> Number:
+        """λ: s sees λ e_x + e_v."""
+        return self.tracking_rate
+
     def prepare(self, T: Number) -> Prepared:
         """g1 = m Q ω_d, g2 = adaptation_ratio · g1/Q."""
         g2 = self.mass * self.adaptation_rate

@@ -1,0 +1,206 @@
+"""Axes that make a contour together: matched dynamics, and the largest gain of cross-coupled control."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+
+from feeddrive.blocks.coupling.cross_coupled import CrossCoupled
+from feeddrive.language.errors import ParameterError
+from feeddrive.language.table import Result, Table
+from feeddrive.loop.lifting import tracking
+from feeddrive.loop.linearize import linearize
+from feeddrive.loop.machine import Machine
+
+_SLOW = 1e-2  # Hz: where a lag in s is read from the response; its square is lost in rounding
+_FEED = 0.05  # m/s along the path, for friction
+_EDGE = 1.0 - 1e-9  # of |z|
+_WORTH_SAYING = 1e-6  # m off a line at 45 degrees
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class MatchedDynamics(Result):
+    """How alike axes follow: a line at 45 degrees and a circle at a feed in m/s and a radius in m.
+
+    lag      s by which each axis follows its setpoint at constant velocity
+    answer   of each axis to a sine of the circle's frequency, table over set position with its derivatives
+    """
+
+    feed: float
+    radius: float
+    lag: dict[str, float]
+    gain: dict[str, float | None]
+    answer: dict[str, complex]
+
+    def line(self, a: str, b: str) -> float:
+        """How far the tool is off a line at 45 degrees of two axes, m: feed/2 · difference of their lags."""
+        return 0.5 * self.feed * abs(self.lag[a] - self.lag[b])
+
+    def circle(self, a: str, b: str) -> float:
+        """Half of the difference between the axes of the ellipse that two axes make of a circle, m."""
+        first, second = self.answer[a], self.answer[b]
+        return 0.5 * self.radius * abs(first - second)
+
+    def remarks(self) -> list[str]:
+        """A sentence for each pair whose difference is worth saying."""
+        found = []
+        for a, b in combinations(self.lag, 2):
+            off = self.line(a, b)
+            if off <= _WORTH_SAYING:
+                continue
+            gains = self.gain[a], self.gain[b]
+            differ = None not in gains and gains[0] != gains[1]
+            named = f"{a} Kv {gains[0]:g}, {b} {gains[1]:g}" if differ else f"{a} lags {self._ms(a)}, {b} {self._ms(b)}"
+            found.append(
+                f"{named}: {1e6 * off:.1f} um off a 45 deg line at {1e3 * self.feed:g} mm/s: give both axes the same "
+                f"position gain and feedforward, that of the slower one"
+            )
+        return found
+
+    def _ms(self, axis: str) -> str:
+        return f"{1e3 * self.lag[axis]:.4g} ms"
+
+    def table(self) -> Table:
+        """One row for each pair of axes."""
+        rows = [
+            [f"{a}, {b}", self._ms(a), self._ms(b), f"{1e6 * self.line(a, b):.3g}", f"{1e6 * self.circle(a, b):.3g}"]
+            for a, b in combinations(self.lag, 2)
+        ]
+        title = f"Matched dynamics at {1e3 * self.feed:g} mm/s, circle of {1e3 * self.radius:g} mm"
+        return Table(title, ["axes", "lag of first", "lag of second", "45 deg line, um", "circle, um"], rows)
+
+
+def matched_dynamics(
+    machine: Machine, axes: Sequence[str] | None = None, *, feed: float = 0.1, radius: float = 0.02
+) -> MatchedDynamics:
+    """How alike the axes of a contour follow; without `axes` all that move along a line.
+
+    Of each axis alone: what couples them is left out, as is friction but for its slope.  Raises ParameterError for an
+    axis that is not there, or a feed or radius that is not positive.
+    """
+    if feed <= 0.0 or radius <= 0.0:
+        raise ParameterError(f"feed = {feed:g} m/s and radius = {radius:g} m must be > 0")
+    names = [name for name, each in machine.axes().items() if not each.axis.rotary] if axes is None else list(axes)
+    loops = {name: machine.loop(name) for name in names}
+    circle = feed / (2.0 * np.pi * radius)
+    answers = {name: tracking(loop, np.array([_SLOW, circle])).response for name, loop in loops.items()}
+    gains = {name: loop.control.law.position_gain() for name, loop in loops.items()}
+    return MatchedDynamics(
+        feed,
+        radius,
+        {name: float(-np.angle(each[0]) / (2.0 * np.pi * _SLOW)) for name, each in answers.items()},
+        {name: None if gain is None else float(gain) for name, gain in gains.items()},
+        {name: complex(each[1]) for name, each in answers.items()},
+    )
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ContourGain(Result):
+    """The largest gain of cross-coupled control in 1/s, over all directions of the path, and where it is.
+
+    direction   unit vector of the path along which a gain beyond `largest` is unstable; by axis
+    given       the gain that the machine has
+    """
+
+    place: str
+    largest: float
+    direction: dict[str, float]
+    given: float
+
+    @property
+    def stable(self) -> bool:
+        """Whether the given gain is below the largest one."""
+        return self.given < self.largest
+
+    @property
+    def gain_margin(self) -> float:
+        """Largest over given gain; infinite for a given gain of 0."""
+        return self.largest / self.given if self.given > 0.0 else float("inf")
+
+    def sentence(self) -> str:
+        """The verdict in words."""
+        along = ", ".join(f"{name} {share:.3f}" for name, share in self.direction.items())
+        said = "stable" if self.stable else "unstable"
+        return (
+            f"{self.place}.contour_gain = {self.given:.4g} 1/s is {said}: at most {self.largest:.4g} 1/s, along the "
+            f"direction {along}"
+        )
+
+    def table(self) -> Table:
+        """Given and largest gain."""
+        rows = [["given", f"{self.given:.4g} 1/s"], ["largest", f"{self.largest:.4g} 1/s"],
+                ["gain margin", f"{self.gain_margin:.3g}"]]  # fmt: skip
+        return Table(self.sentence(), ["gain", ""], rows)
+
+
+_MOST = 1e6  # 1/s: no sampled loop is stable beyond
+
+
+def contour_gain(machine: Machine, place: int = 0, *, directions: int = 72) -> ContourGain:
+    """The largest stable gain of a `CrossCoupled` among the couplings of a machine, worst over the path's direction.
+
+    The model of the machine without it, from set positions to readings, is closed with A - gain B N C, with
+    N = I - t tᵀ and the gain of each law; the eigenvalues of that matrix decide, by bisection to 1e-6, along each
+    direction.  Along equal axes it is the largest stable Kv less Kv.  A path that turns at V/R couples with this
+    rotation; it is left out, as it may be while V/R is far below Kv.
+    Raises ParameterError if that coupling is no `CrossCoupled`.
+    """
+    coupling = machine.couplings[place] if 0 <= place < len(machine.couplings) else None
+    if not isinstance(coupling, CrossCoupled):
+        raise ParameterError(f"couplings.{place} is no cross_coupled: name the place of one")
+    names = coupling.axes()
+    others = tuple(each for i, each in enumerate(machine.couplings) if i != place)
+    bare = Machine.of(machine.loops(), others)
+    inputs, outputs = ([f"{name}.{what}" for name in names] for what in ("set_position", "reading_load"))
+    model = linearize(bare, inputs, outputs, velocity=_FEED)
+    gains = np.array([float(machine.loop(name).control.law.position_gain()) for name in names])
+
+    def stable(gain: float, frame: np.ndarray) -> bool:
+        closed = model.A - gain * (model.B / gains) @ frame @ model.C
+        return bool(np.max(np.abs(np.linalg.eigvals(closed))) < _EDGE)
+
+    found: list[tuple[float, np.ndarray]] = []
+    for tangent in _directions(len(names), directions):
+        frame = np.eye(len(names)) - np.outer(tangent, tangent)
+        found.append((_largest(lambda gain, frame=frame: stable(gain, frame)), tangent))
+    largest, worst = min(found, key=lambda each: each[0])
+    shares = dict(zip(names, map(float, worst), strict=True))
+    return ContourGain(f"couplings.{place}", largest, shares, float(coupling.contour_gain))
+
+
+def _largest(stable) -> float:  # type: ignore[no-untyped-def]
+    """The end of the first stretch of stable gains from 0 on, to 1e-6 of it; 0 if there is none."""
+    low = 0.0
+    if not stable(0.0):
+        return 0.0
+    high = 1e-2
+    while stable(high):
+        low, high = high, 1.25 * high
+        if high > _MOST:
+            return float("inf")
+    while high - low > 1e-6 * high:
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if stable(middle) else (low, middle)
+    return low
+
+
+def _directions(axes: int, count: int) -> list[np.ndarray]:
+    """Unit vectors, one of each pair that differ in sign: over half a circle, or half a sphere and its edges."""
+    if axes == 2:
+        angle = np.pi * np.arange(count) / count
+        return [np.array([np.cos(each), np.sin(each)]) for each in angle]
+    i = np.arange(count)
+    height = (i + 0.5) / count
+    turn = np.pi * (1.0 + np.sqrt(5.0)) * i  # a spiral of equal areas
+    flat = np.sqrt(1.0 - height**2)
+    spiral = np.stack([flat * np.cos(turn), flat * np.sin(turn), height], axis=1)
+    return [*np.eye(3), *spiral]
+
+
+def contour_gains(machine: Machine) -> list[ContourGain]:
+    """The largest gain of each cross-coupled control of a machine."""
+    there = (i for i, each in enumerate(machine.couplings) if isinstance(each, CrossCoupled))
+    return [contour_gain(machine, place) for place in there]

@@ -1,0 +1,165 @@
+"""The physics of the axes of a machine with what acts between them."""
+
+from __future__ import annotations
+
+import keyword
+from collections.abc import Iterator, Mapping
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+from feeddrive.blocks.machine_families import Coupling
+from feeddrive.blocks.signals import Motion
+from feeddrive.language import ops
+from feeddrive.language.block import Number, Rule
+from feeddrive.language.errors import ParameterError
+from feeddrive.loop.axis import Axis, slow_enough
+from feeddrive.loop.core import Acting, Core, Push, Shared
+from feeddrive.loop.hold import Columns, JointHold, Timing
+
+
+class Joint:
+    """The physics of axes by name with what acts between them: all of a machine but its controls.
+
+    Axes that share structure modes move in one exact hold; all others have their own.  Couplings act at common
+    substeps, from the motions of all axes at the same instant.
+    """
+
+    class Prepared(NamedTuple):
+        """What the linear cores and the couplings prepared."""
+
+        cores: tuple[JointHold, ...]
+        couplings: tuple[Any, ...]
+
+    class State(NamedTuple):
+        """Of the axes by name, of the modes of each core, and of the couplings."""
+
+        axis: Any
+        shared: tuple[Shared, ...]
+        couplings: tuple[Any, ...]
+
+    def __init__(self, axes: Mapping[str, Axis], couplings: tuple[Coupling, ...]) -> None:
+        self.axes, self.couplings = dict(axes), couplings
+        self.cores = self._cores()
+        self._where = {name: place for place, core in enumerate(self.cores) for name in core.axes}
+
+    def _cores(self) -> list[Core]:
+        """Groups of axes that share modes, in the order of the axes."""
+        groups: list[tuple[list[str], list[Any]]] = [([name], []) for name in self.axes]
+        for coupling in self.couplings:
+            modes = coupling.modes()
+            if modes:
+                joined = [group for group in groups if set(group[0]) & set(coupling.axes())]
+                first = joined[0]
+                for other in joined[1:]:
+                    first[0].extend(other[0])
+                    first[1].extend(other[1])
+                    groups.remove(other)
+                first[1].extend(modes)
+        axes = ({name: axis for name, axis in self.axes.items() if name in names} for names, _ in groups)
+        return [Core(own, modes) for own, (_, modes) in zip(axes, groups, strict=True)]
+
+    def substeps(self) -> int:
+        """Of every axis: they are the same."""
+        return self.cores[0].substeps()
+
+    def rules(self, T: Number) -> Iterator[Rule]:
+        """What couplings and shared modes ask for at the substeps."""
+        h = T / self.substeps()
+        for core in self.cores:
+            if core.modes:
+                yield from slow_enough(core.mechanics(), None, h, f"the modes under {', '.join(core.axes)}")
+        for coupling in self.couplings:
+            yield from coupling.substep_rules(h)
+
+    def prepare(self, T: Number, timings: Mapping[str, Timing]) -> Prepared:
+        """All work that depends on parameters only."""
+        h = T / self.substeps()
+        holds = tuple(core.prepare(T, timings) for core in self.cores)
+        return self.Prepared(holds, tuple(coupling.prepare(h) for coupling in self.couplings))
+
+    def start(self, prepared: Prepared, states: Mapping[str, Axis.State], motions: Mapping[str, Motion]) -> State:
+        """The axes as they begin, moving like this, with modes at rest."""
+        zero = ops.zero(next(iter(motions.values())).position_load)
+        shared = tuple(Shared((zero,) * len(core.modes), (zero,) * len(core.modes)) for core in self.cores)
+        couplings = zip(self.couplings, prepared.couplings, strict=True)
+        begun = tuple(each.start(made, {name: motions[name] for name in each.axes()}) for each, made in couplings)
+        return self.State(named(states), shared, begun)
+
+    def motion(self, name: str, state: State) -> Motion:
+        """True position and velocity of the two bodies of an axis."""
+        place = self._where[name]
+        return self.cores[place].motion(name, state.axis._asdict(), state.shared[place])
+
+    def columns(self, prepared: Prepared) -> dict[str, Columns]:
+        """What the forces of each axis do."""
+        return {
+            name: each
+            for core, made in zip(self.cores, prepared.cores, strict=True)
+            for name, each in zip(core.axes, made.axes, strict=True)
+        }
+
+    def advance(
+        self, prepared: Prepared, state: State, at: Mapping[str, Acting], time: Number, T: Number
+    ) -> tuple[State, dict[str, Axis.Step], dict[str, Number | None]]:
+        """All axes from kT to (k+1)T; what each leaves behind for the record, and the mean force on its table."""
+        moved: dict[str, Axis.State] = state.axis._asdict()
+        shared, remembered = list(state.shared), list(state.couplings)
+        loads: dict[str, list[Any]] = {name: [] for name in self.axes}
+        done: dict[str, Axis.Step] = {}
+        substeps = self.substeps()
+        h = T / substeps
+        for index in range(substeps):
+            now = time + index * h
+            pushes = self._coupled(prepared, moved, shared, remembered, now + 0.5 * h, h)
+            for name, push in pushes.items():
+                loads[name].append(push.load)
+            for place, core in enumerate(self.cores):
+                own = {name: moved[name] for name in core.axes}
+                after, shared[place], steps = core.substep(
+                    prepared.cores[place], own, shared[place], at, pushes, index, now, h
+                )
+                moved.update(after)
+                done.update(steps)
+        mean = {name: _mean(at[name].load, each) for name, each in loads.items()}
+        return self.State(named(moved), tuple(shared), tuple(remembered)), done, mean
+
+    def _coupled(
+        self, prepared: Prepared, states: Mapping[str, Axis.State], shared: list[Shared], remembered: list[Any],
+        middle: Number, h: Number,
+    ) -> dict[str, Push]:  # fmt: skip
+        """The forces of all couplings by axis over a substep, whose middle is given; their states move on."""
+        motions: dict[str, Motion] = {}
+        found: dict[str, Push] = {}
+        for i, (coupling, made) in enumerate(zip(self.couplings, prepared.couplings, strict=True)):
+            for name in coupling.axes():
+                if name not in motions:
+                    core = self.cores[self._where[name]]
+                    motions[name] = core.middle(name, states, shared[self._where[name]], h)
+            own = {name: motions[name] for name in coupling.axes()}
+            remembered[i], forces = coupling.step(made, remembered[i], own, middle, h)
+            for name, pair in forces.items():
+                found[name] = found.get(name, Push()) + pair
+        return found
+
+
+def named(values: Mapping[str, Any]) -> Any:
+    """A named tuple of values by axis."""
+    return _type(tuple(values))(*values.values())
+
+
+@lru_cache(maxsize=256)
+def _type(names: tuple[str, ...]) -> Any:
+    for name in names:
+        if not name.isidentifier() or keyword.iskeyword(name) or name.startswith("_"):
+            raise ParameterError(f"'{name}' cannot be the name of an axis: letters, digits and _ , first a letter")
+    make: Any = NamedTuple  # names are known at run time only
+    return make("Axes", [(name, Any) for name in names])
+
+
+def _mean(held: Any, coupled: list[Any]) -> Any:
+    """The mean force on a table over the sample; None where there is none."""
+    total: Any = None
+    for each in coupled:
+        total = each if total is None else total + each
+    mean = None if total is None else total / float(len(coupled)) if len(coupled) > 1 else total
+    return mean if held is None else held if mean is None else held + mean
