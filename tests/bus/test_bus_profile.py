@@ -10,7 +10,7 @@ import pytest
 from bus_bench import drive
 from feeddrive.bus import pace as clock
 from feeddrive.bus.pace import Pace, urgent
-from feeddrive.bus.profile import read_profile
+from feeddrive.bus.profile import read_plan_profiles, read_profile
 from feeddrive.files.run_files import write_run_csv
 from feeddrive.language.errors import ParameterError
 
@@ -117,3 +117,18 @@ def test_garbage_is_collected_again_after_the_motion() -> None:
         assert not gc.isenabled()
         assert not permitted
     assert gc.isenabled()
+
+
+def test_a_plan_ends_at_its_end_on_a_slower_bus_and_turns_no_drive(tmp_path: Path) -> None:
+    """2,002 rows a ms apart, of which a bus of 4 ms takes 501: the last one stood 1 ms before the end, 10 nm away."""
+    s = np.linspace(0.0, 1.0, ROWS + 1)
+    place = 0.02 * s**4 * (35.0 - 84.0 * s + 70.0 * s**2 - 20.0 * s**3)
+    columns = {"x.set_position": place, "x.set_velocity": np.gradient(place, T)}
+    for unit in ("m", "rad"):
+        units = {"x.set_position": unit, "x.set_velocity": f"{unit}/s"}
+        write_run_csv(tmp_path / f"{unit}.csv", np.arange(ROWS + 1) * T, columns, units)
+    (found,) = read_plan_profiles(tmp_path / "m.csv", {"x": drive("ethercat", cycle_time=4e-3)})
+    assert len(found.set_position) == 502
+    assert found.set_position[-1] == place[-1]
+    with pytest.raises(ParameterError, match=r"axis x turns, and drive files scale lengths only"):
+        read_plan_profiles(tmp_path / "rad.csv", {"x": drive("ethercat", cycle_time=4e-3)})

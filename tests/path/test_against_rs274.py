@@ -54,7 +54,7 @@ class Drawn:
                 [draw.choice(["G28", "G30", "G28.1", "G30.1", "G28 " + self.axes(2)])],
                 ["G0 Z5", f"G17 G99 M3 {drill} {hole}{draw.choice(['', ' L2'])}", f"X{self.number()}", "G80"],
                 [draw.choice(["M3", "M4", "M5", "M7", "M8", "M9", "M48", "M49", "M50 P0", "M51 P1", "S100", "T2"])],
-                ["G93", f"G1 X{self.number()} F{draw.uniform(1, 5):.2f}", "G94 F20"],
+                ["G93", f"G1 {self.axes()} F{draw.uniform(1, 5):.2f}", "G94 F20"],
                 [f"#{draw.randint(1, 3)}={self.number()}", "(debug,#5420 #5421 #5220 #5221 #1 #<_x>)"],
             ]
         )

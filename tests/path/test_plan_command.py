@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -151,6 +152,42 @@ def test_a_tolerance_of_the_command_holds_where_the_program_states_none(mode: st
     assert plan(path, machine="xy_table").stop_count == 1
 
 
+ROTARY = """
+[axis.a.limits]
+velocity_rpm = 60
+acceleration_deg_per_s2 = 3600
+jerk_rad_per_s3 = 1e3
+snap_rad_per_s4 = 1e5
+travel_most_deg = 720
+resolution_mdeg = 1e3
+"""
+
+
+@pytest.mark.usefixtures("no_report")
+def test_rotary_axes_move_with_the_linear_ones(tmp_path: Path) -> None:
+    """The feed is along X, of A alone in degrees; 20 mm at 100 mm/min, 90 deg at 360 deg/min, G93 2/min, and 6 ramps.
+
+    A tolerance below the resolution of A, 1 deg, is none of X.  A ramp costs some 20 ms.
+    """
+    limits, out = tmp_path / "limits.toml", tmp_path / "out"
+    limits.write_text(LIMITS.format("resolution_um = 1") + ROTARY, encoding="utf-8")
+    path = part(tmp_path, "G64 P0.01\nG1 X20 A180 F100\nG4 P0\nF360 A270\nG93 X0 A0 F2\nM2\n")
+    found = plan(path, limits=limits, sample_time=1e-2, out=out)
+    assert found.proof.count == 0
+    assert found.cycle_time == pytest.approx(12.0 + 15.0 + 30.0, abs=0.2)
+    assert "% of 360 deg/s" in found.table().rows[1][1]
+    log = fd.read_log(out / "setpoints.parquet")
+    assert [log.units[f"a.set_{name}"] for name in ("position", "velocity", "snap")] == ["rad", "rad/s", "rad/s4"]
+    assert log["a.set_position"].max() == pytest.approx(np.radians(270.0), abs=1e-5)  # P
+    rows = np.loadtxt(out / "streamer.txt")
+    np.testing.assert_allclose(rows[:, 1], np.degrees(log["a.set_position"]), atol=1e-9)
+    stop = json.loads((out / "plan.json").read_text())["stops"][0]
+    assert stop["position_m"] == pytest.approx({"X": 0.02})
+    assert stop["position_rad"] == pytest.approx({"A": np.pi})
+    with pytest.raises(FeeddriveError, match=r"line 1, column 4: A: axis A would go to 721 degrees .* travel is .*720"):
+        plan(part(tmp_path, "G0 A721\nM2\n"), limits=limits, sample_time=1e-3)
+
+
 def refused(folder: Path, text: str, **given: Any) -> str:
     chosen: dict[str, Any] = {"machine": "xy_table", "out": folder / "out", **given}
     with pytest.raises(FeeddriveError) as caught:
@@ -232,7 +269,10 @@ def test_a_wrong_file_of_limits_is_refused_with_its_line(text: str, said: str, t
 
 def test_a_machine_without_limits_says_what_to_add(tmp_path: Path) -> None:
     assert "[axis.x.limits]" in refused(tmp_path, PART, machine="ball_screw")
-    assert "a part program moves axes along lines" in refused(tmp_path, PART, machine="rotary_table")
+    assert "[axis.c.limits]" in refused(tmp_path, PART, machine="rotary_table")
+    file = fd.read_machine("emps")
+    other = replace(file, loops={"slide": file.loop(None)})
+    assert "a part program moves axes with the names x y z u v w, and a b c" in refused(tmp_path, PART, machine=other)
     with pytest.raises(ParameterError, match="--machine is missing"):
         PlanRequest(Path("part.ngc"))
 

@@ -104,6 +104,11 @@ def read_plan_profiles(setpoints: Path, drives: Mapping[str, BusDrive]) -> list[
             + (f"is no drive for {', '.join(missing)}" if missing else f"is no axis {', '.join(strange)}")
             + ': give one drive file (--drive) for each axis, with its name as  axis = "x"'
         )
+    turning = [each for each in moving if log.units.get(f"{each}.set_position") == "rad"]
+    if turning:
+        raise ParameterError(
+            f"{setpoints}: axis {turning[0]} turns, and drive files scale lengths only: take it out of the program"
+        )
     times = {drive.cycle_time for drive in drives.values()}
     modes = {drive.mode for drive in drives.values()}
     if len(times) > 1 or modes != {"csp"}:
@@ -114,9 +119,9 @@ def read_plan_profiles(setpoints: Path, drives: Mapping[str, BusDrive]) -> list[
     found: list[Profile] = []
     for axis, drive in drives.items():
         every = _every(setpoints, log.sample_time, drive.cycle_time, "plan it with --sample-time")
-        position = log[f"{axis}.set_position"][::every]
+        rows = np.minimum(np.arange(0, len(log) + every - 1, every), len(log) - 1)  # the end itself, too
+        position, velocity = log[f"{axis}.set_position"][rows], log[f"{axis}.set_velocity"][rows]
         rest = np.zeros(len(position))
-        velocity = log[f"{axis}.set_velocity"][::every].copy()
         sha = str(log.provenance["sha256"])
         profile = Profile(
             f"{setpoints}, axis {axis}", sha, drive.cycle_time, "N", rest, position - position[0], velocity

@@ -38,7 +38,7 @@ from feeddrive.loop.axis import Axis
 from feeddrive.loop.control import Control
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.machine import Machine
-from feeddrive.path.limits import LETTERS, AxisLimits, MachineLimits
+from feeddrive.path.limits import LETTERS, ROTARY, AxisLimits, MachineLimits
 
 BUNDLED = Path(__file__).parent / "bundled"
 _TEXTS = ("name", "source", "remark")
@@ -235,7 +235,8 @@ def planned_limits(machine: MachineFile | None, limits: str | Path | None) -> Ma
     """Limits by letter of the axes that a part program moves: of a machine, of a file of limits, or of both.
 
     A file of limits has sections [axis.x.limits] as a machine file has; they replace those of the machine, of which
-    axes that turn or have a name of several letters are left out.  Raises FileError or ParameterError.
+    axes that have no name of a part program are left out: x y z u v w, and a b c if they turn.  Raises FileError or
+    ParameterError.
     """
     given: dict[str, AxisLimits] = {}
     if limits is not None:
@@ -250,12 +251,12 @@ def planned_limits(machine: MachineFile | None, limits: str | Path | None) -> Ma
                 raise section.error(f"axis '{name}' is not in {machine.file.name}{nearest(name, machine.loops)}")
             if len(name) != 1 or name.upper() not in LETTERS:
                 raise section.error(f"axis '{name}' is none that is planned: {', '.join(LETTERS.lower())}")
-        given = _limits(sections)
+        given = _limits({name: replace(each, turning=name.upper() in ROTARY) for name, each in sections.items()})
     if machine is None:
         return MachineLimits({name.upper(): each for name, each in given.items()})
     found: dict[str, AxisLimits] = {}
     for name, loop in machine.loops.items():
-        if loop.axis.rotary or len(name) != 1 or name.upper() not in LETTERS:
+        if len(name) != 1 or name.upper() not in LETTERS or loop.axis.rotary != (name.upper() in ROTARY):
             continue
         own = given.get(name) or machine.limits.get(name)
         if own is None:
@@ -266,8 +267,8 @@ def planned_limits(machine: MachineFile | None, limits: str | Path | None) -> Ma
         found[name.upper()] = own if own.resolution is not None else replace(own, resolution=_resolution(loop))
     if not found:
         raise ParameterError(
-            f"{machine.file.name}: a part program moves axes along lines, with the names {', '.join(LETTERS.lower())}, "
-            f"and there is none; there are: {', '.join(machine.loops)}"
+            f"{machine.file.name}: a part program moves axes with the names x y z u v w, and a b c if they turn, and "
+            f"there is none; there are: {', '.join(machine.loops)}"
         )
     return MachineLimits(found)
 

@@ -1,7 +1,7 @@
 """A plan in files: setpoints as Parquet and as text for LinuxCNC's `streamer`, `plan.json`, stops beyond 1,000.
 
 setpoints.parquet   time, set_position .. set_snap of each axis (x.set_position ...), line of the program; SI
-streamer.txt        positions in mm, one line a sample: what LinuxCNC's `halstreamer` reads
+streamer.txt        positions in mm, of A B C in degrees, one line a sample: what LinuxCNC's `halstreamer` reads
 streamer.hal        lines that load it
 plan.json           cycle time, limits and how much of each is used, stops, what is proven
 stops.parquet       all stops, where they are more than 1,000
@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from feeddrive.files.run_files import parquet_stream, run_stream
-from feeddrive.path.limits import MachineLimits
+from feeddrive.path.limits import ROTARY, MachineLimits
 from feeddrive.path.planned import FEW, Planned
 from feeddrive.path.proof.prove import DERIVATIVES, WIDENED
 from feeddrive.path.setpoints import REASONS, Samples, Standstill
@@ -29,7 +29,7 @@ SETPOINTS, STREAMER, HAL, PLAN, STOPS = (
 )  # fmt: skip
 _ROWS = 32768  # of a row group
 _SIGNALS = ("set_position", "set_velocity", "set_acceleration", "set_jerk", "set_snap")
-_UNITS = ("m", "m/s", "m/s2", "m/s3", "m/s4")
+_PER = ("", "/s", "/s2", "/s3", "/s4")
 
 
 class SetpointWriter:
@@ -37,13 +37,14 @@ class SetpointWriter:
 
     def __init__(
         self,
-        letters: str,
+        limits: MachineLimits,
         sample_time: float,
         parquet: Callable[[np.ndarray, Mapping[str, np.ndarray]], None],
         stops: Callable[[Mapping[str, np.ndarray]], None],
         stream: Callable[[np.ndarray], None],
     ) -> None:
-        self._letters, self._sample_time = letters, sample_time
+        self._letters, self._sample_time = limits.letters, sample_time
+        self._shown = np.array([factor for factor, _ in limits.shown])
         self._parquet, self._stops, self._stream = parquet, stops, stream
         self._held: list[Samples] = []
         self._stood: list[Standstill] = []
@@ -80,7 +81,7 @@ class SetpointWriter:
             for k, name in enumerate(_SIGNALS)
         }
         self._parquet((first + np.arange(len(values))) * self._sample_time, {**columns, "line": line})
-        self._stream(1e3 * values[:, :, 0])
+        self._stream(self._shown * values[:, :, 0])
 
     def _write_stops(self) -> None:
         stops, self._stood = self._stood, []
@@ -100,17 +101,20 @@ class SetpointWriter:
 def setpoint_files(folder: Path, limits: MachineLimits, sample_time: float, program: str) -> Generator[SetpointWriter]:
     """Files of setpoints and stops in a folder, to be filled; they appear at the end, or not at all."""
     letters = [letter.lower() for letter in limits.letters]
-    units = {f"{letter}.{name}": unit for letter in letters for name, unit in zip(_SIGNALS, _UNITS, strict=True)}
+    base = {letter.lower(): "rad" if letter in ROTARY else "m" for letter in limits.letters}
+    units = {
+        f"{letter}.{name}": base[letter] + per for letter in letters for name, per in zip(_SIGNALS, _PER, strict=True)
+    }
     about = {"program": program, "written_by": f"feeddrive {__version__}"}
     names = ["time", "duration", "line", "reason", "angle", *(f"{letter}.position" for letter in letters)]
-    told = {"units": {"time": "s", "duration": "s", "angle": "rad", **{f"{each}.position": "m" for each in letters}},
-            "reasons": list(REASONS), **about}  # fmt: skip
+    stood = {"time": "s", "duration": "s", "angle": "rad", **{f"{each}.position": base[each] for each in letters}}
+    told = {"units": stood, "reasons": list(REASONS), **about}
     with (
         run_stream(folder / SETPOINTS, {**units, "line": ""}, sample_time, about) as parquet,
         parquet_stream(folder / STOPS, names, told) as stops,
         (folder / STREAMER).open("wb") as text,
     ):
-        writer = SetpointWriter(limits.letters, sample_time, parquet, stops, lambda rows: _lines(text, rows))
+        writer = SetpointWriter(limits, sample_time, parquet, stops, lambda rows: _lines(text, rows))
         yield writer
         writer.flush()
     (folder / HAL).write_text(_hal(letters, sample_time, program), encoding="utf-8")
@@ -181,12 +185,14 @@ def plan_record(plan: Planned) -> dict[str, Any]:
 
 def _stop(letters: str, stop: Standstill) -> dict[str, Any]:
     place = {letter: float(x) for letter, x in zip(letters, stop.position, strict=True)}
+    turned = {letter: place.pop(letter) for letter in letters if letter in ROTARY}
     return {
         "time_s": stop.time,
         "duration_s": stop.duration,
         "line": stop.line,
         "reason": str(stop),
         "position_m": place,
+        **({"position_rad": turned} if turned else {}),
     }
 
 

@@ -7,10 +7,14 @@ jerk_mm_per_s3 = 1e5
 snap_mm_per_s4 = 5e7
 travel_least_mm = 0                # soft limits, in machine coordinates; absent for none
 travel_most_mm = 600
+
+[axis.c.limits]                    # a, b and c turn
+velocity_rpm = 60                  # deg_per_s, rad_per_s ... likewise
 """
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
@@ -23,8 +27,8 @@ from feeddrive.path.program.frame import FARTHEST
 from feeddrive.path.program.moves import Move, PathMode
 from feeddrive.path.proof.prove import DERIVATIVES
 
-LETTERS = "XYZUVW"
-"""Axes that are planned: those of a part program that move along a line."""
+LETTERS, ROTARY = "XYZABCUVW", "ABC"
+"""Axes of a part program, and those of them that turn: in rad where the others are in m."""
 ROUNDING = 1e-12
 """m: positions are proven to follow each other within it; no tolerance is smaller."""
 FEED, NONE, STANDSTILL = "feed", "no limit above half", "standstill"
@@ -75,8 +79,18 @@ class MachineLimits:
         return "".join(self.axes)
 
     @property
+    def rotary(self) -> bool:
+        """Whether an axis turns."""
+        return any(letter in ROTARY for letter in self.axes)
+
+    @property
+    def shown(self) -> list[tuple[float, str]]:
+        """Of each axis the unit in which people read its places, and how many of it are 1 m or 1 rad: mm or degrees."""
+        return [(math.degrees(1.0), "deg") if letter in ROTARY else (1e3, "mm") for letter in self.axes]
+
+    @property
     def array(self) -> np.ndarray:
-        """Limits of velocity .. snap of each axis, m/s .. m/s⁴, shape (N, 4)."""
+        """Limits of velocity .. snap of each axis, m/s .. m/s⁴ (rad/s .. rad/s⁴), shape (N, 4)."""
         rows = [(each.velocity, each.acceleration, each.jerk, each.snap) for each in self.axes.values()]
         return np.array(rows, float)
 
@@ -107,8 +121,9 @@ class MachineLimits:
 
     def too_small(self, tolerance: float) -> str:
         """Why a tolerance of the path, m, is smaller than what an axis resolves, or than rounding; else nothing."""
-        coarse = max(self.axes, key=lambda letter: self.axes[letter].resolution or 0.0)
-        found = float(self.axes[coarse].resolution or 0.0)
+        known = {letter: float(each.resolution or 0.0) for letter, each in self.axes.items() if letter not in ROTARY}
+        coarse = max(known, key=lambda letter: known[letter], default="")
+        found = known.get(coarse, 0.0)
         resolution = max(found, ROUNDING)
         if not 0.0 < tolerance < resolution:
             return ""

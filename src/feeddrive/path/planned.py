@@ -14,6 +14,7 @@ from feeddrive.path.proof.prove import DERIVATIVES, Proof
 from feeddrive.path.setpoints import Samples, Standstill
 
 _STRETCHES = 8192
+_PER = ("s", "s2", "s3", "s4")
 FEW = 1000
 """Stops that a plan lists; more of them are counted, and go into a file of their own."""
 
@@ -134,12 +135,18 @@ class Planned(Result):
 
     def table(self) -> Table:
         """The limits of each axis, and the largest share of each that the motion takes."""
+        columns = (self.limits.letters, self.limits.shown, self.limits.array, self.proof.use)
         rows = [
-            [letter, *(f"{100.0 * use:.4g} % of {1e3 * limit:.4g}" for limit, use in zip(given, used, strict=True))]
-            for letter, given, used in zip(self.limits.letters, self.limits.array, self.proof.use, strict=True)
+            [
+                letter,
+                *(
+                    f"{100.0 * use:.4g} % of {factor * limit:.4g}" + (f" {unit}/{s}" if unit != "mm" else "")
+                    for limit, use, s in zip(given, used, _PER, strict=True)
+                ),
+            ]
+            for letter, (factor, unit), given, used in zip(*columns, strict=True)
         ]
-        units = ("mm/s", "mm/s2", "mm/s3", "mm/s4")
-        heads = ["axis", *(f"{name} {unit}" for name, unit in zip(DERIVATIVES, units, strict=True))]
+        heads = ["axis", *(f"{name} mm/{s}" for name, s in zip(DERIVATIVES, _PER, strict=True))]
         held = "every limit is proven" if self.proof.count == 0 else f"{self.proof.count} violations"
         title = f"{self.program}: {self.cycle_time:.6g} s, {self.blocks} blocks, {self.stop_count} stops; {held}"
         return Table(title, heads, rows)

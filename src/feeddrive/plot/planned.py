@@ -21,13 +21,17 @@ _WIDTHS = (2.6, 2.2, 1.8, 1.5, 1.3, 1.1)
 _COLUMNS = 400  # stretches of time over the width of a picture
 _FLAT = 0.02  # of the largest extent: an axis that moves less gets no view of its own
 _MARKED = 300  # stops
-_UNITS = (("mm/s", 1e3), ("m/s²", 1.0), ("m/s³", 1.0), ("m/s⁴", 1.0))
+_UNITS = {
+    "mm": (("mm/s", 1e3), ("m/s²", 1.0), ("m/s³", 1.0), ("m/s⁴", 1.0)),
+    "deg": (("deg/s", float(np.degrees(1.0))), ("rad/s²", 1.0), ("rad/s³", 1.0), ("rad/s⁴", 1.0)),
+}
 _LIMIT = (0, (5, 2))
 
 
 def planned(plan: Planned) -> Any:
     """The path with its speed as color, and the stops; a second view where a third axis moves."""
-    place, letters = 1e3 * plan.course.position, plan.limits.letters
+    factors, units = (list(each) for each in zip(*plan.limits.shown, strict=True))
+    place, letters = np.array(factors) * plan.course.position, plan.limits.letters
     if len(letters) == 1:
         return _along(plan)
     extent = np.ptp(place, axis=0)
@@ -41,12 +45,12 @@ def planned(plan: Planned) -> Any:
     )
     for ax, (i, j) in zip(axes, views, strict=True):
         _path(ax, plan, place[:, i], place[:, j])
-        stops = 1e3 * np.array([each.position for each in plan.stops[:_MARKED]]).reshape(-1, len(letters))
+        stops = np.array([each.position * factors for each in plan.stops[:_MARKED]]).reshape(-1, len(letters))
         if len(stops):
             ax.plot(stops[:, i], stops[:, j], "o", color=style.INK, fillstyle="none", markersize=4.5, label="stop")
         ax.set_aspect("equal", adjustable="datalim")
         ax.margins(0.04)
-        style.labels(ax, f"{letters[i]} (mm)", f"{letters[j]} (mm)")
+        style.labels(ax, f"{letters[i]} ({units[i]})", f"{letters[j]} ({units[j]})")
     style.legend(figure, axes[0])
     return figure
 
@@ -77,8 +81,9 @@ def _gapped(ax: Axes, x: np.ndarray, y: np.ndarray, chosen: np.ndarray, **how: A
 def _along(plan: Planned) -> Any:
     """The position of a single axis over time."""
     figure, (ax,) = style.picture()
-    ax.plot(plan.course.time, 1e3 * plan.course.position[:, 0], **style.curve(0))
-    style.labels(ax, "time (s)", f"{plan.limits.letters} (mm)")
+    factor, unit = plan.limits.shown[0]
+    ax.plot(plan.course.time, factor * plan.course.position[:, 0], **style.curve(0))
+    style.labels(ax, "time (s)", f"{plan.limits.letters} ({unit})")
     return figure
 
 
@@ -121,11 +126,11 @@ def _cause_color(name: str) -> str:
 
 def plan_profiles(plan: Planned, axis: int) -> Any:
     """Velocity to snap of an axis over time, from the least to the most of each stretch, with its limits."""
-    course, limits = plan.course, plan.limits.array[axis]
+    course, limits, units = plan.course, plan.limits.array[axis], _UNITS[plan.limits.shown[axis][1]]
     figure, axes = style.picture(4, height=6.2)
     begins = np.unique(np.linspace(0, len(course.time), min(len(course.time), _COLUMNS) + 1).astype(int)[:-1])
     time = np.append(course.time[begins], plan.cycle_time)
-    for k, (ax, name, (unit, factor)) in enumerate(zip(axes, DERIVATIVES, _UNITS, strict=True)):
+    for k, (ax, name, (unit, factor)) in enumerate(zip(axes, DERIVATIVES, units, strict=True)):
         low = factor * np.minimum.reduceat(course.low[:, axis, k], begins)
         high = factor * np.maximum.reduceat(course.high[:, axis, k], begins)
         ax.fill_between(time, np.append(low, low[-1]), np.append(high, high[-1]), step="post",

@@ -74,7 +74,7 @@ def _pictures(plan: Planned) -> Sequence[Shown]:
             "path",
             "Path and speed",
             "Color and width: the speed along the path, slow is warm and wide. Dotted: traverses. Circles: stops, the "
-            "first 300.",
+            "first 300." + (" Of the speed 1 rad counts as 1 m." if plan.limits.rotary else ""),
             f"The path of {plan.program} with its speed as color.",
             plan.plot,
         ),
@@ -111,11 +111,14 @@ def _stops(plan: Planned) -> str:
             str(each.line),
             str(each),
             f"{each.duration:.4g}",
-            ", ".join(f"{letter} {1e3 * x:.6g}" for letter, x in zip(plan.limits.letters, each.position, strict=True)),
+            ", ".join(
+                f"{letter} {factor * x:.6g}"
+                for letter, (factor, _), x in zip(plan.limits.letters, plan.limits.shown, each.position, strict=True)
+            ),
         ]
         for each in plan.stops[:_LISTED]
     ]
     said = f"The first {_LISTED} of {plan.stop_count:,}." if plan.stop_count > _LISTED else "All of them."
     return table("Stops by reason.", ["reason", "stops"], [[name, f"{n:,}"] for name, n in by_reason]) + table(
-        said, ["time s", "line", "reason", "stands s", "place mm"], rows
+        said, ["time s", "line", "reason", "stands s", "place mm, deg" if plan.limits.rotary else "place mm"], rows
     )
