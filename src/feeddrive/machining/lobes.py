@@ -1,0 +1,328 @@
+"""Stability lobes: the axial depth up to which a milling cut stays free of chatter, over the spindle speed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any, TypeAlias
+
+import numpy as np
+from scipy.optimize import brentq, minimize_scalar
+
+from feeddrive.language.errors import ParameterError, UnstableError
+from feeddrive.language.progress import Progress
+from feeddrive.language.table import Result, Table
+from feeddrive.loop.frequency_response import FRF
+from feeddrive.loop.linearize import StateSpace
+from feeddrive.loop.loop import Loop
+from feeddrive.loop.machine import Machine
+from feeddrive.machining.lobe_theory import zero_order
+from feeddrive.machining.regeneration import Regeneration, regeneration
+from feeddrive.machining.tool_point import ToolPoint, tool_point
+from feeddrive.machining.tooth_passage import ToothPassage
+
+Dynamics: TypeAlias = "ToolPoint | Loop | Machine | StateSpace"
+
+_RATIO = 1.15  # from depth to depth of the scan for the first border
+_CHUNK = 6  # depths at a time
+_BEGIN = 0.5  # of the least zero-order limit: where the scan begins
+_LOWER = 0.01  # of this, where the cut is unstable there already
+_REACH = 12.0  # of it: where it ends unless the caller says
+_DIGITS = 1e-10  # of a limit
+POCKETS = 5  # that a table names
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class CutStability(Result):
+    """One cut: the largest multiplier µ over a tooth at `speed` (rpm) and axial `depth` (m), and the nearest limit.
+
+    limit       axial depth in m above which chatter first grows at this speed; infinite: none up to `deepest`
+    frequency   Hz of the vibration that decides: the chatter at the limit, or at `depth` if there is no limit
+    """
+
+    speed: float
+    depth: float
+    multiplier: complex
+    limit: float
+    limit_multiplier: complex
+    frequency: float
+    deepest: float
+
+    @property
+    def growth(self) -> float:
+        """|µ|, the factor of a vibration from tooth to tooth; below 1 it dies out."""
+        return abs(self.multiplier)
+
+    @property
+    def stable(self) -> bool:
+        """Whether vibrations die out."""
+        return self.growth < 1.0
+
+    @property
+    def kind(self) -> str:
+        """How it becomes unstable at the limit: "hopf", a beat beside the teeth; "flip", every second tooth; or "none"."""
+        return kind_of(self.limit_multiplier) if np.isfinite(self.limit) else "none"
+
+    def sentence(self) -> str:
+        """The verdict in words."""
+        at = f"at {self.speed:.6g} rpm and {1e3 * self.depth:.4g} mm"
+        said = "does not chatter" if self.stable else f"chatters at {self.frequency:.4g} Hz"
+        limit = (
+            f"the limit there is {1e3 * self.limit:.4g} mm ({self.kind}, {self.frequency:.4g} Hz)"
+            if np.isfinite(self.limit)
+            else f"no limit was found up to {1e3 * self.deepest:.4g} mm"
+        )
+        return f"{at} the cut {said}: a vibration is multiplied by {self.growth:.4g} from tooth to tooth; {limit}"
+
+    def table(self) -> Table:
+        """The verdict and its numbers."""
+        limit = f"{1e3 * self.limit:.5g}" if np.isfinite(self.limit) else f"over {1e3 * self.deepest:.4g}"
+        rows = [[f"{self.speed:.6g}", f"{1e3 * self.depth:.4g}", f"{self.growth:.5g}", limit, self.kind,
+                 f"{self.frequency:.5g}"]]  # fmt: skip
+        return Table(self.sentence(), ["rpm", "depth mm", "|mu|", "limit mm", "kind", "chatter Hz"], rows)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Lobes(Result):
+    """Largest axial depth in m without chatter, by spindle speed in rpm, all arrays of shape (n,).
+
+    depth       infinite where no limit was found up to `deepest`
+    frequency   Hz of the chatter at the limit, NaN without one
+    multiplier  µ at the limit: -1 for a flip, another number of size 1 for a Hopf border
+    islands     stable ranges above the limit: speed in rpm, from and to in m; scanned for if asked
+    natural     own frequencies of the tool point that answer along the cut, Hz
+    own         the cut that the machine has, if it was named
+    missed      how far the linear model is off, over its largest compliance (see `ToolPoint`)
+    """
+
+    spindle_speed: np.ndarray
+    depth: np.ndarray
+    frequency: np.ndarray
+    multiplier: np.ndarray
+    deepest: float
+    teeth: int
+    natural: np.ndarray
+    islands: tuple[tuple[float, float, float], ...] = ()
+    own: CutStability | None = None
+    missed: float = 0.0
+
+    @property
+    def flip(self) -> np.ndarray:
+        """Where the border is a flip, bool."""
+        return np.array([kind_of(m) == "flip" for m in self.multiplier]) & np.isfinite(self.depth)
+
+    def pockets(self, count: int = POCKETS) -> list[int]:
+        """Places of the speeds between whose neighbours the limit is highest, the highest first."""
+        depth = np.where(np.isfinite(self.depth), self.depth, self.deepest)
+        around = np.concatenate([[-np.inf], depth, [-np.inf]])
+        peaks = np.flatnonzero((depth >= around[:-2]) & (depth > around[2:]))
+        return [int(i) for i in peaks[np.argsort(-depth[peaks], kind="stable")][:count]]
+
+    def passing(self) -> list[tuple[float, float, int]]:
+        """Speeds f·60/(k teeth) at which a tooth passes every k swings of a mode: rpm, Hz and k, within the range."""
+        low, high = float(self.spindle_speed.min()), float(self.spindle_speed.max())
+        found: list[tuple[float, float, int]] = []
+        for f in self.natural:
+            for k in range(1, 1 + int(60.0 * f / (self.teeth * low))):
+                speed = 60.0 * f / (k * self.teeth)
+                if low <= speed <= high:
+                    found.append((speed, float(f), k))
+        return sorted(found)
+
+    def sentence(self) -> str:
+        """Where the limit is least, and the best pocket."""
+        i, best = int(np.argmin(self.depth)), self.pockets(1)[0]
+        if not np.isfinite(self.depth[i]):
+            return f"no chatter up to {1e3 * self.deepest:.4g} mm at any of these speeds"
+        shown = f"{1e3 * self.depth[best]:.4g}" if np.isfinite(self.depth[best]) else f"over {1e3 * self.deepest:.4g}"
+        return (
+            f"the cut is free of chatter up to {1e3 * self.depth[i]:.4g} mm at every one of these speeds (least at "
+            f"{self.spindle_speed[i]:.6g} rpm); at {self.spindle_speed[best]:.6g} rpm up to {shown} mm"
+        )
+
+    def table(self) -> Table:
+        """The best pockets and the least limit."""
+        rows = []
+        for i in [*self.pockets(), int(np.argmin(self.depth))]:
+            there = np.isfinite(self.depth[i])
+            limit = f"{1e3 * self.depth[i]:.5g}" if there else f"over {1e3 * self.deepest:.4g}"
+            kind = kind_of(self.multiplier[i]) if there else "none"
+            rows.append([f"{self.spindle_speed[i]:.6g}", limit, kind, f"{self.frequency[i]:.5g}" if there else "-"])
+        rows[-1][0] += " (least)"
+        return Table(self.sentence(), ["rpm", "limit mm", "kind", "chatter Hz"], rows)
+
+
+def kind_of(multiplier: complex) -> str:
+    """What µ at a border is: "flip" near -1, "fold" near 1, else "hopf"."""
+    if abs(multiplier.imag) > 1e-6 * abs(multiplier):
+        return "hopf"
+    return "flip" if multiplier.real < 0.0 else "fold"
+
+
+def lobes(
+    tool: Dynamics | Any,
+    cutter: Any,
+    spindle_speeds: Sequence[float] | np.ndarray,
+    *,
+    deepest: float | None = None,
+    islands: bool = False,
+    speed: float | None = None,
+    depth: float | None = None,
+    progress: Progress | None = None,
+    **changes: float,
+) -> Lobes:
+    """The limits of a milling cut over spindle speeds in rpm, exact for the linear tool point (`ToothPassage`).
+
+    tool      modes (`tool_modes`), or a loop, machine or sampled model, of which `tool_point` makes one
+    cutter    a tool of `feeddrive.blocks`, or a `Regeneration`; `changes` as process_damping = 2e4 replace its fields
+    deepest   axial depth in m up to which a limit is looked for; default: 12 times the least zero-order limit
+    islands   whether to look for stable ranges above the limit as well, up to `deepest`
+    speed, depth   of the cut that the machine has, in rpm and m, whose |µ| is stated
+
+    The first depth with |µ| = 1 is bracketed by a scan from below in steps of 15 % and found to 1e-10.
+    Raises UnstableError for a tool point that is unstable without a cut, ParameterError for a measured response, for
+    speeds that are not above 0, and as `ToothPassage` does.
+    """
+    point, cut = as_tool_point(tool), regeneration(cutter, **changes)
+    speeds = np.atleast_1d(np.asarray(spindle_speeds, float))
+    if not speeds.size or not np.all(np.isfinite(speeds) & (speeds > 0.0)):
+        raise ParameterError("spindle_speeds must be one or more numbers > 0, in rpm: a spindle that stands does not mill")
+    first, most = _range(point, cut, deepest)
+    found: list[tuple[float, complex, float]] = []
+    ranges: list[tuple[float, float, float]] = []
+    for n in speeds:
+        if progress is not None:
+            progress.step(f"{n:.6g} rpm")
+        borders = list(_borders(point, cut, float(n), first, most, every=islands))
+        found.append(_at(ToothPassage(point, cut, float(n)), point, borders[0] if borders else np.inf))
+        ends = [*borders[1:], *([most] if len(borders) % 2 == 0 and borders else [])]
+        ranges += [(float(n), low, high) for low, high in zip(ends[::2], ends[1::2], strict=False)]
+    limits, multipliers, frequencies = zip(*found, strict=True)
+    own = None if speed is None or depth is None else cut_stability(point, cut, speed, depth, deepest=deepest)
+    return Lobes(
+        speeds, np.array(limits), np.array(frequencies), np.array(multipliers), most, cut.teeth, _natural(point),
+        tuple(ranges), own, point.missed,
+    )  # fmt: skip
+
+
+def cut_stability(
+    tool: Dynamics | Any, cutter: Any, speed: float, depth: float, *, deepest: float | None = None, **changes: float
+) -> CutStability:
+    """Whether one cut chatters: |µ| at a spindle speed in rpm and an axial depth in m, and the limit at this speed.
+
+    Raises as `lobes` does, and for a depth that is not above 0.
+    """
+    if not (depth > 0.0 and np.isfinite(depth)):
+        raise ParameterError(f"depth = {depth:g} m must be > 0: the axial depth of the cut")
+    point, cut = as_tool_point(tool), regeneration(cutter, **changes)
+    first, most = _range(point, cut, deepest)
+    passage = ToothPassage(point, cut, speed)
+    limit, at_limit, frequency = _at(passage, point, next(_borders(point, cut, speed, first, most), np.inf))
+    multiplier = complex(passage.multipliers([depth])[0])
+    if abs(multiplier) >= 1.0 or not np.isfinite(limit):
+        frequency = passage.frequency(depth, point)
+    return CutStability(speed, depth, multiplier, limit, at_limit, frequency, most)
+
+
+def as_tool_point(tool: Dynamics | Any) -> ToolPoint:
+    """The tool point of what gives way. Raises ParameterError with the remedy for a measured response."""
+    if isinstance(tool, ToolPoint):
+        return tool
+    if isinstance(tool, FRF):
+        raise ParameterError(
+            "lobes need modes, not a measured response: zero_order takes it as it is; for the exact limits fit modes to "
+            "it (identification.fit_modes) and give them as tool_modes(ToolMode(...), ...)"
+        )
+    return tool_point(tool)
+
+
+def _range(point: ToolPoint, cut: Regeneration, deepest: float | None) -> tuple[float, float]:
+    """Where the scan of depths begins and ends, m. Raises UnstableError for a tool point that does not rest."""
+    point.moving()
+    poles = np.linalg.eigvals(point.A)
+    worst = poles[np.argmax(poles.real)]
+    if worst.real >= 0.0:
+        raise UnstableError(
+            f"the tool point is unstable without any cut: a pole at {abs(worst) / (2.0 * np.pi):.4g} Hz grows with "
+            f"{worst.real:.4g} 1/s; damp the mode, or close the position loop"
+        )
+    least = zero_order(point, cut).least
+    if not np.isfinite(least):
+        frequency = _natural(point)
+        size = np.abs(point.response(frequency if frequency.size else np.array([1.0]))).max()
+        least = 1.0 / (2.0 * float(size) * float(np.abs(cut.mean()).max()))
+    if deepest is not None and not (deepest > 0.0 and np.isfinite(deepest)):
+        raise ParameterError(f"deepest = {deepest:g} m must be > 0: the axial depth up to which a limit is looked for")
+    most = _REACH * least if deepest is None else deepest
+    return min(_BEGIN * least, 0.5 * most), most
+
+
+def _borders(
+    point: ToolPoint, cut: Regeneration, speed: float, first: float, most: float, *, every: bool = False
+) -> Iterator[float]:
+    """Axial depths in m at which |µ| crosses 1, rising: the first, or all up to `most`.
+
+    A scan in steps of _RATIO, with both sides of every flip and the tops between steps, by fewer points; the border is
+    then found with all.
+    """
+    coarse, fine = ToothPassage(point, cut, speed, share=0.6), ToothPassage(point, cut, speed)
+
+    def growth(passage: ToothPassage, depth: float) -> float:
+        return float(np.log(np.abs(passage.multipliers([depth])[0])))
+
+    def root(low: float, high: float) -> float:
+        near = brentq(lambda a: growth(coarse, a), low, high, xtol=1e-5 * high)
+        exact = fine.flips()
+        exact = exact[np.abs(exact - near) < 1e-3 * near]
+        if exact.size and kind_of(complex(coarse.multipliers([near])[0])) == "flip":
+            return float(exact[np.argmin(np.abs(exact - near))])
+        for reach in (1e-3, 0.02, 0.1):
+            ends = (near * (1.0 - reach), near * (1.0 + reach))
+            if growth(fine, ends[0]) * growth(fine, ends[1]) < 0.0:
+                return float(brentq(lambda a: growth(fine, a), *ends, xtol=1e-12 * high, rtol=_DIGITS))
+        raise ParameterError(
+            f"at {speed:g} rpm the limit near {1e3 * near:.4g} mm is lost between two grids of points: leave out modes "
+            f"that are far above the teeth"
+        )
+
+    begin = first if growth(coarse, first) < 0.0 else _LOWER * first
+    flips = coarse.flips()
+    steps = np.geomspace(begin, most, int(np.ceil(np.log(most / begin) / np.log(_RATIO))) + 2)
+    sides = [flips * (1.0 - 1e-6), flips * (1.0 + 1e-6)]
+    depths = np.unique(np.concatenate([steps, *sides]))
+    depths = depths[(depths >= begin) & (depths <= most)]
+    past = [(0.5 * begin, -1.0)]  # depth and growth before
+    for start in range(0, depths.size, _CHUNK):
+        chunk = depths[start : start + _CHUNK]
+        for depth, multiplier in zip(chunk, coarse.multipliers(chunk), strict=True):
+            now = float(np.log(np.abs(multiplier)))
+            last, before = past[-1]
+            if len(past) > 1 and before < 0.0 and now < before > past[-2][1]:
+                top = minimize_scalar(
+                    lambda a: -growth(coarse, a), bounds=(past[-2][0], float(depth)), method="bounded",
+                    options={"xatol": 1e-4 * last},
+                )  # fmt: skip
+                if top.fun < 0.0:
+                    yield root(past[-2][0], float(top.x))
+                    if not every:
+                        return
+                    yield root(float(top.x), float(depth))
+            if (now >= 0.0) != (before >= 0.0):
+                yield root(last, float(depth))
+                if not every:
+                    return
+            past = [past[-1], (float(depth), now)]
+
+
+def _at(passage: ToothPassage, point: ToolPoint, limit: float) -> tuple[float, complex, float]:
+    """A limit with µ and the frequency there."""
+    if not np.isfinite(limit):
+        return np.inf, complex(np.nan), np.nan
+    return limit, complex(passage.multipliers([limit])[0]), passage.frequency(limit, point)
+
+
+def _natural(point: ToolPoint) -> np.ndarray:
+    """Own frequencies of modes damped below 30 %, whose swings can meet the teeth, Hz."""
+    poles = np.linalg.eigvals(point.A)
+    upper = poles[(poles.imag > 0.0) & (-poles.real < 0.3 * np.abs(poles))]
+    return np.unique(np.round(np.abs(upper) / (2.0 * np.pi), 9))

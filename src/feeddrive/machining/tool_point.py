@@ -1,0 +1,260 @@
+"""How a tool gives way to the work: modes and closed loops as one linear system, seen from the cut."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from feeddrive.blocks.coupling.milling_cut import MillingCut
+from feeddrive.language.errors import ParameterError, UnstableError
+from feeddrive.language.table import Result, Table
+from feeddrive.loop.linearize import StateSpace, linearize
+from feeddrive.loop.loop import Loop
+from feeddrive.loop.machine import Machine, check_system
+
+_WORST = 0.01  # of the largest compliance: a fit that misses by more is refused
+_FAST = (1.0, 2.0, 4.0, 8.0, 16.0)  # real poles at these multiples of the sampling rate stand for hold and dead time
+_KNEE = 0.03  # of the sampling rate: above it the fit counts less, since images of the sampling show there
+
+
+@dataclass(frozen=True)
+class ToolMode:
+    """A mode of tool, holder and spindle, or of the work: m (η'' + 2 ζ ω η' + ω² η) = (feed, normal) · F, r = shape η.
+
+    frequency in Hz, damping_ratio, mass in kg; feed and normal: the shape along t and n.
+    """
+
+    frequency: float
+    damping_ratio: float
+    mass: float
+    feed: float = 1.0
+    normal: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name in ("frequency", "damping_ratio", "mass"):
+            if not getattr(self, name) > 0.0:
+                unit = {"frequency": " Hz", "mass": " kg"}.get(name, "")
+                raise ParameterError(f"{name} = {getattr(self, name):g}{unit} of a tool mode must be > 0")
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ToolPoint(Result):
+    """y' = A y + B F,  r = C y: motion r = (t, n) of tool against work in m by a force F on the tool in N.
+
+    On the tool acts F and on the work -F, so that compliances of both add: `a + b` is a tool on a work piece or table.
+    `missed` is the largest deviation of a fitted response from the one given, over the largest compliance.
+    """
+
+    A: np.ndarray
+    B: np.ndarray
+    C: np.ndarray
+    missed: float = 0.0
+
+    def __add__(self, other: ToolPoint) -> ToolPoint:
+        n, m = self.A.shape[0], other.A.shape[0]
+        A = np.zeros((n + m, n + m))
+        A[:n, :n], A[n:, n:] = self.A, other.A
+        return ToolPoint(
+            A, np.vstack([self.B, other.B]), np.hstack([self.C, other.C]), max(self.missed, other.missed)
+        )
+
+    def turned(self, angle: float) -> ToolPoint:
+        """The same seen from a feed that is turned by an angle in rad, counterclockwise, from t towards n."""
+        turn = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
+        return ToolPoint(self.A, self.B @ turn.T, turn @ self.C, self.missed)
+
+    def response(self, frequency: np.ndarray) -> np.ndarray:
+        """C (jω - A)⁻¹ B in m/N at frequencies in Hz, shape (n, 2, 2)."""
+        s = 2j * np.pi * np.atleast_1d(np.asarray(frequency, float))
+        inside = s[:, None, None] * np.eye(self.A.shape[0]) - self.A
+        return self.C @ np.linalg.solve(inside, np.broadcast_to(self.B.astype(complex), (s.size, *self.B.shape)))
+
+    def moving(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """A, B, C with the directions only along which anything gives way. Raises ParameterError if none does."""
+        kept = [i for i in range(self.C.shape[0]) if np.any(self.C[i]) and np.any(self.B[:, i])]
+        if not kept:
+            raise ParameterError("the tool gives way in no direction: add a mode, or an axis that feels the cut")
+        return self.A, self.B[:, kept], self.C[kept]
+
+    def directions(self) -> list[int]:
+        """0 for t, 1 for n: along which anything gives way."""
+        return [i for i in range(self.C.shape[0]) if np.any(self.C[i]) and np.any(self.B[:, i])]
+
+    def table(self) -> Table:
+        """The modes: frequency and damping of the poles, and the stiffness along t and n at rest."""
+        poles = np.linalg.eigvals(self.A)
+        upper = sorted(poles[poles.imag >= 0.0], key=abs)
+        rows = [[f"{abs(p) / (2.0 * np.pi):.5g}", f"{-p.real / abs(p) if p else 1.0:.4g}"] for p in upper]
+        return Table("what gives way at the tool", ["Hz", "damping ratio"], rows)
+
+
+def tool_modes(*modes: ToolMode) -> ToolPoint:
+    """The tool point of modes that act in parallel, of the tool, or of the work. Raises ParameterError for none."""
+    if not modes:
+        raise ParameterError("a tool point needs at least one mode")
+    n = len(modes)
+    A, B, C = np.zeros((2 * n, 2 * n)), np.zeros((2 * n, 2)), np.zeros((2, 2 * n))
+    for i, mode in enumerate(modes):
+        w = 2.0 * np.pi * mode.frequency
+        shape = np.array([mode.feed, mode.normal])
+        A[2 * i : 2 * i + 2, 2 * i : 2 * i + 2] = [[0.0, 1.0], [-w * w, -2.0 * mode.damping_ratio * w]]
+        B[2 * i + 1], C[:, 2 * i] = shape / mode.mass, shape
+    return ToolPoint(A, B, C)
+
+
+def tool_point(
+    system: Loop | Machine | StateSpace,
+    along: Sequence[str | None] = (),
+    *,
+    velocity: float = 0.05,
+    lowest: float = 0.1,
+) -> ToolPoint:
+    """The tool point of a loop or a machine with its sampled controls, from a force at the load to its position.
+
+    along     the axes that move along feed and normal, None for one that is rigid; of a loop its own along the feed
+    velocity  m/s at which the axes move, as in `linearize`
+    lowest    Hz from which on the response counts
+
+    The sampled model, divided by the hold of the force, is the response of the machine to a force that is not held:
+
+        G(jω) = G_d(e^(jωT)) / [(1 - e^(-jωT))/(jωT)]
+
+    It has the poles of the model, ln(z)/T, and a rest from hold and dead time that a few fast poles stand for; their
+    residues are fitted to G up to 0.4/T, by least squares.  `missed` says how well; images of the sampling, of the order of (fT)², are
+    left out.  A `MillingCut` of the machine is taken out, since its force is what the lobes add, and names the axes.
+    Raises UnstableError for a loop that is unstable without a cut, ParameterError for a fit that misses by 1 %.
+    """
+    if isinstance(system, StateSpace):
+        model, size = system, len(system.inputs)
+        kept = list(range(size))
+        if len(system.outputs) != size or size not in (1, 2):
+            raise ParameterError(
+                f"a tool point needs forces and positions along feed and normal, one or two of each, not "
+                f"{size} inputs and {len(system.outputs)} outputs"
+            )
+    else:
+        check_system(system)
+        names = tuple(along) or _moved(system)
+        if isinstance(system, Machine):
+            system = dataclasses.replace(
+                system, couplings=tuple(each for each in system.couplings if not isinstance(each, MillingCut))
+            )
+        if len(names) > 2 or all(name is None for name in names):
+            raise ParameterError("along names the axis of the feed and that of the normal: two, or one and None")
+        ports = dict(zip(system.loops(), system.ports(), strict=True))
+        for name in names:
+            if name is not None and name not in ports:
+                raise ParameterError(f"along: there is no axis '{name}'; there are {', '.join(ports)}")
+        kept = [i for i, name in enumerate(names) if name is not None]
+        axes = [ports[name] for name in names if name is not None]
+        inputs, outputs = [f"{port}load_force" for port in axes], [f"{port}position_load" for port in axes]
+        model = linearize(system, inputs, outputs, velocity=velocity)
+    found = _continuous(model, lowest)
+    B, C = np.zeros((found.A.shape[0], 2)), np.zeros((2, found.A.shape[0]))
+    B[:, kept], C[kept] = found.B, found.C
+    return ToolPoint(found.A, B, C, found.missed)
+
+
+def cut_of(machine: Machine) -> MillingCut:
+    """The milling cut of a machine. Raises ParameterError if it has none, or several."""
+    cuts = [each for each in machine.couplings if isinstance(each, MillingCut)]
+    if len(cuts) != 1:
+        said = "no milling_cut" if not cuts else f"{len(cuts)} milling_cuts"
+        raise ParameterError(
+            f"the machine has {said} among its couplings: the lobes need one, with cutter and spindle_speed "
+            f'([[couplings]] kind = "milling_cut")'
+        )
+    return cuts[0]
+
+
+def _moved(system: Loop | Machine) -> tuple[str, ...]:
+    """The axes of the feed and the normal that the cut names, or the first two."""
+    cuts = [each for each in system.couplings if isinstance(each, MillingCut)] if isinstance(system, Machine) else []
+    return (cuts[0].along_x, cuts[0].along_y) if cuts else tuple(system.loops())[:2]
+
+
+def _continuous(model: StateSpace, lowest: float) -> ToolPoint:
+    """The continuous system with the poles of a sampled one whose response is the given one without the hold."""
+    T, q = model.sample_time, len(model.inputs)
+    z = model.poles()
+    if z.size and abs(z[0]) >= 1.0:
+        raise UnstableError(
+            f"the machine is unstable without any cut (|z| = {abs(z[0]):.7g}, must be < 1): make its loops stable first"
+        )
+    poles = _poles(z, T)
+    frequency = np.unique(np.concatenate([
+        np.geomspace(lowest, 0.4 / T, 400),
+        *(abs(p.imag) / (2.0 * np.pi) + np.linspace(-3.0, 3.0, 25) * abs(p.real) / (2.0 * np.pi) for p in poles),
+    ]))  # fmt: skip
+    frequency = frequency[(frequency >= lowest) & (frequency <= 0.4 / T)]
+    s = 2j * np.pi * frequency
+    hold = (1.0 - np.exp(-s * T)) / (s * T)
+    given = np.stack([
+        np.stack([model.response(frequency, row, column).response / hold for column in model.inputs], axis=-1)
+        for row in model.outputs
+    ], axis=-2)  # fmt: skip
+    columns = [column for pole in poles for column in _terms(s, pole)]
+    basis = np.stack(columns, axis=1)
+    size = np.abs(given).reshape(s.size, -1).max(axis=1)
+    weight = 1.0 / (size + 1e-4 * size.max()) / (1.0 + (frequency * T / _KNEE) ** 2)
+    tall = np.vstack([(basis * weight[:, None]).real, (basis * weight[:, None]).imag])
+    flat = given.reshape(s.size, q * q)
+    right = np.vstack([(flat * weight[:, None]).real, (flat * weight[:, None]).imag])
+    scale = np.linalg.norm(tall, axis=0)
+    residues = np.linalg.lstsq(tall / scale, right, rcond=1e-13)[0] / scale[:, None]
+    missed = float(np.max(np.abs(basis @ residues - flat)) / np.max(size))
+    if missed > _WORST:
+        raise ParameterError(
+            f"the response of the machine at the tool is not that of its poles: a fit misses it by {100.0 * missed:.3g} "
+            f"% of its largest compliance; sample faster, or give the modes themselves (tool_modes)"
+        )
+    return _realized(poles, residues.reshape(-1, q, q), missed)
+
+
+def _poles(z: np.ndarray, T: float) -> list[complex]:
+    """One of each pair, in 1/s; those that the hold and the dead time leave at 0 are replaced by a few fast ones."""
+    slow = [complex(np.log(complex(p)) / T) for p in z if abs(p) > 1e-3 and p.imag >= 0.0 and not _alternates(p)]
+    return [*slow, *(complex(-rate / T) for rate in _FAST)]
+
+
+def _alternates(p: complex) -> bool:
+    return abs(p.imag) < 1e-12 and p.real < 0.0
+
+
+def _terms(s: np.ndarray, pole: complex) -> list[np.ndarray]:
+    """1/(s - p), or 1 and s over the two of a pair."""
+    if abs(pole.imag) < 1e-9 * abs(pole):
+        return [abs(pole) / (s - pole.real)]
+    below = s * s - 2.0 * pole.real * s + abs(pole) ** 2
+    return [abs(pole) ** 2 / below, abs(pole) * s / below]
+
+
+def _realized(poles: Sequence[complex], residues: np.ndarray, missed: float) -> ToolPoint:
+    """A block for each pole and each direction of the force."""
+    q = residues.shape[1]
+    blocks: list[tuple[np.ndarray, np.ndarray, Any]] = []
+    at = 0
+    for pole in poles:
+        size = abs(pole)
+        if abs(pole.imag) < 1e-9 * size:
+            blocks.append((np.array([[pole.real]]), np.array([size]), residues[at : at + 1]))
+            at += 1
+        else:
+            # states 1/below and s/below
+            own = np.array([[0.0, 1.0], [-size * size, 2.0 * pole.real]])
+            blocks.append((own, np.array([0.0, 1.0]), residues[at : at + 2] * np.array([size**2, size])[:, None, None]))
+            at += 2
+    n = sum(block[0].shape[0] for block in blocks) * q
+    A, B, C = np.zeros((n, n)), np.zeros((n, q)), np.zeros((q, n))
+    row = 0
+    for own, into, left in blocks:
+        for column in range(q):
+            m = own.shape[0]
+            A[row : row + m, row : row + m], B[row : row + m, column] = own, into
+            C[:, row : row + m] = left[:, :, column].T
+            row += m
+    return ToolPoint(A, B, C, missed)
